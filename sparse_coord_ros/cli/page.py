@@ -14,7 +14,7 @@ from sparse_coord_ros.cli.options import note
 from sparse_coord_ros.errors import RunError, SparseCoordError
 from sparse_coord_ros.learn.run_config import load_run
 from sparse_coord_ros.learn.tables import load_team
-from sparse_coord_ros.look.page.controls import NEXT, Control
+from sparse_coord_ros.look.page.controls import NEXT, Control, Controlled
 
 if TYPE_CHECKING:
     from sparse_coord_ros.look.page.board import Board
@@ -52,7 +52,7 @@ def announce(server: "Server", options: argparse.Namespace) -> None:
         note("no browser is here: open that address in one")
 
 
-class Wishes:
+class Wishes(Controlled):
     """The source between two runs: hears which run is wanted next."""
 
     def __init__(self) -> None:

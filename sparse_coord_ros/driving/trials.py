@@ -122,7 +122,7 @@ class Floor:
         ground = Ground(run, values["radius"])
         limits = limits_of(values, ground.side)
         noise = Noise(values["wheel_noise"], values["pose_noise"])
-        self.bodies = BodiesSide(world, self)
+        self.bodies = BodiesSide(world, self.send)
         self.arena = Arena(ground, robots, seed, noise, values["period"])
         self.drivers = [Driver(ground, limits, k) for k in range(robots)]
         self.moves = 0

@@ -10,8 +10,8 @@ At an episode's begin bodies are to be at the episode's first cells. A simulator
 real ones are brought there by whoever can, and the world waits.
 """
 
-from collections.abc import Sequence
-from typing import Any, NamedTuple, Protocol
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.world import Action, World
@@ -76,13 +76,6 @@ class Reached(NamedTuple):
     stamp: float
 
 
-class BodiesPort(Protocol):
-    """What the world can do to bodies."""
-
-    def send(self, goals: Goals) -> None:
-        """Tell the bodies."""
-
-
 class BodyWorld(World):
     """The Markov game of a scenario, played by bodies.
 
@@ -121,7 +114,7 @@ class BodiesSide:
 
     Args:
         world: the game.
-        port: how bodies are told.
+        tell: called with what bodies are told.
 
     Attributes:
         placing: whether bodies are waited for at the cells in which the episode begins or goes on.
@@ -130,8 +123,8 @@ class BodiesSide:
         seconds: how long the steps took, in all, by the clock of the poses.
     """
 
-    def __init__(self, world: BodyWorld, port: BodiesPort) -> None:
-        self._world, self._port = world, port
+    def __init__(self, world: BodyWorld, tell: Callable[[Goals], None]) -> None:
+        self._world, self._tell = world, tell
         self._step: int | None = None
         self._expected: list[int] | None = None
         self.placing = False
@@ -209,7 +202,7 @@ class BodiesSide:
         self._number += 1
         self.placing = place
         self._under_way = {goal.robot: goal for goal in goals}
-        self._port.send(Goals(self._number, self._world.step, place, self._since, goals))
+        self._tell(Goals(self._number, self._world.step, place, self._since, goals))
 
 
 def waves(goals: Sequence[BodyGoal], doorways: frozenset[int]) -> list[tuple[BodyGoal, ...]]:

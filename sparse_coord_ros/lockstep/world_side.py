@@ -5,14 +5,15 @@
 A time step is a barrier: the world advances when every robot has acted or its deadline passed.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from itertools import pairwise
 from typing import NamedTuple, Protocol
 
 from sparse_coord_ros.game.game import Game, ResumableGame
-from sparse_coord_ros.game.world import Action, Position, Reward, StepOutcome, World
+from sparse_coord_ros.game.world import Action, Position, Reward, World
 from sparse_coord_ros.learn.history import History, HistoryRecorder
 from sparse_coord_ros.learn.run_config import RunConfig
+from sparse_coord_ros.learn.simulation import Glimpse
 from sparse_coord_ros.wire import Began
 
 
@@ -30,10 +31,6 @@ class WorldPort(Protocol):
 
     def checkpoint(self, step: int) -> None:
         """Save: the robots do so too, when they have worked off their states of this step."""
-
-
-Watcher = Callable[[int, Sequence[int], Sequence[Action | None], StepOutcome, Sequence[int]], None]
-"""Hears of each transition; see `WorldSide`."""
 
 
 class WorldState(NamedTuple):
@@ -75,8 +72,7 @@ class WorldSide:
         lost: transitions that count as made and are no part of the history.
         absent: robots that missed a deadline and have not acted since; nobody waits for them.
         history: gathers the episodes.
-        watcher: None, or called after each transition with its time step, the cells before it,
-            the actions, what it brought, and the cells after it.
+        watcher: None, or called after each transition with it.
         held: after `go_on_from` and until `start`: what robots do is of the time taken back.
     """
 
@@ -86,7 +82,7 @@ class WorldSide:
         self.began: str = Began.START
         self.absent: set[int] = set()
         self.history = HistoryRecorder(len(run.scenario.robots))
-        self.watcher: Watcher | None = None
+        self.watcher: Callable[[Glimpse], None] | None = None
         self.held = False
         self._begins = True
         self._port = port
@@ -204,19 +200,21 @@ class WorldSide:
         outcome = self.world.advance(self._actions)
         self.history.add(self.world.episode, step, self._actions, outcome)
         if self.watcher is not None:
-            self.watcher(step, before, self._actions, outcome, tuple(self.world.cells))
+            after = tuple(self.world.cells)
+            said = self.actions, after, outcome.miscoordination, outcome.rewards
+            self.watcher(Glimpse(step, before, *said))
         self._begin_step()
         for k in acted:
             self._rewards[k] = (step, outcome.rewards[k])
             self._port.reward(k, step, outcome.rewards[k])
         self._publish_states()
-        after = self.world.step
+        reached = self.world.step
         if not self.finished:
             if outcome.episode_over:
                 self._begin_episode(Began.ARRIVED if all(self.world.arrived) else Began.STEPS)
             elif all(self.world.arrived[k] or k in self.absent for k in self._robots):
                 self._begin_episode(Began.NOBODY_LEFT)
-        self._save_where_due(step, after, self.world.step)
+        self._save_where_due(step, reached, self.world.step)
 
     def _begin_step(self) -> None:
         """Forget the actions of the last time step, and the rewards that were said with it."""

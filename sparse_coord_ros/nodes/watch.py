@@ -8,8 +8,6 @@ process it looks at world and robots themselves: taking every message would slow
 
 import contextlib
 import functools
-import queue
-import time
 from collections import defaultdict
 from collections.abc import Sequence, Set
 from dataclasses import dataclass, field
@@ -36,6 +34,7 @@ from sparse_coord_ros.look.page.controls import (
     RESET,
     STEP,
     Control,
+    Controlled,
 )
 from sparse_coord_ros.look.page.live_source import LiveView
 from sparse_coord_ros.nodes import interface
@@ -64,7 +63,7 @@ the node: a process that stood still has what it waits for in its queue."""
 CONTROLS = (PAUSE, STEP, RATE, RESET)
 
 
-class Controls:
+class Controls(Controlled):
     """What a page asks for: calls of the world's services.
 
     Args:
@@ -76,9 +75,9 @@ class Controls:
     """
 
     def __init__(self, node: Node) -> None:
+        super().__init__()
         self.view: LiveView | None = None
         self.rate = 0.0
-        self._queue: queue.SimpleQueue[Control] = queue.SimpleQueue()
         self._clients = {
             PAUSE: node.create_client(SetBool, services.PAUSE.of(WORLD)),
             RESET: node.create_client(Trigger, services.RESET.of(WORLD)),
@@ -86,14 +85,10 @@ class Controls:
             RATE: node.create_client(SetParameters, f"{WORLD}/set_parameters"),
         }
 
-    def control(self, control: Control) -> None:
-        """Do what a page asks for, with the node's next tick; called from the server's thread."""
-        self._queue.put(control)
-
     def call(self) -> None:
         """Make the calls that are due."""
-        while not self._queue.empty():
-            self._do(self._queue.get())
+        for control in self.wishes():
+            self._do(control)
 
     def _do(self, control: Control) -> None:
         client = self._clients.get(control.name)
@@ -154,23 +149,15 @@ class InsideWatch(ParameterNode):
         server.show(self._controls)
         self.create_timer(PAGE_SECONDS, self._tick)
 
-    def _on_transition(
-        self,
-        step: int,
-        cells: Sequence[int],
-        actions: Sequence[Action | None],
-        outcome: StepOutcome,
-        after: Sequence[int],
-    ) -> None:
+    def _on_transition(self, seen: Glimpse) -> None:
         """Hear of each transition, from the world's side of the lock step."""
         ends: list[PerceptEnd | None] = []
-        if any(action is not None and action.asked and not action.perceived for action in actions):
+        if any(one is not None and one.asked and not one.perceived for one in seen.actions):
             for robot in self._robots:
                 side = None if robot.member is None else robot.member.lockstep
-                account = None if side is None else side.account_of(step)
+                account = None if side is None else side.account_of(seen.step)
                 ends.append(None if account is None else PerceptEnd.said(account.percept))
-        places = tuple(cells), tuple(actions), tuple(after)
-        self._view.take(Glimpse(step, *places, outcome.miscoordination, outcome.rewards, ends))
+        self._view.take(seen._replace(ends=ends))
 
     def _tick(self) -> None:
         self._controls.call()
@@ -214,20 +201,19 @@ class WatchNode(Follower):
     Attributes:
         server: the page's server.
         controls: what the page asks for.
-        team: what is heard of the team; None: there is none yet.
+        team: what is heard of the team; there is none before it has begun a run.
 
     Raises:
         SparseCoordError: a bad parameter, a taken port.
     """
 
     tick_seconds = PAGE_SECONDS
+    team: "HeardTeam"
 
     def __init__(self, *, server: "Server | None" = None, **place: Unpack[Place]) -> None:
         self._shared = server
         super().__init__("watch", PARAMETERS["watch"], **place)
         self.controls = Controls(self)
-        self.team: HeardTeam | None = None
-        self._heard: float | None = None
         self._transitions = 0
         self.server.show(self.controls)
 
@@ -255,7 +241,7 @@ class WatchNode(Follower):
 
     def begin(self, run: RunConfig) -> None:
         """Show the run that is announced."""
-        self._heard, self._transitions = time.monotonic(), 0
+        self._transitions = 0
         title = f"team in {self.get_namespace()}"
         view = LiveView(run, self.server.board, source="live", title=title, controls=CONTROLS)
         self.controls.view = view
@@ -265,16 +251,13 @@ class WatchNode(Follower):
     def another_run(self, data: bytes) -> RunConfig:
         """Let another run take the place of the one that is shown."""
         run = read_run(data)
-        if self.team is not None:
-            self.team.leave()
+        self.team.leave()
         self.presence = None
         return run
 
     def world_said(self, said: Said) -> None:
         """Show the world's state, and compare what was heard with what it has done."""
-        if self.team is None:
-            return
-        self._heard, self._transitions = time.monotonic(), said.transitions
+        self._transitions = said.transitions
         view = self.team.view
         if view.state == "gone":
             view.notice("")
@@ -285,8 +268,6 @@ class WatchNode(Follower):
         """Show what has happened."""
         self.controls.call()
         team = self.team
-        if team is None:
-            return
         team.tick()
         made = max(self._transitions, team.seen) if team.whole else self._transitions
         team.view.show(transitions=made, episode=team.episode, rate=self.controls.rate)
@@ -295,10 +276,10 @@ class WatchNode(Follower):
 
     def look_for_the_world(self, now: float) -> None:
         """Say where the world is gone; the page waits for the next team."""
-        assert self.team is not None
+        assert self.presence is not None
         view = self.team.view
         over = view.state in (wire.RunState.FINISHED, wire.RunState.STOPPED, "gone")
-        silent = self._heard is None or now - self._heard > GONE_SECONDS
+        silent = self.presence.silent(now) > GONE_SECONDS
         if silent and not over and not self.count_publishers(interface.STATUS.name):
             view.state = "gone"
             view.notice("the world is gone; the page waits for the next team")

@@ -16,7 +16,7 @@ from sparse_coord_ros.nodes.parameters import ParameterNode
 
 
 class WorldBodies:
-    """Sends bodies and hears of them; the port of `BodiesSide`.
+    """Sends bodies and hears of them.
 
     Args:
         node: the world's node.
@@ -32,7 +32,7 @@ class WorldBodies:
         self._node, self._there, self._convert = node, there, Converter(run)
         self._names = [robot.name for robot in run.scenario.robots]
         self.game = BodyWorld(run.scenario, run.seed, slips=node.values["slips"])
-        self.side = BodiesSide(self.game, self)
+        self.side = BodiesSide(self.game, self.send)
         self._heard = 0.0
         self._reminder = Reminder()
         self._publisher = node.announce(interface.BODY_GOALS)

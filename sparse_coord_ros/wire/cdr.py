@@ -15,7 +15,6 @@ process packs the same bytes.
 import struct
 from collections.abc import Iterable
 from itertools import groupby
-from operator import itemgetter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -90,44 +89,28 @@ class Layout:
             if check:
                 where = slice(places[0], places[-1] + 1)
                 self._columns.append((where, np.frombuffer(bytes(expected[where]), np.uint8)))
-        self._one(bytes(expected), list(free.values()))
-
-    def _one(self, expected: bytes, free: list[tuple[np.dtype, int]]) -> None:
-        """Prepare for single messages: fixed bytes and free fields in turn."""
-        codes, end, fixed, is_free = "<", 0, [], []
-        for kind, begin in [*free, (None, self.size)]:
-            if begin > end:
-                codes += f"{begin - end}s"
-                fixed.append(expected[end:begin])
-                is_free.append(False)
-            if kind is not None:
-                code, count = _struct_code(kind)
-                codes, end = codes + code, begin + kind.itemsize
-                is_free += [True] * count
-        self._struct, self._constants = struct.Struct(codes), tuple(fixed)
-        counts = np.cumsum(is_free)
-        places = np.where(is_free, len(fixed) + counts - 1, np.arange(len(counts)) - counts)
-        self._whole = itemgetter(*places.tolist())
-        self._fixed_of = itemgetter(*np.flatnonzero(~np.array(is_free)).tolist(), 0)
-        self._fixed = (*fixed, fixed[0])  # of one place an itemgetter would make no tuple
-        self._free_of = itemgetter(*np.flatnonzero(is_free).tolist())
+        # Of single messages: all bytes as one number, and a struct of the free fields.
+        mask, codes, end = bytearray(b"\xff" * self.size), "<", 0
+        for kind, begin in free.values():
+            codes += f"{begin - end}x{_struct_code(kind)}"
+            end = begin + kind.itemsize
+            mask[begin:end] = bytes(kind.itemsize)
+        self._fixed, self._expected = int.from_bytes(mask), int.from_bytes(expected)
+        self._struct = struct.Struct(f"{codes}{self.size - end}x")
 
     def pack(self, *values: Any) -> bytes:
         """Return a message: the values of the free fields, arrays number by number.
 
         Arrays of bytes are given as one value.
         """
-        return self._struct.pack(*self._whole(self._constants + values))
+        fields = int.from_bytes(self._struct.pack(*values))
+        return (fields | self._expected).to_bytes(self.size)
 
     def unpack(self, data: bytes) -> tuple[Any, ...] | None:
         """Return the values of one message, as `pack` takes them; None: of another layout."""
-        if len(data) != self.size:
+        if len(data) != self.size or int.from_bytes(data) & self._fixed != self._expected:
             return None
-        found = self._struct.unpack(data)
-        if self._fixed_of(found) != self._fixed:
-            return None
-        values: tuple[Any, ...] = self._free_of(found)
-        return values
+        return self._struct.unpack(data)
 
     def read(self, content: bytes, begins: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Read messages of at least this size; what comes after it is padding.
@@ -148,13 +131,13 @@ class Layout:
         return fits, rows
 
 
-def _struct_code(kind: np.dtype) -> tuple[str, int]:
-    """Return how `struct` calls a NumPy type, and how many values it makes."""
+def _struct_code(kind: np.dtype) -> str:
+    """Return how `struct` calls a NumPy type."""
     base, count = kind.base, int(np.prod(kind.shape))
     if base.itemsize == 1 or base.kind == "V":
-        return f"{kind.itemsize}s", 1
+        return f"{kind.itemsize}s"
     code = {"i4": "i", "u4": "I", "i8": "q", "f4": "f", "f8": "d"}[base.str[1:]]
-    return f"{count}{code}", count
+    return f"{count}{code}"
 
 
 def rows_at(content: bytes, places: np.ndarray, kind: np.dtype) -> np.ndarray:

@@ -41,7 +41,7 @@ def made():
     """Return a world with sure moves and fixed starts, its side of the bodies, and the port."""
     scenario = load_scenario("env1").with_settings({"move_success": 1.0, "starts": "fixed"})
     world, port = BodyWorld(scenario, 1), Port()
-    return world, BodiesSide(world, port), port
+    return world, BodiesSide(world, port.send), port
 
 
 def arrive(side, goals, **cells):
@@ -129,7 +129,7 @@ def test_a_new_episode_places_them_again_even_in_the_middle_of_a_move(made):
 def test_who_slips_is_sent_nowhere():
     scenario = load_scenario("env1").with_settings({"move_success": 0.01, "starts": "fixed"})
     world, port = BodyWorld(scenario, 1), Port()
-    side = BodiesSide(world, port)
+    side = BodiesSide(world, port.send)
     side.made(SOUTHWARD)
     arrive(side, port.goals[0])
     assert len(port.goals) == 1 and side.made(SOUTHWARD)

@@ -104,7 +104,7 @@ def play(world, *actions):
 
 def test_a_watcher_hears_of_the_cells_before_and_after(world):
     heard = []
-    world.watcher = lambda step, before, actions, outcome, after: heard.append((before, after))
+    world.watcher = lambda seen: heard.append((seen.cells, seen.after))
     before = tuple(world.world.cells)
     play(world, DOWN, DOWN)
     assert heard == [(before, tuple(world.world.cells))] and heard[0][0] != heard[0][1]

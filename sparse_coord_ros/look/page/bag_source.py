@@ -3,10 +3,8 @@
 """A bag on the page: played, held, stepped, sought in; followed while it grows."""
 
 import bisect
-import queue
 import threading
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +15,7 @@ from sparse_coord_ros.game.plugins import leaving_out
 from sparse_coord_ros.learn.history import concatenated, no_history
 from sparse_coord_ros.look.page import messages
 from sparse_coord_ros.look.page.board import Board
-from sparse_coord_ros.look.page.controls import PAUSE, RATE, SEEK, STEP, Control
+from sparse_coord_ros.look.page.controls import PAUSE, RATE, SEEK, STEP, Control, Controlled
 from sparse_coord_ros.look.steps import logged_step
 from sparse_coord_ros.runlog.log import NONE, RunLog
 from sparse_coord_ros.runlog.window import LongLog
@@ -31,13 +29,12 @@ LOOK_SECONDS = 0.5
 FIRST_RATE = 10.0
 
 
-class BagSource:
+class BagSource(Controlled):
     """Plays a bag to a board.
 
     Args:
         path: the bag, as of `read_run`.
         board: where the messages go.
-        now: a monotonic clock, in seconds.
 
     Attributes:
         log: the bag.
@@ -51,9 +48,8 @@ class BagSource:
         SparseCoordError: as of `LongLog`.
     """
 
-    def __init__(
-        self, path: Path, board: Board, *, now: Callable[[], float] = time.monotonic
-    ) -> None:
+    def __init__(self, path: Path, board: Board) -> None:
+        super().__init__()
         self.log = LongLog(path)
         self.run = self.log.run
         self.board = board
@@ -69,9 +65,7 @@ class BagSource:
         self.position = float(self.log.last_step if self.growing else self.first)
         self.paused = False
         self.rate = FIRST_RATE
-        self._now = now
-        self._then = now()
-        self._controls: queue.SimpleQueue[Control] = queue.SimpleQueue()
+        self._then = time.monotonic()
         self._window: RunLog | None = None
         self._shown: dict[str, object] = {}
         self._asked: list[tuple[int, np.ndarray]] = []
@@ -95,21 +89,17 @@ class BagSource:
         except BagError:
             return False
 
-    def control(self, control: Control) -> None:
-        """Do what a page asks for, with the next tick."""
-        self._controls.put(control)
-
     # In the thread of the source.
 
     def play(self) -> None:
         """Play until interrupted."""
         reading = threading.Thread(target=self._read_through, daemon=True)
         reading.start()
-        looked = self._now()
+        looked = time.monotonic()
         try:
             while True:
-                if self.growing and self._now() - looked >= LOOK_SECONDS:
-                    looked = self._now()
+                if self.growing and time.monotonic() - looked >= LOOK_SECONDS:
+                    looked = time.monotonic()
                     self.look()
                 self.tick()
                 time.sleep(TICK_SECONDS)
@@ -132,10 +122,10 @@ class BagSource:
 
     def tick(self) -> None:
         """Do what was asked for, move on, and show the time step that is reached."""
-        now = self._now()
+        now = time.monotonic()
         passed, self._then = now - self._then, now
-        while not self._controls.empty():
-            self._do(self._controls.get())
+        for control in self.wishes():
+            self._do(control)
         last = float(self.log.last_step)
         if not self.paused:
             on = passed * self.rate if self.rate else last

@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a page may ask for, and how that is checked before it is done."""
 
-from collections.abc import Collection, Mapping
-from typing import Any, NamedTuple, Protocol
+import queue
+from collections.abc import Collection, Iterator, Mapping
+from typing import Any, NamedTuple
 
 from sparse_coord_ros.errors import SettingError, SparseCoordError
 from sparse_coord_ros.game.scenario import load_scenario, scenario_names
@@ -37,8 +38,11 @@ class Control(NamedTuple):
     value: Any = None
 
 
-class Controlled(Protocol):
+class Controlled:
     """What is shown, and can be held, stepped and so on."""
+
+    def __init__(self) -> None:
+        self._wishes: queue.SimpleQueue[Control] = queue.SimpleQueue()
 
     def control(self, control: Control) -> None:
         """Do it soon; what comes of it shows. Called from the server's thread.
@@ -46,6 +50,12 @@ class Controlled(Protocol):
         Raises:
             SparseCoordError: it cannot be done; one line for the page.
         """
+        self._wishes.put(control)
+
+    def wishes(self) -> Iterator[Control]:
+        """Yield what was asked for since the last call."""
+        while not self._wishes.empty():
+            yield self._wishes.get()
 
 
 def parse_control(data: Mapping[str, Any], allowed: Collection[str]) -> Control:

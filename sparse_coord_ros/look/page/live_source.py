@@ -4,7 +4,7 @@
 
 import time
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -31,7 +31,6 @@ class LiveView:
         source: live or train.
         title: what the page is called.
         controls: what a page may ask for.
-        now: a monotonic clock, in seconds.
 
     Attributes:
         state: what the team is doing, in a word.
@@ -47,13 +46,11 @@ class LiveView:
         source: str,
         title: str,
         controls: Sequence[str],
-        now: Callable[[], float] = time.monotonic,
     ) -> None:
         self.run, self.board = run, board
         self.state = "waiting"
         robots, cells = len(run.scenario.robots), len(run.scenario.map.cells)
         self.asked = [[0] * cells for _ in range(robots)]
-        self._now = now
         self.last: Glimpse | None = None
         self._shown: tuple[Glimpse | None, str, float] | None = None
         self._told: deque[Message] = deque(maxlen=messages.DIALOGUE)
@@ -96,7 +93,7 @@ class LiveView:
             rate: time steps a second that are wanted; 0: as fast as the team acts.
             still: where the robots are, while there was no transition.
         """
-        now = self._now()
+        now = time.monotonic()
         if self._counted is None:
             self._counted = now, transitions
         elif now - self._counted[0] >= SLOW_SECONDS:
@@ -128,7 +125,7 @@ class LiveView:
 
     def slow_due(self) -> bool:
         """Return whether it is time for `show_learned`: once a second where a page is there."""
-        self._began = self._now()
+        self._began = time.monotonic()
         return self.board.pages > 0 and self._began >= self._slow
 
     def show_learned(
@@ -149,5 +146,5 @@ class LiveView:
         self.board.put("tables", robots=messages.table_fields(self.run, tables))
         counted = self.asked if asked is None else asked.tolist()
         self.board.put("asked", robots=[list(row) for row in counted])
-        now = self._now()
+        now = time.monotonic()
         self._slow = now + max(SLOW_SECONDS, (now - self._began) / SLOW_SHARE)

@@ -2,9 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A learning run without ROS on the page."""
 
-import queue
 import time
-from collections.abc import Callable
 
 import numpy as np
 
@@ -12,7 +10,7 @@ from sparse_coord_ros.engine.training import LearningRun, Training
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.learn.simulation import Glimpse
 from sparse_coord_ros.look.page.board import Board
-from sparse_coord_ros.look.page.controls import NEXT, PAUSE, RATE, STEP, Control
+from sparse_coord_ros.look.page.controls import NEXT, PAUSE, RATE, STEP, Control, Controlled
 from sparse_coord_ros.look.page.live_source import LiveView
 from sparse_coord_ros.wire import RunState
 
@@ -20,38 +18,23 @@ LOOKS_A_SECOND = 30
 CONTROLS = (PAUSE, STEP, RATE, NEXT)
 
 
-class TrainingView(LiveView):
+class TrainingView(LiveView, Controlled):
     """Looks at a run; holds it, slows it down, and lets it make single steps as a page asks.
 
     Args:
         run: the run.
         board: where the messages go.
         title: what the page is called.
-        now: a monotonic clock, in seconds.
-        sleep: waits so many seconds.
     """
 
-    def __init__(
-        self,
-        run: RunConfig,
-        board: Board,
-        *,
-        title: str,
-        now: Callable[[], float] = time.monotonic,
-        sleep: Callable[[float], None] = time.sleep,
-    ) -> None:
-        super().__init__(run, board, source="train", title=title, controls=CONTROLS, now=now)
+    def __init__(self, run: RunConfig, board: Board, *, title: str) -> None:
+        Controlled.__init__(self)
+        super().__init__(run, board, source="train", title=title, controls=CONTROLS)
         self.wants_glimpse = True
-        self._controls: queue.SimpleQueue[Control] = queue.SimpleQueue()
-        self._sleep = sleep
         self._held = self._stepping = False
         self._counts: np.ndarray | None = None
         self._rate = 0.0
-        self._due = now()
-
-    def control(self, control: Control) -> None:
-        """Do what a page asks for when it looks next; called from the server's thread."""
-        self._controls.put(control)
+        self._due = time.monotonic()
 
     def look(self, learning: LearningRun, glimpse: Glimpse | None) -> int | None:
         """Look at the run; as of `engine.training.Watcher`."""
@@ -60,8 +43,8 @@ class TrainingView(LiveView):
             self.take(glimpse)
         elif stepping:  # it could not be made apart
             return 1
-        while not self._controls.empty():
-            self._do(self._controls.get())
+        for control in self.wishes():
+            self._do(control)
         self.state = RunState.PAUSED if self._held else RunState.LEARNING
         self.show(transitions=learning.done, episode=0, rate=self._rate)
         if self.slow_due():
@@ -70,15 +53,15 @@ class TrainingView(LiveView):
         if self._held:
             self.wants_glimpse = self._stepping
             if not self._stepping:
-                self._sleep(1 / LOOKS_A_SECOND)
+                time.sleep(1 / LOOKS_A_SECOND)
             return 0
         self.wants_glimpse = self.board.pages > 0
         if not self._rate:
             return None
-        now = self._now()
+        now = time.monotonic()
         self._due = max(self._due + 1 / min(self._rate, LOOKS_A_SECOND), now - 0.2)
         if self._due > now:
-            self._sleep(self._due - now)
+            time.sleep(self._due - now)
         self.wants_glimpse = True
         many = round(self._rate / LOOKS_A_SECOND) - 1  # one is made for the glimpse
         return max(0 if glimpse is not None else 1, many)
@@ -88,7 +71,7 @@ class TrainingView(LiveView):
         if control.name == PAUSE:
             self._held = bool(control.value)
         elif control.name == RATE:
-            self._rate, self._due = control.value, self._now()
+            self._rate, self._due = control.value, time.monotonic()
         elif control.name == STEP:
             self._held = self._stepping = True
 

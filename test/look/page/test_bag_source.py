@@ -21,11 +21,13 @@ from sparse_coord_ros.runlog.explain import explain, in_words
 
 
 class Player:
-    """A source with a clock of its own."""
+    """A source, and its clock."""
+
+    now = 0.0
 
     def __init__(self, bag):
-        self.now, self.board = 0.0, Board()
-        self.source = BagSource(bag, self.board, now=lambda: self.now)
+        self.board = Board()
+        self.source = BagSource(bag, self.board)
         self.source.tick()
 
     def do(self, name, value=None, seconds=0.0):
@@ -33,9 +35,15 @@ class Player:
         return self.after(seconds)
 
     def after(self, seconds):
-        self.now += seconds
+        Player.now += seconds
         self.source.tick()
         return self.board.get("frame")
+
+
+@pytest.fixture(autouse=True)
+def clock(monkeypatch):
+    clock = SimpleNamespace(monotonic=lambda: Player.now, sleep=time.sleep)
+    monkeypatch.setattr("sparse_coord_ros.look.page.bag_source.time", clock)
 
 
 @pytest.fixture

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a team that learns now puts on the board, and how seldom what is costly."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -16,9 +18,11 @@ from sparse_coord_ros.look.page.live_source import LiveView
 
 
 @pytest.fixture
-def view():
+def view(monkeypatch):
     run = make_run(load_scenario("env1"), {})
-    made = LiveView(run, Board(), source="live", title="", controls=(), now=lambda: made.time)
+    clock = SimpleNamespace(monotonic=lambda: made.time)
+    monkeypatch.setattr("sparse_coord_ros.look.page.live_source.time", clock)
+    made = LiveView(run, Board(), source="live", title="", controls=())
     made.time = 100.0
     return made
 

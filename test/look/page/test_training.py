@@ -55,7 +55,7 @@ class Clock:
     def __init__(self):
         self.now, self.then = 0.0, {}
 
-    def __call__(self):
+    def monotonic(self):
         return self.now
 
     def sleep(self, seconds):
@@ -65,11 +65,19 @@ class Clock:
                 self.then.pop(at)()
 
 
+@pytest.fixture
+def clock(monkeypatch):
+    made = Clock()
+    for module in ("live_source", "training_source"):
+        monkeypatch.setattr(f"sparse_coord_ros.look.page.{module}.time", made)
+    return made
+
+
 @pytest.mark.parametrize("every", [0, 50])
-def test_looking_changes_no_bit_and_shows_what_there_is(every):
-    problem, board, clock = scenario(), Board(), Clock()
+def test_looking_changes_no_bit_and_shows_what_there_is(every, clock):
+    problem, board = scenario(), Board()
     board.pages += 1
-    view = TrainingView(make_run(problem, {}), board, title="", now=clock, sleep=clock.sleep)
+    view = TrainingView(make_run(problem, {}), board, title="")
     view.control(Control(RATE, 100.0))
     steps = set()
 
@@ -99,9 +107,9 @@ def test_looking_changes_no_bit_and_shows_what_there_is(every):
     assert np.array(board.get("asked")["robots"]).sum() > 0
 
 
-def test_holding_and_stepping():
-    problem, board, clock = scenario(steps=40), Board(), Clock()
-    view = TrainingView(make_run(problem, {}), board, title="", now=clock, sleep=clock.sleep)
+def test_holding_and_stepping(clock):
+    problem, board = scenario(steps=40), Board()
+    view = TrainingView(make_run(problem, {}), board, title="")
     view.control(Control(PAUSE, True))
     held = []
 
@@ -121,9 +129,9 @@ def test_holding_and_stepping():
     assert held == [("paused", first), ("paused", first + 1), ("paused", first + 2)]
 
 
-def test_the_last_step_is_made_though_it_cannot_be_shown_apart():
-    problem, clock = scenario(steps=1), Clock()
+def test_the_last_step_is_made_though_it_cannot_be_shown_apart(clock):
+    problem = scenario(steps=1)
     for command in (Control(STEP, 1), Control(RATE, 5.0)):
-        view = TrainingView(make_run(problem, {}), Board(), title="", now=clock, sleep=clock.sleep)
+        view = TrainingView(make_run(problem, {}), Board(), title="")
         view.control(command)
         assert train(problem, "coop", 0, engine="python", watcher=view).transitions == 1
