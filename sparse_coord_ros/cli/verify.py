@@ -3,6 +3,7 @@
 """`sparse_coord verify`: compute a recorded run again and compare."""
 
 import argparse
+from collections.abc import Iterator
 
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli.options import Option
@@ -15,6 +16,14 @@ NOT_COMPARED = (
     "the order of messages of different writers; how often status, markers and coordination maps "
     "come within an episode; fields that the team does not use (all: docs/log.md)"
 )
+
+COUNTS = {
+    "left_out": "robots' steps without their action (left out by the world)",
+    "unlearned": "transitions that robots say they have not learned from",
+    "resets": "episodes begun early (reset, or nobody left to wait for)",
+    "repeats": "messages said again after a silence",
+}
+"""What may come and is no fault; by the name in `Verification`."""
 
 EXAMPLE = "sparse_coord verify runs/demo/bag"
 
@@ -44,64 +53,57 @@ def execute(options: argparse.Namespace) -> int:
             }
         )
     else:
-        _print(found, None if options.all else SHOWN)
+        lines = (*_account(found), *_outcome(found, None if options.all else SHOWN))
+        print("\n".join(lines))
     if found.cannot_tell:
         return CANNOT_TELL
     return 0 if found.same else 1
 
 
-def _print(found, shown: int | None) -> None:
-    run = found.log.run
-    print(found.log.bag.path)
-    if found.log.bag.damage is not None and not found.log.bag.gaps:
-        print(f"damaged, but all is read: {found.log.bag.damage}")
-    for loss in found.log.losses:
-        print(f"lost: {loss}")
-    print(
-        f"{run.scenario.name}, {run.learner}{', greedy' * run.greedy}, "
-        f"seed {run.seed}, {len(found.log.names)} robots"
+def _account(found) -> Iterator[str]:
+    """Yield the lines that say which run it is, what was compared and what was out of the way."""
+    log = found.log
+    yield str(log.bag.path)
+    if log.bag.damage is not None and not log.bag.gaps:
+        yield f"damaged, but all is read: {log.bag.damage}"
+    yield from (f"lost: {loss}" for loss in log.losses)
+    yield (
+        f"{log.run.scenario.name}, {log.run.learner}{', greedy' * log.run.greedy}, "
+        f"seed {log.run.seed}, {len(log.names)} robots"
     )
-    print(
+    yield (
         f"computed again: {found.steps} steps of the world, {found.choices} actions, "
         f"{found.updates} updates, {found.tables} recorded tables"
     )
-    for count, what in (
-        (found.left_out, "robots' steps without their action (left out by the world)"),
-        (found.unlearned, "transitions that robots say they have not learned from"),
-        (found.resets, "episodes begun early (reset, or nobody left to wait for)"),
-        (found.repeats, "messages said again after a silence"),
-    ):
-        if count:
-            print(f"{count} {what}")
-    for back in found.log.tracks.rollbacks:
-        print(
+    counts = [(getattr(found, name), what) for name, what in COUNTS.items()]
+    yield from (f"{count} {what}" for count, what in counts if count)
+    for back in log.tracks.rollbacks:
+        yield (
             f"at step {back.until} the run went back to the checkpoint of step {back.step}; what "
             "it had done since is not compared"
         )
     if found.lost:
         copies = ", ".join(f"{count} of {topic}" for topic, count in found.lost.items())
-        print(f"lost copies (of these topics only the last messages are kept): {copies}")
+        yield f"lost copies (of these topics only the last messages are kept): {copies}"
     if found.foreign:
-        print(f"foreign messages: {found.foreign}, computation identical")
+        yield f"foreign messages: {found.foreign}, computation identical"
+
+
+def _outcome(found, shown: int | None) -> Iterator[str]:
+    """Yield the lines that say whether the run is identical, and what is not."""
     if found.same:
-        print("identical: every state, reward, percept, action and table is what it has to be")
-        print(f"not compared: {NOT_COMPARED}")
+        yield "identical: every state, reward, percept, action and table is what it has to be"
+        yield f"not compared: {NOT_COMPARED}"
         return
-    for sentence in found.broke_off:
-        print(f"broke off: {sentence}")
+    yield from (f"broke off: {sentence}" for sentence in found.broke_off)
+    word, odd = "differs", found.differences
     if found.cannot_tell:
-        print(_verdict(found))
-    for sentence in found.not_computed:
-        print(sentence)
-    if found.cannot_tell:
-        for difference in found.open[:shown]:
-            print(f"open: {difference}")
-        return
-    for difference in found.differences[:shown]:
-        print(f"differs: {difference}")
-    more = len(found.differences[shown:]) if shown else 0
-    if more:
-        print(f"and {more} more (--all)")
+        yield _verdict(found)
+        word, odd = "open", found.open
+    yield from found.not_computed
+    yield from (f"{word}: {difference}" for difference in odd[:shown])
+    if shown is not None and shown < len(odd):
+        yield f"and {len(odd) - shown} more (--all)"
 
 
 def _verdict(found) -> str:

@@ -6,7 +6,7 @@
   topic (`tracks`, by `columns` and `decode`), the service events (`dialogue`), the attached tables
   (`attached`), over all files of a bag (`timeline`), of one run (`bag_run`).
 - Verified: `verify`, of the world (`game_check`), each robot (`agents`), `percepts`, in the
-  `stretches` between gaps; who came back alone (`returned`). What differs is a `difference`.
+  `stretches` between gaps. What differs is a `difference`; `judge` says what that means.
 - Explained: `explain`, each COORDINATE.
 
 `replay` is what one robot did, and lets its agent do it again.

@@ -16,7 +16,6 @@ from sparse_coord_ros.runlog.difference import MISSING, Difference, first_entry
 from sparse_coord_ros.runlog.log import RunLog
 from sparse_coord_ros.runlog.replay import Replay, trajectory_of
 from sparse_coord_ros.runlog.stretches import Stretch, fresh_agent
-from sparse_coord_ros.wire.frame import Frame
 from sparse_coord_ros.wire.messages import action_numbers
 from sparse_coord_ros.wire.occupancy import OCCUPIED, OccupancyData
 
@@ -42,18 +41,18 @@ class AgentCheck:
     Args:
         log: the log.
         k: the robot's number.
-        starts: the first time steps of the episodes.
         stretch: the time steps to check.
 
     Attributes:
         name: the robot's.
         trajectory: what the log says that it did.
         recorded: its recorded tables.
+        end: the newest time step that the world told it.
         state: the world's last state; None where the log breaks off, or says none.
         choices, updates, compared: actions, updates and tables that agree, after `differences`.
     """
 
-    def __init__(self, log: RunLog, k: int, starts: np.ndarray, stretch: Stretch) -> None:
+    def __init__(self, log: RunLog, k: int, stretch: Stretch) -> None:
         self.log, self.k, self.stretch = log, k, stretch
         self.name = log.names[k]
         self.trajectory = trajectory_of(log, k, stretch)
@@ -61,10 +60,9 @@ class AgentCheck:
         self.recorded = [entry for entry in log.all_tables if entry.robot == k]
         statuses = log.tracks.statuses
         self.state = statuses[-1].state if stretch.last is None and statuses else None
-        self._grids = OccupancyData(Frame(log.run))
-        self._starts = starts
+        self._grids = OccupancyData(log.frame)
         self._goal = log.run.scenario.robots[k].goal
-        self._end = int(log.tracks.states[k].step.max(initial=0))
+        self.end = int(log.tracks.states[k].step.max(initial=0))
 
     @property
     def killed(self) -> bool:
@@ -72,7 +70,8 @@ class AgentCheck:
         log, rows = self.log, self.log.step > self.trajectory.step.max(initial=-1)
         rewarded = ~np.isnan(log.reward[rows, :, 0])
         without = ~rewarded[:, self.k] & (log.cells[rows, self.k] != self._goal)
-        return self.state == wire.RunState.STOPPED or bool((rewarded.any(axis=1) & without).any())
+        went_on = bool((rewarded.any(axis=1) & without).any())
+        return self.end > 0 and (went_on or self.state == wire.RunState.STOPPED)
 
     @property
     def unlearned(self) -> int:
@@ -83,7 +82,7 @@ class AgentCheck:
 
     def differences(self) -> list[Difference]:
         """Return the first thing that an agent would have done otherwise, and what is missing."""
-        found = [*self._missing_tables(), *self._missing_maps()]
+        found = [*self._missing_tables()]
         begun, first = first_tables(self.log, self.k)
         if begun is not None and first is None:  # that there are none is said elsewhere
             agent = fresh_agent(self.log, self.k, begun, self.stretch)
@@ -117,7 +116,9 @@ class AgentCheck:
                 allowed = "0 or 1" if able[limit] else "0: there was nothing to learn from"
                 odd = f"learned={said[limit]:g}", allowed
             if odd is not None:
-                difference = self._differ(int(steps[replay.reached]), wire.ACTION.name, *odd)
+                difference = self.log.tracks.odd(
+                    int(steps[replay.reached]), self.k, wire.ACTION.name, *odd
+                )
         self.choices = replay.reached
         self.updates = 0 if log.run.greedy else int(self.trajectory.learned[: self.choices].sum())
         return difference
@@ -146,18 +147,20 @@ class AgentCheck:
                 return None
             logged, computed = "there" if what is None else self._cells(what), self._cells(due)
             logged += ", with other values elsewhere" * (logged == computed)
-            return self._differ(step, wire.COORDINATION_MAP.name, logged, computed)
-        if step > self._end:
-            due_text = f"the log ends at step {self._end}"
-            return self._differ(step, wire.TABLES.name, "there", due_text)
+            return self.log.tracks.odd(step, self.k, wire.COORDINATION_MAP.name, logged, computed)
+        if step > self.end:
+            due_text = f"the log ends at step {self.end}"
+            return self.log.tracks.odd(step, self.k, wire.TABLES.name, "there", due_text)
         self.compared += 1
         if not tables_equal([what.tables], [tables]):
-            return self._differ(step, *first_entry(what.tables, tables))
+            return self.log.tracks.odd(step, self.k, *first_entry(what.tables, tables))
         # Of the last tables: what was asked at their very step may have ended.
         there = to < len(self.trajectory.step) and self.trajectory.step[to] == step
         ends = [to, to + 1] if what is self.recorded[-1] and there else [to]
         odd = [self._odd_count(what, to, end) for end in ends]
-        return None if odd[-1] is None or None in odd else self._differ(step, *odd[-1])
+        return (
+            None if odd[-1] is None or None in odd else self.log.tracks.odd(step, self.k, *odd[-1])
+        )
 
     def _odd_count(self, entry: RecordedTables, to: int, end: int) -> tuple[str, str, str] | None:
         """Return (quantity, logged, computed) of the first number that cannot be."""
@@ -202,9 +205,9 @@ class AgentCheck:
         # A robot's last tables are of a state that it has acted on, or of one after it: it may
         # have missed those that came when it was stopped.
         acted = int(self.trajectory.step.max(initial=0))
-        newest = max((step for step in steps if step <= self._end), default=0)
+        newest = max((step for step in steps if step <= self.end), default=0)
         if self.state in wire.OVER and newest < acted:
-            due.append(self._end)
+            due.append(self.end)
         unreadable = {
             p.step for p in log.problems if p.robot == self.name and p.quantity == wire.TABLES.name
         }
@@ -212,30 +215,16 @@ class AgentCheck:
             last = self.stretch.last
             beyond = last is not None and step > min(last, max(steps, default=0))
             if step not in steps and step not in unreadable and not beyond:
-                yield self._differ(
-                    step, wire.TABLES.name, MISSING, wire.tables_attachment(self.name, step)
-                )
+                yield self.missing_tables(step)
+
+    def missing_tables(self, step: int) -> Difference:
+        """Return that its tables of a time step are missing."""
+        due = wire.tables_attachment(self.name, step)
+        return self.log.tracks.odd(step, self.k, wire.TABLES.name, MISSING, due)
 
     def _cells(self, data: bytes) -> str:
         shown = np.frombuffer(data, dtype=np.int8)[self._grids.places] == OCCUPIED
         return f"COORDINATE in cells {np.flatnonzero(shown).tolist()}"
-
-    def _missing_maps(self) -> Iterator[Difference]:
-        """Yield the coordination maps that ought to be in the log and are not.
-
-        Where a gap follows, only those before the last one that was shown.
-        """
-        steps = self.log.tracks.coordination_maps[self.k][0]
-        due = self._starts[np.isin(self._starts, self.trajectory.step)]  # where the robot acted
-        if self.stretch.last is not None:
-            due = due[due <= min(self.stretch.last, steps.max(initial=0))]
-        for step in due[~np.isin(due, steps)].tolist():
-            yield self._differ(
-                step, wire.COORDINATION_MAP.name, MISSING, "one as the episode begins"
-            )
-
-    def _differ(self, step: int, quantity: str, logged: str, computed: str) -> Difference:
-        return Difference(step, self.name, quantity, logged, computed)
 
 
 def said_otherwise(logged: np.ndarray, computed: Sequence[float]) -> tuple[str, str]:

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which run a bag is of, and whether all places of the bag that say so agree."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from contextlib import suppress
 from typing import NamedTuple
 
@@ -10,10 +10,8 @@ from sparse_coord_ros.bags.contents import Attachment
 from sparse_coord_ros.bags.reader import Bag
 from sparse_coord_ros.errors import BagError, SparseCoordError
 from sparse_coord_ros.learn.run_config import (
-    MAP_FILE,
     RUN_FILE,
     RUN_RECORD,
-    SCENARIO_FILE,
     RunConfig,
     bag_files,
     run_from_yaml,
@@ -39,7 +37,7 @@ class BagRun(NamedTuple):
     said: str | None
 
 
-def find_run(bag: Bag, decode: Decoder) -> BagRun:
+def find_run(bag: Bag) -> BagRun:
     """Return the run of a bag.
 
     Raises:
@@ -59,7 +57,7 @@ def find_run(bag: Bag, decode: Decoder) -> BagRun:
     message = next(bag.messages(topics), None)
     said = None
     with suppress(ValueError):
-        said = None if message is None else str(decode(message.topic, message.data).data)
+        said = None if message is None else str(Decoder(bag.topics)(*message[:2]).data)
     text = next((_text(one) for one in bag.attachments if one.name == RUN_FILE), None)
     text = text if said is None else said
     if text is None:
@@ -87,35 +85,26 @@ def check_bag_run(bag: Bag, source: BagRun) -> Iterator[Difference]:
         source: its run.
     """
     run, said = source.run, source.said
-    attached: dict[str, list[str]] = {name: [] for name in (RUN_FILE, SCENARIO_FILE, MAP_FILE)}
-    for one in bag.attachments:
-        if one.name in attached:
-            attached[one.name].append(_text(one))
     announced = [count for name, count in bag.counts.items() if name.endswith(f"/{RUN.name}")]
     records = [texts for name, texts in bag.metadata_records if name == RUN_RECORD]
     yield from _once(f"topic {RUN.name}", 0 if said is None else max(announced), "the settings")
     for name, text in bag_files(run, said or run.to_yaml()).items():
-        yield from _once(f"attachment {name}", len(attached[name]), "of the run")
-        for found in attached[name][:1]:
+        attached = [_text(one) for one in bag.attachments if one.name == name]
+        yield from _once(f"attachment {name}", len(attached), "of the run")
+        for found in attached[:1]:
             if found != text and (name != RUN_FILE or said is not None):
                 yield _odd(f"attachment {name}", *_first_line(found, text))
     yield from _once(f"metadata {RUN_RECORD}", len(records), "scenario, seed, learner")
-    yield from _other_records(records, run.record())
+    due = run.record()  # what a later version adds is not compared
+    for record in records:
+        for key in sorted(set(due) & set(record)):
+            if record[key] != due[key]:
+                yield _odd(f"metadata {key}", repr(record[key]), repr(due[key]))
 
 
 def _once(where: str, count: int, due: str) -> Iterator[Difference]:
     if count != 1:
         yield _odd(where, *(("twice", "once") if count else (MISSING, due)))
-
-
-def _other_records(
-    records: Sequence[Mapping[str, str]], due: Mapping[str, str]
-) -> Iterator[Difference]:
-    """Compare the metadata records with the run's; what a later version adds is not compared."""
-    for record in records:
-        for key in sorted(set(due) & set(record)):
-            if record[key] != due[key]:
-                yield _odd(f"metadata {key}", repr(record[key]), repr(due[key]))
 
 
 def _odd(quantity: str, logged: str, computed: str) -> Difference:

@@ -2,11 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """A bag's messages as columns: topic by topic, decoded many at a time."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
+from sparse_coord_ros import wire
 from sparse_coord_ros.bags.reader import Bag, Part
 from sparse_coord_ros.bags.records import MESSAGE
 from sparse_coord_ros.runlog.decode import Decoder
@@ -19,6 +20,10 @@ from sparse_coord_ros.wire.messages import Form
 READABLE, COMPLETE = "readable", "one that says all"
 """What a message ought to be. One that is not readable is none of the run's; one that lacks
 something, but names the run, or is as long as the run's, may be one that was changed."""
+
+OFTEN = {wire.CLOCK, wire.LOCAL_STATE, wire.REWARD, wire.ACTION, wire.PERCEPT, wire.SERVICE_EVENTS}
+"""Topics that may say something at every time step: what is replaced there would be missed."""
+
 ANY = -1
 """In place of the number that is due first: only a part of the bag is read."""
 
@@ -33,8 +38,9 @@ class Columns:
 
     Args:
         bag: the bag.
-        forms: by topic; other topics' messages are only counted and timed.
-        stamped: the topics whose messages begin with the time at which they are logged.
+        forms: the run's topics by their full names, and how their messages are read; other topics'
+            messages are only counted and timed.
+        only: of these topics no more than some are read; None: all.
         period: nanoseconds of a time step.
         begins: for each of the bag's files the time at which its recorder begins to count anew;
             None: it goes on.
@@ -42,18 +48,20 @@ class Columns:
     Attributes:
         rows: by topic, in the order of the file, of each file of the bag; shape (messages,).
         problems: messages out of number or time, or unreadable.
+        suspects: messages that no node of the run says.
         jumps: where numbers are missing.
     """
 
     def __init__(
         self,
         bag: Bag,
-        forms: Mapping[str, Reading],
-        stamped: Sequence[str],
+        forms: Mapping[str, tuple[wire.Topic, Reading]],
+        only: Collection[wire.Topic] | None,
         period: int,
         begins: Sequence[int | None],
     ) -> None:
         self.problems: list[Difference] = []
+        self.suspects: list[Difference] = []
         self.jumps: list[Jump] = []
         self._decode = Decoder(bag.topics)
         self._period = period
@@ -63,21 +71,24 @@ class Columns:
         self._number = np.zeros(1 << 16, dtype=np.int64)
         for channel, name in bag.channels.items():
             self._number[channel] = number[name]
-        self._stamped = np.array([name in stamped for name in self._topics], dtype=bool)
+        stamped = [name in forms and forms[name][0].stamped for name in self._topics]
+        self._stamped = np.array(stamped, dtype=bool)
         self._due = dict.fromkeys(self._topics, (ANY if bag.part else 0, 0))
         self._now = 0
         self.rows: list[dict[str, np.ndarray]] = []
+        read = {name for name, (topic, _) in forms.items() if only is None or topic in only}
         for begins_at in begins:
             if begins_at is not None:
                 self._now = begins_at
-            parts = {name: [no_rows(form)] for name, form in forms.items()}
+            parts = {name: [no_rows(form)] for name, (_, form) in forms.items()}
             for part in bag.parts([len(self.rows)]):
-                for name, rows in self._part(part):
-                    parts[name].append(rows)
+                for name, heads, begins_here in self._part(part):
+                    if name in read:
+                        parts[name].append(self._rows(name, part.content, heads, begins_here))
             self.rows.append({name: np.concatenate(found) for name, found in parts.items()})
 
-    def _part(self, part: Part) -> Iterator[tuple[str, np.ndarray]]:
-        """Yield topics with the rows of their messages."""
+    def _part(self, part: Part) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
+        """Yield topics with the heads of their messages and where these begin."""
         heads = part.heads
         numbers = self._number[heads["channel"]]
         self._check_times(part, numbers)
@@ -86,14 +97,13 @@ class Columns:
         for number, group in zip(found.tolist(), np.split(order, first[1:]), strict=False):
             name = self._topics[number]
             self._check_numbers(name, heads[group])
-            if name in self._forms:
-                yield name, self._rows(name, part.content, heads[group], part.begins[group])
+            yield name, heads[group], part.begins[group]
 
     def _rows(
         self, name: str, content: bytes, heads: np.ndarray, begins: np.ndarray
     ) -> np.ndarray:
         """Return the rows of a topic's messages that can be read, note the others."""
-        form, sizes = self._forms[name], heads["length"].astype(np.int64) - MESSAGE.size
+        (topic, form), sizes = self._forms[name], heads["length"].astype(np.int64) - MESSAGE.size
         if isinstance(form, Form):
             rows, fits = form.rows(content, begins, sizes)
             why = "has another form than the run's"
@@ -116,7 +126,8 @@ class Columns:
                     odd[place] = str(error), due
         for place, (why, due) in odd.items():
             step = int(heads["log_ns"][place]) // self._period
-            self._problem(step, f"topic {name}", f"a message that {why}", due)
+            found = self.suspects if due == READABLE or topic in OFTEN else self.problems
+            found.append(Difference(step, None, f"topic {name}", f"a message that {why}", due))
         return np.delete(rows, list(odd))
 
     def _check_numbers(self, name: str, heads: np.ndarray) -> None:

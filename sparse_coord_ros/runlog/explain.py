@@ -18,8 +18,7 @@ from sparse_coord_ros.runlog.dialogue import Request
 from sparse_coord_ros.runlog.log import RunLog
 from sparse_coord_ros.runlog.percepts import percept_end
 from sparse_coord_ros.runlog.replay import Replay, Trajectory, trajectory_of
-from sparse_coord_ros.runlog.stretches import Stretch, between, fresh_agent, stretches
-from sparse_coord_ros.wire.frame import Frame
+from sparse_coord_ros.runlog.stretches import fresh_agent, stretches
 
 
 class Update(NamedTuple):
@@ -98,15 +97,13 @@ def explained(log: RunLog, robot: int, steps: Sequence[int]) -> Iterator[Coordin
         if begun is None:
             doubt = f"the log does not hold the tables that {log.names[robot]} began with"
             begun = log.run.rule.tables(log.run.scenario)
-    known = stretches(log)
-    lost = [Stretch(first, last) for first, last in between(known)]
-    for part in sorted([*known, *lost], key=lambda one: one.first):
+    for part in stretches(log):
         mine = [step for step in steps if part.holds(step)]
         if not mine:
             continue
-        trajectory = trajectory_of(log, robot, part, gaps=part in lost)
+        trajectory = trajectory_of(log, robot, part)
         replay, why = None, doubt
-        if part in lost:
+        if part.lost:
             why = "by which values, and what it learned, is lost as a part of the log is"
         elif begun is not None:
             replay = Replay(log, trajectory, fresh_agent(log, robot, begun, part))
@@ -260,7 +257,7 @@ def _answer(log: RunLog, one: Coordination, request: Request) -> str:
         return f"has gone on (to step {step}){took}"
     if position is None:
         return f"refused{took}"
-    cell = Frame(log.run).cell(*position)
+    cell = log.frame.cell(*position)
     if cell is None:
         return f"answers {position}, which is no free cell{took}"
     return f"answers {cell_in_words(log.run, cell)}{took}"

@@ -18,7 +18,6 @@ from sparse_coord_ros.runlog.difference import MISSING, Difference
 from sparse_coord_ros.runlog.log import NONE, RunLog, cell_numbers, merged
 from sparse_coord_ros.runlog.stretches import Stretch
 from sparse_coord_ros.runlog.tracks import THE_CLOCK
-from sparse_coord_ros.wire.frame import Frame
 
 
 class WorldCheck:
@@ -45,7 +44,8 @@ class WorldCheck:
     """
 
     def __init__(self, log: RunLog, stretch: Stretch) -> None:
-        self.log, self.stretch, self.frame = log, stretch, Frame(log.run)
+        self.log, self.stretch, self.odd = log, stretch, log.tracks.odd
+        self.centres = np.array(log.frame.centres)
         self.world = World(log.run.scenario, log.run.seed)
         self.robots = range(len(log.names))
         tracks = log.tracks
@@ -57,12 +57,8 @@ class WorldCheck:
         self.acted = [set(track.step.tolist()) for track in tracks.actions]
         known = set(self.steps)
         self.statuses = [status for status in tracks.statuses if status.step in known]
-        self.row = {step: row for row, step in enumerate(log.step.tolist())}
-        self.cells, self.centred = log.cells.tolist(), log.centred.tolist()
         self.move, self.asked = log.move.tolist(), log.asked.tolist()
-        self.reward = log.reward
-        if log.run.scenario.referee:
-            self.reward = np.concatenate([log.reward, log.partners[..., None]], axis=2)
+        self.parts = len(wire.REWARD.labels) + bool(log.run.scenario.referee)
         self.transitions = self.left_out = self.resets = 0
         self.starts: list[int] = []
         self.went_on = self.over = False
@@ -109,10 +105,10 @@ class WorldCheck:
                 acted = [k for k in self.robots if due in self.acted[k]]
                 what = (acted[0], wire.REWARD.name) if acted else (0, wire.ACTION.name)
                 also = "it acted and " if acted else ""
-                return self._differ(due, *what, MISSING, f"one: {also}the world went on")
+                return self.odd(due, *what, MISSING, f"one: {also}the world went on")
             due += EPISODE_GAP
         if step != due:
-            return self._differ(due, 0, wire.LOCAL_STATE.name, MISSING, "a state")
+            return self.odd(due, 0, wire.LOCAL_STATE.name, MISSING, "a state")
         if self.starts and not self.went_on:
             self.reasons = (
                 (wire.Began.STEPS,) if self.over else (wire.Began.RESET, wire.Began.NOBODY_LEFT)
@@ -126,22 +122,20 @@ class WorldCheck:
         return None
 
     def _states(self, step: int) -> Difference | None:
-        row = self.row.get(step)
+        log, row = self.log, self.log.row_of.get(step)
         for k, cell in enumerate(self.world.cells):
-            for other in self.log.tracks.states[k].others.get(step, ()):
-                if row is not None and tuple(other["xy"].tolist()) == self.frame.centres[cell]:
-                    self.cells[row][k], self.centred[row][k] = cell, True
-                    self.log.cells[row, k], self.log.position[row, k] = cell, other["xy"]
-            if row is None or not self.centred[row][k] or self.cells[row][k] != cell:
+            track, due = log.tracks.states[k], self.centres[cell]
+            if row is None or not _says(log.position[row, k], due, track.others.get(step, ())):
                 logged = MISSING
-                if step in self.log.tracks.states[k].step:
-                    logged = self._place(*self.log.position[row, k].tolist())
-                computed = self._place(*self.frame.centres[cell])
-                return self._differ(step, k, wire.LOCAL_STATE.name, logged, computed)
+                if step in track.step:
+                    logged = self._place(*log.position[row, k].tolist())
+                computed = self._place(*due.tolist())
+                return self.odd(step, k, wire.LOCAL_STATE.name, logged, computed)
+            log.cells[row, k] = cell
         return None
 
     def _place(self, x: float, y: float) -> str:
-        cell = self.frame.cell(x, y)
+        cell = self.log.frame.cell(x, y)
         return f"{'no free cell' if cell is None else f'cell {cell}'} ({x!r}, {y!r})"
 
     def _statuses(self, step: int) -> Difference | None:
@@ -167,7 +161,7 @@ class WorldCheck:
 
     def _transition(self, step: int) -> Difference | None:
         """Let the world make a transition with the actions of whom the log rewards."""
-        world, row = self.world, self.row[step]
+        world, row = self.world, self.log.row_of[step]
         rewarded = [k for k in self.robots if step in self.rewarded[k]]
         left = [k for k in self.robots if k not in rewarded and not world.arrived[k]]
         odd = (found for k in rewarded if (found := self._rewarded(step, k)) is not None)
@@ -180,17 +174,11 @@ class WorldCheck:
         ]
         outcome = world.advance(actions)
         for k in rewarded:
-            said = self.reward[row, k]
-            due = np.array(outcome.rewards[k][: len(said)], dtype=np.float64)
-            others = self.log.tracks.rewards[k].others.get(step, ())
-            if any(one["numbers"][: len(due)].tobytes() == due.tobytes() for one in others):
-                self.reward[row, k] = said = due
-                self.log.reward[row, k] = due[: len(wire.REWARD.labels)]
-                if self.log.run.scenario.referee:
-                    self.log.partners[row, k] = due[-1]
-            if said.tobytes() != due.tobytes():
+            said = self.log.rewards[row, k, : self.parts]
+            due = np.array(outcome.rewards[k][: self.parts], dtype=np.float64)
+            if not _says(said, due, self.log.tracks.rewards[k].others.get(step, ())):
                 parts = _parts(said.tolist()), _parts(due.tolist())
-                return self._differ(step, k, wire.REWARD.name, *parts)
+                return self.odd(step, k, wire.REWARD.name, *parts)
         self.over = outcome.episode_over
         self.transitions += 1
         self.left_out += len(left)
@@ -198,17 +186,17 @@ class WorldCheck:
 
     def _rewarded(self, step: int, k: int) -> Difference | None:
         """Return why a robot cannot have been rewarded in a time step."""
-        row, world = self.row[step], self.world
+        row, world = self.log.row_of[step], self.world
         over = self.over or world.transitions == world.scenario.steps
         if over or world.arrived[k]:
-            logged = f"{tuple(self.reward[row, k].tolist())}"
+            logged = f"{tuple(self.log.rewards[row, k, : self.parts].tolist())}"
             computed = "none" if over else "none: it has arrived"
-            return self._differ(step, k, wire.REWARD.name, logged, computed)
+            return self.odd(step, k, wire.REWARD.name, logged, computed)
         if step not in self.acted[k]:
-            return self._differ(step, k, wire.ACTION.name, MISSING, "one, for it is rewarded")
+            return self.odd(step, k, wire.ACTION.name, MISSING, "one, for it is rewarded")
         if self.move[row][k] == NONE:
             logged = f"(east, north) {tuple(self.log.numbers[row, k, :2].tolist())}"
-            return self._differ(step, k, wire.ACTION.name, logged, "an action")
+            return self.odd(step, k, wire.ACTION.name, logged, "an action")
         return None
 
     def _left_out(self, step: int, left: Sequence[int]) -> Difference | None:
@@ -218,7 +206,7 @@ class WorldCheck:
         acted = [k for k in left if step in self.acted[k]]
         quantity = wire.REWARD.name if acted else wire.ACTION.name
         due = "one, for the world does not say that it left the robot out"
-        return self._differ(step, (acted or left)[0], quantity, MISSING, due)
+        return self.odd(step, (acted or left)[0], quantity, MISSING, due)
 
     def _end(self) -> Difference | None:
         """The log must say how the run ended, and end there."""
@@ -226,7 +214,7 @@ class WorldCheck:
         left = world.scenario.steps - world.transitions
         if self.went_on or (self.over and left):
             due = world.step + (0 if self.went_on else EPISODE_GAP)
-            return self._differ(due, 0, wire.LOCAL_STATE.name, MISSING, "a state")
+            return self.odd(due, 0, wire.LOCAL_STATE.name, MISSING, "a state")
         end = next(reversed(self.log.tracks.statuses), None)
         if end is None or end.state not in wire.OVER:
             odd = MISSING if end is None else repr(end.state), "the end of the run"
@@ -238,18 +226,21 @@ class WorldCheck:
             return None
         return Difference(world.step, None, wire.STATUS.name, *odd)
 
-    def _differ(self, step: int, k: int, quantity: str, logged: str, computed: str) -> Difference:
-        return Difference(step, self.log.names[k], quantity, logged, computed)
-
     def _maps(self) -> Iterator[Difference]:
-        """Yield what is missing of map and markers as an episode begins, and maps too many."""
-        log, last, starts = self.log, self.stretch.last, np.array(self.starts, dtype=np.int64)
-        maps = log.tracks.maps
-        for kind, steps in ((wire.MAP.name, maps), (wire.MARKERS.name, log.tracks.markers[0])):
-            # Where the log breaks off, only those before the last one that was shown.
-            due = starts if last is None else starts[starts <= min(last, steps.max(initial=0))]
-            for step in due[~np.isin(due, steps)].tolist():
-                yield Difference(step, None, kind, MISSING, "one as the episode begins")
+        """Yield what is missing of what is shown as an episode begins, and maps too many."""
+        log, last, maps = self.log, self.stretch.last, self.log.tracks.maps
+        shown: list[tuple[int | None, wire.Topic, np.ndarray]] = [
+            (None, wire.MAP, maps),
+            (None, wire.MARKERS, log.tracks.markers[0]),
+            *((k, wire.COORDINATION_MAP, log.tracks.coordination_maps[k][0]) for k in self.robots),
+        ]
+        for k, topic, steps in shown:
+            # Where a gap follows, only those before the last one that was shown.
+            until = np.inf if last is None else min(last, steps.max(initial=0))
+            for step in sorted(set(self.starts) - set(steps.tolist())):
+                if step <= until and (k is None or step in self.acted[k]):
+                    odd = MISSING, "one as the episode begins"
+                    yield self.odd(step, k, topic.name, *odd)
         # A recorder that was started again gets the last one a second time.
         again = sum((file.continued or {}).get("why", SPLIT) != SPLIT for file in log.bag.files)
         for step in maps[1:][np.diff(maps) == 0].tolist()[again:]:
@@ -262,14 +253,14 @@ class WorldCheck:
         """Yield where markers show robots elsewhere than they are."""
         log = self.log
         for step, (_, places) in zip(*map(np.ndarray.tolist, log.tracks.markers), strict=True):
-            row = self.row.get(step)
+            row = log.row_of.get(step)
             if row is None:
                 continue
             stated = log.position[row]
             if not np.isnan(stated).any() and (stated != places).any():
-                said, _ = cell_numbers(self.frame, places)
-                logged = f"robots in cells {said.tolist()}"
-                yield Difference(step, None, wire.MARKERS.name, logged, f"in {self.cells[row]}")
+                logged = f"robots in cells {cell_numbers(log.frame, places).tolist()}"
+                computed = f"in {log.cells[row].tolist()}"
+                yield Difference(step, None, wire.MARKERS.name, logged, computed)
 
     def _repeats(self) -> Iterator[Difference]:
         """Yield what came twice without a reason.
@@ -285,15 +276,22 @@ class WorldCheck:
             for step in sorted({*states, *actions, *percepts, *(step + 1 for step in rewards)}):
                 due = states[step] if step - 1 in self.rewarded[k] else 0
                 if step in percepts:
-                    yield self._differ(step, k, wire.PERCEPT.name, "twice", "once")
+                    yield self.odd(step, k, wire.PERCEPT.name, "twice", "once")
                 if actions[step] > states[step]:
                     once = "once: its state came once"
-                    yield self._differ(step, k, wire.ACTION.name, "twice", once)
+                    yield self.odd(step, k, wire.ACTION.name, "twice", once)
                 if rewards[step - 1] > due:
-                    yield self._differ(step - 1, k, wire.REWARD.name, "twice", "once")
+                    yield self.odd(step - 1, k, wire.REWARD.name, "twice", "once")
                 elif rewards[step - 1] < due and step not in returned:
                     once = "once: its reward came once"
-                    yield self._differ(step, k, wire.LOCAL_STATE.name, "twice", once)
+                    yield self.odd(step, k, wire.LOCAL_STATE.name, "twice", once)
+
+
+def _says(said: np.ndarray, due: np.ndarray, others: Sequence[np.ndarray]) -> bool:
+    """Whether what the log says is what is due; if another message says so, it is that."""
+    if any(other[1].tobytes() == due.tobytes() for other in others):
+        said[:] = due
+    return said.tobytes() == due.tobytes()
 
 
 def _parts(numbers: Sequence[float]) -> str:

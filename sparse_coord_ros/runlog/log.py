@@ -49,10 +49,9 @@ class RunLog:
         peer: the robot that was asked, from 0; NOBODY (-1) for none or several, shape (T, K).
         asked, perceived: shape (T, K), bool.
         percept: cells that robot k perceived, by the robot seen: shape (T, K, K), int32.
-        reward: individual, common, ask_cost, total: shape (T, K, 4), float64.
-        partners: with whom a robot was in a miscoordination, as of `game.world.Reward`; NaN where
-            nobody says, shape (T, K), float64.
-        centred: whether a local state is just a cell's centre, shape (T, K), bool.
+        rewards: individual, common, ask_cost, total, and with whom a robot was in a
+            miscoordination, as of `game.world.Reward`; NaN where nobody says, shape (T, K, 5),
+            float64.
         numbers: the actions' numbers as they were logged, by the labels of `wire.ACTION`:
             shape (T, K, 7), float64.
         tables: by (robot's number, time step); of two of a step the later.
@@ -67,7 +66,6 @@ class RunLog:
     step: np.ndarray
     episode: np.ndarray
     cells: np.ndarray
-    centred: np.ndarray
     position: np.ndarray
     action: np.ndarray
     move: np.ndarray
@@ -75,12 +73,31 @@ class RunLog:
     asked: np.ndarray
     perceived: np.ndarray
     percept: np.ndarray
-    reward: np.ndarray
-    partners: np.ndarray
+    rewards: np.ndarray
     numbers: np.ndarray
     all_tables: tuple[RecordedTables, ...]
     requests: tuple[Request, ...]
     tracks: Tracks
+
+    @property
+    def reward(self) -> np.ndarray:
+        """Individual, common, ask_cost, total: shape (T, K, 4)."""
+        return self.rewards[..., : len(REWARD.labels)]
+
+    @property
+    def partners(self) -> np.ndarray:
+        """With whom a robot was in a miscoordination: shape (T, K)."""
+        return self.rewards[..., len(REWARD.labels)]
+
+    @cached_property
+    def frame(self) -> Frame:
+        """The run's time steps and metres."""
+        return Frame(self.run)
+
+    @cached_property
+    def row_of(self) -> Mapping[int, int]:
+        """The rows by time step."""
+        return {step: row for row, step in enumerate(self.step.tolist())}
 
     @property
     def broken_off(self) -> bool:
@@ -104,8 +121,7 @@ class RunLog:
 
         What cannot be read may hold no message of any time step.
         """
-        period = Frame(self.run).period
-        found = [gap_in_words(gap, period) for gap in self.bag.gaps]
+        found = [gap_in_words(gap, self.frame.period) for gap in self.bag.gaps]
         for first, last in self.gaps:
             end = "on: the log breaks off" if last is None else f"to {last}"
             found.append(f"time steps {first} {end}")
@@ -211,25 +227,21 @@ class RunLog:
         )
 
 
-def cell_numbers(frame: Frame, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return in which cells positions lie, and which are their centres.
+def cell_numbers(frame: Frame, places: np.ndarray) -> np.ndarray:
+    """Return in which cells positions lie.
 
     Args:
         frame: the run's frame.
         places: in metres, shape (..., 2).
 
     Returns:
-        The cells, `NONE` where there is no free one, int32, and whether each position is the
-        middle of its cell, bool; both of shape (...).
+        The cells, `NONE` where there is no free one, int32, shape (...).
     """
     pairs = np.ascontiguousarray(places).view(np.complex128)[..., 0]
     different, which = np.unique(pairs, return_inverse=True)
-    found = []
-    for x, y in ((pair.real, pair.imag) for pair in different.tolist()):
-        cell = frame.cell(x, y)
-        found.append((NONE, False) if cell is None else (cell, frame.centres[cell] == (x, y)))
-    table = np.array(found, dtype=np.int32).reshape(len(found), 2)[which.reshape(pairs.shape)]
-    return table[..., 0], table[..., 1] == 1
+    found = [frame.cell(pair.real, pair.imag) for pair in different.tolist()]
+    table = np.array([NONE if cell is None else cell for cell in found], dtype=np.int32)
+    return table[which.reshape(pairs.shape)]
 
 
 def merged(steps: Sequence[np.ndarray]) -> np.ndarray:
@@ -260,17 +272,14 @@ def log_of(tracks: Tracks) -> RunLog:
     position = np.full((*shape, 2), np.nan)
     numbers = np.full((*shape, len(ACTION.labels)), np.nan)
     percept = np.full((*shape, len(names)), NONE, dtype=np.int32)
-    reward = np.full((*shape, len(REWARD.labels)), np.nan)
-    partners = np.full(shape, np.nan)
+    reward = np.full((*shape, len(REWARD.labels) + 1), np.nan)
     for k in robots:
         states, rewards, actions, _ = tracks.of(k)
         position[np.searchsorted(step, states.step), k] = states.rows["xy"]
-        rewarded = np.searchsorted(step, rewards.step)
-        reward[rewarded, k] = rewards.rows["numbers"][:, : len(REWARD.labels)]
-        if run.scenario.referee:
-            partners[rewarded, k] = rewards.rows["numbers"][:, len(REWARD.labels)]
+        said = rewards.rows["numbers"]
+        reward[np.searchsorted(step, rewards.step), k, : said.shape[1]] = said
         numbers[np.searchsorted(step, actions.step), k] = actions.rows["numbers"]
-    cells, centred = cell_numbers(frame, position)
+    cells = cell_numbers(frame, position)
     pairs = zip(numbers[..., 0].ravel().tolist(), numbers[..., 1].ravel().tolist(), strict=True)
     move = np.array([MOVE_OF.get(pair, NONE) for pair in pairs], dtype=np.int8).reshape(shape)
     peer = np.full(shape, NOBODY, dtype=np.int16)
@@ -284,10 +293,11 @@ def log_of(tracks: Tracks) -> RunLog:
         try:
             action_from(numbers[place, k].tolist())
         except ValueError as error:
-            tracks.problem(int(step[place]), k, ACTION.name, str(error), "an action")
+            words = ACTION.name, str(error), "an action"
+            tracks.problems.append(tracks.odd(int(step[place]), k, *words))
     for k in robots:
         rows = np.searchsorted(step, tracks.percepts[k].step)
-        seen = cell_numbers(frame, tracks.percepts[k].rows["places"])[0][:, 1:]
+        seen = cell_numbers(frame, tracks.percepts[k].rows["places"])[:, 1:]
         others = [other for other in robots if other != k]
         one = peer[rows, k] != NOBODY
         percept[rows[one], k, peer[rows[one], k]] = seen[one, :1].reshape(-1) if others else NONE
@@ -299,7 +309,6 @@ def log_of(tracks: Tracks) -> RunLog:
         step=step,
         episode=np.cumsum(np.diff(step, prepend=step[:1]) > 1),
         cells=cells,
-        centred=centred,
         position=position,
         action=np.where(asked, np.int8(COORDINATE), move),
         move=move,
@@ -307,8 +316,7 @@ def log_of(tracks: Tracks) -> RunLog:
         asked=asked,
         perceived=(move != NONE) & (numbers[..., ACTION.column("perceived")] != 0),
         percept=percept,
-        reward=reward,
-        partners=partners,
+        rewards=reward,
         numbers=numbers,
         all_tables=tuple(tracks.tables),
         requests=tuple(tracks.requests),

@@ -15,7 +15,6 @@ from sparse_coord_ros.runlog.replay import trajectory_of
 from sparse_coord_ros.runlog.stretches import Stretch
 from sparse_coord_ros.wire import ACTION, PERCEPT, PerceptEnd
 from sparse_coord_ros.wire.events import EventKind
-from sparse_coord_ros.wire.frame import Frame
 
 Place = tuple[float, float]
 
@@ -27,7 +26,7 @@ def percept_end(code: float) -> str:
 
 
 def check_percepts(log: RunLog, stretch: Stretch) -> list[Difference]:
-    """Return in what percepts and dialogue of a stretch differ from what they must be."""
+    """Return in what percepts and dialogue differ from what they must be from a stretch on."""
     return list(_Judge(log, stretch).all())
 
 
@@ -46,21 +45,20 @@ class _Due(NamedTuple):
 
 class _Judge:
     def __init__(self, log: RunLog, stretch: Stretch) -> None:
-        self.log, self.stretch, self.frame = log, stretch, Frame(log.run)
+        self.log, self.stretch, self.frame = log, stretch, log.frame
+        self.odd = log.tracks.odd
         self.percepts = Percepts(log.run.scenario, log.run.seed)
         self.heard: dict[tuple[int, int, int], list[Request]] = {}
         for k in range(len(log.names)):
             for request in heard([r for r in log.requests if r.asker == k]):
                 self.heard.setdefault((k, request.peer, request.step), []).append(request)
-        self.row = {step: row for row, step in enumerate(log.step.tolist())}
 
     def all(self) -> Iterator[Difference]:
         """Yield what is odd about percepts, then about requests."""
         for k in range(len(self.log.names)):
             yield from self._robot(k)
         for request in self.log.requests:
-            if self.stretch.holds(request.step):
-                yield from self._request(request)
+            yield from self._request(request)
 
     def _robot(self, k: int) -> Iterator[Difference]:
         log, trajectory = self.log, trajectory_of(self.log, k, self.stretch)
@@ -69,14 +67,14 @@ class _Judge:
         asked = set(log.step[log.asked[:, k]].tolist())
         for step in sorted({*rows} ^ asked):
             if step in asked:
-                yield from self._odd(k, step, PERCEPT.name, MISSING, "one")
+                yield self.odd(step, k, PERCEPT.name, MISSING, "one")
             elif step in acted:
-                yield from self._odd(k, step, PERCEPT.name, "a percept", "none")
+                yield self.odd(step, k, PERCEPT.name, "a percept", "none")
             else:
-                yield from self._odd(k, step, ACTION.name, MISSING, "COORDINATE")
+                yield self.odd(step, k, ACTION.name, MISSING, "COORDINATE")
         ends = zip(trajectory.step.tolist(), log.ended[trajectory.row, k].tolist(), strict=True)
         for i, (step, code) in enumerate(ends):
-            if step in asked and step in rows and self.stretch.holds(step):
+            if step in asked and step in rows:
                 yield from self._percept(k, step, rows[step], trajectory.peers[i].tolist(), code)
             elif step not in asked:
                 yield from self._ended(k, step, code, PerceptEnd.DID_NOT_ASK)
@@ -89,14 +87,14 @@ class _Judge:
         here, due = self._cell(k, step), self._due(k, step, peers)
         where = [] if due is None else [one.where for one in due]
         if here is None or own != self.frame.centres[here]:
-            yield from self._odd(k, step, "percept own", f"{own}", f"cell {here}")
+            yield self.odd(step, k, "percept own", f"{own}", f"cell {here}")
         elif due is None:
             return  # the world's check names the missing state
         elif seen and (None in where or seen != where):
             refused = None in where or not due
             words = PerceptEnd.REFUSED.words if refused else _words([one.cell for one in due])
             found = _words([self.frame.cell(*place) for place in seen])
-            yield from self._odd(k, step, PERCEPT.name, found, words)
+            yield self.odd(step, k, PERCEPT.name, found, words)
         else:
             yield from self._dialogue(k, step, code, due, shown=bool(seen))
 
@@ -119,7 +117,7 @@ class _Judge:
         """Judge how a percept is said to have ended."""
         if code not in allowed:
             words = " or ".join(end.words for end in allowed)
-            yield from self._odd(k, step, PERCEPT.name, percept_end(code), words)
+            yield self.odd(step, k, PERCEPT.name, percept_end(code), words)
 
     def _due(self, k: int, step: int, peers: Sequence[int]) -> list[_Due] | None:
         """Return what peers must answer a robot; None where the log lacks a state of theirs."""
@@ -142,7 +140,7 @@ class _Judge:
             if not any(answers) or one.where is None:
                 return
         cells = _words([one.cell for one in due])
-        yield from self._odd(k, step, PERCEPT.name, PerceptEnd.REFUSED.words, cells)
+        yield self.odd(step, k, PERCEPT.name, PerceptEnd.REFUSED.words, cells)
 
     def _answer(self, k: int, step: int, due: _Due) -> Iterator[Difference]:
         """Compare the dialogue with what a peer must have answered.
@@ -157,7 +155,7 @@ class _Judge:
             logged = MISSING
             if answers:
                 logged = f"{answers[0] or f'{EventKind.RETURNED.words} {MISSING}'}"
-            yield from self._odd(k, step, self._with(due.peer), logged, due.words)
+            yield self.odd(step, k, self._with(due.peer), logged, due.words)
 
     def _request(self, request: Request) -> Iterator[Difference]:
         """Judge whether the four sides of an answered request are there, agree and are true."""
@@ -165,31 +163,25 @@ class _Judge:
         if EventKind.RETURNED in request.wall_ns:
             for kind in EventKind:
                 if kind not in request.wall_ns:
-                    yield from self._odd(k, step, f"{quantity}, {kind.words}", MISSING, "one")
+                    yield self.odd(step, k, f"{quantity}, {kind.words}", MISSING, "one")
         if request.answer is not None and request.said not in (None, request.answer):
             received = f"{request.answer}, as it was received"
-            yield from self._odd(k, step, quantity, f"{request.said}", received)
+            yield self.odd(step, k, quantity, f"{request.said}", received)
         here, due = self._cell(k, step), self._due(k, step, [request.peer])
         if here is not None and request.position != self.frame.centres[here]:
             logged = f"asked from {request.position}"
-            yield from self._odd(k, step, quantity, logged, f"{self.frame.centres[here]}")
+            yield self.odd(step, k, quantity, logged, f"{self.frame.centres[here]}")
         elif request.answer is not None and due is not None:
             at, where = request.answer
             [must] = due if at == step else [due[0]._replace(where=None)]
             if where != must.where:
-                yield from self._odd(k, step, quantity, f"{request.answer}", must.words)
+                yield self.odd(step, k, quantity, f"{request.answer}", must.words)
 
     def _with(self, peer: int) -> str:
         return f"{DIALOGUE} with {self.log.names[peer]}"
 
-    def _odd(
-        self, k: int, step: int, quantity: str, logged: str, computed: str
-    ) -> Iterator[Difference]:
-        if self.stretch.holds(step):
-            yield Difference(step, self.log.names[k], quantity, logged, computed)
-
     def _cell(self, k: int, step: int) -> int | None:
-        row = self.row.get(step)
+        row = self.log.row_of.get(step)
         cell = NONE if row is None else int(self.log.cells[row, k])
         return None if cell == NONE else cell
 

@@ -14,7 +14,6 @@ from sparse_coord_ros.learn.agent import Agent, Choice
 from sparse_coord_ros.runlog.log import NONE, RunLog
 from sparse_coord_ros.runlog.stretches import Stretch
 from sparse_coord_ros.wire import ACTION_LABELS
-from sparse_coord_ros.wire.frame import Frame
 from sparse_coord_ros.wire.messages import action_numbers
 
 BITS = struct.Struct(f"={len(ACTION_LABELS)}d")
@@ -50,10 +49,10 @@ class Trajectory(NamedTuple):
         return seen if seen and NONE not in seen else None
 
 
-def trajectory_of(log: RunLog, k: int, stretch: Stretch, *, gaps: bool = False) -> Trajectory:
+def trajectory_of(log: RunLog, k: int, stretch: Stretch) -> Trajectory:
     """Return robot k's trajectory from a time step on, up to what makes no sense.
 
-    Where there may be gaps, as in no stretch, what makes no sense is left out.
+    Where time steps are lost what makes no sense is left out.
 
     Whether it has learned from an action its next one says; from the last one the numbers beside
     the tables.
@@ -61,7 +60,7 @@ def trajectory_of(log: RunLog, k: int, stretch: Stretch, *, gaps: bool = False) 
     acted = log.tracks.actions[k].step
     rows = np.searchsorted(log.step, acted[acted >= stretch.first])
     odd = (log.cells[rows, k] == NONE) | (log.move[rows, k] == NONE)
-    rows = rows[~odd] if gaps else rows[: int(np.argmax(odd))] if odd.any() else rows
+    rows = rows[~odd] if stretch.lost else rows[: int(np.argmax(odd))] if odd.any() else rows
     step = log.step[rows]
     after = np.minimum(rows + 1, len(log.step) - 1)
     followed = (rows + 1 < len(log.step)) & (log.step[after] == step + 1)
@@ -98,11 +97,10 @@ def trajectory_of(log: RunLog, k: int, stretch: Stretch, *, gaps: bool = False) 
 
 def heard_askers(log: RunLog, k: int) -> dict[int, list[tuple[int, int]]]:
     """Return who asked robot k at which time step, and from which cell: those that it heard."""
-    frame = Frame(log.run)
     heard: dict[int, list[tuple[int, int]]] = {}
     for request in log.requests:
         answer = request.said or request.answer
-        cell = frame.cell(*request.position)
+        cell = log.frame.cell(*request.position)
         if request.peer == k and cell is not None and answer and answer[0] == request.step:
             heard.setdefault(request.step, []).append((request.asker, cell))
     return heard
@@ -138,7 +136,7 @@ class Replay:
         at = done.row[part]
         columns = (done.step[part], done.cell[part], done.learned[part], done.next_cell[part])
         numbers = self._log.numbers[at, k, : len(ACTION_LABELS)]
-        rewards = _rewards(self._log.reward[at, k], self._log.partners[at, k])
+        rewards = _rewards(self._log.rewards[at, k])
         rows = zip(*(column.tolist() for column in columns), numbers, rewards, strict=True)
         for step, cell, learned, next_cell, logged, reward in rows:
             decision = agent.decide(step, cell)
@@ -160,9 +158,10 @@ class Replay:
             self.agent.asked(step, peer, cell)
 
 
-def _rewards(reward: np.ndarray, partners: np.ndarray) -> list[Reward]:
-    """Return logged rewards, shape (n, 4), and partners, shape (n,), as agents take them."""
+def _rewards(logged: np.ndarray) -> list[Reward]:
+    """Return logged rewards, shape (n, 5), as agents take them."""
+    partners = logged[:, -1]
     said = (partners >= 0) & (partners < 2.0**53)  # a forged log may say anything
     known = np.where(said, partners, UNKNOWN_PARTNERS).astype(np.int64)
-    columns = (*reward.T.tolist(), known.tolist())
+    columns = (*logged[:, :-1].T.tolist(), known.tolist())
     return list(map(Reward._make, zip(*columns, strict=True)))

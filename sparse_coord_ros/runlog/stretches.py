@@ -8,7 +8,7 @@ is then follows from its states and status; random draws belong to time steps.
 """
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from copy import deepcopy
 from typing import NamedTuple
 
@@ -37,16 +37,18 @@ class Start(NamedTuple):
 
 
 class Stretch(NamedTuple):
-    """Time steps of which nothing is missing.
+    """Time steps of which nothing is missing, or those between two such stretches.
 
     Attributes:
         first, last: its time steps; 0: from the run's beginning, None: to the run's end.
         start: None at the run's beginning.
+        lost: they are missing, or lie between what is missing and the next checkpoint.
     """
 
     first: int = 0
     last: int | None = None
     start: Start | None = None
+    lost: bool = False
 
     def holds(self, step: int) -> bool:
         """Whether a time step is one of it."""
@@ -83,7 +85,7 @@ def _restored(log: RunLog, recorded: RecordedTables) -> Agent:
 
 
 def stretches(log: RunLog) -> list[Stretch]:
-    """Return the stretches of a log in order; of a log without gaps it is one."""
+    """Return the stretches of a log in order, also those that are lost; without gaps it is one."""
     found, stretch = [], Stretch()
     for gap in log.gaps:
         if gap.last is not None and gap.last + MARGIN < stretch.first:
@@ -91,23 +93,16 @@ def stretches(log: RunLog) -> list[Stretch]:
         last = gap.first - 1 - MARGIN
         if stretch.first <= last:
             found.append(stretch._replace(last=last))
+            begin = last + 1
+        else:  # nothing is left between this gap and the one before it
+            begin = found.pop().first if found else 0
         after = _after(log, gap.last + MARGIN) if gap.last is not None else None
+        end = None if after is None else after.first - 1
+        found.append(Stretch(begin, end, lost=True))
         if after is None:
             return found
         stretch = after
     return [*found, stretch]
-
-
-def between(found: Sequence[Stretch]) -> list[tuple[int, int | None]]:
-    """Return the time steps that lie in no stretch, as (first, last); None: to the run's end."""
-    ends = [0, *(one.last + 1 for one in found if one.last is not None)]
-    begins = [one.first - 1 for one in found]
-    lasts: list[int | None] = [*begins, *[None] * (len(ends) - len(begins))]
-    return [
-        (first, last)
-        for first, last in zip(ends, lasts, strict=True)
-        if last is None or first <= last
-    ]
 
 
 def _after(log: RunLog, step: int) -> Stretch | None:

@@ -16,17 +16,16 @@ from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.learn.tables import unpack_robot
 from sparse_coord_ros.runlog.attached import RecordedTables, attached_tables
 from sparse_coord_ros.runlog.bag_run import find_run
-from sparse_coord_ros.runlog.decode import Decoder
 from sparse_coord_ros.runlog.log import RunLog, log_of
 from sparse_coord_ros.runlog.timeline import gap_in_words, rollbacks
-from sparse_coord_ros.runlog.tracks import add_tables, tracks_of
+from sparse_coord_ros.runlog.tracks import Tracks
 from sparse_coord_ros.wire.frame import Frame
 
 MOVES = (wire.LOCAL_STATE, wire.REWARD, wire.ACTION)
 """What the history is computed from."""
 
-BLOCKS_AROUND = 6
-"""Blocks of the file that are read to show a time step."""
+STEPS_AROUND = 500
+"""Time steps before and after one that are read to show it."""
 
 STRETCH_BYTES = 500_000
 """Bytes of the file of which the history is computed at once."""
@@ -72,7 +71,7 @@ class LongLog:
     def __init__(self, path: Path) -> None:
         self.bag = open_bag(path, checked=False)
         try:
-            self._source = find_run(self.bag, Decoder(self.bag.topics))
+            self._source = find_run(self.bag)
         except BaseException:
             self.bag.close()
             raise
@@ -104,26 +103,18 @@ class LongLog:
     def read(self, first: int, last: int) -> RunLog:
         """Return the time steps from `first` to `last`, whole, with the dialogue."""
         bag = self.bag.between(first * self.period, last * self.period)
-        return log_of(tracks_of(bag, self._source)).between(first, last)
+        return log_of(Tracks(bag, self._source)).between(first, last)
 
     def whole(self, only: Collection[wire.Topic]) -> RunLog:
         """Return all time steps and tables, as far as some topics tell of them, read once."""
-        tracks = tracks_of(Bag(self.bag.files), self._source, only)
-        add_tables(tracks)
+        tracks = Tracks(Bag(self.bag.files), self._source, only)
+        tracks.add_tables()
         return log_of(tracks)
 
     def around(self, step: int) -> RunLog:
-        """Return the time steps of a few blocks in whose middle a time step lies."""
-        places = self.blocks
-        if not places:
-            return self.read(step, step)
-        ends = np.maximum.accumulate([place.end_ns for place in places])
-        middle = int(np.searchsorted(ends, step * self.period))
-        low = max(0, min(middle, len(places) - 1) - BLOCKS_AROUND // 2)
-        some = places[low : low + BLOCKS_AROUND]
-        first = min(place.start_ns for place in some) // self.period
-        last = max(place.end_ns for place in some) // self.period
-        return self.read(min(first, step), max(last, step))
+        """Return the time steps around one, or around the newest."""
+        step = min(step, self.last_step)
+        return self.read(max(0, step - STEPS_AROUND), step + STEPS_AROUND)
 
     def episodes(self, begin: int = 0) -> Iterator[Episodes]:
         """Yield the learning history from a time step on, stretch by stretch, as far as there is.
@@ -131,39 +122,27 @@ class LongLog:
         Args:
             begin: the time step at which an episode begins; 0: the log.
         """
-        while (stretch := self._stretch(begin)) is not None:
-            log, last, whole = stretch
-            history = log.history()
-            end, open_step = last + 1, None
+        finished, size, last_ns = self.bag.finished, 0, 0
+        places = [one for one in self.blocks if one.end_ns >= begin * self.period]
+        for number, place in enumerate(places, start=1):
+            size, last_ns = size + place.length, max(last_ns, place.end_ns)
+            whole = number == len(places)
+            if size < STRETCH_BYTES and not whole:
+                continue
+            last = last_ns // self.period
+            bag = self.bag.between(begin * self.period, last * self.period)
+            log = log_of(Tracks(bag, self._source, MOVES)).between(begin, last)
+            history, size, end, open_step = log.history(), 0, last + 1, None
+            if not whole and history.episodes < 2:
+                size = -3 * STRETCH_BYTES  # an episode may be longer
+                continue
             if not whole:
                 end = int(history.first_step[-1])
                 history = history.first(-1)
-            elif not self.bag.finished and history.episodes:
+            elif not finished and history.episodes:
                 end = open_step = int(history.first_step[-1])
             yield Episodes(history, self._asked_in(log, end), end - 1, open_step)
-            if whole:
-                return
             begin = end
-
-    def _stretch(self, begin: int) -> tuple[RunLog, int, bool] | None:
-        """Return what was recorded from an episode's start on, until when, and if that is all.
-
-        If not, an episode ends in it: one may be longer than `STRETCH_BYTES`. None: nothing.
-        """
-        places = [one for one in self.blocks if one.end_ns >= begin * self.period]
-        size, taken = STRETCH_BYTES, 0
-        while places:
-            while taken < len(places) and size > 0:
-                size -= places[taken].length
-                taken += 1
-            last = max(place.end_ns for place in places[:taken]) // self.period
-            bag = self.bag.between(begin * self.period, last * self.period)
-            log = log_of(tracks_of(bag, self._source, MOVES)).between(begin, last)
-            whole = taken == len(places)
-            if whole or log.history().episodes > 1:
-                return log, last, whole
-            size = STRETCH_BYTES * 4
-        return None
 
     def _asked_in(self, log: RunLog, end: int) -> np.ndarray:
         """Return how often each robot chose COORDINATE in each cell before a step, (K, cells)."""

@@ -130,9 +130,9 @@ def test_a_history_counts_whole_transitions_only(run):
     rows = {name: a[kept] for name, a in arrays.items() if isinstance(a, np.ndarray)}
     assert replace(log, **rows).history().length[0] == length - 4
     row, k = np.argwhere(log.asked & ~np.isnan(log.reward[..., -1]))[0]
-    reward = log.reward.copy()
-    reward[row, k] = np.nan  # the world went on without the robot
-    assert replace(log, reward=reward).history().asks.sum() == whole.asks.sum() - 1
+    rewards = log.rewards.copy()
+    rewards[row, k] = np.nan  # the world went on without the robot
+    assert replace(log, rewards=rewards).history().asks.sum() == whole.asks.sum() - 1
 
 
 def test_a_history_without_penalty_has_its_miscoordinations(record):

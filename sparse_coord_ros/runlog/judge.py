@@ -1,0 +1,167 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a difference means: a copy that is lost, an open question, or that somebody did otherwise.
+
+It is open where a part of the bag is lost, where a node was killed, and where one came back in
+mid-run and went on without taking the team back (`returning:=continue`): what it had learned, or
+counted, since its checkpoint is lost, and the log does not say what it began with.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from typing import NamedTuple
+
+from sparse_coord_ros import wire
+from sparse_coord_ros.game.world import EPISODE_GAP
+from sparse_coord_ros.runlog.agents import AgentCheck
+from sparse_coord_ros.runlog.decode import Decoder
+from sparse_coord_ros.runlog.difference import MISSING, Difference
+from sparse_coord_ros.runlog.log import RunLog
+from sparse_coord_ros.runlog.tracks import THE_CLOCK
+from sparse_coord_ros.wire.status import ROLL_CALL, values_of
+
+KEPT = {one.name: one for one in (wire.MAP, wire.MARKERS, wire.COORDINATION_MAP, wire.TABLES)}
+"""Of what the middleware keeps only the last messages for a recorder that lags."""
+OF_WORLD = {THE_CLOCK, wire.LOCAL_STATE.name, wire.REWARD.name, wire.STATUS.name}
+OF_WORLD |= KEPT.keys() - {wire.TABLES.name}
+"""What depends on where the world is in its game."""
+
+
+class Verdict(NamedTuple):
+    """What is found in the order of time, by what it means; see `Verification`."""
+
+    differences: list[Difference]
+    open: list[Difference]
+    lost: list[Difference]
+    broke_off: list[str]
+
+
+class Cause(NamedTuple):
+    """Why something may differ though nobody computed otherwise: a sentence, and what it is."""
+
+    text: str
+    explains: Callable[[Difference], bool]
+
+
+def judge(log: RunLog, agents: Sequence[AgentCheck], found: Sequence[Difference]) -> Verdict:
+    """Tell what is only lost, and what is open as somebody broke off, from what differs."""
+    lost = dict.fromkeys(one for one in found if _lost(log, one))
+    ordered = [one for one in found if one not in lost]
+    open_: set[Difference] = set()
+    broke_off = []
+    for text, explains in _causes(log, agents) if ordered else ():
+        mine = [one for one in ordered if explains(one)]
+        open_.update(mine)
+        broke_off += [text] if mine and text else []
+    differences = [one for one in ordered if one not in open_]
+    if ordered:  # somebody may have gone by foreign messages, or they replace what is missing
+        differences = sorted([*log.tracks.suspects, *differences], key=lambda one: one.rank)
+    return Verdict(differences, [one for one in ordered if one in open_], [*lost], broke_off)
+
+
+def topic_of(log: RunLog, difference: Difference) -> str:
+    """Return the full name of the topic of what is kept."""
+    robot = None if difference.robot is None else log.names.index(difference.robot)
+    return log.tracks.topic(KEPT[difference.quantity], robot)
+
+
+def _lost(log: RunLog, difference: Difference) -> bool:
+    """Whether a message is missing on a topic that has others, and keeps only its last ones.
+
+    Where a foreign one is there instead, it may have been replaced.
+    Of tables: whether as many as it keeps came later, made by all that was learned before.
+    """
+    step, robot, quantity, logged, _ = difference
+    if logged != MISSING or quantity not in KEPT or not step:
+        return False
+    if quantity != wire.TABLES.name:
+        topic = topic_of(log, difference)
+        odd = f"topic {topic}", f"{quantity} stamp"
+        foreign = [one.step for one in log.tracks.suspects if one.quantity in odd]
+        replaced = any(at is not None and abs(at - step) <= EPISODE_GAP for at in foreign)
+        return log.bag.counts.get(topic, 0) > 0 and not replaced
+    later = [one for one in log.all_tables if log.names[one.robot] == robot and one.step > step]
+    return len(later) >= wire.TABLES_DEPTH
+
+
+def _causes(log: RunLog, agents: Sequence[AgentCheck]) -> Iterator[Cause]:
+    tracks = log.tracks
+    if tracks.lossy:
+
+        def gone(odd: Difference) -> bool:
+            """Whether it may have been in a part that is lost; messages of steps have numbers."""
+            return odd.logged == MISSING and (odd.step is None or odd.quantity in KEPT)
+
+        yield Cause("", gone)
+    for agent in agents:
+        if agent.killed:
+            text = f"{agent.name} saved no tables at its end (killed?)"
+            yield Cause(text, agent.missing_tables(agent.end).__eq__)
+    if not log.broken_off and tracks.statuses and tracks.statuses[-1].state not in wire.OVER:
+        yield Cause("the world did not say how the run ended (killed?)", _of_its_end(log))
+    for k in range(len(log.names)):
+        yield from _robot_returns(log, k)
+    for step, said in _values(log, tracks.topic(wire.STATUS)):
+        if said.get("rollback", "").split()[1:2] == [str(ROLL_CALL)]:
+            yield _world_returns(step)
+            return
+
+
+def _of_its_end(log: RunLog) -> Callable[[Difference], bool]:
+    """Return what tells what may be missing as the world was killed, also in its last moment."""
+    tracks, state = log.tracks, repr(log.tracks.statuses[-1].state)
+    last = max(int(track.step.max(initial=0)) for track in (*tracks.states, tracks.clock))
+
+    def explains(odd: Difference) -> bool:
+        missing = odd.logged == MISSING and (odd.step or 0) >= last
+        return (
+            (missing and odd.quantity in (wire.LOCAL_STATE.name, wire.REWARD.name, THE_CLOCK))
+            or (odd.quantity, odd.logged) == (wire.STATUS.name, state)
+            or odd.quantity == wire.TABLES.name
+            and odd.computed.startswith("the log ends at step")
+        )
+
+    return explains
+
+
+def _robot_returns(log: RunLog, k: int) -> list[Cause]:
+    """Return what follows where a robot came back; nothing once it obeyed an order to go back."""
+    life, backs, name = "", [], log.names[k]
+    for step, said in _values(log, log.tracks.topic(wire.PROGRESS, k)):
+        if life and said.get("life") != life and said.get("resumed") == "1":
+            since = said.get("step", "")
+
+            def explains(odd: Difference, step: int = step, since: str = since) -> bool:
+                """Whether it is of then; or the tables of its checkpoint, which come again."""
+                again = (odd.quantity, odd.logged, f"{odd.step}")
+                late = odd.step is not None and odd.step >= step
+                return odd.robot == name and (late or again == (wire.TABLES.name, "twice", since))
+
+            text = (
+                f"{name} came back at step {step} with what it had learned until step "
+                f"{since}, and went on with that: what it then does and learns is not "
+                "computed again"
+            )
+            backs.append(Cause(text, explains))
+        life = said.get("life", "")
+        backs = [] if said.get("obeyed") else backs
+    return backs
+
+
+def _world_returns(step: int) -> Cause:
+    """Return what follows where the world came back at a time step."""
+    text = f"the world came back at step {step} and went on with a new episode"
+
+    def explains(odd: Difference) -> bool:
+        return odd.step is not None and odd.step >= step and odd.quantity in OF_WORLD
+
+    return Cause(f"{text}: what it then does is not computed again", explains)
+
+
+def _values(log: RunLog, topic: str) -> Iterator[tuple[int, dict[str, str]]]:
+    """Yield the log's time step and the values of each message of a topic."""
+    decode, period = Decoder(log.bag.topics), log.frame.period
+    for message in log.bag.messages({topic}) if topic in log.bag.topics else ():
+        with suppress(AttributeError, ValueError):  # no DiagnosticStatus; its reader says so
+            said = values_of(decode(topic, message.data))
+            yield round(message.log_time_ns / period), said
