@@ -7,7 +7,7 @@ mid-run and went on without taking the team back (`returning:=continue`): what i
 counted, since its checkpoint is lost, and the log does not say what it began with.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import suppress
 from typing import NamedTuple
 
@@ -99,12 +99,11 @@ def _causes(log: RunLog, agents: Sequence[AgentCheck]) -> Iterator[Cause]:
             yield Cause(text, agent.missing_tables(agent.end).__eq__)
     if not log.broken_off and tracks.statuses and tracks.statuses[-1].state not in wire.OVER:
         yield Cause("the world did not say how the run ended (killed?)", _of_its_end(log))
+    orders = [(step, said.get("rollback", "").split()) for step, said in _values(log, wire.STATUS)]
+    calls = [(step, order[0]) for step, order in orders if order[1:2] == [str(ROLL_CALL)]]
     for k in range(len(log.names)):
-        yield from _robot_returns(log, k)
-    for step, said in _values(log, tracks.topic(wire.STATUS)):
-        if said.get("rollback", "").split()[1:2] == [str(ROLL_CALL)]:
-            yield _world_returns(step)
-            return
+        yield from _robot_returns(log, k, {"", *(name for _, name in calls)})
+    yield from (_world_returns(step) for step, _ in calls[:1])
 
 
 def _of_its_end(log: RunLog) -> Callable[[Difference], bool]:
@@ -124,10 +123,16 @@ def _of_its_end(log: RunLog) -> Callable[[Difference], bool]:
     return explains
 
 
-def _robot_returns(log: RunLog, k: int) -> list[Cause]:
-    """Return what follows where a robot came back; nothing once it obeyed an order to go back."""
+def _robot_returns(log: RunLog, k: int, calls: Collection[str]) -> list[Cause]:
+    """Return what follows where a robot came back; nothing once it obeyed an order to go back.
+
+    Args:
+        log: the log.
+        k: its number.
+        calls: names of orders by which nobody goes back.
+    """
     life, backs, name = "", [], log.names[k]
-    for step, said in _values(log, log.tracks.topic(wire.PROGRESS, k)):
+    for step, said in _values(log, wire.PROGRESS, k):
         if life and said.get("life") != life and said.get("resumed") == "1":
             since = said.get("step", "")
 
@@ -144,7 +149,7 @@ def _robot_returns(log: RunLog, k: int) -> list[Cause]:
             )
             backs.append(Cause(text, explains))
         life = said.get("life", "")
-        backs = [] if said.get("obeyed") else backs
+        backs = backs if said.get("obeyed", "") in calls else []
     return backs
 
 
@@ -158,10 +163,12 @@ def _world_returns(step: int) -> Cause:
     return Cause(f"{text}: what it then does is not computed again", explains)
 
 
-def _values(log: RunLog, topic: str) -> Iterator[tuple[int, dict[str, str]]]:
+def _values(
+    log: RunLog, topic: wire.Topic, k: int | None = None
+) -> Iterator[tuple[int, dict[str, str]]]:
     """Yield the log's time step and the values of each message of a topic."""
-    decode, period = Decoder(log.bag.topics), log.frame.period
-    for message in log.bag.messages({topic}) if topic in log.bag.topics else ():
+    decode, period, name = Decoder(log.bag.topics), log.frame.period, log.tracks.topic(topic, k)
+    for message in log.bag.messages({name}) if name in log.bag.topics else ():
         with suppress(AttributeError, ValueError):  # no DiagnosticStatus; its reader says so
-            said = values_of(decode(topic, message.data))
+            said = values_of(decode(name, message.data))
             yield round(message.log_time_ns / period), said

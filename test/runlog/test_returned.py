@@ -12,13 +12,15 @@ from sparse_coord_ros.cli.main import main
 from sparse_coord_ros.learn.tables import pack_tables, unpack_robot
 from sparse_coord_ros.nodes.messages import status
 from sparse_coord_ros.runlog import verify
-from sparse_coord_ros.wire.status import Progress
+from sparse_coord_ros.wire import RunState
+from sparse_coord_ros.wire.status import ROLL_CALL, Order, Progress, Said
 
 AT = 120
 """The time step at which robot_2 comes back."""
 FIRST = Progress("one", 0, 0)
 ALONE = Progress("another", 40, 39, (40, 0), resumed=True)
-OBEYED = ALONE._replace(obeyed="an order")
+OBEYED = ALONE._replace(obeyed="order")
+CALL = Said("", RunState.RESUMING, 1, 0, order=Order("order", ROLL_CALL, 40))
 
 
 @pytest.fixture
@@ -30,7 +32,7 @@ def returned(good, tmp_path):
     bag, directory = open_bag(good.bag), tmp_path / "bag"
     period = round(good.run.step_period * 1e9)
 
-    def written(*said, other, which=-1, again=None):
+    def written(*said, other, which=-1, again=None, call=False):
         with BagWriter(directory) as new:
             for name, texts in bag.metadata.items():
                 if name != "rosbag2":
@@ -43,6 +45,9 @@ def returned(good, tmp_path):
             own = new.add_topic(
                 "/robot_2/_progress", "diagnostic_msgs/msg/DiagnosticStatus", latched
             )
+            if call:
+                message = status("env1", CALL.state, CALL.values())
+                new.write(places["/status"], serialize_message(message), 0, 0)
             due = [(0, FIRST), *((AT + 60 * i, one) for i, one in enumerate(said))]
             for one in bag.messages():
                 while due and one.log_time_ns > due[0][0] * period:
@@ -81,6 +86,11 @@ def test_a_robot_that_comes_back_twice(returned):
     assert found.cannot_tell and len(found.broke_off) == 2
     assert [(one.step, one.logged) for one in found.open][:1] == [(0, "twice")]
     assert found.open[1].step == 150
+
+
+def test_who_obeys_a_roll_call_does_not_go_back(returned):
+    found = returned(ALONE, OBEYED, other="robot_2", call=True)
+    assert found.cannot_tell and [one.robot for one in found.open] == ["robot_2"]
 
 
 @pytest.mark.parametrize(
