@@ -42,7 +42,7 @@ from sparse_coord_ros.game.world import Reward, RewardWeights
 from sparse_coord_ros.learn import evaluation, run_config
 from sparse_coord_ros.learn.agent import Agent, Choice, Tables
 from sparse_coord_ros.learn.evaluation import Evaluation
-from sparse_coord_ros.learn.history import History, load_history, no_history
+from sparse_coord_ros.learn.history import History, blank_history, load_history
 from sparse_coord_ros.learn.learners import Learner, learner_of, register_learner
 from sparse_coord_ros.learn.run_config import RUN_SETTINGS, RunConfig
 from sparse_coord_ros.learn.tables import load_team
@@ -308,7 +308,7 @@ def train_many(
                     seed=run.seed,
                     engine=used,
                     tables=run.tables,
-                    history=run.history or no_history(len(problem.robots)),
+                    history=run.history or blank_history(0, len(problem.robots)),
                     visited=run.visited,
                     evaluations=(),
                     transitions=problem.steps,

@@ -39,7 +39,7 @@ class BagProcess:
 
     Attributes:
         message_count: number of messages handed over; a few hundred may wait to be.
-        bytes_written: bytes handed to the operating system at the last `flush` that was answered.
+        bytes_written: bytes handed to the operating system when the child answered last.
 
     Raises:
         BagError: as `BagWriter`, or the child has ended or hangs.
@@ -111,7 +111,7 @@ class BagProcess:
         if self._process.returncode is not None:
             return
         try:
-            self.bytes_written = self._call("close")
+            self._call("close")
         finally:
             self._end()
 
@@ -144,14 +144,12 @@ class BagProcess:
     def _receive(self) -> tuple[str, Any]:
         """Wait for an answer of the child."""
         try:
-            name, value = self._connection.recv()
+            name, value, self.bytes_written = self._connection.recv()
         except (OSError, EOFError) as error:
             self._fail(error)
         if name == "refusal":
             self._refusal = value
             raise BagError(value)
-        if name == "flush":
-            self.bytes_written = value
         return name, value
 
     def _fail(self, error: OSError | EOFError) -> NoReturn:
@@ -159,12 +157,15 @@ class BagProcess:
         hangs = isinstance(error, BlockingIOError)
         what = f"has not moved for {PATIENCE_SECONDS:g} s" if hangs else "has ended"
         if self._begun:
-            remedy = "look at its disk" if hangs else "'sparse_coord recover' finishes it"
-            outcome = f"; the recording ends there, unfinished: {remedy}"
+            what += "; the recording ends there, unfinished"
+            remedy = "'sparse_coord recover' finishes it"
         else:
-            remedy = "look at its disk" if hangs else "see what it says above"
-            outcome = f" before it had begun it; nothing is recorded: {remedy}"
-        self._refusal = f"the writer process of the bag {self._directory} {what}{outcome}"
+            what += " before it had begun it; nothing is recorded"
+            remedy = "see what it says above"
+        self._refusal = (
+            f"the writer process of the bag {self._directory} {what}: "
+            f"{'look at its disk' if hangs else remedy}"
+        )
         raise BagError(self._refusal)
 
     def _end(self) -> None:
@@ -177,53 +178,36 @@ class BagProcess:
             self._process.wait()
 
 
-class _Child:
-    """What the child process does, one method a request."""
-
-    bag: Any = None
-
-    def open(self, directory: str, options: dict[str, Any]) -> None:
-        self.bag = BagWriter(Path(directory), **options)
-
-    def write_all(self, batch: list[tuple[int, bytes, int, int]]) -> None:
-        write = self.bag.write
-        for message in batch:
-            write(*message)
-
-    def flush(self) -> int:
-        self.bag.flush()
-        return self.bag.bytes_written
-
-    def close(self) -> int:
-        self.bag.close()
-        return self.bag.bytes_written
-
-    def __getattr__(self, name: str):
-        return getattr(self.bag, name)
-
-
 def main() -> int:
     """Serve the process at the other end of the socket whose number is the only argument."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)  # it ends when its parent does
-    child = _Child()
+    bag: Any = None
     gone = contextlib.suppress(OSError, EOFError)  # a killed parent wants no answer
     with Connection(int(sys.argv[1])) as connection, gone:
         try:
             while True:
                 name, *arguments = connection.recv()
-                value = getattr(child, name)(*arguments)
-                if name != "write_all":
-                    with contextlib.suppress(BrokenPipeError):
-                        connection.send((name, value))
+                value = None
+                if name == "open":
+                    directory, options = arguments
+                    bag = BagWriter(Path(directory), **options)
+                elif name == "write_all":
+                    for message in arguments[0]:
+                        bag.write(*message)
+                    continue
+                else:
+                    value = getattr(bag, name)(*arguments)
+                with contextlib.suppress(BrokenPipeError):
+                    connection.send((name, value, bag.bytes_written))
                 if name == "close":
                     return 0
         except BagError as error:
-            connection.send(("refusal", str(error)))
+            connection.send(("refusal", str(error), bag.bytes_written if bag else 0))
         finally:
-            if child.bag is not None:
+            if bag is not None:
                 with contextlib.suppress(BagError):
-                    child.bag.abandon()
+                    bag.abandon()
         while True:
             connection.recv_bytes()  # until the parent has read the refusal and closes
     return 0

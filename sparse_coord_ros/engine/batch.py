@@ -32,7 +32,7 @@ from sparse_coord_ros.game.world import EPISODE_GAP, FIRST_STEP, Action, Positio
 from sparse_coord_ros.learn import loops
 from sparse_coord_ros.learn.agent import NOBODY, Memory, Tables
 from sparse_coord_ros.learn.evaluation import Trials, play
-from sparse_coord_ros.learn.history import History, blank_history, concatenated, no_history
+from sparse_coord_ros.learn.history import History, blank_history, concatenated
 from sparse_coord_ros.learn.learners import Learner, learner_of
 from sparse_coord_ros.learn.loops import Minds
 from sparse_coord_ros.learn.rows import has_room, updated_rows
@@ -374,7 +374,7 @@ class CompiledLearning:
         self._team, self._seed = team, seed
         self._choice = _choice(robots)
         games = [_game(robots, FIRST_STEP) for _ in team.learning]
-        histories: Sequence[History] = [no_history(robots) for _ in team.learning]
+        histories: Sequence[History] = [blank_history(0, robots) for _ in team.learning]
         if state is None:
             self.minds = team.initial()
         else:

@@ -157,11 +157,6 @@ def blank_history(episodes: int, robots: int) -> History:
     return History(whole[0], whole[1], sums, whole[2], np.zeros_like(sums, np.int64), *flags)
 
 
-def no_history(robots: int) -> History:
-    """Return the history of no episodes."""
-    return blank_history(0, robots)
-
-
 def concatenated(histories: Sequence[History]) -> History:
     """Join histories of the same robots, one after the other."""
     return History(*map(np.concatenate, zip(*histories, strict=True)))

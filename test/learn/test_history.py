@@ -9,9 +9,9 @@ from sparse_coord_ros.game.world import Action, Reward, StepOutcome
 from sparse_coord_ros.learn.history import (
     HISTORY_FILE,
     HistoryRecorder,
+    blank_history,
     concatenated,
     load_history,
-    no_history,
 )
 
 MOVE, ASK = Action(0, False, -1, False), Action(1, True, 1, True)
@@ -148,8 +148,8 @@ def test_file(tmp_path):
     other.add(3, 12, [MOVE, None], outcome(reward(), reward()))
     assert not other.history().same_bits(history)
     HistoryRecorder(4).history().save(tmp_path)
-    assert load_history(tmp_path).same_bits(no_history(4))
-    assert not no_history(4).same_bits(no_history(3))
+    assert load_history(tmp_path).same_bits(blank_history(0, 4))
+    assert not blank_history(0, 4).same_bits(blank_history(0, 3))
 
 
 def test_files_that_are_none(tmp_path):

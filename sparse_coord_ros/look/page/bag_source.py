@@ -12,7 +12,7 @@ import numpy as np
 from sparse_coord_ros.bags.layout import being_recorded
 from sparse_coord_ros.errors import BagError, SparseCoordError
 from sparse_coord_ros.game.plugins import leaving_out
-from sparse_coord_ros.learn.history import concatenated, no_history
+from sparse_coord_ros.learn.history import blank_history, concatenated
 from sparse_coord_ros.look.page import messages
 from sparse_coord_ros.look.page.board import Board
 from sparse_coord_ros.look.page.controls import PAUSE, RATE, SEEK, STEP, Control, Controlled
@@ -253,7 +253,7 @@ class BagSource(Controlled):
     def _read_through(self) -> None:
         """Compute the learning curves from the log, stretch by stretch, and go on as it grows."""
         scenario = self.run.scenario
-        history = whole = no_history(len(scenario.robots))
+        history = whole = blank_history(0, len(scenario.robots))
         asked = np.zeros((len(scenario.robots), len(scenario.map.cells)), dtype=np.int64)
         begin = 0
         try:

@@ -9,7 +9,7 @@ import pytest
 
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.game.world import Action, Reward, StepOutcome
-from sparse_coord_ros.learn.history import History, HistoryRecorder, no_history
+from sparse_coord_ros.learn.history import History, HistoryRecorder, blank_history
 from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.learn.simulation import Glimpse
 from sparse_coord_ros.look.page import messages
@@ -52,7 +52,7 @@ def test_what_takes_long_comes_seldom(view, monkeypatch, took, pause):
     assert not view.slow_due()  # nobody looks
     view.board.pages += 1
     assert view.slow_due()
-    view.show_learned(no_history(2), {})
+    view.show_learned(blank_history(0, 2), {})
     view.time += 0.99 * pause
     assert not view.slow_due()
     view.time += 0.02 * pause
@@ -66,7 +66,7 @@ def test_numbers_have_four_digits_and_json_knows_each():
 
 
 def test_a_robot_s_curve_leaves_out_the_episodes_in_which_it_was_not_there():
-    history = no_history(2)._replace(
+    history = blank_history(0, 2)._replace(
         first_step=np.arange(2),
         length=np.array([3, 5]),
         miscoordinations=np.zeros(2),
