@@ -28,7 +28,7 @@ def start(team):
         team.add("driver", {**team.of(DRIVER), "robot": robot.name}, f"{robot.name}_driver")
     if team.get("simulate"):
         team.add("body", team.of(BODY))
-    team.add_rviz()
+    team.add_views()
 
 
 def generate_launch_description():

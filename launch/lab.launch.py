@@ -56,7 +56,7 @@ def start(team):
         }
         tf = [(f"/{topic}", f"/{space}/{topic}") for topic in ("tf", "tf_static")]
         team.add("nav2_driver", own, f"{name}_driver", remapped=tf)
-    team.add_rviz()
+    team.add_views()
 
 
 def generate_launch_description():

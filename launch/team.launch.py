@@ -8,7 +8,7 @@ from sparse_coord_ros.launching import ARGUMENTS, description
 def start(team):
     """Add world, robots and recorder."""
     team.add_team()
-    team.add_rviz()
+    team.add_views()
 
 
 def generate_launch_description():

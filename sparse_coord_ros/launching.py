@@ -37,9 +37,9 @@ from sparse_coord_ros.game.plugins import allow_modules, allow_named
 from sparse_coord_ros.game.scenario import SETTINGS, Scenario, load_scenario
 from sparse_coord_ros.game.settings import Setting, SettingTable, parse_assignments
 from sparse_coord_ros.learn.run_config import OWN_CLOCK
-from sparse_coord_ros.limits import SCENARIO, parse_yaml, read_text, to_yaml
+from sparse_coord_ros.limits import SCENARIO, parse_yaml, read_text
+from sparse_coord_ros.look.layouts import foxglove_layout, rviz_config
 from sparse_coord_ros.nodes.parameters import PARAMETERS
-from sparse_coord_ros.share import share_file
 from sparse_coord_ros.wire import CLOCK, RECORDER, WORLD
 
 PACKAGE = "sparse_coord_ros"
@@ -57,6 +57,7 @@ ARGUMENTS = SettingTable(
         Setting("namespace", str, "", "of the team, below the one that the launch is in"),
         Setting("use_sim_time", bool, False, "the nodes' ROS clocks follow the team's clock"),
         Setting("rviz", bool, False, "open RViz, where it is installed, for this team"),
+        Setting("foxglove", str, "", "file for a Foxglove layout of this team, to be imported"),
         Setting("allow", str, "", "modules that a scenario may name, separated by commas"),
         Setting("params_file", str, "", "parameters of all nodes, such as config/params.yaml"),
     ]
@@ -270,12 +271,15 @@ class Team:
             raise RunError("; ".join(self._failed))
         return [EmitEvent(event=TeamFailed(self._namespace, self._failed))]
 
-    def add_rviz(self) -> None:
-        """Add RViz, where it is asked for.
+    def add_views(self) -> None:
+        """Add RViz, and write Foxglove's layout, where they are asked for.
 
         Raises:
-            RunError: it is not installed.
+            RunError: RViz is not installed.
         """
+        names = [robot.name for robot in self.scenario.robots]
+        if self.get("foxglove"):
+            Path(self.get("foxglove")).write_text(foxglove_layout(names, self._namespace))
         if not self.get("rviz"):
             return
         try:
@@ -285,7 +289,6 @@ class Team:
                 "rviz:=true: RViz is not installed: sudo apt install ros-jazzy-rviz2, or leave "
                 "rviz:=true out; 'sparse_coord watch' shows the team in a browser"
             ) from None
-        names = [robot.name for robot in self.scenario.robots]
         with NamedTemporaryFile("w", prefix="team_", suffix=".rviz", delete=False) as config:
             config.write(rviz_config(names, self._namespace))
         shown = ["-d", config.name]
@@ -309,19 +312,6 @@ def _typed(table: Mapping[str, Setting], texts: Mapping[str, str]) -> dict[str, 
     told = {n: t for n, t in texts.items() if n in table and not isinstance(table[n].kind, type)}
     left = {name: text for name, text in texts.items() if name not in told}
     return told | SettingTable(table.values()).parse(left)
-
-
-def rviz_config(robots: Iterable[str], namespace: str) -> str:
-    """Return rviz/team.rviz for these robots, in a namespace."""
-    template = str(share_file("rviz", "team.rviz"))
-    shown: Any = parse_yaml(Path(template).read_text(), where=template)
-    displays = shown["Visualization Manager"]["Displays"]
-    [asks] = [one for one in displays if one["Name"] == "Where robots ask"]
-    pattern = to_yaml(asks["Displays"][0])
-    asks["Displays"] = [
-        parse_yaml(pattern.replace("robot_1", name), where=template) for name in robots
-    ]
-    return to_yaml(shown).replace("Value: /", f"Value: /{namespace}/" if namespace else "Value: /")
 
 
 def _of_world(file: str) -> dict[str, Any]:

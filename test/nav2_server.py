@@ -34,13 +34,13 @@ class Robot:
     """One robot, and its navigator.
 
     Attributes:
-        place: (x, y).
+        place: (x, y); speed: metres a second.
         fates: what becomes of its next goals; after them all are reached.
         goals: how many came; active: the one that is driven; ended: how each ended.
     """
 
     def __init__(self, node, name, place, late):
-        self.name, self.place, self.late = name, place, late
+        self.name, self.place, self.late, self.speed = name, place, late, SPEED
         self.fates: list[str] = []
         self.goals = 0
         self.active = self.fate = self.target = self._over = None
@@ -104,7 +104,7 @@ class Robot:
                 said = 50.0 if self.fate == DETOUR else left
                 feedback = NavigateToPose.Feedback(distance_remaining=said)
                 handle.publish_feedback(feedback)
-                step = 0.0 if self.fate in (DETOUR, STUCK) else min(left, SPEED * TICK)
+                step = 0.0 if self.fate in (DETOUR, STUCK) else min(left, self.speed * TICK)
                 if left > 1e-6:
                     self.place = (x + (goal_x - x) * step / left, y + (goal_y - y) * step / left)
                 elif self.fate == REACH or self.fate == LATE:
@@ -125,7 +125,9 @@ class Robot:
 
 
 class FakeNav2(Node):
-    """Robots by name."""
+    """Robots by name; `look` is called at each tick."""
+
+    look = staticmethod(lambda: None)
 
     def __init__(self, names, place=(0.5, 0.5), *, late=3.0, **more):
         super().__init__("fake_nav2", **more)
@@ -136,6 +138,7 @@ class FakeNav2(Node):
         now = time.monotonic()
         for robot in self.robots.values():
             robot.tick(now)
+        self.look()
 
     @property
     def driving(self):

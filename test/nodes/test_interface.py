@@ -20,6 +20,7 @@ from visualization_msgs.msg import MarkerArray
 
 from sparse_coord_ros.learn.run_config import run_from_yaml
 from sparse_coord_ros.learn.tables import load_tables, robot_file
+from sparse_coord_ros.look.layouts import foxglove_layout
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.messages import Converter
 from sparse_coord_ros.palette import robot_colour
@@ -305,6 +306,7 @@ def panels(tree):
 def test_foxglove_finds_what_its_layout_names(team):
     """Topics, their types and frames, and the numbers that are plotted, in a running team."""
     layout = json.loads(share_file("foxglove", "team.json").read_text())
+    assert json.loads(foxglove_layout(NAMES, "")) == layout
     keys = {"configById", "globalVariables", "userNodes", "playbackConfig", "layout"}
     assert set(layout) == keys
     assert sorted(panels(layout["layout"])) == sorted(layout["configById"])

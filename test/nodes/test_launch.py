@@ -6,6 +6,7 @@
 """
 
 import importlib.util
+import json
 import sys
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
@@ -212,6 +213,17 @@ def test_rviz_is_opened_for_the_team_at_hand(nodes, launched, tmp_path, monkeypa
     Path(config).unlink()
     assert option == "-d" and parse_yaml(shown, where=config)
     assert shown.count("asks here") == 4 and "Value: /a/robot_4/coordination_map" in shown
+
+
+def test_foxglove_gets_a_layout_of_the_team_at_hand(launched, tmp_path):
+    file = tmp_path / "team.json"
+    launched(out=str(tmp_path / "run"), scenario="env2-4r", namespace="a", foxglove=str(file))
+    shown = json.loads(file.read_text())["configById"]
+    assert [one["value"] for one in shown["Plot!reward"]["paths"]] == [
+        f"/a/robot_{k}/reward.position[3]" for k in (1, 2, 3, 4)
+    ]
+    assert {"/a/map", "/a/robot_4/coordination_map"} < set(shown["3D!team"]["topics"])
+    assert shown["DiagnosticSummary!world"]["topicToRender"] == "/diagnostics"
 
 
 def test_without_rviz_nothing_starts_and_one_line_says_what_to_do(launched, tmp_path, monkeypatch):

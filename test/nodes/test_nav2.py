@@ -11,12 +11,15 @@ import signal
 import subprocess
 import sys
 import time
+from collections import Counter
 from pathlib import Path
 
 import pytest
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 
+from sparse_coord_ros.cli.main import main as sparse_coord
+from sparse_coord_ros.driving.ground import Ground
 from sparse_coord_ros.nodes.body import BodyNode
 from sparse_coord_ros.nodes.driver import DriverNode
 from sparse_coord_ros.nodes.outputs import gather
@@ -61,6 +64,7 @@ def start_team(types, bench, tmp_path):
         driven=None,
         scenario="env1",
         recorder=False,
+        world=None,
         **driver,
     ):
         out = tmp_path / "out"
@@ -68,10 +72,11 @@ def start_team(types, bench, tmp_path):
         if served:
             server = FakeNav2(names, context=bench.place("nav2")[0])
             bench.add(server, "nav2")
-        given = {"scenario": scenario, "set": [f"steps={steps}"], "out": str(out), "seed": 7}
+        given = {"scenario": scenario, "out": str(out), "seed": 7, "step_timeout": 60.0}
+        given |= {"set": [f"steps={steps}"], **(world or {})}
         if recorder:
             given["recorded"] = True
-        world = bench.world(bodies=True, step_timeout=60.0, **given)
+        made = bench.world(bodies=True, **given)
         bench.robots(len(names), out=str(out))
         if recorder:
             bench.recorder(out / "bag")
@@ -86,7 +91,7 @@ def start_team(types, bench, tmp_path):
             )
             for name in (names if driven is None else driven)
         ]
-        return world, drivers, server
+        return made, drivers, server
 
     return start
 
@@ -115,6 +120,92 @@ def test_a_team_that_nav2_drives_learns_what_the_grid_teaches(
     for driver in drivers:
         assert driver.navigator.counts["arrived"] > 0
         assert set(driver.navigator.counts) == {"arrived"}
+
+
+class Together:
+    """Counts how often bodies come to be in one doorway at once, while they make moves."""
+
+    def __init__(self, world, server):
+        self.count, self._before = 0, set()
+        self._world, self._server, self._ground = world, server, Ground(world.run, 0.0)
+        server.look = self._look
+
+    def _look(self):
+        doorways = self._world.run.scenario.map.doorways
+        places = (robot.place for robot in self._server.robots.values())
+        within = Counter(self._ground.cell(*place) for place in places)
+        now = {cell for cell, number in within.items() if number > 1 and cell in doorways}
+        if not self._world.bodies.side.placing:
+            self.count += len(now - self._before)
+        self._before = now
+
+
+@pytest.mark.parametrize(
+    ("name", "training", "driving", "at_most"),
+    [
+        ("env1", ["penalty=-100", "steps=100000"], 400, 0.1),
+        ("office", [], 250, 0.1),
+    ],
+)
+def test_what_was_learned_in_simulation_nav2_drives(
+    start_team, bench, tmp_path, capfd, name, training, driving, at_most
+):
+    scenario = name
+    if name == "office":
+        words = "--cell 0.5 --radius 0.2 --start -8,-5 -3,0.1 --goal 8,5 -8,-5".split()
+        plan = Path(__file__).parents[2] / "examples" / "office.yaml"
+        more = ["--set", "penalty=-100", "--out", str(tmp_path / "office")]
+        assert sparse_coord(["import-map", str(plan), *words, *more]) == 0
+        scenario = str(tmp_path / "office" / "office.yaml")
+    learned = tmp_path / "learned"
+    sets = [word for one in training for word in ("--set", one)]
+    assert sparse_coord(["train", scenario, *sets, "--seed", "1", "--out", str(learned)]) == 0
+    sets = [one for one in training if "steps" not in one] + [f"steps={driving}", "starts=fixed"]
+    values = {"greedy": True, "tables": str(learned), "set": sets}
+    world, drivers, server = start_team(scenario=scenario, recorder=True, world=values)
+    together, begun = Together(world, server), time.monotonic()
+    bench.spin_until(lambda: world.done, "the run's end", seconds=400)
+    seconds = time.monotonic() - begun
+    bench.spin_until_done()
+    game, at_once = world.lockstep.world, together.count
+    with capfd.disabled():
+        counts = sum((driver.navigator.counts for driver in drivers), Counter())
+        print(
+            f"\n{name}: {game.episode} episodes, {game.transitions} steps, {seconds:.0f} s; "
+            f"{game.miscoordinations} steps end with both in a doorway, bodies were in one at "
+            f"once {at_once} times; goals: {dict(counts)}"
+        )
+    found = verify(tmp_path / "out" / "bag")
+    assert found.same
+    history = world.lockstep.history.history()
+    assert history.arrived[:-1].all(), "whoever began an episode arrived"
+    assert set(counts) == {"arrived"} and world.summary()["moves_failed"] == 0
+    assert game.miscoordinations <= at_once <= at_most * game.transitions
+
+
+def test_learning_goes_on_in_steps_of_seconds_and_over_a_restart(
+    start_team, bench, tmp_path, simulate, assert_same_tables
+):
+    """Robots of unequal speed, without exploring; the world's deadlines are those of robots."""
+    observer, steps = bench.observer(), 6
+    said = {"epsilon": "constant:0", "starts": "fixed"}
+    sets = [f"steps={steps}", *(f"{name}={value}" for name, value in said.items())]
+    values = {"step_timeout": 2.0, "percept_timeout": 1.0, "rate": 0.5}
+    world, drivers, server = start_team(world={"set": sets, "checkpoint": 2, **values})
+    bench.spin_until(moved(world, 1), "under way", seconds=60)
+    server.robots["robot_1"].speed, begun = 0.2, time.monotonic()
+    bench.spin_until(moved(world, 4), "slowly", seconds=60)
+    assert time.monotonic() - begun > 5.0
+    bench.destroy(world)
+    bench.spin_until(lambda: not observer.count("world_simulator/_claim"), "its name is free")
+    known = {"scenario": "", "out": str(tmp_path / "out"), "rate": 0.5}
+    again = bench.world(bodies=True, resume=True, **known)
+    bench.spin_until(lambda: again.done, "the run's end", seconds=120)
+    bench.spin_until_done()
+    gather(tmp_path / "out", again.run.scenario, interrupted=False)
+    assert_same_tables(tmp_path / "out", simulate("env1", {"steps": steps, **said}, seed=7))
+    summary = again.summary()
+    assert (summary["timeouts"], summary["moves_failed"]) == (0, 0)
 
 
 @pytest.mark.parametrize(

@@ -101,12 +101,13 @@ def test_who_comes_back_shows_nothing_before_it_knows_where_the_team_is(tmp_path
 
 
 def test_what_was_dropped_before_is_counted_on(bench, tmp_path):
+    observer = bench.observer()
     world = bench.world(out=str(tmp_path))
     bench.spin_until(lambda: world._output is not None, "it is open")
+    bench.spin_until(lambda: observer.count("world_simulator/_claim"), "its name is known")
     world.intake.drop("a topic", "does not fit")
     world._say()
     bench.destroy(world)
-    observer = bench.observer()
     bench.spin_until(lambda: not observer.count("world_simulator/_claim"), "its name is free")
     again = bench.world(out=str(tmp_path), resume=True, scenario="")
     bench.spin_until(lambda: again._output is not None, "the other one is open")
