@@ -3,7 +3,7 @@
 """A learner with an update rule of its own, compiled: python expected_sarsa.py [STEPS].
 
 Expected SARSA (Sutton & Barto, 2018, Section 6.6) expects of the next cell not the best action,
-but what the exploring policy does. The rule stands once, in `expected`; The `Agent` applies it
+but what the exploring policy does. The rule stands once, in `expected`; the `Agent` applies it
 in plain Python and over ROS 2, the `Minds` in the compiled loops, with the same bits.
 
 On the command line: sparse_coord train env1 --learner expected_sarsa:ExpectedSarsa
@@ -60,8 +60,5 @@ if __name__ == "__main__":
     steps = int(sys.argv[1]) if len(sys.argv) > 1 else 50_000
     scenario = sc.load_scenario("env1", penalty=-20, steps=steps)
     for learner in ("coop", "expected_sarsa"):
-        result = sc.evaluate(sc.train(scenario, learner, seed=1))
-        print(
-            f"{learner}: reward {result.reward.mean:.1f}, "
-            f"miscoordinations {result.miscoordinations.mean:.2f}, asks {result.asks.mean:.2f}"
-        )
+        training = sc.train(scenario, learner, seed=1)
+        print(f"{learner}: reward {sc.evaluate(training).reward.mean:.1f}, {training.engine}")

@@ -12,18 +12,16 @@ from dataclasses import dataclass
 from functools import cached_property
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sparse_coord_ros.dataframes import data_frame
-from sparse_coord_ros.engine import training
 from sparse_coord_ros.engine.batch import run_batch, uses_numba
 from sparse_coord_ros.engine.cluster import check_place, cluster_at
-from sparse_coord_ros.engine.training import EVERY, Training
+from sparse_coord_ros.engine.training import Training, train
 from sparse_coord_ros.errors import RunError, SettingError, SparseCoordError, TablesError, in_short
-from sparse_coord_ros.experiments import benchmark as benchmark_module
-from sparse_coord_ros.experiments.benchmark import TEAM_RUNS, TEAM_TRIALS, Benchmark, Standing
+from sparse_coord_ros.experiments.benchmark import Benchmark, Standing, benchmark
 from sparse_coord_ros.experiments.catalogue import experiment_names
 from sparse_coord_ros.experiments.conditions import Condition
 from sparse_coord_ros.experiments.runner import (
@@ -33,25 +31,30 @@ from sparse_coord_ros.experiments.runner import (
     parse_targets,
     run_targets,
 )
-from sparse_coord_ros.experiments.store import JOBS, RUNS, SUMS, TRIALS, TRIALS_OR_NONE, Plan
+from sparse_coord_ros.experiments.store import RUNS, SUMS, TRIALS, TRIALS_OR_NONE, Plan
 from sparse_coord_ros.game.perception import perception_model, register_perception
-from sparse_coord_ros.game.plugins import allow_modules, allow_named
-from sparse_coord_ros.game.scenario import Scenario, load_scenario, loaded, scenario_names
-from sparse_coord_ros.game.unseen import TEAMS
+from sparse_coord_ros.game.plugins import allow_modules
+from sparse_coord_ros.game.scenario import (
+    Scenario,
+    ScenarioLike,
+    load_scenario,
+    loaded,
+    scenario_names,
+)
 from sparse_coord_ros.game.world import Reward, RewardWeights
 from sparse_coord_ros.learn import evaluation, run_config
 from sparse_coord_ros.learn.agent import Agent, Choice, Tables
 from sparse_coord_ros.learn.evaluation import Evaluation
 from sparse_coord_ros.learn.history import History, blank_history, load_history
-from sparse_coord_ros.learn.learners import Learner, learner_of, register_learner
+from sparse_coord_ros.learn.learners import Learner, LearnerLike, chosen_learner, register_learner
 from sparse_coord_ros.learn.run_config import RUN_SETTINGS, RunConfig
 from sparse_coord_ros.learn.tables import load_team
-from sparse_coord_ros.solve import class_search, exact
-from sparse_coord_ros.solve import joint_mdp as joint_mdp_module
+from sparse_coord_ros.solve import exact
+from sparse_coord_ros.solve.class_search import class_bound
 from sparse_coord_ros.solve.exact import ExactEvaluation
-from sparse_coord_ros.solve.joint_mdp import JointMDP
-from sparse_coord_ros.solve.optimum import Optimum, joint_optimum
-from sparse_coord_ros.solve.reference import Reference, shortest_path_reference
+from sparse_coord_ros.solve.joint_mdp import JointMDP, joint_mdp
+from sparse_coord_ros.solve.optimum import joint_optimum as optimum
+from sparse_coord_ros.solve.reference import shortest_path_reference as shortest_paths
 from sparse_coord_ros.solve.shipped import ClassBound, RobotPolicy, shipped_class_bound
 
 if TYPE_CHECKING:
@@ -77,25 +80,6 @@ __all__ += ["Learner", "Agent", "Choice", "Reward", "RewardWeights"]
 __all__ += ["register_learner", "register_perception", "perception_model"]
 # Errors
 __all__ += ["SparseCoordError"]
-
-LearnerLike = str | Learner | type[Learner]
-ScenarioLike = str | Path | Scenario
-
-
-class Learned(Protocol):
-    """What `evaluate` takes: a `Training`, a `SavedRun`, or whatever has these attributes."""
-
-    @property
-    def scenario(self) -> Scenario:
-        """The problem."""
-
-    @property
-    def learner(self) -> LearnerLike:
-        """Who learned."""
-
-    @property
-    def tables(self) -> Sequence[Tables]:
-        """What each robot learned."""
 
 
 @dataclass(frozen=True)
@@ -193,6 +177,9 @@ class SavedRun:
         return load_history(self.directory)
 
 
+Learned = str | Path | Training | SavedRun | Sequence[Tables]
+
+
 def load_run(directory: str | Path, *, allow: str | Iterable[str] = ()) -> SavedRun:
     """Open a run's directory; its tables and its history are read when they are first used.
 
@@ -207,46 +194,6 @@ def load_run(directory: str | Path, *, allow: str | Iterable[str] = ()) -> Saved
     allow_modules(allow)
     path = _path("run", directory)
     return SavedRun(path, run_config.load_run(path))
-
-
-def train(
-    scenario: ScenarioLike,
-    learner: LearnerLike = "coop",
-    *,
-    seed: int = 0,
-    evaluate_every: int = 0,
-    trials: int = 200,
-    engine: str = "auto",
-    progress: Callable[[int, int], None] = lambda done, budget: None,
-) -> Training:
-    """Learn once, for the scenario's budget: its setting `steps`, in transitions.
-
-    `Training.history` is what happened in each episode, `Training.save` writes a run's directory.
-
-    Args:
-        scenario: the problem and its protocol.
-        learner: who learns.
-        seed: seed of every random draw.
-        evaluate_every: transitions between two evaluations on the way (`Training.evaluations`);
-            0: none.
-        trials: greedy trials of each of these evaluations.
-        engine: "numba", "python", or "auto": what is quicker here. The bits are the same.
-        progress: called with the transitions done and the budget, several times a second.
-
-    Raises:
-        ScenarioError, SettingError: no such scenario or learner, or a bad setting.
-        PluginError: a learner or perception model of the user's own failed.
-    """
-    rule = _chosen(learner)
-    return training.train(
-        rule.with_defaults(loaded(scenario)),
-        rule,
-        RUN_SETTINGS["seed"].parse(seed),
-        evaluate_every=EVERY.parse(evaluate_every),
-        trials=trials,
-        engine=engine,
-        progress=progress,
-    )
 
 
 def train_many(
@@ -283,10 +230,10 @@ def train_many(
         RunError: the cluster cannot be reached, or was lost.
         PluginError: a learner or perception model of the user's own failed.
     """
-    rule = _chosen(learner)
+    rule = chosen_learner(learner)
     problem = rule.with_defaults(loaded(scenario))
-    plan = _plan(seed, runs, trials, no_trials=True)
-    jobs = _jobs(jobs)
+    seed = RUN_SETTINGS["seed"].parse(seed)
+    plan = Plan(seed, RUNS.parse(runs), TRIALS_OR_NONE.parse(trials))
     check_place(jobs, scheduler)
     used = "numba" if uses_numba(engine, rule) else "python"
     done: list[Training] = []
@@ -321,7 +268,7 @@ def train_many(
 
 
 def evaluate(
-    learned: str | Path | Learned | Sequence[Tables],
+    learned: Learned,
     *,
     scenario: ScenarioLike | None = None,
     learner: LearnerLike | None = None,
@@ -351,7 +298,7 @@ def evaluate(
 
 
 def evaluate_exact(
-    learned: str | Path | Learned | Sequence[Tables],
+    learned: Learned,
     *,
     scenario: ScenarioLike | None = None,
     learner: LearnerLike | None = None,
@@ -373,69 +320,6 @@ def evaluate_exact(
     """
     problem, tables, who = _learned(learned, scenario, learner)
     return exact.evaluate_exact(problem, tables, learner=who)
-
-
-def optimum(scenario: ScenarioLike) -> Optimum:
-    """Return the exact joint optimum: full joint state and action, no cost of asking.
-
-    Its `value` is the total discounted reward from the starts, averaged over the robots. Where the
-    joint state space is too large (`exact` is False), it is an upper bound.
-    """
-    return joint_optimum(loaded(scenario))
-
-
-def joint_mdp(scenario: ScenarioLike) -> JointMDP:
-    """Return the finite MDP whose value `optimum` computes, as arrays for planners.
-
-    One controller sees every robot's cell, chooses every robot's move, and pays nothing for
-    asking: `P[a]` holds the probabilities of the next joint state, `R` the expected rewards.
-
-    Raises:
-        SettingError: it has more than 100,000 joint states.
-    """
-    return joint_mdp_module.joint_mdp(loaded(scenario))
-
-
-def class_bound(
-    scenario: ScenarioLike,
-    *,
-    restarts: int = 20,
-    seed: int = 0,
-    file: str | Path | None = None,
-    progress: Callable[[int, int, float], None] = lambda done, restarts, best: None,
-) -> ClassBound:
-    """Search for the best team of two robots that has Algorithm 1's form.
-
-    Its `value` is a lower bound of what such a team can be worth: the search may miss the best.
-    `shipped_class_bound` returns what was found once for the paper's scenarios.
-
-    Args:
-        scenario: a problem of two robots.
-        restarts: how often the search begins anew.
-        seed: of the search.
-        file: a JSON file to keep the search in, and to go on from; None: nothing is kept.
-        progress: called after each restart with those done, all, and the best value so far.
-
-    Raises:
-        SettingError: not two robots, or a bad value.
-        ResultsError: the file is that of another search.
-    """
-    return class_search.class_bound(
-        loaded(scenario),
-        restarts=class_search.RESTARTS.parse(restarts),
-        seed=RUN_SETTINGS["seed"].parse(seed),
-        file=None if file is None else Path(file),
-        progress=progress,
-    )
-
-
-def shortest_paths(scenario: ScenarioLike) -> Reference:
-    """Return the exact worth of fixed shortest paths that mind nobody (paper, Section 4).
-
-    It is what Indiv. tends to. `reward` (total discounted) and `time_to_goal` (steps) are means
-    over the robots, `miscoordinations` is that of a trial.
-    """
-    return shortest_path_reference(loaded(scenario))
 
 
 def __getattr__(name: str) -> object:
@@ -530,110 +414,37 @@ def run_experiment(
         raise SettingError(
             "no experiment is asked for; name at least one, or all: experiment_names()"
         )
-    plan = _plan(seed, runs, trials)
+    seed = RUN_SETTINGS["seed"].parse(seed)
+    plan = Plan(seed, RUNS.parse(runs), TRIALS.parse(trials))
     return run_targets(
         parse_targets(asked, plan),
         plan,
         out=None if out is None else Path(out),
         report=report,
         engine=engine,
-        jobs=_jobs(jobs),
-        scheduler=scheduler,
-        progress=progress,
-    )
-
-
-def benchmark(
-    learner: LearnerLike = "factored",
-    *,
-    split: str = "tuning",
-    robots: Sequence[int] = TEAMS,
-    steps: int = 100_000,
-    out: str | Path | None = None,
-    runs: int = TEAM_RUNS.default,
-    trials: int = TEAM_TRIALS.default,
-    seed: int = 0,
-    engine: str = "auto",
-    jobs: int | None = None,
-    scheduler: str | None = None,
-    progress: Progress = no_progress,
-    **settings: object,
-) -> Benchmark:
-    """Judge a learner on generated buildings that no search has seen, at a penalty of -100.
-
-    `Benchmark.standings()` says what share of the gap its teams close: between fixed shortest
-    paths and, with two robots, the class bound, with more what a planner with full sight reaches.
-
-    Args:
-        learner: who learns.
-        split: "tuning": the buildings by which rules and numbers are chosen; "test": the others,
-            to be opened once, for closing figures.
-        robots: sizes of teams, of 2, 4 and 8.
-        steps: step budget of learning, in transitions.
-        out: results directory, as of `run_experiment`; None: nothing is saved.
-        runs: teams that learn in each building.
-        trials: greedy trials of a team; those of two robots are evaluated exactly.
-        seed: seed of team 0; team i has seed + i.
-        engine: "numba", "python", or "auto": numba where it is installed. The bits are the same.
-        jobs: threads (or processes) at once; all cores that this process may use where None.
-        scheduler: address of the scheduler of a Dask cluster that computes; None: this machine.
-        progress: called with a condition's id, the agent-steps done and those of the whole call.
-        **settings: settings of learning to change, as of `load_scenario`.
-
-    Raises:
-        SettingError: no such learner, split or size of team; a setting that changes the game.
-        ResultsError, OSError, RunError, PluginError: as `run_experiment`.
-    """
-    return benchmark_module.benchmark(
-        learner,
-        split=split,
-        robots=tuple(robots),
-        settings={"steps": steps, **settings},
-        out=None if out is None else Path(out),
-        runs=runs,
-        trials=trials,
-        seed=RUN_SETTINGS["seed"].parse(seed),
-        engine=engine,
-        jobs=_jobs(jobs),
+        jobs=jobs,
         scheduler=scheduler,
         progress=progress,
     )
 
 
 def _learned(
-    learned: str | Path | Learned | Sequence[Tables],
-    scenario: ScenarioLike | None,
-    learner: LearnerLike | None,
+    learned: Learned, scenario: ScenarioLike | None, learner: LearnerLike | None
 ) -> tuple[Scenario, Sequence[Tables], Learner | None]:
     """Return the problem to play, the tables, and who acts on them."""
     run = load_run(learned) if isinstance(learned, str | Path) else learned
-    tables = getattr(run, "tables", run)
+    tables, own = run, None
+    if isinstance(run, Training | SavedRun):
+        tables, own, learner = run.tables, run.scenario, learner or run.learner
     if not isinstance(tables, list | tuple) or not all(isinstance(one, Tables) for one in tables):
         raise TablesError(
             f"what was learned: value is {in_short(learned)}, allowed: a Training, a SavedRun, "
             "its directory, or a list of the robots' Tables (of many runs, one: runs[0])"
         )
-    learner = getattr(run, "learner", None) if learner is None else learner
-    rule = None if learner is None else _chosen(learner)
+    rule = None if learner is None else chosen_learner(learner)
     if scenario is not None:
-        problem = loaded(scenario)
-        return problem if rule is None else rule.with_defaults(problem), tables, rule
-    own = getattr(run, "scenario", None)
+        own = loaded(scenario)
+        own = own if rule is None else rule.with_defaults(own)
     if own is None:
         raise TablesError("tables alone do not say their scenario; give evaluate(scenario=...)")
     return own, tables, rule
-
-
-def _chosen(learner: LearnerLike) -> Learner:
-    """Return the learner that the caller names, and so allows."""
-    allow_named(learner)
-    return learner_of(learner)
-
-
-def _plan(seed: int, runs: int, trials: int, *, no_trials: bool = False) -> Plan:
-    played = (TRIALS_OR_NONE if no_trials else TRIALS).parse(trials)
-    return Plan(RUN_SETTINGS["seed"].parse(seed), RUNS.parse(runs), played)
-
-
-def _jobs(jobs: int | None) -> int | None:
-    return None if jobs is None else JOBS.parse(jobs)

@@ -17,6 +17,7 @@ from sparse_coord_ros.experiments.benchmark import (
     benchmark,
 )
 from sparse_coord_ros.experiments.catalogue import SPLITS
+from sparse_coord_ros.game.scenario import SETTINGS
 from sparse_coord_ros.game.unseen import TEAMS
 from sparse_coord_ros.learn.learners import LEARNERS
 
@@ -83,7 +84,6 @@ def _judge(options: argparse.Namespace, learner: str) -> Benchmark:
             learner,
             split=options.split,
             robots=options.robots,
-            settings=shared.settings_of(options),
             out=options.out,
             runs=options.runs,
             trials=options.trials,
@@ -92,6 +92,7 @@ def _judge(options: argparse.Namespace, learner: str) -> Benchmark:
             jobs=options.jobs,
             scheduler=options.scheduler,
             progress=lambda name, done, total: bar.show(done, total, name),
+            **SETTINGS.parse(shared.settings_of(options)),
         )
 
 

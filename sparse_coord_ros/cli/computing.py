@@ -9,7 +9,7 @@ from tqdm import tqdm
 
 from sparse_coord_ros.cli.options import Option, note
 from sparse_coord_ros.engine.batch import ENGINES
-from sparse_coord_ros.experiments.store import JOBS
+from sparse_coord_ros.engine.cluster import JOBS
 
 COMPUTING = (
     Option(

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 from sparse_coord_ros.compiling import digest_of_sources
 from sparse_coord_ros.errors import ResultsError, RunError, SettingError, SparseCoordError
 from sparse_coord_ros.game.plugins import allow_modules, allowed
+from sparse_coord_ros.game.settings import Setting
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -32,8 +33,13 @@ TASKS_A_THREAD = 4
 """Tasks that each thread of the cluster gets at least, if there are so many runs."""
 
 
+JOBS = Setting("jobs", int, 1, "threads (or processes) at once", low=1, high=4096)
+
+
 def check_place(jobs: int | None, scheduler: str | None) -> None:
-    """Raise `SettingError` where both this machine and a cluster are told what to do."""
+    """Raise `SettingError` for jobs that are none, or where a cluster is told what to do, too."""
+    if jobs is not None:
+        JOBS.parse(jobs)
     if jobs is not None and scheduler is not None:
         raise SettingError(
             f"setting jobs: value is {jobs}, allowed with a scheduler: none, as its workers say "

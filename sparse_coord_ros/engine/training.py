@@ -27,14 +27,14 @@ from sparse_coord_ros.engine.batch import (
 )
 from sparse_coord_ros.errors import RunError, SettingError
 from sparse_coord_ros.files import write_whole
-from sparse_coord_ros.game.scenario import Scenario
+from sparse_coord_ros.game.scenario import Scenario, ScenarioLike, loaded
 from sparse_coord_ros.game.settings import Setting
 from sparse_coord_ros.learn.agent import Memory, Tables
 from sparse_coord_ros.learn.checkpoint import Checkpoint, load_checkpoint
 from sparse_coord_ros.learn.evaluation import Evaluation, Trials, play, summary
 from sparse_coord_ros.learn.history import History
-from sparse_coord_ros.learn.learners import Learner, learner_of
-from sparse_coord_ros.learn.run_config import RUN_FILE, create_output, make_run
+from sparse_coord_ros.learn.learners import Learner, LearnerLike, chosen_learner, learner_of
+from sparse_coord_ros.learn.run_config import RUN_FILE, RUN_SETTINGS, create_output, make_run
 from sparse_coord_ros.learn.simulation import Glimpse, Learning, LearningState
 from sparse_coord_ros.learn.tables import save_team
 
@@ -167,8 +167,8 @@ def worth_compiling(scenario: Scenario, learner: Learner) -> bool:
 
 
 def train(
-    scenario: Scenario,
-    learner: str | Learner = "coop",
+    scenario: ScenarioLike,
+    learner: LearnerLike = "coop",
     seed: int = 0,
     *,
     engine: str = "auto",
@@ -180,7 +180,9 @@ def train(
     until: int | None = None,
     watcher: Watcher | None = None,
 ) -> Training:
-    """Let one learner learn for the scenario's budget.
+    """Learn once, for the scenario's budget: its setting `steps`, in transitions.
+
+    `Training.history` is what happened in each episode, `Training.save` writes a run's directory.
 
     With a `checkpoint` an interrupt (SIGINT or SIGTERM, in the main thread) is held back until
     the run is saved; a second one is not. `train(..., resume=True)` goes on from there, on either
@@ -188,9 +190,9 @@ def train(
 
     Args:
         scenario: the problem and its protocol.
-        learner: a learner, or its name.
-        seed: the run's seed.
-        engine: as of `engine_for`.
+        learner: who learns.
+        seed: seed of every random draw.
+        engine: "numba", "python", or "auto": what is quicker here. The bits are the same.
         evaluate_every: transitions between two evaluations, the last one after the budget; 0:
             none; None: none, or where a run goes on, as it began.
         trials: greedy trials of each evaluation, seeded by the run's seed.
@@ -201,10 +203,12 @@ def train(
         watcher: looks at the run several times a second; the bits stay the same.
 
     Raises:
-        SettingError: a bad value, or numba is asked for and not installed.
+        ScenarioError, SettingError: no such scenario or learner, or a bad setting.
         RunError: there is no checkpoint, it cannot be read, or is that of another run.
+        PluginError: a learner or perception model of the user's own failed.
     """
-    rule = learner_of(learner)
+    rule = chosen_learner(learner)
+    scenario, seed = rule.with_defaults(loaded(scenario)), RUN_SETTINGS["seed"].parse(seed)
     evaluate_every = None if evaluate_every is None else EVERY.parse(evaluate_every)
     trials = EVERY_TRIALS.parse(trials)
     saved = None

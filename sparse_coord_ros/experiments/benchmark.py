@@ -8,7 +8,7 @@ chosen on the buildings for tuning. Those for the test are opened once, for the 
 whoever tunes by them has seen them.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -25,11 +25,11 @@ from sparse_coord_ros.experiments.runner import (
     run_targets,
 )
 from sparse_coord_ros.experiments.store import ConditionResult, Plan
-from sparse_coord_ros.game.plugins import allow_named
 from sparse_coord_ros.game.settings import Setting
 from sparse_coord_ros.game.unseen import TEAMS
 from sparse_coord_ros.learn.evaluation import Measure
-from sparse_coord_ros.learn.learners import Learner, learner_of
+from sparse_coord_ros.learn.learners import LearnerLike, chosen_learner
+from sparse_coord_ros.learn.run_config import RUN_SETTINGS
 from sparse_coord_ros.solve.shipped import known_best
 
 if TYPE_CHECKING:
@@ -138,12 +138,12 @@ class Benchmark:
 
 
 def benchmark(
-    learner: str | Learner | type[Learner],
+    learner: LearnerLike = "factored",
     *,
     split: str = "tuning",
     robots: Sequence[int] = TEAMS,
-    settings: Mapping[str, object] | None = None,
-    out: Path | None = None,
+    steps: int = 100_000,
+    out: str | Path | None = None,
     runs: int = TEAM_RUNS.default,
     trials: int = TEAM_TRIALS.default,
     seed: int = 0,
@@ -151,16 +151,41 @@ def benchmark(
     jobs: int | None = None,
     scheduler: str | None = None,
     progress: Progress = no_progress,
+    **settings: object,
 ) -> Benchmark:
-    """Let teams of a learner learn in the unseen buildings; as of `sparse_coord_ros.benchmark`."""
-    allow_named(learner)  # the caller's own word
+    """Judge a learner on generated buildings that no search has seen, at a penalty of -100.
+
+    `Benchmark.standings()` says what share of the gap its teams close: between fixed shortest
+    paths and, with two robots, the class bound, with more what a planner with full sight reaches.
+
+    Args:
+        learner: who learns.
+        split: "tuning": the buildings by which rules and numbers are chosen; "test": the others,
+            to be opened once, for closing figures.
+        robots: sizes of teams, of 2, 4 and 8.
+        steps: step budget of learning, in transitions.
+        out: results directory, as of `run_experiment`; None: nothing is saved.
+        runs: teams that learn in each building.
+        trials: greedy trials of a team; those of two robots are evaluated exactly.
+        seed: seed of team 0; team i has seed + i.
+        engine: "numba", "python", or "auto": numba where it is installed. The bits are the same.
+        jobs: threads (or processes) at once; all cores that this process may use where None.
+        scheduler: address of the scheduler of a Dask cluster that computes; None: this machine.
+        progress: called with a condition's id, the agent-steps done and those of the whole call.
+        **settings: settings of learning to change, as of `load_scenario`.
+
+    Raises:
+        SettingError: no such learner, split or size of team; a setting that changes the game.
+        ResultsError, OSError, RunError, PluginError: as `run_experiment`.
+    """
+    name = chosen_learner(learner).label
+    seed = RUN_SETTINGS["seed"].parse(seed)
     plan = Plan(seed, TEAM_RUNS.parse(runs), TEAM_TRIALS.parse(trials))
-    name = learner_of(learner).label
-    targets = parse_targets(unseen_conditions(name, split, settings or {}, robots), plan)
+    conditions = unseen_conditions(name, split, {"steps": steps, **settings}, tuple(robots))
     results = run_targets(
-        targets,
+        parse_targets(conditions, plan),
         plan,
-        out=out,
+        out=None if out is None else Path(out),
         engine=engine,
         jobs=jobs,
         scheduler=scheduler,

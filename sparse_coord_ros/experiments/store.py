@@ -45,7 +45,6 @@ CONDITIONS = "conditions"
 RUNS = Setting("runs", int, 100, "learning runs of a condition", low=1, high=1_000_000)
 TRIALS = Setting("trials", int, 1000, "Monte-Carlo trials of a run", low=1, high=1_000_000)
 TRIALS_OR_NONE = replace(TRIALS, low=0, least=1)
-JOBS = Setting("jobs", int, 1, "threads (or processes) at once", low=1, high=4096)
 
 SUMS = ("reward", "time_to_goal", "asks", "miscoordinations")
 BY_ROBOT = ("reward", "asks")

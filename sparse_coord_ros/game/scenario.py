@@ -273,7 +273,10 @@ def scenario_names() -> list[str]:
     return [name for name in share_names("config", ".yaml") if name != PARAMETERS]
 
 
-def loaded(scenario: "str | Path | Scenario") -> "Scenario":
+ScenarioLike = str | Path | Scenario
+
+
+def loaded(scenario: ScenarioLike) -> Scenario:
     """Return a scenario as it is, or load it by its name or path.
 
     Raises:

@@ -16,7 +16,7 @@ from types import MappingProxyType
 from typing import Any
 
 from sparse_coord_ros.errors import SettingError
-from sparse_coord_ros.game.plugins import Registry, failing_as, is_shipped, path_of
+from sparse_coord_ros.game.plugins import Registry, allow_named, failing_as, is_shipped, path_of
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.streams import LEARNING
 from sparse_coord_ros.game.world import RewardWeights
@@ -328,7 +328,16 @@ for _own in (Coop(), NonCoop(), Indiv(), Factored()):
     LEARNERS.register(_own.label, _own)
 
 
-def learner_of(learner: "str | Learner | type[Learner]") -> Learner:
+LearnerLike = str | Learner | type[Learner]
+
+
+def chosen_learner(learner: LearnerLike) -> Learner:
+    """As `learner_of`, of what the caller names, and so allows to be imported."""
+    allow_named(learner)
+    return learner_of(learner)
+
+
+def learner_of(learner: LearnerLike) -> Learner:
     """Return a learner by its name; learners and their classes are taken as they are.
 
     Raises:

@@ -24,8 +24,9 @@ from sparse_coord_ros.game.actions import ACTIONS, MOVES, PRIMITIVES
 from sparse_coord_ros.game.links import check_up
 from sparse_coord_ros.game.miscoordination import meeting_places, together
 from sparse_coord_ros.game.perception import percept_probabilities
-from sparse_coord_ros.game.scenario import Scenario
+from sparse_coord_ros.game.scenario import Scenario, ScenarioLike, loaded
 from sparse_coord_ros.game.settings import Setting
+from sparse_coord_ros.learn.run_config import RUN_SETTINGS
 from sparse_coord_ros.limits import RESULTS, read_text
 from sparse_coord_ros.solve import class_loops
 from sparse_coord_ros.solve.class_loops import (
@@ -68,27 +69,33 @@ Progress = Callable[[int, int, float], None]
 
 
 def class_bound(
-    scenario: Scenario,
+    scenario: ScenarioLike,
     *,
-    restarts: int = 50,
+    restarts: int = 20,
     seed: int = 0,
-    file: Path | None = None,
+    file: str | Path | None = None,
     progress: Progress = lambda done, of, best: None,
 ) -> ClassBound:
-    """Search for the best team of Algorithm 1's form.
+    """Search for the best team of two robots that has Algorithm 1's form.
+
+    Its `value` is a lower bound of what such a team can be worth: the search may miss the best.
+    `shipped_class_bound` returns what was found once for the paper's scenarios.
 
     Args:
         scenario: a problem of two robots.
-        restarts: how often to begin anew.
-        seed: of every random draw.
-        file: where to keep what was found after each restart, and to go on from.
-        progress: called after each restart.
+        restarts: how often the search begins anew.
+        seed: of the search.
+        file: a JSON file to keep the search in, and to go on from; None: nothing is kept.
+        progress: called after each restart with those done, all, and the best value so far.
 
     Raises:
-        SettingError: not two robots.
+        SettingError: not two robots, or a bad value.
         ResultsError: the file is that of another search.
     """
+    scenario = loaded(scenario)
     check_class(scenario)
+    restarts, seed = RESTARTS.parse(restarts), RUN_SETTINGS["seed"].parse(seed)
+    file = None if file is None else Path(file)
     game = _game(scenario, (0.5, 0.5))
     both = np.ones(2, dtype=np.bool_)
     values, best = _kept(file, scenario, seed)

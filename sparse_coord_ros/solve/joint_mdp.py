@@ -14,7 +14,7 @@ import numpy as np
 
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.game.actions import PRIMITIVES
-from sparse_coord_ros.game.scenario import Scenario
+from sparse_coord_ros.game.scenario import ScenarioLike, loaded
 from sparse_coord_ros.solve.optimum import LARGEST, payment, successors
 
 
@@ -44,14 +44,18 @@ class JointMDP:
     actions: np.ndarray
 
 
-def joint_mdp(scenario: Scenario) -> JointMDP:
-    """Return the joint MDP of a scenario.
+def joint_mdp(scenario: ScenarioLike) -> JointMDP:
+    """Return the finite MDP whose value `optimum` computes, as arrays for planners.
+
+    One controller sees every robot's cell, chooses every robot's move, and pays nothing for
+    asking: `P[a]` holds the probabilities of the next joint state, `R` the expected rewards.
 
     Raises:
         SettingError: it has more than 100,000 joint states.
     """
     from scipy import sparse
 
+    scenario = loaded(scenario)
     cells, team = len(scenario.map.cells), len(scenario.robots)
     states = cells**team
     if states > LARGEST:

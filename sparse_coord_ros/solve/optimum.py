@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sparse_coord_ros.game.miscoordination import meeting_places, miscoordinated
-from sparse_coord_ros.game.scenario import Scenario
+from sparse_coord_ros.game.scenario import Scenario, ScenarioLike, loaded
 
 LARGEST = 100_000
 """Largest number of joint states that is solved exactly."""
@@ -37,12 +37,16 @@ class Optimum:
     joint_states: int
 
 
-def joint_optimum(scenario: Scenario) -> Optimum:
-    """Return the joint optimum, or its bound where the joint state space is too large.
+def joint_optimum(scenario: ScenarioLike) -> Optimum:
+    """Return the exact joint optimum: full joint state and action, no cost of asking.
+
+    Its `value` is the total discounted reward from the starts, averaged over the robots. Where the
+    joint state space is too large (`exact` is False), it is an upper bound.
 
     It does not depend on how robots learn: it is computed once for all scenarios that are the
     same but for that.
     """
+    scenario = loaded(scenario)
     cells, team = len(scenario.map.cells), len(scenario.robots)
     states = cells**team
     if states > LARGEST:

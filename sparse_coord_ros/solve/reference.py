@@ -14,7 +14,7 @@ import numpy as np
 
 from sparse_coord_ros.game.actions import DIRECTIONS
 from sparse_coord_ros.game.miscoordination import NOWHERE, meeting_places, miscoordinated
-from sparse_coord_ros.game.scenario import Robot, Scenario
+from sparse_coord_ros.game.scenario import Robot, Scenario, ScenarioLike, loaded
 from sparse_coord_ros.solve.optimum import independent_bound
 
 NEGLIGIBLE = 1e-16
@@ -38,8 +38,11 @@ class Reference:
     miscoordinations: float
 
 
-def shortest_path_reference(scenario: Scenario, *, keep_right: bool = False) -> Reference:
-    """Return what fixed shortest-path policies are worth, by dynamic programming.
+def shortest_path_reference(scenario: ScenarioLike, *, keep_right: bool = False) -> Reference:
+    """Return the exact worth of fixed shortest paths that mind nobody (paper, Section 4).
+
+    It is what Indiv. tends to. `reward` (total discounted) and `time_to_goal` (steps) are means
+    over the robots, `miscoordinations` is that of a trial.
 
     Args:
         scenario: the problem.
@@ -47,6 +50,7 @@ def shortest_path_reference(scenario: Scenario, *, keep_right: bool = False) -> 
             right, as seen by a robot that faces its goal; if not, each move is equally likely at
             every cell, as greedy agents choose between equal values.
     """
+    scenario = loaded(scenario)
     conflict = _miscoordination_probability(scenario, keep_right)
     discounted = conflict @ scenario.discount ** np.arange(len(conflict))
     distances = [scenario.map.distances_to(robot.goal)[robot.start] for robot in scenario.robots]
