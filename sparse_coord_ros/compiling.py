@@ -18,7 +18,6 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, wait
 from contextlib import ExitStack, contextmanager, suppress
-from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from types import ModuleType
@@ -27,7 +26,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from sparse_coord_ros.errors import EXIT_INTERRUPTED, SparseCoordError
-from sparse_coord_ros.files import take_lock
+from sparse_coord_ros.files import import_apart, take_lock
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -65,7 +64,9 @@ def _imports() -> bool:
 
 def numba() -> ModuleType:
     """Import numba where it is first needed: that takes as long as all the rest."""
-    return import_module("numba")
+    module = import_apart("numba", ".numba_config.yaml")
+    module.core.config._config_fname = os.devnull  # it would read the file at each compiling
+    return module
 
 
 _background: dict[object, Future[Any]] = {}

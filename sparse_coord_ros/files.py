@@ -5,8 +5,10 @@
 import errno
 import fcntl
 import os
-from contextlib import suppress
+from contextlib import chdir, nullcontext, suppress
+from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 from typing import IO, Any
 
 PARTIAL = ".partial"
@@ -101,3 +103,14 @@ def sync_directory(directory: Path) -> None:
             raise
     finally:
         os.close(descriptor)
+
+
+def import_apart(name: str, file: str) -> ModuleType:
+    """Import a library, but not with its settings in the current directory: a stranger's, perhaps.
+
+    Args:
+        name: the library.
+        file: what that file of settings is called.
+    """
+    with chdir(Path(__file__).parent) if os.path.exists(file) else nullcontext():
+        return import_module(name)

@@ -70,3 +70,23 @@ def test_the_disk_has_the_content_before_the_name_and_then_the_name(file, monkey
     monkeypatch.setattr(os, "replace", replaced)
     write_whole(file, "new", sync=sync)
     assert done == (["3 bytes", "name", "folder"] if sync else ["name"])
+
+
+SETTINGS = """
+import os
+from sparse_coord_ros.cli.pictures import drawing
+from sparse_coord_ros.compiling import has_numba, numba
+with drawing():
+    import matplotlib
+    assert not matplotlib.rcParams["text.usetex"]
+if has_numba():
+    numba().core.config.reload_config()
+    assert not numba().core.config.CHROME_TRACE
+print(os.getcwd())
+"""
+
+
+def test_libraries_heed_no_settings_that_lie_in_the_current_directory(python, tmp_path):
+    (tmp_path / "matplotlibrc").write_text("text.usetex: True\n")
+    (tmp_path / ".numba_config.yaml").write_text("chrome_trace: trace\n")
+    assert python("-c", SETTINGS, cwd=tmp_path).stdout == f"{tmp_path}\n"

@@ -4,11 +4,11 @@
 
 import argparse
 from pathlib import Path
+from typing import Any
 
 from sparse_coord_ros.cli import options as shared
-from sparse_coord_ros.cli.computing import COMPUTING, Bar, note_without_numba
+from sparse_coord_ros.cli.computing import COMPUTING, Bar, computing_of
 from sparse_coord_ros.cli.options import Option
-from sparse_coord_ros.engine.batch import uses_numba
 from sparse_coord_ros.experiments.benchmark import (
     TEAM_RUNS,
     TEAM_TRIALS,
@@ -57,9 +57,8 @@ OPTIONS = (
 
 def execute(options: argparse.Namespace) -> int:
     """Run the verb."""
-    if options.engine == "auto" and options.scheduler is None and not uses_numba("auto"):
-        note_without_numba()
-    found = [_judge(options, learner) for learner in options.learners]
+    by = computing_of(options)
+    found = [_judge(options, learner, by) for learner in options.learners]
     if options.json:
         shared.print_json({"benchmarks": [one.to_dict() for one in found]})
         return 0
@@ -78,7 +77,7 @@ def execute(options: argparse.Namespace) -> int:
     return 0
 
 
-def _judge(options: argparse.Namespace, learner: str) -> Benchmark:
+def _judge(options: argparse.Namespace, learner: str, by: dict[str, Any]) -> Benchmark:
     with Bar("agent-steps", quiet=options.json) as bar:
         return benchmark(
             learner,
@@ -88,10 +87,8 @@ def _judge(options: argparse.Namespace, learner: str) -> Benchmark:
             runs=options.runs,
             trials=options.trials,
             seed=options.seed,
-            engine=options.engine,
-            jobs=options.jobs,
-            scheduler=options.scheduler,
             progress=lambda name, done, total: bar.show(done, total, name),
+            **by,
             **SETTINGS.parse(shared.settings_of(options)),
         )
 

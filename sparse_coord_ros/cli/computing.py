@@ -2,13 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """What computes runs and where: options, notes on numba, and a line of progress."""
 
+import argparse
 import sys
 from contextlib import ExitStack
+from typing import Any
 
 from tqdm import tqdm
 
 from sparse_coord_ros.cli.options import Option, note
-from sparse_coord_ros.engine.batch import ENGINES
+from sparse_coord_ros.engine.batch import ENGINES, uses_numba
 from sparse_coord_ros.engine.cluster import JOBS
 
 COMPUTING = (
@@ -26,6 +28,13 @@ COMPUTING = (
     ),
 )
 """What computes, and where."""
+
+
+def computing_of(options: argparse.Namespace) -> dict[str, Any]:
+    """Return what the options say of engine, jobs and scheduler; say so where numba is missing."""
+    if options.engine == "auto" and options.scheduler is None and not uses_numba("auto"):
+        note_without_numba()
+    return {name: getattr(options, name) for name in ("engine", "jobs", "scheduler")}
 
 
 def note_without_numba() -> None:

@@ -22,14 +22,13 @@ from sparse_coord_ros.solve.class_search import (
 from sparse_coord_ros.solve.optimum import LARGEST, independent_bound, joint_optimum
 from sparse_coord_ros.solve.reference import shortest_path_reference
 from sparse_coord_ros.solve.shipped import (
-    ClassBound,
     shipped_best_team,
     shipped_class_bound,
     shipped_routes,
 )
 
 SEED = RUN_SETTINGS["seed"]
-OF_THE_SEARCH = ("restarts", "seed", "out", "picture")
+OF_THE_SEARCH = ("restarts", "seed", "out")
 
 EXAMPLE = "sparse_coord optimum env1 --penalty -100"
 
@@ -49,7 +48,6 @@ OPTIONS = (
     ),
     Option("--seed", SEED.parse, f"with --class: seed of the search (default: {SEED.default})"),
     Option("--out", Path, "with --class: a JSON file to keep the search in, and to go on from"),
-    Option("--picture", Path, "with --class: draw the team, e.g. team.png"),
     shared.JSON,
 )
 
@@ -97,11 +95,8 @@ def _class_bound(options: argparse.Namespace, scenario: Scenario) -> int:
     from sparse_coord_ros.cli.computing import Bar
 
     check_class(scenario)
-    picture = options.picture
     if options.out is not None:
         pictures.check_out(options.out)
-    if picture is not None:
-        pictures.check_out(picture, pictures.KINDS, "--picture")
 
     bar = Bar("restarts", quiet=options.json)
     with bar:
@@ -112,8 +107,6 @@ def _class_bound(options: argparse.Namespace, scenario: Scenario) -> int:
             file=options.out,
             progress=lambda done, of, best: bar.show(done, of, f"best {best:.4f}"),
         )
-    if picture is not None:
-        _draw(picture, scenario, found)
     if options.json:
         shared.print_json({"scenario": scenario.name, **asdict(found)})
         return 0
@@ -132,19 +125,6 @@ def _class_bound(options: argparse.Namespace, scenario: Scenario) -> int:
             print(f"{robot.name} alone could gain {gain:.3f} for itself: no equilibrium")
     if not any(found.gains):
         print("no robot was found to gain by changing alone: an equilibrium, as far as known")
-    for name in ("out", "picture"):
-        if getattr(options, name) is not None:
-            print(f"written: {getattr(options, name)}")
+    if options.out is not None:
+        print(f"written: {options.out}")
     return 0
-
-
-def _draw(path: Path, scenario: Scenario, bound: ClassBound) -> None:
-    from matplotlib.figure import Figure
-
-    from sparse_coord_ros.experiments.report.map_pictures import draw_team
-
-    rows, columns = scenario.map.shape
-    size = (max(4.0, 0.6 * columns), max(3.0, 0.6 * rows))
-    figure = Figure(figsize=size, layout="constrained")
-    draw_team(figure.subplots(), scenario, bound)
-    figure.savefig(path, dpi=110)

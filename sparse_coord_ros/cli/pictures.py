@@ -10,7 +10,7 @@ from pathlib import Path
 
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.errors import RunError, SettingError
-from sparse_coord_ros.files import PARTIAL, write_whole
+from sparse_coord_ros.files import PARTIAL, import_apart, write_whole
 
 KINDS = (".png", ".svg", ".pdf")
 """How the names of pictures end."""
@@ -25,26 +25,23 @@ def out_option(kinds: Sequence[str]) -> shared.Option:
     return shared.Option("--out FILE", Path, where, {"required": True})
 
 
-def check_out(path: Path, kinds: Sequence[str] = (), option: str = "--out") -> str:
+def check_out(path: Path, kinds: Sequence[str] = ()) -> str:
     """Return of which kind a file is to be, before anything is computed for it.
 
     Args:
         path: the file.
         kinds: how its name may end; empty: in any way.
-        option: that named it.
 
     Raises:
         SettingError: its name ends otherwise.
         RunError: it cannot be written.
     """
     kind = path.suffix.lower()
-    shown = f"{option} {str(path)[-100:]}"
+    shown = f"--out {str(path)[-100:]}"
     if kinds and kind not in kinds:
         raise SettingError(f"{shown}: allowed: a name that ends in {', '.join(kinds)}")
     if len(os.fsencode(path.name + PARTIAL)) > LONGEST_NAME:
-        raise SettingError(
-            f"{option}: a name of {len(path.name)} characters; choose a shorter one"
-        )
+        raise SettingError(f"--out: a name of {len(path.name)} characters; choose a shorter one")
     if not path.parent.is_dir():
         raise RunError(f"{shown}: there is no folder {path.parent}; make it, or choose another")
     if path.is_dir() or not os.access(path if path.exists() else path.parent, os.W_OK):
@@ -80,6 +77,7 @@ def drawing() -> Iterator[None]:
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", module="matplotlib|PIL")
             warnings.filterwarnings("ignore", message="Glyph .* missing")
+            import_apart("matplotlib", "matplotlibrc")
             yield
     except ImportError as error:
         if error.name is None or error.name.partition(".")[0] == "sparse_coord_ros":

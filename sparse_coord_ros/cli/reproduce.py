@@ -6,10 +6,9 @@ import argparse
 from pathlib import Path
 
 from sparse_coord_ros.cli import options as shared
-from sparse_coord_ros.cli.computing import COMPUTING, Bar, note_without_numba
+from sparse_coord_ros.cli.computing import COMPUTING, Bar, computing_of
 from sparse_coord_ros.cli.evaluate import Evaluated, result_table
 from sparse_coord_ros.cli.options import Option
-from sparse_coord_ros.engine.batch import uses_numba
 from sparse_coord_ros.experiments.catalogue import NAMES
 from sparse_coord_ros.experiments.runner import ExperimentResults, parse_targets, run_targets
 from sparse_coord_ros.experiments.store import RUNS, TRIALS, Plan
@@ -48,7 +47,6 @@ OPTIONS = (
 def execute(options: argparse.Namespace) -> int:
     """Run the verb."""
     plan = Plan(options.seed, options.runs, options.trials)
-    compiled = options.scheduler is not None or uses_numba(options.engine)
     targets = parse_targets(options.targets, plan)
     if options.list:
         conditions = [one.id for one in targets.conditions]
@@ -58,18 +56,15 @@ def execute(options: argparse.Namespace) -> int:
         else:
             print("\n".join(conditions + runs))
         return 0
-    if options.engine == "auto" and not compiled:
-        note_without_numba()
+    by = computing_of(options)
     with Bar("agent-steps") as bar:
         done = run_targets(
             targets,
             plan,
             out=options.out,
-            engine=options.engine,
-            jobs=options.jobs,
-            scheduler=options.scheduler,
             progress=lambda name, done, total: bar.show(done, total, name),
             report=True,
+            **by,
         )
     if options.json:
         shared.print_json(done.to_dict())

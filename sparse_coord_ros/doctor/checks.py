@@ -67,8 +67,7 @@ def installation() -> Finding:
 def compiler() -> Finding:
     """Look at numba: whether it is there, compiles, and where it keeps what it compiled."""
     try:
-        import numba
-
+        numba = compiling.numba()
         numba.njit(lambda number: number + 1)(1)
     except ModuleNotFoundError:
         text = "is not installed: the same results, but batches and train a hundred times slower"

@@ -6,7 +6,6 @@ A results directory holds one file a condition. What is there already is taken f
 missing is computed and saved, and nothing of another plan, scenario or protocol is mixed in.
 """
 
-import importlib
 import os
 import re
 import shutil
@@ -43,6 +42,7 @@ from sparse_coord_ros.experiments.store import (
     open_results,
     sample,
 )
+from sparse_coord_ros.files import import_apart
 from sparse_coord_ros.game.plugins import allow_named
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.specs import Spec
@@ -376,7 +376,7 @@ def _check_report() -> None:
     """Raise `RunError` where a package is missing that reports need, before hours go by."""
     for package in ("pandas", "matplotlib", "jinja2"):
         try:
-            importlib.import_module(package)
+            import_apart(package, "matplotlibrc")
         except ImportError as error:
             raise RunError(
                 f"a report needs the Python package {package} ({error}): pip install pandas "

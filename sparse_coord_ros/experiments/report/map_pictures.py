@@ -10,13 +10,10 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import PowerNorm
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle, Rectangle
+from matplotlib.patches import Rectangle
 
 from sparse_coord_ros.experiments.store import ConditionResult
-from sparse_coord_ros.game.actions import DIRECTIONS
 from sparse_coord_ros.game.scenario import Scenario
-from sparse_coord_ros.solve.class_search import acting
-from sparse_coord_ros.solve.shipped import ClassBound
 
 COLOUR_MAP, DOORWAY, WALL = "Blues", "#D55E00", "0.25"
 CELL = 0.3
@@ -75,36 +72,6 @@ def draw_map(
         axes.add_patch(Rectangle(inner, 0.88, 0.88, fill=False, edgecolor=DOORWAY, linewidth=1.8))
     axes.add_patch(Rectangle(corner, columns, rows, fill=False, edgecolor="black"))
     axes.set(xlim=(0, columns), ylim=(rows, 0), xticks=[], yticks=[], aspect="equal")
-
-
-def draw_team(axes: Axes, scenario: Scenario, bound: ClassBound) -> None:
-    """Draw a class bound's team on its map: an arrow a move, a ring where a robot asks first.
-
-    Only cells that the robots get to; under a ring there is an arrow for each move that the robot
-    may choose after the percept.
-    """
-    colours = ("#0072B2", "#E69F00")
-    draw_map(axes, scenario, label_size=8, label_height=0.13)
-    team, visited, seen = acting(scenario, bound.robots)
-    for k in range(2):
-        shift = 0.18 * (k - 0.5)
-        for x in np.flatnonzero(visited[k]).tolist():
-            row, column = scenario.map.cells[x]
-            centre = (column + 0.5 + shift, row + 0.5 + shift)
-            moves = {int(team.moves[k, x])}
-            if x in seen[k]:
-                moves = {int(move) for move in team.seen[k, x, seen[k][x]]}
-                axes.add_patch(Circle(centre, 0.2, fill=False, color=colours[k], lw=1.6))
-            for move in moves:
-                dr, dc = DIRECTIONS[move]
-                axes.annotate(
-                    "",
-                    (centre[0] + 0.3 * dc, centre[1] + 0.3 * dr),
-                    (centre[0] - 0.1 * dc, centre[1] - 0.1 * dr),
-                    arrowprops={"arrowstyle": "->", "color": colours[k], "lw": 1.6},
-                )
-    penalty = f"penalty {scenario.penalty:g}"
-    axes.set_title(f"{scenario.name}, {penalty}: class bound {bound.value:.2f}")
 
 
 def asked_maps(results: Sequence[ConditionResult]) -> Figure:
