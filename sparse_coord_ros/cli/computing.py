@@ -32,7 +32,8 @@ COMPUTING = (
 
 def computing_of(options: argparse.Namespace) -> dict[str, Any]:
     """Return what the options say of engine, jobs and scheduler; say so where numba is missing."""
-    if options.engine == "auto" and options.scheduler is None and not uses_numba("auto"):
+    compiled = options.scheduler is not None or uses_numba(options.engine)
+    if options.engine == "auto" and not compiled:
         note_without_numba()
     return {name: getattr(options, name) for name in ("engine", "jobs", "scheduler")}
 
