@@ -226,7 +226,7 @@ def _plain(text: str) -> Any:
     return text if kind is None else _WORDS[kind]
 
 
-class _Dumper(yaml.SafeDumper):
+class Dumper(yaml.SafeDumper):
     """Puts texts into quotation marks that either version of YAML takes for something else."""
 
     def ignore_aliases(self, data: Any) -> bool:
@@ -234,12 +234,12 @@ class _Dumper(yaml.SafeDumper):
         return True
 
 
-_Dumper.add_implicit_resolver(
+Dumper.add_implicit_resolver(
     "tag:yaml.org,2002:float", re.compile(rf"^(?:{_FLOAT}|0o[0-7]+)$"), list("-+.0123456789")
 )
 
 
 def to_yaml(value: Any, **layout: Any) -> str:
     """Return plain data as YAML text that `parse_yaml` reads back; `layout`: as of `yaml.dump`."""
-    text = yaml.dump(value, Dumper=_Dumper, sort_keys=False, allow_unicode=True, **layout)
+    text = yaml.dump(value, Dumper=Dumper, sort_keys=False, allow_unicode=True, **layout)
     return str(text)

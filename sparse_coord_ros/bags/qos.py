@@ -14,7 +14,7 @@ from typing import Any
 import yaml
 
 from sparse_coord_ros.errors import BagError
-from sparse_coord_ros.limits import METADATA, yaml_value
+from sparse_coord_ros.limits import METADATA, Dumper, yaml_value
 
 # rmw's RMW_DURATION_INFINITE, 2**63 - 1 ns: what rosbag2 records for a publisher without a
 # deadline, lifespan or lease.
@@ -98,22 +98,18 @@ def _profile(entry: dict[str, Any]) -> QoS:
     return QoS(**values)
 
 
-class _Dumper(yaml.SafeDumper):
+class _Rosbag2Dumper(Dumper):
     """PyYAML laid out as yaml-cpp does, so that bags compare equal to rosbag2's as text."""
 
     def increase_indent(self, flow: bool = False, indentless: bool = False) -> None:
         """Indent sequences below their key."""
         super().increase_indent(flow, False)
 
-    def ignore_aliases(self, data: Any) -> bool:
-        """Write equal parts out in full: rosbag2 knows no anchors."""
-        return True
 
-
-_Dumper.add_representer(
+_Rosbag2Dumper.add_representer(
     type(None), lambda dumper, _: dumper.represent_scalar("tag:yaml.org,2002:null", "~")
 )
-_Dumper.add_representer(
+_Rosbag2Dumper.add_representer(
     str,
     lambda dumper, text: dumper.represent_scalar(
         "tag:yaml.org,2002:str", text, style=None if text else '"'
@@ -124,7 +120,7 @@ _Dumper.add_representer(
 def yaml_text(value: Any) -> str:
     """Return a plain value as YAML in rosbag2's layout, without a final newline."""
     layout: dict[str, Any] = {"sort_keys": False, "default_flow_style": False, "width": 2**31}
-    text = yaml.dump(value, Dumper=_Dumper, allow_unicode=True, **layout)
+    text = yaml.dump(value, Dumper=_Rosbag2Dumper, allow_unicode=True, **layout)
     return text.rstrip("\n")
 
 

@@ -339,19 +339,15 @@ def bag_files(path: Path) -> list[Path]:
             for ending in (f".mcap{PARTIAL}", ".mcap")
             for file in sorted(directory.glob(f"[!.]*{ending}"))
         }
-        if len(found) < 2:
-            if found:
-                return list(found.values())
-            continue
-        matches = [_NUMBERED.fullmatch(name) for name in found]
-        if None in matches or len({match[1] for match in matches if match}) > 1:
+        files = sorted(found.values(), key=stem_and_number)
+        named = {stem_and_number(file) for file in files}
+        if len(named) < len(files) or len({stem for stem, _ in named}) > 1:
             raise BagError(
                 f"bag {directory} has {len(found)} .mcap files: name one, or move it to another "
                 "directory"
             )
-        return [
-            found[name] for name in sorted(found, key=lambda name: stem_and_number(Path(name))[1])
-        ]
+        if files:
+            return files
     raise BagError(
         f"{path} is not a bag: it has no .mcap file; give a bag's directory or its file"
     )

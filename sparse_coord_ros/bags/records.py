@@ -165,24 +165,14 @@ def describe(opcode: int) -> str:
 
 
 class _Exact(ReadDataStream):
-    """mcap's stream, which would hand back less than asked for, or fail at a huge length."""
-
-    def __init__(self, body: bytes) -> None:
-        super().__init__(BytesIO())
-        self._body, self._place = body, 0
-
-    @property
-    def count(self) -> int:
-        """Number of bytes read."""
-        return self._place
+    """mcap's stream, which would hand back less than asked for."""
 
     def read(self, length: int) -> bytes:
         """Return so many bytes, or raise EndOfFile."""
-        begin = self._place
-        if length > len(self._body) - begin:
+        data = super().read(length)
+        if len(data) < length:
             raise EndOfFile
-        self._place += length
-        return self._body[begin : self._place]
+        return data
 
 
 def parse(kind: Any, body: bytes, offset: int) -> Any:
@@ -196,10 +186,10 @@ def parse(kind: Any, body: bytes, offset: int) -> Any:
     Raises:
         Damage: the fields do not fill the bytes, or a text is not UTF-8.
     """
-    stream = _Exact(body)
+    stream = _Exact(BytesIO(body))
     try:
         record = kind.read(stream)
-    except (EndOfFile, struct.error, UnicodeDecodeError) as error:
+    except (EndOfFile, OverflowError, UnicodeDecodeError) as error:
         raise Damage(
             offset, f"a {kind.__name__} record whose fields do not fit into it"
         ) from error
