@@ -7,6 +7,10 @@ import pytest
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_typestore
 
+from sparse_coord_ros.bags import QoS
+
+STRING = "std_msgs/msg/String"
+
 
 class Samples:
     """Messages of any type with every field set to a value of its own."""
@@ -24,6 +28,14 @@ class Samples:
     def cdr(self, type_name, seed=1):
         """Return the serialised message."""
         return bytes(self.typestore.serialize_cdr(self.message(type_name, seed), type_name))
+
+    def fill(self, bag, count, *, chunks=False):
+        """Write texts of the times 0, 1, 2, ... ns on `/a`, in a chunk each or as it comes."""
+        channel = bag.add_topic("/a", STRING, QoS())
+        for i in range(count):
+            bag.write(channel, self.cdr(STRING), i, i)
+            if chunks:
+                bag.flush()
 
     def same(self, message, decoded):
         """Whether a message and what some decoder made of it have equal fields."""

@@ -184,10 +184,7 @@ def test_a_thousand_damaged_bags(tmp_path, originals):
 def test_no_chunk_depends_on_another(tmp_path, samples, hit, finish):
     """What the topics are is in the first two, and at the end of a finished file."""
     writer = BagWriter(tmp_path / "bag")
-    channel = writer.add_topic("/a", STRING, QoS())
-    for i in range(5):
-        writer.write(channel, samples.cdr(STRING), i, i)
-        writer.flush()
+    samples.fill(writer, 5, chunks=True)
     writer.close() if finish else writer.abandon()
     [file] = (tmp_path / "bag").glob("*.mcap*")
     block = open_bag(file).files[0].blocks[hit]
@@ -208,9 +205,7 @@ def tiny(tmp_path_factory, samples):
     path = tmp_path_factory.mktemp("tiny") / "run"
     with BagWriter(path, compression="none", chunk_size=1) as bag:
         bag.attach("a", b"1", "text/plain")
-        channel = bag.add_topic("/a", STRING, QoS())
-        for i in range(3):
-            bag.write(channel, samples.cdr(STRING), i, i)
+        samples.fill(bag, 3)
     return content(open_bag(path))
 
 

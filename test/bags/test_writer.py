@@ -236,9 +236,7 @@ def test_file_gets_its_name_when_it_is_whole(tmp_path):
 def test_exception_abandons_the_bag_with_all_its_messages(tmp_path, samples):
     """A broken run must not look whole; what it wrote is there all the same."""
     with pytest.raises(RuntimeError), BagWriter(tmp_path / "run", chunk_size=1_000) as bag:
-        channel = bag.add_topic("/a", STRING, QoS())
-        for i in range(500):
-            bag.write(channel, samples.cdr(STRING), i, i)
+        samples.fill(bag, 500)
         assert 480 < len(unfinished_times(tmp_path / "run")) < 500, "but for the last chunk"
         raise RuntimeError
     assert unfinished_times(tmp_path / "run") == [*range(500)]
@@ -279,9 +277,7 @@ def test_full_disk_is_a_clear_error_and_stays_one(tmp_path):
 def test_disk_full_while_closing_leaves_every_message(tmp_path, samples, monkeypatch, room):
     """Wherever in the last records it happens: all that was flushed can be read."""
     bag = BagWriter(tmp_path / "run")
-    channel = bag.add_topic("/a", STRING, QoS())
-    for i in range(10):
-        bag.write(channel, samples.cdr(STRING), i, i)
+    samples.fill(bag, 10)
     bag.flush()
     file = Disk(bag._file._file, room)
     monkeypatch.setattr(bag._file, "_file", file)
