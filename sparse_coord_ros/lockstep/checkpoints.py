@@ -68,9 +68,6 @@ class Store:
     def count(self, events: Mapping[str, int]) -> None:
         """Save what was counted so far."""
 
-    def close(self) -> None:
-        """Let others have the checkpoints; the end of the process does so too."""
-
 
 class Checkpoints(Store):
     """One node's checkpoints on disk.

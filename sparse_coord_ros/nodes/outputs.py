@@ -162,6 +162,7 @@ class Output:
         if self._out is not None:
             self._open(self._out, () if node.values["resume"] else own)
             self.store = checkpoints = Checkpoints(self._out, name, run)
+            node.at_end.callback(checkpoints.close)
             checkpoints.steps()
             if node.values["resume"]:
                 node.intake.earlier = self.store.counted().get(DROPPED, 0)

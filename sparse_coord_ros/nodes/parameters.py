@@ -5,6 +5,7 @@
 import functools
 import time
 from collections.abc import Callable, Collection, Mapping
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, TypedDict, Unpack, cast
 
@@ -120,6 +121,7 @@ class ParameterNode(Node):
         reminder: when to say what the node waits for.
         failure: why the node must stop, or None.
         done: whether the node has nothing more to do.
+        at_end: closes what is put there when the node is destroyed, whatever brought that.
 
     Raises:
         SettingError: an unknown parameter or a bad value.
@@ -153,6 +155,7 @@ class ParameterNode(Node):
         self.reminder = Reminder()
         self.failure: SparseCoordError | None = None
         self.done = False
+        self.at_end = ExitStack()
         self._table, self._changeable = table, changeable
         self.tap = place.get("tap")
         self.intake = Intake(self)
@@ -163,6 +166,11 @@ class ParameterNode(Node):
             self.destroy_node()
             raise
         self.add_on_set_parameters_callback(self._check_change)
+
+    def destroy_node(self) -> None:
+        """As `Node`'s; what is `at_end` comes first."""
+        self.at_end.close()
+        super().destroy_node()
 
     def set_up(self) -> None:
         """Check the values, and open what the node needs; where that fails, no node is left."""

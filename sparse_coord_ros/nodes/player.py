@@ -54,15 +54,16 @@ class Player(ParameterNode):
     """
 
     def __init__(self, *, keyboard: bool = False, **place: Unpack[Place]) -> None:
-        self._keyboard = Keyboard() if keyboard else None
         self._begun = False
         super().__init__("player", PARAMETERS["player"], changeable=CHANGEABLE, **place)
         self.create_service(SetBool, services.PAUSE.of("~"), self._on_pause)
         self.create_service(Trigger, services.STEP.of("~"), self._on_step)
         self.add_post_set_parameters_callback(self.guarded(self._on_change))
         self._timer = self.create_timer(self.values["delay"], self._tick)
-        if self._keyboard is not None and self._keyboard.there:
-            self.create_timer(KEYS_SECONDS, self._on_keys)
+        keys = Keyboard()
+        if keyboard and keys.there:
+            self.at_end.callback(keys.close)  # the terminal is given back, whatever happens
+            self.create_timer(KEYS_SECONDS, lambda: self._on_keys(keys))
             self.get_logger().info(KEYS_HELP)
 
     def set_up(self) -> None:
@@ -164,9 +165,8 @@ class Player(ParameterNode):
                 self._seek(self.values["position"])
         self._wake()
 
-    def _on_keys(self) -> None:
-        assert self._keyboard is not None
-        for key in self._keyboard.read():
+    def _on_keys(self, keys: Keyboard) -> None:
+        for key in keys.read():
             if key == "quit":
                 self.done = True
             else:
@@ -199,12 +199,6 @@ class Player(ParameterNode):
         )
         if self._playback.done:
             wait_for_readers(self.stage.publishers.values())
-
-    def destroy_node(self) -> None:
-        """Give the terminal back, whatever happens, and destroy the node."""
-        if self._keyboard is not None:
-            self._keyboard.close()
-        super().destroy_node()
 
 
 def main(args: list[str] | None = None) -> int:

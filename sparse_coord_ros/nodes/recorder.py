@@ -337,6 +337,8 @@ class Recorder(Follower):
         if earlier is not None:
             options |= {"earlier": earlier, "why": why_of(order)}
         bag = (BagWriter if self.tap is None else BagProcess)(self.directory, **options)
+        self.at_end.enter_context(contextlib.suppress(BagError))  # a broken one stays unfinished
+        self.at_end.callback(bag.close)
         self.part = self.recording = recording = Recording(self, run, bag)
         if earlier is None:
             recording.begin()
@@ -371,13 +373,6 @@ class Recorder(Follower):
         self.get_logger().info(
             f"closed {self.directory}: {bag.message_count} messages, {bag.bytes_written} bytes"
         )
-
-    def destroy_node(self) -> None:
-        """As `Node`'s; a bag that was not closed is, a broken one stays unfinished."""
-        if self.recording is not None:
-            with contextlib.suppress(BagError):
-                self.recording.bag.close()
-        super().destroy_node()
 
 
 def main(args: list[str] | None = None) -> int:

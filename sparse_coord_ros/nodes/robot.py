@@ -56,12 +56,6 @@ class RobotNode(Follower):
         """Become a member of the team."""
         self.part = self.member = Member(self, self.guard, run, self._peer_clients)
 
-    def destroy_node(self) -> None:
-        """As `Node`'s; others may have its checkpoints then."""
-        if self.member is not None:
-            self.member.output.store.close()
-        super().destroy_node()
-
     def finish(self, *, interrupted: bool) -> None:
         """Say the last words, and save what was learned."""
         if self.member is not None:

@@ -226,6 +226,7 @@ class WatchNode(Follower):
             self.server = self._shared
             return
         self.server = Server(Board(), host=self.values["host"], port=self.values["port"])
+        self.at_end.callback(self.server.close)
         if self.server.warning:
             self.get_logger().warning(self.server.warning)
         self.get_logger().info(f"watch it at {self.server.address}")
@@ -291,11 +292,6 @@ class WatchNode(Follower):
     def may_stop(self) -> bool:
         """Stop at once: there is nothing to save."""
         return True
-
-    def finish(self, *, interrupted: bool) -> None:
-        """Close the server, where it is the node's own."""
-        if self._shared is None:
-            self.server.close()
 
 
 @dataclass

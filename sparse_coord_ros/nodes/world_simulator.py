@@ -321,12 +321,6 @@ class WorldSimulator(ParameterNode):
         if self._output is not None and state is not None:
             self._output.checkpoint(state)
 
-    def destroy_node(self) -> None:
-        """As `Node`'s; others may have its checkpoints then."""
-        if self._output is not None:
-            self._output.store.close()
-        super().destroy_node()
-
     def finish(self, *, interrupted: bool) -> None:
         """Say good-bye, write summary and history, and let the last messages arrive."""
         self._stopped = True
