@@ -79,8 +79,10 @@ def repair_promptly() -> None:
 
     On a busy machine its shared memory drops messages, and networks lose frames. In a run of a
     few seconds they would come after the end, or after they were overwritten. Profiles that the
-    user has chosen stay, and other middlewares take no notice.
+    user has chosen stay, and other middlewares take no notice. Those that lie in the current
+    directory nobody has chosen: Fast DDS would take them, and they may name any file to write.
     """
+    os.environ["SKIP_DEFAULT_XML_FILE"] = "1"
     os.environ.setdefault(PROFILES, _profiles("fastdds.xml"))
 
 

@@ -22,6 +22,18 @@ node.destroy_node()
 rclpy.shutdown()
 """
 
+EMPTIES = """<?xml version="1.0" encoding="UTF-8" ?>
+<dds xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
+  <log>
+    <use_default>FALSE</use_default>
+    <consumer>
+      <class>FileConsumer</class>
+      <property><name>filename</name><value>{file}</value></property>
+    </consumer>
+  </log>
+</dds>
+"""
+
 
 def test_the_profiles_of_the_user_stay(monkeypatch) -> None:
     monkeypatch.setenv(PROFILES, "own.xml")
@@ -54,3 +66,15 @@ def test_fast_dds_understands_the_profiles(monkeypatch, tmp_path) -> None:
         assert done.returncode == 0, done.stderr
         printed = done.stdout + done.stderr
         assert ("XMLPARSER" in printed) if profiles == bad else printed == ""
+
+
+def test_profiles_of_the_current_directory_are_not_taken(monkeypatch, tmp_path) -> None:
+    """They may name any file of the user's, which Fast DDS then empties for its log."""
+    monkeypatch.setenv("SKIP_DEFAULT_XML_FILE", "restored after the test")
+    monkeypatch.delenv("SKIP_DEFAULT_XML_FILE")
+    (victim := tmp_path / "victim").write_text("kept")
+    for name in ("FASTRTPS", "FASTDDS"):
+        (tmp_path / f"DEFAULT_{name}_PROFILES.xml").write_text(EMPTIES.format(file=victim))
+    command = [sys.executable, "-c", PUBLISH]
+    subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
+    assert victim.read_text() == "kept"

@@ -39,6 +39,9 @@ except ImportError as error:
 MOST_PAGES = 32
 """Of more pages those give way that have not shown the token, the oldest first."""
 
+MOST_OTHERS = 64
+"""Of more connections that are no page's, half-sent requests among them, the oldest are closed."""
+
 LARGEST_MESSAGE = 4096
 """Bytes of a page's message."""
 
@@ -87,6 +90,7 @@ class Page:
         self.token = secrets.token_urlsafe(18) if token is None else token
         self.source: Controlled | None = None
         self._guests: dict[web.WebSocketResponse, asyncio.Transport] = {}
+        self.streams: set[asyncio.BaseProtocol] = set()
         self._local = is_loopback(host)
         self._names = {"localhost", host.lower()}
         if not self._local:
@@ -140,6 +144,7 @@ class Page:
             self._guests.pop(next(iter(self._guests))).abort()
         assert request.transport is not None
         self._guests[stream] = request.transport
+        self.streams.add(request.protocol)
         self.board.pages += 1
         sender = asyncio.create_task(self._send(stream))
         try:
@@ -155,6 +160,7 @@ class Page:
                 await sender
             self.board.pages -= 1
             self._guests.pop(stream, None)
+            self.streams.discard(request.protocol)
         return stream
 
     async def _send(self, stream: web.WebSocketResponse) -> None:
@@ -269,8 +275,18 @@ class Server:
     async def _run(self) -> None:
         runner = web.AppRunner(self.page.app, access_log=None, logger=LOGGER, shutdown_timeout=0.1)
         await runner.setup()
-        await web.SockSite(runner, self._listening).start()
+        serving = runner.server
+        assert serving is not None
+
+        def connection() -> asyncio.BaseProtocol:
+            others = [one for one in serving.connections if one not in self.page.streams]
+            for one in others[:-MOST_OTHERS]:
+                one.force_close()
+            return serving()
+
+        door = await self._loop.create_server(connection, sock=self._listening)
         await self._stop.wait()
+        door.close()
         await runner.cleanup()
 
 

@@ -8,6 +8,7 @@ import re
 import socket
 import sys
 import time
+from contextlib import ExitStack
 
 import aiohttp
 import pytest
@@ -32,6 +33,7 @@ from sparse_coord_ros.look.page.controls import (
 from sparse_coord_ros.look.page.server import (
     FILES,
     LARGEST_MESSAGE,
+    MOST_OTHERS,
     MOST_PAGES,
     Page,
     Server,
@@ -241,6 +243,29 @@ def test_a_malformed_request_is_refused_and_prints_nothing(request_, caplog):
     finally:
         server.close()
     assert caplog.records == []
+
+
+def test_half_sent_requests_use_up_nothing():
+    """Each holds a descriptor of the team's process, which then could not save its tables."""
+    server, page = Server(board(), port=0), b"GET /ws HTTP/1.1\r\nHost: localhost\r\n"
+    page += b"Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
+    page += b"Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n\r\n"
+    try:
+        with ExitStack() as stack:
+
+            def sent(request):
+                one = socket.create_connection(("127.0.0.1", server.port), timeout=5)
+                stack.enter_context(one).sendall(request)
+                return one
+
+            shown = sent(page)
+            assert shown.recv(12) == b"HTTP/1.1 101"
+            half = [sent(page[:9]) for _ in range(3 * MOST_OTHERS)]
+            assert sent(page).recv(12) == b"HTTP/1.1 101"
+            assert [one.recv(1) for one in half[:MOST_OTHERS]] == [b""] * MOST_OTHERS
+            assert shown.recv(1) and server.board.pages == 2
+    finally:
+        server.close()
 
 
 def test_the_server_has_a_thread_and_a_port_of_its_own():
