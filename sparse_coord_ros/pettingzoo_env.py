@@ -11,7 +11,7 @@ percepts and rewards.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
@@ -25,7 +25,7 @@ from sparse_coord_ros.game.links import Percepts
 from sparse_coord_ros.game.perception import asked_peers
 from sparse_coord_ros.game.scenario import Scenario, loaded
 from sparse_coord_ros.game.streams import EVALUATION, LEARNING, PEER, POLICY, Stream
-from sparse_coord_ros.game.world import Action, Reward, World
+from sparse_coord_ros.game.world import Action, Reward, StepOutcome, World
 from sparse_coord_ros.learn.run_config import RUN_SETTINGS
 from sparse_coord_ros.palette import DOORWAY_COLOUR, WALL_COLOUR, rgb, robot_colour
 
@@ -168,21 +168,16 @@ class SparseCoordEnv(ParallelEnv):
                 f"actions: value is {in_short(actions)}, allowed: a mapping of agents to actions"
             )
         chosen = dict(self._checked(name, action) for name, action in actions.items())
-        rewards: Sequence[Reward] = [NO_REWARD] * len(self.possible_agents)
-        miscoordination = False
-        arrived: Collection[int] = ()
-        over = False
+        robots = range(len(self.possible_agents))
+        outcome = StepOutcome((NO_REWARD,) * len(robots), False, (), False)
         self._half = not self._half and COORDINATE in chosen.values()
         if self._half:
             self._chosen = chosen
-            for k, action in chosen.items():
-                if action == COORDINATE:
-                    self._ask(world, k)
+            self._ask(world, [k for k, action in chosen.items() if action == COORDINATE])
         else:
-            outcome = world.advance([self._action(k, chosen) for k in range(len(rewards))])
+            outcome = world.advance([self._action(k, chosen) for k in robots])
             self._forget()
-            rewards, arrived, over = outcome.rewards, outcome.arrived, outcome.episode_over
-            miscoordination = outcome.miscoordination
+        rewards, met, arrived, over = outcome
         acted = {name: self._number[name] for name in self.agents}
         observations = self._observations()
         self.agents = [name for name, k in acted.items() if not over and k not in arrived]
@@ -191,17 +186,18 @@ class SparseCoordEnv(ParallelEnv):
             {n: rewards[k].total + self._goal_value * (k in arrived) for n, k in acted.items()},
             {name: k in arrived for name, k in acted.items()},
             {name: over and k not in arrived for name, k in acted.items()},
-            {name: self._info(rewards[k], miscoordination) for name, k in acted.items()},
+            {name: self._info(rewards[k], met) for name, k in acted.items()},
         )
 
-    def _ask(self, world: World, k: int) -> None:
-        """Let robot k ask its peers where they are."""
-        draw = self._peer_draws[k].at(world.step)[PEER]
-        peers = asked_peers(self.scenario.peers, k, len(self.possible_agents), draw)
-        cells = tuple(world.cells[peer] for peer in peers)
-        sees = partial(self._percepts.sees, world.step, k, world.cells[k])
-        self._asked[k] = peers
-        self._seen[k] = cells if cells and all(map(sees, cells)) else None
+    def _ask(self, world: World, askers: list[int]) -> None:
+        """Let robots ask their peers where they are."""
+        for k in askers:
+            draw = self._peer_draws[k].at(world.step)[PEER]
+            peers = asked_peers(self.scenario.peers, k, len(self.possible_agents), draw)
+            cells = tuple(world.cells[peer] for peer in peers)
+            sees = partial(self._percepts.sees, world.step, k, world.cells[k])
+            self._asked[k] = peers
+            self._seen[k] = cells if cells and all(map(sees, cells)) else None
 
     def _action(self, k: int, chosen: Mapping[int, int]) -> Action | None:
         """Return what robot k does; None: nothing."""

@@ -25,12 +25,7 @@ OPTIONS = (
         "with the most questions",
         {"default": "last"},
     ),
-    Option(
-        "--greedy",
-        bool,
-        "play greedy episodes on the learned tables instead of showing recorded ones; a run "
-        "without a bag is always shown so",
-    ),
+    Option("--greedy", bool, "play on the learned tables, as always for a run without a bag"),
     shared.SEED,
     RATE,
     pictures.out_option(KINDS),

@@ -26,23 +26,13 @@ EXAMPLE = "sparse_coord benchmark coop factored --robots 2 --runs 2 --steps 2000
 
 OPTIONS = (
     Option(
-        "learners LEARNER",
+        "learners LEARNER...",
         None,
         f"{', '.join(LEARNERS.registered)}; or one of your own as module:Class",
-        {"nargs": "+", "names": lambda: LEARNERS.names},
+        {"names": lambda: LEARNERS.names},
     ),
-    Option(
-        "--split",
-        SPLITS,
-        "tuning: the buildings by which rules and numbers are chosen; test: the others, to be "
-        "opened once, for closing figures",
-    ),
-    Option(
-        "--robots",
-        int,
-        "sizes of teams",
-        {"nargs": "+", "choices": TEAMS, "default": TEAMS},
-    ),
+    Option("--split", SPLITS, "buildings to choose rules by, or those for closing figures alone"),
+    Option("--robots N...", int, "sizes of teams", {"choices": TEAMS, "default": TEAMS}),
     Option("--kinds", bool, "a row for each kind of building too"),
     Option("--steps", None, "step budget in transitions (default: 1e5)"),
     shared.changes("change a setting of learning, e.g. epsilon=linear:0.2:0.02:0.8"),

@@ -14,17 +14,12 @@ from sparse_coord_ros.engine.batch import ENGINES, uses_numba
 from sparse_coord_ros.engine.cluster import JOBS
 
 COMPUTING = (
-    Option(
-        "--engine",
-        ENGINES,
-        "numba, python, or auto: numba where it is installed; the results are the same",
-    ),
+    Option("--engine", ENGINES, "the results are the same; auto: numba where it is installed"),
     Option("--jobs", JOBS.parse, f"{JOBS.help} (default: all cores)"),
     Option(
         "--scheduler ADDRESS",
         None,
-        "compute on a Dask cluster, whose scheduler has this address, e.g. tcp://10.0.0.1:8786 "
-        "(default: on this machine); the results are the same",
+        "of a Dask cluster to compute on, e.g. tcp://10.0.0.1:8786 (default: this machine)",
     ),
 )
 """What computes, and where."""

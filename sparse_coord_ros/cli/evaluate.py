@@ -41,18 +41,9 @@ EXAMPLE = (
 
 
 OPTIONS = (
-    Option(
-        "directories DIR",
-        Path,
-        "output of run or train; several are compared, exactly where that can be",
-        {"nargs": "+"},
-    ),
+    Option("directories DIR...", Path, "output of run or train; several are compared"),
     Option("--trials", TRIALS.parse, f"{TRIALS.help} (default: {TRIALS.default})"),
-    Option(
-        "--exact",
-        bool,
-        "compute the measures instead, for one or two robots: no trials, no standard error",
-    ),
+    Option("--exact", bool, "compute the measures instead, for one or two robots"),
     Option("--seed", shared.SEED, "seed of the trials"),
     shared.JSON,
 )

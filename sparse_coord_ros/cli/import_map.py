@@ -27,7 +27,12 @@ CELL = Setting("cell", float, None, "side of a cell, in metres, e.g. 0.5", 0, 10
 RADIUS = Setting("radius", float, None, "the robot's radius, in metres, e.g. 0.2", 0, 100)
 SPECK_SIZE = Setting("speck", float, SPECK, "metres up to which a spot is noise; 0: none", 0, 10)
 DOORWAY_LENGTH = Setting(
-    "doorway-length", float, None, "metres through a doorway; longer ones are corridors", 0, 1000
+    "doorway-length",
+    float,
+    None,
+    "metres through a doorway; longer ones are corridors (default: by cell and radius)",
+    0,
+    1000,
 )
 
 EXAMPLE = (
@@ -50,21 +55,19 @@ def _place(text: str) -> Place:
     return x, y
 
 
-PLACES = {"nargs": "+", "action": "extend", "default": []}
+PLACES = {"action": "extend", "default": []}
 
 OPTIONS = (
     Option("map MAP.yaml", Path, "the YAML file of the map"),
     CELL,
     RADIUS,
-    Option("--start X,Y", _place, "where the robots start, in metres of the map's frame", PLACES),
-    Option("--goal X,Y", _place, "where they are to go, in the same order", PLACES),
-    Option("--doorway X,Y", _place, "places in cells that are to be doorways too", PLACES),
-    Option("--no-doorway X,Y", _place, "places in doorways that are to be none", PLACES),
     Option(
-        "--doorway-length",
-        DOORWAY_LENGTH.parse,
-        f"{DOORWAY_LENGTH.help} (default: by cell and radius)",
+        "--start X,Y...", _place, "where the robots start, in metres of the map's frame", PLACES
     ),
+    Option("--goal X,Y...", _place, "where they are to go, in the same order", PLACES),
+    Option("--doorway X,Y...", _place, "places in cells that are to be doorways too", PLACES),
+    Option("--no-doorway X,Y...", _place, "places in doorways that are to be none", PLACES),
+    Option("--doorway-length", DOORWAY_LENGTH.parse, DOORWAY_LENGTH.help),
     SPECK_SIZE,
     shared.changes(
         "a setting of the scenario; what is not set is suggested by the map's distances"

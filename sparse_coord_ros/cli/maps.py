@@ -14,12 +14,7 @@ EXAMPLE = "sparse_coord maps env1"
 
 
 OPTIONS = (
-    Option(
-        "name NAME",
-        None,
-        "a map's, a generated building's, or a map or scenario file",
-        {"nargs": "?"},
-    ),
+    Option("[name NAME]", None, "a map's, a generated building's, or a map or scenario file"),
     shared.JSON,
 )
 

@@ -41,11 +41,7 @@ OPTIONS = (
         "search for the best team of two robots that has Algorithm 1's form",
         {"dest": "class_bound"},
     ),
-    Option(
-        "--restarts",
-        RESTARTS.parse,
-        f"with --class: random beginnings (default: {RESTARTS.default})",
-    ),
+    Option("--restarts", RESTARTS.parse, f"with --class (default: {RESTARTS.default})"),
     Option("--seed", SEED.parse, f"with --class: seed of the search (default: {SEED.default})"),
     Option("--out", Path, "with --class: a JSON file to keep the search in, and to go on from"),
     shared.JSON,

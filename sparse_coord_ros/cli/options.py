@@ -40,7 +40,8 @@ class Option(NamedTuple):
     """An option or an argument of a verb.
 
     Attributes:
-        words: its name and what stands for its value, as usage lines have it: "--out FILE".
+        words: its name and what stands for its value, as usage lines have it: "--out FILE",
+            "[bag BAG]" where it can be left out, "learners LEARNER..." where there can be several.
         kind: bool: a flag; a `Setting`: its values, with its default, and needed where it has
             none; a tuple of texts: one of these, the first by default; else what reads the value:
             a type, a function, or None for a text; without a default.
@@ -59,8 +60,11 @@ def add_options(parser: argparse.ArgumentParser, options: Iterable[Option | Sett
     for one in options:
         if isinstance(one, Setting):
             one = Option(f"--{one.name}", one, one.help)
-        name, _, metavar = one.words.partition(" ")
+        words, several = one.words.strip("[]"), one.words.rstrip("]").endswith("...")
+        name, _, metavar = words.removesuffix("...").partition(" ")
         how: dict[str, Any] = {"help": one.help, **({"metavar": metavar} if metavar else {})}
+        if several or words != one.words:
+            how["nargs"] = "+" if words == one.words else "*" if several else "?"
         if one.kind is bool:
             how["action"] = "store_true"
         elif isinstance(one.kind, tuple):
@@ -108,11 +112,11 @@ def changes(help: str) -> Option:
 
 def scenario_options(*, optional: bool = False) -> tuple[Option, ...]:
     """Return SCENARIO and the options that change it."""
-    how = {"names": scenario_names, **({"nargs": "?"} if optional else {})}
+    words = "[scenario SCENARIO]" if optional else "scenario SCENARIO"
     known = f"path of a scenario file, or one of: {', '.join(scenario_names())}"
     what = "change a scenario setting, e.g. perception=probability:0.7; may be repeated"
     return (
-        Option("scenario SCENARIO", None, known, how),
+        Option(words, None, known, {"names": scenario_names}),
         Option("--penalty", None, "r^C of a miscoordination, e.g. -20"),
         changes(what),
     )

@@ -16,12 +16,7 @@ EXAMPLE = "sparse_coord plot runs/demo --what policy,length --out demo.png"
 
 
 OPTIONS = (
-    Option(
-        "sources RUN|BAG|RESULTS",
-        Path,
-        "directories of runs, bags (several are drawn side by side), or one of results",
-        {"nargs": "+"},
-    ),
+    Option("sources RUN|BAG|RESULTS...", Path, "runs, bags, side by side, or one of results"),
     Option(
         "--what",
         None,

@@ -20,9 +20,7 @@ EXAMPLE = "sparse_coord replay runs/demo/bag --rate 2 --start 12.5"
 OPTIONS = (
     shared.BAG,
     Option("--rate R", None, "seconds of the bag played a second", {"default": "1"}),
-    Option(
-        "--start T", None, "begin so many seconds after the bag's first message", {"default": "0"}
-    ),
+    Option("--start T", None, "seconds after the bag's first message", {"default": "0"}),
     Option("--loop", bool, "begin again at the end"),
     Option(
         "--topics TOPIC",
@@ -34,8 +32,7 @@ OPTIONS = (
     Option(
         "--step",
         bool,
-        "begin paused; space goes on, the right arrow or the service /player/step shows the next "
-        "time step",
+        "begin paused; space goes on, the right arrow or /player/step shows the next time step",
     ),
 )
 

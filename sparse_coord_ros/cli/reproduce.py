@@ -23,11 +23,10 @@ EXAMPLE = (
 
 OPTIONS = (
     Option(
-        "targets WHAT",
+        "[targets WHAT...]",
         None,
         f"experiments ({', '.join(NAMES)}), conditions such as env1/coop/penalty=-20, or single "
         "runs such as env1/coop/penalty=-20/3 (default: every experiment)",
-        {"nargs": "*"},
     ),
     Option(
         "--out",

@@ -33,11 +33,7 @@ OPTIONS = (
     Option("--no-record", bool, "write no bag"),
     Option("--compression", ("zstd", "lz4", "none"), "of the bag"),
     Option("--max-bagfile-size BYTES", None, "begin another file of the bag after so many"),
-    Option(
-        "--max-bagfile-duration SECONDS",
-        None,
-        "begin another file of the bag after so many simulated seconds",
-    ),
+    Option("--max-bagfile-duration SECONDS", None, "or after so many simulated seconds"),
     Option(
         "--checkpoint STEPS",
         RUN_SETTINGS["checkpoint"].parse,

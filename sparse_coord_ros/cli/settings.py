@@ -42,12 +42,7 @@ class Entry(NamedTuple):
 
 
 OPTIONS = (
-    Option(
-        "names NAME",
-        None,
-        f"settings, learners, or groups: {', '.join(GROUPS)} (default: all)",
-        {"nargs": "*"},
-    ),
+    Option("[names NAME...]", None, f"settings, learners, or groups: {', '.join(GROUPS)}"),
     shared.JSON,
 )
 

@@ -67,23 +67,12 @@ OPTIONS = (
     *shared.run_options(
         "go on with an interrupted run, instead of SCENARIO; DIR is its output directory"
     ),
-    Option(
-        "--engine",
-        ENGINES,
-        "what computes, with the same bits: auto is numba where it is installed and the run is "
-        "long enough to be worth compiling",
-    ),
-    Option(
-        "--evaluate-every STEPS",
-        EVERY.parse,
-        f"evaluate each so many steps too, by {EVERY_TRIALS.default} trials, into "
-        f"{EVALUATIONS_FILE}",
-    ),
+    Option("--engine", ENGINES, "the bits are the same; auto: numba where it is worth compiling"),
+    Option("--evaluate-every STEPS", EVERY.parse, f"evaluate on the way too: {EVALUATIONS_FILE}"),
     Option(
         "--trials",
         TRIALS.parse,
-        "Monte-Carlo trials of what was learned (default: none where it can be computed, as for "
-        "two robots, else 1000; 0: do not evaluate it)",
+        "of the evaluation (default: 1000, or none where it can be computed; 0: no evaluation)",
     ),
     *shared.WATCH,
     shared.JSON,

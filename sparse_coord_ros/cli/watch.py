@@ -19,11 +19,10 @@ EXAMPLE = "sparse_coord watch runs/demo/bag"
 
 OPTIONS = (
     Option(
-        "bag BAG",
+        "[bag BAG]",
         Path,
         "a bag's or a run's directory, or a file; one that is still being recorded is followed "
         "(default: the team that runs now, over its ROS topics)",
-        {"nargs": "?"},
     ),
     RATE,
     STEP,
