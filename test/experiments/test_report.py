@@ -349,6 +349,8 @@ def test_loses_less_means_surely():
         ("env2-2r", "indiv"): [4.0, 4.0, 4.0, 4.0],
         ("env2-2r", "noncoop"): [2.0, 8.0, 2.0, 8.0],
         ("env2-2r", "coop"): [2.0, 2.0, 2.0, 2.0],
+        ("env1", "factored"): [2.0, 2.0, 2.0, 2.0],
+        ("env2-2r", "factored"): [2.0, 2.0, 2.0, 2.0],
     }
     changes, conditions = {}, []
     for (name, learner), fall in falls.items():
@@ -423,24 +425,20 @@ def test_asks_near_doorways_beside_the_time_spent_there():
     assert row_of(never.rows, scenario="env1")["asked near"] == "-"
 
 
-def test_an_experiment_without_a_section_of_its_own(tmp_path):
-    settings = [{**LONG, "horizon": horizon, "peers": "one"} for horizon in (50, 100)]
-    conditions = [make_condition("env1", n, s) for n in ("noncoop", "coop") for s in settings]
-    one = Experiment("horizons", "How long a trial lasts", tuple(conditions))
+def test_one_experiment_alone(tmp_path):
+    one = experiment("penalty100")
     found = results_of([one])
-    found[conditions[3].id] = made_up(conditions[3], **rewards(118.0, 120.0, 118.0, 120.0))
     for folder in ("a", "b"):
         write_report(tmp_path / folder, PLAN, [one], found)
     text = (tmp_path / "a/reproduction.md").read_text(encoding="utf-8")
-    assert "## How long a trial lasts" in text and "Table 1" not in text.split("## How long")[1]
-    assert "sparse_coord reproduce horizons --runs 4 --trials 50 --seed 5 --out results" in text
-    assert row(text, "env1", "Coop.", "100")[3] == "119.00 (0.58)"
+    assert f"## {one.title}" in text and "Table 1" not in text.split("## Penalty")[1]
+    assert "sparse_coord reproduce penalty100 --runs 4 --trials 50 --seed 5 --out results" in text
     files = sorted(path.relative_to(tmp_path / "a") for path in (tmp_path / "a").rglob("*.*"))
     assert list(map(str, files)) == [
-        "figures/horizons.png",
-        "figures/horizons.svg",
+        "figures/penalty100.png",
+        "figures/penalty100.svg",
         "reproduction.md",
-        "tables/horizons.csv",
+        "tables/penalty100.csv",
     ]
     for path in files:  # the same results give the same bytes
         assert (tmp_path / "a" / path).read_bytes() == (tmp_path / "b" / path).read_bytes(), path

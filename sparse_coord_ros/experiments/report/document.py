@@ -67,7 +67,7 @@ def write_report(
         figures = figures_of(one.name, own)
         for name, figure in figures.items():
             save(figure, directory / f"figures/{name}")
-        page = pages.select_template([f"{one.name}.md.j2", "default.md.j2"])
+        page = pages.get_template(f"{one.name}.md.j2")
         parts.append(
             page.render(
                 name=one.name,

@@ -29,7 +29,6 @@ from sparse_coord_ros.experiments.report.map_pictures import asked_maps
 from sparse_coord_ros.experiments.report.rows import names, paper, pick
 from sparse_coord_ros.experiments.report.text import factors, steps
 from sparse_coord_ros.experiments.store import ConditionResult
-from sparse_coord_ros.game.scenario import SETTINGS
 from sparse_coord_ros.learn.evaluation import Measure
 
 MEASURES = ("reward", "miscoordinations", "asks")
@@ -39,7 +38,7 @@ Results = Sequence[ConditionResult]
 
 def figures_of(name: str, results: Results) -> dict[str, Figure]:
     """Return the figures of an experiment, by the names of their files."""
-    return DRAWN.get(name, _default)(name, results)
+    return DRAWN[name](name, results)
 
 
 def _comparison(*measures: str) -> Callable[[str, Results], dict[str, Figure]]:
@@ -80,23 +79,6 @@ def _swept(
         return {name: plot(shown, len(names(results)))}
 
     return draw
-
-
-def varied(results: Results) -> list[str]:
-    """Return the settings in which conditions differ."""
-    given = [one.scenario for one in results]
-    return [name for name in SETTINGS if len({str(getattr(s, name)) for s in given}) > 1]
-
-
-def settings_text(result: ConditionResult, settings: Sequence[str]) -> str:
-    """Return some settings of a condition as a text."""
-    return ", ".join(f"{getattr(result.scenario, name)}" for name in settings) or "-"
-
-
-def _default(name: str, results: Results) -> dict[str, Figure]:
-    own = varied(results)
-    label = ", ".join(own) or "setting"
-    return _swept(lambda one: settings_text(one, own), label, MEASURES)(name, results)
 
 
 def shift_of(result: ConditionResult) -> float:
@@ -239,4 +221,4 @@ DRAWN: Mapping[str, Callable[[str, Results], dict[str, Figure]]] = {
     "where": lambda name, results: {name: asked_maps(results)},
     "unseen": _unseen,
 }
-"""What draws each experiment; others are drawn against the settings in which they differ."""
+"""What draws each experiment."""

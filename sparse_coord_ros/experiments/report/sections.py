@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from functools import cache, partial
 from itertools import groupby, takewhile
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import yaml
@@ -21,17 +21,11 @@ from sparse_coord_ros.experiments.catalogue import CLOSED, FALLS, LEARNERS, LONG
 from sparse_coord_ros.experiments.report import analysis
 from sparse_coord_ros.experiments.report.analysis import difference, paired, surely_positive
 from sparse_coord_ros.experiments.report.charts import CLASS
-from sparse_coord_ros.experiments.report.drawings import (
-    crowd_gains,
-    crowd_line,
-    settings_text,
-    varied,
-)
+from sparse_coord_ros.experiments.report.drawings import crowd_gains, crowd_line
 from sparse_coord_ros.experiments.report.rows import by_scenario, class_bound, paper, pick
 from sparse_coord_ros.experiments.report.text import (
     Row,
     bound_of,
-    condition_row,
     factors,
     fixed,
     named,
@@ -113,7 +107,7 @@ def finding(name: str, holds: int, cases: int, **values: Any) -> Finding:
 
 def section_of(name: str, results: Results) -> Section:
     """Return the section on an experiment."""
-    return SECTIONS.get(name, _default)(results)
+    return SECTIONS[name](results)
 
 
 def failed(results: Iterable[ConditionResult]) -> str:
@@ -216,29 +210,46 @@ def _table2(results: Results) -> Section:
     return Section(rows, claims)
 
 
+class Fall(NamedTuple):
+    """What is lost from the least penalty to the greatest.
+
+    Attributes:
+        dear, free: Coop. with the greatest penalty and with the least.
+        lost: reward that each learner loses, run by run.
+        bound: what the class bound loses; NaN where it is unknown.
+    """
+
+    dear: ConditionResult
+    free: ConditionResult
+    lost: dict[str, np.ndarray]
+    bound: float
+
+
+def _fall(results: Results) -> Fall:
+    """Return what is lost in the conditions of one scenario and budget."""
+    ends = {
+        learner: _ends(pick(results, learner=learner), lambda one: one.scenario.penalty)
+        for learner in LEARNERS
+    }
+    lost = {
+        learner: free.run_means("reward") - dear.run_means("reward")
+        for learner, (dear, free) in ends.items()
+    }
+    dear, free = ends["coop"]
+    bound = (class_bound(free) or math.nan) - (class_bound(dear) or math.nan)
+    return Fall(dear, free, lost, bound)
+
+
 def _figure4(results: Results) -> Section:
     """Return what learners lose from the least penalty to the greatest, run by run."""
-    rows: list[Row] = []
-    ratios: dict[str, float] = {}
-    coop_falls, less = [], 0
-    budgets = [
-        pick(own, steps=budget)
+    falls = [
+        _fall(pick(own, steps=budget))
         for own in by_scenario(results)
         for budget in dict.fromkeys(one.scenario.steps for one in own)
     ]
-    for own in budgets:
-        ends = {
-            learner: _ends(found, lambda one: one.scenario.penalty)
-            for learner in LEARNERS
-            if (found := pick(own, learner=learner))
-        }
-        lost = {
-            learner: free.run_means("reward") - dear.run_means("reward")
-            for learner, (dear, free) in ends.items()
-        }
-        dear, free = ends["coop"]
-        bound = (class_bound(free) or math.nan) - (class_bound(dear) or math.nan)
-        if bound > 0.0 and "factored" in lost and free.scenario.steps == LONG["steps"]:
+    rows, ratios, coop_falls, less = [], {}, [], 0
+    for dear, free, lost, bound in falls:
+        if bound > 0.0 and free.scenario.steps == LONG["steps"]:
             ratios[free.scenario.name] = lost["factored"].mean() / bound
         exact = fixed(max(0.0, free.optimum - dear.optimum))
         rows.append(
@@ -460,22 +471,6 @@ def _unseen(results: Results) -> Section:
     return Section(rows, values={"sure": percent(SURE, 0)})
 
 
-def _default(results: Results) -> Section:
-    settings = varied(results)
-    setting = ", ".join(settings) or "setting"
-    return Section(
-        [
-            {
-                "scenario": one.scenario.name,
-                "learner": one.learner.title,
-                setting: settings_text(one, settings),
-                **condition_row(one),
-            }
-            for one in results
-        ]
-    )
-
-
 SECTIONS: Mapping[str, Callable[[Results], Section]] = {
     "table1": partial(_rewards, "Table 1"),
     "table2": _table2,
@@ -489,4 +484,4 @@ SECTIONS: Mapping[str, Callable[[Results], Section]] = {
     "where": _where,
     "unseen": _unseen,
 }
-"""What shows each experiment; others have a row a condition."""
+"""What shows each experiment."""

@@ -110,16 +110,3 @@ def bound_of(result: ConditionResult) -> str | None:
     if team is not None:
         return f">= {team:.2f}"
     return None if bound is None else f"{bound:.2f}"
-
-
-def condition_row(result: ConditionResult) -> Row:
-    """Return what a condition brings, by column."""
-    asks = result.learner.asks
-    return {
-        "reward (s.e.)": with_error(result.best("reward")),
-        "class bound": bound_of(result) if asks else None,
-        "joint optimum": optimum_of(result),
-        "miscoordinations (s.e.)": with_error(result.best("miscoordinations"), 3),
-        "COORDINATE (s.e.)": with_error(result.best("asks"), 3) if asks else None,
-        "all arrive": percent(result.arrived, 2),
-    }
