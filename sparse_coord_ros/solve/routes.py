@@ -216,6 +216,59 @@ def meeting(x: int, y: int, p: float, here: int, there: int, q: float) -> float:
     return found
 
 
+@inner
+def in_turn(routed: Routed, cells: np.ndarray, sequence: np.ndarray) -> None:
+    """Write in which order the robots choose: those in a doorway first."""
+    count = 0
+    for inside in (True, False):
+        for k in routed.order:
+            if (routed.places[cells[k]] != NOWHERE) == inside:
+                sequence[count] = k
+                count += 1
+
+
+@inner
+def choose(routed: Routed, space: np.ndarray, place: int) -> None:
+    """Write where a robot goes.
+
+    Args:
+        routed: the scenario and the plan.
+        space: as of `play`.
+        place: which robot, by its place in the sequence.
+    """
+    cells, chosen, sequence = space
+    claims, k = routed.claims, sequence[place]
+    x = cells[k]
+    chosen[k], best = x, -np.inf
+    if x == routed.goals[k]:
+        return
+    for b in range(PRIMITIVES):
+        y = routed.lead[x, b]
+        p = routed.success if y != x else 1.0
+        worth = p * routed.after[k, y] + (1.0 - p) * routed.after[k, x]
+        for other in range(len(cells)):
+            # Who has not chosen yet is taken to leave, which fails at times.
+            j = sequence[other]
+            if j != k:
+                there = claims[chosen[j]] if other < place else NOWHERE
+                here = claims[cells[j]]
+                meet = meeting(claims[x], claims[y], p, here, there, routed.success)
+                worth += meet * routed.toll
+        if worth > best:
+            best = worth
+            chosen[k] = y
+
+
+@inner
+def met(places: np.ndarray, cells: np.ndarray) -> bool:
+    """Whether two robots are at one place."""
+    for k in range(len(cells)):
+        for j in range(k):
+            if places[cells[k]] != NOWHERE and places[cells[k]] == places[cells[j]]:
+                return True
+    return False
+
+
 def play(routed: Routed, draws: np.ndarray, space: np.ndarray, rewards: np.ndarray) -> None:
     """Play trials.
 
@@ -226,42 +279,15 @@ def play(routed: Routed, draws: np.ndarray, space: np.ndarray, rewards: np.ndarr
         rewards: what each trial brings, averaged over the robots; set.
     """
     cells, chosen, sequence = space
-    claims = routed.claims
     team = len(cells)
     for trial in range(len(draws)):
         total, factor = 0.0, 1.0
         for k in range(team):
             cells[k] = routed.starts[k]
         for step in range(draws.shape[1]):
-            # Those in a doorway choose first.
-            count = 0
-            for inside in (True, False):
-                for k in routed.order:
-                    if (routed.places[cells[k]] != NOWHERE) == inside:
-                        sequence[count] = k
-                        count += 1
+            in_turn(routed, cells, sequence)
             for place in range(team):
-                k = sequence[place]
-                x = cells[k]
-                chosen[k] = x
-                if x == routed.goals[k]:
-                    continue
-                best = -np.inf
-                for b in range(PRIMITIVES):
-                    y = routed.lead[x, b]
-                    p = routed.success if y != x else 1.0
-                    worth = p * routed.after[k, y] + (1.0 - p) * routed.after[k, x]
-                    for other in range(team):
-                        # Who has not chosen yet is taken to leave, which fails at times.
-                        j = sequence[other]
-                        if j != k:
-                            here = claims[cells[j]]
-                            there = claims[chosen[j]] if other < place else NOWHERE
-                            meet = meeting(claims[x], claims[y], p, here, there, routed.success)
-                            worth += meet * routed.toll
-                    if worth > best:
-                        best = worth
-                        chosen[k] = y
+                choose(routed, space, place)
             under_way = False
             for k in range(team):
                 if cells[k] == routed.goals[k]:
@@ -273,12 +299,7 @@ def play(routed: Routed, draws: np.ndarray, space: np.ndarray, rewards: np.ndarr
                         total += factor * routed.prize
             if not under_way:
                 break
-            met = False
-            for k in range(team):
-                for j in range(k):
-                    mine = routed.places[cells[k]]
-                    met = met or (mine != NOWHERE and mine == routed.places[cells[j]])
-            if met:
+            if met(routed.places, cells):
                 total += factor * routed.toll
             factor *= routed.discount
         rewards[trial] = total / team
