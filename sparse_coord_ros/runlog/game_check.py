@@ -232,7 +232,11 @@ class WorldCheck:
         shown: list[tuple[int | None, wire.Topic, np.ndarray]] = [
             (None, wire.MAP, maps),
             (None, wire.MARKERS, log.tracks.markers[0]),
-            *((k, wire.COORDINATION_MAP, log.tracks.coordination_maps[k][0]) for k in self.robots),
+            *(
+                (k, wire.COORDINATION_MAP, log.tracks.coordination_maps[k][0])
+                for k in self.robots
+                if log.shows(k)
+            ),
         ]
         for k, topic, steps in shown:
             # Where a gap follows, only those before the last one that was shown.

@@ -149,6 +149,11 @@ class RunLog:
         """The recorded tables by (robot's number, time step)."""
         return {(entry.robot, entry.step): entry.tables for entry in self.all_tables}
 
+    def shows(self, k: int) -> bool:
+        """Whether a robot says anything of what it learns; robots of one's own need not."""
+        recorded = any(entry.robot == k for entry in self.all_tables)
+        return recorded or len(self.tracks.coordination_maps[k][0]) > 0
+
     def between(self, first: int, last: int) -> "RunLog":
         """Return the time steps from `first` to `last`, both included."""
         begin, end = np.searchsorted(self.step, [first, last + 1]).tolist()

@@ -29,7 +29,8 @@ class Verification:
             came back and went on alone, or a part of the bag is lost.
         broke_off: who was killed, or came back and went on alone, as sentences; the same
             differences are in `open`.
-        not_computed: what was left out, as its code may not be imported, as sentences.
+        not_computed: what was left out, as its code may not be imported, or a robot shows neither
+            tables nor coordination maps, as sentences.
         foreign: messages beside those of the run, where all else is as it is computed.
         lost: how many messages are not in the log, by topic: of map, markers and coordination
             maps a busy middleware keeps only the last, of tables the last `TABLES_DEPTH`.
@@ -138,5 +139,11 @@ def _differences(
     found += [*log.problems, *world.differences()]
     with leaving_out("actions and tables", say):
         for agent in agents:
-            found += agent.differences()
+            if log.shows(agent.k):
+                found += agent.differences()
+            else:
+                say(
+                    f"{agent.name} shows no tables and no coordination maps: why it acts as it "
+                    "does is not computed (a robot of one's own?)"
+                )
     return [one for one in found if one.step is not None and stretch.holds(one.step)]

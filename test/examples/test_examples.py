@@ -17,6 +17,8 @@ from sparse_coord_ros.learn.learners import LEARNERS
 from sparse_coord_ros.learn.simulation import tables_equal
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
+ELSEWHERE = ("own_robot.py", "own_learning_robot.py")
+"""Run by test/nodes/test_conformance.py."""
 
 
 @pytest.fixture

@@ -1,0 +1,148 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""`tools.conformance` on the robots of examples/, on ours, and on robots that break something."""
+
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from sparse_coord_ros.runlog.verify import verify
+from tools import conformance
+from tools.conformance import OBLIGATIONS, Stage
+
+ROOT = Path(__file__).parents[2]
+NAME = ["--ros-args", "-r", "__node:=robot_1"]
+
+
+@pytest.fixture
+def example(monkeypatch):
+    """Return a function that loads the robot of an example, with some of its text changed."""
+
+    def load(name, **changed):
+        for module in ("own_robot", name):
+            text = (ROOT / "examples" / f"{module}.py").read_text()
+            for before, after in changed.get(module, ()):
+                assert before in text
+                text = text.replace(before, after)
+            loaded = ModuleType(module)
+            monkeypatch.setitem(sys.modules, module, loaded)
+            exec(text, vars(loaded))
+        return loaded.OwnRobot if name == "own_robot" else loaded.OwnLearningRobot
+
+    return load
+
+
+@pytest.fixture
+def judged(bench, monkeypatch):
+    """Return a function that judges a robot of this process; it returns the stage."""
+    monkeypatch.setattr(conformance, "START_SECONDS", 1.5)
+
+    def judge(kind):
+        context, executor = bench.place()
+        if kind is not None:
+            bench.add(kind(context=context, cli_args=NAME))
+        stage = bench.add(Stage("robot_1", "env1", executor, context=context))
+        stage.play()
+        return stage
+
+    return judge
+
+
+def test_a_learning_robot_of_ones_own_keeps_the_contract(judged, example, capfd):
+    stage = judged(example("own_learning_robot"))
+    assert (stage.broken, stage.seen) == ({}, {*OBLIGATIONS})
+    assert stage.report() == 0
+    assert [line.split()[0] for line in capfd.readouterr().out.splitlines()] == ["kept"] * 18
+
+
+PLAIN, LEARNS = "own_robot", "own_learning_robot"
+BROKEN = {
+    "begins": (PLAIN, "self.create_subscription(JointState", "print(JointState"),
+    "progress": (PLAIN, "self.listen()\n            self.say_progress()", "self.listen()"),
+    "acts": (PLAIN, "if not self.rests():", "if not self.rests() and self.step % 9:"),
+    "action": (PLAIN, '"percept", "learned"]', '"percept", "taught"]'),
+    "twice": (
+        PLAIN,
+        "position=numbers)\n",
+        "position=numbers)\n        self.action.publish(self.said)\n",
+    ),
+    "rests": (PLAIN, "if not self.rests():", "if True:"),
+    "repeats": (PLAIN, "and self.said is not None", "and self.said is None"),
+    "older": (PLAIN, "if step > self.step:", "if step != self.step:"),
+    "reward": (PLAIN, "percept=0, learned=0", "percept=0, learned=1"),
+    "answers": (PLAIN, "if stamp in (", "if True or stamp in ("),
+    "stranger": (PLAIN, 'values["run"] == self.run["id"]', 'values["run"]'),
+    "roll call": (PLAIN, "self.obeyed = name", "return"),
+    "asks": (LEARNS, '"coordinate": percept != DID_NOT_ASK', '"coordinate": 0'),
+    "asks again": (LEARNS, "if self.step_of(plan) < step:", "if self.step_of(plan) < 0:"),
+    "percept": (LEARNS, "self.percept.publish(", "print("),
+    "goes back": (LEARNS, '"fined", "state", "step"', '"fined", "step"'),
+}
+"""By the obligation that it breaks, what is changed in a robot of examples/."""
+
+
+@pytest.mark.parametrize(
+    "what", [pytest.param(w, marks=() if w == "begins" else pytest.mark.long) for w in BROKEN]
+)
+def test_who_breaks_an_obligation_is_told_which(judged, example, capfd, what):
+    name, before, after = BROKEN[what]
+    stage = judged(example(name, **{name: [(before, after)]}))
+    assert stage.report() == 1
+    place, text = OBLIGATIONS[what]
+    said = [line for line in capfd.readouterr().out.splitlines() if line.startswith("BROKEN")]
+    [line] = [line for line in said if f"  {text}: {stage.broken[what]}" in line]
+    assert line.endswith(f"(docs/interface.md#{place})")
+
+
+def test_obligations_stand_in_the_docs():
+    headings = {
+        line.lstrip("# ").lower().replace(" ", "-")
+        for line in (ROOT / "docs/interface.md").read_text().splitlines()
+        if line.startswith("### ")
+    }
+    assert {place for place, _ in OBLIGATIONS.values()} <= headings
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("robot", "broken"),
+    [("examples/own_robot.py", ""), ("ours", ""), ("unended", "ends"), ("failing", "ends")],
+)
+def test_a_robot_of_a_process_of_its_own(tmp_path, capfd, robot, broken):
+    command = [sys.executable, str(ROOT / robot)]
+    if robot == "ours":
+        command = [sys.executable, "-m", "sparse_coord_ros.executables", "robot"]
+    elif broken:
+        text = (ROOT / "examples/own_robot.py").read_text()
+        over = 'self.over = message.message in ("finished", "stopped")'
+        assert over in text
+        text = text.replace(over, "pass" if robot == "unended" else f"{over} and 1 / 0")
+        command[1] = str(tmp_path / "robot.py")
+        Path(command[1]).write_text(text)
+    assert conformance.main(["--", *command, *NAME]) == bool(broken)
+    said = [line for line in capfd.readouterr().out.splitlines() if line.startswith("BROKEN")]
+    assert [line.split()[1] for line in said] == [broken] * bool(broken)
+
+
+def test_a_robot_that_the_scenario_does_not_have(capfd):
+    assert conformance.main(["--robot", "robot_9"]) == 2
+    assert "give --robot one of them" in capfd.readouterr().err
+
+
+def test_a_run_with_a_robot_of_ones_own(bench, tmp_path, example):
+    """World, peer and recorder take it for one of theirs; verify checks all that can be known."""
+    world = bench.world(set=["steps=150"], out=str(tmp_path), recorded=True)
+    recorder, peer = bench.recorder(tmp_path / "bag"), bench.robot("robot_2")
+    context = bench.place()[0]
+    own = bench.add(example("own_learning_robot")(context=context, cli_args=NAME))
+    bench.spin_until_done(world, peer)
+    for node in (world, peer, own):
+        bench.destroy(node)
+    bench.spin_until_done(recorder)
+    found = verify(tmp_path / "bag")
+    assert (found.differences, found.open) == ((), ())
+    assert found.steps == 150 and found.choices == found.updates > 0
+    [sentence] = found.not_computed
+    assert sentence.startswith("robot_1 shows no tables and no coordination maps")
