@@ -143,11 +143,6 @@ class Bag:
         return sum(gap.end - gap.begin for gap in self.gaps if not gap.recovered)
 
     @property
-    def file_bytes(self) -> int:
-        """Size of its files."""
-        return sum(file.size for file in self.files)
-
-    @property
     def topics(self) -> dict[str, BagTopic]:
         """Its topics by name."""
         found: dict[str, BagTopic] = {}

@@ -39,7 +39,7 @@ def _information(bag, *, recording: bool) -> dict[str, Any]:
     return {
         "file": bag.path,
         "files": [file.path.name for file in bag.files],
-        "bytes": bag.file_bytes,
+        "bytes": sum(file.size for file in bag.files),
         "finished": bag.finished,
         "recording": recording,
         "damage": bag.damage,

@@ -71,10 +71,9 @@ def unpack(
     try:
         _check_headers(data, limit)
         with np.load(io.BytesIO(data), allow_pickle=False) as file:
-            head = file["format"].ravel().tolist() if "format" in file.files else [1]
-            number = int(head[0])
-            names = set(file.files) - {"format"} if number == FORMAT else ()
-            arrays = {name: file[name] for name in names}
+            arrays = {name: file[name] for name in file.files}
+        head = arrays.pop("format", np.array("1")).ravel()[:3].tolist()
+        number = int(head[0])
         if number == FORMAT and head[2] != _digest(arrays):
             raise ValueError("its contents do not fit its digest")
     except Exception as failure:  # zip, zlib and NumPy's parser raise what a file makes them

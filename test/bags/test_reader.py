@@ -73,7 +73,7 @@ def test_everything_that_was_written_is_read(tmp_path, bag, samples):
         assert (found.name, found.media_type, found.log_time_ns) == ("map.txt", "text/plain", 3)
         assert found.data == b"#" and found.size == 1
         assert bag.compressions == ("zstd",)
-        assert bag.file_bytes == bag.path.stat().st_size
+        assert bag.files[0].size == bag.path.stat().st_size
         writer.close()
 
 
