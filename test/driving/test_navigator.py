@@ -129,6 +129,14 @@ def test_where_no_newer_pose_comes_the_newest_one_counts(server):
     assert server.wait(0.4).cell == END
 
 
+def test_how_long_a_move_took_is_told(server):
+    began = server.now
+    server.pose(START)
+    server.pose(START, 0.2)
+    reached = server.pose(END)
+    assert reached.seconds == pytest.approx(server.now - began, abs=0.11) and reached.seconds > 0.1
+
+
 def test_an_abort_is_said_and_learned_as_stayed(server):
     server.tell("ended", "aborted", "Nav2 aborted: code 105")
     reached = server.pose(START)
@@ -255,6 +263,7 @@ def test_to_its_first_cell_a_body_is_brought_however_long_it_takes():
     assert server.wait(60.0, feedback=True) is None
     reached = server.pose(START, 0.2)
     assert reached.there and reached.cell == START and server.cancelled == [3]
+    assert server.navigator.counts["out of time"] == 0
 
 
 def test_unless_somebody_else_brings_it():

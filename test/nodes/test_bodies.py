@@ -92,6 +92,8 @@ def test_with_a_rate_bodies_drive_at_once_and_the_step_that_is_late_does_not_wai
     world._advance_where_due(beat=True)
     assert made.transitions == 1
     bench.spin_until(lambda: made.transitions == 2, "it is made when they are there")
+    bench.spin_until(lambda: world.lockstep.complete and there(), "it waits for the next beat")
+    assert made.transitions == 2
 
 
 @pytest.mark.parametrize("order", ["d1bw2e"])

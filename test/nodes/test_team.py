@@ -187,3 +187,13 @@ def test_a_world_that_does_not_own_the_clock_leaves_it_to_others(
     headers = [message.header for message in said]
     assert {header.frame_id for header in headers} == {""}
     assert all(abs(header.stamp.sec - time.time()) < 300 for header in headers)
+
+
+def test_progress_is_told_every_few_seconds_and_at_the_end(bench, capfd):
+    world = bench.world(set=["steps=60"])
+    bench.robots()
+    for count in (10, 20, 30):
+        bench.spin_until(lambda c=count: world.lockstep.world.transitions > c, "under way")
+        world._report(time.monotonic())
+    bench.spin_until_done()
+    assert capfd.readouterr().err.count(" of 60 steps, ") == 2
