@@ -15,7 +15,6 @@ from typing import NamedTuple
 import numpy as np
 from scipy import ndimage
 
-from sparse_coord_ros.errors import MapError
 from sparse_coord_ros.maps.image import FloorPlan
 
 SPECK = 0.12
@@ -26,9 +25,6 @@ OFFSETS = 10
 
 LOOKS = 4_000_000
 """Cells that are looked at in the search, of all offsets together."""
-
-MOST_CELLS = 1_000_000
-"""Cells of a grid, walls included."""
 
 DOOR_CELLS = 10
 """As how many free cells a doorway counts where two offsets keep equally much connected."""
@@ -103,8 +99,11 @@ def without_specks(pixels: np.ndarray, size: int) -> np.ndarray:
         return pixels
     labels, count = ndimage.label(pixels, structure=np.ones((3, 3), dtype=bool), output=np.int32)
     keep = np.zeros(count + 1, dtype=bool)
-    for number, (rows, columns) in enumerate(ndimage.find_objects(labels), start=1):
-        keep[number] = max(rows.stop - rows.start, columns.stop - columns.start) > size
+    for places in np.nonzero(pixels):
+        first, last = np.full(count + 1, max(pixels.shape)), np.full(count + 1, -1)
+        np.minimum.at(first, labels[pixels], places)
+        np.maximum.at(last, labels[pixels], places)
+        keep |= last - first >= size
     return keep[labels]
 
 
@@ -141,17 +140,9 @@ def best_layout(space: Space, pixels: float) -> Gridding:
     Args:
         space: where a robot's centre may be.
         pixels: the side of a cell, in pixels.
-
-    Raises:
-        MapError: the grid would have too many cells, or none.
     """
     height, width = space.blocked.shape
     cells = (height / pixels) * (width / pixels)
-    if cells > MOST_CELLS:
-        raise MapError(
-            f"the grid would have {cells:,.0f} cells, allowed: up to {MOST_CELLS:,}; choose a "
-            "larger --cell, or cut the map"
-        )
     tries = min(math.ceil(pixels), OFFSETS, max(2, int(math.sqrt(LOOKS / max(cells, 1.0)))))
     shifts = [pixels * k / tries for k in range(tries)]
     found = [_layout(space, pixels, south, east) for south in shifts for east in shifts]

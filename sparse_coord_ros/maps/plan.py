@@ -13,6 +13,7 @@ from scipy import ndimage
 from sparse_coord_ros.errors import MapError, ScenarioError
 from sparse_coord_ros.game.grid import DOORWAY, FREE, WALL, GridMap
 from sparse_coord_ros.game.scenario import SETTINGS, Scenario, scenario_from_dict
+from sparse_coord_ros.limits import MAP
 from sparse_coord_ros.maps.gridding import (
     CRUMB,
     SPECK,
@@ -91,6 +92,12 @@ def import_map(
     if cell < plan.resolution:
         raise MapError(
             f"--cell is {cell:g}, allowed: at least a pixel of the map, {plan.resolution:g} m"
+        )
+    cells = plan.free.size * (plan.resolution / cell) ** 2
+    if cells > MAP.elements:
+        raise MapError(
+            f"the grid would have {cells:,.0f} cells, allowed: up to {MAP.elements:,}; choose a "
+            "larger --cell, or cut the map"
         )
     layout = _layout_of(plan, cell, radius, speck)
     free = layout.free

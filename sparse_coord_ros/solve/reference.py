@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sparse_coord_ros.game.actions import DIRECTIONS
+from sparse_coord_ros.game.actions import DIRECTIONS, PRIMITIVES
 from sparse_coord_ros.game.miscoordination import NOWHERE, meeting_places, miscoordinated
 from sparse_coord_ros.game.scenario import Robot, Scenario, ScenarioLike, loaded
 from sparse_coord_ros.solve.optimum import independent_bound
@@ -67,8 +67,11 @@ def _miscoordination_probability(scenario: Scenario, keep_right: bool) -> np.nda
     meeting = [np.flatnonzero(places == one) for one in np.unique(places[places != NOWHERE])]
     goals = np.array([robot.goal for robot in robots])
     numbers = np.arange(len(robots))
-    transition = np.stack([_transition(scenario, robot, keep_right) for robot in robots])
-    place = np.zeros(transition.shape[:2])  # [k, x]: probability of robot k in cell x
+    shares = [_shares(scenario, robot, keep_right) for robot in robots]
+    cells = len(scenario.map.cells)
+    stay = np.arange(cells)[:, None]
+    leads = np.concatenate([scenario.map.next_cell, stay], axis=1).ravel()
+    place = np.zeros((len(robots), cells))  # [k, x]: probability of robot k in cell x
     place[numbers, [robot.start for robot in robots]] = 1.0
     in_doorway: list[list[np.ndarray]] = []
     all_arrived: list[float] = []
@@ -82,7 +85,8 @@ def _miscoordination_probability(scenario: Scenario, keep_right: bool) -> np.nda
         if rest <= NEGLIGIBLE:
             break
         all_arrived.append(place[numbers, goals].prod())
-        place = np.einsum("kx,kxy->ky", place, transition)
+        moved = zip(place, shares, strict=True)
+        place = np.stack([np.bincount(leads, (p[:, None] * s).ravel(), cells) for p, s in moved])
         in_doorway.append([place[:, cells].sum(axis=1) for cells in meeting])
     occupied = np.array(in_doorway).reshape(len(in_doorway), len(meeting), len(robots))
     # Robots that have all arrived, in one doorway, end the trial: those steps are not made.
@@ -118,18 +122,19 @@ def _one_each(occupied: np.ndarray) -> np.ndarray:
     return total
 
 
-def _transition(scenario: Scenario, robot: Robot, keep_right: bool) -> np.ndarray:
-    """Shape (cells, cells): probability of a step from one cell to another; the goal absorbs."""
+def _shares(scenario: Scenario, robot: Robot, keep_right: bool) -> np.ndarray:
+    """Shape (cells, 5): probability of each move from a cell, and to stay; the goal absorbs."""
     grid = scenario.map
     distance = grid.distances_to(robot.goal)
-    matrix = np.eye(len(distance))
+    shares = np.zeros((len(distance), PRIMITIVES + 1))
+    shares[:, PRIMITIVES] = 1.0
     for x in np.flatnonzero(distance > 0):
         moves = [a for a, y in enumerate(grid.next_cell[x]) if distance[y] == distance[x] - 1]
         if keep_right:
             moves = [_furthest_right(grid.cells[x], grid.cells[robot.goal], moves)]
-        matrix[x, x] = 1.0 - scenario.move_success
-        matrix[x, grid.next_cell[x, moves]] = scenario.move_success / len(moves)
-    return matrix
+        shares[x, PRIMITIVES] = 1.0 - scenario.move_success
+        shares[x, moves] = scenario.move_success / len(moves)
+    return shares
 
 
 def _furthest_right(here: tuple[int, int], goal: tuple[int, int], moves: list[int]) -> int:

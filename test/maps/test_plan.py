@@ -10,6 +10,7 @@ import pytest
 from sparse_coord_ros.errors import MapError, ScenarioError
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.run_config import make_run, run_from_yaml
+from sparse_coord_ros.maps import plan as plans
 from sparse_coord_ros.maps.gridding import across, grown, without_specks
 from sparse_coord_ros.maps.image import FloorPlan, read_floor_plan
 from sparse_coord_ros.maps.plan import import_map, scenario_of
@@ -190,6 +191,13 @@ def test_odd_maps(pixels, values, words):
         return
     with pytest.raises(MapError, match=words):
         import_map(plan_of(drawing), **values)
+
+
+def test_a_grid_of_too_many_cells_is_refused_before_the_image_is_looked_at(monkeypatch):
+    monkeypatch.setattr(plans, "space_of", lambda *_: pytest.fail("it was"))
+    pixels = np.ones((1001, 1001), dtype=bool)
+    with pytest.raises(MapError, match="the grid would have 1,002,001 cells, allowed: up to 1,00"):
+        import_map(FloorPlan("large", pixels, ~pixels, 0.05, (0.0, 0.0)), cell=0.05, radius=0.1)
 
 
 def test_starts_in_walls_and_no_places():

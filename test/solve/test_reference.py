@@ -4,6 +4,7 @@
 
 import itertools
 import math
+import tracemalloc
 
 import pytest
 
@@ -142,3 +143,12 @@ def test_extreme_settings_are_finite(make, settings):
     reference = shortest_path_reference(make(ROOMS, **settings))
     assert math.isfinite(reference.reward)
     assert 0 <= reference.miscoordinations <= 100
+
+
+def test_a_large_map_takes_little_memory(make):
+    rows = ["." * 80] * 78
+    scenario = make("\n".join(["1" + "." * 79, *rows, "." * 79 + "2"]), {"a": (1, 2), "b": (2, 1)})
+    tracemalloc.start()
+    assert shortest_path_reference(scenario).miscoordinations == 0
+    assert tracemalloc.get_traced_memory()[1] < 20 * 2**20
+    tracemalloc.stop()
