@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Teams whose moves are goals of a stand-in for Nav2, over the real action.
 
-The types of nav2_msgs are built first where there is a compiler, which takes two minutes; the
-variable SPARSE_COORD_TYPES names a folder in which `python -m tools.ros_types` has built them.
+The types of nav2_msgs are built first where there is a compiler, which takes two minutes; or the
+variable SPARSE_COORD_TYPES names a folder in which `ros_types` has built them.
 """
 
 import os
@@ -15,6 +15,7 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
+import ros_types
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 
@@ -24,7 +25,6 @@ from sparse_coord_ros.nodes.body import BodyNode
 from sparse_coord_ros.nodes.driver import DriverNode
 from sparse_coord_ros.nodes.outputs import gather
 from sparse_coord_ros.runlog.verify import verify
-from tools import ros_types
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(600)]
 

@@ -6,10 +6,10 @@ import re
 
 import numpy as np
 import pytest
+from browser import REMEDY, Browser, find_browser
 
 from sparse_coord_ros.learn.history import load_history
 from sparse_coord_ros.runlog import read_run
-from tools.browser import REMEDY, Browser, find_browser
 
 pytestmark = pytest.mark.long
 

@@ -64,7 +64,7 @@ def test_a_small_study_is_computed_kept_and_written(tmp_path, monkeypatch, capsy
 
 def test_the_ablation_turns_off_one_part_each():
     whole = learner_of("factored").factors
-    for rule in coordination.ABLATED.values():
+    for rule, _ in coordination.ABLATED.values():
         part = learner_of(rule).factors
         assert sum(a != b for a, b in zip(part, whole, strict=True)) == (rule != "factored")
 

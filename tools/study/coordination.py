@@ -249,37 +249,35 @@ def _fewer(found: Found) -> str:
     return to_markdown(rows)
 
 
-ABLATED: Mapping[str, str] = {
-    "all of it": "factored",
-    "no learning from being asked": RULES + "NotToldByRequests",
-    "no percept update of r_bar": RULES + "NoPerceptUpdate",
-    "no right of way (more than two robots)": RULES + "NoRightOfWay",
-    "no replay": RULES + "NoReplay",
-    "five replays": RULES + "FiveReplays",
+ABLATED: Mapping[str, tuple[str, Mapping[str, object]]] = {
+    "all of it": ("factored", {}),
+    "no learning from being asked": (RULES + "NotToldByRequests", {}),
+    "no percept update of r_bar": (RULES + "NoPerceptUpdate", {}),
+    "no right of way (more than two robots)": (RULES + "NoRightOfWay", {}),
+    "no replay": (RULES + "NoReplay", {}),
+    "five replays": (RULES + "FiveReplays", {}),
+    "U begins at 0, not at 200": ("factored", {"q_coord_init": 0}),
+    "starts: never exploring": ("factored", {"starts": "fixed"}),
+    "starts: 10 % exploring at the end": ("factored", {"starts": "exploring:1:0.1:0.5"}),
+    "r^C whoever it was (referee: off)": ("factored", {"referee": "off"}),
 }
-PROTOCOLS: Mapping[str, Mapping[str, object]] = {
-    "U begins at 0, not at 200": {"q_coord_init": 0},
-    "starts: never exploring": {"starts": "fixed"},
-    "starts: 10 % exploring at the end": {"starts": "exploring:1:0.1:0.5"},
-}
+"""Learner and changed settings; with two robots there is no referee."""
 ABLATION = (*CLOSE, "env2-4r", "crowd-8r", "cmu")
 
 
 def _ablation(found: Found) -> str:
-    table: dict[str, dict[str, str | None]] = {}
-    for name in ABLATION:
-        given = {"penalty": -20} if name == "cmu" else LONG
-        conditions = {what: make_condition(name, rule, given) for what, rule in ABLATED.items()}
-        for what, more in PROTOCOLS.items():
-            conditions[what] = _factored(name, {**given, **more})
-        if name in MANY:
-            referee = {**given, "referee": "off"}
-            conditions["r^C whoever it was (referee: off)"] = _factored(name, referee)
-        for what, condition in conditions.items():
-            row = table.setdefault(what, {"what": what})
+    rows: list[Row] = []
+    for what, (rule, more) in ABLATED.items():
+        row: dict[str, str | None] = {"what": what}
+        for name in ABLATION:
+            if "referee" in more and name not in MANY:
+                continue
+            given = {"penalty": -20} if name == "cmu" else LONG
             head = f"{name} at -20" if name == "cmu" else name
+            condition = make_condition(name, rule, {**given, **more})
             row[head] = _reward_and_failed(found(condition))
-    return to_markdown(list(table.values()))
+        rows.append(row)
+    return to_markdown(rows)
 
 
 CREDITS: Mapping[str, tuple[str, ...]] = {

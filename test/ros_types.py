@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Builds the types of nav2_msgs and tf2_msgs that the package speaks, which have no wheels.
 
-`python -m tools.ros_types PREFIX` takes ROS's generators from PyPI into an environment of its own
-(2 minutes in all, the first time; a C++ compiler and Python.h must be there). For a test, or to
-try the nodes without an installed ROS: on a robot, apt has both packages.
+`PYTHONPATH=test python -m ros_types PREFIX` takes ROS's generators from PyPI into an
+environment of its own (2 minutes in all, the first time; a C++ compiler and Python.h must be
+there). For a test, or to try the nodes without ROS: on a robot, apt has both packages.
 """
 
 import ctypes
@@ -160,7 +160,7 @@ def _run(command: list, env: Mapping[str, str] | None = None) -> None:
 def main() -> int:
     """Build into the folder that is given."""
     if len(sys.argv) != 2:
-        print("error: give the folder to build into: python -m tools.ros_types PREFIX")
+        print("error: give the folder to build into: python -m ros_types PREFIX")
         return 2
     prefix = Path(sys.argv[1]).resolve()
     build(prefix)
