@@ -26,7 +26,7 @@ def own_rules():
 def test_every_study_has_its_place_in_its_document():
     for name, study in tool.STUDIES.items():
         page = (tool.DOCS / study.page).read_text(encoding="utf-8")
-        marks = [name] if isinstance(study, Study) else [f"coop, {part}" for part in PARTS]
+        marks = [name] if isinstance(study, Study) else [f"{study.learner}, {p}" for p in PARTS]
         for mark in marks:
             assert page.count(f"<!-- table: {mark} -->") == 1
     with pytest.raises(tool.SparseCoordError, match="no <!-- table: pairs --> ... "):
