@@ -50,13 +50,8 @@ SETTINGS |= {"perception": "always", "link": "up"}
 TIMING = {"step_timeout": 2.0, "percept_timeout": 0.5, "checkpoint": 10}
 START_SECONDS, END_SECONDS, QUIET_SECONDS = 20.0, 10.0, 0.3
 
-BEGIN, STEP, ASKING, BACK, END = (
-    "when-a-world-begins",
-    "a-time-step",
-    "questions",
-    "going-back",
-    "the-end-of-a-run",
-)
+BEGIN, STEP, ASKING = "when-a-world-begins", "a-time-step", "questions"
+BACK, END = "going-back", "the-end-of-a-run"
 """Where obligations stand in docs/interface.md."""
 
 OBLIGATIONS = {
@@ -73,7 +68,10 @@ OBLIGATIONS = {
     "answers": (ASKING, "tells who asks its time step, and its pose if it is theirs"),
     "asks": (ASKING, "asks only at a time step at which it says COORDINATE"),
     "asks again": (ASKING, "asks a peer again that is not there yet"),
-    "percept": (ASKING, "publishes a percept with each COORDINATE, and only then"),
+    "percept": (
+        ASKING,
+        "publishes a percept of whom it perceived with each COORDINATE, and only then",
+    ),
     "stranger": (END, "takes no notice of another run"),
     "roll call": (BACK, "says where it is when it is asked to"),
     "goes back": (BACK, "goes back to a checkpoint, if it has named any, and acts from there"),
@@ -271,9 +269,10 @@ class Stage(ParameterNode):
         for step in {*self.questions}:  # left out, it may have asked and not acted
             kept = step in asked or (step in self.due and step not in acted)
             self.expect("asks", kept, f"a question at step {step} without COORDINATE")
-        if asked or self.percepts:
-            odd = sorted(asked ^ {*self.percepts})
-            self.expect("percept", not odd, f"steps {odd}: only one of percept and COORDINATE")
+        for step in asked.union(self.percepts):
+            count = 1 + acted[step].perceived if step in asked else 0
+            poses = self.percepts.get(step, 0)
+            self.expect("percept", poses == count, f"step {step}: {poses} poses, not {count}")
 
     def answer(self, step: int) -> tuple[int, Action, Account] | None:
         """Return the robot's first action of a time step; None: it does not come in time.
@@ -355,7 +354,8 @@ class Stage(ParameterNode):
     def _begins(self) -> None:
         self.topics.open(resumed=False)
         there = self.wait(lambda: not self.lacks(), START_SECONDS)
-        self.expect("begins", there, f"after {START_SECONDS:g} s there is no {self.lacks()}")
+        lacks = f"after {START_SECONDS:g} s there is no node {self.lacks()}"
+        self.expect("begins", there, f"{lacks}; a robot's node has the robot's name")
         if not there:
             raise EnoughError
         said = self.wait(lambda: self.progress is not None, self.run.step_timeout)

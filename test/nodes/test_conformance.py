@@ -78,6 +78,7 @@ BROKEN = {
     "asks": (LEARNS, '"coordinate": percept != DID_NOT_ASK', '"coordinate": 0'),
     "asks again": (LEARNS, "if self.step_of(plan) < step:", "if self.step_of(plan) < 0:"),
     "percept": (LEARNS, "self.percept.publish(", "print("),
+    "percept shows": (LEARNS, "if seen is None else [self.state, seen]", ""),
     "goes back": (LEARNS, '"fined", "state", "step"', '"fined", "step"'),
 }
 """By the obligation that it breaks, what is changed in a robot of examples/."""
@@ -88,6 +89,7 @@ BROKEN = {
 )
 def test_who_breaks_an_obligation_is_told_which(judged, example, capfd, what):
     name, before, after = BROKEN[what]
+    what = what.removesuffix(" shows")
     stage = judged(example(name, **{name: [(before, after)]}))
     assert stage.report() == 1
     place, text = OBLIGATIONS[what]
