@@ -139,7 +139,7 @@ class RobotRollback:
         return step
 
     def obey(self, order: Order) -> bool:
-        """Go back as the world orders; return whether to listen anew, and then say `progress`.
+        """Go back as the world orders; return whether to listen anew, and then say `_progress`.
 
         What is under way from the time that is taken back must not be taken for new: of steps
         with the same numbers no robot can tell.

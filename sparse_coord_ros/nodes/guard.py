@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What one node alone should have: its name, its services, and the topics that only it publishes.
 
-Of two nodes of one name one ends. Each says on its latched topic `~/claim` who it is and how far
+Of two nodes of one name one ends. Each says on its latched topic `~/_claim` who it is and how far
 it has come: starting, holding the name, taking part in a run. Discovery may take seconds, so this
 is never settled for good: whenever two learn of each other, the one behind ends; of two that are
 equally far, the one with the higher identity. Nobody's clock matters, and a node that takes part

@@ -248,7 +248,7 @@ def tables_attachment(robot: str, step: int | str) -> str:
 
 WORLD, RECORDER = "world_simulator", "recorder"
 """Roles, and what their nodes are called unless they are renamed: the world is who announces
-`run`, a recorder who publishes `recording`; a robot's node has the robot's name."""
+`run`, a recorder who publishes `_recording`; a robot's node has the robot's name."""
 
 MAP_FRAME = "map"
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the world says of the run on `status`, and each robot of its checkpoints on `progress`.
+"""What the world says of the run on `status`, and each robot of its checkpoints on `_progress`.
 
 The fields are what the values of these messages are called, but where it says otherwise.
 """
