@@ -53,17 +53,15 @@ SECURITY_MARK = b"dds.sec.auth.plugin"
 """What a Fast DDS with DDS-Security knows by name."""
 
 
-def check_security(prefix: Path | None = None) -> None:
+def check_security() -> None:
     """Refuse to start where DDS-Security is asked for and the Fast DDS that is here has none.
 
-    Args:
-        prefix: where the PyPI wheels keep their libraries; None: this environment. Other builds of
-            Fast DDS, such as that of the apt packages, have it.
+    That is the one of the PyPI wheels. Others, such as that of the apt packages, have it.
 
     Raises:
         RunError: nothing would be secured.
     """
-    library = (Path(sys.prefix) if prefix is None else prefix) / "lib" / "libfastrtps.so"
+    library = Path(sys.prefix) / "lib" / "libfastrtps.so"
     if os.environ.get(SECURITY, "").lower() != "true" or not library.exists():
         return
     if SECURITY_MARK not in library.read_bytes():

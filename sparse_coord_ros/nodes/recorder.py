@@ -6,7 +6,6 @@ import contextlib
 import shutil
 import struct
 import time
-from collections.abc import Callable
 from datetime import datetime
 from pathlib import Path
 from typing import Any, Unpack
@@ -92,28 +91,6 @@ class Recording:
         channel = self._channel(interface.RUN, interface.RUN.name)
         bag.write(channel, serialize_message(String(data=run_text)), 0, 0)
 
-    def writer(self, channel: int, name: str, *, stamped: bool) -> Callable[[bytes], None]:
-        """Return what writes down a topic's messages."""
-        write, unpack_stamp = self.bag.write, STAMPED.unpack_from
-
-        def stamped_message(data: bytes) -> None:
-            self._count += 1
-            try:
-                sec, nanosec = unpack_stamp(data)
-            except struct.error as error:
-                self._node.intake.drop(name, error)
-                return
-            at = sec * SECOND + nanosec
-            if not 0 <= at <= self.now_ns:
-                at = self._later(at, name)
-            write(channel, data, at, at)
-
-        def other_message(data: bytes) -> None:
-            self._count += 1
-            write(channel, data, self.now_ns, self.now_ns)
-
-        return stamped_message if stamped else other_message
-
     def _later(self, at: int, name: str) -> int:
         """Go on to a message's time; one that is not of the run's time is logged now."""
         now = self.now_ns
@@ -194,7 +171,26 @@ class Recording:
     def _record(self, topic: interface.RosTopic, owner: str) -> None:
         """Write down a topic, at the time that its messages say, or at the world's."""
         node, name = self._node, topic.of(owner)
-        write = self.writer(self._channel(topic, name), name, stamped=topic.stamped)
+        channel = self._channel(topic, name)
+        write_down, unpack_stamp = self.bag.write, STAMPED.unpack_from
+
+        def stamped(data: bytes) -> None:
+            self._count += 1
+            try:
+                sec, nanosec = unpack_stamp(data)
+            except struct.error as error:
+                node.intake.drop(name, error)
+                return
+            at = sec * SECOND + nanosec
+            if not 0 <= at <= self.now_ns:
+                at = self._later(at, name)
+            write_down(channel, data, at, at)
+
+        def other(data: bytes) -> None:
+            self._count += 1
+            write_down(channel, data, self.now_ns, self.now_ns)
+
+        write = stamped if topic.stamped else other
         if node.tap is not None and topic.tapped:
             node.tap.line(node.resolve_topic_name(name)).write = node.guarded(write)
         else:

@@ -300,15 +300,16 @@ def test_who_talks_on_keeps_no_recorder():
 
 def test_security_is_refused_where_fast_dds_has_none(tmp_path, monkeypatch):
     library = tmp_path / "lib" / "libfastrtps.so"
-    check_security(tmp_path)
+    monkeypatch.setattr(sys, "prefix", str(tmp_path))
+    check_security()
     monkeypatch.setenv("ROS_SECURITY_ENABLE", "true")
-    check_security(tmp_path)  # no wheel: a build of the user's own
+    check_security()  # no wheel: a build of the user's own
     library.parent.mkdir()
     library.write_bytes(b"without")
     with pytest.raises(RunError, match="asks for DDS-Security, but this Fast DDS .* without it"):
-        check_security(tmp_path)
+        check_security()
     library.write_bytes(b"with " + SECURITY_MARK)
-    check_security(tmp_path)
+    check_security()
 
 
 def test_world_and_recorder_may_be_renamed(bench, tmp_path):

@@ -82,12 +82,14 @@ class Page:
     Args:
         board: what there is to show.
         host: the address that is served; the names by which requests may call it follow from it.
-        token: what controls need; made up where None.
+
+    Attributes:
+        token: what controls need.
     """
 
-    def __init__(self, board: Board, *, host: str = HOST, token: str | None = None) -> None:
+    def __init__(self, board: Board, *, host: str = HOST) -> None:
         self.board = board
-        self.token = secrets.token_urlsafe(18) if token is None else token
+        self.token = secrets.token_urlsafe(18)
         self.source: Controlled | None = None
         self._guests: dict[web.WebSocketResponse, asyncio.Transport] = {}
         self.streams: set[asyncio.BaseProtocol] = set()

@@ -66,7 +66,8 @@ def served(test):
 
     def run():
         async def serve():
-            page = Page(board(), token="secret")
+            page = Page(board())
+            page.token = "secret"
             page.source = Told()
             async with TestClient(TestServer(page.app)) as client:
                 await test(client, page)
