@@ -6,7 +6,7 @@ import time
 
 import pytest
 from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.srv import GetPlan
 from rclpy.node import Node
@@ -149,7 +149,7 @@ def test_diagnostics_of_other_programs_do_not_move_the_time_of_the_log(bench, tm
     bench.robots()
     bench.spin_until(lambda: world.lockstep.world.transitions > 20, "the run is under way")
     for seconds in (-1, 1_700_000_000):
-        message = DiagnosticArray()
+        message = DiagnosticArray(status=[DiagnosticStatus(name="driver: wheels")])
         message.header.stamp.sec = seconds
         others.publish(message)
     bench.spin_until_done()
