@@ -212,7 +212,7 @@ def test_kill_9_of_everything(start, tmp_path, processes, assert_same_tables, si
     assert_same_tables(out, said)
     assert json.loads(process.output[process.output.index("{") :])["transitions"] == STEPS
     found = verify(out)
-    assert found.same or {one.quantity for one in found.differences} == {"recording"}
+    assert {one.quantity for one in found.differences} <= {"recording"}  # it may lack what is lost
 
 
 def _of(out):
@@ -220,10 +220,7 @@ def _of(out):
     for path in Path("/proc").glob("[0-9]*"):
         try:
             words = (path / "cmdline").read_bytes().decode().split("\0")
-            files = [Path(word) for word in words if word.endswith(".yaml") and "/" in word]
-            if "sparse_coord_ros.executables" in words and any(
-                str(out) in file.read_text() for file in files if file.exists()
-            ):
+            if "sparse_coord_ros.executables" in words and any(str(out) in one for one in words):
                 yield int(path.name)
         except OSError:
             continue
