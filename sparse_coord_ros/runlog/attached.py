@@ -94,13 +94,11 @@ def read_tables(
         first_file[key] = in_file
         try:
             [(tables, counts, memory)] = unpack_saved(data, [k + 1], where=name)
+            shapes = tables.q_star.shape, tables.q_coord.shape
+            if shapes != due:
+                raise TablesError(f"shapes {shapes}, not {due}")
         except TablesError as error:
             problems.append(Difference(step, robot, TABLES, str(error), "readable tables"))
-            continue
-        shapes = tables.q_star.shape, tables.q_coord.shape
-        if shapes != due:
-            said = (f"shapes {q_star} and {q_coord}" for q_star, q_coord in (shapes, due))
-            problems.append(Difference(step, robot, TABLES, *said))
             continue
         if counts.get("step") != step:
             said_step = f"of step {counts.get('step')}"

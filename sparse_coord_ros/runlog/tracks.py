@@ -54,11 +54,11 @@ class Track(NamedTuple):
     repeats: np.ndarray
     others: Mapping[int, list[Any]] = MappingProxyType({})
 
-    def without(self, steps: np.ndarray) -> "Track":
-        """Return it without the messages of some time steps."""
-        rest = ~np.isin(self.step, steps)
-        repeats = self.repeats[~np.isin(self.repeats, steps)]
-        return self._replace(step=self.step[rest], rows=self.rows[rest], repeats=repeats)
+    def only(self, steps: np.ndarray) -> "Track":
+        """Return the messages of some time steps."""
+        mine = np.isin(self.step, steps)
+        repeats = self.repeats[np.isin(self.repeats, steps)]
+        return self._replace(step=self.step[mine], rows=self.rows[mine], repeats=repeats)
 
 
 OF_NO_RUN = Said("none", "", 0, 0)
@@ -290,18 +290,28 @@ class Tracks:
         heard = [self.clock, *self.states]
         steps, votes = np.unique(np.concatenate([t.step for t in heard]), return_counts=True)
         newest = steps[votes == len(heard)].max(initial=0)
-        lone = steps[
-            ((votes == 1) & (steps < newest)) | (steps > newest + EPISODE_GAP) | (steps == 0)
-        ]
-        if self.lossy or not all(len(track.step) for track in heard) or not len(lone):
+        of_run = (votes > 1) | (steps >= newest)
+        of_run &= (steps <= newest + EPISODE_GAP) & (steps > 0)
+        if self.lossy or not all(len(track.step) for track in heard):
             return
-        for k, track in enumerate(heard, start=-1):
-            name, robot = (THE_CLOCK, None) if k < 0 else (wire.LOCAL_STATE.name, k)
-            for step in track.step[np.isin(track.step, lone)].tolist():
-                words = "there", "none: no time step of the run"
-                self.suspects.append(self.odd(step, robot, name, *words))
-                self.problems = [o for o in self.problems if o[:3:2] != (step, name)]
-        self.clock, *self.states = [track.without(lone) for track in heard]
+        self.clock = self._only(steps[of_run], self.clock, wire.CLOCK)
+        for topic, tracks in (
+            (wire.LOCAL_STATE, self.states),
+            (wire.REWARD, self.rewards),
+            (wire.ACTION, self.actions),
+            (wire.PERCEPT, self.percepts),
+        ):
+            tracks[:] = [self._only(steps[of_run], one, topic, k) for k, one in enumerate(tracks)]
+
+    def _only(
+        self, steps: np.ndarray, track: Track, topic: wire.Topic, k: int | None = None
+    ) -> Track:
+        """Return a track's messages of some time steps; the others may be a stranger's."""
+        for step in track.step[~np.isin(track.step, steps)].tolist():
+            words = "there", "none: no time step of the run"
+            self.suspects.append(self.odd(step, k, topic.name, *words))
+            self.problems = [o for o in self.problems if o[:3:2] != (step, topic.name)]
+        return track.only(steps)
 
     def _several(
         self, topic: wire.Topic, k: int | None = None, *, checkpoints: bool = False

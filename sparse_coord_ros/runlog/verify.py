@@ -3,7 +3,7 @@
 """Computes a recorded run again and compares; the engine behind `sparse_coord verify`."""
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from sparse_coord_ros.runlog.game_check import WorldCheck
 from sparse_coord_ros.runlog.judge import judge, topic_of
 from sparse_coord_ros.runlog.log import RunLog, read_run
 from sparse_coord_ros.runlog.percepts import check_percepts
-from sparse_coord_ros.runlog.stretches import Stretch, stretches
+from sparse_coord_ros.runlog.stretches import stretches
 
 
 @dataclass(frozen=True)
@@ -90,15 +90,31 @@ def verify(path: Path) -> Verification:
         RunError, ScenarioError, SettingError: the run in the bag is not one of this version.
     """
     log = read_run(path)
-    every = stretches(log)
-    parts = [part for part in every if not part.lost]
-    worlds = [WorldCheck(log, part) for part in parts]
+    robots = range(len(log.names))
+    parts = stretches(log)
+    worlds: list[WorldCheck] = []
     agents: list[AgentCheck] = []
     not_computed: dict[str, None] = {}
+    say = not_computed.setdefault
     found = [one for one in log.problems if one.step is None]
-    for part, world in zip(parts, worlds, strict=True):
-        team = [AgentCheck(log, k, part) for k in range(len(log.names))]
-        found += _differences(log, part, world, team, not_computed.setdefault)
+    for part in parts:
+        if part.lost:
+            continue
+        world, team = WorldCheck(log, part), [AgentCheck(log, k, part) for k in robots]
+        here = [*log.problems, *world.differences()]
+        with leaving_out("percepts and answers", say):
+            here += check_percepts(log, part)
+        with leaving_out("actions and tables", say):
+            for agent in team:
+                if log.shows(agent.k):
+                    here += agent.differences()
+                else:
+                    say(
+                        f"{agent.name} shows no tables and no coordination maps: why it acts as "
+                        "it does is not computed (a robot of one's own?)"
+                    )
+        found += [one for one in here if one.step is not None and part.holds(one.step)]
+        worlds.append(world)
         agents += team
     verdict = judge(log, agents, sorted(dict.fromkeys(found), key=lambda one: one.rank))
 
@@ -120,30 +136,6 @@ def verify(path: Path) -> Verification:
         left_out=worlds[-1].left_out if worlds else 0,
         unlearned=total("unlearned"),
         resets=total("resets", worlds),
-        repeats=sum(len(t.repeats) for k in range(len(log.names)) for t in log.tracks.of(k)),
-        not_compared=tuple((part.first, part.last) for part in every if part.lost),
+        repeats=sum(len(t.repeats) for k in robots for t in log.tracks.of(k)),
+        not_compared=tuple((part.first, part.last) for part in parts if part.lost),
     )
-
-
-def _differences(
-    log: RunLog,
-    stretch: Stretch,
-    world: WorldCheck,
-    agents: Sequence[AgentCheck],
-    say: Callable[[str], None],
-) -> list[Difference]:
-    """Return all that differs in a stretch; say what is left out."""
-    found: list[Difference] = []
-    with leaving_out("percepts and answers", say):
-        found += check_percepts(log, stretch)
-    found += [*log.problems, *world.differences()]
-    with leaving_out("actions and tables", say):
-        for agent in agents:
-            if log.shows(agent.k):
-                found += agent.differences()
-            else:
-                say(
-                    f"{agent.name} shows no tables and no coordination maps: why it acts as it "
-                    "does is not computed (a robot of one's own?)"
-                )
-    return [one for one in found if one.step is not None and stretch.holds(one.step)]

@@ -72,6 +72,7 @@ def is_foreign(found, count=1):
 
 
 STATE, REWARD, ACTION = "/robot_1/local_state", "/robot_1/reward", "/robot_1/action"
+PERCEPT = "/robot_1/percept"
 EVENTS = "/robot_2/active_perception/_service_event"
 
 
@@ -170,6 +171,29 @@ def test_a_clock_and_a_state_of_a_step_that_is_none(alter, convert, step, said):
         return messages
 
     is_foreign(alter(change), 2)
+
+
+@pytest.mark.parametrize("after", [None, 1, 1000])
+@pytest.mark.parametrize("topic", [ACTION, REWARD, PERCEPT])
+def test_what_robots_say_of_a_step_that_never_comes(alter, good, convert, topic, after):
+    """In mid-run, or after the end."""
+    step = FAR if after is None else int(verify(good.bag).log.step[-1]) + after
+    data = {
+        ACTION: convert.pack_action(step, Action(0, False, -1, False), Account(0, True)),
+        REWARD: convert.pack_reward(step, Reward(1.0, 0.0, 0.0, 1.0)),
+        PERCEPT: serialize_message(convert.path(step, (3,))),
+    }[topic]
+
+    def change(messages):
+        places = [place for place, one in enumerate(messages) if one.topic == topic]
+        place = places[-1 if after else len(places) // 2]
+        new = messages[place]._replace(data=data)
+        if after:
+            at = step * convert.period
+            return [*messages, new._replace(log_time_ns=at, publish_time_ns=at)]
+        return [*messages[:place], new, *messages[place:]]
+
+    is_foreign(alter(change))
 
 
 @pytest.mark.parametrize("topic", ["/clock", STATE])
