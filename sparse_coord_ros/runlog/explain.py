@@ -8,8 +8,6 @@ from typing import NamedTuple
 import numpy as np
 
 from sparse_coord_ros.game.actions import ACTIONS, COORDINATE, PRIMITIVES
-from sparse_coord_ros.game.world import Action
-from sparse_coord_ros.learn.agent import NOBODY
 from sparse_coord_ros.learn.factored import FactoredAgent
 from sparse_coord_ros.learn.factors import UNSEEN
 from sparse_coord_ros.learn.run_config import RunConfig
@@ -50,7 +48,7 @@ class Coordination(NamedTuple):
         requests: what it asked, in order, with the answers and the wall clock.
         outcome: how the percept ended, in the words of `wire.PerceptEnd`.
         perceived: the cells that it perceived, or None.
-        action: the primitive action that COORDINATE became.
+        move: the primitive action that COORDINATE became.
         q_values: the four values that the action was chosen by, before learning: of Q^C at the
             joint state where it perceived, else of Q* at its cell; empty, and nothing computed,
             where the learner's code may not be imported, or what it had learned is lost.
@@ -66,7 +64,7 @@ class Coordination(NamedTuple):
     requests: tuple[Request, ...]
     outcome: str
     perceived: tuple[int, ...] | None
-    action: Action
+    move: int
     q_values: tuple[float, ...] | None
     update: Update | None
     agrees: bool
@@ -130,7 +128,6 @@ def _coordination(
     move = int(log.move[row, robot])
     perceived = trajectory.perceived_at(place)
     peers = tuple(trajectory.peers[place].tolist())
-    asked = peers[0] if len(peers) == 1 else NOBODY
     logged = Coordination(
         step=step,
         robot=robot,
@@ -139,7 +136,7 @@ def _coordination(
         requests=tuple(r for r in log.requests if (r.asker, r.step) == (robot, step)),
         outcome=percept_end(log.ended[row, robot]),
         perceived=perceived,
-        action=Action(move, True, asked, perceived is not None),
+        move=move,
         q_values=(),
         update=None,
         agrees=True,
@@ -175,9 +172,8 @@ def _coordination(
             coord[0] if coord else None,
             tuple((*who, rho[who], value) for who, value in rho_after.items()),
         )
-    computed = move if replay.other is None else replay.other.move
-    action = logged.action._replace(move=computed)
-    return logged._replace(action=action, q_values=tuple(values), update=update, agrees=agrees)
+    move = move if replay.other is None else replay.other.move
+    return logged._replace(move=move, q_values=tuple(values), update=update, agrees=agrees)
 
 
 def cell_in_words(run: RunConfig, cell: int | None) -> str:
@@ -235,7 +231,7 @@ def in_words(log: RunLog, one: Coordination) -> Iterator[str]:
         yield f"  perceives {', '.join(cell_in_words(run, cell) for cell in one.perceived)}"
     else:
         yield f"  perceives nothing ({one.outcome})"
-    moves = move_in_words(run, one.cell, one.perceived, one.action.move)
+    moves = move_in_words(run, one.cell, one.perceived, one.move)
     if not one.q_values:
         yield f"  {moves}" + ("" if one.doubt is None else f"; {one.doubt}")
         return
@@ -280,5 +276,5 @@ def _learned(log: RunLog, one: Coordination) -> Iterator[str]:
         yield f"  {table}[{', '.join(map(str, state))}; {ACTIONS[action]}] {before!r} -> {after!r}"
     for peer, place, before, after in update.corrections:
         where = "failed percept" if peer == UNSEEN else f"{log.names[peer]} in {place}"
-        move = ACTIONS[one.action.move]
+        move = ACTIONS[one.move]
         yield f"  correction rho[{one.cell}; {where}; {move}] {before!r} -> {after!r}"

@@ -37,6 +37,8 @@ from sparse_coord_ros.wire.occupancy import OccupancyData
 from sparse_coord_ros.wire.status import Said, read_status, values_of
 
 THE_CLOCK = wire.CLOCK.name
+OF_ROBOT = (wire.LOCAL_STATE, wire.REWARD, wire.ACTION, wire.PERCEPT)
+"""Topics of which each robot has one message a time step, at most."""
 
 
 class Track(NamedTuple):
@@ -125,12 +127,10 @@ class Tracks:
         self.clock = self._track(wire.CLOCK)
         self.maps = self._several(wire.MAP)[0]
         self.markers = self._several(wire.MARKERS)
-        self.states = [self._track(wire.LOCAL_STATE, k) for k in robots]
-        self.rewards = [self._track(wire.REWARD, k) for k in robots]
-        self.actions = [self._track(wire.ACTION, k) for k in robots]
-        self.percepts = [self._track(wire.PERCEPT, k) for k in robots]
+        of_robots = {topic: [self._track(topic, k) for k in robots] for topic in OF_ROBOT}
+        self.states, self.rewards, self.actions, self.percepts = of_robots.values()
         self._find_gaps(columns.jumps)
-        self._strays()
+        self._strays(of_robots)
         for step in self.clock.repeats.tolist():
             self.problems.append(self.odd(step, None, THE_CLOCK, "twice", "once"))
         self.coordination_maps = [
@@ -281,7 +281,7 @@ class Tracks:
                 repeats.append(step)
         return Track(found, rows[first], np.array(repeats, dtype=np.int64), others)
 
-    def _strays(self) -> None:
+    def _strays(self, of_robots: Mapping[wire.Topic, list[Track]]) -> None:
         """Leave out messages of a time step of which nobody else says anything, or that is none.
 
         Steps begin with 1, and go on. In the last ones of a log, and where a part is lost, it is
@@ -295,13 +295,9 @@ class Tracks:
         if self.lossy or not all(len(track.step) for track in heard):
             return
         self.clock = self._only(steps[of_run], self.clock, wire.CLOCK)
-        for topic, tracks in (
-            (wire.LOCAL_STATE, self.states),
-            (wire.REWARD, self.rewards),
-            (wire.ACTION, self.actions),
-            (wire.PERCEPT, self.percepts),
-        ):
-            tracks[:] = [self._only(steps[of_run], one, topic, k) for k, one in enumerate(tracks)]
+        for topic, tracks in of_robots.items():
+            for k, track in enumerate(tracks):
+                tracks[k] = self._only(steps[of_run], track, topic, k)
 
     def _only(
         self, steps: np.ndarray, track: Track, topic: wire.Topic, k: int | None = None

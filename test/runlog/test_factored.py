@@ -66,7 +66,7 @@ def test_explained(logged, robots):
             shared += len(rows) > 1
         else:
             assert list(rows) == list(zip(one.peers, one.perceived, strict=True))
-            assert one.update.coord[0] == (one.cell, *one.perceived, one.action.move)
+            assert one.update.coord[0] == (one.cell, *one.perceived, one.move)
         changed += any(before != after for before, after in rows.values())
     assert changed > 0 and failed > 0
     # With `probability:P` the own draw decides for all peers alike, asked by them or asking.
