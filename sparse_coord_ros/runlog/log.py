@@ -135,14 +135,12 @@ class RunLog:
     @property
     def ended(self) -> np.ndarray:
         """How percepts ended: numbers of `wire.PerceptEnd`, NaN where none, shape (T, K)."""
-        ended: np.ndarray = self.numbers[..., ACTION.column(PERCEPT.name)]
-        return ended
+        return self.numbers[..., ACTION.column(PERCEPT.name)]
 
     @property
     def has_learned(self) -> np.ndarray:
         """1 where a robot says that it has learned from its action before, shape (T, K)."""
-        said: np.ndarray = self.numbers[..., ACTION.column("learned")]
-        return said
+        return self.numbers[..., ACTION.column("learned")]
 
     @cached_property
     def tables(self) -> Mapping[tuple[int, int], Tables]:
