@@ -32,7 +32,7 @@ def returned(good, tmp_path):
     bag, directory = open_bag(good.bag), tmp_path / "bag"
     period = round(good.run.step_period * 1e9)
 
-    def written(*said, other, which=-1, again=None, call=False):
+    def written(*said, other, which=-1, again=None, call=False, without=None):
         with BagWriter(directory) as new:
             for name, texts in bag.metadata.items():
                 if name != "rosbag2":
@@ -54,7 +54,8 @@ def returned(good, tmp_path):
                     step, progress = due.pop(0)
                     data = serialize_message(status("robot_2", "progress", progress.values()))
                     new.write(own, data, step * period, step * period)
-                new.write(places[one.topic], one.data, one.log_time_ns, one.publish_time_ns)
+                if (one.topic, one.log_time_ns) != without:
+                    new.write(places[one.topic], one.data, one.log_time_ns, one.publish_time_ns)
             last = [one.name for one in bag.attachments if one.name.startswith(f"tables/{other}")]
             for one in bag.attachments:
                 data = one.data
@@ -91,6 +92,13 @@ def test_a_robot_that_comes_back_twice(returned):
 def test_who_obeys_a_roll_call_does_not_go_back(returned):
     found = returned(ALONE, OBEYED, other="robot_2", call=True)
     assert found.cannot_tell and [one.robot for one in found.open] == ["robot_2"]
+
+
+def test_what_follows_from_a_world_that_came_back_alone_is_open(returned, good):
+    gone = "/robot_1/local_state", round(AT * good.run.step_period * 1e9)
+    found = returned(other="robot_2", call=True, without=gone)
+    assert [(one.step, one.quantity) for one in found.open] == [(AT, "local_state")]
+    assert found.broke_off[0].startswith("the world came back at step 0")
 
 
 @pytest.mark.parametrize(
