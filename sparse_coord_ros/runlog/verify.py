@@ -101,9 +101,10 @@ def verify(path: Path) -> Verification:
         if part.lost:
             continue
         world, team = WorldCheck(log, part), [AgentCheck(log, k, part) for k in robots]
-        here = [*log.problems, *world.differences()]
+        here: list[Difference] = []
         with leaving_out("percepts and answers", say):
             here += check_percepts(log, part)
+        here += [*log.problems, *world.differences()]
         with leaving_out("actions and tables", say):
             for agent in team:
                 if log.shows(agent.k):
