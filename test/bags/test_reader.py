@@ -90,14 +90,15 @@ def test_nothing_to_read_is_one_line(tmp_path):
     """No file, an empty directory, several files, no MCAP, something that is no file."""
     (tmp_path / "empty").mkdir()
     (tmp_path / "text.mcap").write_text("not at all a bag\n" * 9)
-    (tmp_path / "two").mkdir()
-    for name in ("a_0.mcap", "b_1.mcap"):
-        (tmp_path / "two" / name).write_text("")
+    for name in ("two/a_0.mcap", "two/b_1.mcap", "same/a_0.mcap", "same/a.mcap"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text("")
     os.mkfifo(tmp_path / "pipe")
     for path, message in {
         "none": "cannot read .*none: No such file or directory",
         "empty": "empty is not a bag: it has no .mcap file",
         "two": "two has 2 .mcap files: name one",
+        "same": "same has 2 .mcap files: name one",
         "text.mcap": "text.mcap is not an MCAP file",
         "pipe": "cannot read .*pipe: it is not a file",
     }.items():
@@ -515,6 +516,18 @@ def test_the_last_record_behind_broken_framing_is_found(tmp_path, end):
         bag = open_bag(path, checked=checked)
         assert [one.data for one in bag.attachments] == [b"abc"]
         assert bag.gaps[0][:2] == (begin, begin + 5)
+
+
+@pytest.mark.parametrize(("tail", "lost"), [(b"", 0), (struct.pack("<BQ", 0x85, 35), 1)])
+def test_chunks_that_are_read_together_are_judged_each_by_itself(tmp_path, tail, lost):
+    """No record reaches into the next chunk, and the last one need not have a message."""
+    one, defines = message(1), chunk(schema() + channel(), (5, 5))
+    assert len(one) == 35
+    data = START + FIRST + chunk(one + tail) + chunk(one + one) + defines * (not lost)
+    found, first = both_ways(tmp_path / "a.mcap.partial", data), START + FIRST
+    before = both_ways(tmp_path / "b.mcap.partial", first).message_count
+    assert found.message_count == before + 3 - lost
+    assert [gap.begin for gap in found.gaps] == [len(first)] * lost
 
 
 def test_what_only_looks_like_a_chunk_hides_nothing(tmp_path):
