@@ -98,7 +98,9 @@ def description(
 
     declared = [
         DeclareLaunchArgument(
-            name, default_value="", description=f"{one.help} (allowed: {one.allowed})"
+            name,
+            default_value="",  # where it is not given, the parameter file may say it
+            description=f"{one.help} (allowed: {one.allowed}; default: {_shown(one.default)})",
         )
         for name, one in arguments.items()
     ]
@@ -312,6 +314,11 @@ def _typed(table: Mapping[str, Setting], texts: Mapping[str, str]) -> dict[str, 
     told = {n: t for n, t in texts.items() if n in table and not isinstance(table[n].kind, type)}
     left = {name: text for name, text in texts.items() if name not in told}
     return told | SettingTable(table.values()).parse(left)
+
+
+def _shown(default: Any) -> str:
+    """Return a default as an argument says it."""
+    return str(default).lower() if isinstance(default, bool) else str(default) or "empty"
 
 
 def _of_world(file: str) -> dict[str, Any]:
