@@ -4,7 +4,10 @@
 
 import errno
 import fcntl
+import itertools
 import os
+import tempfile
+from collections.abc import Callable, Iterator
 from contextlib import chdir, nullcontext, suppress
 from importlib import import_module
 from pathlib import Path
@@ -43,6 +46,55 @@ def write_whole(path: Path, data: bytes | str, *, sync: bool = False) -> None:
         raise
     if sync:
         sync_directory(path.parent)
+
+
+def _numbered(path: Path) -> Iterator[Path]:
+    yield path
+    for number in itertools.count(2):
+        yield path.with_name(f"{path.name}{number}")
+
+
+def free_name(path: Path) -> Path:
+    """Return a name that nothing has, with a number at its end where it must have one."""
+    return next(free for free in _numbered(path) if not os.path.lexists(free))
+
+
+def rescue(
+    directory: Path,
+    write: Callable[[Path], None],
+    joins: Callable[[Path], bool] = lambda place: False,
+) -> Path:
+    """Write files into a directory that stands in for another, and return it.
+
+    It is a new one called `<directory>_rescued`, with a number where something has that name,
+    beside the other or in the folder for temporary files.
+
+    Args:
+        directory: the other one, an absolute path.
+        write: writes the files into a directory.
+        joins: whether to write into what has the name already.
+
+    Raises:
+        OSError: neither place can be written; that of the last.
+    """
+    for folder in (directory.parent, Path(tempfile.gettempdir())):
+        names = _numbered(folder / f"{directory.name}_rescued")
+        try:
+            place = next(place for place in names if _makes(place) or joins(place))
+            write(place)
+            return place
+        except OSError as error:
+            failure = error
+    raise failure
+
+
+def _makes(directory: Path) -> bool:
+    """Make a directory; False where something has its name. Other OSErrors pass."""
+    try:
+        directory.mkdir(parents=True)
+    except FileExistsError:
+        return False
+    return True
 
 
 class HeldError(Exception):

@@ -193,7 +193,7 @@ class Team:
         world["recorded"] = self.get("record")
         self.add(WORLD, {**own, **world, **more, **self._settings})
         for robot in self.scenario.robots:
-            self.add("robot", own, robot.name)
+            self.add("robot", {**own, **self.of(["tables"])}, robot.name)
         if self.get("record"):
             bag = str(Path(self._out) / "bag")
             self.add(RECORDER, {**own, "out": bag})

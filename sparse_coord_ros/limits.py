@@ -50,6 +50,9 @@ PICTURE = Limit("a map or markers", 4 * MB)
 TABLES = Limit("the tables of one robot", 64 * MB, 64 * MB)
 METADATA = Limit("a bag's metadata", 4 * MB, 100_000)
 
+ASKED = 1_000
+"""Parameters that one request to a node's parameter services names."""
+
 DEEPEST = 30
 """Containers within containers of a YAML text."""
 

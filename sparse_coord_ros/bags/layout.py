@@ -4,15 +4,13 @@
 
 import contextlib
 import errno
-import itertools
 import os
 import shutil
-import tempfile
 from pathlib import Path
 from typing import BinaryIO
 
 from sparse_coord_ros.errors import BagError
-from sparse_coord_ros.files import PARTIAL, sync_directory, take_lock, write_whole
+from sparse_coord_ros.files import PARTIAL, rescue, sync_directory, take_lock, write_whole
 from sparse_coord_ros.limits import open_regular
 
 
@@ -97,20 +95,18 @@ class OutputFile:
 
     def _copied_out(self, whole: Path) -> Path:
         """Return the copy of a file that was deleted; the last OSError passes."""
-        refusals: list[OSError] = []
-        for folder in (whole.parents[1], Path(tempfile.gettempdir())):
-            place = free_name(folder / f"{whole.parent.name}_rescued")
+
+        def write(place: Path) -> None:
             try:
-                place.mkdir(parents=True)
                 with open(place / whole.name, "xb") as copy:
                     self._file.seek(0)
                     shutil.copyfileobj(self._file, copy, 1 << 20)
                     os.fsync(copy.fileno())
-                return place / whole.name
-            except OSError as error:
-                refusals.append(error)
+            except OSError:
                 shutil.rmtree(place, ignore_errors=True)
-        raise refusals[-1]
+                raise
+
+        return rescue(whole.parent, write) / whole.name
 
     def close(self) -> None:
         """Close the file; raises BagError if the system reports a late failure."""
@@ -149,12 +145,6 @@ def open_to_read(path: Path) -> BinaryIO:
         return open_regular(path)
     except OSError as error:
         raise BagError(f"cannot read {path}: {error.strerror}") from error
-
-
-def free_name(path: Path) -> Path:
-    """Return a name that nothing has, with a number at its end where it must have one."""
-    names = (path.with_name(f"{path.name}{number}") for number in itertools.count(2))
-    return next(free for free in itertools.chain([path], names) if not free.exists())
 
 
 def being_recorded(path: Path) -> bool:

@@ -10,13 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sparse_coord_ros.bags.gaps import Gap, to_note
-from sparse_coord_ros.bags.layout import (
-    PARTIAL,
-    free_name,
-    open_to_read,
-    sync_directory,
-    write_text,
-)
+from sparse_coord_ros.bags.layout import PARTIAL, open_to_read, sync_directory, write_text
 from sparse_coord_ros.bags.metadata import (
     METADATA_FILE,
     METADATA_RECORD,
@@ -28,7 +22,7 @@ from sparse_coord_ros.bags.metadata import (
 from sparse_coord_ros.bags.reader import Bag, BagFile, bag_files, open_bag, stem_and_number
 from sparse_coord_ros.bags.writer import BagWriter
 from sparse_coord_ros.errors import BagError
-from sparse_coord_ros.files import take_lock
+from sparse_coord_ros.files import free_name, take_lock
 
 _DRAFT = ".recovering"
 

@@ -97,7 +97,7 @@ class Member:
     def _fresh_agent(self) -> Agent:
         """Return an agent as it is at the run's beginning."""
         run, number, learning = self.run, self._number, not self.run.greedy
-        source = self._node.values["tables"] or run.tables
+        source = self._node.values["tables"]
         if run.greedy and not source:
             raise TablesError(
                 f"robot {self._name}: the run is greedy but parameter 'tables' names no learned "

@@ -3,7 +3,7 @@
 """From what the nodes of a run wrote to the files of its output directory."""
 
 import os
-import tempfile
+import stat
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from sparse_coord_ros.errors import BagError, RunError, os_error_text
-from sparse_coord_ros.files import take_lock, write_whole
+from sparse_coord_ros.files import rescue, take_lock, write_whole
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.learn.agent import Tables
 from sparse_coord_ros.learn.checkpoint import CHECKPOINT_FILE
@@ -219,8 +219,7 @@ class Output:
         """Write files into the directory, or beside it where that cannot be.
 
         A directory that is gone is made again; one that cannot be written (a full disk) is stood
-        in for by `<out>_rescued` beside it, or in the folder for temporary files. One line says
-        so.
+        in for by another (`files.rescue`), the same for all nodes of the run. One line says so.
 
         Args:
             write: writes the files into a directory.
@@ -234,23 +233,33 @@ class Output:
         if self._out is None:
             return None
         out, say = self._out, self._node.get_logger()
-        beside = out.absolute().with_name(f"{out.absolute().name}_rescued")
-        refusals: list[OSError] = []
-        for place in (out, beside, Path(tempfile.gettempdir()) / beside.name):
-            gone = not place.exists()
+
+        def fill(place: Path) -> None:
+            self._describe(place)
+            write(place)
+
+        gone = not out.exists()
+        try:
+            out.mkdir(parents=True, exist_ok=True)
+            fill(out)
+        except OSError as error:
             try:
-                place.mkdir(parents=True, exist_ok=True)
-                self._describe(place)
-                write(place)
-            except OSError as error:
-                refusals.append(error)
-                continue
-            if refusals:
-                say.error(f"{os_error_text(refusals[0])}; saved in {place} instead")
-            elif gone:
-                say.warning(f"output directory {out}: it was gone and was made again")
+                place = rescue(out.absolute(), fill, self._joins)
+            except OSError:
+                raise error from None
+            say.error(f"{os_error_text(error)}; saved in {place} instead")
             return place
-        raise refusals[0]
+        if gone:
+            say.warning(f"output directory {out}: it was gone and was made again")
+        return out
+
+    def _joins(self, place: Path) -> bool:
+        """Whether a node of this run, and of this user, made a directory; an OSError passes."""
+        found = place.lstat()
+        if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid():
+            return False
+        self._describe(place)  # it may be but just made
+        return (place / RUN_FILE).read_bytes() == self._text.encode()
 
 
 def begin_with(directory: Path, run: RunConfig) -> list[Tables]:

@@ -33,6 +33,7 @@ from sparse_coord_ros.game.settings import (
     tables_from_yaml,
 )
 from sparse_coord_ros.learn.run_config import RUN_SETTINGS, RunConfig, make_run
+from sparse_coord_ros.limits import ASKED
 from sparse_coord_ros.lockstep.waiting import Reminder
 from sparse_coord_ros.look.page.controls import PAGE_SETTINGS
 from sparse_coord_ros.nodes.intake import Intake
@@ -205,7 +206,9 @@ class ParameterNode(Node):
 
     def create_service(self, srv_type, srv_name, callback, **more):
         """As `Node`'s; the callback is guarded, and rclpy's own refuse what they cannot read."""
-        rclpys = srv_name if srv_type.__module__.startswith("rcl_interfaces.") else ""
+        rclpys = ""
+        if srv_type.__module__.startswith("rcl_interfaces."):
+            rclpys, callback = srv_name, _bounded(callback)
         return super().create_service(srv_type, srv_name, self.guarded(callback, rclpys), **more)
 
     def create_timer(self, timer_period_sec, callback, *args, **more):
@@ -318,6 +321,18 @@ class ParameterNode(Node):
             self.declare_parameter(
                 name, shown, _descriptor(setting, read_only=True), ignore_override=True
             )
+
+
+def _bounded(callback: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a parameter service's callback that raises SettingError where too much is asked."""
+
+    def wrapped(request: Any, response: Any) -> Any:
+        asked = len(getattr(request, next(iter(request.get_fields_and_field_types()))))
+        if asked > ASKED:
+            raise SettingError(f"{asked:,} parameters in one request, allowed: {ASKED:,}")
+        return callback(request, response)
+
+    return wrapped
 
 
 def of_node(node: str, values: Mapping[str, Any]) -> dict[str, Any]:

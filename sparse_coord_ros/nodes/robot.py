@@ -6,6 +6,7 @@ from typing import Unpack
 
 from rclpy.client import Client
 
+from sparse_coord_ros.errors import TablesError, in_short
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.nodes.follower import Follower
 from sparse_coord_ros.nodes.guard import Guard
@@ -49,8 +50,18 @@ class RobotNode(Follower):
         return self.guard.holds(now)
 
     def check(self, run: RunConfig) -> None:
-        """Raise `NotAllowedError` where the run names code that may not be imported here."""
+        """Refuse code that may not be imported here, and paths that this node was not given.
+
+        Raises:
+            NotAllowedError: the run names such code.
+            TablesError: it begins with tables, and this node has no parameter `tables`.
+        """
         run.check_code()
+        if run.tables and not self.values["tables"]:
+            raise TablesError(
+                f"the run begins with the tables of {in_short(run.tables)}, which this robot does "
+                "not read as its parameter 'tables' is empty; give it that directory"
+            )
 
     def begin(self, run: RunConfig) -> None:
         """Become a member of the team."""

@@ -51,6 +51,7 @@ def team_run(values: dict[str, Any]) -> RunConfig:
     if values["resume"]:
         run = resumed_run(values)
         values["record"] = values["recorded"] = run.recorded
+        values["tables"] = run.tables
         return run
     values["recorded"] = values["record"]
     run = run_from_parameters(values)

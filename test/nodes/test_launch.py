@@ -110,7 +110,9 @@ def file(tmp_path):
 
 def test_what_is_given_wins_over_the_file_also_where_it_is_the_default(nodes, tmp_path, file):
     out = str(tmp_path / "run")
-    found = nodes(params_file=file, set="penalty=-11, steps=200", seed="0", out=out)
+    given = {"set": "penalty=-11, steps=200", "seed": "0", "out": out, "tables": "before"}
+    found = nodes(params_file=file, **given)
+    assert [values(one).get("tables") for one in found] == [*["before"] * 5, None]
     assert found[0]["parameters"][0] == file
     world = values(found[0])
     assert (world["penalty"], world["steps"], world["seed"]) == (-11.0, 200, 0)

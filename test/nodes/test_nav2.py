@@ -77,7 +77,7 @@ def start_team(types, bench, tmp_path):
         if recorder:
             given["recorded"] = True
         made = bench.world(bodies=True, **given)
-        bench.robots(len(names), out=str(out))
+        bench.robots(len(names), out=str(out), tables=given.get("tables", ""))
         if recorder:
             bench.recorder(out / "bag")
         context = bench.place()[0]

@@ -4,6 +4,7 @@
 
 import shutil
 import threading
+from contextlib import ExitStack
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -27,7 +28,7 @@ def opened(tmp_path):
 
     def output(out, *, name="robot_1", run=RUN, own=()):
         values = {"out": str(out), "resume": False}
-        node = SimpleNamespace(values=values, get_logger=lambda: logger)
+        node = SimpleNamespace(values=values, at_end=ExitStack(), get_logger=lambda: logger)
         return Output(node, name, run, own)
 
     output.lines = []
@@ -53,6 +54,29 @@ def test_a_full_disk_is_left_for_another_place(opened, tmp_path):
     assert (place / "tables").read_text() == "learned"
     assert (place / "run.yaml").read_text() == RUN.to_yaml()
     assert opened.lines == [f"{out / 'tables'}: No space left on device; saved in {place} instead"]
+
+
+def test_two_runs_are_not_rescued_into_one_place(opened, tmp_path):
+    """Nor into one that somebody else made, nor through a link; nodes of a run meet in one."""
+    out, other = tmp_path / "out", replace(RUN, seed=5)
+    (tmp_path / "out_rescued").symlink_to(tmp_path / "else")
+    (tmp_path / "out_rescued2").write_text("a file")
+
+    def rescued(**more):
+        output = opened(out, **more)
+        shutil.rmtree(out)
+        out.write_text("no directory")
+        place = output.save(write)
+        out.unlink()
+        return place.name, (place / "run.yaml").read_text()
+
+    assert rescued() == ("out_rescued3", RUN.to_yaml())
+    assert rescued(run=other) == ("out_rescued4", other.to_yaml())
+    assert rescued(name="robot_2") == ("out_rescued3", RUN.to_yaml())
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("os.getuid", lambda: -1)
+        assert rescued() == ("out_rescued5", RUN.to_yaml())
+    assert not (tmp_path / "else").exists()
 
 
 def test_a_place_that_is_gone_is_made_again(opened, tmp_path):

@@ -236,7 +236,9 @@ def test_learning_goes_on_from_tables(tmp_path, simulate, assert_same_tables):
     with ros_context() as context:
         run_team({**values, "seed": 3, "out": str(tmp_path / "one")}, context=context)
         more = {"seed": 4, "out": str(tmp_path / "two"), "tables": str(tmp_path / "one")}
-        run_team({**values, **more}, context=context)
+        begun = (tmp_path / "two" / "run.yaml").exists
+        assert run_team({**values, **more}, context=context, stop=begun)["interrupted"]
+        run_team({"claim_window": 0.0, "resume": True, "out": more["out"]}, context=context)
     assert_same_tables(tmp_path / "one", first)
     assert_same_tables(tmp_path / "two", second)
     assert second.tables[0].q_star.tobytes() != first.tables[0].q_star.tobytes()

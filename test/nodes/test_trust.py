@@ -16,6 +16,7 @@ from sparse_coord_ros import wire
 from sparse_coord_ros.game.plugins import ALLOW_VARIABLE
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.run_config import make_run
+from sparse_coord_ros.learn.tables import save_team
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.body import BodyNode
 from sparse_coord_ros.nodes.driver import DriverNode
@@ -114,6 +115,18 @@ def test_a_robot_that_is_told_to_follows_it(bench, beside, monkeypatch, kind):
     say(bench, announced(kind))
     bench.spin_until(lambda: robot.member is not None, "the robot joins")
     assert beside.exists()
+
+
+def test_a_robot_reads_no_tables_but_those_it_was_given(bench, tmp_path, capfd):
+    """A stranger may name any directory of the robot's machine: the tables would be published."""
+    run = make_run(load_scenario("env1"), {})
+    (tmp_path / "run.yaml").write_text(run.to_yaml())
+    save_team(tmp_path, [run.rule.tables(run.scenario)] * 2)
+    robot, told = bench.robot("robot_1"), bench.robot("robot_2", tables=str(tmp_path))
+    say(bench, String(data=replace(run, id="theirs", tables=str(tmp_path)).to_yaml()))
+    bench.spin_until(lambda: robot.intake.dropped["run"] and told.member, "the run is heard")
+    assert robot.member is None and robot.failure is None
+    assert f"begins with the tables of '{tmp_path}', which this robot" in capfd.readouterr().err
 
 
 def test_a_world_is_told_by_its_own_parameters(bench, beside):
