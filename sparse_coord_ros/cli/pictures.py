@@ -10,13 +10,10 @@ from pathlib import Path
 
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.errors import RunError, SettingError
-from sparse_coord_ros.files import PARTIAL, import_apart, write_whole
+from sparse_coord_ros.files import import_apart, write_whole
 
 KINDS = (".png", ".svg", ".pdf")
 """How the names of pictures end."""
-
-LONGEST_NAME = 255
-"""Bytes of a file's name, on common file systems."""
 
 
 def out_option(kinds: Sequence[str]) -> shared.Option:
@@ -40,8 +37,6 @@ def check_out(path: Path, kinds: Sequence[str] = ()) -> str:
     shown = f"--out {str(path)[-100:]}"
     if kinds and kind not in kinds:
         raise SettingError(f"{shown}: allowed: a name that ends in {', '.join(kinds)}")
-    if len(os.fsencode(path.name + PARTIAL)) > LONGEST_NAME:
-        raise SettingError(f"--out: a name of {len(path.name)} characters; choose a shorter one")
     if not path.parent.is_dir():
         raise RunError(f"{shown}: there is no folder {path.parent}; make it, or choose another")
     if path.is_dir() or not os.access(path if path.exists() else path.parent, os.W_OK):

@@ -146,8 +146,8 @@ def test_extreme_settings_are_finite(make, settings):
 
 
 def test_a_large_map_takes_little_memory(make):
-    rows = ["." * 80] * 78
-    scenario = make("\n".join(["1" + "." * 79, *rows, "." * 79 + "2"]), {"a": (1, 2), "b": (2, 1)})
+    rows = ["." * 50] * 48
+    scenario = make("\n".join(["1" + "." * 49, *rows, "." * 49 + "2"]), {"a": (1, 2), "b": (2, 1)})
     tracemalloc.start()
     assert shortest_path_reference(scenario).miscoordinations == 0
     assert tracemalloc.get_traced_memory()[1] < 20 * 2**20
