@@ -29,6 +29,7 @@ from sparse_coord_ros.experiments.report.map_pictures import asked_maps
 from sparse_coord_ros.experiments.report.rows import names, paper, pick
 from sparse_coord_ros.experiments.report.text import factors, steps
 from sparse_coord_ros.experiments.store import ConditionResult
+from sparse_coord_ros.game.scenario import SETTINGS
 from sparse_coord_ros.learn.evaluation import Measure
 
 MEASURES = ("reward", "miscoordinations", "asks")
@@ -79,6 +80,16 @@ def _swept(
         return {name: plot(shown, len(names(results)))}
 
     return draw
+
+
+def _conditions(name: str, results: Results) -> dict[str, Figure]:
+    """Draw any conditions, against the settings in which they differ."""
+    own = [n for n in SETTINGS if len({str(getattr(one.scenario, n)) for one in results}) > 1]
+
+    def value(one: ConditionResult) -> str:
+        return ", ".join(f"{getattr(one.scenario, name)}" for name in own) or "-"
+
+    return _swept(value, ", ".join(own) or "setting", MEASURES)(name, results)
 
 
 def shift_of(result: ConditionResult) -> float:
@@ -220,5 +231,6 @@ DRAWN: Mapping[str, Callable[[str, Results], dict[str, Figure]]] = {
     "crowd": _crowd,
     "where": lambda name, results: {name: asked_maps(results)},
     "unseen": _unseen,
+    "conditions": _conditions,
 }
-"""What draws each experiment."""
+"""What draws each experiment; and `conditions`, what a results directory has, whatever it is."""
