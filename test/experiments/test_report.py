@@ -365,6 +365,21 @@ def test_loses_less_means_surely():
     assert line["class bound"] == "2.10"
 
 
+@pytest.mark.parametrize(
+    ("fall", "steps", "verdict"), [(8, 10**5, (1, 1)), (9, 10**5, (0, 1)), (9, 10**4, (0, 0))]
+)
+def test_factored_falls_hardly_more_than_the_class_bound(fall, steps, verdict):
+    """The class bound of env1 falls by 7.95 from penalty 0 to -100; 10^5 steps are judged."""
+    ends = {0: rewards(*[120.0] * 4), -100: rewards(*[120.0 - fall] * 4)}
+    conditions = [
+        make_condition("env1", learner, {"penalty": penalty, "steps": steps})
+        for learner in LEARNERS
+        for penalty in ends
+    ]
+    changes = {one.id: ends[one.scenario.penalty] for one in conditions}
+    assert verdicts(section("figure4", changes, conditions).claims)[1] == verdict
+
+
 def test_worth_it_up_to_a_cost_means_at_every_lower_cost():
     shortest = {"reward": 100.0, "time_to_goal": 10.0, "miscoordinations": 0.4}
     good, bad = rewards(109.0, 110.0, 109.0, 110.0), rewards(99.0, 100.0, 99.0, 100.0)

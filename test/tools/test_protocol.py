@@ -152,6 +152,7 @@ def test_the_texts():
     assert "It is not the default:" in found
     alone = replace(few, candidates=2).texts(lambda cell, plan: likes(EARLIER)(cell))
     assert "It is the default:" in alone["coop, found"]
+    assert "\n| 1 | exponent 0.5, floor_first 0.1, " in alone["coop, search"]  # it is better
 
 
 def test_the_defaults_are_a_protocol_of_the_space():

@@ -87,7 +87,7 @@ def with_text(page: str, mark: str, text: str) -> str:
     pattern = re.compile(re.escape(begin) + ".*?" + re.escape(end), re.DOTALL)
     if not pattern.search(page):
         raise SparseCoordError(f"document: no {begin.strip()} ... {end}; add them")
-    return pattern.sub(lambda _: f"{begin}{text}{end}", page, count=1)
+    return pattern.sub(lambda _: f"{begin}{text}{end}", page)
 
 
 if __name__ == "__main__":
