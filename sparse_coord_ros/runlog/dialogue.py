@@ -3,7 +3,7 @@
 """The dialogue of active perception, put together from the recorded service events."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -163,7 +163,12 @@ def put_together(
                 found.append((f"after one that is {younger}", "before it"))
             who, what = names[request.asker], f"{DIALOGUE} with {names[peer]}, {words}"
             problems += [Difference(request.step, who, what, *one) for one in found]
-    others = [
+    return [requests[key] for key in sorted(requests)], problems, _others(requests.values(), names)
+
+
+def _others(requests: Iterable[Request], names: Sequence[str]) -> list[Difference]:
+    """Choose the answer of each request; return the responses that are none."""
+    return [
         Difference(
             one.step,
             names[one.asker],
@@ -171,7 +176,6 @@ def put_together(
             f"{answer} too",
             f"{one.answer} only",
         )
-        for one in requests.values()
+        for one in requests
         for answer in one.choose()
     ]
-    return [requests[key] for key in sorted(requests)], problems, others

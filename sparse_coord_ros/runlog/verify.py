@@ -3,7 +3,7 @@
 """Computes a recorded run again and compares; the engine behind `sparse_coord verify`."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -105,15 +105,7 @@ def verify(path: Path) -> Verification:
         with leaving_out("percepts and answers", say):
             here += check_percepts(log, part)
         here += [*log.problems, *world.differences()]
-        with leaving_out("actions and tables", say):
-            for agent in team:
-                if log.shows(agent.k):
-                    here += agent.differences()
-                else:
-                    say(
-                        f"{agent.name} shows no tables and no coordination maps: why it acts as "
-                        "it does is not computed (a robot of one's own?)"
-                    )
+        here += _of_agents(log, team, say)
         found += [one for one in here if one.step is not None and part.holds(one.step)]
         worlds.append(world)
         agents += team
@@ -140,3 +132,18 @@ def verify(path: Path) -> Verification:
         repeats=sum(len(t.repeats) for k in robots for t in log.tracks.of(k)),
         not_compared=tuple((part.first, part.last) for part in parts if part.lost),
     )
+
+
+def _of_agents(
+    log: RunLog, agents: Sequence[AgentCheck], say: Callable[[str], None]
+) -> Iterator[Difference]:
+    """Yield in what actions and tables differ; say whose are not computed."""
+    with leaving_out("actions and tables", say):
+        for agent in agents:
+            if log.shows(agent.k):
+                yield from agent.differences()
+            else:
+                say(
+                    f"{agent.name} shows no tables and no coordination maps: why it acts as it "
+                    "does is not computed (a robot of one's own?)"
+                )
