@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What `tools.fuzz` tries: for each kind of input, how a case is drawn and who reads it.
+"""What `fuzz` tries: for each kind of input, how a case is drawn and who reads it.
 
 A target is a function (sample, folder) -> cases: `sample` has a recorded run, a broken-off
 learning run and results; `folder` is to hold a case's files. `cases(chance)` writes one and
