@@ -43,6 +43,9 @@ RESULTS = Limit("results", 64 * MB)
 RECORD = Limit("a record of a bag", 256 * MB)
 CHUNK = Limit("the content of a chunk", 64 * MB)
 CHUNKS = Limit("the content of all chunks, and of each byte of the file", 256 * MB, 100)
+RECORDS = 50_000
+"""Attachments and metadata of a bag; its messages, beside one for each byte of the file."""
+
 MESSAGE = Limit("a message", 2**16)
 """Of a topic that says nothing else: a node reads it within a few milliseconds."""
 

@@ -38,7 +38,7 @@ from sparse_coord_ros.bags.records import (
 )
 from sparse_coord_ros.bags.topics import BagTopic, topic_of
 from sparse_coord_ros.errors import BagError
-from sparse_coord_ros.limits import CHUNK, CHUNKS
+from sparse_coord_ros.limits import CHUNK, CHUNKS, RECORDS
 
 OWN_LIBRARY = "sparse_coord_ros "
 """How the header of a file by `BagWriter` begins: in these every checksum is there."""
@@ -378,6 +378,8 @@ class BagFile:
         if not self._belongs(record):
             what = describe(record.opcode)
             raise Damage(record.offset, f"{what}, which has no business there")
+        if len(self.metadata) + len(self.attachments) > RECORDS:
+            raise BagError(f"more than {RECORDS:,} attachments and metadata records are not read")
         if take := _TAKE.get(record.opcode):
             take(self, record)
 
@@ -450,6 +452,8 @@ class BagFile:
         """Read what is in the blocks, and compare the checksums of the file."""
         for part in self.parts(tuple(self.blocks)):
             self._count(part.heads)
+            if self.counts.total() > (most := RECORDS + self.size):
+                raise BagError(f"more than {most:,} messages in {self.size:,} bytes are not read")
         self._checked = True
         closed = self.path.suffix != PARTIAL
         if self._end is None:

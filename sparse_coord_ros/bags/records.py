@@ -135,7 +135,7 @@ class Source:
             left = size - offset
             raise Cut(offset, f"the file ends within a record, of which {left} bytes are left")
         opcode, length = HEAD.unpack(self.read(offset, HEAD.size))
-        if length > RECORD.bytes and opcode != Opcode.ATTACHMENT:
+        if length > RECORD.bytes:
             raise Damage(offset, f"{describe(opcode)} of {length} bytes, which is implausible")
         return RecordPlace(opcode, offset, length)
 
@@ -149,10 +149,16 @@ class Source:
 
     def places(self, begin: int, end: int) -> Iterator[int]:
         """Yield where from `begin` on records may begin: known opcodes, plausible lengths."""
-        for place in range(begin, end, _WINDOW):
+        place = begin
+        while place < end:
+            try:
+                place = os.lseek(self._descriptor, place, os.SEEK_DATA)  # there may be holes
+            except OSError:
+                return
             with suppress(Damage):  # what cannot be read is passed over
                 data = self.read(place, min(_WINDOW + HEAD.size - 1, end - place))
                 yield from (place + match.start() for match in _BEGIN.finditer(data))
+            place += _WINDOW
 
 
 def describe(opcode: int) -> str:
@@ -269,7 +275,8 @@ def message_heads(
             raise Damage(offset, "an empty record in a chunk")
         place += HEAD.size + length
     begins = np.array(places, dtype=np.int64)
-    if place != size or not np.isin(starts, begins).all():
+    at = np.searchsorted(begins, starts)
+    if place != size or at[-1] == len(begins) or (begins[at] != starts).any():
         raise Damage(offset, "records of which the last does not fit into their chunk")
     ends = np.append(begins[1:], size)
     opcodes = np.frombuffer(content, dtype=np.uint8)[begins]

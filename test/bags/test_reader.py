@@ -518,6 +518,41 @@ def test_the_last_record_behind_broken_framing_is_found(tmp_path, end):
         assert bag.gaps[0][:2] == (begin, begin + 5)
 
 
+def packed(content):
+    data = zstandard.compress(content)
+    fields = struct.pack("<QQQI", 1, 1, len(content), 0) + text(b"zstd")
+    return record(6, fields + struct.pack("<Q", len(data)) + data)
+
+
+@pytest.mark.parametrize(
+    ("records", "said"),
+    [
+        (record(12, text(b"a") + text(b"")) * 5, "3 attachments and metadata records"),
+        (packed(message(1) * 5_000), "[0-9]{3} messages in [0-9]{3} bytes"),
+    ],
+    ids=["metadata", "messages"],
+)
+def test_a_bag_has_not_too_many_of_anything(tmp_path, monkeypatch, records, said):
+    both_ways(tmp_path / "a.mcap.partial", START + FIRST + records)
+    monkeypatch.setattr("sparse_coord_ros.bags.contents.RECORDS", 3)
+    with pytest.raises(BagError, match=f"a.mcap.partial: more than {said} are not read"):
+        open_bag(tmp_path / "a.mcap.partial")
+
+
+def test_holes_and_what_lies_in_them_take_no_time(tmp_path):
+    """100 GB that are not there, between two chunks or as an attachment's."""
+    path, first = tmp_path / "a.mcap.partial", START + FIRST
+    far = 100 * 2**30
+    for junk in (b"junk!", record(9, b"")[:1] + struct.pack("<Q", far - len(first) - 9)):
+        path.write_bytes(first + junk)
+        with open(path, "r+b") as file:
+            file.seek(far)
+            file.write(FIRST)
+        bag = open_bag(path)
+        assert bag.message_count == 2 and [gap[:2] for gap in bag.gaps] == [(len(first), far)]
+        path.unlink()
+
+
 @pytest.mark.parametrize(("tail", "lost"), [(b"", 0), (struct.pack("<BQ", 0x85, 35), 1)])
 def test_chunks_that_are_read_together_are_judged_each_by_itself(tmp_path, tail, lost):
     """No record reaches into the next chunk, and the last one need not have a message."""
