@@ -11,6 +11,7 @@ import sparse_coord_ros
 from sparse_coord_ros.bags import BagWriter
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.run_config import make_run
+from sparse_coord_ros.wire import BAG_FORMAT, FORMAT_KEY
 
 PACKAGE = Path(sparse_coord_ros.__file__).parent
 
@@ -124,7 +125,7 @@ def test_command_line_without_ros(bare, tmp_path):
     (tmp_path / "other").mkdir()
     (tmp_path / "other/text").write_text("no bag")
     with BagWriter(tmp_path / "bag") as bag:
-        bag.add_metadata("sparse_coord_ros", {"seed": "1", "format": "3"})
+        bag.add_metadata("sparse_coord_ros", {"seed": "1", FORMAT_KEY: str(BAG_FORMAT)})
         bag.attach("run.yaml", make_run(load_scenario("env1"), {}).to_yaml().encode(), "")
     out = bare(
         "from sparse_coord_ros.cli.main import main\n"
