@@ -113,7 +113,7 @@ def test_a_waiting_node_ends_well_on_a_signal(start_node, bench, tmp_path, name,
     observer = bench.observer()
     more = {"world_simulator": {"scenario": "env1"}, "recorder": {"out": tmp_path / "bag"}}
     process = start_node(name, name, **more.get(name, {}))
-    topic = {"world_simulator": "run", "robot": "robot/_claim", "recorder": "diagnostics"}[name]
+    topic = {"world_simulator": "run", "robot": "robot/_claim", "recorder": "_recording"}[name]
     bench.spin_until(lambda: observer.count(topic), "node is there")
     process.send_signal(number)
     assert_ended_well(process)
