@@ -38,6 +38,7 @@ from sparse_coord_ros.game.scenario import SETTINGS, Scenario, load_scenario
 from sparse_coord_ros.game.settings import Setting, SettingTable, parse_assignments
 from sparse_coord_ros.learn.run_config import OWN_CLOCK
 from sparse_coord_ros.limits import SCENARIO, parse_yaml, read_text
+from sparse_coord_ros.lockstep.checkpoints import check_robots
 from sparse_coord_ros.look.layouts import foxglove_layout, rviz_config
 from sparse_coord_ros.nodes.parameters import PARAMETERS
 from sparse_coord_ros.wire import CLOCK, RECORDER, WORLD
@@ -155,6 +156,8 @@ class Team:
                 f"out: {out} exists already, nothing is overwritten; choose another, or go on "
                 "with that run: resume:=true"
             )
+        if self._resume:
+            check_robots(Path(out), self.scenario)
         self._out = out
         self._common: list[Any] = list(filter(None, [self.get("params_file")]))
         self._common.append({"use_sim_time": self.get("use_sim_time")})

@@ -17,7 +17,7 @@ from sparse_coord_ros.learn.checkpoint import CHECKPOINT_FILE
 from sparse_coord_ros.learn.evaluation import TRIALS, Evaluation, check_tables, evaluate
 from sparse_coord_ros.learn.run_config import RunConfig, load_run
 from sparse_coord_ros.learn.tables import load_team
-from sparse_coord_ros.lockstep.checkpoints import CHECKPOINTS
+from sparse_coord_ros.lockstep.checkpoints import CHECKPOINTS, robots_elsewhere
 from sparse_coord_ros.solve.optimum import joint_optimum
 from sparse_coord_ros.solve.shipped import (
     game_digest,
@@ -87,7 +87,7 @@ def evaluated(directory: Path, trials: int, seed: int, *, exact: bool | None) ->
     """
     run = load_run(directory)
     for kept, verb in ((CHECKPOINTS, "run"), (CHECKPOINT_FILE, "train")):
-        if (directory / kept).exists():
+        if (directory / kept).exists() and not robots_elsewhere(directory, run.scenario):
             shared.note(
                 f"{directory}: the run is not finished, its tables are those of the way there; go "
                 f"on with: sparse_coord {verb} --resume {directory}"

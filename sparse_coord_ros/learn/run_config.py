@@ -141,6 +141,11 @@ class RunConfig:
         return None if LEARNERS.barred(self.learner) else self.rule
 
     @property
+    def by_this_package(self) -> bool:
+        """Whether the world that computed it is ours, not one of one's own."""
+        return "sparse_coord_ros" in self.versions
+
+    @property
     def title(self) -> str:
         """What its learner is called in print, as far as that may be known."""
         rule = self.known_rule

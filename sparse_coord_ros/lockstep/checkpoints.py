@@ -18,6 +18,7 @@ import numpy as np
 
 from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.files import PARTIAL, HeldError, hold, write_whole
+from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.learn.checkpoint import (
     BrokenCheckpointError,
     broken,
@@ -217,6 +218,28 @@ def steps_of(folder: Path, node: str) -> list[int]:
     """Return under which time steps a directory has files of a node, the newest first."""
     texts = (path.stem.removeprefix(f"{node}_") for path in folder.glob(f"{node}_*.npz"))
     return sorted((int(text) for text in texts if text.isdecimal()), reverse=True)
+
+
+def robots_elsewhere(out: Path, scenario: Scenario) -> list[str]:
+    """Return which robots of a run that has come on in a directory never had anything there."""
+    folder, names = out / CHECKPOINTS, [robot.name for robot in scenario.robots]
+    begun = any(steps_of(folder, name) for name in (WORLD, *names))
+    return [name for name in names if begun and not (folder / f"{name}.lock").exists()]
+
+
+def check_robots(out: Path, scenario: Scenario) -> None:
+    """Refuse to go on with robots of ours in the place of others.
+
+    Raises:
+        RunError: a robot is one of one's own, or has its files elsewhere.
+    """
+    away = robots_elsewhere(out, scenario)
+    if away:
+        raise RunError(
+            f"{out}: holds nothing of {', '.join(away)} (a robot of one's own, or with another "
+            "'out'), so the run cannot go on there; begin a new one, or start each of its nodes "
+            "with resume:=true"
+        )
 
 
 def remove_checkpoints(out: Path) -> None:

@@ -14,6 +14,7 @@ from rclpy.context import Context
 from sparse_coord_ros.bags.reader import BAG_DIRECTORY
 from sparse_coord_ros.errors import BagError, NameTakenError
 from sparse_coord_ros.learn.run_config import RunConfig, create_output
+from sparse_coord_ros.lockstep.checkpoints import check_robots
 from sparse_coord_ros.nodes.outputs import begin_with, gather, resumed_run
 from sparse_coord_ros.nodes.parameters import (
     TEAM_PARAMETERS,
@@ -50,6 +51,7 @@ def team_run(values: dict[str, Any]) -> RunConfig:
     """
     if values["resume"]:
         run = resumed_run(values)
+        check_robots(Path(values["out"]), run.scenario)
         values["record"] = values["recorded"] = run.recorded
         values["tables"] = run.tables
         return run

@@ -51,7 +51,8 @@ class Coordination(NamedTuple):
         move: the primitive action that COORDINATE became.
         q_values: the four values that the action was chosen by, before learning: of Q^C at the
             joint state where it perceived, else of Q* at its cell; empty, and nothing computed,
-            where the learner's code may not be imported, or what it had learned is lost.
+            where the robot shows nothing of what it learns, the learner's code may not be
+            imported, or what it had learned is lost.
         update: what it learned from it; None where it did not (left out, or the log ends).
         agrees: whether computing it again gives the logged action.
         doubt: why the numbers may be others than the robot had; None where they are not.
@@ -88,8 +89,8 @@ def explain(log: RunLog, robot: int, step: int) -> Coordination | None:
 
 def explained(log: RunLog, robot: int, steps: Sequence[int]) -> Iterator[Coordination | None]:
     """Yield the same of several time steps, ascending; the log is followed once for all."""
-    begun, doubt = None, None
-    if log.run.known_rule is not None:
+    begun, doubt = None, log.hides(robot)
+    if doubt is None and log.run.known_rule is not None:
         begun, odd = first_tables(log, robot)
         doubt = None if odd is None else f"{odd}"
         if begun is None:
@@ -231,7 +232,8 @@ def in_words(log: RunLog, one: Coordination) -> Iterator[str]:
         yield f"  perceives {', '.join(cell_in_words(run, cell) for cell in one.perceived)}"
     else:
         yield f"  perceives nothing ({one.outcome})"
-    moves = move_in_words(run, one.cell, one.perceived, one.move)
+    of_ours = None if log.hides(one.robot) else one.cell
+    moves = move_in_words(run, of_ours, one.perceived, one.move)
     if not one.q_values:
         yield f"  {moves}" + ("" if one.doubt is None else f"; {one.doubt}")
         return

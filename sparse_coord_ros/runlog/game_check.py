@@ -231,13 +231,14 @@ class WorldCheck:
         log, last, maps = self.log, self.stretch.last, self.log.tracks.maps
         shown: list[tuple[int | None, wire.Topic, np.ndarray]] = [
             (None, wire.MAP, maps),
-            (None, wire.MARKERS, log.tracks.markers[0]),
             *(
                 (k, wire.COORDINATION_MAP, log.tracks.coordination_maps[k][0])
                 for k in self.robots
-                if log.shows(k)
+                if log.hides(k) is None
             ),
         ]
+        if log.run.by_this_package:
+            shown.append((None, wire.MARKERS, log.tracks.markers[0]))
         for k, topic, steps in shown:
             # Where a gap follows, only those before the last one that was shown.
             until = np.inf if last is None else min(last, steps.max(initial=0))

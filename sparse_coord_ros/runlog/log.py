@@ -147,10 +147,15 @@ class RunLog:
         """The recorded tables by (robot's number, time step)."""
         return {(entry.robot, entry.step): entry.tables for entry in self.all_tables}
 
-    def shows(self, k: int) -> bool:
-        """Whether a robot says anything of what it learns; robots of one's own need not."""
+    def hides(self, k: int) -> str | None:
+        """Return that a robot says nothing of what it learns, as one's own may; None: it does."""
         recorded = any(entry.robot == k for entry in self.all_tables)
-        return recorded or len(self.tracks.coordination_maps[k][0]) > 0
+        if recorded or len(self.tracks.coordination_maps[k][0]):
+            return None
+        return (
+            f"{self.names[k]} shows no tables and no coordination maps: why it acts as it does is "
+            "not computed (a robot of one's own?)"
+        )
 
     def between(self, first: int, last: int) -> "RunLog":
         """Return the time steps from `first` to `last`, both included."""

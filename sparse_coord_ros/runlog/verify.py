@@ -29,8 +29,8 @@ class Verification:
             came back and went on alone, or a part of the bag is lost.
         broke_off: who was killed, or came back and went on alone, as sentences; the same
             differences are in `open`.
-        not_computed: what was left out, as its code may not be imported, or a robot shows neither
-            tables nor coordination maps, as sentences.
+        not_computed: what was left out, as its code may not be imported, a robot shows neither
+            tables nor coordination maps, or the world is one of one's own, as sentences.
         foreign: messages beside those of the run, where all else is as it is computed.
         lost: how many messages are not in the log, by topic: of map, markers and coordination
             maps a busy middleware keeps only the last, of tables the last `TABLES_DEPTH`.
@@ -97,6 +97,11 @@ def verify(path: Path) -> Verification:
     not_computed: dict[str, None] = {}
     say = not_computed.setdefault
     found = [one for one in log.problems if one.step is None]
+    if not log.run.by_this_package:
+        say(
+            "the versions in its run do not name sparse_coord_ros: a world of one's own, whose "
+            "markers are not compared"
+        )
     for part in parts:
         if part.lost:
             continue
@@ -140,10 +145,8 @@ def _of_agents(
     """Yield in what actions and tables differ; say whose are not computed."""
     with leaving_out("actions and tables", say):
         for agent in agents:
-            if log.shows(agent.k):
+            why = log.hides(agent.k)
+            if why is None:
                 yield from agent.differences()
             else:
-                say(
-                    f"{agent.name} shows no tables and no coordination maps: why it acts as it "
-                    "does is not computed (a robot of one's own?)"
-                )
+                say(why)

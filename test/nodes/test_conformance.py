@@ -8,6 +8,9 @@ from types import ModuleType
 
 import pytest
 
+from sparse_coord_ros.cli.main import main
+from sparse_coord_ros.errors import RunError
+from sparse_coord_ros.nodes.team import run_team
 from sparse_coord_ros.runlog.verify import verify
 from tools import conformance
 from tools.conformance import OBLIGATIONS, Stage
@@ -133,7 +136,7 @@ def test_a_robot_that_the_scenario_does_not_have(capfd):
     assert "give --robot one of them" in capfd.readouterr().err
 
 
-def test_a_run_with_a_robot_of_ones_own(bench, tmp_path, example):
+def test_a_run_with_a_robot_of_ones_own(bench, tmp_path, example, capfd):
     """World, peer and recorder take it for one of theirs; verify checks all that can be known."""
     world = bench.world(set=["steps=150"], out=str(tmp_path), recorded=True)
     recorder, peer = bench.recorder(tmp_path / "bag"), bench.robot("robot_2")
@@ -148,3 +151,9 @@ def test_a_run_with_a_robot_of_ones_own(bench, tmp_path, example):
     assert found.steps == 150 and found.choices == found.updates > 0
     [sentence] = found.not_computed
     assert sentence.startswith("robot_1 shows no tables and no coordination maps")
+    (tmp_path / "checkpoint" / "robot_2.lock").touch()
+    with pytest.raises(RunError, match="holds nothing of robot_1 ") as error:
+        run_team({"resume": True, "out": str(tmp_path)}, context=context)
+    assert "\n" not in str(error.value)
+    assert main(["evaluate", str(tmp_path)]) == 2
+    assert "--resume" not in capfd.readouterr().err

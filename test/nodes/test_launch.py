@@ -146,6 +146,11 @@ def test_resume_goes_on_where_there_is_a_run_and_begins_one_where_there_is_none(
         nodes(out=str(out))
     found = nodes(out=str(out), resume="true")
     assert all(values(node)["resume"] for node in found)
+    (out / "checkpoint").mkdir()
+    for name in ("world_simulator_9.npz", "robot_2.lock"):
+        (out / "checkpoint" / name).touch()
+    with pytest.raises(RunError, match="holds nothing of robot_1 "):
+        nodes(out=str(out), resume="true")
 
 
 def test_it_allows_what_its_arguments_name(nodes, tmp_path):

@@ -9,11 +9,14 @@ import pytest
 from nav_msgs.srv import GetPlan
 from rclpy.serialization import deserialize_message, serialize_message
 from recordings import with_tables
+from visualization_msgs.msg import MarkerArray
 
+from sparse_coord_ros.game.actions import ACTIONS
 from sparse_coord_ros.game.world import Action, Reward
 from sparse_coord_ros.learn.tables import pack_tables
 from sparse_coord_ros.nodes.messages import Converter
 from sparse_coord_ros.runlog import read_run, verify
+from sparse_coord_ros.runlog.explain import coordinations, explained, in_words
 from sparse_coord_ros.wire import ACTION, PerceptEnd
 from sparse_coord_ros.wire.messages import ACTION_FORM, POSE_FORM, REWARD_FORM
 
@@ -379,6 +382,40 @@ def test_the_last_message_of_the_worlds_topics(alter, topic):
     found = alter(change)
     step = None if topic == "/run" else found.log.step[-1]
     is_first(found, step, None, "topic run" if topic == "/run" else "status")
+
+
+@pytest.mark.parametrize("other", [b"", serialize_message(MarkerArray())], ids=["none", "other"])
+def test_a_world_whose_markers_are_its_own(alter, other):
+    """Its run names other versions than ours; all else is compared."""
+
+    def own(one):
+        return one._replace(data=one.data.replace(b"  sparse_coord_ros:", b"  sparse_coord_own:"))
+
+    def change(messages):
+        shown = [m._replace(data=other) if m.topic == "/markers" else own(m) for m in messages]
+        return [one for one in shown if one.data]
+
+    found = alter(change, lambda attached: list(map(own, attached)))
+    assert (found.differences, found.open, found.foreign) == ((), (), 0)
+    [sentence] = found.not_computed
+    assert sentence.endswith("a world of one's own, whose markers are not compared")
+    assert (found.same, found.cannot_tell, found.steps) == (False, True, 250)
+
+
+def test_a_robot_that_shows_nothing_of_what_it_learns(alter):
+    """Of one's own; what it did is told, and no reason is made up for it."""
+    found = alter(
+        lambda messages: [m for m in messages if m.topic != "/robot_1/coordination_map"],
+        lambda attached: [one for one in attached if not one.name.startswith("tables/robot_1")],
+    )
+    [sentence] = found.not_computed
+    assert sentence.startswith("robot_1 shows no tables") and found.cannot_tell
+    steps = coordinations(found.log, 0)
+    for one in explained(found.log, 0, steps):
+        assert (one.q_values, one.update) == ((), None)
+        last = list(in_words(found.log, one))[-1].strip()
+        assert last == f"goes {ACTIONS[one.move]}; {sentence}"
+    assert len(steps) > 10
 
 
 @pytest.mark.parametrize("topic", ["/map", "/robot_1/local_state", "/status"])
