@@ -2,6 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Random streams: functions of seed, agent, role, phase and step, equal to NumPy's own PCG64."""
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -28,6 +31,15 @@ def test_numbers_that_key_the_streams_never_change():
     assert DRAWS == {0: 5, 1: 1, 2: 1, 3: 2, 4: 1, 5: 2}
     columns = ("EXPLORE", "EXPLORED_ACTION", "TIE", "PRIMITIVE_TIE", "PEER")
     assert [getattr(streams, name) for name in columns] == [0, 1, 2, 3, 4]
+
+
+def test_the_draw_of_a_percept_is_that_of_the_contract():
+    """docs/interface.md says in NumPy how a robot of one's own draws it."""
+    text = (Path(__file__).parents[2] / "docs/interface.md").read_text()
+    [formula] = re.findall(r"`(Generator\(PCG64.*?\[step\])`", text)
+    for seed, asker, step in ((0, 0, 1), (7, 1, BLOCK), (7, 3, 10_000)):
+        names = {**vars(np.random), "seed": seed, "asker": asker, "step": step}
+        assert [eval(formula, names)] == Stream(seed, asker, PERCEPT).at(step)
 
 
 @pytest.mark.parametrize("role", ROLES)
