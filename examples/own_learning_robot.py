@@ -12,16 +12,14 @@ import copy
 import random
 import time
 from collections import defaultdict
-from functools import partial
 
 from nav_msgs.msg import Path
 from nav_msgs.srv import GetPlan
-from own_robot import MOVES, STEP, OwnRobot, main
-from rclpy.service_introspection import ServiceIntrospectionState
+from own_robot import CONTENTS, MOVES, STEP, OwnRobot, main
 
 ALPHA, EPSILON, FIRST_VALUE = 0.1, 0.1, 10.0
 DID_NOT_ASK, ANSWERED, REFUSED, LATE = range(4)
-MEMORY = ("values", "fined", "state", "step", "begun", "transitions", "learned")
+MEMORY = ("values", "fined", "learned", "state", "step", "begun", "transitions")
 
 
 def first_values():
@@ -34,144 +32,114 @@ class OwnLearningRobot(OwnRobot):
 
     def __init__(self, **place):
         super().__init__(**place)
-        self.values, self.fined = defaultdict(first_values), set()
-        self.pending = self.reward = self.asked = None
-        self.worked_off, self.learned, self.deadline, self.went_back = -1, 0, 0.0, False
-        self.peers, self.kept = {}, {}
-        self.percept = self.create_publisher(Path, f"{self.name}/percept", STEP)
-        self.create_timer(0.02, self.look_at_the_clock)
+        self.values, self.fined, self.learned = defaultdict(first_values), set(), 0
+        self.acted = self.reward = self.asked = self.deadline = None
+        self.checkpoints, self.peers = {0: self.memory()}, {}
+        self.percept = self.create_publisher(Path, "~/percept", STEP)
+        self.create_timer(0.02, self.work_off)
 
-    def listen(self):
-        """Hear the world; at first find the peers, and keep the run's beginning."""
-        if not self.kept:
-            self.keep(0)
-            for number, name in enumerate(self.run["scenario"]["robots"], start=1):
-                if name != self.name:
-                    client = self.create_client(GetPlan, f"{name}/active_perception")
-                    contents = ServiceIntrospectionState.CONTENTS
-                    client.configure_introspection(self.get_clock(), STEP, contents)
-                    self.peers[number] = client
-        super().listen()
+    def on_run(self, message):
+        """Find the peers of one's run."""
+        super().on_run(message)
+        for number, name in enumerate(self.run["scenario"]["robots"], start=1):
+            if name != self.name and number not in self.peers:
+                self.peers[number] = self.create_client(GetPlan, f"{name}/active_perception")
+                self.peers[number].configure_introspection(self.get_clock(), STEP, CONTENTS)
 
     def on_state(self, message):
-        """Act, too, where the world says the state again to which this robot went back."""
-        went_back, self.went_back = self.went_back, False
+        """Give the reward some time, from when a state is new."""
+        if self.deadline is None or self.step_of(message) > self.step:
+            self.deadline, self.asked = time.monotonic() + self.run["percept_timeout"], None
         super().on_state(message)
-        if went_back and self.step_of(message) == self.step and self.said is None:
-            self.work_off()
-
-    def work_off(self):
-        """Learn from what led to a state, if the reward is there, and act."""
-        self.deadline = time.monotonic() + self.run["percept_timeout"]
-        if self.pending is not None and self.pending[0] != self.step - 1:
-            self.pending = None  # the world went on without this robot, or began an episode
-        self.asked = None
-        self.go_on()
 
     def on_reward(self, message):
         """Take in the reward of the last action; it may come before or after the next state."""
-        if self.pending is not None and self.pending[0] == self.step_of(message):
+        if self.acted and self.acted[0] == self.step_of(message):
             self.reward = dict(zip(message.name, message.position, strict=True))
-            if self.step > self.pending[0]:
-                self.go_on()
+            self.work_off()
 
-    def look_at_the_clock(self):
-        """Give up what has not come in time: the reward, or a peer's answer."""
-        if time.monotonic() < self.deadline:
+    def work_off(self):
+        """Go on with a state as far as all that it takes is there, or has not come in time."""
+        if self.said or self.deadline is None:
             return
-        if self.asked is not None:
-            self.move(None, LATE)
-        elif self.pending is not None and self.step > self.pending[0]:
-            self.pending = None
-            self.go_on()
-
-    def go_on(self):
-        """Learn, keep a checkpoint where one is due, and act."""
-        if self.pending is not None:
-            if self.reward is None:
+        late = time.monotonic() > self.deadline
+        if self.acted and self.acted[0] == self.step - 1:  # else left out, or a new episode
+            if self.reward:
+                self.learn()
+            elif not late:
                 return
-            self.learn()
-        before, self.worked_off = self.worked_off, self.step
+        self.acted = None
         every = self.run["checkpoint"]
-        if every and 0 <= before and before // every < self.step // every:
-            self.keep(self.step)
-        if not self.rests():
+        if every and self.step // every > max(self.checkpoints) // every:
+            self.checkpoints[self.step] = self.memory()
+            self.say_progress()
+        if self.asked and late:
+            self.move(None, LATE)
+        elif not self.asked and not self.rests():
             self.choose()
 
     def learn(self):
         """Move the last move's value towards its reward and the value of where it led to."""
-        _, place, move = self.pending
+        _, place, move = self.acted
         arrived = self.reward["individual"] > 0
-        after = 0.0 if arrived else max(self.values[(*self.cell_of(self.state), None)])
+        after = 0.0 if arrived else max(self.values[self.cell_of(self.state), None])
         target = self.reward["total"] + self.run["scenario"]["discount"] * after
         self.values[place][move] += ALPHA * (target - self.values[place][move])
         if self.reward["common"] < 0:
-            self.fined.add(place[:2])
-        self.pending, self.learned = None, 1
+            self.fined.add(place[0])
+        self.learned = 1
 
     def choose(self):
         """Ask in a cell where a move was fined, else move."""
-        if self.peers and tuple(self.cell_of(self.state)) in self.fined:
+        if self.cell_of(self.state) in self.fined:
             self.asked = random.choice(list(self.peers))
-            self.ask(self.step)
+            self.deadline = time.monotonic() + self.run["percept_timeout"]
+            self.ask()
         else:
             self.move(None, DID_NOT_ASK)
 
-    def ask(self, step):
+    def ask(self):
         """Ask a peer where it is."""
         request = GetPlan.Request(start=self.state)
         request.goal.header.frame_id = self.name
-        answer = self.peers[self.asked].call_async(request)
-        answer.add_done_callback(partial(self.on_answer, step))
+        self.peers[self.asked].call_async(request).add_done_callback(self.on_answer)
 
-    def on_answer(self, step, answer):
+    def on_answer(self, answer):
         """Move; where the peer is not there yet, ask again."""
-        if step != self.step or self.asked is None:
-            return
         plan = answer.result().plan
-        if self.step_of(plan) < step:
-            self.ask(step)
-        else:
-            seen = plan.poses[0] if plan.poses and self.step_of(plan) == step else None
-            self.move(seen, REFUSED if seen is None else ANSWERED)
+        if self.asked and self.step_of(plan) < self.step:
+            self.ask()
+        elif self.asked:
+            self.move(plan.poses[0], ANSWERED) if plan.poses else self.move(None, REFUSED)
 
     def move(self, seen, percept):
         """Choose a move by the values of this cell, and of the peer's if it was perceived."""
         peer, self.asked = self.asked or 0, None
         if percept != DID_NOT_ASK:
-            poses = [self.state] if seen is None else [self.state, seen]
+            poses = [self.state, seen] if seen else [self.state]
             self.percept.publish(Path(header=self.state.header, poses=poses))
-        there = None if seen is None else tuple(self.cell_of(seen))
-        place = (*self.cell_of(self.state), there)
+        place = self.cell_of(self.state), self.cell_of(seen) if seen else None
         values = self.values[place]
         best = [number for number, value in enumerate(values) if value == max(values)]
         move = random.randrange(4) if random.random() < EPSILON else random.choice(best)
-        self.pending, self.reward = (self.step, place, move), None
-        said = {"coordinate": percept != DID_NOT_ASK, "peer": peer, "percept": percept}
-        said |= {"perceived": seen is not None, "learned": self.learned}
+        self.acted, self.reward = (self.step, place, move), None
+        said = {"percept": percept, "coordinate": percept != DID_NOT_ASK, "perceived": bool(seen)}
+        self.act(**MOVES[move], peer=peer, learned=self.learned, **said)
         self.learned = 0
-        self.act(MOVES[move], **said)
 
-    def keep(self, step):
-        """Keep a checkpoint: all is learned that happened before a time step."""
-        self.kept[step] = copy.deepcopy({name: vars(self)[name] for name in MEMORY})
-        self.say_progress()
+    def memory(self):
+        """Return what is learned, and where in the run that was."""
+        return copy.deepcopy({name: vars(self)[name] for name in MEMORY})
 
-    def obey(self, name, step, first):
+    def go_back(self, step):
         """Go back to a checkpoint, and hear nothing more of what is taken back."""
-        if step in self.kept:
-            vars(self).update(copy.deepcopy(self.kept[step]))
-            self.said = self.pending = self.asked = None
-            self.worked_off, self.went_back = self.step, True
-            for ear in self.ears:
-                self.destroy_subscription(ear)
+        if step in self.checkpoints:
+            vars(self).update(copy.deepcopy(self.checkpoints[step]))
+            self.checkpoints = {k: kept for k, kept in self.checkpoints.items() if k <= step}
+            self.said = self.acted = self.asked = self.deadline = None
+            self.destroy_subscription(self.rewards)
+            self.destroy_subscription(self.states)
             self.listen()
-        if step in (-1, *self.kept):
-            super().obey(name, step, first)
-
-    def say_progress(self):
-        """Say to which time steps this robot can go back."""
-        super().say_progress(" ".join(map(str, self.kept)))
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@ Written from docs/interface.md: python own_robot.py --ros-args -r __node:=robot_
 
 import random
 import uuid
+from contextlib import suppress
 
 import rclpy
 import yaml
@@ -19,12 +20,14 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.service_introspection import ServiceIntrospectionState
+from rclpy.time import Time
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 STEP = QoSProfile(depth=10_000)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-MOVES = [(0.0, 1.0), (0.0, -1.0), (1.0, 0.0), (-1.0, 0.0)]  # (east, north)
+CONTENTS = ServiceIntrospectionState.CONTENTS
+MOVES = [{"east": 1}, {"east": -1}, {"north": 1}, {"north": -1}]
 LABELS = ["east", "north", "coordinate", "peer", "perceived", "percept", "learned"]
 
 
@@ -33,18 +36,18 @@ class OwnRobot(Node):
 
     def __init__(self, **place):
         super().__init__("robot", **place)
+        self.run, self.map, self.states, self.over = None, None, None, False
+        self.state, self.said = PoseStamped(), None
+        self.step, self.begun, self.transitions = -1, 0, 0
         self.name, self.life = self.get_name(), uuid.uuid4().hex
-        self.run, self.map, self.over = None, None, False
-        self.step, self.state, self.said = -1, PoseStamped(), None
-        self.begun, self.transitions, self.obeyed = 0, 0, ""
-        self.action = self.create_publisher(JointState, f"{self.name}/action", STEP)
-        self.progress = self.create_publisher(DiagnosticStatus, f"{self.name}/_progress", LATCHED)
-        service = self.create_service(GetPlan, f"{self.name}/active_perception", self.on_asked)
-        service.configure_introspection(self.get_clock(), STEP, ServiceIntrospectionState.CONTENTS)
+        self.obeyed, self.checkpoints = "", {}
+        self.action = self.create_publisher(JointState, "~/action", STEP)
+        self.progress = self.create_publisher(DiagnosticStatus, "~/_progress", LATCHED)
+        service = self.create_service(GetPlan, "~/active_perception", self.on_asked)
+        service.configure_introspection(self.get_clock(), STEP, CONTENTS)
         self.create_subscription(String, "run", self.on_run, LATCHED)
         self.create_subscription(OccupancyGrid, "map", self.on_map, LATCHED)
         self.create_subscription(DiagnosticStatus, "status", self.on_status, LATCHED)
-        self.joining = self.create_timer(0.02, self.join_when_heard)
 
     def on_run(self, message):
         """Take part in the first run that is announced."""
@@ -54,60 +57,74 @@ class OwnRobot(Node):
         """Keep how large cells are, and where."""
         self.map = message.info
 
-    def join_when_heard(self):
-        """Listen when the world hears this robot, and the recorder if there is to be one."""
-        if self.run and self.map and self.action.get_subscription_count() > self.run["recorded"]:
-            self.joining.cancel()
+    def on_status(self, message):
+        """Join when world and recorder hear this robot, obey each order once, end with the run."""
+        values = {one.key: one.value for one in message.values}
+        if not self.run or not self.map or values["run"] != self.run["id"]:
+            return
+        if not self.states and self.action.get_subscription_count() > self.run["recorded"]:
             self.listen()
             self.say_progress()
+        order, step, _ = values["rollback"].split() or (self.obeyed, -1, 0)
+        if self.states and order != self.obeyed and int(step) in (-1, *self.checkpoints):
+            self.obeyed = order
+            self.go_back(int(step))
+            self.say_progress()
+        self.over = message.message in ("finished", "stopped")
 
     def listen(self):
-        """Hear the world from now on; without this the world does not begin."""
-        self.ears = [
-            self.create_subscription(JointState, f"{self.name}/reward", self.on_reward, STEP),
-            self.create_subscription(PoseStamped, f"{self.name}/local_state", self.on_state, STEP),
-        ]
+        """Hear the world; without this it does not begin."""
+        self.rewards = self.create_subscription(JointState, "~/reward", self.on_reward, STEP)
+        self.states = self.create_subscription(PoseStamped, "~/local_state", self.on_state, STEP)
+
+    def go_back(self, step):
+        """Stay: it keeps no checkpoints, and is asked only where it is (step -1)."""
+
+    def say_progress(self):
+        """Say where this robot is, and to which time steps it can go back."""
+        checkpoints = " ".join(map(str, self.checkpoints))
+        said = {"life": self.life, "step": max(self.step, 0), "transitions": self.transitions}
+        said |= {"checkpoints": checkpoints, "obeyed": self.obeyed, "resumed": 0}
+        values = [KeyValue(key=key, value=str(value)) for key, value in said.items()]
+        self.progress.publish(DiagnosticStatus(values=values))
+
+    def on_state(self, message):
+        """Act in a new state; say the same again where the world says the state again."""
+        step = self.step_of(message)
+        if step == self.step and self.said:
+            self.action.publish(self.said)
+        if step > self.step:
+            follows = step == self.step + 1
+            self.begun = self.begun if follows else step
+            self.transitions += follows
+            self.step, self.state, self.said = step, message, None
+        self.work_off()
+
+    def work_off(self):
+        """Act, where an action is due."""
+        if not self.said and not self.rests():
+            self.act(**random.choice(MOVES))
 
     def step_of(self, message):
         """Return the time step of a message."""
-        stamp = message.header.stamp
-        return round((stamp.sec + 1e-9 * stamp.nanosec) / self.run["step_period"])
+        seconds = 1e-9 * Time.from_msg(message.header.stamp).nanoseconds
+        return round(seconds / self.run["step_period"])
 
-    def cell_of(self, pose):
+    def cell_of(self, message):
         """Return (row, column) of a pose, from the top left."""
-        corner, side = self.map.origin.position, self.map.resolution
-        east, north = pose.pose.position.x - corner.x, pose.pose.position.y - corner.y
-        return [self.map.height - 1 - int(north // side), int(east // side)]
-
-    def on_state(self, message):
-        """Act where an action is due; say it again where the world says the state again."""
-        step = self.step_of(message)
-        if step == self.step and self.said is not None:
-            self.action.publish(self.said)
-        if step > self.step:
-            follows = self.step >= 0 and step == self.step + 1
-            self.transitions += follows
-            self.begun = self.begun if follows else step
-            self.step, self.state, self.said = step, message, None
-            self.work_off()
+        here, corner, side = message.pose.position, self.map.origin.position, self.map.resolution
+        row, column = (here.y - corner.y) // side, (here.x - corner.x) // side
+        return self.map.height - 1 - int(row), int(column)
 
     def rests(self):
         """Return whether no action is due: arrived, end of the episode, end of the run."""
-        scenario = self.run["scenario"]
-        return (
-            self.cell_of(self.state) == scenario["robots"][self.name]["goal"]
-            or self.step - self.begun >= scenario["max_steps"]
-            or self.transitions >= scenario["steps"]
-        )
+        game, age = self.run["scenario"], self.step - self.begun
+        home = self.cell_of(self.state) == tuple(game["robots"][self.name]["goal"])
+        return home or age >= game["max_steps"] or self.transitions >= game["steps"]
 
-    def work_off(self):
-        """Act on a new state, if an action is due."""
-        if not self.rests():
-            self.act(random.choice(MOVES))
-
-    def act(self, move, *, coordinate=0, peer=0, perceived=0, percept=0, learned=0):
-        """Answer the state."""
-        numbers = [*move, *map(float, (coordinate, peer, perceived, percept, learned))]
+    def act(self, **said):
+        """Answer the state; what is not said is 0."""
+        numbers = [float(said.get(label, 0)) for label in LABELS]
         self.said = JointState(header=self.state.header, name=LABELS, position=numbers)
         self.action.publish(self.said)
 
@@ -117,44 +134,19 @@ class OwnRobot(Node):
     def on_asked(self, request, response):
         """Tell a peer of the same time step where this robot is, and a person (stamp 0)."""
         response.plan.header = self.state.header
-        stamp = request.start.header.stamp
-        if stamp in (self.state.header.stamp, type(stamp)()) and self.state.header.frame_id:
+        if self.step > 0 and self.step_of(request.start) in (self.step, 0):
             response.plan.poses = [self.state]
         return response
-
-    def on_status(self, message):
-        """Obey an order, and end with the run."""
-        values = {one.key: one.value for one in message.values}
-        if self.run and values["run"] == self.run["id"]:
-            name, *order = values["rollback"].split() or [""]
-            if name not in ("", self.obeyed):
-                self.obey(name, *map(int, order))
-            self.over = message.message in ("finished", "stopped")
-
-    def obey(self, name, step, first):
-        """Say where this robot is; it keeps no checkpoints, so it is asked for no more."""
-        self.obeyed = name
-        self.say_progress()
-
-    def say_progress(self, checkpoints=""):
-        """Say where this robot is, and to which time steps it can go back."""
-        said = {"life": self.life, "step": max(self.step, 0), "transitions": self.transitions}
-        said |= {"checkpoints": checkpoints, "obeyed": self.obeyed, "resumed": 0}
-        values = [KeyValue(key=key, value=str(value)) for key, value in said.items()]
-        self.progress.publish(DiagnosticStatus(message="progress", values=values))
 
 
 def main(kind=OwnRobot):
     """Run a robot until its run is over."""
     rclpy.init()
     robot = kind()
-    try:
+    with suppress(KeyboardInterrupt, ExternalShutdownException):
         while not robot.over:
             rclpy.spin_once(robot)
-    except (KeyboardInterrupt, ExternalShutdownException):
-        return
-    robot.action.wait_for_all_acked(Duration(seconds=3))  # also by the recorder
-    rclpy.try_shutdown()
+        robot.action.wait_for_all_acked(Duration(seconds=3))  # also by the recorder
 
 
 if __name__ == "__main__":
