@@ -57,7 +57,7 @@ def judged(bench, monkeypatch):
 def test_a_learning_robot_of_ones_own_keeps_the_contract(judged, example, capfd):
     stage = judged(example("own_learning_robot"))
     assert (stage.broken, stage.seen) == ({}, {*OBLIGATIONS})
-    assert stage.report() == 0
+    assert stage.verdict() == 0
     assert [line.split()[0] for line in capfd.readouterr().out.splitlines()] == ["kept"] * len(
         OBLIGATIONS
     )
@@ -100,7 +100,7 @@ def test_who_breaks_an_obligation_is_told_which(
     judged, example, capfd, what, robot, before, after
 ):
     stage = judged(example(robot, **{robot: [(before, after)]}))
-    assert stage.report() == 1
+    assert stage.verdict() == 1
     assert what in stage.broken, stage.broken
     place, text, _ = OBLIGATIONS[what]
     said = [line for line in capfd.readouterr().out.splitlines() if line.startswith("BROKEN")]
