@@ -159,7 +159,9 @@ def test_what_was_learned_in_simulation_nav2_drives(
     assert sparse_coord(["train", scenario, *sets, "--seed", "1", "--out", str(learned)]) == 0
     sets = [one for one in training if "steps" not in one] + [f"steps={driving}", "starts=fixed"]
     values = {"greedy": True, "tables": str(learned), "set": sets}
-    world, drivers, server = start_team(scenario=scenario, recorder=True, world=values)
+    world, drivers, server = start_team(
+        scenario=scenario, recorder=True, world=values, step_seconds=50.0
+    )
     together, begun = Together(world, server), time.monotonic()
     bench.spin_until(lambda: world.done, "the run's end", seconds=400)
     seconds = time.monotonic() - begun
