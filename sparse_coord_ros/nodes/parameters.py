@@ -4,6 +4,7 @@
 
 import functools
 import time
+from collections import Counter
 from collections.abc import Callable, Collection, Mapping
 from contextlib import ExitStack
 from pathlib import Path
@@ -246,12 +247,15 @@ class ParameterNode(Node):
         publisher.line = Line() if self.tap is None else self.tap.line(publisher.topic_name)
         return publisher
 
-    def names_of(self, role: str) -> set[str]:
-        """Return what the nodes of a role are called; a robot's role is its name."""
+    def names_of(self, role: str) -> Counter[str]:
+        """Return what the nodes of a role are called, each with its number of nodes.
+
+        A robot's role is its name.
+        """
         if role not in ROLES:
-            return {role}
+            return Counter((role,))
         topic = self.resolve_topic_name(ROLES[role].name)
-        return {info.node_name for info in self.get_publishers_info_by_topic(topic)}
+        return Counter(info.node_name for info in self.get_publishers_info_by_topic(topic))
 
     def heard_by(self, publisher: Publisher, role: str) -> bool:
         """Whether a node of a role subscribes to a topic of this node.
@@ -267,11 +271,15 @@ class ParameterNode(Node):
         return matched and self.is_heard(publisher.topic_name, role)
 
     def is_heard(self, topic: str, role: str) -> bool:
-        """Whether a node of a role subscribes to a topic; also a recorder here that gave up."""
+        """Whether a node of a role subscribes to a topic; also a recorder here that gave up.
+
+        Of one name all do: a killed node is in the graph for 20 s, beside the one that came back.
+        """
         if role == RECORDER and self.tap is not None and self.tap.closed:
             return True
         infos = self.get_subscriptions_info_by_topic(self.resolve_topic_name(topic))
-        return bool(self.names_of(role) & {info.node_name for info in infos})
+        ears = Counter(info.node_name for info in infos)
+        return any(count <= ears[name] for name, count in self.names_of(role).items())
 
     def _declare(self) -> dict[str, Any]:
         overrides = {

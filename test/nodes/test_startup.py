@@ -6,6 +6,7 @@ import pytest
 from rclpy.node import Node
 from std_msgs.msg import String
 
+from sparse_coord_ros import wire
 from sparse_coord_ros.errors import RunError, SettingError, TablesError
 from sparse_coord_ros.learn.run_config import run_from_yaml
 from sparse_coord_ros.learn.tables import load_team, save_team
@@ -156,6 +157,33 @@ def test_a_greedy_robot_without_tables(bench):
     bench.robots()
     with pytest.raises(TablesError, match="^robot robot_[12]: the run is greedy but parameter"):
         bench.spin_until(lambda: False)
+
+
+def test_a_recorder_that_comes_back_is_heard_of_although_the_killed_one_is_still_listed(bench):
+    """Else what is said before it listens misses the log, and `verify` calls the log another."""
+    world = bench.world()
+    clock = world.topics.clock
+
+    def recorder(place):
+        node = bench.add(Node(wire.RECORDER, context=bench.place(place)[0]), place)
+        node.create_publisher(String, interface.RECORDING.name, 1)
+        return node
+
+    def listens(node):
+        node.create_subscription(interface.CLOCK.type, "/clock", print, interface.CLOCK.qos)
+
+    listens(recorder("killed"))  # it stays in the graph
+    bench.spin_until(lambda: world.heard_by(clock, wire.RECORDER), "the first one is heard of")
+    back = recorder("back")
+
+    def known():
+        infos = world.get_publishers_info_by_topic(f"/{interface.RECORDING.name}")
+        return [info.node_name for info in infos] == [wire.RECORDER] * 2
+
+    bench.spin_until(known, "the second one is known")
+    assert not world.heard_by(clock, wire.RECORDER)
+    listens(back)
+    bench.spin_until(lambda: world.heard_by(clock, wire.RECORDER), "it listens")
 
 
 @pytest.mark.parametrize("name", ["robot_1", "recorder"])
