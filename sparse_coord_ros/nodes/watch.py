@@ -336,6 +336,7 @@ class HeardTeam:
         self.seen = self.episode = self.without = 0
         self.whole = True
         self.tables: dict[int, tuple[int, Tables]] = {}
+        view.known = self.tables
         self._steps: defaultdict[int, _Heard] = defaultdict(_Heard)
         self._ticks = 0
         self._newest: int | None = None

@@ -198,7 +198,7 @@ def move_in_words(
 
     Args:
         run: the run.
-        cell: where the robot was; None: it is not known.
+        cell: where the robot was; None: that, or its tables, are not known.
         perceived: the cells of the peers that it perceived; None: the percept failed.
         move: the primitive action.
     """

@@ -6,13 +6,14 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from rclpy.serialization import deserialize_message
+from rclpy.serialization import deserialize_message, serialize_message
 
 from sparse_coord_ros.bags.reader import open_bag
 from sparse_coord_ros.look.page.board import Board
 from sparse_coord_ros.look.page.controls import PAUSE, RATE, RESET, STEP, Control
 from sparse_coord_ros.look.page.live_source import LiveView
 from sparse_coord_ros.nodes import interface, team, watch
+from sparse_coord_ros.nodes.messages import tables_message
 from sparse_coord_ros.nodes.watch import HeardTeam, WatchNode
 from sparse_coord_ros.runlog import read_run
 from sparse_coord_ros.wire.status import Said, read_status
@@ -92,6 +93,21 @@ def test_a_run_that_goes_back_is_shown_on(good):
         takes[message.topic](message.data)
     assert "went back to a checkpoint" in view.board.get("notice")["text"] and not team.whole
     assert team.seen == seen + good.run.scenario.steps and not waiting & set(team._steps)
+
+
+def test_reasons_are_told_of_robots_whose_tables_were_heard(good):
+    _, takes, view = heard_of(good.run)
+    for one in open_bag(good.bag).attachments:
+        if "robot_2" in one.name:
+            message = tables_message(one.data, 0, "start")
+            takes["/robot_2/tables"](serialize_message(message))
+    told = {0: set(), 1: set()}
+    for message in open_bag(good.bag).messages(set(takes)):
+        takes[message.topic](message.data)
+        view.show(transitions=0, episode=0)
+    for entry in view.board.get("dialogue")["entries"]:
+        told[entry["robot"]].add("Q" in entry["lines"][2])
+    assert told == {0: {False}, 1: {True}}
 
 
 def test_a_robot_that_is_left_out_holds_nobody_up(good):

@@ -213,7 +213,8 @@ class BagSource(Controlled):
         asking = np.flatnonzero(log.asked[: row + 1].any(axis=1))[-messages.DIALOGUE :]
         if self._new("dialogue", log.step[asking[-1:]].tolist()):
             steps = (logged_step(log, place) for place in asking.tolist())
-            told = [line for seen in steps for line in messages.in_words(self.run, seen)]
+            known = {k for k, at in enumerate(self.log.table_steps()) if at}
+            told = [line for seen in steps for line in messages.in_words(self.run, seen, known)]
             self.board.put("dialogue", entries=told[-messages.DIALOGUE :])
 
     def _show_tables(self, step: int) -> None:

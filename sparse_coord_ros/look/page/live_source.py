@@ -4,7 +4,7 @@
 
 import time
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 
 import numpy as np
 
@@ -36,6 +36,7 @@ class LiveView:
         state: what the team is doing, in a word.
         asked: how often each robot asked in each cell, [robot][cell].
         last: the newest transition.
+        known: the robots, from 0, whose tables are known.
     """
 
     def __init__(
@@ -52,6 +53,7 @@ class LiveView:
         robots, cells = len(run.scenario.robots), len(run.scenario.map.cells)
         self.asked = [[0] * cells for _ in range(robots)]
         self.last: Glimpse | None = None
+        self.known: Container[int] = range(robots)
         self._shown: tuple[Glimpse | None, str, float] | None = None
         self._told: deque[Message] = deque(maxlen=messages.DIALOGUE)
         self._slow, self._began = -np.inf, 0.0
@@ -118,7 +120,7 @@ class LiveView:
             speed=self._speed,
             **messages.frame_fields(seen),
         )
-        said = list(messages.in_words(self.run, seen)) if new else []
+        said = list(messages.in_words(self.run, seen, self.known)) if new else []
         if said:
             self._told.extend(said)
             self.board.put("dialogue", entries=list(self._told))

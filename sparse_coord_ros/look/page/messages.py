@@ -6,7 +6,7 @@ Every source, live or recorded, makes the same messages by these functions. A me
 one before of its type: the page needs only the newest of each.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -177,8 +177,14 @@ def evaluation_fields(run: RunConfig, tables: Sequence[Tables], step: int | None
     }
 
 
-def in_words(run: RunConfig, seen: Glimpse) -> Iterator[Message]:
-    """Yield the questions of a time step in words, as `explain` begins to tell them."""
+def in_words(run: RunConfig, seen: Glimpse, known: Container[int]) -> Iterator[Message]:
+    """Yield the questions of a time step in words, as `explain` begins to tell them.
+
+    Args:
+        run: the run.
+        seen: the time step.
+        known: the robots, from 0, whose tables are known; of others only what happened is told.
+    """
     names = [robot.name for robot in run.scenario.robots]
     for question in questions_of(seen):
         k, peers, end, move = question
@@ -190,7 +196,7 @@ def in_words(run: RunConfig, seen: Glimpse) -> Iterator[Message]:
         lines = [
             choice_in_words(run, k, seen.cells[k]),
             f"asks {whom}: {told}",
-            move_in_words(run, seen.cells[k], perceived, move),
+            move_in_words(run, seen.cells[k] if k in known else None, perceived, move),
         ]
         reward = seen.rewards[k] if seen.rewards else None
         if reward is not None:

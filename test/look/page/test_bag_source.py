@@ -82,6 +82,19 @@ def test_the_words_begin_as_explain_tells_them(player, bag):
     assert "answers cell" in told["answered"] and told["refused"].endswith(": refused")
 
 
+def test_of_a_robot_without_tables_it_is_told_what_happened(bag, tmp_path, rewritten):
+    def ours(attached):
+        return [one for one in attached if "robot_1" not in one.name]
+
+    player = Player(rewritten(bag, tmp_path / "own", attach=ours))
+    player.do(SEEK, 10**9)
+    told = {0: set(), 1: set()}
+    for entry in player.board.get("dialogue")["entries"]:
+        told[entry["robot"]].add("Q" in entry["lines"][2])
+    assert told == {0: {False}, 1: {True}}
+    player.source.log.bag.close()
+
+
 def test_curves_and_evaluation_are_those_of_the_log(player, bag):
     player.source._read_through()
     curves, history = player.board.get("curves"), read_run(bag).history()
