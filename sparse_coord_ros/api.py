@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sparse_coord_ros.dataframes import data_frame
+from sparse_coord_ros.dataframes import data_frame, shown_as
 from sparse_coord_ros.engine.batch import run_batch, uses_numba
 from sparse_coord_ros.engine.cluster import check_place, cluster_at
 from sparse_coord_ros.engine.training import Training, train
@@ -110,23 +110,41 @@ class Runs:
         """Return the number of runs."""
         return len(self.runs)
 
+    def __repr__(self) -> str:
+        """Return what they are, and a line a run."""
+        return shown_as(self._head, self._measures)
+
+    def _repr_html_(self) -> str:
+        """Return the same for a notebook, and the pictures of the first run."""
+        return shown_as(self._head, self._measures, markup=True) + _in_html(self.runs[0])
+
+    @property
+    def _head(self) -> str:
+        return f"<Runs {self.scenario.label}; {len(self)} of {self.learner}>"
+
     def to_pandas(self) -> "pd.DataFrame":
         """Return a data frame: one row a run.
 
-        Its columns: `seed`; `reward` (total discounted), `time_to_goal` (steps) and `asks`, means
-        over the trials and robots; `miscoordinations`, mean of a trial; `arrived`, share of the
-        trials in which every robot arrived.
+        Its columns: `scenario`, `learner`, every setting and `seed`; `reward` (total discounted),
+        `time_to_goal` (steps) and `asks`, means over the trials and robots; `miscoordinations`,
+        mean of a trial; `arrived`, share of the trials in which every robot arrived.
 
         Raises:
             RunError: pandas is not installed.
         """
+        said = {"scenario": self.scenario.name, "learner": self.learner}
+        every = {**said, **self.scenario.plain_settings}
+        return data_frame({**{n: [v] * len(self) for n, v in every.items()}, **self._measures})
+
+    @property
+    def _measures(self) -> dict[str, Sequence[object]]:
         columns: dict[str, Sequence[object]] = {"seed": [run.seed for run in self.runs]}
         played = [run.trials for run in self.runs if run.trials is not None]
         if played:
             for name in SUMS:
                 columns[name] = [float(np.mean(getattr(trials, name))) for trials in played]
             columns["arrived"] = [float(t.arrived.all(axis=1).mean()) for t in played]
-        return data_frame(columns)
+        return columns
 
 
 @dataclass(frozen=True)
@@ -140,6 +158,15 @@ class SavedRun:
 
     directory: Path
     config: RunConfig
+
+    def __repr__(self) -> str:
+        """Return what it is, on one line."""
+        who = f"{self.config.learner}, seed {self.seed}"
+        return f"<SavedRun {self.scenario.label}; {who}; in {self.directory}>"
+
+    def _repr_html_(self) -> str:
+        """Return the same for a notebook, with its policy and its learning curve."""
+        return _in_html(self)
 
     @property
     def scenario(self) -> Scenario:
@@ -175,6 +202,20 @@ class SavedRun:
             RunError: there is no history, or it cannot be read.
         """
         return load_history(self.directory)
+
+
+def _in_html(run: "Training | SavedRun") -> str:
+    """Return a run as notebooks show it."""
+    from sparse_coord_ros.look.notebook import in_html
+    from sparse_coord_ros.look.sources import in_memory, open_shown
+
+    if isinstance(run, SavedRun):
+        return in_html(repr(run), open_shown(run.directory))
+    config = run_config.make_run(run.scenario, {"seed": run.seed, "learner": run.learner})
+    return in_html(repr(run), in_memory(config, run.tables, run.history))
+
+
+Training._repr_html_ = _in_html  # type: ignore[attr-defined]  # the engine knows no pictures
 
 
 Learned = str | Path | Training | SavedRun | Sequence[Tables]

@@ -1,9 +1,11 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Data frames, with one clear line where pandas is missing."""
+"""Data frames, with one clear line where pandas is missing, and how notebooks show them."""
 
+import html
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from sparse_coord_ros.errors import RunError
 
@@ -12,7 +14,13 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-def data_frame(columns: "Mapping[str, Sequence[object] | np.ndarray]") -> "pd.DataFrame":
+Columns: TypeAlias = "Mapping[str, Sequence[object] | np.ndarray]"
+
+MOST_ROWS = 12
+"""Rows of a table that is shown; of longer ones the middle is left out."""
+
+
+def data_frame(columns: Columns) -> "pd.DataFrame":
     """Return a pandas data frame of columns of equal length.
 
     Raises:
@@ -26,3 +34,19 @@ def data_frame(columns: "Mapping[str, Sequence[object] | np.ndarray]") -> "pd.Da
             "the arrays"
         ) from None
     return pandas.DataFrame(dict(columns))
+
+
+def shown_as(head: str, columns: Columns, *, markup: bool = False) -> str:
+    """Return a line and a short table below it; the line alone where pandas is missing.
+
+    Args:
+        head: the line.
+        columns: of equal length.
+        markup: whether to return HTML, as notebooks show it.
+    """
+    how: dict[str, Any] = {"index": False, "max_rows": MOST_ROWS, "float_format": "{:.2f}".format}
+    parts = [f"<p>{html.escape(head)}</p>" if markup else head]
+    with suppress(RunError):
+        frame = data_frame(columns)
+        parts.append(frame.to_html(**how) if markup else frame.to_string(**how))
+    return "\n".join(parts)

@@ -88,6 +88,11 @@ class Training:
     memories: tuple[Memory, ...] = ()
     trials: Trials | None = None
 
+    def __repr__(self) -> str:
+        """Return what it is, on one line."""
+        done = f"{self.transitions:,} steps, {self.history.episodes:,} episodes"
+        return f"<Training {self.scenario.label}; {self.learner.label}, seed {self.seed}; {done}>"
+
     def save(self, directory: str | Path) -> Path:
         """Write a run's directory, as `sparse_coord train` does: every verb reads it.
 

@@ -45,7 +45,6 @@ from sparse_coord_ros.experiments.store import (
 from sparse_coord_ros.files import import_apart
 from sparse_coord_ros.game.plugins import allow_named
 from sparse_coord_ros.game.scenario import Scenario
-from sparse_coord_ros.game.specs import Spec
 from sparse_coord_ros.learn.evaluation import Trials, play, summary
 from sparse_coord_ros.learn.learners import Learner, learner_of
 from sparse_coord_ros.learn.run_config import RUN_FILE, RunConfig, load_run, make_run
@@ -169,12 +168,11 @@ class ExperimentResults(Mapping[str, ConditionResult]):
     def _head(self, condition: Condition) -> dict[str, Any]:
         scenario = condition.scenario
         named = dict.fromkeys(key for one in self.targets.conditions for key, _ in one.settings)
-        values = {key: getattr(scenario, key) for key in named}
         return {
             "condition": condition.id,
             "scenario": scenario.name,
             "learner": condition.learner,
-            **{key: str(v) if isinstance(v, Spec) else v for key, v in values.items()},
+            **{key: scenario.plain_settings[key] for key in named},
         }
 
 

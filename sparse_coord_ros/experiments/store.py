@@ -115,6 +115,12 @@ class ConditionResult:
     stays: list[list[float]]
     exact: dict[str, list[float]] | None = None
 
+    def __repr__(self) -> str:
+        """Return what it is, on one line."""
+        reward = self.measure("reward")
+        worth = f"reward {reward.mean:.2f} ({reward.standard_error:.2f})"
+        return f"<ConditionResult {self.id}; {self.runs} runs, {self.trials} trials each; {worth}>"
+
     @property
     def id(self) -> str:
         """The condition's id."""

@@ -166,6 +166,19 @@ class Scenario:
             )
 
     @property
+    def label(self) -> str:
+        """Its name, and each setting that has not its default: `env1, penalty=-100`."""
+        defaults = SETTINGS.defaults()
+        own = {n: v for n, v in self.plain_settings.items() if getattr(self, n) != defaults[n]}
+        texts = (f"{n}={v:g}" if isinstance(v, float) else f"{n}={v}" for n, v in own.items())
+        return ", ".join([self.name, *texts])
+
+    def __repr__(self) -> str:
+        """Return what it is, on one line."""
+        robots, cells = len(self.robots), len(self.map.cells)
+        return f"<Scenario {self.label}; {robots} robots, {cells} cells>"
+
+    @property
     def penalties(self) -> tuple[float, ...]:
         """r^C of one miscoordination for each robot (paper, Section 5)."""
         return tuple(factor * self.penalty for factor in self._factors)
@@ -229,7 +242,7 @@ class Scenario:
             "robots": {
                 r.name: {"start": place[r.start], "goal": place[r.goal]} for r in self.robots
             },
-            **self._plain_settings(),
+            **self.plain_settings,
             "paper": {learner: dict(row) for learner, row in self.paper.items()},
         }
 
@@ -241,10 +254,12 @@ class Scenario:
         return {
             "map": list(self.map.rows),
             "robots": [[robot.start, robot.goal] for robot in self.robots],
-            **self._plain_settings(),
+            **self.plain_settings,
         }
 
-    def _plain_settings(self) -> dict[str, int | float | str]:
+    @property
+    def plain_settings(self) -> dict[str, int | float | str]:
+        """Every setting as a number or a text."""
         values = {name: getattr(self, name) for name in SETTINGS}
         return {n: str(v) if isinstance(v, Spec) else v for n, v in values.items()}
 

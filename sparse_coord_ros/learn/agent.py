@@ -59,6 +59,12 @@ class Tables(NamedTuple):
     q_coord: np.ndarray | SparseTable | AdditiveTable
     factors: Factors | None = None
 
+    def __repr__(self) -> str:
+        """Return what they are, on one line."""
+        table, cells = self.q_coord, len(self.q_star)
+        kind = "an array" if isinstance(table, np.ndarray) else type(table).__name__
+        return f"<Tables of {cells} cells, Q^C {kind} of shape {table.shape}>"
+
     def arrays(self) -> dict[str, np.ndarray]:
         """Return all that they are made of by its name in files: `learn.tables` has the shapes."""
         found = {"q_star": self.q_star}

@@ -66,6 +66,10 @@ class Trials:
     asked: np.ndarray
     stays: np.ndarray
 
+    def __repr__(self) -> str:
+        """Return what they are, on one line."""
+        return "<Trials: {} of {} robots>".format(*self.reward.shape)
+
 
 @dataclass(frozen=True)
 class Evaluation:

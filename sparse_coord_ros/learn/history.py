@@ -57,6 +57,10 @@ class History(NamedTuple):
     arrived: np.ndarray
     present: np.ndarray
 
+    def __repr__(self) -> str:
+        """Return what it is, on one line."""
+        return f"<History of {self.episodes} episodes of {self.robots} robots>"
+
     @property
     def episodes(self) -> int:
         """Number of episodes, E."""

@@ -156,6 +156,13 @@ class Shown:
         return True
 
 
+def in_memory(config: RunConfig, tables: list[Tables], history: History) -> Shown:
+    """Return a run that is nowhere on disk."""
+    shown = Shown(Path(config.scenario.name), None, None)
+    vars(shown).update(config=config, tables=tables, history=history)
+    return shown
+
+
 def is_results(path: Path) -> bool:
     """Return whether a directory holds results of `sparse_coord reproduce`."""
     return (path / MANIFEST).is_file()

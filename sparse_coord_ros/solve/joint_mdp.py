@@ -43,6 +43,10 @@ class JointMDP:
     shape: tuple[int, ...]
     actions: np.ndarray
 
+    def __repr__(self) -> str:
+        """Return what it is, on one line."""
+        return "<JointMDP of {} states and {} actions>".format(*self.R.shape)
+
 
 def joint_mdp(scenario: ScenarioLike) -> JointMDP:
     """Return the finite MDP whose value `optimum` computes, as arrays for planners.

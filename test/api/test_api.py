@@ -186,12 +186,36 @@ def test_many_runs_are_the_single_ones(scenario, training):
     assert sc.evaluate(many[1], trials=9).to_dict() == sc.evaluate(training, trials=9).to_dict()
     frame = many.to_pandas()
     measures = ["reward", "time_to_goal", "asks", "miscoordinations", "arrived"]
-    assert list(frame) == ["seed", *measures]
+    assert list(frame) == ["scenario", "learner", *scenario.plain_settings, "seed", *measures]
+    assert set(frame.scenario + " " + frame.learner) == {"env1 coop"}
+    assert (frame.penalty == -100).all()
     assert frame.reward[1] == sc.evaluate(training, trials=4, seed=3).reward.mean
     assert frame.arrived[0] == many[0].trials.arrived.all(axis=1).mean()
     bare = sc.train_many(scenario, runs=1, trials=0, history=False)
     assert (bare[0].trials, bare[0].history.episodes) == (None, 0)
-    assert list(bare.to_pandas()) == ["seed"]
+    assert list(bare.to_pandas())[-1] == "seed"
+
+
+def test_what_is_shown_is_short(scenario, training, tmp_path):
+    """One line a thing, a table of many runs; a notebook shows pictures too."""
+    saved = sc.load_run(training.save(tmp_path / "saved"))
+    many = sc.train_many(scenario, runs=30, trials=3, history=False)
+    result = sc.run_experiment(IDS[0], runs=2, trials=3)[IDS[0]]
+    mdp, bound = sc.joint_mdp(scenario), sc.shipped_class_bound(scenario)
+    for thing in (scenario, training, saved, training.tables, training.history, result, mdp):
+        assert "\n" not in repr(thing) and len(repr(thing)) < 200, thing
+    assert repr(scenario) == "<Scenario env1, steps=2000, penalty=-100; 2 robots, 21 cells>"
+    assert repr(sc.load_scenario("env1")) == "<Scenario env1; 2 robots, 21 cells>"
+    assert "env1, steps=2000, penalty=-100; coop, seed 3;" in repr(training)
+    assert repr(saved).endswith(f"coop, seed 3; in {saved.directory}>")
+    assert len(repr(bound)) < 500
+    lines = repr(many).splitlines()
+    assert lines[0] == "<Runs env1, steps=2000, penalty=-100; 30 of coop>"
+    assert (len(lines), lines[-1].split()[0]) == (15, "29")
+    pictures = [thing._repr_html_().count("<img") for thing in (training, saved, many)]
+    assert pictures == [2, 2, 1]
+    assert "&lt;Training env1" in training._repr_html_()
+    assert many._repr_html_().count("<tr") == 14
 
 
 def test_a_learner_keeps_its_defaults_where_the_scenario_is_named_again(tmp_path):

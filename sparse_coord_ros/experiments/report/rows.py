@@ -11,8 +11,6 @@ import numpy as np
 import pandas as pd
 
 from sparse_coord_ros.experiments.store import BY_ROBOT, SUMS, ConditionResult, standard_error
-from sparse_coord_ros.game.scenario import SETTINGS
-from sparse_coord_ros.game.specs import Spec
 from sparse_coord_ros.learn.evaluation import Measure
 from sparse_coord_ros.solve.shipped import shipped_best_team, shipped_class_bound
 
@@ -96,7 +94,6 @@ def _row(result: ConditionResult) -> dict[str, Any]:
     """Return what a row says, nested: a column's name is its keys, joined."""
     scenario = result.scenario
     robots = len(scenario.robots)
-    settings = {name: getattr(scenario, name) for name in SETTINGS}
     by_robot = {name: result.robot_means[name] for name in BY_ROBOT}
     by_robot["common_reward_factor"] = list(scenario.common_reward.numbers) or [1.0] * robots
     exact = result.exact or dict.fromkeys((*SUMS, "arrived"), [math.nan])
@@ -106,7 +103,7 @@ def _row(result: ConditionResult) -> dict[str, Any]:
         "scenario": scenario.name,
         "learner": result.condition.learner,
         "robots": robots,
-        **{key: str(v) if isinstance(v, Spec) else v for key, v in settings.items()},
+        **scenario.plain_settings,
         "runs": result.runs,
         "trials": result.trials,
         **{name: asdict(result.measure(name)) for name in SUMS},
