@@ -252,7 +252,9 @@ def train_many(
 ) -> Runs:
     """Learn several times, each time with another seed, on all cores.
 
-    Run i is the same, bit for bit, as `train` with seed `seed + i`.
+    Run i is the same, bit for bit, as `train` with seed `seed + i`. What plain Python computes is
+    computed in processes, which import the script that asks: it calls this below
+    `if __name__ == "__main__":`. A learner typed into a notebook learns in that process alone.
 
     Args:
         scenario: the problem and its protocol.

@@ -26,6 +26,7 @@ from sparse_coord_ros.game.generator import jump_table, source_of
 from sparse_coord_ros.game.links import UP, link_of
 from sparse_coord_ros.game.miscoordination import meeting_places, miscoordinated
 from sparse_coord_ros.game.perception import drawn_peer, percept_probabilities
+from sparse_coord_ros.game.plugins import path_of
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.schedules import probabilities, step_sizes
 from sparse_coord_ros.game.world import EPISODE_GAP, FIRST_STEP, Action, Position
@@ -106,7 +107,7 @@ def run_batch(
     jobs = len(os.sched_getaffinity(0)) if jobs is None else jobs
     if not uses_numba(engine, rule):
         work = [(scenario, rule, seed, trials, history) for seed in seeds]
-        if jobs == 1 or len(work) == 1:  # here: a learner of a script is in no other process
+        if jobs == 1 or len(work) == 1 or path_of(type(rule)) is None:  # a notebook's learner
             yield from (_run_plain(*one) for one in work)
         else:
             yield from in_processes(_run_plain, work, jobs)

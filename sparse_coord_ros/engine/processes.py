@@ -6,6 +6,7 @@ The processes of `concurrent.futures` would finish their call after a Ctrl-C, an
 where the parent is killed. Here each holds one end of a pipe, and leaves when the other is gone.
 """
 
+import multiprocessing
 import os
 import signal
 import sys
@@ -15,6 +16,7 @@ from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import get_context, resource_tracker
 from multiprocessing.connection import Connection
+from multiprocessing.synchronize import Event
 from typing import Any
 
 from sparse_coord_ros.errors import RunError
@@ -35,17 +37,21 @@ def in_processes(
         jobs: processes at most.
 
     Raises:
-        RunError: a process was killed, for example because memory ran out.
+        RunError: a process was killed, for example because memory ran out; or it cannot import
+            the script that asks, such as one that would compute as it is imported.
         Exception: whatever the function raised; its cause is the traceback there.
     """
     if not work:
         return
+    if getattr(multiprocessing.current_process(), "_inheriting", False):
+        raise SystemExit(1)  # it is a process of ours that imports the script: that one says so
     context = get_context("spawn")  # started afresh, they inherit no lock of this process
     lifeline, mine = context.Pipe(duplex=False)
+    ready = context.Event()
     before = os.environ.get(SAFE_PATH, "")
     os.environ[SAFE_PATH] = "1"
     pool = ProcessPoolExecutor(
-        min(jobs, len(work)), context, initializer=_begin, initargs=(lifeline, os.getcwd())
+        min(jobs, len(work)), context, initializer=_begin, initargs=(lifeline, os.getcwd(), ready)
     )
     try:
         futures = _submitted(pool, function, work)
@@ -54,6 +60,12 @@ def in_processes(
         while futures:  # a result can be large: keep none that was handed out
             yield futures.pop().result()
     except BrokenProcessPool:
+        script = getattr(sys.modules["__main__"], "__file__", None)
+        if not ready.is_set() and script is not None:
+            raise RunError(
+                f"script {script}: processes that compute runs cannot import it; put what it "
+                'computes below a line: if __name__ == "__main__":'
+            ) from None
         raise RunError(
             "a process that computed runs was killed (is the memory used up?); what was finished "
             "is saved: call again, perhaps with fewer --jobs"
@@ -77,8 +89,9 @@ def _submitted(
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _begin(lifeline: Connection, folder: str) -> None:
+def _begin(lifeline: Connection, folder: str, ready: Event) -> None:
     """Make a process ready: where modules of the user's own may lie, and when to leave."""
+    ready.set()
     if folder not in sys.path:
         sys.path.append(folder)
     threading.Thread(target=_leave_after, args=(lifeline,), daemon=True).start()

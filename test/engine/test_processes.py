@@ -60,3 +60,27 @@ def test_an_interrupt_at_the_terminal_is_for_the_parent_alone():
     (blocked,) = in_processes(signal.pthread_sigmask, [(signal.SIG_BLOCK, ())], 1)
     assert signal.SIGINT in blocked
     assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
+
+
+SCRIPT = """
+import sparse_coord_ros as sc
+class Agent(sc.Agent): pass
+class Mine(sc.Learner):
+    name = "mine"
+    agent_class = Agent
+try: print(len(sc.train_many(sc.load_scenario("env1", steps=20), Mine, runs=2, trials=0, jobs=2)))
+except sc.SparseCoordError as error: print(error)
+"""
+
+
+def test_a_script_that_computes_as_it_is_imported_is_told(python, tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(SCRIPT)
+    done = python(str(script))
+    assert f"script {script}: processes" in done.stdout
+    assert 'if __name__ == "__main__":' in done.stdout
+    assert done.stderr == ""
+
+
+def test_a_learner_that_was_typed_in_learns_in_this_process(python):
+    assert python("-c", SCRIPT).stdout == "2\n"
