@@ -31,7 +31,7 @@ check-long: $(VENV)/tests
 reproduce: $(VENV)/runs
 	$(BIN)/sparse_coord reproduce --out results
 
-# The tables of docs/coordination.md and docs/protocol.md; results go into study/.
+# The tables of docs/coordination.md; results go into study/.
 study: $(VENV)/runs
 	$(BIN)/python -m tools.study --out study
 

@@ -34,9 +34,6 @@ REACHED: Mapping[str, float] = {"env1": 0.97, "env2-2r": 0.9, "pentagon": 0.98}
 FALLS: Mapping[str, float] = {"env1": 1.1, "env2-2r": 1.35}
 """How many times as much as the class bound Factored may lose from a penalty of 0 to -100."""
 
-SPARSE = ("isr", "mit", "cit", "suny")
-"""Scenarios in which no coordination is needed."""
-
 LONG: Mapping[str, object] = {"penalty": -100, "steps": 100_000}
 """Where the penalty is large and there is time to learn."""
 

@@ -1,3 +1,3 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The studies whose tables docs/coordination.md and docs/protocol.md show."""
+"""The studies whose tables docs/coordination.md shows."""

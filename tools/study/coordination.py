@@ -75,8 +75,6 @@ class Study:
     trials: int
     table: Callable[[Found], str]
 
-    page = "coordination.md"
-
     def plan(self, condition: Condition) -> Plan:
         """Return seed, runs and trials; of two robots trials are of no interest."""
         two = len(condition.scenario.robots) == 2
@@ -84,10 +82,9 @@ class Study:
         runs, trials = (self.runs[0], 2) if exact else (self.runs[1], self.trials)
         return Plan(SEED, runs, trials)
 
-    def texts(self, compute: Callable[[Condition, Plan], ConditionResult]) -> dict[str, str]:
-        """Return the table, by its name."""
-        found = cache(lambda condition: compute(condition, self.plan(condition)))
-        return {self.name: self.table(found)}
+    def text(self, compute: Callable[[Condition, Plan], ConditionResult]) -> str:
+        """Return the table."""
+        return self.table(cache(lambda condition: compute(condition, self.plan(condition))))
 
 
 def _factored(name: str, settings: Mapping[str, object]) -> Condition:
