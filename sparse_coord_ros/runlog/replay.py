@@ -58,7 +58,7 @@ def trajectory_of(log: RunLog, k: int, stretch: Stretch) -> Trajectory:
     the tables.
     """
     acted = log.tracks.actions[k].step
-    rows = np.searchsorted(log.step, acted[acted >= stretch.first])
+    rows = np.flatnonzero((log.step >= stretch.first) & np.isin(log.step, acted))
     odd = (log.cells[rows, k] == NONE) | (log.move[rows, k] == NONE)
     rows = rows[~odd] if stretch.lost else rows[: int(np.argmax(odd))] if odd.any() else rows
     step = log.step[rows]

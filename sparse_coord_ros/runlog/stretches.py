@@ -70,13 +70,13 @@ def fresh_agent(log: RunLog, k: int, tables: Tables, stretch: Stretch) -> Agent:
     """
     run = log.run
     if stretch.start is not None:
-        return _restored(log, stretch.start.recorded[k])
+        return restored(log, stretch.start.recorded[k])
     return run.rule.agent(
         run.scenario, k, run.seed, tables=deepcopy(tables), learning=not run.greedy
     )
 
 
-def _restored(log: RunLog, recorded: RecordedTables) -> Agent:
+def restored(log: RunLog, recorded: RecordedTables) -> Agent:
     """Return an agent that goes on with recorded tables; any exception where they do not fit."""
     agent = fresh_agent(log, recorded.robot, recorded.tables, Stretch())
     assert recorded.memory is not None
@@ -122,7 +122,7 @@ def _fits(log: RunLog, recorded: RecordedTables) -> bool:
     if log.run.known_rule is None:  # nobody goes on with it
         return True
     try:
-        return tables_equal([_restored(log, recorded).tables], [recorded.tables])
+        return tables_equal([restored(log, recorded).tables], [recorded.tables])
     except (KeyError, ValueError, IndexError, TypeError):  # of a forged log
         return False
 

@@ -13,7 +13,8 @@ from sparse_coord_ros.bags.contents import Attachment, Block
 from sparse_coord_ros.bags.reader import Bag, open_bag
 from sparse_coord_ros.learn.history import History
 from sparse_coord_ros.learn.run_config import RunConfig
-from sparse_coord_ros.learn.tables import unpack_robot
+from sparse_coord_ros.learn.tables import unpack_saved
+from sparse_coord_ros.limits import TABLES
 from sparse_coord_ros.runlog.attached import RecordedTables, attached_tables
 from sparse_coord_ros.runlog.bag_run import find_run
 from sparse_coord_ros.runlog.log import RunLog, log_of
@@ -100,10 +101,10 @@ class LongLog:
         """What cannot be read, as far as reading has come there, one line each."""
         return [gap_in_words(gap, self.period) for gap in self.bag.gaps]
 
-    def read(self, first: int, last: int) -> RunLog:
-        """Return the time steps from `first` to `last`, whole, with the dialogue."""
+    def read(self, first: int, last: int, only: Collection[wire.Topic] | None = None) -> RunLog:
+        """Return the time steps from `first` to `last`, as far as some topics tell; None: all."""
         bag = self.bag.between(first * self.period, last * self.period)
-        return log_of(Tracks(bag, self._source)).between(first, last)
+        return log_of(Tracks(bag, self._source, only)).between(first, last)
 
     def whole(self, only: Collection[wire.Topic]) -> RunLog:
         """Return all time steps and tables, as far as some topics tell of them, read once."""
@@ -166,8 +167,8 @@ class LongLog:
         if at is None:
             return None
         place = known[at]
-        tables, counts = unpack_robot(place.data, robot + 1, where=place.name)
-        return RecordedTables(robot, at, tables, counts)
+        [saved] = unpack_saved(place.data, [robot + 1], where=place.name, limit=TABLES)
+        return RecordedTables(robot, at, *saved)
 
     @property
     def empty(self) -> bool:

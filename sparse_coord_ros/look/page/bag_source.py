@@ -18,6 +18,7 @@ from sparse_coord_ros.look.page.board import Board
 from sparse_coord_ros.look.page.controls import PAUSE, RATE, SEEK, STEP, Control, Controlled
 from sparse_coord_ros.look.steps import logged_step
 from sparse_coord_ros.runlog.log import NONE, RunLog
+from sparse_coord_ros.runlog.relearned import Relearned
 from sparse_coord_ros.runlog.window import LongLog
 
 CONTROLS = (PAUSE, STEP, RATE, SEEK)
@@ -27,6 +28,9 @@ LOOK_SECONDS = 0.5
 """Between two looks at whether the file has grown."""
 
 FIRST_RATE = 10.0
+
+STILL_STEPS = 10_000
+"""Of a time step that so many others have followed nobody wants to know any more."""
 
 
 class BagSource(Controlled):
@@ -68,6 +72,7 @@ class BagSource(Controlled):
         self._then = time.monotonic()
         self._window: RunLog | None = None
         self._shown: dict[str, object] = {}
+        self._relearned = Relearned(self.log)
         self._asked: list[tuple[int, np.ndarray]] = []
         self._stop = threading.Event()
         place = self.log.bag.path
@@ -93,8 +98,12 @@ class BagSource(Controlled):
 
     def play(self) -> None:
         """Play until interrupted."""
-        reading = threading.Thread(target=self._read_through, daemon=True)
-        reading.start()
+        beside = [
+            threading.Thread(target=one, daemon=True)
+            for one in (self._read_through, self._learn_along)
+        ]
+        for thread in beside:
+            thread.start()
         looked = time.monotonic()
         try:
             while True:
@@ -105,7 +114,8 @@ class BagSource(Controlled):
                 time.sleep(TICK_SECONDS)
         finally:
             self._stop.set()
-            reading.join()
+            for thread in beside:
+                thread.join()
             self.log.bag.close()
 
     def look(self) -> None:
@@ -206,7 +216,6 @@ class BagSource(Controlled):
             self.board.put("frame", state=self.state, **around, **fields)
             self._tell(log, row)
         self._show_asked(step)
-        self._show_tables(step)
 
     def _tell(self, log: RunLog, row: int) -> None:
         """Show the last questions up to a row, where there are others than before."""
@@ -216,18 +225,6 @@ class BagSource(Controlled):
             known = {k for k, at in enumerate(self.log.table_steps()) if at}
             told = [line for seen in steps for line in messages.in_words(self.run, seen, known)]
             self.board.put("dialogue", entries=told[-messages.DIALOGUE :])
-
-    def _show_tables(self, step: int) -> None:
-        """Show the newest tables of each robot up to a time step."""
-        due = tuple(
-            max((at for at in steps if at <= step), default=NONE)
-            for steps in self.log.table_steps()
-        )
-        if not self._new("tables", due):
-            return
-        entries = [self.log.tables_before(k, step) for k in range(len(due))]
-        found = {k: (one.step, one.tables) for k, one in enumerate(entries) if one is not None}
-        self.board.put("tables", robots=messages.table_fields(self.run, found))
 
     def _show_asked(self, step: int) -> None:
         """Show how often was asked in each cell, as far as that was counted up to a time step."""
@@ -249,7 +246,34 @@ class BagSource(Controlled):
         if self._new("notice", text):
             self.board.put("notice", text=text)
 
-    # In a thread beside it.
+    # In threads beside it.
+
+    def _learn_along(self) -> None:
+        """Learn again what the robots had learned at the time step that is shown."""
+        while not self._stop.wait(TICK_SECONDS):
+            self.learn()
+
+    def learn(self) -> None:
+        """Show what the robots had learned at the time step that is shown.
+
+        As long as a bag that grows is followed, the tables are the newest recorded ones.
+        """
+        step, following = int(self.position), self.following
+        steps = self.log.table_steps() if following else None
+        if not self._new("tables", steps or step):
+            return
+
+        def still() -> bool:
+            here = 0 <= self.position - step < STILL_STEPS
+            return here and not (following or self._stop.is_set())
+
+        try:
+            found = self._relearned.tables(step, still)
+        except SparseCoordError as error:
+            self.board.put("notice", text=f"damaged: {error}")
+            return
+        if still() or following:
+            self.board.put("tables", robots=messages.table_fields(self.run, found))
 
     def _read_through(self) -> None:
         """Compute the learning curves from the log, stretch by stretch, and go on as it grows."""

@@ -62,7 +62,10 @@ def test_each_value_shown_is_the_log_s(player, bag):
         assert [a["robot"] for a in frame["asks"]] == np.flatnonzero(log.asked[row]).tolist()
         for ask in frame["asks"]:
             assert (ask["outcome"] == "answered") == log.perceived[row, ask["robot"]]
-    json.dumps(player.board.get("tables"), allow_nan=False)
+        player.source.learn()
+        tables = player.board.get("tables")
+        assert {one["step"] for one in tables["robots"]} == {frame["step"]}
+        json.dumps(tables, allow_nan=False)
 
 
 def test_the_words_begin_as_explain_tells_them(player, bag):
@@ -134,6 +137,8 @@ def test_a_bag_that_grows_is_followed(bag, tmp_path, monkeypatch):
     monkeypatch.setattr("sparse_coord_ros.look.page.bag_source.being_recorded", lambda path: True)
     player = Player(path)
     before = player.after(0.1)
+    player.source.learn()
+    assert player.board.get("tables")["robots"][0]["step"] in player.source.log.table_steps()[0]
     assert before["state"] == "following" and "follows" in player.board.get("notice")["text"]
     assert before["step"] == player.source.log.last_step
     assert player.do(SEEK, 50, seconds=1.0)["state"] == "playing"  # it follows no longer

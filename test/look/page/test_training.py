@@ -58,6 +58,8 @@ class Clock:
     def monotonic(self):
         return self.now
 
+    thread_time = monotonic
+
     def sleep(self, seconds):
         self.now += seconds
         for at in sorted(self.then):

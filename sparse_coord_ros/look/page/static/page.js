@@ -101,7 +101,7 @@ function begin() {
   $("title").textContent = run.title;
   document.title = `${run.scenario} – sparse_coord watch`;
   const team = run.robots.length === 1 ? "1 robot" : `${run.robots.length} robots`;
-  $("about").textContent = `${run.scenario}, ${run.learner} ${run.greedy ? "(greedy), " : ""}${team}, penalty ${run.penalty}, percepts: ${run.perception}, seed ${run.seed}`;
+  $("about").textContent = `${run.scenario}, ${run.learner}${run.greedy ? " (greedy)" : ""}, ${team}, penalty ${run.penalty}, percepts: ${run.perception}, seed ${run.seed}`;
   $("map-title").textContent = run.map.name;
   $("map-title").title = run.map.title;
   map.begin(run);
@@ -158,9 +158,9 @@ function showFrame() {
   $("transitions-of").hidden = frame.transitions === undefined;
   $("transitions").textContent = `${number(frame.transitions)} of ${number(run.budget)}`;
   $("speed").textContent = number(frame.speed ?? (held ? 0 : frame.rate || null));
-  if (!curves) $("episodes").textContent = number(frame.episode === undefined ? null : frame.episode + 1);
+  if (!curves) showEpisodes(frame.episode === undefined ? null : frame.episode + 1);
   setState(frame.state);
-  $("pause").textContent = held ? "Go on" : "Hold";
+  $("pause").textContent = frame.state === "ended" ? "Play again" : held ? "Go on" : "Hold";
   $("start").disabled = !["finished", "stopped"].includes(frame.state);
   if (document.activeElement !== $("rate")) {
     const options = [...$("rate").options].map((one) => Number(one.value));
@@ -177,12 +177,17 @@ function showFrame() {
   agesPanel(run, newest.tables, frame);
 }
 
+function showEpisodes(count) {
+  $("episodes").textContent = number(count);
+  $("episodes").nextSibling.textContent = count === 1 ? " episode" : " episodes";
+}
+
 function showCurves() {
   const { curves, run, frame } = newest;
   charts.show(curves, run, map.shown);
   if (frame?.last !== undefined) charts.place(frame.step);
   if (!curves) return;
-  $("episodes").textContent = number(curves.episodes);
+  showEpisodes(curves.episodes);
   const how = curves.window > 1 ? `the mean of ${curves.window} episodes` : "an episode";
   const read = curves.read < 1 ? ` · reading the log: ${Math.round(100 * curves.read)} %` : "";
   $("foot").textContent = `each point of the curves: ${how}${read} · sparse_coord_ros ${run.version}`;

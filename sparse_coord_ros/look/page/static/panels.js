@@ -49,17 +49,29 @@ export function dialoguePanel(run, entries) {
   }));
 }
 
+// What the yardsticks are, where they stand.
+const YARDSTICKS = {
+  "class bound": "the best team found that must ask to know where the others are",
+  "exact joint optimum": "the best of all teams, which see each other always and for nothing",
+  "bound (robots alone)": "each robot as if it were alone: no team can do better",
+};
+
 export function evaluationPanel(e) {
   $("evaluation-panel").hidden = !e;
   if (!e) return;
   const pair = (one) => `${one.mean.toFixed(2)} ± ${one.spread.toFixed(2)}`;
-  const none = e.yardsticks.map(() => "");
+  const known = e.yardsticks.map(([name, value]) => {
+    const one = row("td", ["", value.toFixed(2)]);
+    one.cells[0].append(name, html("small", {}, YARDSTICKS[name] ?? ""));
+    return one;
+  });
   $("evaluation").replaceChildren(
-    row("th", ["", `${e.learner}, ${e.how}`, ...e.yardsticks.map(([name]) => name)]),
-    row("td", ["reward", pair(e.reward), ...e.yardsticks.map(([, value]) => value.toFixed(2))]),
-    row("td", ["time to goal", pair(e.time_to_goal), ...none]),
-    row("td", ["miscoordinations", pair(e.miscoordinations), ...none]),
-    row("td", ["questions", pair(e.asks), ...none]),
-    row("td", ["all arrive", `${(100 * e.all_arrived).toFixed(2)} %`, ...none]));
+    row("th", ["", `${e.learner}, ${e.how}`]),
+    row("td", ["reward of a robot", pair(e.reward)]),
+    ...known,
+    row("td", ["time to goal", pair(e.time_to_goal)]),
+    row("td", ["miscoordinations", pair(e.miscoordinations)]),
+    row("td", ["questions", pair(e.asks)]),
+    row("td", ["all arrive", `${(100 * e.all_arrived).toFixed(2)} %`]));
   $("evaluation").title = `of the tables ${e.step === null ? "at the end" : `of step ${e.step}`}`;
 }

@@ -1,0 +1,73 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The tables of any time step, learned again from a log, are those of the run at that step."""
+
+import numpy as np
+import pytest
+
+from sparse_coord_ros.learn.simulation import Learning, tables_equal
+from sparse_coord_ros.runlog import read_run, relearned, window
+from sparse_coord_ros.runlog.relearned import Relearned
+from sparse_coord_ros.runlog.window import LongLog
+
+
+@pytest.fixture(params=["coop", "factored"])
+def bag(record, request):
+    settings = {"steps": 1500, "perception": "probability:0.6", "max_steps": 60}
+    values = {"checkpoint": 400, "learner": request.param}
+    return record(settings=settings, values=values).bag
+
+
+def check(bag, count):
+    """Compare the tables of so many random steps with those of `train`, stopped there."""
+    log, whole, rng = LongLog(bag), read_run(bag), np.random.default_rng(3)
+    steps = [*rng.integers(0, log.last_step + 1, count).tolist(), 0, log.last_step]
+    done = np.searchsorted(whole.step[~np.isnan(whole.reward[:, :, 0]).all(axis=1)], steps)
+    again = Relearned(log)
+    found = {}
+    for step in steps:  # in any order
+        tables = again.tables(step)
+        assert {at for at, _ in tables.values()} == {step}
+        found[step] = {k: one._replace(**_copies(one)) for k, (_, one) in tables.items()}
+    training = Learning(log.run.scenario, log.run.learner, log.run.seed)
+    for step, transitions in sorted(zip(steps, done.tolist(), strict=True)):
+        training.advance(transitions)
+        assert tables_equal(list(found[step].values()), training.tables), step
+    log.bag.close()
+
+
+def _copies(tables):
+    return {"q_star": tables.q_star.copy(), "q_coord": tables.q_coord.copy()}
+
+
+def test_tables_of_any_step_are_those_of_train_stopped_there(bag, monkeypatch):
+    monkeypatch.setattr(relearned, "AT_ONCE", 150)
+    check(bag, 10)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("learner", ["coop", "factored"])
+@pytest.mark.parametrize("kept", [1, 10**9])
+def test_tables_of_50_random_steps(record, monkeypatch, learner, kept):
+    monkeypatch.setattr(relearned, "MOST_BYTES", kept)
+    check(record(settings={"steps": 20_000}, values={"learner": learner}).bag, 50)
+
+
+def test_what_nobody_wants_any_more_or_is_lost_gives_the_recorded_tables(bag, tmp_path):
+    log = LongLog(bag)
+    at = log.table_steps()[0][1]
+    recorded = log.tables_before(0, at).tables
+    found = Relearned(log).tables(at + 50, lambda: False)
+    assert found[0][0] == at and tables_equal([found[0][1]], [recorded])
+    log.bag.close()
+    data = bytearray(window.open_bag(bag).files[0].path.read_bytes())
+    place = next(one for one in log.blocks if one.start_ns > (at + 20) * log.period)
+    data[place.offset + 200 : place.offset + 264] = bytes(64)
+    damaged = tmp_path / "damaged.mcap"
+    damaged.write_bytes(data)
+    log = LongLog(damaged)
+    again = Relearned(log)
+    step = place.end_ns // log.period + 20
+    assert again.tables(step)[0][0] < step
+    assert again.tables(log.last_step)[0][0] > step
+    log.bag.close()
