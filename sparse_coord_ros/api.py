@@ -19,6 +19,8 @@ import numpy as np
 from sparse_coord_ros.dataframes import data_frame, shown_as
 from sparse_coord_ros.engine.batch import run_batch, uses_numba
 from sparse_coord_ros.engine.cluster import check_place, cluster_at
+from sparse_coord_ros.engine.improve import Improvement
+from sparse_coord_ros.engine.improve import improve as plan
 from sparse_coord_ros.engine.training import Training, train
 from sparse_coord_ros.errors import RunError, SettingError, SparseCoordError, TablesError, in_short
 from sparse_coord_ros.experiments.benchmark import Benchmark, Standing, benchmark
@@ -48,7 +50,7 @@ from sparse_coord_ros.learn.evaluation import Evaluation
 from sparse_coord_ros.learn.history import History, blank_history, load_history
 from sparse_coord_ros.learn.learners import Learner, LearnerLike, chosen_learner, register_learner
 from sparse_coord_ros.learn.run_config import RUN_SETTINGS, RunConfig
-from sparse_coord_ros.learn.tables import load_team
+from sparse_coord_ros.learn.tables import load_memories, load_team
 from sparse_coord_ros.solve import exact
 from sparse_coord_ros.solve.class_search import class_bound
 from sparse_coord_ros.solve.exact import ExactEvaluation
@@ -66,6 +68,8 @@ if TYPE_CHECKING:
 __all__ = ["load_scenario", "scenario_names", "Scenario"]
 # Learning
 __all__ += ["train", "train_many", "Training", "Runs", "Tables", "History"]
+# Planning on what was learned
+__all__ += ["improve", "Improvement"]
 # What it is worth
 __all__ += ["evaluate", "evaluate_exact", "Evaluation", "ExactEvaluation"]
 __all__ += ["optimum", "shortest_paths", "joint_mdp", "JointMDP"]
@@ -308,6 +312,24 @@ def train_many(
             )
             progress(len(done), plan.runs)
     return Runs(problem, rule.label, tuple(done))
+
+
+def improve(learned: "str | Path | Training | SavedRun") -> Improvement:
+    """Let a team plan on what its robots have learned, after they exchanged it once.
+
+    `evaluate_exact(found.tables, scenario=...)` says what that is worth.
+
+    Args:
+        learned: a `Training` of `train`, a `SavedRun` or its directory, of learner factored.
+
+    Raises:
+        SettingError: the robots did not learn what it needs.
+        TablesError: there are tables alone, not what they were learned from.
+    """
+    run = load_run(learned) if isinstance(learned, str | Path) else learned
+    if isinstance(run, Training):
+        return plan(run.scenario, run.learner, run.memories)
+    return plan(run.scenario, run.learner, load_memories(run.directory, run.scenario))
 
 
 def evaluate(

@@ -21,7 +21,7 @@ from sparse_coord_ros.look.page.controls import PAGE_SETTINGS
 
 FIXED = (
     *("scenario", "penalty", "assignments", "steps", "seed", "out", "learner"),
-    *("checkpoint", "tables", "greedy", "no_record"),
+    *("checkpoint", "tables", "greedy", "improve", "no_record"),
 )
 """What a run that is resumed has already, by the options' names in the namespace."""
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli.computing import Bar, note_without_numba
 from sparse_coord_ros.cli.evaluate import Evaluated, evaluation_of, result_table
+from sparse_coord_ros.cli.improve import IMPROVE, planned
 from sparse_coord_ros.cli.options import Option
 from sparse_coord_ros.compiling import has_numba
 from sparse_coord_ros.engine.batch import ENGINES, is_prepared, prepare
@@ -74,6 +75,7 @@ OPTIONS = (
         TRIALS.parse,
         "of the evaluation (default: 1000, or none where it can be computed; 0: no evaluation)",
     ),
+    IMPROVE,
     *shared.WATCH,
     shared.JSON,
 )
@@ -93,7 +95,8 @@ def _begin(options: argparse.Namespace) -> tuple[Path, RunConfig]:
     out = options.resume
     if out is None:
         scenario = shared.scenario_of(options)
-        run = make_run(scenario, {"seed": options.seed, "learner": options.learner})
+        chosen = {name: getattr(options, name) for name in ("seed", "learner", "improve")}
+        run = make_run(scenario, chosen)
         return shared.output_directory(options, scenario.name), run
     shared.nothing_else_given(options)
     run = load_run(out)
@@ -166,7 +169,8 @@ def _learn_there(
         raise
     if view is not None:
         view.end(done)
-    _say(out, run, done, options.trials, as_json=options.json)
+    plan = planned(out, run, done.memories, done.tables) if run.improve else ({}, "")
+    _say(out, run, done, options.trials, plan, as_json=options.json)
     return 0
 
 
@@ -208,8 +212,16 @@ def _save(out: Path, done: Training) -> None:
     (out / CHECKPOINT_FILE).unlink(missing_ok=True)
 
 
-def _say(out: Path, run: RunConfig, done: Training, trials: int | None, *, as_json: bool) -> None:
-    """Print what was learned and where it is."""
+def _say(
+    out: Path,
+    run: RunConfig,
+    done: Training,
+    trials: int | None,
+    plan: tuple[dict[str, Any], str],
+    *,
+    as_json: bool,
+) -> None:
+    """Print what was learned and where it is, and what was made of it."""
     scenario = run.scenario
     result = None
     if trials != 0:
@@ -224,7 +236,7 @@ def _say(out: Path, run: RunConfig, done: Training, trials: int | None, *, as_js
             said |= {"optimum": optimum.value, "optimum_exact": optimum.exact}
         if done.evaluations:
             said["evaluations"] = [{"steps": n, **e.to_dict()} for n, e in done.evaluations]
-        shared.print_json(said)
+        shared.print_json(said | {"improved": plan[0]} if run.improve else said)
         return
     if result is not None:
         print(result_table([Evaluated(out, run, result)]))
@@ -235,6 +247,8 @@ def _say(out: Path, run: RunConfig, done: Training, trials: int | None, *, as_js
     print(f"tables   {out / TEAM_FILE}\nhistory  {out / HISTORY_FILE}\nrun      {out / RUN_FILE}")
     if done.evaluations:
         print(f"on the way  {out / EVALUATIONS_FILE}")
+    if run.improve:
+        print(f"\n{plan[1]}")
 
 
 def advice(scenario: Scenario, done: Training) -> list[str]:

@@ -13,6 +13,7 @@ from sparse_coord_ros.errors import EXIT_BAD_INPUT
 VERBS: Mapping[str, str] = {
     "run": "let a team learn live over ROS 2 nodes, topics and services, recorded to MCAP",
     "train": "learn without ROS: the same computation, the same bits",
+    "improve": "let a team plan on what its robots have learned, after they exchanged it once",
     "evaluate": "evaluate learned tables by Monte-Carlo trials, as in the paper, or exactly",
     "drive": "drive a learned team through a simulator of bodies, in metres and seconds",
     "optimum": "compute the exact joint optimum: full joint state and action, no cost of asking; "

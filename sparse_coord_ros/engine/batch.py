@@ -266,13 +266,13 @@ class CompiledTeam:
         learning.advance(self.scenario.steps)
         return learning.minds
 
-    def play(self, minds: Minds, seed: int, trials: int) -> Trials:
-        """Play greedy trials."""
+    def play(self, minds: Minds, seed: int, trials: int, *, paired: bool = False) -> Trials:
+        """Play greedy trials; `paired` as of `loops.CompiledScenario`."""
         scenario = self.scenario
         team = len(scenario.robots)
         results = np.zeros((trials, team, 4))
         asked, stays = np.zeros((2, team, len(scenario.map.cells)), dtype=np.int64)
-        problem = self._trying._replace(budget=trials)
+        problem = self._trying._replace(budget=trials, paired=paired)
         draws = self.draws(seed, problem, streams.EVALUATION)
         state = loops.State(problem, _game(team, FIRST_STEP + EPISODE_GAP), _choice(team), draws)
         while state.game.clock[loops.DONE] < trials:
@@ -572,5 +572,6 @@ def make_problem(
         actions=len(ACTIONS) if learner.asks else PRIMITIVES,
         weights=np.array(learner.weights(scenario)),
         budget=scenario.steps,
+        paired=False,
         **{name: getattr(scenario, name) for name in AS_THEY_ARE},
     )

@@ -259,6 +259,8 @@ def play_block(
                 result[k, TIME] = never
         clock[STEP] = step + 1
         if over or clock[STEP] - clock[EPISODE_START] >= problem.max_steps:
+            if problem.paired:
+                clock[STEP] = clock[EPISODE_START] + problem.max_steps
             clock[STEP] += EPISODE_GAP
             clock[PLACED] = 0
             clock[DONE] += 1

@@ -29,7 +29,7 @@ from sparse_coord_ros.learn.rows import FREE_PLACE, Rows, find_row, make_rows, r
 if TYPE_CHECKING:
     from sparse_coord_ros.learn.learners import Learner
 
-REMEMBERED = ("u", "r_bar", "w", "commons", "moved", "successor", "tried")
+REMEMBERED = ("u", "r_bar", "w", "door", "commons", "moved", "successor", "tried")
 """Fields of `Own` that an agent remembers as `Memory.more`; of `tried` only what is in use."""
 
 STEPS_AT_ONCE = 3
@@ -115,7 +115,8 @@ class FactoredAgent(Agent):
         self._rule, self._terms = rule, terms_of(scenario, self.goal, self.weights)
         self._right_of_way = rule.right_of_way and self._robots > 2
         known, nothing = tables.factors, np.zeros((self._cells, PRIMITIVES), dtype=np.int64)
-        arrays = (*known[:3], nothing, nothing, nothing, np.empty(0, dtype=np.int64))
+        door, untried = np.zeros(self._cells), np.empty(0, dtype=np.int64)
+        arrays = (*known[:3], door, nothing, nothing, nothing, untried)
         more = dict(zip(REMEMBERED, arrays, strict=True))
         updates = np.zeros(tables.q_star.shape, dtype=np.int64)
         no_counts = np.zeros(known.corrections.shape, dtype=np.int64)
@@ -282,8 +283,9 @@ class FactoredAgent(Agent):
         """
         cells, most = self._cells, {"successor": self._cells}
         for name in REMEMBERED:
-            shape = {"w": (cells,), "tried": (None,)}.get(name, (cells, PRIMITIVES))
-            if name in REMEMBERED[:3]:
+            one_a_cell = {"w": (cells,), "door": (cells,), "tried": (None,)}
+            shape = one_a_cell.get(name, (cells, PRIMITIVES))
+            if name in REMEMBERED[:4]:
                 member(memory.more, name, np.float64, *shape)
             else:
                 below = most.get(name, MOST_UPDATES)
@@ -371,6 +373,7 @@ class FactoredMinds(NamedTuple):
             q_star,
             q_star.max(axis=2),
             star_updates,
+            np.zeros((team, cells)),
             counts[0],
             counts[1],
             counts[2],
@@ -513,6 +516,7 @@ def own_of(team: factors.Own, k: int) -> factors.Own:
         team.star[k],
         team.value[k],
         team.updates[k],
+        team.door[k],
         team.commons[k],
         team.moved[k],
         team.successor[k],

@@ -195,6 +195,7 @@ class Own(NamedTuple):
         star: Q* [x][action], kept up to date.
         value: max_b Q*(x, b) over all five actions [x], kept up to date.
         updates: how often a move was tried [x][b], and COORDINATE [x][4].
+        door: the last r^C felt on coming to a cell, or staying there, weighed; 0: never any [x].
         commons: updates of each entry of r_bar [x][b].
         moved: how often a move led out of its cell [x][b].
         successor: where it led the last time that it did [x][b].
@@ -209,6 +210,7 @@ class Own(NamedTuple):
     star: Any
     value: Any
     updates: Any
+    door: Any
     commons: Any
     moved: Any
     successor: Any
@@ -285,6 +287,8 @@ def learn_move(
     if y != x:
         own.moved[x][m] += 1
         own.successor[x][m] = y
+    if common != 0.0:
+        own.door[y] = common
     after = terms.goal_value if y == terms.goal else own.value[y]
     alpha = step_size(by_count[count], floor)
     own.u[x][m] = toward(own.u[x][m], alpha, individual + terms.discount * after)

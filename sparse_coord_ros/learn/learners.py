@@ -364,3 +364,17 @@ def register_learner(learner: "Learner | type[Learner]") -> Learner:
     """
     made = LEARNERS.made(repr(learner), learner)
     return LEARNERS.register(made.name or made.label, made)
+
+
+def check_improvable(scenario: Scenario, learner: Learner) -> None:
+    """Raise `SettingError` where robots do not learn what `engine.improve` plans on."""
+    if learner.factors is None:
+        raise SettingError(
+            f"improve: learner {learner.label} keeps no model of where moves lead; needs learner "
+            "factored"
+        )
+    if len(scenario.robots) > 2 and not scenario.referee:
+        raise SettingError(
+            "improve: with more than two robots each must know which r^C is its own; needs "
+            "setting referee=true"
+        )

@@ -59,6 +59,7 @@ class CompiledScenario(NamedTuple):
         weights: how much the individual and the common part of a reward and the cost of asking
             count while learning [3].
         budget: transitions to learn from.
+        paired: whether a trial has the same draws whatever happened in those before it.
         max_steps: steps after which an episode ends.
         move_success: probability that a move succeeds.
         goal_reward: r^I at the goal.
@@ -86,6 +87,7 @@ class CompiledScenario(NamedTuple):
     actions: int
     weights: np.ndarray
     budget: int
+    paired: bool
     max_steps: int
     move_success: float
     goal_reward: float

@@ -23,7 +23,7 @@ from sparse_coord_ros.game.perception import MODELS, check_percepts
 from sparse_coord_ros.game.scenario import Scenario, scenario_from_dict
 from sparse_coord_ros.game.settings import setting, settings_of
 from sparse_coord_ros.game.specs import Form, SpecFamily
-from sparse_coord_ros.learn.learners import LEARNERS, Learner, learner_of
+from sparse_coord_ros.learn.learners import LEARNERS, Learner, check_improvable, learner_of
 from sparse_coord_ros.limits import SCENARIO, parse_yaml, read_text, to_yaml
 from sparse_coord_ros.version import __version__
 
@@ -80,6 +80,9 @@ class RunConfig:
     seed: int = setting(0, "seed of every random draw", low=0, high=2**63 - 1)
     learner: str = setting("coop", "who learns; coop is Algorithm 1 of the paper", LEARNER)
     greedy: bool = setting(False, "act on learned tables, without exploring or learning")
+    improve: bool = setting(
+        False, "after learning, exchange what was learned and plan on it (learner factored)"
+    )
     step_period: float = setting(0.1, "simulated seconds a time step", low=1e-3, high=60)
     clock: str = setting(
         OWN_CLOCK,
@@ -124,6 +127,10 @@ class RunConfig:
             raise SettingError(
                 f"setting percept_timeout: value is {self.percept_timeout:g}, allowed: less than "
                 f"step_timeout ({self.step_timeout:g})"
+            )
+        if self.improve and self.greedy:
+            raise SettingError(
+                "setting improve: a greedy run learns nothing; leave one of them out"
             )
 
     @property
@@ -202,6 +209,8 @@ def make_run(scenario: Scenario, values: Mapping[str, object]) -> RunConfig:
     learner = learner_of(settings.get("learner", RunConfig.learner))
     scenario = learner.with_defaults(scenario)
     learner.check(scenario)
+    if settings.get("improve"):
+        check_improvable(scenario, learner)
     check_percepts(scenario.map)
     run = RunConfig(scenario=scenario, versions=versions(), **settings)
     run.check_code()

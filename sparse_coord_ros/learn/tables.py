@@ -149,16 +149,37 @@ def save_team(
 
 
 def load_team(directory: Path, scenario: Scenario) -> list[Tables]:
-    """Read a team's tables from an output directory.
+    """Read a team's tables from an output directory; as `load_saved_team`."""
+    return [saved.tables for saved in load_saved_team(directory, scenario)]
 
-    They are in `tables.npz`, or in one file a robot where the robot nodes were started by hand.
+
+def load_memories(directory: Path, scenario: Scenario) -> list[Memory]:
+    """Read what a team's agents remember from an output directory.
+
+    Raises:
+        TablesError: as `load_saved_team`; or there are tables alone.
+    """
+    found = [saved.memory for saved in load_saved_team(directory, scenario)]
+    known = [memory for memory in found if memory is not None]
+    if len(known) < len(found):
+        raise TablesError(
+            f"{directory}: holds tables alone, not what they were learned from; give the "
+            "directory of the run itself"
+        )
+    return known
+
+
+def load_saved_team(directory: Path, scenario: Scenario) -> list[SavedTables]:
+    """Read what a team saved in an output directory.
+
+    It is in `tables.npz`, or in one file a robot where the robot nodes were started by hand.
 
     Raises:
         TablesError: neither is there, or a file is malformed.
     """
     numbers = range(1, len(scenario.robots) + 1)
     if (directory / TEAM_FILE).exists():
-        return load_tables(directory / TEAM_FILE, numbers)
+        return load_saved(directory / TEAM_FILE, numbers)
     parts = [robot_file(directory, robot.name) for robot in scenario.robots]
     missing = [part.name for part in parts if not part.exists()]
     if missing:
@@ -166,7 +187,7 @@ def load_team(directory: Path, scenario: Scenario) -> list[Tables]:
             f"{directory}: neither {TEAM_FILE} nor {', '.join(missing)} is there; give the output "
             "directory of a finished run"
         )
-    return [load_tables(part, [k])[0] for k, part in zip(numbers, parts, strict=True)]
+    return [load_saved(part, [k])[0] for k, part in zip(numbers, parts, strict=True)]
 
 
 def _robot(arrays: Mapping[str, np.ndarray], number: int) -> Tables:

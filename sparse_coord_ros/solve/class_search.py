@@ -201,13 +201,24 @@ def _restart(
         seed: of the draws.
         fixed: what those do whose choices are not searched.
     """
-    loops, rng = class_loops.compiled(), np.random.default_rng(seed)
-    best = _random(scenario, rng)
+    rng = np.random.default_rng(seed)
+    begun = _random(scenario, rng)
     if fixed is not None:
         for k in np.flatnonzero(~free):
-            for mine, theirs in zip(best, fixed, strict=True):
+            for mine, theirs in zip(begun, fixed, strict=True):
                 mine[k] = theirs[k]
-    space = _space(scenario, game)
+    return _climbed(scenario, game, free, begun, rng)
+
+
+def _climbed(
+    scenario: Scenario,
+    game: WeightedGame,
+    free: np.ndarray,
+    best: ClassTeam,
+    rng: np.random.Generator,
+) -> tuple[ClassTeam, float]:
+    """Climb from a team, which is changed, and again from where shakes lead; as `_restart`."""
+    loops, space = class_loops.compiled(), _space(scenario, game)
     trials = np.arange(2 * len(scenario.map.cells) * OPTIONS)
     top = loops.climb(game, best, free, space, rng.permutation(trials))
     vain = 0
@@ -219,6 +230,34 @@ def _restart(
         if value > top + class_loops.BETTER:
             best, top, vain = policy, value, 0
     return best, top
+
+
+class Climb(NamedTuple):
+    """A team that was made better.
+
+    Attributes:
+        before: its value before.
+        value: its value now.
+        team: what it does now, in every joint state.
+        visited: whether a robot acts in a cell, shape (2, cells).
+    """
+
+    before: float
+    value: float
+    team: ClassTeam
+    visited: np.ndarray
+
+
+def climbed(scenario: Scenario, team: ClassTeam) -> Climb:
+    """Make a team of two robots better, as a restart of `class_bound` does that begins with it."""
+    game, nobody = _game(scenario, (0.5, 0.5)), np.zeros(2, dtype=np.bool_)
+    before = class_loops.compiled().solve(game, team, nobody, _space(scenario, game), -np.inf)
+    found, value = _climbed(scenario, game, ~nobody, _copy(team), np.random.default_rng(0))
+    return Climb(before, value, *_everywhere(scenario, game, found))
+
+
+def _copy(team: ClassTeam) -> ClassTeam:
+    return ClassTeam(*(array.copy() for array in team))
 
 
 def _random(scenario: Scenario, rng: np.random.Generator) -> ClassTeam:
@@ -248,7 +287,7 @@ def _shaken(
     rng: np.random.Generator,
 ) -> ClassTeam:
     """Return a copy with a few choices changed, where the robots act or next to that."""
-    new = ClassTeam(*(array.copy() for array in policy))
+    new = _copy(policy)
     near = visited.copy()
     for k in range(2):
         near[k, scenario.map.next_cell[visited[k]]] = True
@@ -261,11 +300,14 @@ def _shaken(
     return new
 
 
-def _texts(
+def _everywhere(
     scenario: Scenario, game: WeightedGame, policy: ClassTeam
-) -> tuple[RobotPolicy, RobotPolicy]:
-    """Return the team as texts; a robot that never gets to a cell does not ask there."""
-    loops, new = class_loops.compiled(), ClassTeam(*(array.copy() for array in policy))
+) -> tuple[ClassTeam, np.ndarray]:
+    """Return the team with the best moves after every percept, and where its robots act.
+
+    A robot that never gets to a cell does not ask there.
+    """
+    loops, new = class_loops.compiled(), _copy(policy)
     space = _space(scenario, game)
     both = np.ones(2, dtype=np.bool_)
     loops.solve(game, new, both, space, -np.inf)
@@ -273,6 +315,14 @@ def _texts(
     new.asks[:] &= space.visited
     # Every joint state, also where the team never gets.
     loops.sweep(game, new, both, space.value, space.everything, -np.inf)
+    return new, space.visited
+
+
+def _texts(
+    scenario: Scenario, game: WeightedGame, policy: ClassTeam
+) -> tuple[RobotPolicy, RobotPolicy]:
+    """Return the team as texts."""
+    new, _ = _everywhere(scenario, game, policy)
 
     def robot(k: int) -> RobotPolicy:
         asked = {
@@ -306,7 +356,7 @@ def _gain(scenario: Scenario, robots: Sequence[RobotPolicy], k: int, seed: int) 
     fixed = _from_texts(scenario, robots)
     now = loops.solve(game, fixed, np.zeros(2, dtype=np.bool_), space, -np.inf)
     trials = np.arange(2 * len(scenario.map.cells) * OPTIONS)
-    own = ClassTeam(*(array.copy() for array in fixed))
+    own = _copy(fixed)
     best = loops.climb(game, own, alone, _space(scenario, game), trials)
     for i in range(DEVIATIONS):
         best = max(best, _restart(scenario, game, alone, [seed, k, i], fixed)[1])

@@ -149,7 +149,7 @@ def _play(scenario: Scenario, ways: Ways, draws: np.ndarray) -> np.ndarray:
     prize = scenario.goal_reward / (1.0 - gamma)
     after = np.zeros((len(ways.order), len(grid.cells)))
     for k, robot in enumerate(scenario.robots):
-        far = _distances(grid.next_cell, robot.goal, ways.avoided[k])
+        far = moves_to(grid.next_cell, robot.goal, ways.avoided[k])
         worth = prize * gamma ** np.maximum(far, 0) * (p / (1.0 - gamma * (1.0 - p))) ** far
         after[k] = np.where(far < 0, 0.0, worth)
     places = meeting_places(scenario)
@@ -182,7 +182,7 @@ def _passages(scenario: Scenario) -> np.ndarray:
     return found
 
 
-def _distances(lead: np.ndarray, goal: int, avoided: frozenset[int]) -> np.ndarray:
+def moves_to(lead: np.ndarray, goal: int, avoided: frozenset[int] = frozenset()) -> np.ndarray:
     """Return the moves from each cell to the goal through no avoided cell; -1: there is no way."""
     far = np.full(len(lead), -1)
     far[goal], front = 0, [goal]

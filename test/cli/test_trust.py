@@ -30,6 +30,7 @@ WHY = "what robots chose by and what they learned"
 VERBS = {
     "evaluate RUN": (REFUSED, REFUSED),
     "evaluate RUN --exact": (REFUSED, REFUSED),
+    "improve RUN": (REFUSED, REFUSED),
     "drive RUN": (REFUSED, REFUSED),
     "run --resume UNFINISHED": (REFUSED, REFUSED),
     "train --resume UNFINISHED": (REFUSED, REFUSED),

@@ -58,9 +58,9 @@ def test_a_route_keeps_out_of_its_doorways():
     near, far = sorted(scenario.map.doorways)
     goal, lead = scenario.robots[0].goal, scenario.map.next_cell
     start = scenario.robots[0].start
-    assert routes._distances(lead, goal, frozenset())[start] == 4
-    assert routes._distances(lead, goal, frozenset({near}))[start] == 8
-    assert routes._distances(lead, goal, frozenset({near, far}))[start] == -1
+    assert routes.moves_to(lead, goal, frozenset())[start] == 4
+    assert routes.moves_to(lead, goal, frozenset({near}))[start] == 8
+    assert routes.moves_to(lead, goal, frozenset({near, far}))[start] == -1
     changes = list(Ways((0, 1), (frozenset(), frozenset({far}))).changes([near, far]))
     assert len(changes) == len(set(changes)) == 1 + 1 + 4
     assert Ways((1, 0), (frozenset(), frozenset({far}))) in changes

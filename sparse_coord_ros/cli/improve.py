@@ -1,0 +1,71 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""`sparse_coord improve`: a team plans on what its robots have learned."""
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from sparse_coord_ros.cli import options as shared
+from sparse_coord_ros.cli.evaluate import Evaluated, evaluation_of, facts_of, result_table
+from sparse_coord_ros.cli.options import Option
+from sparse_coord_ros.engine.improve import IMPROVED, improve, save_improved
+from sparse_coord_ros.learn.agent import Memory, Tables
+from sparse_coord_ros.learn.evaluation import TRIALS
+from sparse_coord_ros.learn.run_config import RunConfig, load_run
+from sparse_coord_ros.learn.tables import load_memories, load_team
+
+EXAMPLE = (
+    "sparse_coord train env2-2r --learner factored --penalty -100 --out runs/f\n"
+    "  sparse_coord improve runs/f"
+)
+
+IMPROVE = Option("--improve", bool, f"then plan on what was learned, into DIR/{IMPROVED}")
+
+OPTIONS = (
+    Option("directory DIR", Path, f"output of run or train; the plan's is DIR/{IMPROVED}"),
+    shared.JSON,
+)
+
+
+def execute(options: argparse.Namespace) -> int:
+    """Run the verb."""
+    out, run = options.directory, load_run(options.directory)
+    run.check_code()
+    tables = load_team(out, run.scenario)
+    facts, text = planned(out, run, load_memories(out, run.scenario), tables)
+    if options.json:
+        shared.print_json(facts)
+    else:
+        print(text)
+    return 0
+
+
+def planned(
+    out: Path, run: RunConfig, memories: Sequence[Memory], tables: Sequence[Tables]
+) -> tuple[dict[str, Any], str]:
+    """Plan on what a run's robots learned, and save that; return what it is worth, and in words.
+
+    Raises:
+        SettingError: they do not learn what it needs.
+        RunError: there is a plan already.
+    """
+    found = improve(run.scenario, run.rule, memories)
+    folder = save_improved(out, run, found)
+    results = [
+        Evaluated(where, run, evaluation_of(run, one, TRIALS.default, 0, exact=None))
+        for where, one in ((out, tables), (folder, found.tables))
+    ]
+    unfelt = sorted(run.scenario.map.doorways - set(found.doorways))
+    model = {"before": found.before, "value": found.value, "doorways": found.doorways}
+    lines = [
+        result_table(results, several=True),
+        f"on the learned model: {found.before:.2f} -> {found.value:.2f}",
+        f"tables   {folder}",
+    ]
+    if unfelt:
+        where = ", ".join(str(run.scenario.map.cells[x]) for x in unfelt)
+        lines.insert(2, f"no r^C was ever felt in doorway {where}: the plan takes it for a room")
+    runs = [facts_of(one) for one in results]
+    return {"learned_model": {**model, "unfelt": unfelt}, "runs": runs}, "\n".join(lines)

@@ -1,0 +1,266 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Learn, exchange, improve: a team plans on what its robots have learned.
+
+After learning each robot says once what it knows: where its moves led and how often, its doorways
+(cells where it felt r^C), its tables. From that all compute the same: a game as the team knows it,
+and a climb of the *team's* value in it, from the policies learned, by changes of what one robot
+does in one cell. Of two robots the value is exact, and the climb is that of the class bound; of
+more it is that of trials with the same draws. The paper has no such exchange, and this is
+planning, on a learned model: what nobody has felt does not exist in it.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+
+import numpy as np
+
+from sparse_coord_ros.engine.batch import CompiledTeam
+from sparse_coord_ros.files import write_whole
+from sparse_coord_ros.game.actions import ACTIONS, COORDINATE, PRIMITIVES
+from sparse_coord_ros.game.grid import GridMap
+from sparse_coord_ros.game.links import UP
+from sparse_coord_ros.game.scenario import Scenario
+from sparse_coord_ros.game.specs import Spec
+from sparse_coord_ros.learn.agent import Memory, Tables
+from sparse_coord_ros.learn.evaluation import Trials
+from sparse_coord_ros.learn.factored import factored_tables
+from sparse_coord_ros.learn.factors import UNSEEN, Factors, coordination_table
+from sparse_coord_ros.learn.learners import Learner, check_improvable
+from sparse_coord_ros.learn.run_config import RUN_FILE, RunConfig, create_output
+from sparse_coord_ros.learn.tables import save_team
+from sparse_coord_ros.solve.class_loops import ClassTeam
+from sparse_coord_ros.solve.class_search import climbed
+from sparse_coord_ros.solve.exact import MOST_ROBOTS
+from sparse_coord_ros.solve.routes import moves_to
+
+IMPROVED = "improved"
+"""Folder in a run's directory for what the team made of what it learned."""
+
+LEAD = 1.0
+"""How much more than any other the action is worth that an improved table says."""
+
+TRIALS, LOOKED_AT = 2000, 200
+"""Trials by which more robots are judged; trials after which most changes are given up."""
+
+SURE = 2.0
+"""Standard errors that a change has to be better by."""
+
+
+@dataclass(frozen=True)
+class Improvement:
+    """What planning on the learned model makes of a team.
+
+    Attributes:
+        tables: of each robot: what it learned, but for its factors r_bar, W and rho where it acts:
+            they are so low that greedy reading gives the improved policy.
+        before: what the learned team is worth on the learned model, averaged over the robots.
+        value: what the improved one is worth there.
+        doorways: cells where somebody has felt r^C; the plan knows no others.
+    """
+
+    tables: tuple[Tables, ...]
+    before: float
+    value: float
+    doorways: tuple[int, ...]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LearnedMap(GridMap):
+    """A map as a team knows it.
+
+    Attributes:
+        lead: where a successful move leads; the cell itself where none ever led out of it.
+        felt: cells where somebody has felt r^C.
+    """
+
+    lead: np.ndarray
+    felt: frozenset[int]
+
+    @property
+    def next_cell(self) -> np.ndarray:
+        """As of `GridMap`."""
+        return self.lead
+
+    @property
+    def doorways(self) -> frozenset[int]:
+        """As of `GridMap`."""
+        return self.felt
+
+    def distances_to(self, goal: int) -> np.ndarray:
+        """As of `GridMap`; what is known of moves need not be reversible."""
+        return moves_to(self.lead, goal)
+
+
+def improve(scenario: Scenario, learner: Learner, memories: Sequence[Memory]) -> Improvement:
+    """Return what the robots make of what they have learned; the same bits for each of them.
+
+    Of the scenario it takes what a robot knows before it learns: starts and goals, discount, cost
+    of asking, the percept model; of the map nothing but where cells lie.
+
+    Args:
+        scenario: the problem.
+        learner: who learned.
+        memories: what each robot remembers.
+
+    Raises:
+        SettingError: the robots do not learn what it needs.
+    """
+    check_improvable(scenario, learner)
+    team = len(memories)
+    learned = learned_scenario(scenario, learner, memories)
+    tables = [factored_tables(memory, k, team) for k, memory in enumerate(memories)]
+    if team == MOST_ROBOTS and scenario.link == UP:
+        before, value, found = _of_a_pair(learned, learner, tables)
+    else:
+        before, value, found = _by_trials(learned, learner, tables, memories)
+    return Improvement(tuple(found), before, value, tuple(sorted(learned.map.doorways)))
+
+
+def save_improved(directory: Path, run: RunConfig, found: Improvement) -> Path:
+    """Write what a run's robots made of what they learned, as a run's directory in its own.
+
+    Raises:
+        RunError: it exists already.
+        OSError: it cannot be written.
+    """
+    folder = create_output(directory / IMPROVED)
+    write_whole(folder / RUN_FILE, run.to_yaml())
+    save_team(folder, found.tables)
+    return folder
+
+
+def learned_scenario(scenario: Scenario, learner: Learner, memories: Sequence[Memory]) -> Scenario:
+    """Return the game as the team knows it; arguments as of `improve`.
+
+    Where a move leads says the robot that made it most often. Moves succeed as often as those did
+    that ever led anywhere; the others are walls. r^C is for each robot what it felt, on average.
+    """
+    cells = np.arange(len(scenario.map.cells))
+    tried = np.array([memory.star_updates[:, :PRIMITIVES] for memory in memories]).sum(axis=0)
+    moved, successor, door = (
+        np.array([memory.more[name] for memory in memories])
+        for name in ("moved", "successor", "door")
+    )
+    most, leads = moved.argmax(axis=0)[None], moved.any(axis=0)
+    felt = door.sum(axis=1) / np.maximum(1, (door != 0.0).sum(axis=1))
+    paid = felt / (learner.weights(scenario).common or 1.0)
+    same = {field.name: getattr(scenario.map, field.name) for field in fields(GridMap)}
+    return replace(
+        scenario,
+        map=LearnedMap(
+            **same,
+            lead=np.where(leads, np.take_along_axis(successor, most, 0)[0], cells[:, None]),
+            felt=frozenset(np.flatnonzero(door.any(axis=0)).tolist()),
+        ),
+        move_success=float(moved.sum() / max(1, tried[leads].sum())),
+        penalty=-1.0,
+        common_reward=Spec("each", tuple((-paid).tolist())),
+    )
+
+
+def _of_a_pair(
+    learned: Scenario, learner: Learner, tables: Sequence[Tables]
+) -> tuple[float, float, list[Tables]]:
+    """Climb by exact values: the value before and after, and the improved tables."""
+    agents = [
+        learner.agent(learned, k, 0, tables=table, learning=False)
+        for k, table in enumerate(tables)
+    ]
+    cells = range(len(learned.map.cells))
+    actions = np.array([table.q_star.argmax(axis=1) for table in tables])
+    unseen = [[agent.values_asking(x, None)[:PRIMITIVES] for x in cells] for agent in agents]
+    asks = actions == COORDINATE
+    moves = np.where(asks, np.argmax(unseen, axis=2), actions)
+    seen = np.array([np.argmax(np.asarray(table.q_coord), axis=-1) for table in tables])
+    found = climbed(learned, ClassTeam(moves, asks, seen))
+    improved = []
+    for k, table in enumerate(tables):
+        star, team = table.q_star.copy(), found.team
+        chosen = np.where(team.asks[k], COORDINATE, team.moves[k])
+        for x in np.flatnonzero(found.visited[k]).tolist():
+            star[x] = preferring(star[x], chosen[x])
+        after: dict[tuple[int, int, int], int] = {}
+        for x in np.flatnonzero(team.asks[k]).tolist():
+            after |= {(x, 1 - k, z): team.seen[k, x, z] for z in cells}
+            after[x, UNSEEN, UNSEEN] = team.moves[k, x]
+        improved.append(_acting(learned, learner, k, table, star, after))
+    return found.before, found.value, improved
+
+
+def _by_trials(
+    learned: Scenario, learner: Learner, tables: Sequence[Tables], memories: Sequence[Memory]
+) -> tuple[float, float, list[Tables]]:
+    """Climb by trials with the same draws; as `_of_a_pair`."""
+    team = CompiledTeam(learned, learner)
+    minds = team.remembered(memories)
+    star, lead = minds.q_star, learned.map.next_cell
+
+    def worth(trials: int) -> Trials:
+        return team.play(minds, 0, trials, paired=True)
+
+    best = worth(TRIALS)
+    before, better = best.reward.mean(), True
+    while better:
+        better = False
+        for k, x in np.argwhere(best.stays > 0).tolist():
+            for action in range(len(ACTIONS)):
+                old = star[k, x].copy()
+                if action == old.argmax() or action < PRIMITIVES and lead[x, action] == x:
+                    continue
+                star[k, x] = preferring(old, action)
+                few = worth(LOOKED_AT).reward.mean(axis=1) - best.reward[:LOOKED_AT].mean(axis=1)
+                if few.mean() > 0.0:
+                    found = worth(TRIALS)
+                    gain = (found.reward - best.reward).mean(axis=1)
+                    if gain.mean() > SURE * gain.std() / TRIALS**0.5:
+                        best, better = found, True
+                        continue
+                star[k, x] = old
+    improved = [_acting(learned, learner, k, one, star[k], {}) for k, one in enumerate(tables)]
+    return float(before), float(best.reward.mean()), improved
+
+
+def preferring(values: np.ndarray, chosen: int) -> np.ndarray:
+    """Return values of which the chosen one leads: the others are lowered as far as need be."""
+    lowered: np.ndarray = np.minimum(values, values[chosen] - LEAD)
+    lowered[chosen] = values[chosen]
+    return lowered
+
+
+def _acting(
+    scenario: Scenario,
+    learner: Learner,
+    k: int,
+    table: Tables,
+    star: np.ndarray,
+    after: Mapping[tuple[int, int, int], int],
+) -> Tables:
+    """Return the tables of robot k that acts by other values.
+
+    Args:
+        scenario: the game.
+        learner: who learned.
+        k: the robot, from 0.
+        table: what it learned.
+        star: its new Q*, shape (cells, 5).
+        after: its move by own cell, peer and the peer's cell, as of `Factors.states`.
+    """
+    assert table.factors is not None
+    u, _, _, states, rho = table.factors
+    rows = dict(zip(map(tuple, states.tolist()), rho, strict=True))
+    for state, move in after.items():
+        lone = u[state[0]]
+        row = rows.get(state, np.zeros(PRIMITIVES))
+        rows[state] = preferring(lone + row, move) - lone
+    cost = learner.weights(scenario).ask_cost * scenario.ask_cost
+    kept = sorted(state for state, row in rows.items() if row.any())
+    factors = Factors(
+        individual=u,
+        common=star[:, :PRIMITIVES] - u,
+        asking=star[:, COORDINATE] - u.max(axis=1) + cost,
+        states=np.array(kept, dtype=np.int32).reshape(len(kept), 3),
+        corrections=np.array([rows[state] for state in kept]).reshape(len(kept), PRIMITIVES),
+    )
+    return Tables(star, coordination_table(factors, k, len(scenario.robots)), factors)

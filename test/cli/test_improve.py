@@ -1,0 +1,50 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""`sparse_coord improve`, and `--improve` of train."""
+
+import json
+
+import pytest
+
+from sparse_coord_ros.compiling import has_numba
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn.tables import load_team
+
+pytestmark = pytest.mark.skipif(not has_numba(), reason="minutes in plain Python")
+
+TRAIN = ("train", "env1", "--learner", "factored", "--steps", 1500, "--seed", 3)
+
+
+def test_improve(sparse_coord, refused, folder):
+    assert sparse_coord(*TRAIN, "--penalty", -100, "--out", "a")[0] == 0
+    code, out, err = sparse_coord("improve", "a")
+    assert (code, err) == (0, "")
+    for words in ("a: Factored, exact", "a/improved: Factored, exact", "on the learned model: "):
+        assert words in out
+    assert "no r^C" not in out
+    _, out, _ = sparse_coord("evaluate", "a", "a/improved", "--json")
+    learned, improved = (run["reward"]["mean"] for run in json.loads(out)["runs"])
+    assert improved > learned + 1
+    assert "improved: exists already" in refused("improve", "a")
+    assert "a/improved: holds tables alone" in refused("improve", "a/improved")
+
+
+def test_train_improves_to_the_same_tables_and_says_which_doorways_nobody_felt(
+    sparse_coord, folder
+):
+    code, out, _ = sparse_coord(*TRAIN, "--penalty", 0, "--out", "a", "--improve", "--json")
+    plan = json.loads(out)["improved"]
+    assert code == 0 and plan["learned_model"]["doorways"] == []
+    assert plan["learned_model"]["unfelt"] == [10]
+    assert [run["directory"] for run in plan["runs"]] == ["a", "a/improved"]
+    assert sparse_coord(*TRAIN, "--penalty", 0, "--out", "b")[0] == 0
+    _, out, _ = sparse_coord("improve", "b")
+    assert "no r^C was ever felt in doorway (2, 2)" in out
+    scenario = load_scenario("env1")
+    teams = [load_team(folder / name / "improved", scenario) for name in "ab"]
+    for one, other in zip(*teams, strict=True):
+        assert (one.q_star == other.q_star).all()
+
+
+def test_who_cannot_improve(refused):
+    assert "learner coop keeps no model" in refused("train", "env1", "--improve")

@@ -1,0 +1,169 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Planning on what was learned: the best plan there, and nothing of the true map in it."""
+
+import itertools
+
+import numpy as np
+import pytest
+from teams import drawn
+
+from sparse_coord_ros.compiling import has_numba
+from sparse_coord_ros.engine import improve as module
+from sparse_coord_ros.engine.improve import improve, learned_scenario, preferring
+from sparse_coord_ros.engine.training import train
+from sparse_coord_ros.errors import SettingError
+from sparse_coord_ros.game.actions import COORDINATE, EAST, NORTH, WEST
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn.evaluation import play
+from sparse_coord_ros.learn.learners import learner_of
+from sparse_coord_ros.solve import class_loops, class_search
+from sparse_coord_ros.solve.class_loops import ClassTeam
+from sparse_coord_ros.solve.exact import evaluate_exact
+
+FACTORED = learner_of("factored")
+needs_numba = pytest.mark.skipif(not has_numba(), reason="minutes in plain Python")
+
+
+def trained(name="env2-2r", **settings):
+    chosen = {"penalty": -100, "steps": 3000, **settings}
+    scenario = name if not isinstance(name, str) else load_scenario(name)
+    return train(scenario.with_settings(chosen), "factored", 7)
+
+
+def improved(run, memories=None):
+    return improve(run.scenario, FACTORED, memories or run.memories)
+
+
+def learned(run, memories=None):
+    return learned_scenario(run.scenario, FACTORED, memories or run.memories)
+
+
+def changed(memory, **more):
+    return memory._replace(more={**memory.more, **more})
+
+
+def test_the_learned_game_is_what_was_counted_and_felt():
+    run = trained("env1", common_reward="each:1:0.5", steps=2000)
+    one, other = run.memories
+    scenario = learned(run)
+    grid = run.scenario.map
+    assert scenario.penalties == (-100, -50)
+    assert scenario.map.doorways == grid.doorways
+    moves = one.more["moved"] + other.more["moved"]
+    tried = (one.star_updates + other.star_updates)[:, :4]
+    assert scenario.move_success == moves.sum() / tried[moves > 0].sum() != 0.8
+    assert np.array_equal(scenario.map.next_cell[moves > 0], grid.next_cell[moves > 0])
+    assert (scenario.map.next_cell == np.arange(len(moves))[:, None])[moves == 0].all()
+    weighed = train(run.scenario.with_settings(credit="weight:2"), "factored", 7)
+    assert learned(weighed).penalties == (-100, -50)
+
+
+def test_the_robot_that_moved_most_says_where_a_move_leads():
+    run = trained(drawn("1..D..2"), steps=200)
+    one, other = run.memories
+    moved, there = one.more["moved"].copy(), one.more["successor"].copy()
+    moved[0, NORTH], there[0, NORTH] = 10**6, 3
+    told = (changed(one, moved=moved, successor=there), other)
+    assert learned(run, told).map.next_cell[0, NORTH] == 3
+    assert learned(run, told).map.distances_to(3)[0] == 1
+
+
+@needs_numba
+def test_the_plan_for_a_corridor_is_the_best_of_all():
+    run = trained(drawn("1D.2"), steps=1500, q_coord_init=200)
+    scenario, loops = learned(run), class_loops.compiled()
+    game = class_search._game(scenario, (0.5, 0.5))
+    space, both = class_search._space(scenario, game), np.ones(2, dtype=bool)
+    choices = itertools.product((NORTH, EAST, WEST, COORDINATE), repeat=3)
+    robots = [np.array(choice) for choice in choices]
+    best = -np.inf
+    for one, other in itertools.product(robots, repeat=2):
+        actions = np.array([[*one, NORTH], [NORTH, *other]])  # nobody acts at its goal
+        asks = actions == COORDINATE
+        team = ClassTeam(np.where(asks, 0, actions), asks, np.zeros((2, 4, 4), dtype=np.int64))
+        best = max(best, loops.solve(game, team, both, space, -np.inf))
+    found = improved(run)
+    assert found.value == pytest.approx(best, abs=1e-6)
+    assert found.before <= found.value
+
+
+@needs_numba
+@pytest.mark.parametrize("settings", [{}, {"perception": "probability:0.7"}])
+def test_greedy_reading_of_the_tables_is_the_plan(settings):
+    run = trained(**settings)
+    found, scenario = improved(run), learned(run)
+    value = evaluate_exact(scenario, found.tables, learner=FACTORED).reward.mean
+    assert value == pytest.approx(found.value, abs=1e-3)  # trials end after 100 steps
+    before = evaluate_exact(scenario, run.tables, learner=FACTORED).reward.mean
+    assert before == pytest.approx(found.before, abs=1e-3)
+    assert found.value > found.before + 1
+    truth = evaluate_exact(run.scenario, found.tables, learner=FACTORED).reward.mean
+    assert truth > evaluate_exact(run.scenario, run.tables, learner=FACTORED).reward.mean + 1
+    for table, old in zip(found.tables, run.tables, strict=True):
+        assert np.array_equal(table.factors.individual, old.factors.individual)
+        assert (table.q_star <= old.q_star).all()
+        star = table.factors.individual + table.factors.common
+        assert table.q_star[:, :4] == pytest.approx(star)
+
+
+@needs_numba
+def test_it_plans_with_the_learned_map_not_with_the_true_one():
+    """Nobody ever came to one of the two doorways: the plan goes through the other."""
+    grid = "1.#.2\n..D..\n..#..\n..D.."
+    robots = {"robot_1": (1, 2), "robot_2": (2, 1)}
+    run = trained(drawn(grid, robots), steps=2000)
+    upper, lower = sorted(run.scenario.map.doorways)
+
+    def visits(found):
+        trials = play(run.scenario, found.tables, trials=20, seed=1, learner=FACTORED)
+        return trials.stays[:, [upper, lower]].sum(axis=0)
+
+    blind = []
+    for memory in run.memories:
+        moved = memory.more["moved"].copy()
+        moved[run.scenario.map.next_cell == upper] = 0
+        blind.append(changed(memory, moved=moved))
+    assert visits(improved(run))[0] > 0
+    assert visits(improved(run, blind))[0] == 0 < visits(improved(run, blind))[1]
+
+
+@needs_numba
+def test_a_doorway_that_nobody_felt_is_free():
+    run = trained(drawn("1.D.2"), steps=2000)
+    careless = [changed(one, door=np.zeros_like(one.more["door"])) for one in run.memories]
+    found = improved(run, careless)
+    assert improved(run).doorways == (2,) and found.doorways == ()
+    assert found.value > improved(run).value + 1
+    asked = [table.q_star.argmax(axis=1)[:4] == COORDINATE for table in found.tables]
+    assert not np.any(asked)
+
+
+@needs_numba
+def test_four_robots_climb_by_trials_all_to_the_same_plan(monkeypatch):
+    monkeypatch.setattr(module, "TRIALS", 200)
+    monkeypatch.setattr(module, "LOOKED_AT", 50)
+    run = trained("crowd-4r", steps=3000)
+    found, again = improved(run), improved(run)
+    assert found.value > found.before
+    for one, other in zip(found.tables, again.tables, strict=True):
+        assert np.array_equal(one.q_star, other.q_star)
+    values = [
+        play(learned(run), tables, trials=500, seed=3, learner=FACTORED).reward.mean()
+        for tables in (run.tables, found.tables)
+    ]
+    assert values[1] > values[0]
+
+
+def test_preferring():
+    values = np.array([5.0, 7.0, 6.5, 1.0, 3.0])
+    assert preferring(values, 2).tolist() == [5.0, 5.5, 6.5, 1.0, 3.0]
+    assert values[1] == 7
+
+
+def test_what_it_needs():
+    coop = learner_of("coop")
+    with pytest.raises(SettingError, match="^improve: learner coop keeps no model"):
+        improve(load_scenario("env1"), coop, [])
+    with pytest.raises(SettingError, match=r"improve: .* needs setting referee=true"):
+        improve(load_scenario("env2-4r"), FACTORED, [])
