@@ -143,3 +143,13 @@ def test_a_fleet_that_fails_ends_alone_and_the_outer_launch_hears_it(outer, tmp_
     assert "heard ('world_simulator-2 ended with exit code -9',)" in launched.output
     assert "the third one ended well" in launched.output
     assert verify(tmp_path / "b" / "bag").same
+
+
+def test_in_a_namespace_drivers_find_their_bodies_by_tf(ros2_launch, tmp_path):
+    pytest.importorskip("tf2_msgs")
+    out = tmp_path / "run"
+    given = ("namespace:=a", "pose_type:=tf", "set:=steps=40,starts=fixed", f"out:={out}")
+    launched = ros2_launch(LAUNCH / "bodies.launch.py", *given)
+    assert launched.ends() == 0, launched.output
+    assert verify(out / "bag").same
+    assert yaml.safe_load((out / "summary.yaml").read_text())["moves_failed"] == 0
