@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from floor_plans import FREE, PIXEL, Drawing, drawn, matched, write
 
 from sparse_coord_ros.errors import MapError, ScenarioError
 from sparse_coord_ros.game.scenario import load_scenario
@@ -16,7 +17,6 @@ from sparse_coord_ros.maps.image import FloorPlan, read_floor_plan
 from sparse_coord_ros.maps.plan import import_map, scenario_of
 from sparse_coord_ros.maps.preview import write_preview
 from sparse_coord_ros.wire.frame import Frame
-from tools.floor_plans import FREE, PIXEL, Drawing, drawn, matched, write
 
 CORNERS = (-9.0, -6.0), (9.0, 6.0)
 
@@ -68,6 +68,14 @@ def test_maps_that_no_tuning_has_seen(tmp_path, name, found, odd):
     done = import_map(read_floor_plan(tmp_path / f"{name}.yaml"), cell=0.5, radius=0.2)
     assert matched(true, done.grid) == (found, odd)
     assert "passages are two cells wide" in done.notes[0]
+
+
+@pytest.mark.long
+def test_a_large_map(tmp_path):
+    true = write("tower", tmp_path)
+    done = import_map(read_floor_plan(tmp_path / "tower.yaml"), cell=0.5, radius=0.2)
+    assert len(done.grid.cells) == 153_776
+    assert matched(true, done.grid) == (len(true), 0) == (112, 0)
 
 
 @pytest.mark.parametrize("north", [False, True])

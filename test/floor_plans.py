@@ -1,14 +1,8 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Draw maps of map_server whose doorways are known, to count what import-map finds.
+"""Draws maps of map_server whose doorways are known, to count what import-map finds."""
 
-`python -m tools.floor_plans DIR` writes them; with `--check` it imports each one as well, counts
-doorways found, missed and false, and writes the previews.
-"""
-
-import argparse
 import math
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,12 +13,9 @@ from PIL import Image
 from scipy import ndimage
 
 from sparse_coord_ros.game.grid import GridMap
-from sparse_coord_ros.maps.image import read_floor_plan
-from sparse_coord_ros.maps.plan import import_map
-from sparse_coord_ros.maps.preview import write_preview
 
 UNKNOWN, WALL, FREE = 205, 0, 254
-PIXEL, CELL = 0.05, 0.5
+PIXEL = 0.05
 """Metres."""
 
 DRAWINGS = Path(__file__).with_name("floor_plans.yaml")
@@ -238,31 +229,3 @@ def matched(true: list[tuple[float, float]], grid: GridMap) -> tuple[int, int]:
     found = [(x + (c + 0.5) * side, y + (grid.shape[0] - r - 0.5) * side) for r, c in places]
     hits = sum(any(math.dist(t, f) <= NEAR for f in found) for t in true)
     return hits, sum(all(math.dist(t, f) > NEAR for t in true) for f in found)
-
-
-def main() -> None:
-    """Write the maps, and check them."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("directory", type=Path)
-    parser.add_argument("--check", action="store_true", help="import each map and count doorways")
-    options = parser.parse_args()
-    options.directory.mkdir(parents=True, exist_ok=True)
-    for name in PLANS:
-        true = write(name, options.directory)
-        if options.check:
-            began = time.monotonic()
-            plan = read_floor_plan(options.directory / f"{name}.yaml")
-            done = import_map(plan, cell=CELL, radius=0.2)
-            write_preview(options.directory / f"{name}_preview.png", plan, done.grid)
-            seconds = time.monotonic() - began
-            hits, false = matched(true, done.grid)
-            rows, columns = plan.free.shape
-            print(
-                f"{name}: {columns} x {rows} pixels, {len(done.grid.cells)} cells, "
-                f"{done.doorways} doorways: {hits} of {len(true)} found, {false} false, "
-                f"{seconds:.1f} s"
-            )
-
-
-if __name__ == "__main__":
-    main()
