@@ -209,13 +209,11 @@ def drive(
         times = np.full(len(tables), scenario.horizon)
         asks = np.zeros(len(tables), dtype=np.int64)
         steps = miscoordinations = 0
-        over = False
-        while not over:
+        while not world.episode_over:
             _, actions = team.act(world)
             while not sent.made(actions):
                 floor.drive()
             outcome = world.advance(actions)
-            over = outcome.episode_over
             steps += 1
             miscoordinations += outcome.miscoordination
             asks += [action is not None and action.asked for action in actions]

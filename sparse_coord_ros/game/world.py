@@ -176,6 +176,11 @@ class World:
         self.arrived = [k not in self.agents for k in range(len(self.cells))]
         self._place()
 
+    @property
+    def episode_over(self) -> bool:
+        """Whether all agents that act have arrived, or the episode's steps are used up."""
+        return all(self.arrived) or self.step - self._episode_start >= self.max_steps
+
     def position(self) -> Position:
         """Return where the game is."""
         if self.step == self._episode_start:
@@ -223,8 +228,7 @@ class World:
         self.step += 1
         self.transitions += 1
         self.miscoordinations += miscoordination
-        over = all(self.arrived) or self.step - self._episode_start >= self.max_steps
-        return StepOutcome(tuple(rewards), miscoordination, tuple(arrivals), over)
+        return StepOutcome(tuple(rewards), miscoordination, tuple(arrivals), self.episode_over)
 
     def _reward(
         self, k: int, action: Action | None, home: bool, miscoordination: bool, places: list[int]

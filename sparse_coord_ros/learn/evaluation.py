@@ -162,8 +162,8 @@ def play(
     stays = np.zeros_like(asked)
     for trial in range(trials):
         world.begin_episode()
-        over, discount, elapsed = False, 1.0, 0
-        while not over:
+        discount, elapsed = 1.0, 0
+        while not world.episode_over:
             cells = list(world.cells)
             _, actions = team.act(world)
             outcome = world.advance(actions)
@@ -182,7 +182,6 @@ def play(
                 reward[trial, k] += discount * scenario.goal_reward / (1.0 - scenario.discount)
             conflicts[trial] += outcome.miscoordination
             discount *= scenario.discount
-            over = outcome.episode_over
         arrived[trial] = world.arrived
     return Trials(reward, times, asks, arrived, conflicts, asked, stays)
 

@@ -121,15 +121,13 @@ def played_episode(
 def _play(world: World, team: Team, recorder: HistoryRecorder) -> Iterator[Glimpse]:
     """Play an episode."""
     world.begin_episode()
-    over = False
-    while not over:
+    while not world.episode_over:
         step, cells = world.step, tuple(world.cells)
         _, actions = team.act(world)
         outcome = world.advance(actions)
         recorder.add(world.episode, step, actions, outcome)
         after = tuple(world.cells)
         yield Glimpse(step, cells, tuple(actions), after, outcome.miscoordination, outcome.rewards)
-        over = outcome.episode_over
 
 
 def _chosen(wanted: int | str, history: History, own: np.ndarray, where: str) -> int:

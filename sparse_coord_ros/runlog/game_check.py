@@ -38,7 +38,6 @@ class WorldCheck:
         resets: episodes that began early: by a reset, or as no robot was left to wait for.
         starts: the first time steps of the episodes.
         went_on: whether the time step before was a transition.
-        over: whether that ended the episode.
         reasons: why the episode can have begun.
         first: the first difference in states, rewards, clock or status; None: there is none.
     """
@@ -61,7 +60,7 @@ class WorldCheck:
         self.parts = len(wire.REWARD.labels) + bool(log.run.scenario.referee)
         self.transitions = self.left_out = self.resets = 0
         self.starts: list[int] = []
-        self.went_on = self.over = False
+        self.went_on = False
         self.reasons: tuple[str, ...] = (wire.Began.START,)
         if stretch.start is not None:
             self._go_on_from(*stretch.start[:2])
@@ -77,8 +76,6 @@ class WorldCheck:
         self.left_out, self.reasons = left_out, tuple(wire.Began)
         if position.under_way:
             self.starts, self.went_on = [position.episode_start], True
-            length = world.step - position.episode_start
-            self.over = all(world.arrived) or length >= world.max_steps
 
     def differences(self) -> list[Difference]:
         """Return in what states, rewards, clock, status, map, markers and repeats differ."""
@@ -110,12 +107,10 @@ class WorldCheck:
         if step != due:
             return self.odd(due, 0, wire.LOCAL_STATE.name, MISSING, "a state")
         if self.starts and not self.went_on:
-            self.reasons = (
-                (wire.Began.STEPS,) if self.over else (wire.Began.RESET, wire.Began.NOBODY_LEFT)
-            )
-            self.reasons = (wire.Began.ARRIVED,) if all(world.arrived) else self.reasons
-            self.resets += not self.over
-            self.over = False
+            self.reasons = (wire.Began.RESET, wire.Began.NOBODY_LEFT)
+            if world.episode_over:
+                self.reasons = (wire.Began.ARRIVED if all(world.arrived) else wire.Began.STEPS,)
+            self.resets += not world.episode_over
             world.begin_episode()
         if not self.went_on:
             self.starts.append(step)
@@ -179,7 +174,6 @@ class WorldCheck:
             if not _says(said, due, self.log.tracks.rewards[k].others.get(step, ())):
                 parts = _parts(said.tolist()), _parts(due.tolist())
                 return self.odd(step, k, wire.REWARD.name, *parts)
-        self.over = outcome.episode_over
         self.transitions += 1
         self.left_out += len(left)
         return None
@@ -187,7 +181,7 @@ class WorldCheck:
     def _rewarded(self, step: int, k: int) -> Difference | None:
         """Return why a robot cannot have been rewarded in a time step."""
         row, world = self.log.row_of[step], self.world
-        over = self.over or world.transitions == world.scenario.steps
+        over = world.episode_over or world.transitions == world.scenario.steps
         if over or world.arrived[k]:
             logged = f"{tuple(self.log.rewards[row, k, : self.parts].tolist())}"
             computed = "none" if over else "none: it has arrived"
@@ -212,7 +206,7 @@ class WorldCheck:
         """The log must say how the run ended, and end there."""
         world = self.world
         left = world.scenario.steps - world.transitions
-        if self.went_on or (self.over and left):
+        if self.went_on or (world.episode_over and left):
             due = world.step + (0 if self.went_on else EPISODE_GAP)
             return self.odd(due, 0, wire.LOCAL_STATE.name, MISSING, "a state")
         end = next(reversed(self.log.tracks.statuses), None)

@@ -9,7 +9,7 @@ counted, since its checkpoint is lost, and the log does not say what it began wi
 
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import suppress
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from sparse_coord_ros import wire
 from sparse_coord_ros.game.world import EPISODE_GAP
@@ -18,7 +18,7 @@ from sparse_coord_ros.runlog.decode import Decoder
 from sparse_coord_ros.runlog.difference import MISSING, Difference
 from sparse_coord_ros.runlog.log import RunLog
 from sparse_coord_ros.runlog.tracks import THE_CLOCK
-from sparse_coord_ros.wire.status import ROLL_CALL, values_of
+from sparse_coord_ros.wire.status import ROLL_CALL, read_progress, read_status
 
 KEPT = {one.name: one for one in (wire.MAP, wire.MARKERS, wire.COORDINATION_MAP, wire.TABLES)}
 """Of what the middleware keeps only the last messages for a recorder that lags."""
@@ -99,8 +99,8 @@ def _causes(log: RunLog, agents: Sequence[AgentCheck]) -> Iterator[Cause]:
             yield Cause(text, agent.missing_tables(agent.end).__eq__)
     if not log.broken_off and tracks.statuses and tracks.statuses[-1].state not in wire.OVER:
         yield Cause("the world did not say how the run ended (killed?)", _of_its_end(log))
-    orders = [(step, said.get("rollback", "").split()) for step, said in _values(log, wire.STATUS)]
-    calls = [(step, order[0]) for step, order in orders if order[1:2] == [str(ROLL_CALL)]]
+    said = _said(log, wire.STATUS, read_status)
+    calls = [(step, one.order.name) for step, one in said if one.order.step == ROLL_CALL]
     for k in range(len(log.names)):
         yield from _robot_returns(log, k, {"", *(name for _, name in calls)})
     yield from (_world_returns(step) for step, _ in calls[:1])
@@ -132,24 +132,23 @@ def _robot_returns(log: RunLog, k: int, calls: Collection[str]) -> list[Cause]:
         calls: names of orders by which nobody goes back.
     """
     life, backs, name = "", [], log.names[k]
-    for step, said in _values(log, wire.PROGRESS, k):
-        if life and said.get("life") != life and said.get("resumed") == "1":
-            since = said.get("step", "")
+    for step, said in _said(log, wire.PROGRESS, read_progress, k):
+        if life and said.life != life and said.resumed:
 
-            def explains(odd: Difference, step: int = step, since: str = since) -> bool:
+            def explains(odd: Difference, step: int = step, since: int = said.step) -> bool:
                 """Whether it is of then; or the tables of its checkpoint, which come again."""
-                again = (odd.quantity, odd.logged, f"{odd.step}")
+                again = (odd.quantity, odd.logged, odd.step)
                 late = odd.step is not None and odd.step >= step
                 return odd.robot == name and (late or again == (wire.TABLES.name, "twice", since))
 
             text = (
                 f"{name} came back at step {step} with what it had learned until step "
-                f"{since}, and went on with that: what it then does and learns is not "
+                f"{said.step}, and went on with that: what it then does and learns is not "
                 "computed again"
             )
             backs.append(Cause(text, explains))
-        life = said.get("life", "")
-        backs = backs if said.get("obeyed", "") in calls else []
+        life = said.life
+        backs = backs if said.obeyed in calls else []
     return backs
 
 
@@ -163,12 +162,12 @@ def _world_returns(step: int) -> Cause:
     return Cause(f"{text}: what it then does is not computed again", explains)
 
 
-def _values(
-    log: RunLog, topic: wire.Topic, k: int | None = None
-) -> Iterator[tuple[int, dict[str, str]]]:
-    """Yield the log's time step and the values of each message of a topic."""
+def _said(
+    log: RunLog, topic: wire.Topic, read: Callable[[Any], Any], k: int | None = None
+) -> Iterator[tuple[int, Any]]:
+    """Yield the log's time step and what is read of each message of a topic."""
     decode, period, name = Decoder(log.bag.topics), log.frame.period, log.tracks.topic(topic, k)
     for message in log.bag.messages({name}) if name in log.bag.topics else ():
-        with suppress(AttributeError, ValueError):  # no DiagnosticStatus; its reader says so
-            said = values_of(decode(name, message.data))
+        with suppress(AttributeError, ValueError):  # another message; its reader says so
+            said = read(decode(name, message.data))
             yield round(message.log_time_ns / period), said
