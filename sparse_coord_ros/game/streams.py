@@ -13,7 +13,7 @@ LEARNING, EVALUATION = 0, 1
 """Phases of a run: the same seed gives independent draws in each."""
 
 POLICY, MOTION, PERCEPT, START, REPLAY, BLIND = range(6)
-"""Roles of a stream; the last two are those of the factored learner."""
+"""Roles of a stream; REPLAY: the factored learner's, BLIND: of those that explore as they ask."""
 
 DRAWS = {POLICY: 5, MOTION: 1, PERCEPT: 1, START: 2, REPLAY: 1, BLIND: 2}
 """Draws a time step owns, by role."""
@@ -23,7 +23,7 @@ EXPLORE, EXPLORED_ACTION, TIE, PRIMITIVE_TIE, PEER = range(5)
 choice, the tie draw of pi_g (Algorithm 1, lines 7 and 9), which peer to perceive."""
 
 BLIND_EXPLORE, BLIND_ACTION = range(2)
-"""Columns of the BLIND stream: whether the move after a failed percept is explored, and which."""
+"""Columns of the BLIND stream: whether the move that COORDINATE becomes is explored, and which."""
 
 BLOCK = 256
 

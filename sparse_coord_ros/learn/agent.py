@@ -419,7 +419,7 @@ class TableMinds(NamedTuple):
     def initial(cls, scenario: Scenario, learner: "Learner", block: int) -> "TableMinds":
         """Return what robots know before learning; as of `loops.Minds`."""
         team, cells = len(scenario.robots), len(scenario.map.cells)
-        q_star = np.repeat(learner.tables(scenario).q_star[None], team, axis=0)
+        q_star = np.stack([learner.tables(scenario, k).q_star for k in range(team)])
         first = scenario.q_coord_init
         rows = make_rows(team, cells * cells if learner.asks else 0, first)
         if learner.asks and scenario.sparse:
@@ -471,17 +471,7 @@ class TableMinds(NamedTuple):
         state: loops.State, minds: "TableMinds", step: int, k: int, epsilon: float
     ) -> int:
         """Turn COORDINATE into a move by the row of Q^C that is perceived, or by Q*."""
-        row, cells = loops.NO_ROW, state.game.cells
-        if len(cells) > 1:
-            key = perceived_state(state, k, step)
-            if key != loops.NO_ROW:
-                row = row_to_learn(minds.rows, k, key)
-        state.choice.rows[k] = row
-        if row == loops.NO_ROW:
-            values = minds.q_star[k, cells[k]]
-        else:
-            values = minds.rows.values[k, row]
-        return loops.greedy_action(values, PRIMITIVES, state.draws, k, step, streams.PRIMITIVE_TIE)
+        return move_by_rows(state, minds, step, k)
 
     @staticmethod
     def bootstrap(state: loops.State, minds: "TableMinds", step: int, k: int, y: int) -> float:
@@ -511,6 +501,22 @@ class TableMinds(NamedTuple):
             learn_entry(problem, values, updates, choice.moves[k], total, after, floor)
         values, updates = minds.q_star[k, x], minds.star_updates[k, x]
         learn_entry(problem, values, updates, action, total, after, floor)
+
+
+@inlined
+def move_by_rows(state: loops.State, minds: Any, step: int, k: int) -> int:
+    """Return robot k's move by the row of Q^C that it perceives, or by Q*; note the row."""
+    row, cells = loops.NO_ROW, state.game.cells
+    if len(cells) > 1:
+        key = perceived_state(state, k, step)
+        if key != loops.NO_ROW:
+            row = row_to_learn(minds.rows, k, key)
+    state.choice.rows[k] = row
+    if row == loops.NO_ROW:
+        values = minds.q_star[k, cells[k]]
+    else:
+        values = minds.rows.values[k, row]
+    return loops.greedy_action(values, PRIMITIVES, state.draws, k, step, streams.PRIMITIVE_TIE)
 
 
 @inlined

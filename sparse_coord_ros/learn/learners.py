@@ -27,6 +27,7 @@ from sparse_coord_ros.learn.agent import (
     check_joint_states,
     initial_tables,
 )
+from sparse_coord_ros.learn.cq import MARK, CQAgent, CQMinds, check_pair
 from sparse_coord_ros.learn.factored import (
     FactoredAgent,
     FactoredMinds,
@@ -34,6 +35,8 @@ from sparse_coord_ros.learn.factored import (
     initial_factored,
 )
 from sparse_coord_ros.learn.factors import FactorRule
+from sparse_coord_ros.learn.fcq import FCQAgent, FCQMinds
+from sparse_coord_ros.learn.lone import lone_tables
 
 
 class Learner:
@@ -110,8 +113,8 @@ class Learner:
         """
         return RewardWeights(1.0, scenario.common_weight, 1.0)
 
-    def tables(self, scenario: Scenario) -> Tables:
-        """Return the tables of one robot before learning (Algorithm 1, line 1)."""
+    def tables(self, scenario: Scenario, number: int = 0) -> Tables:
+        """Return the tables of a robot (from 0) before learning (Algorithm 1, line 1)."""
         return initial_tables(scenario, asks=self.asks)
 
     def agent(
@@ -140,7 +143,7 @@ class Learner:
             seed,
             asks=self.asks,
             weights=self.weights(scenario),
-            tables=self.tables(scenario) if tables is None else tables,
+            tables=self.tables(scenario, number) if tables is None else tables,
             learning=learning,
             phase=phase,
             **({} if self.factors is None else {"rule": self.factors}),
@@ -299,13 +302,45 @@ class Factored(Learner):
         """Raise `SettingError` unless COORDINATE perceives every peer."""
         check_peers(scenario)
 
-    def tables(self, scenario: Scenario) -> Tables:
+    def tables(self, scenario: Scenario, number: int = 0) -> Tables:
         """Return the first robot's tables before learning; others have the same factors.
 
         Raises:
             SettingError: COORDINATE does not perceive every peer.
         """
         return initial_factored(scenario, self.weights(scenario))
+
+
+class CQ(Learner):
+    """CQ-learning, as `learn.cq` defines it."""
+
+    name = "cq"
+    title = "CQ-learning"
+    summary = "CQ-learning: asks in cells that it marks (De Hauwere et al., 2010)"
+    agent_class: type[Agent] = CQAgent
+    minds: type[Any] | None = CQMinds
+
+    def check(self, scenario: Scenario) -> None:
+        """Raise `SettingError` unless COORDINATE perceives one peer, and Q^C is dense."""
+        check_pair(scenario, self.label)
+
+    def weights(self, scenario: Scenario) -> RewardWeights:
+        """Return how much each part of R_k(t) counts: the price of asking does not."""
+        return super().weights(scenario)._replace(ask_cost=0.0)
+
+    def tables(self, scenario: Scenario, number: int = 0) -> Tables:
+        """Return a robot's tables before learning: the lone robot's Q*, no cell marked."""
+        return lone_tables(scenario, number, above=-MARK)
+
+
+class FCQ(CQ):
+    """FCQ-learning, as `learn.fcq` defines it."""
+
+    name = "fcq"
+    title = "FCQ-learning"
+    summary = "FCQ-learning: marks cells with conflicts ahead (De Hauwere et al., 2011)"
+    agent_class = FCQAgent
+    minds = FCQMinds
 
 
 def _learner(name: str, thing: object) -> Learner:
@@ -324,7 +359,7 @@ def _learner(name: str, thing: object) -> Learner:
 LEARNERS: Registry[Learner] = Registry("learner", "sparse_coord_ros.learners", _learner)
 """Every learner, by what it is called in files."""
 
-for _own in (Coop(), NonCoop(), Indiv(), Factored()):
+for _own in (Coop(), NonCoop(), Indiv(), Factored(), CQ(), FCQ()):
     LEARNERS.register(_own.label, _own)
 
 

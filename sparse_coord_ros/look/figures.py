@@ -19,6 +19,8 @@ from matplotlib.patches import Circle, Patch
 from sparse_coord_ros.errors import SettingError, did_you_mean
 from sparse_coord_ros.experiments.report.map_pictures import COLOUR_MAP, draw_map
 from sparse_coord_ros.game.actions import DIRECTIONS
+from sparse_coord_ros.learn.evaluation import acting_on
+from sparse_coord_ros.learn.learners import learner_of
 from sparse_coord_ros.look.policy import policy_of, sparsity_of
 from sparse_coord_ros.look.sources import TRIALS, Shown
 from sparse_coord_ros.look.steps import ended
@@ -291,7 +293,11 @@ def _asks(shown: Shown, label: str) -> Iterator[Panel]:
 
 
 def _sparsity(shown: Shown, label: str) -> Iterator[Panel]:
-    found = [sparsity_of(tables, shown.config.scenario) for tables in shown.tables]
+    rule = shown.config.known_rule or learner_of(acting_on(shown.tables[0]))
+    found = [
+        sparsity_of(tables, rule.tables(shown.config.scenario, k))
+        for k, tables in enumerate(shown.tables)
+    ]
     titles = [
         f"$Q^C$ of {name}, {one.share:.2%} learned"
         for name, one in zip(_names(shown), found, strict=True)

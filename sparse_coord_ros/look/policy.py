@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 
 from sparse_coord_ros.game.actions import COORDINATE, PRIMITIVES
-from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.learn.agent import Tables
 from sparse_coord_ros.learn.sparse import SparseTable
 
@@ -54,16 +53,16 @@ class Sparsity(NamedTuple):
         return float(self.by_cell.sum()) / (self.possible * len(self.by_cell))
 
 
-def sparsity_of(tables: Tables, scenario: Scenario) -> Sparsity:
+def sparsity_of(tables: Tables, begun: Tables) -> Sparsity:
     """Return how much of a robot's Q^C was learned: entries that are not what they began with."""
     cells, table = len(tables.q_star), tables.q_coord
     if tables.factors is not None:
         states = tables.factors.states
-        peers = len(scenario.robots) - 1
+        peers = len(table.shape) - 2
         return Sparsity(np.bincount(states[:, 0], minlength=cells), peers * cells + 1)
-    possible = cells ** (scenario.perceived - 1)
+    possible = cells ** (len(table.shape) - 2)
     if isinstance(table, SparseTable):
         learned = (table.rows != table.unseen).any(axis=1)
         return Sparsity(np.bincount(table.keys[learned, 0], minlength=cells), possible)
-    learned = (np.asarray(table) != scenario.q_coord_init).any(axis=-1)
+    learned = (np.asarray(table) != begun.q_coord).any(axis=-1)
     return Sparsity(learned.reshape(cells, -1).sum(axis=1), possible)

@@ -29,7 +29,7 @@ def first_tables(log: RunLog, k: int) -> tuple[Tables | None, Difference | None]
     recorded = [e.tables for e in log.all_tables if (e.robot, e.step) == (k, 0)]
     if run.tables or run.greedy:
         return (recorded[0] if recorded else None), None
-    fresh = run.rule.tables(run.scenario)
+    fresh = run.rule.tables(run.scenario, k)
     if recorded and not tables_equal(recorded[:1], [fresh]):
         return fresh, Difference(0, log.names[k], *first_entry(recorded[0], fresh))
     return fresh, None

@@ -95,7 +95,7 @@ def explained(log: RunLog, robot: int, steps: Sequence[int]) -> Iterator[Coordin
         doubt = None if odd is None else f"{odd}"
         if begun is None:
             doubt = f"the log does not hold the tables that {log.names[robot]} began with"
-            begun = log.run.rule.tables(log.run.scenario)
+            begun = log.run.rule.tables(log.run.scenario, robot)
     for part in stretches(log):
         mine = [step for step in steps if part.holds(step)]
         if not mine:

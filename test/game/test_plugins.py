@@ -58,7 +58,7 @@ class Nobody(sc.Learner):
         return "an agent"
 
 class Odd(sc.Learner):
-    def tables(self, scenario):
+    def tables(self, scenario, number=0):
         return scenario.no_such_setting
 
 class Needy(sc.Learner):

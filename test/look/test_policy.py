@@ -37,15 +37,21 @@ def test_a_baseline_never_asks_and_its_goal_has_no_move():
 
 @pytest.mark.parametrize(
     ("name", "learner", "settings"),
-    [("env1", "coop", {}), ("crowd-3r", "coop", {"peers": "all"}), ("crowd-3r", "factored", {})],
+    [
+        ("env1", "coop", {}),
+        ("env1", "fcq", {}),
+        ("crowd-3r", "coop", {"peers": "all"}),
+        ("crowd-3r", "factored", {}),
+    ],
 )
 def test_learned_joint_states(name, learner, settings):
     rule = learner_of(learner)
     asking = {"q_star_init": 100, "ask_cost": 0, "steps": 3000, "penalty": -100, **settings}
     scenario = rule.with_defaults(load_scenario(name).with_settings(asking))
-    before = sparsity_of(rule.tables(scenario), scenario)
+    begun = rule.tables(scenario)
+    before = sparsity_of(begun, begun)
     assert before.by_cell.sum() == 0 and before.share == 0
-    after = sparsity_of(learn(scenario, learner, 1)[0], scenario)
+    after = sparsity_of(learn(scenario, learner, 1)[0], begun)
     assert 0 < after.share < 0.6
     assert after.by_cell.shape == (len(scenario.map.cells),)
 

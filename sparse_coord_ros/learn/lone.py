@@ -1,0 +1,41 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a robot is worth that is alone in the world: where the later learners begin."""
+
+import numpy as np
+
+from sparse_coord_ros.game.actions import COORDINATE, PRIMITIVES
+from sparse_coord_ros.game.scenario import Scenario
+from sparse_coord_ros.learn.agent import Tables, initial_tables
+
+
+def lone_values(scenario: Scenario, number: int) -> np.ndarray:
+    """Return Q* of a robot (from 0) with nobody else in its world, shape (cells, 4), float64.
+
+    Value iteration on its own model, from below, until no bit changes.
+    """
+    goal, success = scenario.robots[number].goal, scenario.move_success
+    arrival = scenario.goal_reward + scenario.discount * scenario.goal_value
+    value = np.zeros(len(scenario.map.cells))
+    while True:
+        after = scenario.discount * value
+        after[goal] = arrival
+        q: np.ndarray = success * after[scenario.map.next_cell] + (1.0 - success) * after[:, None]
+        if np.array_equal(q.max(axis=1), value):
+            return q
+        value = q.max(axis=1)
+
+
+def lone_tables(scenario: Scenario, number: int, *, above: float) -> Tables:
+    """Return tables of which every row is the lone robot's Q*.
+
+    Args:
+        scenario: the problem; Q^C is over pairs of cells, and dense.
+        number: the robot, from 0.
+        above: how much COORDINATE is above the best move.
+    """
+    q, tables = lone_values(scenario, number), initial_tables(scenario)
+    tables.q_star[:, :PRIMITIVES] = q
+    tables.q_star[:, COORDINATE] = q.max(axis=1) + above
+    tables.q_coord[:] = q[:, None, :]  # type: ignore[index, assignment]
+    return tables

@@ -1,0 +1,143 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""CQ-learning and FCQ-learning against computations by hand, and where they begin."""
+
+import numpy as np
+import pytest
+
+from sparse_coord_ros.errors import SettingError
+from sparse_coord_ros.game.actions import COORDINATE
+from sparse_coord_ros.game.grid import GridMap
+from sparse_coord_ros.game.scenario import load_scenario, scenario_from_dict
+from sparse_coord_ros.game.world import Action, Reward
+from sparse_coord_ros.learn.agent import Choice, Decision
+from sparse_coord_ros.learn.cq import COUNT, MARKED, WINDOW, differs, is_marked
+from sparse_coord_ros.learn.fcq import strays
+from sparse_coord_ros.learn.learners import learner_of
+from sparse_coord_ros.learn.lone import lone_values
+from sparse_coord_ros.solve.optimum import independent_bound
+
+EAST = 2
+
+
+def problem(**settings):
+    return load_scenario("env1").with_settings({"steps": 1000, "penalty": -30, **settings})
+
+
+def agent_of(learner, scenario, **more):
+    return learner_of(learner).agent(scenario, 0, 1, **more)
+
+
+def step(agent, x, move, y, common, *, peer=None, asked=False):
+    """Let an agent learn from one transition."""
+    action = Action(move, asked, 1 if asked else -1, peer is not None)
+    decision = Decision(COORDINATE if asked else move, (1,) if asked else ())
+    cost = -1.0 if asked else 0.0
+    reward = Reward(0.0, common, cost, common + cost)
+    agent.learn(5, Choice(x, decision, action, None if peer is None else (peer,)), reward, y)
+
+
+def test_a_lone_robot_is_worth_its_shortest_path():
+    scenario = problem(move_success=0.7)
+    worth = [lone_values(scenario, k)[r.start].max() for k, r in enumerate(scenario.robots)]
+    assert np.mean(worth) == pytest.approx(independent_bound(scenario), rel=1e-12)
+
+
+@pytest.mark.parametrize(("hits", "found"), [(0, False), (3, False), (4, True), (20, True)])
+def test_students_test(hits, found):
+    """t of h times -c in 20 is (19 h / (20 - h))^(1/2), critical 2.093: 1.83 for 3, 2.18 for 4."""
+    sample = np.zeros(3)
+    judged = [differs(sample, -7.0 if i < hits else 0.0) for i in range(WINDOW)]
+    assert judged == [False] * (WINDOW - 1) + [found]
+    assert sample.tolist() == [MARKED if found else 0.0, 0.0, 0.0]
+    assert differs(sample, 0.0) == found, "once found it is known"
+
+
+@pytest.mark.parametrize(
+    ("value", "hits", "found"),
+    [(-1.01, 5, False), (-1.01, 6, True), (1.01, 6, True), (-1.0, 20, False), (1.0, 20, False)],
+)
+def test_kolmogorov_and_smirnovs_test(value, hits, found):
+    sample = np.zeros(3)
+    judged = [strays(sample, value if i < hits else 0.0, 1.0) for i in range(WINDOW)]
+    assert judged == [False] * (WINDOW - 1) + [found]
+    assert sample[COUNT] == (MARKED if found else 0.0)
+
+
+def test_below_and_above_are_not_one_side():
+    sample = np.zeros(3)
+    assert not any(strays(sample, (-3.0, 3.0, 0.0, 0.0)[i % 4], 1.0) for i in range(WINDOW))
+
+
+@pytest.mark.parametrize("learner", ["cq", "fcq"])
+def test_begins_at_the_lone_values_with_no_mark(learner):
+    scenario = problem()
+    for k in range(2):
+        tables, q = learner_of(learner).tables(scenario, k), lone_values(scenario, k)
+        assert (tables.q_star[:, :4] == q).all() and (tables.q_coord == q[:, None]).all()
+        assert not any(map(is_marked, tables.q_star))
+    assert not np.array_equal(*(learner_of(learner).tables(scenario, k).q_star for k in range(2)))
+
+
+def test_cq_marks_asks_and_learns_on_the_lone_values():
+    scenario = problem()
+    agent, q = agent_of("cq", scenario), lone_values(scenario, 0)
+    x, y, z = scenario.robots[0].start, scenario.robots[0].start + 1, 7
+    for _ in range(WINDOW):
+        assert not is_marked(agent.values(x))
+        step(agent, x, EAST, y, -30.0)
+    assert is_marked(agent.values(x)) and agent.decide(900, x).peers == (1,)
+    assert (agent.tables.q_star[:, :4] == q).all(), "Q* never changes"
+    for _ in range(WINDOW - 1):
+        step(agent, x, EAST, y, -30.0, peer=z, asked=True)
+    assert (agent.tables.q_coord[x, z] == q[x]).all()
+    for n in (1, 2):
+        before = agent.tables.q_coord[x, z, EAST]
+        step(agent, x, EAST, y, -30.0, peer=z, asked=True)
+        alpha = max(n**-0.5, agent._step_sizes.by_step[5])
+        expected = (1 - alpha) * before + alpha * (-30.0 + 0.95 * q[y].max())
+        assert agent.tables.q_coord[x, z, EAST] == pytest.approx(expected, rel=1e-14)
+    assert agent.coord_visited == 1
+    again = agent_of("cq", scenario, tables=agent.tables)
+    assert again._samples[x, 4 + z, COUNT] == MARKED and (again._samples < 0).sum() == 1
+
+
+def test_cq_learns_nothing_from_failed_percepts():
+    scenario = problem()
+    agent, x = agent_of("cq", scenario), scenario.robots[0].start
+    for _ in range(3 * WINDOW):
+        step(agent, x, EAST, x + 1, -30.0, asked=True)
+    assert not is_marked(agent.values(x)) and not agent._samples.any()
+    assert agent.asked_in[x] == 3 * WINDOW
+
+
+def test_fcq_sees_a_conflict_a_step_ahead():
+    scenario = problem()
+    agent, q = agent_of("fcq", scenario), lone_values(scenario, 0)
+    x = scenario.robots[0].start
+    y = x + 1
+    for move in range(4):  # whatever it does in y costs 30 more than alone
+        step(agent, y, move, scenario.robots[0].goal, -30.0)
+    assert agent.tables.q_star[y, :4] == pytest.approx(q[y] - 30.0)
+    for n in range(1, WINDOW + 1):
+        assert not is_marked(agent.values(x))
+        step(agent, x, EAST, y, 0.0)
+        assert agent.tables.q_star[x, EAST] == pytest.approx(q[x, EAST] - 0.95 * 30.0), n
+    assert is_marked(agent.values(x)), "no reward differs there, but what it is worth"
+    star = agent.tables.q_star[x]
+    assert star[COORDINATE] == star[:4].max() + 1.0
+    before = agent.tables.q_coord[x, 3].copy()
+    for _ in range(WINDOW):
+        step(agent, x, EAST, y, 0.0, peer=3, asked=True)
+    assert agent.tables.q_coord[x, 3, EAST] == pytest.approx(0.95 * (q[y].max() - 30.0))
+    assert (agent.tables.q_coord[x, 3, :EAST] == before[:EAST]).all()
+
+
+def test_what_they_cannot_learn():
+    with pytest.raises(SettingError, match="setting peers: value is 'all'"):
+        learner_of("cq").check(load_scenario("crowd-3r").with_settings(peers="all"))
+    hall = {"name": "hall", "text": GridMap("hall", ("." * 27,) * 27).to_text()}
+    robots = {"a": {"start": [0, 0], "goal": [5, 5]}, "b": {"start": [5, 5], "goal": [0, 0]}}
+    large = scenario_from_dict({"map": hall, "robots": robots}, where="hall", name="hall")
+    with pytest.raises(SettingError, match="has 729 cells, allowed: 724"):
+        learner_of("fcq").check(large)
