@@ -8,7 +8,7 @@ import re
 import socket
 import sys
 import time
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 
 import aiohttp
 import pytest
@@ -264,7 +264,9 @@ def test_half_sent_requests_use_up_nothing():
             half = [sent(page[:9]) for _ in range(3 * MOST_OTHERS)]
             assert sent(page).recv(12) == b"HTTP/1.1 101"  # so all before it are known
             sent(page[:9])
-            assert [one.recv(1) for one in half[:MOST_OTHERS]] == [b""] * MOST_OTHERS
+            for one in half[:MOST_OTHERS]:
+                with suppress(ConnectionResetError):  # so it may end, too
+                    assert one.recv(1) == b""
             assert shown.recv(1)
     finally:
         server.close()
