@@ -4,8 +4,6 @@
 
 import sys
 
-import pandas as pd
-
 import sparse_coord_ros as sc
 
 
@@ -13,11 +11,8 @@ def main() -> None:
     """Learn on all cores, then compare the learners."""
     steps, runs = [int(text) for text in sys.argv[1:]] + [20_000, 20][len(sys.argv) - 1 :]
     scenario = sc.load_scenario("env1", penalty=-100, steps=steps)
-    frames = []
-    for learner in ("noncoop", "coop"):
-        many = sc.train_many(scenario, learner, runs=runs, trials=200)
-        frames.append(many.to_pandas().assign(learner=learner))
-    frame = pd.concat(frames)
+    swept = sc.sweep(scenario, {"learner": ["noncoop", "coop"]}, runs=runs, trials=200)
+    frame = swept.to_pandas(by_run=True)
     print(frame.groupby("learner")[["reward", "miscoordinations", "asks"]].agg(["mean", "std"]))
     frame.to_csv("twenty_runs.csv", index=False)
 

@@ -7,25 +7,26 @@ file; a learner as a `Learner`, its class, its name, or `module:Class`.
 """
 
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib import import_module
+from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from sparse_coord_ros.dataframes import data_frame, shown_as
 from sparse_coord_ros.engine.batch import run_batch, uses_numba
-from sparse_coord_ros.engine.cluster import check_place, cluster_at
+from sparse_coord_ros.engine.cluster import SchedulerLike, check_place, cluster_at
 from sparse_coord_ros.engine.improve import Improvement
 from sparse_coord_ros.engine.improve import improve as plan
 from sparse_coord_ros.engine.training import Training, train
 from sparse_coord_ros.errors import RunError, SettingError, SparseCoordError, TablesError, in_short
 from sparse_coord_ros.experiments.benchmark import Benchmark, Standing, benchmark
 from sparse_coord_ros.experiments.catalogue import experiment_names
-from sparse_coord_ros.experiments.conditions import Condition
+from sparse_coord_ros.experiments.conditions import Condition, make_condition
 from sparse_coord_ros.experiments.runner import (
     ExperimentResults,
     Progress,
@@ -35,7 +36,7 @@ from sparse_coord_ros.experiments.runner import (
 )
 from sparse_coord_ros.experiments.store import RUNS, SUMS, TRIALS, TRIALS_OR_NONE, Plan
 from sparse_coord_ros.game.perception import perception_model, register_perception
-from sparse_coord_ros.game.plugins import allow_modules
+from sparse_coord_ros.game.plugins import allow_modules, allow_named
 from sparse_coord_ros.game.scenario import (
     Scenario,
     ScenarioLike,
@@ -77,7 +78,7 @@ __all__ += ["class_bound", "shipped_class_bound", "ClassBound", "RobotPolicy"]
 # What is on disk
 __all__ += ["load_run", "SavedRun", "read_log", "RunLog", "verify", "Verification"]
 # Experiments
-__all__ += ["experiment_names", "run_experiment", "ExperimentResults"]
+__all__ += ["sweep", "experiment_names", "run_experiment", "ExperimentResults"]
 __all__ += ["benchmark", "Benchmark", "Standing"]
 # Learners and perception models of one's own
 __all__ += ["Learner", "Agent", "Choice", "Reward", "RewardWeights"]
@@ -251,7 +252,7 @@ def train_many(
     history: bool = True,
     engine: str = "auto",
     jobs: int | None = None,
-    scheduler: str | None = None,
+    scheduler: SchedulerLike = None,
     progress: Callable[[int, int], None] = lambda done, runs: None,
 ) -> Runs:
     """Learn several times, each time with another seed, on all cores.
@@ -269,7 +270,8 @@ def train_many(
         history: whether each run keeps its learning history; else it has no episodes.
         engine: "numba", "python", or "auto": numba where it is installed. The bits are the same.
         jobs: threads (or processes) at once; all cores that this process may use where None.
-        scheduler: address of the scheduler of a Dask cluster that computes; None: this machine.
+        scheduler: Dask cluster that computes: the address of its scheduler, a `Client` or, say, a
+            `LocalCluster`; None: this machine.
         progress: called with the runs done and to be done.
 
     Raises:
@@ -449,7 +451,7 @@ def run_experiment(
     report: bool = False,
     engine: str = "auto",
     jobs: int | None = None,
-    scheduler: str | None = None,
+    scheduler: SchedulerLike = None,
     progress: Progress = no_progress,
 ) -> ExperimentResults:
     """Compute experiments or single conditions; with `out`, save them and go on where it stopped.
@@ -464,7 +466,8 @@ def run_experiment(
         report: write the experiments' tables, figures and text into `out`.
         engine: "numba", "python", or "auto": numba where it is installed. The bits are the same.
         jobs: threads (or processes) at once; all cores that this process may use where None.
-        scheduler: address of the scheduler of a Dask cluster that computes; None: this machine.
+        scheduler: Dask cluster that computes: the address of its scheduler, a `Client` or, say, a
+            `LocalCluster`; None: this machine.
         progress: called with a condition's id, the agent-steps done and those of the whole call.
 
     Raises:
@@ -491,6 +494,72 @@ def run_experiment(
         scheduler=scheduler,
         progress=progress,
     )
+
+
+def sweep(
+    scenario: ScenarioLike,
+    over: Mapping[str, Iterable[object]],
+    *,
+    learner: LearnerLike = "coop",
+    out: str | Path | None = None,
+    runs: int = 20,
+    trials: int = 1000,
+    seed: int = 0,
+    engine: str = "auto",
+    jobs: int | None = None,
+    scheduler: SchedulerLike = None,
+    progress: Progress = no_progress,
+) -> ExperimentResults:
+    """Learn with every combination of some settings, a condition each; on all cores.
+
+    `to_pandas(by_run=True)` is one tidy data frame, `plot()` a figure:
+
+        swept = sc.sweep("env1", {"penalty": [-1, -10, -100], "learner": ["coop", "factored"]})
+
+    With `out` each finished condition is saved, and the same call goes on where it stopped.
+
+    Args:
+        scenario: the problem and its protocol.
+        over: the values of each setting; under `learner`, learners.
+        learner: who learns, where `over` does not say it.
+        out: results directory, as of `run_experiment`; None: nothing is saved.
+        runs: independent learning runs of a condition.
+        trials: greedy trials of each run.
+        seed: seed of run 0; run i has seed + i.
+        engine: "numba", "python", or "auto": numba where it is installed. The bits are the same.
+        jobs: threads (or processes) at once; all cores that this process may use where None.
+        scheduler: as of `run_experiment`.
+        progress: called with a condition's id, the agent-steps done and those of the whole call.
+
+    Raises:
+        ScenarioError, SettingError: no such scenario, setting or learner, or a bad value.
+        ResultsError, OSError, RunError, PluginError: as `run_experiment`.
+    """
+    problem = loaded(scenario)
+    values: dict[str, list[Any]] = {"learner": [learner]}
+    for name, given in over.items():
+        many = isinstance(given, Iterable) and not isinstance(given, str)
+        values[name] = list(given) if many else []
+        if not values[name]:
+            raise SettingError(f"sweep: {name} is {in_short(given)}, allowed: a list of values")
+    conditions = []
+    for each in product(*values.values()):
+        who, *rest = each
+        settings = dict(zip(list(values)[1:], rest, strict=True))
+        allow_named(settings.get("perception"))
+        conditions.append(make_condition(problem, chosen_learner(who).label, settings))
+    found = run_experiment(
+        conditions,
+        out=out,
+        runs=runs,
+        trials=trials,
+        seed=seed,
+        engine=engine,
+        jobs=jobs,
+        scheduler=scheduler,
+        progress=progress,
+    )
+    return replace(found, swept=tuple(name for name in values if name != "learner"))
 
 
 def _learned(

@@ -11,6 +11,8 @@ closed, as by Ctrl-C, neither goes on for longer than a block of time steps.
 import os
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from itertools import groupby
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -104,20 +106,51 @@ def run_batch(
         for runs in cluster.in_order(_runs_of, asked):
             yield from runs
         return
+    batch = Batch(scenario, rule, seeds)
+    yield from run_batches([batch], trials=trials, engine=engine, jobs=jobs, history=history)
+
+
+class Batch(NamedTuple):
+    """Learning runs of one learner in one scenario, one for each seed."""
+
+    scenario: Scenario
+    learner: Learner
+    seeds: Sequence[int]
+
+
+def run_batches(
+    batches: Sequence[Batch],
+    *,
+    trials: int,
+    engine: str = "auto",
+    jobs: int | None = None,
+    history: bool = False,
+) -> Iterator[Run]:
+    """As `run_batch` on this machine, batch after batch: no core waits for the end of one."""
     jobs = len(os.sched_getaffinity(0)) if jobs is None else jobs
-    if not uses_numba(engine, rule):
-        work = [(scenario, rule, seed, trials, history) for seed in seeds]
-        if jobs == 1 or len(work) == 1 or path_of(type(rule)) is None:  # a notebook's learner
+    for compiled, group in groupby(batches, lambda one: uses_numba(engine, one.learner)):
+        same = list(group)
+        if compiled:
+            yield from _in_threads(same, trials, jobs, history)
+            continue
+        work = [(one.scenario, one.learner, s, trials, history) for one in same for s in one.seeds]
+        found = all(path_of(type(one.learner)) is not None for one in same)  # not of a notebook
+        if jobs == 1 or len(work) == 1 or not found:
             yield from (_run_plain(*one) for one in work)
         else:
             yield from in_processes(_run_plain, work, jobs)
-        return
-    prepare(scenario, rule, history=history)
+
+
+def _in_threads(batches: Sequence[Batch], trials: int, jobs: int, history: bool) -> Iterator[Run]:
+    """Yield compiled runs."""
     stop = np.zeros(1, dtype=np.bool_)
-    team = CompiledTeam(scenario, rule, stop)
+    futures = []
     with ThreadPoolExecutor(jobs) as pool:
         try:
-            futures = [pool.submit(team.run, seed, trials, gathering=history) for seed in seeds]
+            for scenario, rule, seeds in batches:
+                prepare(scenario, rule, history=history)
+                run = partial(CompiledTeam(scenario, rule, stop).run, gathering=history)
+                futures += [pool.submit(run, seed, trials) for seed in seeds]
             futures.reverse()
             while futures:  # a run's tables can be large: keep none that was handed out
                 yield futures.pop().result()

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError, ThreadPoolExecutor
 from contextlib import AbstractContextManager, nullcontext
 from types import TracebackType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from sparse_coord_ros.compiling import digest_of_sources
 from sparse_coord_ros.errors import ResultsError, RunError, SettingError, SparseCoordError
@@ -22,6 +22,10 @@ from sparse_coord_ros.game.settings import Setting
 
 if TYPE_CHECKING:
     from distributed import Client
+    from distributed.deploy.cluster import Cluster as DaskCluster
+
+SchedulerLike: TypeAlias = "str | Client | DaskCluster | None"
+"""Who hands out work: the address of a Dask scheduler, a client, a Dask cluster; None: nobody."""
 
 WAIT_SECONDS = 30
 """How long to wait for the scheduler, and for its first worker."""
@@ -36,7 +40,7 @@ TASKS_A_THREAD = 4
 JOBS = Setting("jobs", int, 1, "threads (or processes) at once", low=1, high=4096)
 
 
-def check_place(jobs: int | None, scheduler: str | None) -> None:
+def check_place(jobs: int | None, scheduler: SchedulerLike) -> None:
     """Raise `SettingError` for jobs that are none, or where a cluster is told what to do, too."""
     if jobs is not None:
         JOBS.parse(jobs)
@@ -47,8 +51,8 @@ def check_place(jobs: int | None, scheduler: str | None) -> None:
         )
 
 
-def cluster_at(scheduler: str | None) -> "AbstractContextManager[Cluster | None]":
-    """Return the cluster of a scheduler, to be entered; None where no scheduler is named."""
+def cluster_at(scheduler: SchedulerLike) -> "AbstractContextManager[Cluster | None]":
+    """Return the cluster of a scheduler, to be entered; None where there is none."""
     return nullcontext() if scheduler is None else Cluster(scheduler)
 
 
@@ -56,7 +60,8 @@ class Cluster(AbstractContextManager["Cluster"]):
     """A Dask cluster.
 
     Args:
-        scheduler: the address of its scheduler, such as tcp://10.0.0.1:8786.
+        scheduler: the address of its scheduler, such as tcp://10.0.0.1:8786, or a client of it,
+            which is left open, or a Dask cluster, such as a `LocalCluster`.
 
     Attributes:
         threads: how many its workers have together.
@@ -66,9 +71,10 @@ class Cluster(AbstractContextManager["Cluster"]):
         RunError: Dask is not installed, or the scheduler does not answer or has no workers.
     """
 
-    def __init__(self, scheduler: str) -> None:
-        self.scheduler = scheduler
+    def __init__(self, scheduler: SchedulerLike) -> None:
         self._client = _connected(scheduler)
+        self._own = self._client is not scheduler
+        self.scheduler = self._client.scheduler.address
         self.threads = sum(self._client.nthreads().values())
 
     def __exit__(
@@ -78,7 +84,8 @@ class Cluster(AbstractContextManager["Cluster"]):
         trace: TracebackType | None,
     ) -> None:
         """Leave the cluster."""
-        self._client.close()
+        if self._own:
+            self._client.close()
 
     def shares(self, seeds: Sequence[int], agent_steps: int, runs: int) -> list[Sequence[int]]:
         """Return the seeds of a condition, those of one task together.
@@ -192,8 +199,8 @@ def _call(asker: tuple[str, Sequence[str]], function: Callable[..., Any], argume
     return function(*arguments)
 
 
-def _connected(scheduler: str) -> "Client":
-    """Return a client of a scheduler that has workers."""
+def _connected(scheduler: SchedulerLike) -> "Client":
+    """Return a client of a scheduler that has workers; a client is returned as it is."""
     try:
         from distributed import Client
     except ImportError as error:
@@ -202,13 +209,16 @@ def _connected(scheduler: str) -> "Client":
             "'.[cluster]', or leave --scheduler out"
         ) from None
     try:
-        with ThreadPoolExecutor(1) as apart:  # there may be an event loop in this thread
-            apart.submit(asyncio.run, _knock(scheduler)).result()
-        client = Client(scheduler, timeout=WAIT_SECONDS, set_as_default=False)
-    except ValueError as error:
+        if isinstance(scheduler, str):
+            with ThreadPoolExecutor(1) as apart:  # there may be an event loop in this thread
+                apart.submit(asyncio.run, _knock(scheduler)).result()
+        client: Any = scheduler
+        if not isinstance(scheduler, Client):
+            client = Client(scheduler, timeout=WAIT_SECONDS, set_as_default=False)
+    except (ValueError, TypeError) as error:
         raise SettingError(
             f"scheduler: value is {scheduler!r} ({error}), allowed: an address such as "
-            "tcp://10.0.0.1:8786"
+            "tcp://10.0.0.1:8786, a client, or a Dask cluster"
         ) from None
     except OSError:
         raise RunError(

@@ -16,8 +16,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sparse_coord_ros.dataframes import data_frame
+from sparse_coord_ros.engine.cluster import SchedulerLike
 from sparse_coord_ros.experiments.catalogue import unseen_conditions
 from sparse_coord_ros.experiments.runner import (
+    SURE,
     ExperimentResults,
     Progress,
     no_progress,
@@ -42,9 +44,6 @@ TEAM_TRIALS = Setting(
 
 ARRIVE = 0.999
 """Share of trials in which every robot is to arrive."""
-
-SURE = 0.95
-"""How sure an upper bound of a share is of which no case was seen."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +79,7 @@ class Standing:
         return Measure((self.reward.mean - self.paths) / gap, float("nan"), error)
 
     def of_teams(self, count: int) -> str:
-        """Return a number of teams; where it is none, what their share is surely below."""
+        """Return a number of teams; where it is none, what their share is surely below (95 %)."""
         most = 1.0 - (1.0 - SURE) ** (1.0 / self.teams)
         surely = f" (< {100 * most:.1f} %)" if count == 0 else ""
         return f"{count} of {self.teams}{surely}"
@@ -149,7 +148,7 @@ def benchmark(
     seed: int = 0,
     engine: str = "auto",
     jobs: int | None = None,
-    scheduler: str | None = None,
+    scheduler: SchedulerLike = None,
     progress: Progress = no_progress,
     **settings: object,
 ) -> Benchmark:
@@ -170,7 +169,7 @@ def benchmark(
         seed: seed of team 0; team i has seed + i.
         engine: "numba", "python", or "auto": numba where it is installed. The bits are the same.
         jobs: threads (or processes) at once; all cores that this process may use where None.
-        scheduler: address of the scheduler of a Dask cluster that computes; None: this machine.
+        scheduler: as of `run_experiment`.
         progress: called with a condition's id, the agent-steps done and those of the whole call.
         **settings: settings of learning to change, as of `load_scenario`.
 

@@ -12,12 +12,13 @@ name, which no shipped scenario may have. A learner of one's own is given as `mo
 import os
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache, cached_property, lru_cache
 
 from sparse_coord_ros.errors import ScenarioError, SettingError
+from sparse_coord_ros.game.buildings import generated_text
 from sparse_coord_ros.game.scenario import Scenario, load_scenario, scenario_names
-from sparse_coord_ros.game.settings import parse_assignments
+from sparse_coord_ros.game.settings import as_text, parse_assignments
 from sparse_coord_ros.learn.learners import learner_of
 from sparse_coord_ros.share import share_file
 
@@ -30,22 +31,24 @@ class Condition:
         name: name of a shipped scenario or unseen building, or path of a scenario file.
         learner: name of a learner.
         settings: the penalty, and what else differs from the scenario, as texts.
+        given: the scenario, where it is neither shipped nor read from a file.
     """
 
     name: str
     learner: str
     settings: tuple[tuple[str, str], ...]
+    given: Scenario | None = field(default=None, compare=False, repr=False)
 
     @property
     def id(self) -> str:
         """`scenario/learner/key=value,key=value`, penalty first: of plain names, never a path."""
         changes = ",".join(f"{key}={value}" for key, value in self.settings)
-        return f"{_load(self.name).name}/{self.learner}/{changes}"
+        return f"{(self.given or _load(self.name)).name}/{self.learner}/{changes}"
 
     @cached_property
     def scenario(self) -> Scenario:
         """The scenario with the condition's settings, and its learner's defaults."""
-        scenario = _load(self.name).changed(dict(self.settings))
+        scenario = (self.given or _load(self.name)).changed(dict(self.settings))
         return learner_of(self.learner).with_defaults(scenario)
 
 
@@ -66,18 +69,37 @@ def _shipped_names() -> frozenset[str]:
 def _read(path: str, *, shipped: bool) -> Scenario:
     scenario = load_scenario(path)
     if not shipped and scenario.name in _shipped_names():
-        raise ScenarioError(
-            f"{path}: its name {scenario.name!r} is that of a shipped scenario, and results are "
-            "filed by name; give it another with the field 'name', or rename the file"
-        )
+        raise _misnamed(path, scenario)
     return scenario
 
 
-def make_condition(name: str, learner: str, settings: Mapping[str, object]) -> Condition:
+def _misnamed(where: str, scenario: Scenario) -> ScenarioError:
+    return ScenarioError(
+        f"{where}: its name {scenario.name!r} is that of a shipped scenario, and results are "
+        "filed by name; give it another with the field 'name', or rename the file"
+    )
+
+
+def _changed(scenario: Scenario) -> dict[str, object] | None:
+    """Return what was changed of a shipped scenario or building; None: it is none of these."""
+    if scenario.name not in _shipped_names() and generated_text(scenario.name) is None:
+        return None
+    shipped, plain = _load(scenario.name), scenario.plain_settings
+    if (shipped.map, shipped.robots) != (scenario.map, scenario.robots):
+        raise _misnamed("scenario", scenario)
+    new = scenario.given - shipped.given
+    changed = {n for n in plain if plain[n] != shipped.plain_settings[n]}
+    return {name: plain[name] for name in new | changed}
+
+
+def make_condition(
+    name: str | Scenario, learner: str, settings: Mapping[str, object]
+) -> Condition:
     """Return a condition in its one canonical form.
 
     Args:
-        name: name of a shipped scenario or unseen building, or path of a scenario file.
+        name: name of a shipped scenario or unseen building, or path of a scenario file; or a
+            scenario.
         learner: name of a learner.
         settings: changed settings of the scenario.
 
@@ -85,16 +107,20 @@ def make_condition(name: str, learner: str, settings: Mapping[str, object]) -> C
         ScenarioError: no such scenario, or a malformed one.
         SettingError: an unknown learner or setting, or a bad value.
     """
-    rule = learner_of(learner)
-    scenario = rule.with_defaults(_load(name))
-    changed = rule.with_defaults(_load(name).changed(settings))
+    rule, given = learner_of(learner), None
+    if isinstance(name, Scenario):
+        changed_already = _changed(name)
+        given = name if changed_already is None else None
+        name, settings = name.name, {**(changed_already or {}), **settings}
+    base = given or _load(name)
+    scenario, changed = rule.with_defaults(base), rule.with_defaults(base.changed(settings))
     rule.check(changed)
     kept = [
-        (key, _text(getattr(changed, key)))
+        (key, as_text(getattr(changed, key)))
         for key in sorted(settings)
         if key != "penalty" and getattr(changed, key) != getattr(scenario, key)
     ]
-    return Condition(name, rule.label, (("penalty", _text(changed.penalty)), *kept))
+    return Condition(name, rule.label, (("penalty", as_text(changed.penalty)), *kept), given)
 
 
 def parse_id(text: str) -> tuple[Condition, int | None]:
@@ -133,8 +159,3 @@ def parse_id(text: str) -> tuple[Condition, int | None]:
 
 def _short(text: str) -> str:
     return text if len(text) <= 200 else f"{text[:97]}...{text[-97:]}"
-
-
-def _text(value: object) -> str:
-    """Return a setting's value as it is read back: 20.0 as 20, and -0.0 as 0."""
-    return repr(value + 0.0).removesuffix(".0") if isinstance(value, float) else str(value)

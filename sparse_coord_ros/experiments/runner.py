@@ -6,22 +6,20 @@ A results directory holds one file a condition. What is there already is taken f
 missing is computed and saved, and nothing of another plan, scenario or protocol is mixed in.
 """
 
+import math
 import os
 import re
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from sparse_coord_ros.dataframes import data_frame
-from sparse_coord_ros.engine.batch import (
-    Run,
-    agent_steps,
-    run_batch,
-)
-from sparse_coord_ros.engine.cluster import Cluster, check_place, cluster_at
+from sparse_coord_ros.dataframes import data_frame, shown_as
+from sparse_coord_ros.engine.batch import Batch, Run, agent_steps, run_batch, run_batches
+from sparse_coord_ros.engine.cluster import Cluster, SchedulerLike, check_place, cluster_at
 from sparse_coord_ros.errors import (
     ResultsError,
     RunError,
@@ -52,6 +50,10 @@ from sparse_coord_ros.learn.tables import load_team, save_team
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.figure import Figure
+
+SURE = 0.95
+"""How sure confidence intervals are."""
 
 Progress = Callable[[str, int, int], None]
 """Called with a condition's id, the agent-steps done so far and those of the whole call: as it
@@ -111,12 +113,54 @@ class ExperimentResults(Mapping[str, ConditionResult]):
         targets: what was asked for.
         found: the results, by the conditions' ids.
         runs: the single runs that were asked for.
+        swept: settings that are columns of data frames in any case.
     """
 
     plan: Plan
     targets: Targets
     found: Mapping[str, ConditionResult]
     runs: tuple[SingleRun, ...] = ()
+    swept: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        """Return what they are, and a line a condition."""
+        return shown_as(self._title, self._means)
+
+    def _repr_html_(self) -> str:
+        """Return the same for a notebook, with a picture."""
+        from sparse_coord_ros.experiments.report.charts import embedded
+
+        return shown_as(self._title, self._means, markup=True) + embedded(self.plot(), "rewards")
+
+    @property
+    def _title(self) -> str:
+        plan = self.plan
+        return f"<{len(self)} conditions, {plan.runs} runs of each, {plan.trials} trials of a run>"
+
+    @property
+    def _means(self) -> dict[str, list[Any]]:
+        columns: dict[str, list[Any]] = {"condition": list(self)}
+        for name in SUMS:
+            columns[name] = [one.measure(name).mean for one in self.values()]
+        return columns | {"arrived": [one.arrived for one in self.values()]}
+
+    def plot(self, x: str = "", measures: Sequence[str] = ("reward",)) -> "Figure":
+        """Draw learners against a setting, beside what is known to compare them with.
+
+        There is a panel for each combination of the other settings. Bars are standard errors of
+        the means of the learning runs.
+
+        Args:
+            x: the setting; empty: the first that has several values.
+            measures: of `reward`, `time_to_goal`, `asks`, `miscoordinations`, `loss` (against
+                robots alone) and `variance` (of the reward): a line of panels each.
+
+        Raises:
+            SettingError: `x` has one value only, or there is no such measure.
+        """
+        from sparse_coord_ros.experiments.report.drawings import swept_figure
+
+        return swept_figure(list(self.values()), x, measures)
 
     def __getitem__(self, name: str) -> ConditionResult:
         """Return the result of the condition of that id."""
@@ -138,11 +182,15 @@ class ExperimentResults(Mapping[str, ConditionResult]):
     def to_pandas(self, *, by_run: bool = False) -> "pd.DataFrame":
         """Return a data frame: one row a condition, or one row a learning run.
 
-        Its columns: `condition` (the id), `scenario`, `learner`, each setting that some condition
-        names, `seed` where `by_run`, then the measures `reward`, `time_to_goal`, `asks` (means
-        over trials and robots) and `miscoordinations` (mean of a trial). A row a condition has
-        also `<measure>_spread`, `<measure>_standard_error`, `arrived` (share of the trials in
-        which every robot arrived), `optimum` and `optimum_exact`.
+        Its columns: `condition` (the id), `scenario`, `learner`, each setting that was swept or
+        that some condition names, `run` and `seed` where `by_run`, then the measures `reward`,
+        `time_to_goal`, `asks` (means over trials and robots) and `miscoordinations` (mean of a
+        trial), each with `<measure>_low` and `<measure>_high`, the 95 % confidence interval of
+        that mean, and `arrived` (share of the trials in which every robot arrived).
+
+        The samples of an interval are the learning runs; in a row of one run its trials, the
+        robots of a trial being taken as wholly dependent. A row a condition has also
+        `<measure>_spread`, `<measure>_standard_error`, `optimum` and `optimum_exact`.
 
         Raises:
             RunError: pandas is not installed.
@@ -152,28 +200,45 @@ class ExperimentResults(Mapping[str, ConditionResult]):
             result = self.found[condition.id]
             head = self._head(condition)
             if by_run:
-                for run, seed in enumerate(self.plan.seeds):
-                    rows.append({**head, "seed": seed, **{n: result.means[n][run] for n in SUMS}})
+                rows += [{**head, **self._row(result, run)} for run in range(self.plan.runs)]
                 continue
             for name in SUMS:
                 measure = result.measure(name)
                 head[name] = measure.mean
                 head[f"{name}_spread"] = measure.spread
                 head[f"{name}_standard_error"] = measure.standard_error
+                head |= _interval(name, measure.mean, measure.standard_error, result.runs)
             head |= {"arrived": result.arrived, "optimum": result.optimum}
             rows.append({**head, "optimum_exact": result.optimum_exact})
         names = dict.fromkeys(name for row in rows for name in row)
         return data_frame({name: [row[name] for row in rows] for name in names})
 
+    def _row(self, result: ConditionResult, run: int) -> dict[str, Any]:
+        row: dict[str, Any] = {"run": run, "seed": self.plan.seed + run}
+        for name in SUMS:
+            error = math.sqrt(result.variances[name][run] / result.trials)
+            row[name] = result.means[name][run]
+            row |= _interval(name, row[name], error, result.trials)
+        return {**row, "arrived": 1.0 - result.not_arrived[run] / result.trials}
+
     def _head(self, condition: Condition) -> dict[str, Any]:
         scenario = condition.scenario
-        named = dict.fromkeys(key for one in self.targets.conditions for key, _ in one.settings)
+        keys = (key for one in self.targets.conditions for key, _ in one.settings)
+        named = dict.fromkeys([*self.swept, *keys])
         return {
             "condition": condition.id,
             "scenario": scenario.name,
             "learner": condition.learner,
             **{key: scenario.plain_settings[key] for key in named},
         }
+
+
+def _interval(name: str, mean: float, standard_error: float, samples: int) -> dict[str, float]:
+    """Return a measure's confidence interval, by Student's t; NaN of a single sample."""
+    from scipy.special import stdtrit
+
+    half = standard_error * float(stdtrit(samples - 1, (1 + SURE) / 2))
+    return {f"{name}_low": mean - half, f"{name}_high": mean + half}
 
 
 def parse_targets(targets: Iterable[str | Condition], plan: Plan) -> Targets:
@@ -233,7 +298,7 @@ def run_targets(
     out: Path | None = None,
     engine: str = "auto",
     jobs: int | None = None,
-    scheduler: str | None = None,
+    scheduler: SchedulerLike = None,
     progress: Progress = no_progress,
     report: bool = False,
 ) -> ExperimentResults:
@@ -245,7 +310,7 @@ def run_targets(
         out: results directory; None: nothing is saved.
         engine: "numba", "python", or "auto": numba where it is installed.
         jobs: threads (or processes); all cores that this process may use where None.
-        scheduler: address of the scheduler of a Dask cluster that computes; None: this machine.
+        scheduler: Dask cluster that computes; None: this machine.
         progress: see `Progress`.
         report: write the report of the experiments, with its tables and figures, into `out`.
 
@@ -342,8 +407,10 @@ Computed = Iterator[tuple[Condition, int, list[Sample]]]
 
 def _here(conditions: Sequence[Condition], plan: Plan, by: Computing) -> Computed:
     """Compute conditions on this machine, one run after the other."""
+    batches = [Batch(one.scenario, learner_of(one.learner), plan.seeds) for one in conditions]
+    runs = run_batches(batches, trials=plan.trials, engine=by.engine, jobs=by.jobs)
     for one in conditions:
-        for run in by.runs(one, plan.seeds, plan.trials):
+        for run in islice(runs, plan.runs):
             yield one, run.seed, [sample(run)]
 
 

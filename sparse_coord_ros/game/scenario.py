@@ -24,7 +24,7 @@ from sparse_coord_ros.game.links import LINKS
 from sparse_coord_ros.game.perception import PERCEPTION
 from sparse_coord_ros.game.plugins import allow_modules, allow_named
 from sparse_coord_ros.game.schedules import EPSILON, STARTS, STEP_SIZE
-from sparse_coord_ros.game.settings import setting, settings_of
+from sparse_coord_ros.game.settings import as_text, setting, settings_of
 from sparse_coord_ros.game.specs import Form, Number, Spec, SpecFamily
 from sparse_coord_ros.limits import SCENARIO, parse_yaml, read_text
 from sparse_coord_ros.share import share_file, share_names
@@ -170,8 +170,7 @@ class Scenario:
         """Its name, and each setting that has not its default: `env1, penalty=-100`."""
         defaults = SETTINGS.defaults()
         own = {n: v for n, v in self.plain_settings.items() if getattr(self, n) != defaults[n]}
-        texts = (f"{n}={v:g}" if isinstance(v, float) else f"{n}={v}" for n, v in own.items())
-        return ", ".join([self.name, *texts])
+        return ", ".join([self.name, *(f"{n}={as_text(v)}" for n, v in own.items())])
 
     def __repr__(self) -> str:
         """Return what it is, on one line."""

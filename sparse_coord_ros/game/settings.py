@@ -183,6 +183,11 @@ def settings_of(dataclass_type: type) -> SettingTable:
     return SettingTable(Setting(n, said.pop("kind") or kind, **said) for n, kind, said in found)
 
 
+def as_text(value: object) -> str:
+    """Return a setting's value as it is read back: 20.0 as 20, and -0.0 as 0."""
+    return repr(value + 0.0).removesuffix(".0") if isinstance(value, float) else str(value)
+
+
 def parse_assignments(texts: Iterable[str]) -> dict[str, str]:
     """Split `key=value` texts, the last of equal keys winning.
 

@@ -116,6 +116,10 @@ def test_scenarios(tmp_path):
         (lambda: sc.train_many("env1", runs=1, jobs=0), "setting jobs: value is 0"),
         (lambda: sc.train_many("env1", runs=1, engine="fast"), "setting engine: value is 'fast'"),
         (lambda: sc.run_experiment("table1", jobs=-1), "setting jobs: value is -1"),
+        (lambda: sc.sweep("env1", {"penalti": [-1]}), "did you mean 'penalty'"),
+        (lambda: sc.sweep("env1", {"penalty": -1}), "penalty is -1, allowed: a list of values"),
+        (lambda: sc.sweep("env1", {"learner": "coop"}), "learner is 'coop', allowed: a list"),
+        (lambda: sc.sweep("env1", {"steps": []}), "steps is [], allowed: a list of values"),
         (lambda: sc.run_experiment([]), "no experiment is asked for"),
         (lambda: sc.run_experiment("env1/coop/penalty=-1", trials=0), "setting trials"),
         (lambda: sc.run_experiment("env1/coop/penalty=-1/0"), "name a results directory"),
@@ -274,11 +278,60 @@ def test_frames_of_experiments():
     result = done[IDS[0]]
     assert frame.reward[0] == result.measure("reward").mean
     assert frame.reward_standard_error[0] == result.measure("reward").standard_error
+    half = 12.706 * frame.reward_standard_error[0]  # Student's t of one degree of freedom
+    assert frame.reward_high[0] - frame.reward[0] == pytest.approx(half, rel=1e-4)
     by_run = done.to_pandas(by_run=True)
     assert list(by_run.seed) == [5, 6, 5, 6]
+    assert list(by_run.run) == [0, 1, 0, 1]
     assert list(by_run.reward[:2]) == result.means["reward"]
+    half = 4.3027 * (result.variances["reward"][1] / 3) ** 0.5
+    assert by_run.reward[1] - by_run.reward_low[1] == pytest.approx(half, rel=1e-4)
+    assert by_run.arrived[0] == 1 - result.not_arrived[0] / 3
     once = sc.run_experiment(IDS[0], runs=1, trials=1).to_pandas()
     assert np.isnan(once.reward_standard_error[0])
+
+
+OVER = {"penalty": [-20, -100], "ask_cost": (1.0,), "learner": ["indiv", "noncoop"]}
+
+
+def test_a_sweep_is_the_conditions_that_it_names(tmp_path):
+    few = {"runs": 2, "trials": 3}
+    scenario = sc.load_scenario("env1", steps=200)
+    swept = sc.sweep(scenario, OVER, out=tmp_path / "r", **few)
+    ids = [
+        f"env1/{who}/penalty={p},steps=200" for who in ("indiv", "noncoop") for p in (-20, -100)
+    ]
+    assert list(swept) == ids
+    assert dict(sc.run_experiment(ids, **few)) == dict(swept)
+    frame = swept.to_pandas(by_run=True)
+    assert list(frame)[:7] == ["condition", "scenario", "learner", "penalty", "ask_cost", *RUN]
+    assert len(frame) == 8
+    seen = []
+    again = sc.sweep(scenario, OVER, out=tmp_path / "r", progress=seen.append, **few)
+    assert (seen, dict(again)) == ([], dict(swept))
+    lines = repr(swept).splitlines()
+    assert lines[0] == "<4 conditions, 2 runs of each, 3 trials of a run>"
+    assert len(lines) == 6
+    assert swept._repr_html_().count("<tr") == 5
+    assert [axes.get_xlabel() for axes in swept.plot().axes] == ["penalty"]
+    assert len(swept.plot("penalty", ("reward", "asks")).axes) == 2
+    with pytest.raises(sc.SparseCoordError, match="x is 'ask_cost', allowed here: penalty"):
+        swept.plot("ask_cost")
+
+
+RUN = ["steps", "run"]
+
+
+def test_a_sweep_of_a_scenario_of_ones_own(tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_text("map: env1\nsteps: 100\nrobots: {x: {start: 1, goal: 2}}\n")
+    few = {"runs": 1, "trials": 2, "out": tmp_path / "r"}
+    swept = sc.sweep(sc.load_scenario(path, penalty=-3), {"ask_cost": [1, 2]}, **few)
+    assert list(swept) == ["mine/coop/penalty=-3", "mine/coop/penalty=-3,ask_cost=2"]
+    assert list(sc.sweep(path, {"penalty": [-3], "ask_cost": [2]}, **few)) == list(swept)[1:]
+    path.write_text("name: env1\nmap: env1\nrobots: {x: {start: 1, goal: 2}}\n")
+    with pytest.raises(sc.SparseCoordError, match="'env1' is that of a shipped scenario"):
+        sc.sweep(path, {})
 
 
 def test_exact_evaluation_is_what_trials_tend_to(training, scenario):

@@ -13,12 +13,13 @@ import pytest
 from teams import PROTOCOL
 
 from sparse_coord_ros.engine import batch, kernels
-from sparse_coord_ros.engine.batch import CompiledTeam, run_batch, uses_numba
+from sparse_coord_ros.engine.batch import Batch, CompiledTeam, run_batch, run_batches, uses_numba
 from sparse_coord_ros.engine.kernels import PLAIN
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.game.actions import COORDINATE
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.evaluation import play
+from sparse_coord_ros.learn.learners import Coop, NonCoop
 from sparse_coord_ros.learn.rows import FREE_PLACE
 from sparse_coord_ros.learn.simulation import Learning, tables_equal
 
@@ -232,3 +233,21 @@ def test_numba_that_is_not_installed(monkeypatch):
         uses_numba("numba")
     (run,) = run_batch(problem("env1", steps=20), "coop", [0], trials=0, jobs=1)
     assert run.seed == 0
+
+
+def test_batches_come_one_after_the_other_whatever_computes_them():
+    class Plain(Coop):
+        """Without a compiled form, and in no module: it learns in this process."""
+
+        name = "plain"
+        minds = None
+
+    rules = (Coop(), Plain(), NonCoop())
+    asked = [
+        Batch(problem("env1", steps=60 + k), rule, [k, k + 5]) for k, rule in enumerate(rules)
+    ]
+    found = list(run_batches(asked, trials=2, jobs=2))
+    assert [run.seed for run in found] == [0, 5, 1, 6, 2, 7]
+    alone = [run for one in asked for run in run_batch(*one, trials=2, jobs=1)]
+    for one, other in zip(found, alone, strict=True):
+        assert_same_run(one, other)

@@ -13,7 +13,7 @@ import pytest
 
 pytest.importorskip("distributed")  # package.xml does not bring it: it has no rosdep key
 import dask
-from distributed import LocalCluster, Scheduler, SpecCluster
+from distributed import Client, LocalCluster, Scheduler, SpecCluster
 from distributed.scheduler import KilledWorker, WorkerState
 
 import sparse_coord_ros as sc
@@ -97,6 +97,18 @@ def test_many_runs_come_in_the_order_of_their_seeds(scheduler):
         assert tables_equal(one.tables, other.tables)
         assert (one.history.length == other.history.length).all()
         assert (one.trials.reward == other.trials.reward).all()
+
+
+def test_a_client_or_a_cluster_says_where_too(scheduler):
+    here = sc.run_experiment(CONDITIONS, jobs=1, **PLAN)
+    with Client(scheduler, set_as_default=False) as client:
+        assert dict(sc.run_experiment(CONDITIONS, scheduler=client, **PLAN)) == dict(here)
+        assert client.status == "running"
+    with LocalCluster(1, processes=False, dashboard_address=None) as cluster:
+        there = sc.sweep("env1", {"penalty": [-20], "steps": [300]}, scheduler=cluster, **PLAN)
+    assert there[CONDITIONS[0]] == here[CONDITIONS[0]]
+    with pytest.raises(SettingError, match="allowed: an address .* a client, or a Dask cluster"):
+        sc.train_many("env1", runs=1, scheduler=3)
 
 
 def test_an_error_on_a_worker_is_that_error(scheduler):

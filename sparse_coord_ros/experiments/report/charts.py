@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Figures: points in a data frame, one style for all, the same bytes for the same results."""
 
+import base64
 import io
 import math
 import re
@@ -217,6 +218,13 @@ def rendered(figure: Figure, kind: str, dpi: float = 110, *, few: bool = False) 
     small = io.BytesIO()
     reduced.save(small, "png", optimize=True)
     return small.getvalue()
+
+
+def embedded(figure: Figure, what: str) -> str:
+    """Return a figure as a notebook shows it; pictures stand side by side where there is room."""
+    data = base64.b64encode(rendered(figure, "png", few=True)).decode()
+    style = "display: inline-block; max-width: 100%; vertical-align: top"
+    return f'<img alt="{what}" style="{style}" src="data:image/png;base64,{data}">'
 
 
 def save(figure: Figure, stem: Path) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
+from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.experiments.benchmark import standings
 from sparse_coord_ros.experiments.catalogue import LEARNERS
 from sparse_coord_ros.experiments.report.analysis import difference
@@ -17,6 +18,7 @@ from sparse_coord_ros.experiments.report.charts import (
     CLASS,
     FACTORED,
     GAIN,
+    LABELS,
     NONCOOP,
     ONE,
     SIGHT,
@@ -29,10 +31,13 @@ from sparse_coord_ros.experiments.report.map_pictures import asked_maps
 from sparse_coord_ros.experiments.report.rows import names, paper, pick
 from sparse_coord_ros.experiments.report.text import factors, steps
 from sparse_coord_ros.experiments.store import ConditionResult
-from sparse_coord_ros.game.scenario import SETTINGS
+from sparse_coord_ros.game.settings import as_text
 from sparse_coord_ros.learn.evaluation import Measure
 
 MEASURES = ("reward", "miscoordinations", "asks")
+
+MOST_PANELS = 4
+"""In a line, of any conditions."""
 
 Results = Sequence[ConditionResult]
 
@@ -82,14 +87,29 @@ def _swept(
     return draw
 
 
+def swept_figure(results: Results, x: str = "", measures: Sequence[str] = MEASURES) -> Figure:
+    """Draw any conditions against a setting in which they differ; as `ExperimentResults.plot`."""
+    named = dict.fromkeys(key for one in results for key, _ in one.condition.settings)
+    plain = {one.id: one.scenario.plain_settings for one in results}
+    own = [n for n in named if len({values[n] for values in plain.values()}) > 1]
+    for name, kind, known in [(x, "x", own), *((one, "measure", LABELS) for one in measures)]:
+        if name and name not in known:
+            raise SettingError(f"plot: {kind} is {name!r}, allowed here: {', '.join(known)}")
+    x = x or (own or ["penalty"])[0]
+    order = list(dict.fromkeys(values[x] for values in plain.values()))
+
+    def where(one: ConditionResult) -> dict[str, Any]:
+        values = plain[one.id]
+        others = [one.scenario.name, *(f"{n}={as_text(values[n])}" for n in own if n != x)]
+        tick = {"x": order.index(values[x]), "tick": as_text(values[x]), "xlabel": x}
+        return {"panel": ", ".join(others), "shift": shift_of(one), **tick}
+
+    shown = [p for measure in measures for p in points(results, measure, where)]
+    return plot(shown, min(MOST_PANELS, len({p["panel"] for p in shown})))
+
+
 def _conditions(name: str, results: Results) -> dict[str, Figure]:
-    """Draw any conditions, against the settings in which they differ."""
-    own = [n for n in SETTINGS if len({str(getattr(one.scenario, n)) for one in results}) > 1]
-
-    def value(one: ConditionResult) -> str:
-        return ", ".join(f"{getattr(one.scenario, name)}" for name in own) or "-"
-
-    return _swept(value, ", ".join(own) or "setting", MEASURES)(name, results)
+    return {name: swept_figure(results)}
 
 
 def shift_of(result: ConditionResult) -> float:

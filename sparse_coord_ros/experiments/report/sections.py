@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import yaml
 
-from sparse_coord_ros.experiments.benchmark import ARRIVE, SURE, standings
+from sparse_coord_ros.experiments.benchmark import ARRIVE, standings
 from sparse_coord_ros.experiments.catalogue import CLOSED, FALLS, LEARNERS, LONG, REACHED
 from sparse_coord_ros.experiments.report import analysis
 from sparse_coord_ros.experiments.report.analysis import difference, paired, surely_positive
@@ -38,6 +38,7 @@ from sparse_coord_ros.experiments.report.text import (
     steps,
     with_error,
 )
+from sparse_coord_ros.experiments.runner import SURE
 from sparse_coord_ros.experiments.store import ConditionResult
 from sparse_coord_ros.learn.evaluation import Measure
 from sparse_coord_ros.learn.learners import learner_of
