@@ -50,7 +50,10 @@ ARGUMENTS = SettingTable(
     [
         Setting("scenario", str, "env1", "a shipped scenario's name, or a scenario file"),
         Setting("set", str, "", "changed scenario settings: penalty=-100,steps=2000"),
-        *(_WORLD[name] for name in ("seed", "learner", "greedy", "tables", "rate", "clock")),
+        *(
+            _WORLD[name]
+            for name in ("seed", "learner", "greedy", "improve", "tables", "rate", "clock")
+        ),
         Setting("out", str, "", "output directory; empty: <scenario>_<date>_<time>"),
         Setting("record", bool, True, "record the run to the bag OUT/bag"),
         _WORLD["resume"],
@@ -191,7 +194,7 @@ class Team:
             more: further parameters of the world; what the argument `set` says wins.
         """
         own = {"out": self._out, **self._resume}
-        world = self.of(("seed", "learner", "greedy", "tables", "rate"))
+        world = self.of(("seed", "learner", "greedy", "improve", "tables", "rate"))
         world |= {name: self.of_world(name) for name in ("scenario", "clock")}
         world["recorded"] = self.get("record")
         self.add(WORLD, {**own, **world, **more, **self._settings})

@@ -9,7 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sparse_coord_ros.cli import options as shared
+from sparse_coord_ros.cli.improve import IMPROVE
 from sparse_coord_ros.cli.options import Option
+from sparse_coord_ros.engine.improve import IMPROVED
 from sparse_coord_ros.errors import BagError, RunError
 from sparse_coord_ros.learn.run_config import RUN_SETTINGS
 from sparse_coord_ros.learn.tables import TEAM_FILE
@@ -42,6 +44,7 @@ OPTIONS = (
     ),
     Option("--tables DIR", None, "begin with the tables of that run"),
     Option("--greedy", bool, "act on --tables without learning"),
+    IMPROVE,
     *shared.WATCH,
     shared.JSON,
 )
@@ -109,7 +112,7 @@ def _begin(options: argparse.Namespace) -> tuple[Path, dict[str, Any]]:
         out = shared.output_directory(options, shared.scenario_of(options).name)
         if options.greedy and not options.tables:
             raise RunError("--greedy needs --tables DIR, the output directory of a run to act on")
-        names += ["scenario", "seed", "learner", "tables", "greedy", "checkpoint"]
+        names += ["scenario", "seed", "learner", "tables", "greedy", "improve", "checkpoint"]
         changed = [f"{name}={value}" for name, value in shared.settings_of(options).items()]
         values = {"set": changed or [""], "record": not options.no_record}
     given = {name: getattr(options, name) for name in names}
@@ -132,6 +135,8 @@ def _print(out, summary, *, resumed: bool) -> None:
         print(f"{robot} asked: " + ", ".join(f"{count} {how}" for how, count in asks.items()))
     if (out / TEAM_FILE).exists():
         print(f"tables  {out / TEAM_FILE}")
+    if (out / IMPROVED / TEAM_FILE).exists():
+        print(f"plan    {out / IMPROVED}")
     print(f"run     {out / 'run.yaml'}")
     saved = summary["interrupted"] or (out / TEAM_FILE).exists()
     if saved and (out / CHECKPOINTS).is_dir():

@@ -21,6 +21,7 @@ COUNTS = {
     "left_out": "robots' steps without their action (left out by the world)",
     "unlearned": "transitions that robots say they have not learned from",
     "resets": "episodes begun early (reset, or nobody left to wait for)",
+    "kept": "robots that did not improve, as a peer had not said what it had learned",
     "repeats": "messages said again after a silence",
 }
 """What may come and is no fault; by the name in `Verification`."""

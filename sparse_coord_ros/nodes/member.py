@@ -9,16 +9,18 @@ from rclpy.client import Client
 from std_srvs.srv import Trigger
 
 from sparse_coord_ros import wire
+from sparse_coord_ros.engine.improve import IMPROVED
 from sparse_coord_ros.errors import TablesError, os_error_text
 from sparse_coord_ros.files import write_whole
 from sparse_coord_ros.game.world import Action, Reward
 from sparse_coord_ros.learn.agent import Agent
-from sparse_coord_ros.learn.run_config import RunConfig
+from sparse_coord_ros.learn.run_config import RUN_FILE, RunConfig
 from sparse_coord_ros.learn.tables import TEAM_FILE, pack_tables, robot_file
 from sparse_coord_ros.lockstep.gate import StepGate
 from sparse_coord_ros.lockstep.robot_side import NO_STEP, RobotSide
 from sparse_coord_ros.lockstep.rollback import RobotRollback
 from sparse_coord_ros.nodes import interface
+from sparse_coord_ros.nodes.exchange import Exchange
 from sparse_coord_ros.nodes.follower import Follower
 from sparse_coord_ros.nodes.guard import Guard
 from sparse_coord_ros.nodes.messages import (
@@ -91,6 +93,9 @@ class Member:
         self._ears: list[Any] = []
         self._ready_since = 0.0
         self._peers = Peers(node, run, self._convert, self.lockstep, clients)
+        self._exchange = (
+            Exchange(node, run, self._number, self._packed, clients) if run.improve else None
+        )
         node.create_service(Trigger, services.SAVE.of("~"), self._on_save)
         self._say_progress()
 
@@ -245,7 +250,15 @@ class Member:
         """Whether all is learned that happened, or what is missing has had its time to come."""
         side, end, ended = self.lockstep, self._presence.end, self._presence.ended
         heard_all = self.joined and end is not None and side.newest[0] >= end
-        return (heard_all and side.waiting is None) or now - ended > LAST_WORDS_SECONDS
+        if not (heard_all and side.waiting is None) and now - ended <= LAST_WORDS_SECONDS:
+            return False
+        return self._exchange is None or not self._finished or self._exchange.over()
+
+    @property
+    def _finished(self) -> bool:
+        """Whether the world has said that the budget is used up."""
+        said = self._node.status
+        return said is not None and said.state == wire.RunState.FINISHED
 
     # Saving.
 
@@ -259,6 +272,22 @@ class Member:
         place = self.output.save(lambda out: write_whole(robot_file(out, name), packed))
         return None if place is None else robot_file(place, name)
 
+    def _improve(self) -> None:
+        """Save and publish what the robot makes of what all have learned, or has learned."""
+        assert self._exchange is not None
+        plan, number = self._exchange.plan(), self._number
+        tables = self.lockstep.agent.tables if plan is None else plan.tables[number]
+        packed = pack_tables({number + 1: tables}, counts=self.lockstep.counts)
+
+        def write(out: Path) -> None:
+            (out / IMPROVED).mkdir(exist_ok=True)
+            write_whole(out / IMPROVED / RUN_FILE, self.run.to_yaml())
+            write_whole(robot_file(out / IMPROVED, self._name), packed)
+
+        self.output.save(write)
+        occasion = wire.Occasion.IMPROVED
+        self._tables.publish(tables_message(packed, self.lockstep.handled, occasion))
+
     def _packed(self) -> bytes:
         """Return the tables as they are, with what they are of."""
         agent = self.lockstep.agent
@@ -266,13 +295,15 @@ class Member:
         memories = {number: agent.memory()}
         return pack_tables({number: agent.tables}, counts=counts, memories=memories)
 
-    def finish(self) -> None:
+    def finish(self, *, interrupted: bool) -> None:
         """Publish the last coordination map and the tables, save them and let all arrive."""
         if self.lockstep.handled and not self._unsaid:
             self._save_checkpoint()
         path = self._save()
         if path is not None:
             self._node.get_logger().info(f"saved {path}")
+        if self._exchange is not None and self._finished and not interrupted:
+            self._improve()
         self.report()
         self._publish_tables(wire.Occasion.FINAL)
         wait_for_readers((self._action, self._percept, self._map_publisher, self._tables))

@@ -10,6 +10,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from sparse_coord_ros.engine.improve import IMPROVED
 from sparse_coord_ros.errors import BagError, RunError, os_error_text
 from sparse_coord_ros.files import rescue, take_lock, write_whole
 from sparse_coord_ros.game.scenario import Scenario
@@ -62,6 +63,7 @@ def gather(
     if recording_error is not None:
         summary["recording_error"] = str(recording_error)
     summary |= _join_tables(out, scenario)
+    _join_tables(out / IMPROVED, scenario)
     write_whole(path, to_yaml(summary))
     finished = summary.get("transitions", 0) >= scenario.steps
     if finished and not interrupted and (out / TEAM_FILE).exists():

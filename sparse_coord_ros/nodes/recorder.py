@@ -35,6 +35,8 @@ QUIET_SECONDS = 0.3
 """After the run's end, the bag is closed when nothing has come for so long."""
 LAST_WORDS_SECONDS = 6.0
 """After the run's end, how long the bag is kept open for last words that may be to come."""
+PLANNING_SECONDS = 600.0
+"""The same where robots plan on what they have learned before they say their last words."""
 TALK_SECONDS = 20.0
 """After the run's end, how long somebody who goes on talking keeps the bag open."""
 KEPT_FREE = 32
@@ -108,9 +110,12 @@ class Recording:
     def attach_tables(self, robot: str, packed: bytes, step: int, occasion: str) -> None:
         """Attach a robot's tables to the bag, each but once."""
         self.heard = time.monotonic()
-        if self._tables.get(robot) != (step, packed):
-            self._tables[robot] = (step, packed)
-            name = wire.tables_attachment(robot, step)
+        improved = occasion == wire.Occasion.IMPROVED
+        if improved or self._tables.get(robot) != (step, packed):
+            name = wire.improved_attachment(robot)
+            if not improved:
+                self._tables[robot] = (step, packed)
+                name = wire.tables_attachment(robot, step)
             self.bag.attach(name, packed, "application/x-npz", self.now_ns)
             self.flush()  # the robot saves now, and may go on from there
         if occasion == wire.Occasion.FINAL:
@@ -230,7 +235,8 @@ class Recording:
         """Whether nothing comes any more, and nobody is left whose last words are to come."""
         waited = now - self._presence.ended
         quiet = now - self.heard >= QUIET_SECONDS or waited > TALK_SECONDS
-        return quiet and (waited > LAST_WORDS_SECONDS or self._heard_all())
+        limit = PLANNING_SECONDS if self.run.improve else LAST_WORDS_SECONDS
+        return quiet and (waited > limit or self._heard_all())
 
     def _heard_all(self) -> bool:
         """Whether nobody is left whose last words are still to come.

@@ -70,7 +70,7 @@ class RobotNode(Follower):
     def finish(self, *, interrupted: bool) -> None:
         """Say the last words, and save what was learned."""
         if self.member is not None:
-            self.member.finish()
+            self.member.finish(interrupted=interrupted)
 
 
 def main(args: list[str] | None = None) -> int:

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from sparse_coord_ros import wire
-from sparse_coord_ros.learn.agent import Tables
+from sparse_coord_ros.learn.agent import Agent, Tables
 from sparse_coord_ros.learn.simulation import tables_equal
 from sparse_coord_ros.runlog.attached import RecordedTables
 from sparse_coord_ros.runlog.dialogue import heard, times_asked_again
@@ -47,6 +47,7 @@ class AgentCheck:
         name: the robot's.
         trajectory: what the log says that it did.
         recorded: its recorded tables.
+        agent: the agent, as far as it was fed, after `differences`; None where it is not known.
         end: the newest time step that the world told it.
         state: the world's last state; None where the log breaks off, or says none.
         choices, updates, compared: actions, updates and tables that agree, after `differences`.
@@ -57,6 +58,7 @@ class AgentCheck:
         self.name = log.names[k]
         self.trajectory = trajectory_of(log, k, stretch)
         self.choices = self.updates = self.compared = 0
+        self.agent: Agent | None = None
         self.recorded = [entry for entry in log.all_tables if entry.robot == k]
         statuses = log.tracks.statuses
         self.state = statuses[-1].state if stretch.last is None and statuses else None
@@ -85,8 +87,8 @@ class AgentCheck:
         found = [*self._missing_tables()]
         begun, first = first_tables(self.log, self.k)
         if begun is not None and first is None:  # that there are none is said elsewhere
-            agent = fresh_agent(self.log, self.k, begun, self.stretch)
-            first = self._first(Replay(self.log, self.trajectory, agent))
+            self.agent = fresh_agent(self.log, self.k, begun, self.stretch)
+            first = self._first(Replay(self.log, self.trajectory, self.agent))
         return found if first is None else [*found, first]
 
     def _first(self, replay: Replay) -> Difference | None:

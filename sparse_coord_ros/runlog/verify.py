@@ -11,6 +11,7 @@ from sparse_coord_ros.game.plugins import leaving_out
 from sparse_coord_ros.runlog.agents import AgentCheck
 from sparse_coord_ros.runlog.difference import Difference
 from sparse_coord_ros.runlog.game_check import WorldCheck
+from sparse_coord_ros.runlog.improved import Plans, check_plans
 from sparse_coord_ros.runlog.judge import judge, topic_of
 from sparse_coord_ros.runlog.log import RunLog, read_run
 from sparse_coord_ros.runlog.percepts import check_percepts
@@ -41,6 +42,7 @@ class Verification:
         unlearned: transitions that robots under way have not learned from.
         resets: episodes that began early.
         repeats: messages that came again after a silence.
+        kept: robots that were to improve and kept what they had learned, as a peer was silent.
         not_compared: time steps that are lost, or lie between a loss and the next checkpoint, as
             (first, last); None: to the run's end.
     """
@@ -60,6 +62,7 @@ class Verification:
     unlearned: int
     resets: int
     repeats: int
+    kept: int
     not_compared: tuple[tuple[int, int | None], ...]
 
     @property
@@ -114,6 +117,10 @@ def verify(path: Path) -> Verification:
         found += [one for one in here if one.step is not None and part.holds(one.step)]
         worlds.append(world)
         agents += team
+    plans = Plans()
+    if not found and not parts[-1].lost:  # else the agents do not know what the robots do
+        plans = _of_plans(log, agents, say)
+        found += plans.odd
     verdict = judge(log, agents, sorted(dict.fromkeys(found), key=lambda one: one.rank))
 
     def total(name: str, checks: Sequence[AgentCheck | WorldCheck] = agents) -> int:
@@ -134,6 +141,7 @@ def verify(path: Path) -> Verification:
         left_out=worlds[-1].left_out if worlds else 0,
         unlearned=total("unlearned"),
         resets=total("resets", worlds),
+        kept=plans.kept,
         repeats=sum(len(t.repeats) for k in robots for t in log.tracks.of(k)),
         not_compared=tuple((part.first, part.last) for part in parts if part.lost),
     )
@@ -150,3 +158,13 @@ def _of_agents(
                 yield from agent.differences()
             else:
                 say(why)
+
+
+def _of_plans(log: RunLog, agents: Sequence[AgentCheck], say: Callable[[str], None]) -> Plans:
+    """Compare what the team made of what it had learned, where that is known of all."""
+    last = [one.agent for one in agents[-len(log.names) :]]
+    known = [agent for agent in last if agent is not None]
+    with leaving_out("improved tables", say):
+        if log.run.improve and len(known) == len(log.names):
+            return check_plans(log, known)
+    return Plans()

@@ -246,6 +246,11 @@ def tables_attachment(robot: str, step: int | str) -> str:
     return f"{TABLES_FOLDER}{robot}_{step}.npz"
 
 
+def improved_attachment(robot: str) -> str:
+    """Return what a robot's tables are called as an attachment that are improved."""
+    return f"improved/{robot}.npz"
+
+
 WORLD, RECORDER = "world_simulator", "recorder"
 """Roles, and what their nodes are called unless they are renamed: the world is who announces
 `run`, a recorder who publishes `_recording`; a robot's node has the robot's name."""
@@ -316,4 +321,5 @@ class Occasion(StrEnum):
 
     INITIAL = "initial"
     CHECKPOINT = "checkpoint"
+    IMPROVED = "improved"
     FINAL = "final"

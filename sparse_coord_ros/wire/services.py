@@ -25,6 +25,10 @@ class Service:
 ACTIVE_PERCEPTION = Service("active_perception", "nav_msgs/srv/GetPlan")
 """Of a robot: where it is."""
 
+LEARNED = Service("learned", "std_srvs/srv/Trigger")
+"""Of a robot of a run that is to `improve`, once it has learned all: what, as base64 text of the
+bytes of `learn.tables.pack_tables`."""
+
 SAVE = Service("save", "std_srvs/srv/Trigger")
 """Of a robot, or a team: write the tables."""
 

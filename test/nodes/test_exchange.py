@@ -1,0 +1,105 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Robots exchange what they learned, once, and plan on it; the log shows it."""
+
+import base64
+
+import pytest
+from std_srvs.srv import Trigger
+
+from sparse_coord_ros.compiling import has_numba
+from sparse_coord_ros.engine.improve import improve
+from sparse_coord_ros.engine.training import train
+from sparse_coord_ros.errors import SettingError
+from sparse_coord_ros.learn.run_config import load_run
+from sparse_coord_ros.learn.simulation import tables_equal
+from sparse_coord_ros.learn.tables import load_team, unpack_saved
+from sparse_coord_ros.nodes.exchange import Exchange
+from sparse_coord_ros.nodes.spin import ros_context
+from sparse_coord_ros.nodes.team import run_team
+from sparse_coord_ros.runlog import improved, verify
+
+pytestmark = pytest.mark.skipif(not has_numba(), reason="minutes in plain Python")
+
+
+def values(out, **more):
+    sets = ["steps=300", "penalty=-100"]
+    base = {"scenario": "env1", "learner": "factored", "seed": 7, "set": sets, "improve": True}
+    return {**base, "out": str(out), "claim_window": 0.0, "record": True, **more}
+
+
+def test_each_robot_plans_what_a_run_without_ros_plans_and_verify_again(tmp_path, monkeypatch):
+    out = tmp_path / "out"
+    with ros_context() as context:
+        run_team(values(out), context=context)
+    run = load_run(out / "improved")
+    assert run.improve
+    done = train(run.scenario, "factored", 7)
+    due = improve(run.scenario, done.learner, done.memories)
+    assert tables_equal(load_team(out, run.scenario), done.tables)
+    assert tables_equal(load_team(out / "improved", run.scenario), list(due.tables))
+    assert not list((out / "improved").glob("tables_*"))
+    found = verify(out / "bag")
+    assert found.same and found.kept == 0
+    real = improved.improve
+    backwards = lambda scenario, rule, known: real(scenario, rule, known[::-1])  # noqa: E731
+    monkeypatch.setattr(improved, "improve", backwards)
+    odd = verify(out / "bag").differences
+    assert [one.quantity.split()[0] for one in odd] == [f"improved/robot_{k}.npz" for k in (1, 2)]
+
+
+def test_a_robot_keeps_its_tables_where_a_peer_says_nothing(tmp_path, monkeypatch, capfd):
+    def silent(self, request, response):
+        if self._number == 1:
+            return response
+        return answer(self, request, response)
+
+    answer = Exchange._answer
+    monkeypatch.setattr(Exchange, "_answer", silent)
+    out = tmp_path / "out"
+    with ros_context() as context:
+        run_team(values(out, step_timeout=0.6, percept_timeout=0.5), context=context)
+    assert "robot_2 did not say what was learned" in capfd.readouterr().err
+    scenario = load_run(out).scenario
+    learned, plan = load_team(out, scenario), load_team(out / "improved", scenario)
+    assert tables_equal(plan[:1], learned[:1]) and not tables_equal(plan[1:], learned[1:])
+    found = verify(out / "bag")
+    assert found.same and found.kept == 1
+
+
+def test_a_learning_robot_says_nothing_and_one_that_has_learned_all(bench):
+    observer = bench.observer()
+    world = bench.world(learner="factored", improve=True, rate=0.001)
+    robots = bench.robots()
+    bench.spin_until(lambda: world.lockstep.complete, "first barrier")
+    said = observer.call(Trigger, "robot_1/learned")
+    assert (said.success, said.message) == (False, "it is still learning")
+    robots[0].member._exchange.over()
+    said = observer.call(Trigger, "robot_1/learned")
+    [saved] = unpack_saved(base64.b64decode(said.message), [1], where="said")
+    assert said.success and saved.memory is not None
+
+
+def test_an_answer_that_is_none_is_not_used(bench):
+    world = bench.world(learner="factored", improve=True, rate=0.001)
+    robots = bench.robots()
+    bench.spin_until(lambda: world.lockstep.complete, "first barrier")
+    mine = robots[0].member._exchange
+    for text in ("nonsense!", base64.b64encode(b"no archive").decode()):
+        future = type("Answer", (), {"result": lambda _, text=text: response(text)})()
+        mine._take(1, future)
+        assert 1 not in mine._learned
+    assert robots[0].intake.total == 2
+
+
+def response(text):
+    return Trigger.Response(success=True, message=text)
+
+
+def test_who_cannot_improve(tmp_path):
+    for wrong, words in (
+        ({"learner": "coop"}, "learner coop keeps no model"),
+        ({"greedy": True}, "a greedy run learns nothing"),
+    ):
+        with ros_context() as context, pytest.raises(SettingError, match=words):
+            run_team(values(tmp_path / "out", **wrong), context=context)
