@@ -22,7 +22,7 @@ from sparse_coord_ros.learn.tables import pack_tables
 import hashlib
 scenario = load_scenario("env1", ).with_settings({"steps": 3000})
 there = is_prepared()
-prepare(scenario, "coop")
+prepare("coop")
 [run] = run_batch(scenario, "coop", [4], trials=3, engine="numba")
 bits = pack_tables(dict(enumerate(run.tables, 1)))
 print(there, hashlib.sha256(bits).hexdigest(), run.trials.reward.tolist())

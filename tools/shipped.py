@@ -100,7 +100,7 @@ def find_teams(out: Path) -> None:
         condition = make_condition(name, "factored", LONG)
         rewards = computed(condition, CROWDS.plan(condition)).run_means("reward")
         scenario = condition.scenario
-        prepare(scenario, "factored")
+        prepare("factored")
         team = CompiledTeam(scenario, "factored")
         judged = []
         for run in np.argsort(rewards)[-FEW:].tolist():

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from sparse_coord_ros.cli import options as shared
+from sparse_coord_ros.cli.computing import Bar
 from sparse_coord_ros.cli.options import Option
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.learn.agent import Tables
@@ -102,13 +103,13 @@ def evaluation_of(
 ) -> Evaluation | ExactEvaluation:
     """Evaluate tables that fit their run; arguments as of `evaluated`."""
     how: dict[str, Any] = {"trials": trials, "seed": seed, "learner": run.rule}
-    if exact is False:
-        return evaluate(run.scenario, tables, **how)
     from sparse_coord_ros.solve.exact import evaluate_best, evaluate_exact
 
     if exact:
         return evaluate_exact(run.scenario, tables, learner=run.rule)
-    return evaluate_best(run.scenario, tables, **how)
+    with Bar("trials") as bar:
+        play = evaluate if exact is False else evaluate_best
+        return play(run.scenario, tables, progress=bar.show, **how)
 
 
 def by_game(found: list[Evaluated]) -> list[list[Evaluated]]:

@@ -189,7 +189,7 @@ def _ready_engine(options: argparse.Namespace, run: RunConfig) -> str:
         return engine
     if engine == "numba" and not is_prepared(learner=run.rule, history=True):
         shared.note("compiling the learning loop (some 10 s, once) ...")
-        prepare(run.scenario, run.rule, engine=engine, history=True)
+        prepare(run.rule, engine=engine, history=True)
     missed = options.engine == "auto" and run.rule.compiled and not has_numba()
     if missed and worth_compiling(run.scenario, run.rule):
         note_without_numba()

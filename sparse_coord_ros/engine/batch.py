@@ -29,7 +29,7 @@ from sparse_coord_ros.game.links import UP, link_of
 from sparse_coord_ros.game.miscoordination import meeting_places, miscoordinated
 from sparse_coord_ros.game.perception import drawn_peer, percept_probabilities
 from sparse_coord_ros.game.plugins import path_of
-from sparse_coord_ros.game.scenario import Scenario
+from sparse_coord_ros.game.scenario import Scenario, load_scenario
 from sparse_coord_ros.game.schedules import probabilities, step_sizes
 from sparse_coord_ros.game.world import EPISODE_GAP, FIRST_STEP, Action, Position
 from sparse_coord_ros.learn import loops
@@ -47,6 +47,9 @@ BLOCK = 2048
 
 JUMPS = jump_table()
 """As of `loops.Draws`."""
+
+SMALL = "env1"
+"""The scenario on which loops are played when they are compiled."""
 
 ENGINES = ("auto", "numba", "python")
 
@@ -148,7 +151,7 @@ def _in_threads(batches: Sequence[Batch], trials: int, jobs: int, history: bool)
     with ThreadPoolExecutor(jobs) as pool:
         try:
             for scenario, rule, seeds in batches:
-                prepare(scenario, rule, history=history)
+                prepare(rule, history=history)
                 run = partial(CompiledTeam(scenario, rule, stop).run, gathering=history)
                 futures += [pool.submit(run, seed, trials) for seed in seeds]
             futures.reverse()
@@ -205,16 +208,14 @@ def _run_plain(
     return Run(seed, tables, learning.visited, played, history, exact)
 
 
-def prepare(
-    scenario: Scenario, learner: str | Learner, *, engine: str = "auto", history: bool = False
-) -> None:
+def prepare(learner: str | Learner, *, engine: str = "auto", history: bool = False) -> None:
     """Compile the loops for a learner where that has not been done in this process.
 
     Does nothing where plain Python is going to compute. What shows progress calls it before its
-    clock starts: it takes some seconds, once a process, and Ctrl-C ends it at once.
+    clock starts: it takes some seconds, once a process, and Ctrl-C ends it at once. It plays on a
+    small map: on the user's own a trial may take minutes.
 
     Args:
-        scenario: the problem.
         learner: a learner, or its name.
         engine: as of `run_batch`.
         history: whether the loop is needed that gathers the learning history.
@@ -226,7 +227,8 @@ def prepare(
     if uses_numba(engine, rule):
 
         def warm_up() -> None:
-            CompiledTeam(scenario.with_settings({"steps": 1}), rule).run(0, 1, gathering=history)
+            small = rule.with_defaults(load_scenario(SMALL).with_settings({"steps": 1}))
+            CompiledTeam(small, rule).run(0, 1, gathering=history)
 
         compile_once(*_loops_key(rule, history), warm_up)
 

@@ -9,7 +9,7 @@ import shutil
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,7 +31,14 @@ from sparse_coord_ros.game.scenario import Scenario, ScenarioLike, loaded
 from sparse_coord_ros.game.settings import Setting
 from sparse_coord_ros.learn.agent import Memory, Tables
 from sparse_coord_ros.learn.checkpoint import Checkpoint, load_checkpoint
-from sparse_coord_ros.learn.evaluation import Evaluation, Trials, play, summary
+from sparse_coord_ros.learn.evaluation import (
+    Evaluation,
+    Progress,
+    Trials,
+    play,
+    silent,
+    summary,
+)
 from sparse_coord_ros.learn.history import History
 from sparse_coord_ros.learn.learners import Learner, LearnerLike, chosen_learner, learner_of
 from sparse_coord_ros.learn.run_config import RUN_FILE, RUN_SETTINGS, create_output, make_run
@@ -179,7 +186,7 @@ def train(
     engine: str = "auto",
     evaluate_every: int | None = None,
     trials: int = 200,
-    progress: Callable[[int, int], None] = lambda done, budget: None,
+    progress: Progress = silent,
     checkpoint: Path | None = None,
     resume: bool = False,
     until: int | None = None,
@@ -251,7 +258,7 @@ class _RunUnderWay:
     evaluate_every: int
     trials: int
     checkpoint: Path | None
-    progress: Callable[[int, int], None]
+    progress: Progress
     watcher: Watcher | None
     evaluations: list[tuple[int, Evaluation]]
 
@@ -259,7 +266,7 @@ class _RunUnderWay:
         """Begin, or go on where the run was."""
         self.learning: LearningRun
         if self.engine == "numba":
-            prepare(self.scenario, self.learner, history=True)
+            prepare(self.learner, history=True)
             team = CompiledTeam(self.scenario, self.learner)
             self.learning = CompiledLearning(team, self.seed, state)
         else:

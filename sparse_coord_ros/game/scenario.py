@@ -201,13 +201,8 @@ class Scenario:
 
     @property
     def sparse(self) -> bool:
-        """Whether Q^C has rows for visited joint states only.
-
-        It has where it is over more than a pair, and on maps so large that an array would take
-        more than `LARGEST_DENSE` bytes a robot.
-        """
-        large = dense_nbytes(len(self.map.cells), 2) > LARGEST_DENSE
-        return self.perceived > 2 or large
+        """Whether Q^C has rows for visited joint states only, as of `is_sparse`."""
+        return is_sparse(len(self.map.cells), self.perceived)
 
     def with_settings(
         self, values: Mapping[str, object] | None = None, /, **settings: object
@@ -270,6 +265,14 @@ SETTINGS = settings_of(Scenario)
 def dense_nbytes(cells: int, agents: int) -> int:
     """Return the bytes of Q^C as an array: a float64 for each joint state and move."""
     return int(cells**agents * PRIMITIVES * np.dtype(np.float64).itemsize)
+
+
+def is_sparse(cells: int, agents: int) -> bool:
+    """Return whether Q^C is no array: it is over more than a pair, or on so large a map.
+
+    There an array would take more than `LARGEST_DENSE` bytes a robot.
+    """
+    return agents > 2 or dense_nbytes(cells, 2) > LARGEST_DENSE
 
 
 RESERVED_NAMES = ("world_simulator", "recorder", "team")

@@ -421,8 +421,9 @@ class TableMinds(NamedTuple):
         team, cells = len(scenario.robots), len(scenario.map.cells)
         q_star = np.stack([learner.tables(scenario, k).q_star for k in range(team)])
         first = scenario.q_coord_init
-        rows = make_rows(team, cells * cells if learner.asks else 0, first)
-        if learner.asks and scenario.sparse:
+        sparse = learner.asks and scenario.sparse
+        rows = make_rows(team, cells * cells if learner.asks and not sparse else 0, first)
+        if sparse:
             rows = make_rows(team, 0, first, 1, MOST_ROWS)
             rows = rows.empty(rows.rows_for(0, block))
         return cls(q_star, np.zeros(q_star.shape, dtype=np.int32), rows)

@@ -6,9 +6,9 @@ All policies are evaluated greedily "in the original problem", all robots moving
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -24,6 +24,14 @@ from sparse_coord_ros.learn.simulation import Team
 
 MEASURES = ("reward", "time_to_goal", "miscoordinations", "asks")
 """The measures of an `Evaluation`."""
+
+Progress: TypeAlias = Callable[[int, int], None]
+"""Is told what is done, of all that there is to do."""
+
+
+def silent(done: int, total: int) -> None:
+    """Tell nobody."""
+
 
 TRIALS = Setting("trials", int, 1000, "Monte-Carlo trials", low=1, high=10_000_000)
 
@@ -114,9 +122,11 @@ def evaluate(
     trials: int,
     seed: int,
     learner: str | Learner | None = None,
+    progress: Progress = silent,
 ) -> Evaluation:
     """Play greedy trials and sum them up; arguments and errors as of `play`."""
-    return summary(play(scenario, tables, trials=trials, seed=seed, learner=learner))
+    how: Any = {"trials": trials, "seed": seed, "learner": learner, "progress": progress}
+    return summary(play(scenario, tables, **how))
 
 
 def summary(trials: Trials) -> Evaluation:
@@ -138,6 +148,7 @@ def play(
     trials: int,
     seed: int,
     learner: str | Learner | None = None,
+    progress: Progress = silent,
 ) -> Trials:
     """Play greedy trials from the scenario's starts.
 
@@ -148,6 +159,7 @@ def play(
         seed: seed of the trials' draws, independent of the draws of learning.
         learner: whose greedy policy acts on them; None: Algorithm 1's, or that of a baseline
             where the column of COORDINATE is NaN.
+        progress: called with the trials played and all of them, before each one.
 
     Raises:
         TablesError: the tables do not fit the scenario.
@@ -161,6 +173,7 @@ def play(
     asked = np.zeros((len(tables), len(scenario.map.cells)), dtype=np.int64)
     stays = np.zeros_like(asked)
     for trial in range(trials):
+        progress(trial, trials)
         world.begin_episode()
         discount, elapsed = 1.0, 0
         while not world.episode_over:

@@ -19,6 +19,7 @@ import numpy as np
 
 from sparse_coord_ros.compiling import inlined, inner
 from sparse_coord_ros.game.actions import ACTIONS, COORDINATE, PRIMITIVES
+from sparse_coord_ros.game.scenario import is_sparse
 from sparse_coord_ros.learn.algorithm import Values, greatest, step_size
 from sparse_coord_ros.learn.archive import check_range
 
@@ -129,7 +130,7 @@ def keys_of(states: np.ndarray, cells: int, robots: int) -> np.ndarray:
 
 
 class AdditiveTable:
-    """Q^C over the joint states of more than two robots, read from factors.
+    """Q^C over joint states too many for an array, read from factors.
 
     `table[cell, *peer_cells]` is the row of a joint state, `table[cell, *peer_cells, action]` an
     entry of it; the peers are in ascending order. It cannot be written to. Who has the right of
@@ -155,7 +156,7 @@ class AdditiveTable:
         correction = np.zeros(PRIMITIVES)
         for peer, z in zip(self._peers, others, strict=False):
             row = self._rows.get((x, peer, z))
-            if row is not None and counted(self._number, peer, x, z, True):
+            if row is not None and counted(self._number, peer, x, z, len(self._peers) > 1):
                 correction = correction + row
         values = self._individual[x] + correction
         return values[others[-1]] if len(index) == len(self.shape) else values
@@ -164,14 +165,15 @@ class AdditiveTable:
 def coordination_table(factors: Factors, number: int, robots: int) -> "np.ndarray | AdditiveTable":
     """Return Q^C as the robot acts on it: an array for two robots, else read from the factors.
 
-    The array has the shape (cells, cells, 4), float64: the own cell, the peer's, the move.
+    On large maps it is read from them as well, as of `is_sparse`. An array has the shape (cells,
+    cells, 4), float64: the own cell, the peer's, the move.
 
     Args:
         factors: the robot's factors.
         number: the robot, from 0.
         robots: how many there are.
     """
-    if robots > 2:
+    if is_sparse(len(factors.individual), robots):
         return AdditiveTable(factors, number, robots)
     cells = len(factors.individual)
     correction = np.zeros((cells, cells, PRIMITIVES))

@@ -10,8 +10,8 @@ first index the own cell. Where Q^C is sparse, instead of `q_coord_k`: `q_coord_
 Of a learner that learns in factors (`learn.factors.Factors`): `u_k` and `r_bar_k`, shape (cells,
 moves); `w_k`, (cells,); `rho_states_k`, (rows, 3): own cell, number of the peer (from 1) and its
 cell, 0 and -1 for failed percepts; `rho_k`, (rows, moves). With two robots `q_coord_k` is there as
-well, as the robot acts on it; with more it is read from the factors, and `robots_k` says how many
-there are.
+well, as the robot acts on it; with more, and on large maps, it is read from the factors, and
+`robots_k` says how many there are.
 
 All else that an agent needs to learn on, such as the counts of updates, is there as of
 `learn.checkpoint.memory_arrays`. Cells are numbered row by row from the top left, free cells only.
@@ -210,7 +210,7 @@ def _robot(arrays: Mapping[str, np.ndarray], number: int) -> Tables:
         check_states(states, cells, robots)
         factors = Factors(u, r_bar, take("w", np.float64, cells), states, rho)
         if f"robots_{number}" in arrays:
-            check_range(np.array(robots), max(number, 3), MOST_ROBOTS, "robots")
+            check_range(np.array(robots), max(number, 2), MOST_ROBOTS, "robots")
             return Tables(q_star, coordination_table(factors, number - 1, robots), factors)
     if f"q_coord_keys_{number}" not in arrays:
         agents = np.ndim(arrays.get(f"q_coord_{number}", 0)) - 1

@@ -23,13 +23,15 @@ from sparse_coord_ros.game.perception import percept_probabilities
 from sparse_coord_ros.game.plugins import is_shipped
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.streams import EVALUATION
-from sparse_coord_ros.learn.agent import Tables
+from sparse_coord_ros.learn.agent import Agent, Tables
 from sparse_coord_ros.learn.evaluation import (
     Evaluation,
     Measure,
+    Progress,
     acting_on,
     check_tables,
     evaluate,
+    silent,
 )
 from sparse_coord_ros.learn.learners import Learner, learner_of
 from sparse_coord_ros.solve.exact_loops import (
@@ -44,6 +46,10 @@ from sparse_coord_ros.solve.exact_loops import (
 
 MOST_ROBOTS = 2
 """The joint chain of more robots is too large; they are evaluated by trials."""
+
+MOST_STATES, MOST_OUTCOMES = 2**20, 50_000_000
+"""Joint states within reach, which take up to a gigabyte, and outcomes of steps that are followed,
+which take up to five seconds: beyond that trials are quicker."""
 
 CHOOSING = ("decide", "act", "coordinate", "values_asking")
 """How an agent chooses, beside its `values`: an agent of the user's own that changes one of these
@@ -99,12 +105,18 @@ def evaluate_exact(
 
     Raises:
         TablesError: the tables do not fit the scenario.
-        SettingError: more than two robots, or a learner whose agents act by a rule of their own.
+        SettingError: more than two robots, more joint states within their reach than it pays for,
+            or a learner whose agents act by a rule of their own.
     """
     check_exact(scenario)
     check_tables(scenario, tables, learner)
-    pair, team = _pair(scenario, tables, learner), len(scenario.robots)
-    sums = _carried(pair, spreads=True)
+    agents, team = _agents(scenario, tables, learner), len(scenario.robots)
+    own = _within_reach(scenario, agents)
+    sums = _carried(_pair(scenario, agents, own), spreads=True, most=MOST_OUTCOMES)
+    if sums is None:
+        raise _does_not_pay(scenario, f"over {MOST_OUTCOMES:,} outcomes of steps", "as many")
+    asked, stays = np.zeros((2, team, len(scenario.map.cells)))
+    asked[:, own], stays[:, own] = sums.asked[:team], sums.stays[:team]
     squares = sums.squares[:-1].reshape(3, 2)
     reward, time_to_goal, asks = map(_measure, sums.robots[:, :team], squares[:, :team])
     return ExactEvaluation(
@@ -114,8 +126,8 @@ def evaluate_exact(
         asks=asks,
         all_arrived=min(1.0, float(sums.team[ARRIVED])),
         robots=tuple(sums.robots[REWARD, :team].tolist()),
-        asked=sums.asked[:team],
-        stays=sums.stays[:team],
+        asked=asked,
+        stays=stays,
     )
 
 
@@ -126,6 +138,7 @@ def evaluate_best(
     trials: int,
     seed: int = 0,
     learner: str | Learner | None = None,
+    progress: Progress = silent,
 ) -> ExactEvaluation | Evaluation:
     """Compute what a team is worth where that can be, else play trials.
 
@@ -135,14 +148,16 @@ def evaluate_best(
         trials: how many, if trials are played.
         seed: of the trials.
         learner: as of `evaluate_exact`.
+        progress: of the trials.
 
     Raises:
         TablesError: the tables do not fit the scenario.
     """
     try:
         return evaluate_exact(scenario, tables, learner=learner)
-    except SettingError:  # more robots, a link that fails by time, agents with a rule of their own
-        return evaluate(scenario, tables, trials=trials, seed=seed, learner=learner)
+    except SettingError:  # too many, a link that fails by time, agents with a rule of their own
+        how: Any = {"trials": trials, "seed": seed, "learner": learner, "progress": progress}
+        return evaluate(scenario, tables, **how)
 
 
 def check_exact(scenario: Scenario) -> None:
@@ -176,43 +191,111 @@ def exact_means(
 ) -> ExactMeans | None:
     """Return the means of `evaluate_exact`, a hundred times faster; None where there are none.
 
-    There are none for another number of robots than two, and for learners whose agents act by a
-    rule of their own.
+    There are none for another number of robots than two, on maps so large that a team without
+    a policy would take longer than trials, and for learners whose agents act by a rule of their
+    own.
 
     Args:
         scenario: the problem.
         tables: the tables of every robot, which fit it.
         learner: whose greedy policy acts on them.
     """
-    if len(scenario.robots) != MOST_ROBOTS:
+    cells = len(scenario.map.cells)
+    large = cells**2 * OUTCOMES**2 * scenario.horizon > MOST_OUTCOMES
+    if len(scenario.robots) != MOST_ROBOTS or large:
         return None
     try:
-        pair = _pair(scenario, tables, learner)
+        agents = _agents(scenario, tables, learner)
     except SettingError:
         return None
-    sums = _carried(pair, spreads=False)
+    sums = _carried(_pair(scenario, agents, np.arange(cells)), spreads=False)
+    assert sums is not None
     return ExactMeans(*sums.robots, *map(float, sums.team))
 
 
-def _pair(scenario: Scenario, tables: Sequence[Tables], learner: str | Learner | None) -> Pair:
-    asking, moves = (np.array(found) for found in _policies(scenario, tables, learner))
-    cells, alone = len(scenario.map.cells), len(scenario.robots) == 1
-    starts = [robot.start for robot in scenario.robots]
-    goals = [robot.goal for robot in scenario.robots]
-    places = meeting_places(scenario)
+def _does_not_pay(scenario: Scenario, what: str, most: str) -> SettingError:
+    return SettingError(
+        f"exact evaluation: this team in scenario {scenario.name} has {what}, allowed: up to "
+        f"{most}; leave out 'exact' for trials, or evaluate a team that has learned more"
+    )
+
+
+def _agents(
+    scenario: Scenario, tables: Sequence[Tables], learner: str | Learner | None
+) -> list[Agent]:
+    """Return the robots, acting greedily; SettingError where tables do not say how they act."""
+    check_up(scenario.link, "exact evaluation")
+    agents = []
+    for k, table in enumerate(tables):
+        rule = learner_of(learner or acting_on(table))
+        agent = rule.agent(scenario, k, 0, tables=table, learning=False, phase=EVALUATION)
+        if not all(is_shipped(getattr(type(agent), name)) for name in CHOOSING):
+            raise SettingError(
+                f"exact evaluation: learner {rule.label} acts by a rule of its own, allowed: "
+                "learners whose agents act as Algorithm 1 does; leave out 'exact' for trials"
+            )
+        agents.append(agent)
+    return agents
+
+
+def _within_reach(scenario: Scenario, agents: Sequence[Agent]) -> np.ndarray:
+    """Return the cells that robots can come to, ascending; SettingError where too many."""
+    asking, moving, reached = [], [], [np.empty(0, dtype=np.int64)] * len(agents)
+    for agent in agents:
+        asks, moves, where, blind = _choices(agent, np.arange(len(scenario.map.cells)))
+        asking.append(asks > 0.0)
+        moving.append(moves > 0.0)
+        moving[-1][where] |= blind > 0.0
+    while True:
+        before, reached = reached, [_closure(scenario, k, moves) for k, moves in enumerate(moving)]
+        own = np.union1d(reached[0], reached[-1])
+        if len(own) ** 2 > MOST_STATES:
+            raise _does_not_pay(scenario, f"{len(own) ** 2:,} joint states", f"{MOST_STATES:,}")
+        if all(map(np.array_equal, before, reached)):
+            return own
+        for k in range(len(agents) if len(agents) > 1 else 0):
+            where = reached[k][asking[k][reached[k]]]
+            seen = _greedy(_rows(agents[k].tables.q_coord, where, reached[1 - k]))
+            moving[k][where] |= (seen > 0.0).any(axis=1)
+
+
+def _closure(scenario: Scenario, k: int, moves: np.ndarray) -> np.ndarray:
+    """Return the cells that robot k can come to by moves, shape (cells, moves), bool."""
+    robot, lead = scenario.robots[k], scenario.map.next_cell
+    found, left = {robot.start, robot.goal}, [robot.start]
+    while left:
+        x = left.pop()
+        if x != robot.goal:
+            new = set(lead[x, moves[x]].tolist()) - found
+            found |= new
+            left += new
+    return np.array(sorted(found))
+
+
+def _pair(scenario: Scenario, agents: Sequence[Agent], own: np.ndarray) -> Pair:
+    """Return the two robots on the cells `own`, ascending, which they do not leave."""
+    cells, alone = len(own), len(agents) == 1
+    percepts = percept_probabilities(scenario.perception, scenario.map)[np.ix_(own, own)]
+    policies = [_policy(agent, own, percepts, alone=alone) for agent in agents]
+    asking, moves = (np.array(found) for found in zip(*policies, strict=True))
+    starts = np.searchsorted(own, [robot.start for robot in scenario.robots])
+    goals = np.searchsorted(own, [robot.goal for robot in scenario.robots])
+    places = meeting_places(scenario)[own]
     meets, penalties = together(places[:, None], places[None, :]), scenario.penalties
     if alone:
-        starts, goals, penalties = [*starts, *goals], [*goals, *goals], (*penalties, 0.0)
+        starts, goals, penalties = np.append(starts, goals), np.tile(goals, 2), (*penalties, 0.0)
         asking, moves = np.repeat(asking, 2, axis=0), np.repeat(moves, 2, axis=0)
         meets = np.zeros_like(meets)
+    # Where a move leads out of the cells, nobody makes it.
+    lead = np.minimum(np.searchsorted(own, scenario.map.next_cell[own]), cells - 1)
     either = moves.sum(axis=1)
     asked = np.empty((2, cells, cells, OUTCOMES))
     asked[..., :STAY] = moves[:, 1] / np.where(either > 0.0, either, 1.0)
     asked[..., STAY] = asking[:, :, None]
     return Pair(
-        lead=np.column_stack([scenario.map.next_cell, np.arange(cells)]),
-        starts=np.array(starts),
-        goals=np.array(goals),
+        lead=np.column_stack([lead, np.arange(cells)]),
+        starts=starts,
+        goals=goals,
         moves=either,
         asks=asking,
         asked=asked,
@@ -226,8 +309,11 @@ def _pair(scenario: Scenario, tables: Sequence[Tables], learner: str | Learner |
     )
 
 
-def _carried(pair: Pair, *, spreads: bool) -> Sums:
-    """Return what a trial brings; its squares only where `spreads` asks for them."""
+def _carried(pair: Pair, *, spreads: bool, most: float = np.inf) -> Sums | None:
+    """Return what a trial brings, its squares only where `spreads` asks for them.
+
+    None: steps have more than `most` outcomes in all.
+    """
     cells = len(pair.lead)
     likely, places = np.zeros((2, cells**2)), np.zeros((2, cells**2), dtype=np.int64)
     sums = Sums(
@@ -239,49 +325,56 @@ def _carried(pair: Pair, *, spreads: bool) -> Sums:
         brought=np.zeros((2, QUANTITIES)),
         moments=np.zeros((2, cells**2 if spreads else 0, 2, QUANTITIES)),
     )
-    compiled()(pair, *likely, *places, sums)
-    return sums
+    return sums if compiled()(pair, *likely, *places, sums, most) else None
 
 
-def _policies(
-    scenario: Scenario, tables: Sequence[Tables], learner: str | Learner | None
-) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Return, for each robot, how likely it asks and what it does.
+def _choices(
+    agent: Agent, own: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return what a robot does in some cells before it perceives anything.
+
+    Returns:
+        The probability of asking in each, shape (cells,); that of each move without asking,
+        (cells, moves); the places in `own` where it asks, as most robots do in few; and there the
+        probability of each move after a percept that failed, (places, moves).
+    """
+    chosen = _greedy(np.array([agent.values(x)[: agent.actions] for x in own.tolist()]))
+    asks = chosen[:, COORDINATE] if agent.actions > COORDINATE else np.zeros(len(own))
+    where = np.flatnonzero(asks)
+    blind = [agent.values_asking(x, None)[:PRIMITIVES] for x in own[where].tolist()]
+    unseen = _greedy(np.array(blind)) if blind else np.empty((0, PRIMITIVES))
+    return asks, chosen[:, :PRIMITIVES], where, unseen
+
+
+def _policy(
+    agent: Agent, own: np.ndarray, percepts: np.ndarray, *, alone: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return how likely a robot asks and what it does in some cells.
 
     Returns:
         The probability of asking in each own cell, shape (cells,); and that of each move, shape
         (2, cells, peer's cells, moves): without asking, and together with asking. The second's
         sum over asking and moves is 1.
     """
-    check_up(scenario.link, "exact evaluation")
-    percepts = percept_probabilities(scenario.perception, scenario.map)
-    cells = len(scenario.map.cells)
-    asking, moves = [], []
-    for k, table in enumerate(tables):
-        rule = learner_of(learner or acting_on(table))
-        agent = rule.agent(scenario, k, 0, tables=table, learning=False, phase=EVALUATION)
-        if not all(is_shipped(getattr(type(agent), name)) for name in CHOOSING):
-            raise SettingError(
-                f"exact evaluation: learner {rule.label} acts by a rule of its own, allowed: "
-                "learners whose agents act as Algorithm 1 does; leave out 'exact' for trials"
-            )
-        values = [agent.values(x)[: agent.actions] for x in range(cells)]
-        chosen = _greedy(np.array(values))
-        asks = chosen[:, COORDINATE] if agent.actions > COORDINATE else np.zeros(cells)
-        both = np.zeros((2, cells, cells, PRIMITIVES))
-        both[0] = chosen[:, None, :PRIMITIVES]
-        where = np.flatnonzero(asks)  # most robots ask in few cells
-        if len(where):
-            unseen = [agent.values_asking(x, None)[:PRIMITIVES] for x in where.tolist()]
-            blind = _greedy(np.array(unseen))[:, None, :]
-            # One robot alone has nobody to ask: its percept fails.
-            seen = percepts[where, :, None] if len(tables) > 1 else np.zeros((1, cells, 1))
-            coord = np.asarray(agent.tables.q_coord)[where]
-            after_asking = seen * _greedy(coord) + (1.0 - seen) * blind
-            both[1, where] = asks[where, None, None] * after_asking
-        asking.append(asks)
-        moves.append(both)
-    return asking, moves
+    asks, moves, where, blind = _choices(agent, own)
+    both = np.zeros((2, len(own), len(own), PRIMITIVES))
+    both[0] = moves[:, None, :]
+    if len(where):
+        # One robot alone has nobody to ask: its percept fails.
+        seen = np.zeros((1, len(own), 1)) if alone else percepts[where, :, None]
+        coord = _greedy(_rows(agent.tables.q_coord, own[where], own))
+        after_asking = seen * coord + (1.0 - seen) * blind[:, None, :]
+        both[1, where] = asks[where, None, None] * after_asking
+    return asks, both
+
+
+def _rows(q_coord: Any, own: np.ndarray, peers: np.ndarray) -> np.ndarray:
+    """Return the rows of Q^C of some cells, shape (own cells, peer's cells, moves)."""
+    if isinstance(q_coord, np.ndarray):
+        found: np.ndarray = q_coord[np.ix_(own, peers)]
+        return found
+    rows = [[q_coord[x, z] for z in peers.tolist()] for x in own.tolist()]
+    return np.array(rows).reshape(len(own), len(peers), PRIMITIVES)
 
 
 def _greedy(values: np.ndarray) -> np.ndarray:

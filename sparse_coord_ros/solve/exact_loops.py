@@ -92,8 +92,9 @@ def carry(
     here: np.ndarray,
     there: np.ndarray,
     sums: Sums,
-) -> None:
-    """Add up what a trial brings on average.
+    most: float,
+) -> bool:
+    """Add up what a trial brings on average; False: steps have more outcomes than `most`.
 
     Args:
         pair: the two robots.
@@ -102,6 +103,7 @@ def carry(
         here: space for the joint states that are possible; (cells^2,).
         there: as `here`.
         sums: filled.
+        most: outcomes of steps after which to give up.
     """
     cells = len(pair.lead)
     one, other = pair.goals[0], pair.goals[1]
@@ -109,9 +111,11 @@ def carry(
     squared = sums.moments.shape[1] > 0
     here[0] = pair.starts[0] * cells + pair.starts[1]
     likely[here[0]] = 1.0
-    count, factor = 1, 1.0
+    count, factor, followed = 1, 1.0, 0
     for t in range(pair.horizon):
         found = 0
+        if followed > most:
+            return False
         for i in range(count):
             state = here[i]
             p = likely[state]
@@ -127,6 +131,7 @@ def carry(
                     q = first * outcome(pair, 1, z, x, b)
                     if q == 0.0:
                         continue
+                    followed += 1
                     y, w = pair.lead[x, a], pair.lead[z, b]
                     target = y * cells + w
                     pay(pair, sums, x, z, y, w, factor * q, q)
@@ -151,6 +156,7 @@ def carry(
             break
     for i in range(count if squared else 0):
         settle(sums, pair.horizon % 2, here[i])
+    return True
 
 
 @inner

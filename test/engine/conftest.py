@@ -8,8 +8,6 @@ import pytest
 
 from sparse_coord_ros.compiling import has_numba
 from sparse_coord_ros.engine.batch import prepare
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learn.learners import learner_of
 
 LOOPS = [(learner, history) for learner in ("coop", "factored") for history in (True, False)]
 
@@ -21,5 +19,4 @@ def compiled_loops():
         worker = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0")[2:])
         for place in range(len(LOOPS)):
             learner, history = LOOPS[(place + worker) % len(LOOPS)]
-            scenario = learner_of(learner).with_defaults(load_scenario("env1"))
-            prepare(scenario, learner, history=history)
+            prepare(learner, history=history)

@@ -2,17 +2,23 @@
 # SPDX-License-Identifier: Apache-2.0
 """On large maps Q^C is sparse by itself, and the same is learned."""
 
+from unittest.mock import Mock
+
 import numpy as np
 import pytest
 
+from sparse_coord_ros.engine import batch
 from sparse_coord_ros.engine.batch import CompiledLearning, CompiledTeam
 from sparse_coord_ros.game import perception
 from sparse_coord_ros.game import scenario as scenarios
 from sparse_coord_ros.game.grid import GridMap
 from sparse_coord_ros.game.scenario import load_scenario, scenario_from_dict
 from sparse_coord_ros.learn.agent import initial_tables
+from sparse_coord_ros.learn.factors import AdditiveTable
 from sparse_coord_ros.learn.simulation import Learning
 from sparse_coord_ros.learn.sparse import SparseTable
+from sparse_coord_ros.learn.tables import pack_tables, unpack_saved
+from sparse_coord_ros.solve.exact import evaluate_exact
 
 
 def room(side):
@@ -85,3 +91,33 @@ def test_percepts_by_lists_and_by_array(monkeypatch):
     for one, two in zip(lists.tables, array.tables, strict=True):
         assert one.q_coord.tobytes() == two.q_coord.tobytes()
         assert one.q_star.tobytes() == two.q_star.tobytes()
+
+
+def test_a_factored_pair_acts_alike_from_an_array_and_from_factors(small):
+    scenario = load_scenario("env1", steps=3000, penalty=-100)
+
+    def learned():
+        team = CompiledTeam(scenario, "factored")
+        [*tables] = team.tables(team.learn(3))
+        return tables, evaluate_exact(scenario, tables).to_dict()
+
+    (dense, _), found = learned()
+    small(0)
+    tables, again = learned()
+    assert again == found
+    data = pack_tables(dict(enumerate(tables, 1)))
+    [(table, *_), _] = unpack_saved(data, [1, 2], where="here")
+    assert isinstance(table.q_coord, AdditiveTable)
+    cells = range(len(dense.q_star))
+    assert all((table.q_coord[x, z] == dense.q_coord[x, z]).all() for x in cells for z in cells)
+
+
+@pytest.mark.parametrize("learner", ["coop", "factored"])
+def test_compiling_plays_on_a_small_map(monkeypatch, learner):
+    played = []
+    monkeypatch.setattr(batch, "compile_once", lambda key, rule, warm_up: warm_up())
+    monkeypatch.setattr(
+        batch, "CompiledTeam", lambda scenario, rule: played.append(scenario) or Mock()
+    )
+    batch.prepare(learner, engine="auto")
+    assert [len(scenario.map.cells) for scenario in played] == [21]

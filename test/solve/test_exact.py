@@ -12,11 +12,11 @@ from sparse_coord_ros.engine.batch import CompiledTeam, run_batch
 from sparse_coord_ros.errors import SettingError, TablesError
 from sparse_coord_ros.game.actions import COORDINATE
 from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learn.agent import Agent, Tables
+from sparse_coord_ros.learn.agent import Agent, Tables, initial_tables
 from sparse_coord_ros.learn.evaluation import evaluate
 from sparse_coord_ros.learn.learners import Learner, learner_of
 from sparse_coord_ros.solve import exact, exact_loops
-from sparse_coord_ros.solve.exact import evaluate_exact, exact_means
+from sparse_coord_ros.solve.exact import evaluate_best, evaluate_exact, exact_means
 
 GAMMA = 0.95
 TRIALS = 10_000
@@ -242,3 +242,32 @@ def test_means_of_a_batch_are_the_exact_ones_and_plain_python_s(
 
 def test_a_batch_of_larger_teams_has_no_exact_means():
     assert exact_means(load_scenario("env2-4r"), [], learner_of("coop")) is None
+
+
+def test_cells_that_nobody_comes_to_do_not_count(monkeypatch):
+    """A hall that no greedy robot enters changes no bit; where percepts lead to counts."""
+    small, hall = made("1..D..2\n#.###.#"), made("1..D..2\n#.###.#\n.......\n.......\n.......")
+    asks = [walking(scenario, coordinate=9.0) for scenario in (small, hall)]
+    for tables, scenario in zip(asks, (small, hall), strict=True):
+        aside = scenario.map.number[1, 1]
+        tables[0].q_coord[1, 4] = [0, 9, 0, 0]  # it steps aside where its peer is behind the door
+        tables[0].q_star[aside] = [9, 0, 0, 0, 0]
+    found, same = (evaluate_exact(s, t) for s, t in zip((small, hall), asks, strict=True))
+    assert found.stays[0, small.map.number[1, 1]] > 0
+    assert same.to_dict() == found.to_dict()
+    assert same.stays[:, : small.map.number[1, 5] + 1].tolist() == found.stays.tolist()
+    monkeypatch.setattr(exact, "MOST_STATES", 81)
+    assert evaluate_exact(hall, asks[1]).to_dict() == found.to_dict()
+    with pytest.raises(SettingError, match="has 900 joint states, allowed: up to 81; leave out"):
+        evaluate_exact(hall, [initial_tables(hall)] * 2)
+
+
+def test_what_takes_longer_than_trials_is_played(monkeypatch):
+    scenario = made()
+    tables = walking(scenario)
+    assert evaluate_best(scenario, tables, trials=7).how == "exact"
+    monkeypatch.setattr(exact, "MOST_OUTCOMES", 100)
+    told = []
+    found = evaluate_best(scenario, tables, trials=7, progress=lambda *done: told.append(done))
+    assert (found.how, told) == ("7 trials", [(trial, 7) for trial in range(7)])
+    assert exact_means(scenario, tables, learner_of("noncoop")) is None

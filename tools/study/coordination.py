@@ -383,7 +383,7 @@ def _arrived(results: Sequence[ConditionResult]) -> str:
 def learning_seconds(scenario: Scenario) -> float:
     """Return the seconds of processor time of one learning run of the factored learner."""
     scenario = learner_of("factored").with_defaults(scenario)
-    prepare(scenario, "factored")
+    prepare("factored")
     began = time.process_time()
     list(run_batch(scenario, "factored", [SEED], trials=0, jobs=1))
     return time.process_time() - began
