@@ -25,12 +25,12 @@ Team = TypeVar("Team")
 
 
 @contextmanager
-def served(options: argparse.Namespace, board: "Board | None" = None) -> Iterator["Server"]:
+def served(options: argparse.Namespace, *boards: "Board") -> Iterator["Server"]:
     """Serve the page where the options say; `announce` tells where that is.
 
     Args:
         options: of the verb.
-        board: what the page shows; an empty one where None.
+        boards: what the page shows; without: an empty one.
 
     Raises:
         RunError: aiohttp is missing, the port is taken, or the address cannot be served.
@@ -38,7 +38,7 @@ def served(options: argparse.Namespace, board: "Board | None" = None) -> Iterato
     from sparse_coord_ros.look.page.board import Board
     from sparse_coord_ros.look.page.server import Server
 
-    server = Server(Board() if board is None else board, host=options.host, port=options.port)
+    server = Server(*(boards or [Board()]), host=options.host, port=options.port)
     with closing(server):
         if server.warning:
             note(f"warning: {server.warning}")

@@ -3,6 +3,7 @@
 """`sparse_coord watch`: a team that learns, on a page in the browser."""
 
 import argparse
+import threading
 from contextlib import suppress
 from pathlib import Path
 
@@ -14,25 +15,25 @@ from sparse_coord_ros.game.settings import Setting
 RATE = Setting("rate", float, 10.0, "of a bag: time steps a second", low=0.001, high=1e6)
 STEP = Setting("step", int, 0, "of a bag: time step to begin at", low=0, high=2**53)
 
-EXAMPLE = "sparse_coord watch runs/demo/bag"
+EXAMPLE = "sparse_coord watch runs/demo\n  sparse_coord watch runs/demo runs/demo_factored"
 
 
 OPTIONS = (
     Option(
-        "[bag BAG]",
+        "[bags BAG...]",
         Path,
-        "a bag's or a run's directory, or a file; one that is still being recorded is followed "
-        "(default: the team that runs now, over its ROS topics)",
+        "a bag's or a run's directory, or a file; one that is still being recorded is followed, "
+        "several are shown side by side (default: the team that runs now, over its ROS topics)",
     ),
     RATE,
-    STEP,
+    Option("--step N", STEP.parse, "of a bag: time step to begin at (default: what was learned)"),
     *shared.PAGE,
 )
 
 
 def execute(options: argparse.Namespace) -> int:
     """Run the verb."""
-    return _live(options) if options.bag is None else _bag(options)
+    return _bags(options) if options.bags else _live(options)
 
 
 def _live(options: argparse.Namespace) -> int:
@@ -46,17 +47,17 @@ def _live(options: argparse.Namespace) -> int:
         return run_node(lambda context: WatchNode(context=context, values={}, server=server), [])
 
 
-def _bag(options: argparse.Namespace) -> int:
-    from sparse_coord_ros.look.page import controls
+def _bags(options: argparse.Namespace) -> int:
     from sparse_coord_ros.look.page.bag_source import BagSource
     from sparse_coord_ros.look.page.board import Board
 
-    source = BagSource(options.bag, Board())
-    with served(options, source.board) as server, suppress(KeyboardInterrupt):
+    first, *others = (
+        BagSource(bag, Board(), rate=options.rate, step=options.step) for bag in options.bags
+    )
+    boards = [one.board for one in (first, *others)]
+    with served(options, *boards) as server, suppress(KeyboardInterrupt):
         announce(server, options)
-        source.control(controls.Control(controls.RATE, options.rate))
-        if options.step:
-            source.control(controls.Control(controls.SEEK, options.step))
-        server.show(source)
-        source.play()
+        for other in others:
+            threading.Thread(target=other.play, daemon=True).start()
+        first.play()
     return 0

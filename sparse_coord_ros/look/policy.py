@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sparse_coord_ros.game.actions import COORDINATE, PRIMITIVES
+from sparse_coord_ros.game.grid import GridMap
 from sparse_coord_ros.learn.agent import Tables
 from sparse_coord_ros.learn.sparse import SparseTable
 
@@ -33,6 +34,20 @@ def policy_of(tables: Tables, goal: int) -> Policy:
     moves = values[:, :PRIMITIVES] == values[:, :PRIMITIVES].max(axis=1, keepdims=True)
     asks = values[:, COORDINATE] >= values.max(axis=1)
     return Policy(moves & learned[:, None], asks & learned)
+
+
+def entered(policy: Policy, grid: GridMap, start: int) -> np.ndarray:
+    """Return the cells that a greedy robot can enter from a start cell, ascending, shape (n,).
+
+    Where it asks any of its moves may follow.
+    """
+    follows, after = policy.moves | policy.asks[:, None], grid.next_cell
+    new, reached = np.array([start]), np.zeros(len(after), dtype=bool)
+    while len(new):
+        reached[new] = True
+        led = np.unique(after[new][follows[new]])
+        new = led[~reached[led]]
+    return np.flatnonzero(reached)
 
 
 class Sparsity(NamedTuple):

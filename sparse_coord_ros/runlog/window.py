@@ -37,6 +37,7 @@ class Episodes(NamedTuple):
 
     Attributes:
         history: its episodes.
+        log: its time steps.
         asked: how often each robot chose COORDINATE in each cell, shape (K, cells), int64; in the
             last episode only if it is whole.
         last_step: up to which time step that is.
@@ -45,6 +46,7 @@ class Episodes(NamedTuple):
     """
 
     history: History
+    log: RunLog
     asked: np.ndarray
     last_step: int
     open_step: int | None
@@ -117,11 +119,12 @@ class LongLog:
         step = min(step, self.last_step)
         return self.read(max(0, step - STEPS_AROUND), step + STEPS_AROUND)
 
-    def episodes(self, begin: int = 0) -> Iterator[Episodes]:
+    def episodes(self, begin: int = 0, also: Collection[wire.Topic] = ()) -> Iterator[Episodes]:
         """Yield the learning history from a time step on, stretch by stretch, as far as there is.
 
         Args:
             begin: the time step at which an episode begins; 0: the log.
+            also: what else to read than what the history is computed from.
         """
         finished, size, last_ns = self.bag.finished, 0, 0
         places = [one for one in self.blocks if one.end_ns >= begin * self.period]
@@ -132,7 +135,7 @@ class LongLog:
                 continue
             last = last_ns // self.period
             bag = self.bag.between(begin * self.period, last * self.period)
-            log = log_of(Tracks(bag, self._source, MOVES)).between(begin, last)
+            log = log_of(Tracks(bag, self._source, (*MOVES, *also))).between(begin, last)
             history, size, end, open_step = log.history(), 0, last + 1, None
             if not whole and history.episodes < 2:
                 size = -3 * STRETCH_BYTES  # an episode may be longer
@@ -142,13 +145,14 @@ class LongLog:
                 history = history.first(-1)
             elif not finished and history.episodes:
                 end = open_step = int(history.first_step[-1])
-            yield Episodes(history, self._asked_in(log, end), end - 1, open_step)
+            log = log.between(begin, end - 1)
+            yield Episodes(history, log, self._asked_in(log), end - 1, open_step)
             begin = end
 
-    def _asked_in(self, log: RunLog, end: int) -> np.ndarray:
-        """Return how often each robot chose COORDINATE in each cell before a step, (K, cells)."""
+    def _asked_in(self, log: RunLog) -> np.ndarray:
+        """Return how often each robot chose COORDINATE in each cell, shape (K, cells)."""
         asked = np.zeros((len(log.names), len(self.run.scenario.map.cells)), dtype=np.int64)
-        rows, who = np.nonzero((log.step < end)[:, None] & log.asked & (log.cells >= 0))
+        rows, who = np.nonzero(log.asked & (log.cells >= 0))
         np.add.at(asked, (who, log.cells[rows, who]), 1)
         return asked
 

@@ -101,6 +101,75 @@ def test_a_bag_is_played_and_every_value_is_the_log_s(browser, start, bag):
     assert ages == f"Tables of step {at:,}."
 
 
+WIDE = "document.documentElement.scrollWidth <= window.innerWidth"
+
+
+@pytest.fixture(scope="module")
+def learned(record):
+    """Return the bag of a team of which one robot has learned to ask."""
+    return record(settings={"steps": 4000, "penalty": -100}, values={"seed": 2}).bag
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_a_bag_opens_on_what_was_learned_and_keys_lead_on(browser, start, learned, scheme):
+    browser.prefer(scheme)
+    process = start("cli.main", "watch", str(learned), "--port", "0")
+    browser.size(1280, 900)
+    browser.open(address_of(process))
+    said = "document.getElementById('learned').innerText"
+    browser.wait_for(f"{said}.includes('asks before the doorway') && {said}.includes('about')", 10)
+    browser.wait_for("document.querySelectorAll('.trail[points*=\" \"]').length === 2")
+    assert browser.value("document.querySelectorAll('.arrow.pale').length") > 0
+    for key, kind in (("q", "question"), ("m", "miscoordination"), ("p", "policy")):
+        browser.press("Home")
+        browser.wait_for(f"{STEP} < 5")
+        browser.wait_for(f"!document.querySelector('#jumps .{kind}').disabled")
+        browser.press(key)
+        browser.wait_for(f"{STEP} >= 5 && {STATE} === 'paused'")
+    whole = browser.value("document.getElementById('map').getAttribute('viewBox')")
+    browser.press("z")
+    browser.wait_for(f"document.getElementById('map').getAttribute('viewBox') !== '{whole}'")
+    browser.press("f")
+    browser.wait_for(f"document.getElementById('map').getAttribute('viewBox') === '{whole}'")
+    browser.press("l")
+    browser.wait_for(f"{STATE} === 'playing'")
+    header = "document.querySelector('header')"
+    assert browser.value(f"{header}.clientHeight") < 70  # two lines
+    browser.size(400, 900)
+    browser.wait_for(WIDE)
+    value = browser.wait_for("document.querySelector('#evaluation tr:nth-child(4) td:last-child')")
+    assert value and browser.value(
+        "document.querySelector('#evaluation tr:nth-child(4) td:last-child')"
+        ".getBoundingClientRect().right < 400"
+    )
+
+
+def test_two_runs_are_beside_each_other(browser, start, learned, bag):
+    process = start("cli.main", "watch", str(learned), str(bag), "--port", "0")
+    browser.open(address_of(process))
+    frames = "[...document.querySelectorAll('iframe')].map((one) => one.contentDocument)"
+    browser.wait_for(
+        f"{frames}.filter((page) => page.getElementById('learned')?.innerText).length === 2"
+    )
+    titles = browser.value(f"{frames}.map((page) => page.getElementById('about').textContent)")
+    assert "penalty -100" in titles[0] and "penalty -20" in titles[1]
+    browser.value(f"{frames}[1].getElementById('pause').click()")
+    states = f"{frames}.map((page) => page.getElementById('state').textContent).join()"
+    browser.wait_for(f"{states} === 'playing,paused'")
+
+
+@pytest.mark.parametrize("robots", [2, 4, 8])
+def test_a_team_is_watched_from_its_first_step(browser, start, tmp_path, robots):
+    options = ("--steps", "300", "--rate", "20", "--port", "0", "--no-record", "--watch")
+    out = ("--set", "max_steps=40", "--out", str(tmp_path / "run"))
+    process = start("cli.main", "run", f"crowd-{robots}r", *options, *out)
+    browser.open(address_of(process))
+    browser.wait_for(f"{STEP} >= 1")
+    assert browser.problems == []
+    browser.wait_for("Number(document.getElementById('episodes').textContent) > 1")
+    browser.wait_for("document.querySelector('.curve')")
+
+
 def test_a_run_on_its_own_page_then_the_next_one(browser, start, tmp_path):
     out = tmp_path / "run"
     options = ("--steps", "1500", "--rate", "300", "--penalty", "-100", "--port", "0")
@@ -179,12 +248,11 @@ def test_eight_robots_in_light_and_dark(browser, start, tmp_path, scheme):
     assert len(set(browser.value(shapes))) == 8
     browser.press("8", "Digit8")
     browser.wait_for("document.querySelector('.arrow[data-robot=\"8\"]')")
-    arrows = "[...document.querySelectorAll('.arrow')].map((a) => [a.dataset.robot, {}])"
+    arrows = "[...document.querySelectorAll('#map .arrow')].map((a) => [a.dataset.robot, {}])"
     dashed = browser.value(arrows.format("a.hasAttribute('stroke-dasharray')"))
     assert {tuple(one) for one in dashed} == {("1", False), ("8", True)}  # told apart in grey
-    wide = "document.documentElement.scrollWidth <= window.innerWidth"
-    assert browser.value(wide)
+    assert browser.value(WIDE)
     browser.size(700, 900)
-    browser.wait_for(wide)
+    browser.wait_for(WIDE)
     page = browser.value("getComputedStyle(document.body).backgroundColor")
     assert (page == "rgb(22, 23, 25)") == (scheme == "dark")

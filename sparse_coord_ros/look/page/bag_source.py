@@ -15,19 +15,40 @@ from sparse_coord_ros.game.plugins import leaving_out
 from sparse_coord_ros.learn.history import blank_history, concatenated
 from sparse_coord_ros.look.page import messages
 from sparse_coord_ros.look.page.board import Board
-from sparse_coord_ros.look.page.controls import PAUSE, RATE, SEEK, STEP, Control, Controlled
+from sparse_coord_ros.look.page.controls import (
+    JUMP,
+    LEARNED,
+    PAUSE,
+    RATE,
+    SEEK,
+    STEP,
+    Control,
+    Controlled,
+)
+from sparse_coord_ros.look.page.moments import Highlight, Moments, highlight
 from sparse_coord_ros.look.steps import logged_step
+from sparse_coord_ros.look.words import Words
 from sparse_coord_ros.runlog.log import NONE, RunLog
 from sparse_coord_ros.runlog.relearned import Relearned
 from sparse_coord_ros.runlog.window import LongLog
+from sparse_coord_ros.wire import COORDINATION_MAP
 
-CONTROLS = (PAUSE, STEP, RATE, SEEK)
+CONTROLS = (PAUSE, STEP, RATE, SEEK, JUMP)
 
 TICK_SECONDS = 1 / 30
 LOOK_SECONDS = 0.5
 """Between two looks at whether the file has grown."""
 
 FIRST_RATE = 10.0
+
+SHOWN_RATE = 2.0
+"""Time steps a second of the episode that shows what was learned, until another rate is wanted."""
+
+SHOWN_STEPS = 3000
+"""The last time steps, among which that episode is."""
+
+MARKS = 300
+"""Marks of a kind on the time line at most."""
 
 STILL_STEPS = 10_000
 """Of a time step that so many others have followed nobody wants to know any more."""
@@ -39,6 +60,8 @@ class BagSource(Controlled):
     Args:
         path: the bag, as of `read_run`.
         board: where the messages go.
+        rate: time steps a second; 0: as far as the log goes.
+        step: the time step to begin at; None: what was learned is shown.
 
     Attributes:
         log: the bag.
@@ -46,13 +69,15 @@ class BagSource(Controlled):
         first: its first time step.
         position: the time step that is shown, with its fraction.
         paused: whether time stands still.
-        rate: time steps a second; 0: as far as the log goes.
+        rate: as given, or wanted since.
 
     Raises:
         SparseCoordError: as of `LongLog`.
     """
 
-    def __init__(self, path: Path, board: Board) -> None:
+    def __init__(
+        self, path: Path, board: Board, *, rate: float = FIRST_RATE, step: int | None = None
+    ) -> None:
         super().__init__()
         self.log = LongLog(path)
         self.run = self.log.run
@@ -68,7 +93,11 @@ class BagSource(Controlled):
         self.first = int(begin.step[acted[0]] if len(acted) else begin.step[0])
         self.position = float(self.log.last_step if self.growing else self.first)
         self.paused = False
-        self.rate = FIRST_RATE
+        self.rate, self._shown_rate = rate, SHOWN_RATE
+        self._words = Words(self.run.scenario)
+        self._moments = Moments(self.run, self._words)
+        self._highlight: Highlight | None = None
+        self._again = False
         self._then = time.monotonic()
         self._window: RunLog | None = None
         self._shown: dict[str, object] = {}
@@ -79,7 +108,67 @@ class BagSource(Controlled):
         title = str(place if place.is_dir() else place.parent)
         fields = messages.run_fields(self.run)
         board.put("run", source="bag", title=title, controls=CONTROLS, **fields)
+        board.source = self
         self._notice()
+        if not self.growing:
+            self._find_highlight()
+        if step is not None:
+            self._go(step)
+
+    def _find_highlight(self) -> None:
+        """Find the episode that shows what was learned, and begin with it."""
+        last, most = self.log.last_step, max(SHOWN_STEPS, 4 * self.run.scenario.max_steps)
+        try:
+            log = self.log.read(max(0, last - most), last)
+            whole = log.history().first_step[int(last > most) :]  # the first one may be cut
+            robots = range(len(self.run.scenario.robots))
+            found = [one for k in robots if (one := self.log.tables_before(k)) is not None]
+        except SparseCoordError:  # that it is damaged is said where all of it is read
+            return
+        if len(whole) and len(found) == len(robots):
+            log, tables = log.between(int(whole[0]), last), [one.tables for one in found]
+            self._highlight = highlight(log, tables, self._moments, self._words)
+            self._tell_learned()
+            self._show_again()
+
+    def _tell_learned(self, *, read: bool = False) -> None:
+        """Say what was learned; `read`: and since when, as the whole log has been read."""
+        shown, rule = self._highlight, self.run.known_rule
+        if shown is None:
+            return
+        lines = [shown.text]
+        if shown.step is None:
+            asks = rule is None or rule.asks
+            lines.append(
+                "Whether questions would pay, the class bound tells."
+                if asks
+                else f"{self.run.title} robots cannot: they act without knowing of each other."
+            )
+        elif read:
+            begun, since = self._moments.since(shown.robot, shown.cell)
+            lines.append(
+                "That was by chance: robots explore. By what it learned it would not ask there."
+                if since is None
+                else f"It learned that after about {float(f'{since:.3g}'):,.0f} steps."
+                if since > begun
+                else "It knew that from the start."
+            )
+        self.board.put("learned", lines=lines, first=shown.first, step=shown.step)
+
+    def _show_again(self) -> None:
+        """Play the episode that shows what was learned, again and again."""
+        if self._highlight is not None:
+            self._go(self._highlight.first)
+            self._again, self._shown_rate, self.paused = True, SHOWN_RATE, False
+
+    def _go(self, step: int) -> None:
+        """Show a time step, and what comes after it."""
+        self.position, self._again = self._clamped(step), False
+
+    @property
+    def _pace(self) -> float:
+        """Time steps a second now."""
+        return min(self.rate or np.inf, self._shown_rate) if self._again else self.rate
 
     def _new(self, what: str, key: object) -> bool:
         """Whether what is to be shown is not what was shown last."""
@@ -138,8 +227,10 @@ class BagSource(Controlled):
             self._do(control)
         last = float(self.log.last_step)
         if not self.paused:
-            on = passed * self.rate if self.rate else last
+            on = passed * self._pace if self._pace else last
             self.position = min(self.position + on, last)
+            if self._again and self._highlight and self.position >= self._highlight.last + 3:
+                self.position = float(self._highlight.first)
             self.paused = self.position >= last and not self.growing
         self.show()
 
@@ -150,22 +241,34 @@ class BagSource(Controlled):
             if not self.paused and self.position >= last and not self.growing:
                 self.position = float(self.first)
         elif control.name == RATE:
-            self.rate = control.value
+            self.rate, self._shown_rate = control.value, np.inf
         elif control.name == SEEK:
-            self.position = self._clamped(control.value)
+            self._go(control.value)
             if self.growing and self.position >= last:
                 self.paused = False
+        elif control.name == JUMP:
+            self._jump(control.value)
         elif control.name == STEP:
             self.paused = True
-            self.position = self._beside(control.value)
+            self._go(self._beside(control.value))
 
-    def _beside(self, count: int) -> float:
+    def _jump(self, kind: str) -> None:
+        """Hold at the next moment of a kind; after the last one comes the first."""
+        if kind == LEARNED:
+            self._show_again()
+            return
+        steps = self._moments.steps[kind]
+        if len(steps):
+            self._go(int(steps[np.searchsorted(steps, int(self.position) + 1) % len(steps)]))
+            self.paused = True
+
+    def _beside(self, count: int) -> int:
         """Return the time step so many steps on in the log, or back."""
         log = self._around(int(self.position))
         row = self._row(log) + count
         if 0 <= row < len(log.step):
-            return float(log.step[row])
-        return self._clamped(int(self.position) + count)
+            return int(log.step[row])
+        return int(self.position) + count
 
     def _clamped(self, step: int) -> float:
         return float(min(max(step, self.first), self.log.last_step))
@@ -210,7 +313,7 @@ class BagSource(Controlled):
 
     def _show(self, log: RunLog, row: int) -> None:
         step = int(log.step[row])
-        around = {"rate": self.rate, "first": self.first, "last": self.log.last_step}
+        around = {"rate": self._pace, "first": self.first, "last": self.log.last_step}
         if self._new("frame", (step, self.state, around)):
             fields = messages.frame_fields(logged_step(log, row))
             self.board.put("frame", state=self.state, **around, **fields)
@@ -223,7 +326,11 @@ class BagSource(Controlled):
         if self._new("dialogue", log.step[asking[-1:]].tolist()):
             steps = (logged_step(log, place) for place in asking.tolist())
             known = {k for k, at in enumerate(self.log.table_steps()) if at}
-            told = [line for seen in steps for line in messages.in_words(self.run, seen, known)]
+            told = [
+                one
+                for seen in steps
+                for one in messages.in_words(self.run, seen, known, self._words)
+            ]
             self.board.put("dialogue", entries=told[-messages.DIALOGUE :])
 
     def _show_asked(self, step: int) -> None:
@@ -284,7 +391,7 @@ class BagSource(Controlled):
         try:
             while True:
                 growing = self.growing
-                for part in self.log.episodes(begin):
+                for part in self.log.episodes(begin, [COORDINATION_MAP]):
                     self._notice()
                     if self._stop.is_set():
                         return
@@ -295,6 +402,8 @@ class BagSource(Controlled):
                         begin = part.open_step
                     asked = asked + part.asked
                     self._asked.append((begin - 1, asked))
+                    self._moments.add(part)
+                    self._mark()
                     share = begin / max(1, self.log.last_step)
                     self.board.put("curves", read=share, **messages.curve_fields(history))
                     time.sleep(0.002)  # playing comes first
@@ -303,9 +412,19 @@ class BagSource(Controlled):
                     break
                 if self._stop.wait(LOOK_SECONDS):
                     return
+            self._tell_learned(read=True)
             self._evaluate()
         except SparseCoordError as error:
             self.board.put("notice", text=f"damaged: {error}")
+
+    def _mark(self) -> None:
+        """Show on the time line where what matters is."""
+        per_mark = max(1, (self.log.last_step - self.first) // MARKS)
+        marks = {
+            kind: steps[np.unique(steps // per_mark, return_index=True)[1]].tolist()
+            for kind, steps in self._moments.steps.items()
+        }
+        self.board.put("marks", **marks)
 
     def _evaluate(self) -> None:
         """Show the value of the newest tables, where all robots have learned some."""

@@ -10,6 +10,8 @@ import json
 import threading
 from typing import Any
 
+from sparse_coord_ros.look.page.controls import Controlled
+
 Message = dict[str, Any]
 
 
@@ -18,6 +20,7 @@ class Board:
 
     Attributes:
         pages: how many are there; what is costly need not be made where none is.
+        source: does what the pages ask for; None: nobody.
     """
 
     def __init__(self) -> None:
@@ -25,6 +28,7 @@ class Board:
         self._messages: dict[str, tuple[int, Message]] = {}
         self._version = 0
         self.pages = 0
+        self.source: Controlled | None = None
 
     def put(self, kind: str, **fields: Any) -> None:
         """Put a message in place of the one before of its type."""

@@ -21,8 +21,18 @@ PAGE_SETTINGS = SettingTable(
 )
 
 PAUSE, STEP, RATE, SEEK, RESET, NEXT = "pause", "step", "rate", "seek", "reset", "next"
+JUMP = "jump"
 """What a page may ask for: hold or go on; so many time steps on or back; time steps a second (0:
-as fast as it goes); a time step to go to; a new episode; another run."""
+as fast as it goes); a time step to go to; a new episode; another run; the next moment of some
+kind."""
+
+QUESTION, MISCOORDINATION, CROSSING, POLICY = "question", "miscoordination", "crossing", "policy"
+KINDS = (QUESTION, MISCOORDINATION, CROSSING, POLICY)
+"""A robot asks; robots miscoordinate; for the first time some are at one doorway and all arrive
+without that; where a robot would ask changes."""
+
+LEARNED = "learned"
+"""A kind, too: the episode that shows what was learned, again and again."""
 
 
 class Control(NamedTuple):
@@ -84,6 +94,7 @@ def parse_control(data: Mapping[str, Any], allowed: Collection[str]) -> Control:
         SEEK: (whole and abs(value) <= 2**53, "a whole number"),
         RATE: (number and (value == 0 or 0.001 <= value <= 1e6), "0 or 0.001 to 1e6"),
         RESET: (True, ""),
+        JUMP: (value in (*KINDS, LEARNED), ", ".join((*KINDS, LEARNED))),
     }[name]
     if not fits:
         raise _bad(name, value, words)

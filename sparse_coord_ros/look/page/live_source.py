@@ -14,6 +14,7 @@ from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.learn.simulation import Glimpse
 from sparse_coord_ros.look.page import messages
 from sparse_coord_ros.look.page.board import Board, Message
+from sparse_coord_ros.look.words import Words
 
 SLOW_SECONDS = 1.0
 """Between two messages of curves, tables and asks, or longer:"""
@@ -53,6 +54,7 @@ class LiveView:
         robots, cells = len(run.scenario.robots), len(run.scenario.map.cells)
         self.asked = [[0] * cells for _ in range(robots)]
         self.last: Glimpse | None = None
+        self._words = Words(run.scenario)
         self.known: Container[int] = range(robots)
         self._shown: tuple[Glimpse | None, str, float] | None = None
         self._told: deque[Message] = deque(maxlen=messages.DIALOGUE)
@@ -120,7 +122,7 @@ class LiveView:
             speed=self._speed,
             **messages.frame_fields(seen),
         )
-        said = list(messages.in_words(self.run, seen, self.known)) if new else []
+        said = list(messages.in_words(self.run, seen, self.known, self._words)) if new else []
         if said:
             self._told.extend(said)
             self.board.put("dialogue", entries=list(self._told))

@@ -17,8 +17,9 @@ from sparse_coord_ros.learn.history import History
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.learn.simulation import Glimpse
 from sparse_coord_ros.look.page.board import Message
-from sparse_coord_ros.look.policy import policy_of
+from sparse_coord_ros.look.policy import entered, policy_of
 from sparse_coord_ros.look.steps import questions_of
+from sparse_coord_ros.look.words import Words
 from sparse_coord_ros.palette import (
     DOORWAY_COLOUR,
     OUTCOME_COLOURS,
@@ -108,12 +109,14 @@ def table_fields(run: RunConfig, tables: Mapping[int, tuple[int, Tables]]) -> li
     """
     robots: list[Message | None] = [None] * len(run.scenario.robots)
     for k, (step, own) in tables.items():
-        policy = policy_of(own, run.scenario.robots[k].goal)
+        robot = run.scenario.robots[k]
+        policy = policy_of(own, robot.goal)
         robots[k] = {
             "step": step,
             "q_star": _plain(own.q_star),
             "moves": policy.moves.astype(int).tolist(),
             "asks": np.flatnonzero(policy.asks).tolist(),
+            "enters": entered(policy, run.scenario.map, robot.start).tolist(),
         }
     return robots
 
@@ -177,32 +180,43 @@ def evaluation_fields(run: RunConfig, tables: Sequence[Tables], step: int | None
     }
 
 
-def in_words(run: RunConfig, seen: Glimpse, known: Container[int]) -> Iterator[Message]:
-    """Yield the questions of a time step in words, as `explain` begins to tell them.
+def in_words(
+    run: RunConfig, seen: Glimpse, known: Container[int], words: Words
+) -> Iterator[Message]:
+    """Yield the questions of a time step: as a sentence, and as `explain` begins to tell them.
 
     Args:
         run: the run.
         seen: the time step.
         known: the robots, from 0, whose tables are known; of others only what happened is told.
+        words: of the scenario.
     """
-    names = [robot.name for robot in run.scenario.robots]
     for question in questions_of(seen):
         k, peers, end, move = question
-        whom = ", ".join(names[peer] for peer in peers) or "nobody"
+        cell, after = seen.cells[k], None if seen.after is None else seen.after[k]
+        whom = ", ".join(words.names[peer] for peer in peers) or "nobody"
         told, perceived = end.words, None
-        cells = [cell for peer in peers if (cell := seen.cells[peer]) is not None]
+        cells = [at for peer in peers if (at := seen.cells[peer]) is not None]
         if end == PerceptEnd.ANSWERED and cells and len(cells) == len(peers):
             told, perceived = f"answers {', '.join(cell_in_words(run, c) for c in cells)}", cells
         lines = [
-            choice_in_words(run, k, seen.cells[k]),
+            choice_in_words(run, k, cell),
             f"asks {whom}: {told}",
-            move_in_words(run, seen.cells[k] if k in known else None, perceived, move),
+            move_in_words(run, cell if k in known else None, perceived, move),
         ]
         reward = seen.rewards[k] if seen.rewards else None
         if reward is not None:
-            after = None if seen.after is None else seen.after[k]
             lines.append(reward_in_words(run, reward.total, after))
-        yield {"step": seen.step, "robot": k, "outcome": question.outcome, "lines": lines}
+        text = f"{words.names[k]} asks {whom}: {told}."
+        if cell is not None:
+            place, door = words.where(cell)
+            others = list(zip(peers, perceived or (), strict=False))
+            then = f"Answer: {words.there(door, others)}." if others else f"It is {told}."
+            text = f"{words.names[k]} asks {place}. {then} It {words.goes(k, cell, move, after)}."
+        yield {
+            **{"step": seen.step, "robot": k, "outcome": question.outcome},
+            **{"text": text, "lines": lines},
+        }
 
 
 def _plain(values: np.ndarray) -> list[Any]:

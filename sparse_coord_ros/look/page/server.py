@@ -57,8 +57,8 @@ FILES = {
 }
 HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; "
-    "img-src 'self' data:; connect-src 'self'; base-uri 'none'; form-action 'none'; "
-    "frame-ancestors 'none'",
+    "img-src 'self' data:; connect-src 'self'; frame-src 'self'; base-uri 'none'; "
+    "form-action 'none'; frame-ancestors 'self'",
     "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "no-referrer",
     "Cross-Origin-Resource-Policy": "same-origin",
@@ -80,17 +80,17 @@ class Page:
     """The application: its routes, and who may use them.
 
     Args:
-        board: what there is to show.
+        boards: what there is to show; several are shown side by side.
         host: the address that is served; the names by which requests may call it follow from it.
 
     Attributes:
+        boards: as given.
         token: what controls need.
     """
 
-    def __init__(self, board: Board, *, host: str = HOST) -> None:
-        self.board = board
+    def __init__(self, *boards: Board, host: str = HOST) -> None:
+        self.boards = boards
         self.token = secrets.token_urlsafe(18)
-        self.source: Controlled | None = None
         self._guests: dict[web.WebSocketResponse, asyncio.Transport] = {}
         self.streams: set[asyncio.BaseProtocol] = set()
         self._local = is_loopback(host)
@@ -135,24 +135,27 @@ class Page:
         return web.Response(body=self._files[name], content_type=FILES[name], charset="utf-8")
 
     async def _stream(self, request: web.Request) -> web.StreamResponse:
-        if self.board.pages >= MOST_PAGES and not self._guests:
+        wanted = request.query.get("run", "0")
+        number = int(wanted) if wanted.isdecimal() and len(wanted) < 3 else 0
+        board = self.boards[min(number, len(self.boards) - 1)]
+        if self.pages >= MOST_PAGES and not self._guests:
             raise web.HTTPServiceUnavailable(text=f"refused: {MOST_PAGES} pages are open\n")
         # Not compressed: the page is near, and a team in this process would pay for it.
         stream = web.WebSocketResponse(
             max_msg_size=LARGEST_MESSAGE, heartbeat=HEARTBEAT_SECONDS, compress=False
         )
         await stream.prepare(request)
-        if self.board.pages >= MOST_PAGES:
+        if self.pages >= MOST_PAGES:
             self._guests.pop(next(iter(self._guests))).abort()
         assert request.transport is not None
         self._guests[stream] = request.transport
         self.streams.add(request.protocol)
-        self.board.pages += 1
-        sender = asyncio.create_task(self._send(stream))
+        board.pages += 1
+        sender = asyncio.create_task(self._send(stream, board))
         try:
             async for message in stream:
                 if message.type is not WSMsgType.ERROR:
-                    answer = self._answer(message.data)
+                    answer = self._answer(board, message.data)
                     if answer.get("control"):
                         self._guests.pop(stream, None)
                     await stream.send_json(answer)
@@ -160,35 +163,40 @@ class Page:
             sender.cancel()
             with suppress(asyncio.CancelledError, ConnectionError, RuntimeError):
                 await sender
-            self.board.pages -= 1
+            board.pages -= 1
             self._guests.pop(stream, None)
             self.streams.discard(request.protocol)
         return stream
 
-    async def _send(self, stream: web.WebSocketResponse) -> None:
+    @property
+    def pages(self) -> int:
+        """How many pages are open."""
+        return sum(board.pages for board in self.boards)
+
+    async def _send(self, stream: web.WebSocketResponse, board: Board) -> None:
         """Send what is newer than what the page has had; a page that is slow misses some.
 
         It looks for that so many times a second. A source that woke it up would pay for that: in
         a team's own process each of a thread's turns stops the others.
         """
         seen = 0
-        await stream.send_json(_hello(control=False))
+        await stream.send_json(self._hello(control=False))
         while True:
-            for version, text in self.board.newer(seen):
+            for version, text in board.newer(seen):
                 await stream.send_str(text)
                 seen = version
             await asyncio.sleep(1.0 / FRAMES_A_SECOND)
 
-    def _answer(self, text: str | bytes) -> dict[str, Any]:
+    def _answer(self, board: Board, text: str | bytes) -> dict[str, Any]:
         """Do what a page asks for, and return what to tell it."""
         try:
-            return self._done(json.loads(text))
+            return self._done(board, json.loads(text))
         except SparseCoordError as error:
             return {"type": "error", "text": str(error)}
         except (ValueError, RecursionError):
             return {"type": "error", "text": "a message is a JSON object; this one is none"}
 
-    def _done(self, data: Any) -> dict[str, Any]:
+    def _done(self, board: Board, data: Any) -> dict[str, Any]:
         """Do what a page asks for, and return what came of it.
 
         Raises:
@@ -202,16 +210,16 @@ class Page:
                 "controls need the address as it was printed, with what follows the #"
             )
         if data.get("do") == "hello":
-            return _hello(control=True)
-        shown = self.board.get("run")
+            return self._hello(control=True)
+        shown = board.get("run")
         control = parse_control(data, () if shown is None else shown["controls"])
-        if self.source is not None:
-            self.source.control(control)
+        if board.source is not None:
+            board.source.control(control)
         return {"type": "done", "do": control.name}
 
-
-def _hello(*, control: bool) -> dict[str, Any]:
-    return {"type": "hello", "scenarios": scenario_names(), "control": control}
+    def _hello(self, *, control: bool) -> dict[str, Any]:
+        runs = len(self.boards)
+        return {"type": "hello", "scenarios": scenario_names(), "control": control, "runs": runs}
 
 
 async def _add_headers(_: web.Request, response: web.StreamResponse) -> None:
@@ -229,11 +237,12 @@ class Server:
     """The page's server in a thread of its own.
 
     Args:
-        board: what there is to show.
+        boards: what there is to show.
         host: the address to serve; another than this machine's own is the caller's decision.
         port: 0: one that is free.
 
     Attributes:
+        board: the first of them.
         page: the application.
         port: the port.
         address: what to open in a browser, the token included.
@@ -243,10 +252,10 @@ class Server:
         RunError: the port is taken, or the address is none of this machine's.
     """
 
-    def __init__(self, board: Board, *, host: str = HOST, port: int = PORT) -> None:
+    def __init__(self, *boards: Board, host: str = HOST, port: int = PORT) -> None:
         self._listening = _listen(host, port)
         self.port = self._listening.getsockname()[1]
-        self.board, self.page = board, Page(board, host=host)
+        self.board, self.page = boards[0], Page(*boards, host=host)
         self._loop, self._stop = asyncio.new_event_loop(), asyncio.Event()
         self._thread = threading.Thread(target=self._serve, daemon=True)
         self._thread.start()
@@ -262,7 +271,7 @@ class Server:
 
     def show(self, source: Controlled | None) -> None:
         """Let controls go to this source."""
-        self.page.source = source
+        self.board.source = source
 
     def close(self) -> None:
         """Say good-bye to the pages and stop."""

@@ -3,6 +3,7 @@
 """A bag on the board: every value is the log's; played, held, stepped, sought, followed."""
 
 import json
+import re
 import shutil
 import threading
 import time
@@ -13,11 +14,22 @@ import pytest
 
 from sparse_coord_ros.bags.reader import bag_files
 from sparse_coord_ros.errors import BagError
+from sparse_coord_ros.game.miscoordination import miscoordinations
 from sparse_coord_ros.look.page.bag_source import BagSource
 from sparse_coord_ros.look.page.board import Board
-from sparse_coord_ros.look.page.controls import PAUSE, RATE, SEEK, STEP, Control
+from sparse_coord_ros.look.page.controls import (
+    JUMP,
+    KINDS,
+    LEARNED,
+    PAUSE,
+    RATE,
+    SEEK,
+    STEP,
+    Control,
+)
 from sparse_coord_ros.runlog import read_run
 from sparse_coord_ros.runlog.explain import explain, in_words
+from sparse_coord_ros.wire.occupancy import OccupancyData
 
 
 class Player:
@@ -25,9 +37,9 @@ class Player:
 
     now = 0.0
 
-    def __init__(self, bag):
+    def __init__(self, bag, step=0):
         self.board = Board()
-        self.source = BagSource(bag, self.board)
+        self.source = BagSource(bag, self.board, step=step)
         self.source.tick()
 
     def do(self, name, value=None, seconds=0.0):
@@ -130,12 +142,71 @@ def test_playing_holding_stepping_seeking(player):
     assert player.after(0.1)["state"] == "ended"
 
 
+@pytest.fixture(scope="module")
+def learned(record):
+    """Return the bag of a team of which one robot has learned to ask."""
+    return record(settings={"steps": 4000, "penalty": -100}, values={"seed": 2}).bag
+
+
+def test_a_bag_opens_on_what_was_learned(learned):
+    """The sentences are true of the log, and the episode is played again and again."""
+    player, log = Player(learned, step=None), read_run(learned)
+    said, frame = player.board.get("learned"), player.board.get("frame")
+    assert frame["step"] == said["first"] and frame["rate"] == 2.0
+    [text] = said["lines"]
+    row = int(np.searchsorted(log.step, said["step"]))
+    k = int(re.match(r"robot_(\d) asks before the doorway, and ", text)[1]) - 1
+    assert log.asked[row, k] and log.perceived[row, k]
+    home = log.run.scenario.map.distances_to(log.run.scenario.robots[k].goal)
+    back = home[log.cells[row + 1, k]] - home[log.cells[row, k]]
+    assert f" {('goes on', 'waits', 'steps back')[back + 1]} if robot_{2 - k} is in " in text
+    seen = [player.after(0.5)["step"] for _ in range(60)]
+    assert seen.count(said["step"]) > 1 and min(seen) == said["first"]
+    assert player.do(RATE, 20.0)["rate"] == 20.0
+    assert player.do(SEEK, 0)["step"] == player.source.first
+    assert player.after(60.0)["step"] > 1000  # the whole recording
+    assert player.do(JUMP, LEARNED)["step"] == said["first"]
+    player.source._read_through()
+    line = player.board.get("learned")["lines"][1]
+    since = int(re.search(r"after about ([\d,]+) steps", line)[1].replace(",", ""))
+    steps, rows = log.tracks.coordination_maps[k]
+    place = OccupancyData(log.frame).places[log.cells[row, k]]
+    asks = np.frombuffer(rows["data"].tobytes(), np.int8).reshape(len(steps), -1)[:, place] == 100
+    assert asks[-1] and steps[np.flatnonzero(~asks)[-1] + 1] == pytest.approx(since, rel=0.01)
+    player.source.log.bag.close()
+
+
+def test_jumps_lead_to_what_matters(learned):
+    player, log = Player(learned), read_run(learned)
+    player.source._read_through()
+    marks = player.board.get("marks")
+    met = miscoordinations(log.run.scenario, log.cells)[1:] & (np.diff(log.step) == 1)
+    for kind, due in (("question", log.asked.any(axis=1)), ("miscoordination", met)):
+        steps = log.step[np.flatnonzero(due)]
+        assert set(marks[kind]) <= set(steps.tolist()) and marks[kind][0] == steps[0]
+        player.do(SEEK, int(steps[4]))
+        frame = player.do(JUMP, kind)
+        assert (frame["step"], frame["state"]) == (steps[5], "paused")
+        assert bool(frame["asks"]) if kind == "question" else frame["miscoordination"]
+        player.do(SEEK, log.step[-1].item())
+        assert player.do(JUMP, kind)["step"] == steps[0]
+    history = log.history()
+    crossing = player.do(JUMP, "crossing")["step"]
+    number = int(np.searchsorted(history.first_step, crossing, side="right")) - 1
+    assert history.arrived[number].all() and not history.miscoordinations[number]
+    for step in marks["policy"]:
+        k = [np.isin(steps, step).any() for steps, _ in log.tracks.coordination_maps].index(True)
+        assert step in log.tracks.coordination_maps[k][0]
+    assert set(KINDS) <= set(marks)
+    player.source.log.bag.close()
+
+
 def test_a_bag_that_grows_is_followed(bag, tmp_path, monkeypatch):
     data = bag_files(bag)[0].read_bytes()
     path = tmp_path / "grows.mcap.partial"
     path.write_bytes(data[: len(data) // 2])
     monkeypatch.setattr("sparse_coord_ros.look.page.bag_source.being_recorded", lambda path: True)
-    player = Player(path)
+    player = Player(path, step=None)
     before = player.after(0.1)
     player.source.learn()
     assert player.board.get("tables")["robots"][0]["step"] in player.source.log.table_steps()[0]

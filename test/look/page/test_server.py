@@ -68,7 +68,7 @@ def served(test):
         async def serve():
             page = Page(board())
             page.token = "secret"
-            page.source = Told()
+            page.boards[0].source = Told()
             async with TestClient(TestServer(page.app)) as client:
                 await test(client, page)
 
@@ -126,7 +126,7 @@ async def test_other_hosts_and_origins_are_refused(client, page):
     assert answer.status == 403
     own = {"Origin": f"http://127.0.0.1:{port}", "Host": f"127.0.0.1:{port}"}
     async with client.ws_connect("/ws", headers=own, compress=15) as stream:
-        assert (await next_of(stream, "run"))["scenario"] == "env1" and page.board.pages == 1
+        assert (await next_of(stream, "run"))["scenario"] == "env1" and page.boards[0].pages == 1
         assert not stream.compress  # a team in this process would pay for it
         with pytest.raises(asyncio.TimeoutError):  # a message comes once
             await stream.receive(timeout=0.2)
@@ -156,12 +156,30 @@ async def test_controls_need_the_token_and_make_sense(client, page):
         own = {"token": "secret"}
         for data in ({"do": "exec", "value": "ls"}, {"do": STEP, "value": 1}):
             assert (await say({**own, **data}))["type"] == "error", data
-        assert page.source.controls == []
+        assert page.boards[0].source.controls == []
         assert (await say({**own, "do": "hello"}))["control"] is True
         for control in (Control(PAUSE, True), Control(RATE, 5.0), Control(SEEK, 3)):
             said = await say({**own, "do": control.name, "value": control.value})
             assert said["type"] == "done"
-            assert page.source.controls[-1] == control
+            assert page.boards[0].source.controls[-1] == control
+
+
+def test_several_runs_have_a_stream_each():
+    async def serve():
+        page = Page(board(), board())
+        page.boards[1].put("notice", text="the other")
+        async with TestClient(TestServer(page.app)) as client:
+            for query in ("?run=1", "?run=99"):  # there are two
+                async with client.ws_connect(f"/ws{query}") as stream:
+                    assert (await next_of(stream, "hello"))["runs"] == 2
+                    assert (await next_of(stream, "notice"))["text"] == "the other"
+            for query in ("", "?run=x", "?run=\u0661\u0661\u0661"):
+                async with client.ws_connect(f"/ws{query}") as stream:
+                    assert page.boards[0].pages == 1 and (await next_of(stream, "run"))
+                    with pytest.raises(asyncio.TimeoutError):
+                        await stream.receive(timeout=0.1)
+
+    asyncio.run(serve())
 
 
 @served
@@ -184,7 +202,7 @@ async def test_a_slow_page_gets_the_newest_and_nobody_waits_for_it(client, page)
     async with client.ws_connect("/ws") as quick:
         began, text = time.monotonic(), "x" * 200_000
         for number in range(60):
-            page.board.put("frame", step=number, text=text)
+            page.boards[0].put("frame", step=number, text=text)
             await asyncio.sleep(0.005)
         assert time.monotonic() - began < 5
         while (await next_of(quick, "frame"))["step"] != 59:
@@ -210,7 +228,7 @@ async def test_of_too_many_pages_those_without_the_token_give_way(client, page):
     await next_of(streams[-1], "run")
     while (await streams[2].receive(timeout=5)).type is aiohttp.WSMsgType.TEXT:
         pass
-    assert streams[2].closed and page.board.pages == MOST_PAGES
+    assert streams[2].closed and page.boards[0].pages == MOST_PAGES
     assert not any(stream.closed for stream in (*known, streams[3], streams[-1]))
     for stream in streams[3:]:
         await stream.send_json(hello)

@@ -5,15 +5,22 @@ import { inkOn, shape, svg, tinted } from "/draw.js";
 
 const UNIT = 48;
 const LINGER_MS = 600; // how long a question stays visible while steps rush by
-const LAYERS = ["ground", "heat", "marks", "policy", "asks", "robots", "met"];
+const TRAIL = 60; // cells
+const SMALLEST = 9; // pixels: a robot's radius
+const LAYERS = ["ground", "heat", "marks", "policy", "trails", "asks", "robots", "met"];
 
 export class TeamMap {
   constructor(element, onCell) {
     this.element = element;
     this.onCell = onCell;
-    this.layers = { arrows: true, rings: true, heat: true };
+    this.layers = { arrows: true, rings: true, heat: true, trails: true };
     this.cell = null;
     element.addEventListener("pointermove", (event) => this.point(event));
+    element.addEventListener("wheel", (event) => {
+      event.preventDefault();
+      this.zoom(1.2 ** -Math.sign(event.deltaY), this.under(event));
+    }, { passive: false });
+    new ResizeObserver(() => this.run && this.look()).observe(element);
     element.addEventListener("keydown", (event) => this.key(event));
   }
 
@@ -25,8 +32,9 @@ export class TeamMap {
     this.tables = this.asked = null;
     this.cell = null;
     this.colours = run.robots.map((robot) => tinted(robot.colour));
+    this.trails = run.robots.map(() => []);
     const width = run.map.rows[0].length * UNIT + 6, height = run.map.rows.length * UNIT + 6;
-    this.element.setAttribute("viewBox", `-3 -3 ${width} ${height}`);
+    this.whole = { x: -3, y: -3, width, height };
     this.layer = Object.fromEntries(LAYERS.map((name) => [name, svg("g")]));
     this.cursor = svg("rect", { width: UNIT, height: UNIT, class: "cursor", visibility: "hidden" });
     this.element.replaceChildren(...Object.values(this.layer), this.cursor);
@@ -40,6 +48,41 @@ export class TeamMap {
     this.bodies = run.robots.map((robot, k) => svg("g", { class: "robot", "data-robot": k + 1, visibility: "hidden" },
       svg("title", {}, robot.name), shape(robot, 13.5), svg("text", { fill: inkOn(robot.colour) }, String(k + 1))));
     this.layer.robots.append(...this.bodies);
+    this.frame = null;
+    this.fit();
+  }
+
+  // Zoom, pan and fit: which part of the map is seen.
+  fit() {
+    this.seen = { ...this.whole };
+    this.look();
+  }
+
+  look() {
+    const { x, y, width, height } = this.seen;
+    this.element.setAttribute("viewBox", `${x} ${y} ${width} ${height}`);
+    const pixels = Math.min(this.element.clientWidth / width, this.element.clientHeight / height);
+    this.grown = Math.max(1, SMALLEST / (13.5 * pixels)) || 1; // a robot is seen on a large map, too
+    this.element.style.setProperty("--grown", this.grown);
+    this.element.classList.toggle("far", this.grown > 1.4);
+    if (this.frame) this.move(...this.frame);
+  }
+
+  under(event) {
+    return new DOMPoint(event.clientX, event.clientY).matrixTransform(this.element.getScreenCTM().inverse());
+  }
+
+  zoom(times, at = { x: this.seen.x + this.seen.width / 2, y: this.seen.y + this.seen.height / 2 }) {
+    const width = Math.min(this.whole.width, Math.max(4 * UNIT, this.seen.width / times)), by = width / this.seen.width;
+    this.seen = { x: at.x + (this.seen.x - at.x) * by, y: at.y + (this.seen.y - at.y) * by, width, height: this.seen.height * by };
+    this.pan(0, 0);
+  }
+
+  pan(dx, dy) {
+    const inside = (at, size, low, all) => Math.min(Math.max(at, low), low + all - size);
+    this.seen.x = inside(this.seen.x + dx, this.seen.width, this.whole.x, this.whole.width);
+    this.seen.y = inside(this.seen.y + dy, this.seen.height, this.whole.y, this.whole.height);
+    this.look();
   }
 
   square(cell, margin, attributes) {
@@ -80,13 +123,31 @@ export class TeamMap {
     });
   }
 
+  // Where each robot came from, as far as the steps before were seen.
+  trail(frame) {
+    this.trails.forEach((trail, k) => {
+      const cell = frame.cells[k], last = trail.at(-1);
+      const [r, c] = this.run.map.cells[cell] ?? [], [r0, c0] = this.run.map.cells[last?.cell] ?? [];
+      const passed = frame.step - last?.step;
+      if (!(passed >= 0 && passed <= 3 && Math.abs(r - r0) + Math.abs(c - c0) <= passed)) trail.length = 0;
+      if (cell !== null && cell !== trail.at(-1)?.cell) trail.push({ cell, step: frame.step });
+      else if (trail.length) trail.at(-1).step = frame.step;
+      trail.splice(0, trail.length - TRAIL);
+    });
+    this.layer.trails.replaceChildren(...this.trails.map((trail, k) => svg("polyline", {
+      class: "trail", stroke: this.colours[k], "data-robot": k + 1,
+      points: this.layers.trails ? trail.map(({ cell }) => this.centre(cell).map((at) => at + (k % 3 - 1) * 4)).join(" ") : "" })));
+  }
+
   move(frame, held) {
+    this.frame = [frame, held];
+    this.trail(frame);
     const places = this.places(frame.cells);
     this.bodies.forEach((body, k) => {
       const place = places[k];
       body.setAttribute("visibility", place ? "visible" : "hidden");
       if (!place) return;
-      body.style.transform = `translate(${place[0]}px,${place[1]}px) scale(${place[2]})`;
+      body.style.transform = `translate(${place[0]}px,${place[1]}px) scale(${place[2] * this.grown})`;
       body.dataset.cell = frame.cells[k];
       body.classList.toggle("home", frame.cells[k] === this.run.robots[k].goal);
       body.classList.toggle("asking", frame.asks.some((ask) => ask.robot === k));
@@ -100,7 +161,7 @@ export class TeamMap {
     const met = frame.miscoordination ? (frame.after ?? frame.cells).filter((cell) => doors.has(cell)) : [];
     this.layer.met.replaceChildren(...[...new Set(met)].flatMap((cell) => {
       const [x, y] = this.centre(cell);
-      return [svg("circle", { cx: x, cy: y, r: UNIT * 0.6, class: "met" }),
+      return [svg("circle", { cx: x, cy: y, r: UNIT * 0.6 * this.grown, class: "met" }),
         svg("text", { x: x + UNIT * 0.5, y: y - UNIT * 0.5, class: "met-sign" }, "✖")];
     }));
   }
@@ -117,7 +178,8 @@ export class TeamMap {
     const [[px, py]] = ends.length === 1 ? ends : [[x, y]];
     const apart = Math.hypot(px - x, py - y) > 1.2 * UNIT;
     const [sx, sy] = apart ? [(x + px) / 2, (y + py) / 2] : [x + UNIT * 0.4, y - UNIT * 0.4];
-    group.append(svg("circle", { cx: sx, cy: sy, r: 9.5, fill: colour, class: "badge" }), svg("text", { x: sx, y: sy, stroke: "none" }, sign));
+    group.append(svg("g", { transform: `translate(${sx},${sy}) scale(${this.grown})` },
+      svg("circle", { r: 9.5, fill: colour, class: "badge" }), svg("text", { stroke: "none" }, sign)));
     return group;
   }
 
@@ -133,19 +195,22 @@ export class TeamMap {
       for (const cell of this.layers.rings ? own.asks : []) {
         const [cx, cy] = this.centre(cell);
         const dashes = n ? `${3 + 2 * n} 3` : "none";
-        this.layer.policy.append(svg("circle", { cx, cy, r: UNIT * 0.44 - n * 3, class: "ring", "stroke-dasharray": dashes, ...look }));
+        this.layer.policy.append(svg("circle", { cx, cy, r: UNIT * 0.44 - n * 3, class: own.enters.includes(cell) ? "ring" : "ring pale", "stroke-dasharray": dashes, ...look }));
       }
       if (n) look["stroke-dasharray"] = n % 2 ? "3.5 4.5" : "0.1 4.5"; // round caps
+      const enters = new Set(own.enters), lines = { arrow: [], "arrow pale": [] };
       (this.layers.arrows ? own.moves : []).forEach((moves, cell) => {
         if (moves.every((best) => best)) return; // nothing is known there yet
         this.run.directions.forEach(([dy, dx], move) => {
           if (!moves[move]) return;
-          const [x, y] = this.centre(cell);
-          const turn = (Math.atan2(dy, dx) * 180) / Math.PI;
-          const transform = `translate(${x + Math.abs(dy) * shift},${y + Math.abs(dx) * shift}) rotate(${turn})`;
-          this.layer.policy.append(svg("path", { d: "M-4,0H15M10,-5L15,0L10,5", class: "arrow", transform, ...look }));
+          const [x, y] = this.centre(cell), at = (along, across) =>
+            `${x + Math.abs(dy) * shift + along * dx - across * dy},${y + Math.abs(dx) * shift + along * dy + across * dx}`;
+          lines[enters.has(cell) ? "arrow" : "arrow pale"].push(`M${at(-4, 0)}L${at(15, 0)}M${at(10, -5)}L${at(15, 0)}L${at(10, 5)}`);
         });
       });
+      for (const [name, parts] of Object.entries(lines)) {
+        if (parts.length) this.layer.policy.append(svg("path", { d: parts.join(""), class: name, ...look }));
+      }
     });
   }
 
@@ -162,6 +227,7 @@ export class TeamMap {
   }
 
   redraw() {
+    if (this.frame) this.trail(this.frame[0]);
     this.policy(this.tables);
     this.heat(this.asked);
   }
@@ -175,6 +241,10 @@ export class TeamMap {
   }
 
   point(event) {
+    if (event.buttons === 1) {
+      const by = this.seen.width / this.element.clientWidth;
+      return this.pan(-event.movementX * by, -event.movementY * by);
+    }
     const under = document.elementsFromPoint(event.clientX, event.clientY).find((one) => one.matches(".free"));
     if (under) this.choose(Number(under.dataset.cell));
   }

@@ -4,10 +4,15 @@
 import { Curves } from "/curves.js";
 import { $, html, inkOn, number, shape, svg, tinted } from "/draw.js";
 import { TeamMap } from "/map.js";
-import { agesPanel, cellPanel, dialoguePanel, evaluationPanel } from "/panels.js";
+import { agesPanel, cellPanel, dialoguePanel, evaluationPanel, learnedPanel, marksLine } from "/panels.js";
 
 const token = location.hash.slice(1);
 const RATES = [0.5, 1, 2, 5, 10, 20, 50, 100, 500, 1000, 10000];
+// What one can jump to: its button, its key.
+const JUMPS = {
+  question: ["question", "q"], miscoordination: ["miscoordination", "m"],
+  policy: ["change of policy", "p"], crossing: ["first crossing", "c"],
+};
 const HELD = ["paused", "ended", "finished", "stopped"];
 
 let newest = {}; // message of each type
@@ -25,6 +30,8 @@ const DRAW = {
   asked: () => map.heat(newest.asked),
   curves: showCurves,
   evaluation: () => evaluationPanel(newest.evaluation),
+  learned: () => learnedPanel(newest.learned, mayControl && jump),
+  marks: showMarks,
   dialogue: () => dialoguePanel(newest.run, newest.dialogue?.entries ?? []),
   cell: showCell,
 };
@@ -60,16 +67,27 @@ function take(message) {
   mark(message.type);
 }
 
-function hello({ control, scenarios }) {
+function hello({ control, scenarios, runs }) {
+  if (runs > 1 && !location.search) return sideBySide(runs);
   mayControl = control;
+  mark("learned");
   if (!control && token) send("hello");
   $("said").textContent = control || token ? "" : "view only: for controls open the address as it was printed";
   if (!$("scenario").length) $("scenario").append(...scenarios.map((name) => new Option(name, name)));
   showControls();
 }
 
+// Several runs: a page of its own for each.
+function sideBySide(runs) {
+  socket.onclose = null;
+  socket.close();
+  document.body.className = "several";
+  document.body.replaceChildren(...Array.from({ length: runs }, (_, k) =>
+    html("iframe", { src: `/?run=${k}${location.hash}`, title: `run ${k + 1}` })));
+}
+
 function connect() {
-  socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/ws`);
+  socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/ws${location.search}`);
   socket.onopen = () => { retry = 500; };
   socket.onmessage = (event) => take(JSON.parse(event.data));
   socket.onclose = () => {
@@ -146,6 +164,7 @@ function legend() {
     item("doorway", svg("rect", { x: 19, y: 2, width: 20, height: 18, class: "doorway", stroke: run.doorway_colour })),
     item("would ask here", svg("circle", { cx: 30, cy: 11, r: 9, class: "ring", stroke: first })),
     item("asked here so far", svg("rect", { x: 10, y: 2, width: 40, height: 18, fill: first, "fill-opacity": 0.4 })),
+    item("no greedy robot gets here", svg("path", { d: "M14,11H46", class: "arrow pale", stroke: first })),
     item("start, goal", svg("text", { x: 30, y: 12, class: "label", fill: "currentColor" }, "S1 G1")),
     item("miscoordination", svg("text", { x: 30, y: 12, class: "met-sign" }, "✖")));
 }
@@ -194,6 +213,12 @@ function showCurves() {
   $("foot").dataset.read = curves.read;
 }
 
+function showMarks() {
+  const { marks, frame } = newest;
+  for (const button of $("jumps").children) button.disabled = !marks?.[button.dataset.kind].length;
+  if (marks && frame) marksLine(marks, frame.first, frame.last);
+}
+
 function showCell() {
   cellPanel(newest.run, newest.tables, map.cell);
   agesPanel(newest.run, newest.tables, newest.frame);
@@ -208,7 +233,14 @@ $("reset").onclick = () => send("reset");
 $("rate").onchange = () => { send("rate", Number($("rate").value)); $("rate").blur(); };
 $("seek").oninput = () => { sliding = performance.now(); send("seek", Number($("seek").value)); };
 $("start").onclick = () => send("next", { scenario: $("scenario").value, penalty: Number($("penalty").value) });
-for (const name of ["arrows", "rings", "heat"]) {
+const jump = (kind) => send("jump", kind);
+$("jumps").append(...Object.entries(JUMPS).map(([kind, [words, key]]) =>
+  html("button", { type: "button", className: kind, title: `the next one (${key})`, disabled: true, onclick: () => jump(kind) }, words)));
+[...$("jumps").children].forEach((button, k) => { button.dataset.kind = Object.keys(JUMPS)[k]; });
+$("closer").onclick = () => map.zoom(1.5);
+$("further").onclick = () => map.zoom(1 / 1.5);
+$("fit").onclick = () => map.fit();
+for (const name of ["arrows", "rings", "heat", "trails"]) {
   $(`show-${name}`).onchange = (event) => { map.layers[name] = event.target.checked; map.redraw(); };
 }
 $("help").onclick = () => { $("keys").hidden = !$("keys").hidden; };
@@ -237,9 +269,14 @@ const KEYS = {
   "+": ["rate", () => faster(1)],
   "-": ["rate", () => faster(-1)],
   r: ["reset", () => send("reset")],
+  l: ["jump", () => jump("learned")],
+  z: [null, () => map.zoom(1.5)],
+  x: [null, () => map.zoom(1 / 1.5)],
+  f: [null, () => map.fit()],
   t: [null, () => $("theme").click()],
   "?": [null, () => $("help").click()],
 };
+for (const [kind, [, key]] of Object.entries(JUMPS)) KEYS[key] = ["jump", () => jump(kind)];
 for (const k of "12345678") KEYS[k] = [null, () => toggle(Number(k) - 1)];
 
 document.addEventListener("keydown", (event) => {

@@ -1,7 +1,7 @@
 // Copyright 2026 The sparse_coord_ros authors. SPDX-License-Identifier: Apache-2.0
 // What stands beside the map in words and numbers: Q* of a cell, questions, the team's value.
 
-import { $, html, number, tinted } from "/draw.js";
+import { $, html, number, svg, tinted } from "/draw.js";
 
 const row = (kind, texts) => html("tr", {}, ...texts.map((text) => html(kind, {}, text)));
 
@@ -37,13 +37,32 @@ export function agesPanel(run, tables, frame) {
   $("ages").textContent = ages.length ? `Tables of ${words}.` : "";
 }
 
+// What was learned, in two sentences; where one may, buttons to see it again, or all from the start.
+export function learnedPanel(learned, jump) {
+  $("learned").hidden = !learned;
+  if (!learned) return;
+  const button = (words, what) => html("button", { type: "button", onclick: what }, words);
+  const seek = (at) => { $("seek").value = at; $("seek").dispatchEvent(new Event("input")); };
+  $("learned").replaceChildren(html("b", {}, learned.lines.join(" ")), ...(jump ? [
+    button("See it again", () => jump("learned")), button("From step 0", () => seek(0))] : []));
+}
+
+// Marks on the time line: a row of ticks for each kind.
+const ROWS = ["question", "policy", "miscoordination", "crossing"];
+export function marksLine(marks, first, last) {
+  const x = (step) => Math.round((1000 * (step - first)) / Math.max(1, last - first));
+  $("marks").replaceChildren(...ROWS.map((kind, row) => svg("path", {
+    class: `mark ${kind}`, d: marks[kind].map((step) => `M${x(step)},${row * 3.5 + 0.5}v2.6`).join("") })));
+}
+
 export function dialoguePanel(run, entries) {
   $("silence").hidden = entries.length > 0;
   $("dialogue").replaceChildren(...entries.toReversed().map((entry) => {
     const { sign, colour } = run.outcomes[entry.outcome];
     const mark = html("span", { className: "sign" }, `${sign} `);
     mark.style.color = tinted(colour);
-    const item = html("li", {}, mark, html("span", { className: "at" }, `step ${entry.step}: `), entry.lines.join("; "));
+    const item = html("li", {}, mark, html("span", { className: "at" }, `step ${entry.step}: `), entry.text,
+      html("details", {}, html("summary", {}, "details"), entry.lines.join("; ")));
     item.style.borderColor = tinted(run.robots[entry.robot].colour);
     return item;
   }));

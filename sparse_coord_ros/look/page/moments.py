@@ -1,0 +1,150 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What matters in a recorded run: where robots ask, meet and change their minds, and what for."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from sparse_coord_ros.game.miscoordination import miscoordinations
+from sparse_coord_ros.learn.agent import NOBODY, Tables
+from sparse_coord_ros.learn.run_config import RunConfig
+from sparse_coord_ros.look.page.controls import CROSSING, KINDS, MISCOORDINATION, POLICY, QUESTION
+from sparse_coord_ros.look.policy import policy_of
+from sparse_coord_ros.look.words import Words
+from sparse_coord_ros.runlog.log import RunLog
+from sparse_coord_ros.runlog.window import Episodes
+from sparse_coord_ros.wire.frame import Frame
+from sparse_coord_ros.wire.occupancy import OCCUPIED, OccupancyData
+
+
+class Moments:
+    """Gathers the time steps that matter, part by part of a log.
+
+    Args:
+        run: the run.
+        words: of its scenario.
+
+    Attributes:
+        steps: by kind the time steps, ascending.
+        changes: of each robot the time step and where it would ask from then on, shape (cells,).
+    """
+
+    def __init__(self, run: RunConfig, words: Words) -> None:
+        self.steps: dict[str, np.ndarray] = {kind: np.empty(0, np.int64) for kind in KINDS}
+        self.changes: list[list[tuple[int, np.ndarray]]] = [[] for _ in run.scenario.robots]
+        self._run, self._near = run, words.ways <= 1
+        self._places = OccupancyData(Frame(run)).places
+
+    def add(self, part: Episodes) -> None:
+        """Take in a part of the log."""
+        log, history = part.log, part.history
+        scenario, asked = self._run.scenario, log.asked.any(axis=1)
+        followed = np.diff(log.step, append=-1) == 1
+        met = np.roll(miscoordinations(scenario, log.cells), -1) & followed
+        found = {QUESTION: log.step[asked], MISCOORDINATION: log.step[met]}
+        if not len(self.steps[CROSSING]):
+            unharmed = history.arrived.all(axis=1) & (history.miscoordinations == 0)
+            good = np.isin(
+                log.episode, log.episode[np.isin(log.step, history.first_step[unharmed])]
+            )
+            found[CROSSING] = log.step[good & self.meetings(log.cells)][:1]
+        found[POLICY] = np.unique(
+            [at for k in range(len(log.names)) for at in self._changed(log, k)]
+        )
+        for kind, steps in found.items():
+            self.steps[kind] = np.concatenate([self.steps[kind], steps.astype(np.int64)])
+
+    def meetings(self, cells: np.ndarray) -> np.ndarray:
+        """Return where two robots are in front of one doorway, or in it; cells (T, K): (T,)."""
+        there = (self._near[:, cells] & (cells >= 0)).sum(axis=2) >= 2
+        found: np.ndarray = there.any(axis=0)
+        return found
+
+    def _changed(self, log: RunLog, k: int) -> list[int]:
+        """Return when it changed where robot k would ask."""
+        known, found = self.changes[k], []
+        steps, rows = log.tracks.coordination_maps[k]
+        for step, data in zip(steps.tolist(), rows["data"], strict=True):
+            asks = np.frombuffer(data, dtype=np.int8)[self._places] == OCCUPIED
+            if log.step[0] <= step <= log.step[-1] and not (
+                known and (known[-1][1] == asks).all()
+            ):
+                found += [step] * bool(known)
+                known.append((step, asks))
+        return found
+
+    def since(self, robot: int, cell: int) -> tuple[int, int | None]:
+        """Return the first time step, and since when a robot would ask in a cell up to the end.
+
+        None: it would not.
+        """
+        last, known = None, self.changes[robot]
+        for step, asks in known:
+            last = (step if last is None else last) if asks[cell] else None
+        return (known[0][0] if known else 0), last
+
+
+class Highlight(NamedTuple):
+    """An episode that shows what was learned.
+
+    Attributes:
+        first, last: its time steps.
+        step: of its question that matters most; None: nobody asks.
+        robot: who asks then, cell: where.
+        text: what comes of it, in words.
+    """
+
+    first: int
+    last: int
+    step: int | None
+    robot: int
+    cell: int
+    text: str
+
+
+def highlight(log: RunLog, tables: Sequence[Tables], moments: Moments, words: Words) -> Highlight:
+    """Return the latest episode of a part of a log in which what was learned matters most.
+
+    That is where a robot asks, as its tables say that it would; goes where it would not go without
+    an answer; in front of a doorway at which the other one is, too; and all arrive unharmed.
+
+    Args:
+        log: the part, with at least one episode.
+        tables: of every robot, what was learned there.
+        moments: of the run.
+        words: of its scenario.
+    """
+    history, robots = log.history(), range(len(log.names))
+    begins = np.searchsorted(log.step, history.first_step)
+    good = history.arrived.all(axis=1) & (history.miscoordinations == 0)
+    policies = [policy_of(tables[k], log.run.scenario.robots[k].goal) for k in robots]
+    rank = np.zeros(log.asked.shape, dtype=np.int64)
+    close = moments.meetings(log.cells)
+    for k in robots:
+        at = np.flatnonzero(log.asked[:, k] & log.perceived[:, k])
+        cells, moves = log.cells[at, k], log.move[at, k]
+        by_rule, other = policies[k].asks[cells], ~policies[k].moves[cells, moves]
+        rank[at, k] = 1 + 4 * by_rule + 2 * other + close[at]
+    best = [
+        (8 * fine + most) * bool(most) + 0.5 * fine
+        for begin, length, fine in zip(begins, history.length, good, strict=True)
+        for most in [int(rank[begin : begin + length].max())]
+    ]
+    number = len(best) - 1 - int(np.argmax(best[::-1]))
+    begin, end = int(begins[number]), int(begins[number] + history.length[number])
+    row, k = divmod(int(rank[begin:end].argmax()), len(log.names))
+    row += begin
+    first, last = int(log.step[begin]), int(log.step[end - 1])
+    if not rank[row, k]:
+        text = "In the last episodes no robot asks another one anything."
+        return Highlight(first, last, None, 0, 0, text)
+    cell, after = int(log.cells[row, k]), int(log.cells[row + 1, k])
+    peer = int(log.peer[row, k])
+    peers = [one for one in robots if one != k] if peer == NOBODY else [peer]
+    place, door = words.where(cell)
+    seen = [(one, int(log.cells[row, one])) for one in peers]
+    does = words.goes(k, cell, int(log.move[row, k]), after)
+    text = f"{words.names[k]} asks {place}, and {does} if {words.there(door, seen)}."
+    return Highlight(first, last, int(log.step[row]), k, cell, text)
