@@ -8,7 +8,7 @@ export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 # Some containers set this: every process, and the tests start hundreds, would compile all modules anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test check-long reproduce study lint types docs coverage bench clean
+.PHONY: demo test check-long reproduce study lint types docs coverage dist bench clean
 
 # The same doorway twice: by the paper's learner, and by the factored one.
 demo: $(VENV)/runs
@@ -53,12 +53,19 @@ coverage: $(VENV)/tests
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[coverage]'
 	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile --cov=sparse_coord_ros --cov-report=term:skip-covered -k "not interrupt and not closed_batch"
 
+# What is published: source distribution and wheel, in dist.
+dist: $(VENV)/runs
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dist]'
+	rm -rf dist
+	$(BIN)/python -m build
+	$(BIN)/python -m twine check --strict dist/*
+
 # Live runs beside bare rclpy nodes, the batch engine beside a plain C loop.
 bench: $(VENV)/runs
 	$(BIN)/python -m tools.bench
 
 clean:
-	rm -rf $(VENV) docs/_build .coverage .mypy_cache build install log .pytest_cache .ruff_cache *.egg-info
+	rm -rf $(VENV) docs/_build dist .coverage .mypy_cache build install log .pytest_cache .ruff_cache *.egg-info
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # Where ROS 2 is there already (rclpy imports), the environment uses it; elsewhere ROS 2 comes from PyPI.

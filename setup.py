@@ -1,6 +1,7 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
 from glob import glob
+from pathlib import Path
 
 from setuptools import find_packages, setup
 
@@ -15,6 +16,8 @@ setup(
     name=PACKAGE,
     version="0.2.0",
     description="Robots that learn when and how to coordinate (Melo & Veloso 2009), on ROS 2",
+    long_description=Path("README.md").read_text(encoding="utf-8"),
+    long_description_content_type="text/markdown",
     author="The sparse_coord_ros authors",
     maintainer="The sparse_coord_ros authors",
     maintainer_email="sparse_coord_ros@users.noreply.github.com",
@@ -89,6 +92,8 @@ setup(
         # The documentation as pages (make docs), and how much of the code the tests run.
         "docs": ["sphinx", "myst-parser", "furo", "sphinx-argparse>=0.5"],
         "coverage": ["pytest-cov"],
+        # What is published (make dist).
+        "dist": ["build", "twine"],
     },
     entry_points={"console_scripts": ["sparse_coord = sparse_coord_ros.executables:sparse_coord"]},
 )
