@@ -17,12 +17,7 @@ STEP = Setting(
 EXAMPLE = "sparse_coord explain runs/demo/bag --step 9"
 
 
-OPTIONS = (
-    shared.BAG,
-    STEP,
-    Option("--robot NAME", None, "of this robot only"),
-    shared.JSON,
-)
+OPTIONS = (shared.BAG, STEP, Option("--robot NAME", None, "of this robot only"), shared.JSON)
 
 
 def execute(options: argparse.Namespace) -> int:

@@ -13,10 +13,7 @@ from sparse_coord_ros.learn.run_config import RUN_RECORD
 EXAMPLE = "sparse_coord info runs/demo/bag"
 
 
-OPTIONS = (
-    shared.BAG,
-    shared.JSON,
-)
+OPTIONS = (shared.BAG, shared.JSON)
 
 
 def execute(options: argparse.Namespace) -> int:

@@ -21,11 +21,7 @@ from sparse_coord_ros.solve.class_search import (
 )
 from sparse_coord_ros.solve.optimum import LARGEST, independent_bound, joint_optimum
 from sparse_coord_ros.solve.reference import shortest_path_reference
-from sparse_coord_ros.solve.shipped import (
-    shipped_best_team,
-    shipped_class_bound,
-    shipped_routes,
-)
+from sparse_coord_ros.solve.shipped import shipped_best_team, shipped_class_bound, shipped_routes
 
 SEED = RUN_SETTINGS["seed"]
 OF_THE_SEARCH = ("restarts", "seed", "out")

@@ -92,10 +92,7 @@ def _bag(text: str) -> Path:
 BAG = Option("bag BAG", _bag, "a bag's or a run's directory, or a file")
 JSON = Option("--json", bool, "print one JSON object for machines")
 SEED = RUN_SETTINGS["seed"]
-PAGE = (
-    *PAGE_SETTINGS.values(),
-    Option("--browser", bool, "open the page in the browser"),
-)
+PAGE = (*PAGE_SETTINGS.values(), Option("--browser", bool, "open the page in the browser"))
 """Where the page is served."""
 
 WATCH = (

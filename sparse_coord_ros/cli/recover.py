@@ -18,10 +18,7 @@ EXAMPLE = (
 )
 
 
-OPTIONS = (
-    shared.BAG,
-    shared.JSON,
-)
+OPTIONS = (shared.BAG, shared.JSON)
 
 
 def execute(options: argparse.Namespace) -> int:

@@ -97,11 +97,6 @@ class Mover:
         took = 0.0 if self._began is None else now - self._began
         self._goal = None
         self._ended = Reached(
-            self._robot,
-            goals.number,
-            LOST if cell is None else cell,
-            there,
-            round(took, 9),
-            now,
+            self._robot, goals.number, LOST if cell is None else cell, there, round(took, 9), now
         )
         return self._ended

@@ -10,13 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from sparse_coord_ros.errors import (
-    MapError,
-    ScenarioError,
-    SettingError,
-    did_you_mean,
-    in_short,
-)
+from sparse_coord_ros.errors import MapError, ScenarioError, SettingError, did_you_mean, in_short
 from sparse_coord_ros.game.actions import PRIMITIVES
 from sparse_coord_ros.game.buildings import generated_text
 from sparse_coord_ros.game.grid import GridMap, load_map, parse_map
@@ -122,9 +116,7 @@ class Scenario:
         "up", "when a robot's COORDINATE gets no answer: lost, late or refused", LINKS
     )
     peers: str = setting(
-        "one",
-        "whom COORDINATE perceives: one peer drawn at random, or all of them",
-        choices=PEERS,
+        "one", "whom COORDINATE perceives: one peer drawn at random, or all of them", choices=PEERS
     )
     credit: Spec = setting(
         "own",
@@ -343,11 +335,7 @@ def load_scenario(
 
 
 def scenario_from_dict(
-    data: Mapping[str, Any],
-    *,
-    where: str,
-    name: str,
-    beside: Path | None = None,
+    data: Mapping[str, Any], *, where: str, name: str, beside: Path | None = None
 ) -> Scenario:
     """Build a scenario from plain data (a parsed scenario file or `Scenario.to_dict`).
 

@@ -18,13 +18,7 @@ from sparse_coord_ros.learn.agent import Tables
 from sparse_coord_ros.learn.checkpoint import CHECKPOINT_FILE
 from sparse_coord_ros.learn.evaluation import check_tables
 from sparse_coord_ros.learn.run_config import RUN_FILE, RunConfig, load_run
-from sparse_coord_ros.learn.tables import (
-    TEAM_FILE,
-    load_saved,
-    load_team,
-    robot_file,
-    save_team,
-)
+from sparse_coord_ros.learn.tables import TEAM_FILE, load_saved, load_team, robot_file, save_team
 from sparse_coord_ros.limits import SCENARIO, read_text, to_yaml, yaml_value
 from sparse_coord_ros.lockstep.checkpoints import (
     CHECKPOINTS,

@@ -119,9 +119,7 @@ def ros_context(args: Sequence[str] | None = None) -> Iterator[Context]:
     context = Context()
     try:
         rclpy.init(
-            args=list(args or ()),
-            context=context,
-            signal_handler_options=SignalHandlerOptions.NO,
+            args=list(args or ()), context=context, signal_handler_options=SignalHandlerOptions.NO
         )
     except RuntimeError as error:  # of rcl: malformed or unknown ROS arguments
         raise RunError(f"ROS: {' '.join(str(error).split())}") from None

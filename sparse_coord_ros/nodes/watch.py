@@ -27,15 +27,7 @@ from sparse_coord_ros.learn.history import HistoryRecorder
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.learn.simulation import Glimpse
 from sparse_coord_ros.learn.tables import unpack_robot
-from sparse_coord_ros.look.page.controls import (
-    NEXT,
-    PAUSE,
-    RATE,
-    RESET,
-    STEP,
-    Control,
-    Controlled,
-)
+from sparse_coord_ros.look.page.controls import NEXT, PAUSE, RATE, RESET, STEP, Control, Controlled
 from sparse_coord_ros.look.page.live_source import LiveView
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.follower import Follower

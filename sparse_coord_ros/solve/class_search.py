@@ -29,12 +29,7 @@ from sparse_coord_ros.game.settings import Setting
 from sparse_coord_ros.learn.run_config import RUN_SETTINGS
 from sparse_coord_ros.limits import RESULTS, read_text
 from sparse_coord_ros.solve import class_loops
-from sparse_coord_ros.solve.class_loops import (
-    OPTIONS,
-    ClassTeam,
-    WeightedGame,
-    Workspace,
-)
+from sparse_coord_ros.solve.class_loops import OPTIONS, ClassTeam, WeightedGame, Workspace
 from sparse_coord_ros.solve.shipped import ClassBound, RobotPolicy, game_digest
 from sparse_coord_ros.version import __version__
 
@@ -387,11 +382,7 @@ def _kept(
 
 
 def _keep(
-    file: Path,
-    scenario: Scenario,
-    seed: int,
-    values: list[float],
-    robots: Sequence[RobotPolicy],
+    file: Path, scenario: Scenario, seed: int, values: list[float], robots: Sequence[RobotPolicy]
 ) -> None:
     data: dict[str, Any] = {
         "format": FORMAT,

@@ -176,10 +176,7 @@ ACTION = Topic(
 )
 PERCEPT = Topic("percept", "nav_msgs/msg/Path", ROBOT, _STEP, stamped=True)
 COORDINATION_MAP = Topic(
-    *("coordination_map", _GRID, ROBOT, _LATCHED),
-    stamped=True,
-    tapped=True,
-    limit=limits.PICTURE,
+    *("coordination_map", _GRID, ROBOT, _LATCHED), stamped=True, tapped=True, limit=limits.PICTURE
 )
 PROGRESS = Topic("_progress", _STATUS, ROBOT, _LATCHED)
 """What a robot says of its checkpoints, and the recorder of the orders that it has seen."""

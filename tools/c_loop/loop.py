@@ -16,14 +16,7 @@ from sparse_coord_ros.engine.batch import make_problem
 from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.game.actions import ACTIONS, PRIMITIVES
 from sparse_coord_ros.game.scenario import Scenario
-from sparse_coord_ros.game.streams import (
-    LEARNING,
-    MOTION,
-    PERCEPT,
-    POLICY,
-    START,
-    bit_generator,
-)
+from sparse_coord_ros.game.streams import LEARNING, MOTION, PERCEPT, POLICY, START, bit_generator
 from sparse_coord_ros.learn.agent import Tables
 from sparse_coord_ros.learn.learners import learner_of
 
