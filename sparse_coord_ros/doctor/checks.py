@@ -11,17 +11,17 @@ from pathlib import Path
 from typing import NamedTuple
 
 from sparse_coord_ros import compiling
+from sparse_coord_ros.errors import RunError
+from sparse_coord_ros.nodes.middleware import DOMAIN, RANGE, check_domain
 from sparse_coord_ros.share import PACKAGE, share_folder
 from sparse_coord_ros.version import __version__
 
 FINE, HINT, WRONG = "ok", "hint", "wrong"
 """It works; it works, and could be better or may surprise; it does not work."""
 
-DOMAIN, RANGE = "ROS_DOMAIN_ID", "ROS_AUTOMATIC_DISCOVERY_RANGE"
 RANGES = {"SUBNET": "this network", "SYSTEM_DEFAULT": "the system's", "LOCALHOST": "this machine"}
 """The ranges in which nodes find each other."""
 
-HIGHEST_DOMAIN = 232
 ALSO = (
     *("ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER"),
     "FASTRTPS_DEFAULT_PROFILES_FILE",
@@ -85,13 +85,11 @@ def compiler() -> Finding:
 
 def discovery(variables: Mapping[str, str] = os.environ) -> Iterator[Finding]:
     """Look at ROS's environment variables."""
-    domain = variables.get(DOMAIN) or "0"
-    if domain.isdecimal() and int(domain) <= HIGHEST_DOMAIN:
-        yield Finding(FINE, "discovery", f"{DOMAIN} {domain}")
-    else:
-        text = f"{DOMAIN} is {domain!r}, allowed: a whole number from 0 to {HIGHEST_DOMAIN}"
+    try:
+        yield Finding(FINE, "discovery", f"{DOMAIN} {check_domain(variables)}")
+    except RunError as error:
         remedy = f"export {DOMAIN}=0, the same for all robots of a team"
-        yield Finding(WRONG, "discovery", text, remedy)
+        yield Finding(WRONG, "discovery", str(error), remedy)
     span = variables.get(RANGE, "").upper() or "SUBNET"
     if span in RANGES:
         yield Finding(FINE, "discovery", f"{RANGE} {span}: {RANGES[span]}")

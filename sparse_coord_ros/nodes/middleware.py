@@ -4,6 +4,7 @@
 
 import os
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 
 from sparse_coord_ros.errors import RunError
@@ -12,7 +13,7 @@ from sparse_coord_ros.share import share_folder
 PROFILES = "FASTRTPS_DEFAULT_PROFILES_FILE"
 
 
-RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+DOMAIN, RANGE = "ROS_DOMAIN_ID", "ROS_AUTOMATIC_DISCOVERY_RANGE"
 MOST_PARTICIPANTS = 32
 """How many participants find each other with the range LOCALHOST: rmw_fastrtps looks for the first
 32 of a domain (maxInitialPeersRange)."""
@@ -35,17 +36,16 @@ LAST_DOMAIN = 232
 """The ports of DDS end there."""
 
 
-def check_domain() -> None:
-    """Refuse a ROS domain that DDS does not have.
+def check_domain(variables: Mapping[str, str] = os.environ) -> str:
+    """Return the ROS domain; refuse one that DDS does not have.
 
     Raises:
         RunError: ROS_DOMAIN_ID is none.
     """
-    domain = os.environ.get("ROS_DOMAIN_ID", "").strip() or "0"
+    domain = variables.get(DOMAIN, "").strip() or "0"
     if not domain.isdecimal() or int(domain) > LAST_DOMAIN:
-        raise RunError(
-            f"ROS_DOMAIN_ID is {domain!r}, allowed: a whole number from 0 to {LAST_DOMAIN}"
-        )
+        raise RunError(f"{DOMAIN} is {domain!r}, allowed: a whole number from 0 to {LAST_DOMAIN}")
+    return domain
 
 
 SECURITY = "ROS_SECURITY_ENABLE"
