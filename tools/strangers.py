@@ -4,8 +4,8 @@
 
 python -m tools.strangers [--seconds N] [--seed S] [--robots K]
 
-publishes on every topic of a team and calls its services for a while; `tools.soak`, `tools.chaos`
-and the tests use it as a class. What the visitor says fits no run: its stamps, identities and
+publishes on every topic of a team and calls its services for a while; `tools.chaos` and the tests
+use it as a class. What the visitor says fits no run: its stamps, identities and
 numbers are those of no team, so what is learned is to stay as it is.
 """
 
@@ -112,15 +112,12 @@ class Visitor:
         node: a node of its own, which nobody else uses.
         robots: the names of the team's robots.
         seed: of what it says.
-        hostile: also asks what is granted to anybody: to pause, to reset, to make a step.
 
     Attributes:
         said: how many messages and requests it has sent.
     """
 
-    def __init__(
-        self, node: Node, robots: Sequence[str], seed: int, *, hostile: bool = False
-    ) -> None:
+    def __init__(self, node: Node, robots: Sequence[str], seed: int) -> None:
         self._chance, self.node, self.said = random.Random(seed), node, 0
         owners = {ROBOT: tuple(robots), NODE: (*robots, wire.WORLD, wire.RECORDER)}
         self._publishers = []
@@ -132,9 +129,6 @@ class Visitor:
                 publisher = node.create_publisher(ros.type, topic.name, ros.qos)
                 self._publishers.append((ros, publisher))
         asked = [(one, name) for name in robots for one in (_ASK, services.SAVE)]
-        if hostile:
-            of_world = (services.PAUSE, services.RESET, services.STEP)
-            asked += [(service, wire.WORLD) for service in of_world]
         self._clients = []
         for service, name in asked:
             kind = message_class(service.type_name)
@@ -174,12 +168,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--robots", type=int, default=2)
     parser.add_argument("--pause", type=float, default=0.002, help="seconds between two words")
-    parser.add_argument("--hostile", action="store_true", help="also pause, reset and step")
     options = parser.parse_args(arguments)
     names = [f"robot_{k + 1}" for k in range(options.robots)]
     with ros_context() as context:
         node = rclpy.create_node("stranger", context=context)
-        visitor = Visitor(node, names, options.seed, hostile=options.hostile)
+        visitor = Visitor(node, names, options.seed)
         end = time.monotonic() + options.seconds
         with suppress(KeyboardInterrupt):
             while time.monotonic() < end:

@@ -29,17 +29,6 @@ def node_words(name: str, **parameters: object) -> list[str]:
     return ["--ros-args", "-r", f"__node:={name}", *given]
 
 
-def children(parent: int) -> dict[str, int]:
-    """Return the processes that a process has started: nodes by their names, others by modules."""
-    found = {}
-    for child in Path(f"/proc/{parent}/task/{parent}/children").read_text().split():
-        words = Path(f"/proc/{child}/cmdline").read_text().split("\0")
-        if len(words) > 2:  # else it has just ended
-            names = [word.partition(":=")[2] for word in words if word.startswith("__node:=")]
-            found[names[0] if names else words[2]] = int(child)
-    return found
-
-
 def same_tables(out: Path) -> bool:
     """Whether a run learned the tables, bit for bit, of the same run without ROS.
 
