@@ -60,9 +60,9 @@ def test_the_formats_numbers_are_said():
 
 
 def python(version):
-    """Return a Python of a version, of the PATH or of pyenv."""
+    """Return a Python of a version: of pyenv, whose shims need not work, or of the PATH."""
     pyenv = sorted(Path.home().glob(f".pyenv/versions/{version}.*/bin/python"))
-    return shutil.which(f"python{version}") or (pyenv[-1] if pyenv else None)
+    return pyenv[-1] if pyenv else shutil.which(f"python{version}")
 
 
 @pytest.fixture(scope="module")
