@@ -23,13 +23,14 @@ from sparse_coord_ros.game.world import (
 from sparse_coord_ros.learn import factors, loops
 from sparse_coord_ros.learn.agent import Agent, Choice, Memory, Tables, with_memories
 from sparse_coord_ros.learn.algorithm import Values
-from sparse_coord_ros.learn.archive import MOST_UPDATES, member
+from sparse_coord_ros.learn.archive import MOST_UPDATES, check_range, member
 from sparse_coord_ros.learn.rows import FREE_PLACE, Rows, find_row, make_rows, row_to_learn
 
 if TYPE_CHECKING:
     from sparse_coord_ros.learn.learners import Learner
 
-REMEMBERED = ("u", "r_bar", "w", "door", "commons", "moved", "successor", "tried")
+VALUES = ("u", "r_bar", "w", "door")
+REMEMBERED = (*VALUES, "commons", "moved", "successor", "last", "tried")
 """Fields of `Own` that an agent remembers as `Memory.more`; of `tried` only what is in use."""
 
 STEPS_AT_ONCE = 3
@@ -82,6 +83,7 @@ def terms_of(problem: Any, goal: int, weights: Values) -> factors.Terms:
         goal,
         problem.goal_value,
         weights[0] * problem.goal_reward + after,
+        max(1.0, weights[1]),
     )
 
 
@@ -115,8 +117,8 @@ class FactoredAgent(Agent):
         self._rule, self._terms = rule, terms_of(scenario, self.goal, self.weights)
         self._right_of_way = rule.right_of_way and self._robots > 2
         known, nothing = tables.factors, np.zeros((self._cells, PRIMITIVES), dtype=np.int64)
-        door, untried = np.zeros(self._cells), np.empty(0, dtype=np.int64)
-        arrays = (*known[:3], door, nothing, nothing, nothing, untried)
+        last = np.zeros(2 + self._robots, dtype=np.int64)
+        arrays = (*known[:3], np.zeros(self._cells), nothing, nothing, nothing, last, last[:0])
         more = dict(zip(REMEMBERED, arrays, strict=True))
         updates = np.zeros(tables.q_star.shape, dtype=np.int64)
         no_counts = np.zeros(known.corrections.shape, dtype=np.int64)
@@ -223,14 +225,36 @@ class FactoredAgent(Agent):
         for peer, place in self._known(step, cell, perceived).items():
             share = common if reward.partners >> peer & 1 else 0.0
             self._correct(self._key(cell, peer, place), action.move, share, floor)
+        if perceived is not None:
+            if rule.look_back and own.last[0] == step:
+                self._look_back(perceived, floor)
+            own.last[:2] = step + 1, action.move
+            for peer, place in zip((self.number, *self._peers), (cell, *perceived), strict=True):
+                own.last[2 + peer] = place
         if asked:
             if perceived is None:
                 key = factors.unseen_key(cell, self._cells, self._robots)
-                self._correct(key, action.move, common, floor)
+                once = reward.common if reward.partners else 0.0
+                self._correct(key, action.move, once, floor)
             correction = self.correction(cell, perceived)
             factors.learn_asking(own, cell, correction, rule.percept_update, by_count, floor)
         factors.refresh(own, cell, terms)
         factors.replay(own, rule.replays, self._replays.at(step)[0], terms)
+
+    def _look_back(self, perceived: tuple[int, ...], floor: float) -> None:
+        """Learn from two percepts in a row what other moves would have brought in the first."""
+        own, before = self._own, self._own.last[2:]
+        x = before[self.number]
+        u, correction = own.u[x], self.correction(x, perceived)
+        ahead = self.discount * (factors.gain(u, correction) - own.w[x])
+        keys = [self._key(x, peer, before[peer]) for peer in self._peers]
+        best = u.index(max(u))
+        rows = [self._rho.setdefault(key, [0.0] * PRIMITIVES) for key in keys]
+        worst = min(range(len(rows)), key=lambda place: rows[place][best])
+        for place, (key, row, z) in enumerate(zip(keys, rows, perceived, strict=True)):
+            counts = self._counts.setdefault(key, [0] * PRIMITIVES)
+            owed = ahead if place == worst else 0.0
+            factors.look_back(own, x, row, counts, z, owed, self._by_count, floor)
 
     def _known(self, step: int, cell: int, perceived: tuple[int, ...] | None) -> dict[int, int]:
         """Return the cells of the peers that it knows of, in ascending order of the peers."""
@@ -281,15 +305,18 @@ class FactoredAgent(Agent):
         Raises:
             ValueError: it is of another run.
         """
-        cells, most = self._cells, {"successor": self._cells}
+        cells, most = self._cells, {"successor": self._cells, "last": None}
+        shapes: dict[str, tuple[int | None, ...]] = {"w": (cells,), "door": (cells,)}
+        shapes |= {"last": (2 + self._robots,), "tried": (None,)}
         for name in REMEMBERED:
-            one_a_cell = {"w": (cells,), "door": (cells,), "tried": (None,)}
-            shape = one_a_cell.get(name, (cells, PRIMITIVES))
-            if name in REMEMBERED[:4]:
+            shape = shapes.get(name, (cells, PRIMITIVES))
+            if name in VALUES:
                 member(memory.more, name, np.float64, *shape)
             else:
                 below = most.get(name, MOST_UPDATES)
                 member(memory.more, name, np.int64, *shape, below=below)
+        check_range(memory.more["last"][1:2], 0, PRIMITIVES, "last")
+        check_range(memory.more["last"][2:], 0, cells, "last")
         counted = np.flatnonzero(memory.star_updates[:, :PRIMITIVES])
         if not np.array_equal(np.sort(memory.more["tried"]), counted):
             raise ValueError("tried are not the moves that were counted")
@@ -313,7 +340,7 @@ class FactoredAgent(Agent):
 def factored_tables(memory: Memory, number: int, robots: int) -> Tables:
     """Return the tables of a robot (from 0) that remembers this; rows of rho that are 0 go."""
     kept = (memory.values != 0.0).any(axis=1)
-    u, r_bar, w = (memory.more[name] for name in REMEMBERED[:3])
+    u, r_bar, w = (memory.more[name] for name in VALUES[:3])
     known = factors.Factors(u, r_bar, w, memory.states[kept], memory.values[kept])
     return Tables(memory.q_star, factors.coordination_table(known, number, robots), known)
 
@@ -377,6 +404,7 @@ class FactoredMinds(NamedTuple):
             counts[0],
             counts[1],
             counts[2],
+            np.zeros((team, 2 + team), dtype=np.int64),
             np.zeros((team, cells * PRIMITIVES), dtype=np.int64),
             np.zeros((team, 1), dtype=np.int64),
         )
@@ -472,31 +500,29 @@ class FactoredMinds(NamedTuple):
     ) -> None:
         """Learn U, r_bar or rho and W, then replay, as `FactoredAgent.learn`."""
         problem, _, choice, draws = state
-        weights, partners, rule = problem.weights, minds.partners[k], minds.rule
+        weights, rule = problem.weights, minds.rule
         x, m, seen = choice.cells[k], choice.moves[k], choice.rows[k]
         asked = choice.actions[k] == COORDINATE
         by_count = problem.alpha_by_count
         terms = terms_of(problem, problem.goals[k], weights)
         own = own_of(minds.own, k)
         individual = weights[0] * reward[0]
-        common = weights[1] * (reward[1] if partners != 0 else 0.0)
+        once = reward[1] if minds.partners[k] != 0 else 0.0
+        common = weights[1] * once
         factors.learn_move(own, x, m, y, individual, common, asked, terms, by_count, floor)
         size, team = minds.q_star.shape[1], len(choice.cells)
         perceived = asked and seen == PERCEIVED
         if perceived or minds.askers[k] != 0:
+            learn_known(state, minds, step, k, common, perceived, floor)
+        if perceived:
+            look_back(minds, own, step, k, choice.cells, terms.discount, by_count, floor)
+            own.last[0], own.last[1] = step + 1, m
             for peer in range(team):
-                z = choice.cells[peer]
-                known = perceived
-                if not known and rule.share and (minds.askers[k] >> peer) & 1:
-                    known = succeeds(loops.percept_draw(draws, k, step), problem.percept[x, z])
-                if known and peer != k:
-                    share = common if (partners >> peer) & 1 else 0.0
-                    key = factors.key_of(x, peer, z, size, team)
-                    learn_row(minds.rows, k, key, m, share, by_count, floor)
+                own.last[2 + peer] = choice.cells[peer]
         if asked:
             if not perceived:
                 key = factors.unseen_key(x, size, team)
-                learn_row(minds.rows, k, key, m, common, by_count, floor)
+                learn_row(minds.rows, k, key, m, once, by_count, floor)
             correct(minds, k, x, choice.cells, seen)
             factors.learn_asking(own, x, minds.correction, rule.percept_update, by_count, floor)
         factors.refresh(own, x, terms)
@@ -520,6 +546,7 @@ def own_of(team: factors.Own, k: int) -> factors.Own:
         team.commons[k],
         team.moved[k],
         team.successor[k],
+        team.last[k],
         team.tried[k],
         team.used[k],
     )
@@ -538,6 +565,64 @@ def correct(minds: FactoredMinds, k: int, x: int, cells: np.ndarray, seen: int) 
     for peer in range(team):
         if peer != k and factors.counted(k, peer, x, cells[peer], minds.rule.right_of_way):
             add_row(minds.rows, k, factors.key_of(x, peer, cells[peer], size, team), correction)
+
+
+@inlined
+def learn_known(
+    state: loops.State,
+    minds: FactoredMinds,
+    step: int,
+    k: int,
+    common: float,
+    perceived: bool,
+    floor: float,
+) -> None:
+    """Learn rho of the peers that robot k knows the cells of."""
+    problem, choice, partners = state.problem, state.choice, minds.partners[k]
+    x, m, size, team = choice.cells[k], choice.moves[k], minds.q_star.shape[1], len(choice.cells)
+    for peer in range(team):
+        z = choice.cells[peer]
+        known = perceived
+        if not known and minds.rule.share and (minds.askers[k] >> peer) & 1:
+            draw = loops.percept_draw(state.draws, k, step)
+            known = succeeds(draw, problem.percept[x, z])
+        if known and peer != k:
+            share = common if (partners >> peer) & 1 else 0.0
+            key = factors.key_of(x, peer, z, size, team)
+            learn_row(minds.rows, k, key, m, share, problem.alpha_by_count, floor)
+
+
+@inlined
+def look_back(
+    minds: FactoredMinds,
+    own: factors.Own,
+    step: int,
+    k: int,
+    cells: np.ndarray,
+    discount: float,
+    by_count: np.ndarray,
+    floor: float,
+) -> None:
+    """Learn from two percepts in a row, as `FactoredAgent`; nothing if there was but one."""
+    if not minds.rule.look_back or own.last[0] != step:
+        return
+    rows, before, size, team = minds.rows, own.last[2:], minds.q_star.shape[1], len(cells)
+    x = before[k]
+    correct(minds, k, x, cells, PERCEIVED)
+    ahead = discount * (factors.gain(own.u[x], minds.correction) - own.w[x])
+    best, worst, least = np.argmax(own.u[x]), -1, np.inf
+    for peer in range(team):
+        if peer != k:
+            row = row_to_learn(rows, k, factors.key_of(x, peer, before[peer], size, team))
+            if rows.values[k, row, best] < least:
+                worst, least = peer, rows.values[k, row, best]
+    for peer in range(team):
+        if peer != k:
+            row = row_to_learn(rows, k, factors.key_of(x, peer, before[peer], size, team))
+            rho, counts, owed = rows.values[k, row], rows.updates[k, row], 0.0
+            if peer == worst:
+                owed = ahead
+            factors.look_back(own, x, rho, counts, cells[peer], owed, by_count, floor)
 
 
 @inlined

@@ -38,12 +38,15 @@ class FactorRule(NamedTuple):
         right_of_way: whether, of several robots in one cell, only those with higher numbers give
             way: a robot leaves out the correction of a peer in its own cell that has a higher
             number. Of more than two robots only; a pair learns who waits by itself.
+        look_back: whether a robot that perceives its peers in two steps in a row learns what
+            other moves would have brought in the first.
     """
 
     replays: int = 1
     share: bool = True
     percept_update: bool = True
     right_of_way: bool = True
+    look_back: bool = True
 
 
 class Factors(NamedTuple):
@@ -201,6 +204,7 @@ class Own(NamedTuple):
         commons: updates of each entry of r_bar [x][b].
         moved: how often a move led out of its cell [x][b].
         successor: where it led the last time that it did [x][b].
+        last: of the last step with a percept: the step after it, the move and all robots' cells.
         tried: the moves that were tried, x * moves + b, in the order of their first time, with
             room for all.
         used: [number of moves that were tried].
@@ -216,6 +220,7 @@ class Own(NamedTuple):
     commons: Any
     moved: Any
     successor: Any
+    last: Any
     tried: Any
     used: Any
 
@@ -229,6 +234,7 @@ class Terms(NamedTuple):
         goal: the cell that ends the robot's episodes.
         goal_value: value of being there.
         arrival: r^I there, weighed, and gamma times `goal_value`.
+        credit: how often r^C counts, at least 1.
     """
 
     cost: float
@@ -236,6 +242,7 @@ class Terms(NamedTuple):
     goal: int
     goal_value: float
     arrival: float
+    credit: float
 
 
 @inner
@@ -297,8 +304,14 @@ def learn_move(
     if not asked:
         count = own.commons[x][m] + 1
         own.commons[x][m] = count
-        alpha = step_size(1.0 / (count + 1), floor)
+        alpha = step_size(1.0 / (count + 1), floor / terms.credit)
         own.r_bar[x][m] = toward(own.r_bar[x][m], alpha, common)
+
+
+@inner
+def step_of_rho(count: int, by_count: Values, floor: float) -> float:
+    """Return the step size of an entry's update: less than U's, which counts from 1."""
+    return step_size(by_count[min(count + 1, len(by_count) - 1)], floor)
 
 
 @inner
@@ -308,8 +321,59 @@ def learn_correction(
     """Learn one entry of a row of rho from the r^C that is its peer's doing."""
     count = counts[m] + 1
     counts[m] = count
-    alpha = step_size(by_count[min(count + 1, len(by_count) - 1)], floor)
-    rho[m] = toward(rho[m], alpha, common)
+    rho[m] = toward(rho[m], step_of_rho(count, by_count, floor), common)
+
+
+@inner
+def gain(u: Values, correction: Values) -> float:
+    """Return what a percept changes in the value of the best move."""
+    best = u[0] + correction[0]
+    for b in range(1, PRIMITIVES):
+        best = max(best, u[b] + correction[b])
+    return best - greatest(u, PRIMITIVES)
+
+
+@inlined
+def look_back(
+    own: Own,
+    x: int,
+    rho: Any,
+    counts: Any,
+    z: int,
+    ahead: float,
+    by_count: Values,
+    floor: float,
+) -> None:
+    """Learn what the moves in x would have brought, now that it is known where a peer went.
+
+    Each move that was tried in x would have led to its successor, or left the robot in x; where
+    the peer is now, and r^C was felt there once, it would have been felt. Of the move that was
+    made r^C is learned already.
+
+    Args:
+        own: the robot's factors and model.
+        x: the cell in which the robot was at the first of two percepts.
+        rho: the row of x and the peer's cell there, changed.
+        counts: its updates, changed.
+        z: where the peer is at the second percept.
+        ahead: what staying in x is worth beyond what U says of it, as the second percept shows.
+        by_count: n^-w by n.
+        floor: least step size.
+    """
+    for b in range(PRIMITIVES):
+        if own.updates[x][b] == 0:
+            continue
+        share = own.moved[x][b] / own.updates[x][b]
+        brought = (1.0 - share) * ahead
+        if b == own.last[1]:
+            rho[b] += step_of_rho(counts[b], by_count, floor) * brought
+            continue
+        if z == x:
+            brought += (1.0 - share) * own.door[z]
+        if share > 0.0 and own.successor[x][b] == z:
+            brought += share * own.door[z]
+        if brought != 0.0 or rho[b] != 0.0:
+            learn_correction(rho, counts, b, brought, by_count, floor)
 
 
 @inlined
@@ -326,15 +390,10 @@ def learn_asking(
         by_count: n^-w by n.
         floor: least step size.
     """
-    u = own.u[x]
-    best = u[0] + correction[0]
-    for b in range(1, PRIMITIVES):
-        if u[b] + correction[b] > best:
-            best = u[b] + correction[b]
     count = own.updates[x][COORDINATE] + 1
     own.updates[x][COORDINATE] = count
     alpha = step_size(by_count[count], floor)
-    own.w[x] = toward(own.w[x], alpha, best - greatest(u, PRIMITIVES))
+    own.w[x] = toward(own.w[x], alpha, gain(own.u[x], correction))
     if percept_update:
         for b in range(PRIMITIVES):
             own.r_bar[x][b] = toward(own.r_bar[x][b], floor, correction[b])

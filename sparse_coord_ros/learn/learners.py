@@ -288,7 +288,12 @@ class Factored(Learner):
     agent_class = FactoredAgent
     minds = FactoredMinds
     defaults = MappingProxyType(
-        {"epsilon": "linear:0.3:0.02:0.8", "starts": "exploring:1:0:0.5", "peers": "all"}
+        {
+            "epsilon": "linear:0.3:0.02:0.8",
+            "starts": "exploring:1:0:0.5",
+            "peers": "all",
+            "credit": "team",
+        }
     )
 
     def with_defaults(self, scenario: Scenario) -> Scenario:

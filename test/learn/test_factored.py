@@ -153,10 +153,56 @@ def test_replays_make_u_what_the_own_model_says():
     assert one.tables.factors.individual[3, EAST] == 10 + 0.95 * 200
 
 
+def test_two_percepts_in_a_row_teach_what_other_moves_would_have_brought():
+    one, other = agent(), agent(FactorRule(replays=0, look_back=False))
+    for each in (one, other):
+        moved(each, 1, 2, EAST, 3, paid(common=-20.0))  # to 3: a doorway, as r^C is felt there
+        moved(each, 3, 2, EAST, 2, paid())  # half of the moves east succeed
+        moved(each, 5, 2, NORTH, 2, paid())
+        asked(each, 7, 2, NORTH, 2, paid(), (5,))
+        asked(each, 8, 2, NORTH, 2, paid(), (3,))  # the peer went to 3
+    rows = {tuple(x): row for x, row in zip(*one.tables.factors[3:], strict=True)}
+    assert rows[2, 1, 5].tolist() == [0, 0, ALPHA * 0.5 * -20, 0]  # W is 0, a wait is worth U
+    assert not other.tables.factors.corrections[:, EAST].any()
+    before = one.memory().values
+    asked(one, 10, 2, NORTH, 2, paid(), (5,))  # not in a row
+    assert np.array_equal(one.memory().values, before)
+
+
+def test_a_wait_is_worth_what_the_next_percept_shows():
+    one = agent()
+    for step in (1, 3):
+        for move in range(4):
+            asked(one, step + 4 * move, 2, move, 2, paid(common=-20.0), (5,))
+    asked(one, 20, 2, NORTH, 2, paid(), (6,))
+    worth = one.tables.factors.asking[2]
+    assert worth < 0
+    before = one.memory().values[1]  # of peer 1 in 6: nothing was learned yet
+    assert not before.any()
+    asked(one, 21, 2, NORTH, 2, paid(), (7,))  # nor of 7: the way is free, waiting is over
+    row = one.memory().values[1]
+    # All moves were tried and led nowhere: each is worth -W more than U says. The one that was
+    # made, too, by the same share; no r^C is felt in 7.
+    assert row.tolist() == [pytest.approx(-ALPHA * 0.95 * worth)] * 4
+
+
+def test_r_c_counts_for_the_team_but_once_where_the_percept_failed():
+    assert scenario().common_weight == 2 and scenario("env2-4r").common_weight == 4
+    one = agent(weights=RewardWeights(1.0, 3.0, 1.0))
+    asked(one, 1, 2, SOUTH, 3, paid(common=-20.0), None)
+    asked(one, 3, 2, SOUTH, 3, paid(common=-20.0), (5,))
+    assert one.memory().values[:, SOUTH].tolist() == [-60 * ALPHA, -20 * ALPHA]
+
+
 def test_credit_weighs_the_common_part():
     one = agent(weights=RewardWeights(1.0, 3.0, 1.0))
     moved(one, 1, 2, EAST, 3, paid(common=-20.0))
     assert one.tables.factors.common[2, EAST] == -30
+    for step in range(2, 20):  # a step of r_bar is as small as r^C weighs much
+        moved(one, step, 2, EAST, 3, paid())
+    last = one.tables.factors.common[2, EAST]
+    moved(one, 20, 2, EAST, 3, paid())
+    assert one.tables.factors.common[2, EAST] == pytest.approx(last * (1 - ALPHA / 3))
 
 
 @pytest.mark.parametrize(
