@@ -250,6 +250,8 @@ ABLATED: Mapping[str, tuple[str, Mapping[str, object]]] = {
     "all of it": ("factored", {}),
     "no learning from being asked": (RULES + "NotToldByRequests", {}),
     "no percept update of r_bar": (RULES + "NoPerceptUpdate", {}),
+    "no looking back": (RULES + "NoLookingBack", {}),
+    "r^C counts once (credit: own)": ("factored", {"credit": "own"}),
     "no right of way (more than two robots)": (RULES + "NoRightOfWay", {}),
     "no replay": (RULES + "NoReplay", {}),
     "five replays": (RULES + "FiveReplays", {}),

@@ -37,6 +37,12 @@ class FiveReplays(Factored):
     factors = FactorRule(replays=5)
 
 
+class NoLookingBack(Factored):
+    """Learns of no move what it would have brought."""
+
+    factors = FactorRule(look_back=False)
+
+
 class NoRightOfWay(Factored):
     """Several robots in one cell wait for one another."""
 
