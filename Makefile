@@ -65,7 +65,7 @@ bench: $(VENV)/runs
 	$(BIN)/python -m tools.bench
 
 clean:
-	rm -rf $(VENV) docs/_build dist .coverage .mypy_cache build install log .pytest_cache .ruff_cache *.egg-info
+	rm -rf $(VENV) docs/_build docs/generated dist .coverage .mypy_cache build install log .pytest_cache .ruff_cache *.egg-info
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # Where ROS 2 is there already (rclpy imports), the environment uses it; elsewhere ROS 2 comes from PyPI.

@@ -90,7 +90,7 @@ setup(
         ],
         "lint": ["ruff", "mypy", "types-PyYAML", "types-tqdm", "pandas-stubs"],
         # The documentation as pages (make docs), and how much of the code the tests run.
-        "docs": ["sphinx", "myst-parser", "furo", "sphinx-argparse>=0.5"],
+        "docs": ["sphinx", "myst-nb", "ipykernel", "furo", "sphinx-argparse>=0.5"],
         "coverage": ["pytest-cov"],
         # What is published (make dist).
         "dist": ["build", "twine"],

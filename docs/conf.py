@@ -1,10 +1,12 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Sphinx: the pages of this folder, and the reference of the Python API from its docstrings."""
+"""Sphinx: the pages of this folder, the notebooks, which it runs, and the pages that it makes."""
+
+import subprocess
+import sys
+from pathlib import Path
 
 import sparse_coord_ros
-from sparse_coord_ros.cli.main import make_parser
-from sparse_coord_ros.cli.verbs import VERBS, add_verb
 
 project = "sparse_coord_ros"
 author = "The sparse_coord_ros authors"
@@ -12,14 +14,19 @@ copyright = f"2026 {author}"  # noqa: A001 - Sphinx's name
 release = sparse_coord_ros.__version__
 
 extensions = [
-    "myst_parser",
+    "myst_nb",
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
     "sphinx.ext.viewcode",
     "sphinxarg.ext",
 ]
 exclude_patterns = ["_build", "tables"]
+myst_enable_extensions = ["substitution"]
+nb_execution_raise_on_error = True
+nb_execution_timeout = 600
 html_theme = "furo"
+html_static_path = ["static"]
+html_css_files = ["notebooks.css"]
 html_title = f"sparse_coord_ros {release}"
 myst_heading_anchors = 3
 autodoc_member_order = "bysource"
@@ -31,13 +38,12 @@ default_role = "code"  # docstrings have `names` in single backquotes
 # Links to files of the repository; names that the API and a module of it both have.
 suppress_warnings = ["myst.xref_missing", "ref.python"]
 
+HERE = Path(__file__).parent
+sys.path.append(str(HERE))
+import generate  # noqa: E402 - it lies here
 
-def every_verb():
-    """Return the parser of all verbs with all their options, for the page of verbs."""
-    parser = make_parser()
-    verbs = parser._subparsers._group_actions[0]
-    verbs.choices.clear()
-    verbs._choices_actions.clear()
-    for verb in VERBS:
-        add_verb(verbs, verb)
-    return parser
+generate.everything()
+
+asked = ["git", "-C", str(HERE), "remote", "get-url", "origin"]
+place = subprocess.run(asked, capture_output=True, text=True).stdout.strip()
+myst_substitutions = {"repository": place or "the checkout that these pages were built from"}

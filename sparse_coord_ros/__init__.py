@@ -3,7 +3,7 @@
 """Robots that learn when and how to coordinate (Melo & Veloso, AAMAS 2009) on ROS 2.
 
 The Python API. It needs neither ROS nor a compiler, and is loaded when one of its names is first
-used:
+used::
 
     import sparse_coord_ros as sc
 

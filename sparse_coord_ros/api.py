@@ -512,7 +512,7 @@ def sweep(
 ) -> ExperimentResults:
     """Learn with every combination of some settings, a condition each; on all cores.
 
-    `to_pandas(by_run=True)` is one tidy data frame, `plot()` a figure:
+    `to_pandas(by_run=True)` is one tidy data frame, `plot()` a figure::
 
         swept = sc.sweep("env1", {"penalty": [-1, -10, -100], "learner": ["coop", "factored"]})
 

@@ -34,7 +34,7 @@ attribute `numbers`, a tuple of `Number`, says their names and ranges; without o
 after the map are numbers without bounds."""
 
 MARK = "is_perception_model"
-"""Attribute of functions that may be called as a model by `module:function`: no other is."""
+"""Attribute of functions that may be called as a model by their module and name; no other is."""
 
 
 def perception_model(function: PerceptionModel) -> PerceptionModel:
@@ -87,7 +87,7 @@ class PerceptionFamily(SpecFamily):
 
     @property
     def forms(self) -> tuple[Form, ...]:
-        """The registered models, without those that are `module:function`."""
+        """The registered models, without those that are named with a module."""
         return tuple(_form(n, model) for n, model in MODELS.registered.items() if ":" not in n)
 
     @property

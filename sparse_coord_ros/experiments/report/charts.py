@@ -151,13 +151,20 @@ def points(
     return found
 
 
+class Drawing(Figure):
+    """A figure that notebooks show, whether or not they use pyplot."""
+
+    def _repr_png_(self) -> bytes:
+        return rendered(self, "png")
+
+
 def plot(
     shown: Iterable[dict[str, Any]], columns: int, width: float = 3.4, height: float = 2.5
 ) -> Figure:
     """Draw points: a panel for each title and measure, `columns` a row, of that size in inches."""
     panels = list(pd.DataFrame(shown).groupby(["ylabel", "panel"], sort=False, dropna=False))
     rows = math.ceil(len(panels) / columns)
-    figure = Figure(figsize=(columns * width, rows * height + 0.7), layout="constrained")
+    figure = Drawing(figsize=(columns * width, rows * height + 0.7), layout="constrained")
     grid = figure.subplots(rows, columns, squeeze=False).flatten().tolist()
     handles: dict[str, Any] = {}
     for number, (((ylabel, title), data), axes) in enumerate(zip(panels, grid, strict=False)):
@@ -221,9 +228,9 @@ def rendered(figure: Figure, kind: str, dpi: float = 110, *, few: bool = False) 
 
 
 def embedded(figure: Figure, what: str) -> str:
-    """Return a figure as a notebook shows it; pictures stand side by side where there is room."""
+    """Return a figure within HTML."""
     data = base64.b64encode(rendered(figure, "png", few=True)).decode()
-    style = "display: inline-block; max-width: 100%; vertical-align: top"
+    style = "max-width: 100%; min-width: 0; height: auto"
     return f'<img alt="{what}" style="{style}" src="data:image/png;base64,{data}">'
 
 

@@ -105,7 +105,8 @@ def swept_figure(results: Results, x: str = "", measures: Sequence[str] = MEASUR
         return {"panel": ", ".join(others), "shift": shift_of(one), **tick}
 
     shown = [p for measure in measures for p in points(results, measure, where)]
-    return plot(shown, min(MOST_PANELS, len({p["panel"] for p in shown})))
+    panels = len({p["panel"] for p in shown})
+    return plot(shown, min(MOST_PANELS, panels if panels > 1 else len(measures)))
 
 
 def _conditions(name: str, results: Results) -> dict[str, Figure]:

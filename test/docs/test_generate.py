@@ -1,0 +1,42 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The pages that the build makes: of every scenario, every learner, and every name of the API."""
+
+import importlib.util
+import re
+from pathlib import Path
+
+import pytest
+
+import sparse_coord_ros as sc
+from sparse_coord_ros.learn.learners import LEARNERS
+
+DOCS = Path(__file__).parents[2] / "docs"
+
+
+@pytest.fixture
+def made(tmp_path):
+    """Return the pages, as texts by their paths."""
+    spec = importlib.util.spec_from_file_location("generate", DOCS / "generate.py")
+    generate = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(generate)
+    generate.FOLDER = tmp_path
+    (tmp_path / "gone.md").write_text("of an older version")
+    generate.everything()
+    return {str(path.relative_to(tmp_path)): path.read_text() for path in tmp_path.rglob("*.*")}
+
+
+def test_every_scenario_learner_and_name_has_its_page(made):
+    assert "gone.md" not in made
+    for name in sc.scenario_names():
+        assert f"![Map of {name}]({name}.svg)" in made[f"scenarios/{name}.md"]
+        assert f"scenarios/{name}.svg" in made
+    assert "| exact joint optimum | -20 | 121.89 |" in made["scenarios/env1.md"]
+    assert "| class bound | -100 | 118.51 |" in made["scenarios/env1.md"]
+    assert "| Coop. | -20 | 10,000 | 119.48 (" in made["scenarios/env1.md"]
+    for name in LEARNERS.names:
+        assert f"--learner {name} " in made[f"learners/{name}.md"]
+    assert "| [env1](../scenarios/env1.md) | -20 | 10,000 |" in made["learners/coop.md"]
+    api = "".join(text for name, text in made.items() if name.startswith("api/"))
+    documented = re.findall(r"auto(?:class|function):: sparse_coord_ros\.(\w+)", api)
+    assert sorted(documented) == sorted(sc.__all__)
