@@ -52,9 +52,8 @@ def everything():
             path.unlink()
 
 
-def _contents(title, text, names):
-    listed = "\n".join(names)
-    return f"# {title}\n\n{text}\n\n```{{toctree}}\n:maxdepth: 1\n\n{listed}\n```\n"
+def _contents(names):
+    return "```{toctree}\n:maxdepth: 1\n\n" + "\n".join(names) + "\n```\n"
 
 
 def _facts(facts):
@@ -96,7 +95,7 @@ def _scenarios():
         made[f"scenarios/{name}.svg"] = _picture(scenario)
         made[f"scenarios/{name}.md"] = _scenario(scenario, results[results.scenario == name])
     text = "Nine are the paper's. The crowds have two to eight robots in one building."
-    made["scenarios/index.md"] = _contents("Scenarios", text, names)
+    made["scenarios/index.md"] = f"# Scenarios\n\n{text}\n\n{_contents(names)}"
     return made
 
 
@@ -174,7 +173,7 @@ def _learners():
         rule = learner_of(name)
         made[f"learners/{name}.md"] = _learner(rule, results[results.learner == name])
     text = 'Each is chosen by its name: `--learner coop`, `sc.train(scenario, "coop")`.'
-    made["learners/index.md"] = _contents("Learners", text, names)
+    made["learners/index.md"] = f"# Learners\n\n{text}\n\n{_contents(names)}"
     return made
 
 
@@ -244,8 +243,7 @@ def _api():
         text = "\n".join(_module(f"sparse_coord_ros.{name}") for name in modules)
         made[f"api/below_{page}.md"] = f"# {title}\n\n```{{eval-rst}}\n{text}\n```\n"
         pages.append(f"below_{page}")
-    begin = "```{eval-rst}\n.. automodule:: sparse_coord_ros\n   :no-members:\n```"
-    made["api/index.md"] = _contents("Python API", begin, pages)
+    made["api/contents.txt"] = _contents(f"generated/api/{page}" for page in pages)
     return made
 
 

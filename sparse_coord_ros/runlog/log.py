@@ -79,6 +79,11 @@ class RunLog:
     requests: tuple[Request, ...]
     tracks: Tracks
 
+    def __repr__(self) -> str:
+        """Return what it is, on one line."""
+        who = f"{self.run.scenario.label}; {self.run.learner}, seed {self.run.seed}"
+        return f"<RunLog {who}; {len(self.step):,} steps in {self.bag.path}>"
+
     @property
     def reward(self) -> np.ndarray:
         """Individual, common, ask_cost, total: shape (T, K, 4)."""

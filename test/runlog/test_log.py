@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The log as arrays and as a data frame: what the simulation without ROS says."""
 
+import re
 from collections import Counter
 from dataclasses import fields, replace
 
@@ -89,6 +90,12 @@ def test_every_request_is_there_with_its_times(run):
         assert sorted(request.wall_ns) == [0, 1, 2, 3]
         assert list(request.wall_ns.values()) == sorted(request.wall_ns.values())
         assert 0 < request.seconds < 0.1
+
+
+def test_it_prints_as_one_line(run):
+    assert re.fullmatch(
+        r"<RunLog \S+.*; coop, seed \d+; [\d,]+ steps in \S+>", repr(read_run(run.bag))
+    )
 
 
 def test_a_data_frame(run):
