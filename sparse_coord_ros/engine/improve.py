@@ -10,9 +10,10 @@ more it is that of trials with the same draws. The paper has no such exchange, a
 planning, on a learned model: what nobody has felt does not exist in it.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -26,14 +27,15 @@ from sparse_coord_ros.game.specs import Spec
 from sparse_coord_ros.learn.agent import Memory, Tables
 from sparse_coord_ros.learn.evaluation import Trials
 from sparse_coord_ros.learn.factored import factored_tables
-from sparse_coord_ros.learn.factors import UNSEEN, Factors, coordination_table
+from sparse_coord_ros.learn.factors import UNSEEN, Factors, coordination_table, states_of
 from sparse_coord_ros.learn.learners import Learner, check_improvable
+from sparse_coord_ros.learn.rows import find_row
 from sparse_coord_ros.learn.run_config import RUN_FILE, RunConfig, create_output
 from sparse_coord_ros.learn.tables import save_team
 from sparse_coord_ros.solve.class_loops import ClassTeam
 from sparse_coord_ros.solve.class_search import climbed
 from sparse_coord_ros.solve.exact import MOST_ROBOTS
-from sparse_coord_ros.solve.routes import moves_to
+from sparse_coord_ros.solve.routes import alone, moves_to
 
 IMPROVED = "improved"
 """Folder in a run's directory for what the team made of what it learned."""
@@ -111,10 +113,11 @@ def improve(scenario: Scenario, learner: Learner, memories: Sequence[Memory]) ->
     team = len(memories)
     learned = learned_scenario(scenario, learner, memories)
     tables = [factored_tables(memory, k, team) for k, memory in enumerate(memories)]
-    if team == MOST_ROBOTS and scenario.link == UP:
+    dense = all(isinstance(table.q_coord, np.ndarray) for table in tables)
+    if team == MOST_ROBOTS and dense and scenario.link == UP:
         before, value, found = _of_a_pair(learned, learner, tables)
     else:
-        before, value, found = _by_trials(learned, learner, tables, memories)
+        before, value, found = _by_trials(learned, learner, memories)
     return Improvement(tuple(found), before, value, tuple(sorted(learned.map.doorways)))
 
 
@@ -190,36 +193,76 @@ def _of_a_pair(
 
 
 def _by_trials(
-    learned: Scenario, learner: Learner, tables: Sequence[Tables], memories: Sequence[Memory]
+    learned: Scenario, learner: Learner, memories: Sequence[Memory]
 ) -> tuple[float, float, list[Tables]]:
     """Climb by trials with the same draws; as `_of_a_pair`."""
     team = CompiledTeam(learned, learner)
-    minds = team.remembered(memories)
-    star, lead = minds.q_star, learned.map.next_cell
-
-    def worth(trials: int) -> Trials:
-        return team.play(minds, 0, trials, paired=True)
-
-    best = worth(TRIALS)
-    before, better = best.reward.mean(), True
+    minds: Any = team.remembered(memories)
+    best = team.play(minds, 0, TRIALS, paired=True)
+    before, better = float(best.reward.mean()), True
     while better:
         better = False
-        for k, x in np.argwhere(best.stays > 0).tolist():
-            for action in range(len(ACTIONS)):
-                old = star[k, x].copy()
-                if action == old.argmax() or action < PRIMITIVES and lead[x, action] == x:
-                    continue
-                star[k, x] = preferring(old, action)
-                few = worth(LOOKED_AT).reward.mean(axis=1) - best.reward[:LOOKED_AT].mean(axis=1)
-                if few.mean() > 0.0:
-                    found = worth(TRIALS)
-                    gain = (found.reward - best.reward).mean(axis=1)
-                    if gain.mean() > SURE * gain.std() / TRIALS**0.5:
-                        best, better = found, True
-                        continue
-                star[k, x] = old
-    improved = [_acting(learned, learner, k, one, star[k], {}) for k, one in enumerate(tables)]
-    return float(before), float(best.reward.mean()), improved
+        for change in _changes(learned, minds, best.stays):
+            old = [place.copy() for place, _ in change]
+            for place, new in change:
+                place[:] = new
+            found = _better(team, minds, best)
+            if found is not None:
+                best, better = found, True
+                continue
+            for (place, _), value in zip(change, old, strict=True):
+                place[:] = value
+    own, star, highest = minds.own, minds.q_star, minds.own.u.max(axis=2)
+    own.r_bar[:] = star[:, :, :PRIMITIVES] - own.u
+    own.w[:] = star[:, :, COORDINATE] - highest + _cost(learned, learner)
+    return before, float(best.reward.mean()), team.tables(minds)
+
+
+def _better(team: CompiledTeam, minds: Any, best: Trials) -> Trials | None:
+    """Return trials of what the robots would do now, where that is better; else None."""
+    few = team.play(minds, 0, LOOKED_AT, paired=True)
+    if few.reward.mean() <= best.reward[:LOOKED_AT].mean():
+        return None
+    found = team.play(minds, 0, TRIALS, paired=True)
+    gain = (found.reward - best.reward).mean(axis=1)
+    return found if gain.mean() > SURE * gain.std() / TRIALS**0.5 else None
+
+
+def _changes(
+    learned: Scenario, minds: Any, stays: np.ndarray
+) -> Iterator[list[tuple[np.ndarray, np.ndarray]]]:
+    """Yield changes of what one robot does, as arrays and what to write to them.
+
+    First another route: U of a robot alone that keeps out of one doorway, or of none. Then in one
+    cell another action. Then, where it asks, another move, or no correction, for one peer's cell.
+
+    Args:
+        learned: the game as the team knows it.
+        minds: what the robots do.
+        stays: steps that each robot acts in each cell, shape (robots, cells).
+    """
+    star, u, rows, lead = minds.q_star, minds.own.u, minds.rows, learned.map.next_cell
+    team, cells = stays.shape
+    for avoided in ((), *((doorway,) for doorway in sorted(learned.map.doorways))):
+        after, p = alone(learned, [avoided] * team), learned.move_success
+        routes = p * after[:, lead] + (1.0 - p) * after[:, :, None]
+        for k in range(team):
+            gained = np.column_stack([routes[k], routes[k].max(axis=1)])
+            gained -= np.column_stack([u[k], u[k].max(axis=1)])
+            yield [(star[k], star[k] + gained), (u[k], routes[k])]
+    for k, x in np.argwhere(stays > 0).tolist():
+        for action in range(len(ACTIONS)):
+            waits_for_ever = action < PRIMITIVES and lead[x, action] == x
+            if action != star[k, x].argmax() and not waits_for_ever:
+                yield [(star[k, x], preferring(star[k, x], action))]
+    for k in range(team):
+        keys, _, _ = rows.learned(k)
+        for key, (x, j, _) in zip(keys.tolist(), states_of(keys, cells, team), strict=True):
+            row = rows.values[k, find_row(rows.keys[k], key) if rows.hashed else key]
+            if j != UNSEEN and stays[k, x] and star[k, x].argmax() == COORDINATE and row.any():
+                yield [(row, np.zeros(PRIMITIVES))]
+                for move in range(PRIMITIVES):
+                    yield [(row, preferring(u[k, x] + row, move) - u[k, x])]
 
 
 def preferring(values: np.ndarray, chosen: int) -> np.ndarray:
@@ -254,7 +297,7 @@ def _acting(
         lone = u[state[0]]
         row = rows.get(state, np.zeros(PRIMITIVES))
         rows[state] = preferring(lone + row, move) - lone
-    cost = learner.weights(scenario).ask_cost * scenario.ask_cost
+    cost = _cost(scenario, learner)
     kept = sorted(state for state, row in rows.items() if row.any())
     factors = Factors(
         individual=u,
@@ -264,3 +307,8 @@ def _acting(
         corrections=np.array([rows[state] for state in kept]).reshape(len(kept), PRIMITIVES),
     )
     return Tables(star, coordination_table(factors, k, len(scenario.robots)), factors)
+
+
+def _cost(scenario: Scenario, learner: Learner) -> float:
+    """Return what asking costs, as the learner weighs it."""
+    return learner.weights(scenario).ask_cost * scenario.ask_cost

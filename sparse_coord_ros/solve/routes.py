@@ -11,7 +11,7 @@ time. What comes out can be reached with full sight; it is no bound.
 """
 
 import functools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -145,30 +145,40 @@ def route_plan(scenario: Scenario, *, restarts: int = 4, seed: int = 0) -> Route
 
 def _play(scenario: Scenario, ways: Ways, draws: np.ndarray) -> np.ndarray:
     """Play trials; return the team's mean reward in each."""
-    grid, gamma, p = scenario.map, scenario.discount, scenario.move_success
-    prize = scenario.goal_reward / (1.0 - gamma)
-    after = np.zeros((len(ways.order), len(grid.cells)))
-    for k, robot in enumerate(scenario.robots):
-        far = moves_to(grid.next_cell, robot.goal, ways.avoided[k])
-        worth = prize * gamma ** np.maximum(far, 0) * (p / (1.0 - gamma * (1.0 - p))) ** far
-        after[k] = np.where(far < 0, 0.0, worth)
-    places = meeting_places(scenario)
+    grid, places = scenario.map, meeting_places(scenario)
     routed = Routed(
         lead=np.ascontiguousarray(grid.next_cell, dtype=np.int64),
         places=places,
         claims=_passages(scenario) if ways.one_at_a_time else places,
         starts=np.array([robot.start for robot in scenario.robots]),
         goals=np.array([robot.goal for robot in scenario.robots]),
-        after=after,
+        after=alone(scenario, ways.avoided),
         order=np.array(ways.order),
         toll=float(sum(scenario.penalties)),
-        prize=prize,
-        discount=float(gamma),
-        success=float(p),
+        prize=scenario.goal_reward / (1.0 - scenario.discount),
+        discount=float(scenario.discount),
+        success=float(scenario.move_success),
     )
     rewards = np.zeros(len(draws))
     compiled()(routed, draws, np.zeros((3, len(ways.order)), dtype=np.int64), rewards)
     return rewards
+
+
+def alone(scenario: Scenario, avoided: Sequence[Collection[int]]) -> np.ndarray:
+    """Return what robots alone are worth at the end of a step in each cell: (robots, cells).
+
+    Args:
+        scenario: the problem.
+        avoided: of each robot, the cells that it keeps out of.
+    """
+    gamma, p = scenario.discount, scenario.move_success
+    prize = scenario.goal_reward / (1.0 - gamma)
+    after = np.zeros((len(avoided), len(scenario.map.cells)))
+    for k, robot in enumerate(scenario.robots):
+        far = moves_to(scenario.map.next_cell, robot.goal, avoided[k])
+        worth = prize * gamma ** np.maximum(far, 0) * (p / (1.0 - gamma * (1.0 - p))) ** far
+        after[k] = np.where(far < 0, 0.0, worth)
+    return after
 
 
 def _passages(scenario: Scenario) -> np.ndarray:
@@ -182,12 +192,12 @@ def _passages(scenario: Scenario) -> np.ndarray:
     return found
 
 
-def moves_to(lead: np.ndarray, goal: int, avoided: frozenset[int] = frozenset()) -> np.ndarray:
+def moves_to(lead: np.ndarray, goal: int, avoided: Collection[int] = ()) -> np.ndarray:
     """Return the moves from each cell to the goal through no avoided cell; -1: there is no way."""
     far = np.full(len(lead), -1)
     far[goal], front = 0, [goal]
     while front:
-        there = set(front) - avoided
+        there = set(front).difference(avoided)
         front = [x for x in np.flatnonzero(far < 0).tolist() if there & set(lead[x].tolist())]
         far[front] = far.max() + 1
     return far

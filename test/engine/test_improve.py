@@ -10,6 +10,7 @@ from teams import drawn
 
 from sparse_coord_ros.compiling import has_numba
 from sparse_coord_ros.engine import improve as module
+from sparse_coord_ros.engine.batch import CompiledTeam
 from sparse_coord_ros.engine.improve import improve, learned_scenario, preferring
 from sparse_coord_ros.engine.training import train
 from sparse_coord_ros.errors import SettingError
@@ -17,9 +18,11 @@ from sparse_coord_ros.game.actions import COORDINATE, EAST, NORTH, WEST
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.evaluation import play
 from sparse_coord_ros.learn.learners import learner_of
+from sparse_coord_ros.learn.simulation import tables_equal
 from sparse_coord_ros.solve import class_loops, class_search
 from sparse_coord_ros.solve.class_loops import ClassTeam
 from sparse_coord_ros.solve.exact import evaluate_exact
+from sparse_coord_ros.solve.routes import alone
 
 FACTORED = learner_of("factored")
 needs_numba = pytest.mark.skipif(not has_numba(), reason="minutes in plain Python")
@@ -140,19 +143,64 @@ def test_a_doorway_that_nobody_felt_is_free():
 
 
 @needs_numba
-def test_four_robots_climb_by_trials_all_to_the_same_plan(monkeypatch):
+def test_more_robots_climb_by_trials_all_to_the_same_plan(monkeypatch):
     monkeypatch.setattr(module, "TRIALS", 200)
     monkeypatch.setattr(module, "LOOKED_AT", 50)
     run = trained("crowd-4r", steps=3000)
     found, again = improved(run), improved(run)
     assert found.value > found.before
-    for one, other in zip(found.tables, again.tables, strict=True):
-        assert np.array_equal(one.q_star, other.q_star)
+    assert tables_equal(list(found.tables), list(again.tables))
+    team = CompiledTeam(learned(run), FACTORED)
+    before = team.play(team.remembered(run.memories), 0, 200, paired=True).reward.mean()
+    assert before == found.before
     values = [
         play(learned(run), tables, trials=500, seed=3, learner=FACTORED).reward.mean()
         for tables in (run.tables, found.tables)
     ]
     assert values[1] > values[0]
+    for table in found.tables:
+        star = table.factors.individual + table.factors.common
+        assert table.q_star[:, :4] == pytest.approx(star)
+
+
+@needs_numba
+def test_a_robot_of_three_takes_another_route(monkeypatch):
+    """Two doorways, and a learned policy by which all meet in one of them."""
+    monkeypatch.setattr(module, "TRIALS", 200)
+    monkeypatch.setattr(module, "LOOKED_AT", 50)
+    grid = "1.#.2\n..D..\n3.#..\n..D.."
+    robots = {"robot_1": (1, 2), "robot_2": (2, 1), "robot_3": (3, 2)}
+    run = trained(drawn(grid, robots), steps=2000)
+    upper, lower = sorted(run.scenario.map.doorways)
+    after = alone(learned(run), [[lower], [lower], [lower]])
+    lead = run.scenario.map.next_cell
+    through_one = []
+    for memory, worth in zip(run.memories, after, strict=True):
+        u = worth[lead] * 0.8 + worth[:, None] * 0.2
+        star = np.column_stack([u, np.full(len(u), -100.0)])
+        more = {"u": u, "r_bar": 0 * u, "w": star[:, 4] - u.max(axis=1) + 1}
+        through_one.append(changed(memory._replace(q_star=star), **more))
+    found = improved(run, through_one)
+    trials = play(run.scenario, found.tables, trials=50, seed=1, learner=FACTORED)
+    assert found.value > found.before + 10
+    assert trials.stays[:, lower].any()
+
+
+@needs_numba
+def test_paired_trials_have_the_same_draws_whatever_happened_before():
+    run = trained("env1", steps=100)
+    team = CompiledTeam(run.scenario, FACTORED)
+    minds = team.remembered(run.memories)
+    minds.q_star[:, :, :4] = alone(run.scenario, [(), ()])[:, run.scenario.map.next_cell]
+    minds.q_star[:, :, COORDINATE] = -1
+    times = []
+    for paired in (True, False):
+        there = minds.q_star.copy()
+        first = team.play(minds, 0, 40, paired=paired).time_to_goal[:, 0]
+        minds.q_star[1, :, NORTH] = 1000  # the other robot never arrives
+        times.append((first, team.play(minds, 0, 40, paired=paired).time_to_goal[:, 0]))
+        minds.q_star[:] = there
+    assert np.array_equal(*times[0]) and not np.array_equal(*times[1])
 
 
 def test_preferring():

@@ -30,6 +30,7 @@ from sparse_coord_ros.experiments.store import ConditionResult, Plan
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.learn.learners import learner_of
 from sparse_coord_ros.solve.optimum import independent_bound
+from tools.study import improved
 
 SEED = 950_000
 """Seed of the first run: no search has seen these."""
@@ -438,4 +439,5 @@ STUDIES: tuple[Study, ...] = (
     Study("percepts", (40, 16), 200, _percepts),
     Study("scale", (10, 10), 300, _scale),
     Study("unseen", (20, 10), 500, _unseen),
+    Study("improved", (40, 20), 300, lambda found: improved.table(found, ROUTES)),
 )
