@@ -8,6 +8,11 @@ import numpy as np
 
 from sparse_coord_ros.game.actions import ACTIONS
 from sparse_coord_ros.game.scenario import Scenario
+from sparse_coord_ros.learn.simulation import Glimpse
+from sparse_coord_ros.look.steps import Question
+from sparse_coord_ros.palette import ANSWERED, FAILED, REFUSED
+
+ENDED = {ANSWERED: "It is answered.", REFUSED: "It is refused.", FAILED: "No answer comes."}
 
 
 class Words:
@@ -62,3 +67,15 @@ class Words:
             seen = [one for one in seen if self.ways[door, one[1]] <= 1]
         said = [f"{self.names[k]} is {self.near(cell, door)}" for k, cell in seen]
         return " and ".join(said) or "nobody is near it"
+
+    def question(self, seen: Glimpse, question: Question) -> str:
+        """Return a question of a time step in sentences."""
+        k, peers, _, move = question
+        cell, after = seen.cells[k], None if seen.after is None else seen.after[k]
+        others = [(peer, at) for peer in peers if (at := seen.cells[peer]) is not None]
+        if cell is None:
+            return f"{self.names[k]} asks; where it is nobody tells."
+        place, door = self.where(cell)
+        known = question.outcome == ANSWERED and len(others) == len(peers)
+        ended = f"Answer: {self.there(door, others)}." if known else ENDED[question.outcome]
+        return f"{self.names[k]} asks {place}. {ended} It {self.goes(k, cell, move, after)}."

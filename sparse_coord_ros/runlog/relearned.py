@@ -3,6 +3,7 @@
 """What a team had learned at any time step: learned again from the recorded checkpoint before."""
 
 from collections.abc import Callable, Sequence
+from copy import deepcopy
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +13,7 @@ from sparse_coord_ros.game.world import EPISODE_GAP
 from sparse_coord_ros.learn.agent import Tables
 from sparse_coord_ros.runlog.attached import RecordedTables
 from sparse_coord_ros.runlog.replay import Replay, trajectory_of
-from sparse_coord_ros.runlog.stretches import Stretch, restored
+from sparse_coord_ros.runlog.stretches import UNFIT, Stretch, restored
 from sparse_coord_ros.runlog.window import MOVES, LongLog
 
 AT_ONCE = 2000
@@ -27,29 +28,16 @@ TablesThen = dict[int, tuple[int, Tables]]
 
 
 class _Part(NamedTuple):
-    """A part of a log from a time step on, as it is learned again.
-
-    Attributes:
-        first: the time step.
-        steps: of each robot's actions.
-        replays: of each robot.
-    """
+    """A part of a log as it is learned again: from which step on, each robot's actions' steps."""
 
     first: int
     steps: list[np.ndarray]
     replays: list[Replay]
 
-    def _places(self, step: int) -> list[tuple[Replay, int]]:
-        places = (int(np.searchsorted(steps, step)) for steps in self.steps)
-        return list(zip(self.replays, places, strict=True))
-
-    def before(self, step: int) -> bool:
-        """Whether no robot has learned from an action of a time step, or a later one."""
-        return all(replay.reached <= place for replay, place in self._places(step))
-
     def advance(self, step: int) -> bool:
         """Go on to a time step; return whether the robots did what their agents choose."""
-        return all([replay.advance(place) for replay, place in self._places(step)])
+        pairs = zip(self.steps, self.replays, strict=True)
+        return all([one.advance(int(np.searchsorted(steps, step))) for steps, one in pairs])
 
 
 class Relearned:
@@ -62,11 +50,17 @@ class Relearned:
     def __init__(self, log: LongLog) -> None:
         self._log = log
         self._kept: dict[int, list[RecordedTables]] = {}
+        self._at = 0
         self._part: _Part | None = None
-        self._topics = [*MOVES, wire.PERCEPT]
         rule = log.run.known_rule
-        if rule is not None and rule.factors is not None:  # who is asked learns from it
-            self._topics.append(wire.SERVICE_EVENTS)
+        heard = rule is not None and rule.factors is not None  # who is asked learns from it
+        self._topics = [*MOVES, wire.PERCEPT, *[wire.SERVICE_EVENTS] * heard]
+
+    def _recorded(self, step: int) -> list[RecordedTables]:
+        """Return of each robot that has any the newest recorded tables up to a time step."""
+        robots = range(len(self._log.run.scenario.robots))
+        found = (self._log.tables_before(k, step) for k in robots)
+        return [one for one in found if one is not None]
 
     def tables(self, step: int, still: Callable[[], bool] = lambda: True) -> TablesThen:
         """Return by robot up to which time step it had learned, and its tables then.
@@ -82,35 +76,30 @@ class Relearned:
         Raises:
             BagError, TablesError: the log or its tables cannot be read.
         """
-        run, robots = self._log.run, range(len(self._log.run.scenario.robots))
-        found = {k: self._log.tables_before(k, step) for k in robots}
-        recorded = {k: (one.step, one.tables) for k, one in found.items() if one is not None}
-        if run.greedy:  # nothing is learned
-            return {k: (step, tables) for k, (_, tables) in recorded.items()}
+        run, recorded = self._log.run, self._recorded(step)
+        if run.greedy or all(one.step == step for one in recorded):
+            return {one.robot: (step, one.tables) for one in recorded}
         part = None if run.known_rule is None else self._reached(step, still)
         if part is None:
-            return recorded
-        return {replay.agent.number: (step, replay.agent.tables) for replay in part.replays}
+            return {one.robot: (one.step, one.tables) for one in recorded}
+        return {one.agent.number: (step, one.agent.tables) for one in part.replays}
 
     def _reached(self, step: int, still: Callable[[], bool]) -> _Part | None:
         """Return a part that has been learned again up to a step; None where that cannot be."""
         common = set.intersection(*map(set, self._log.table_steps()))
-        known = [at for at in {*common, *self._kept} if at <= step]
-        if not known:
+        first = max((at for at in {*common, *self._kept} if at <= step), default=None)
+        if first is None:
             return None
-        first, part = max(known), self._part
-        if part is None or part.first != first or not part.before(step):
-            saved = self._kept.get(first) or [
-                one
-                for k in range(len(self._log.run.scenario.robots))
-                if (one := self._log.tables_before(k, first)) is not None
-            ]
-            part = self._begin(saved)
+        part, self._part, sought = self._part, None, False
+        if part is None or not first <= self._at <= step:
+            part, sought = self._begin(self._kept.get(first) or self._recorded(first)), True
         while part is not None and still() and part.advance(min(step, part.first + AT_ONCE)):
-            self._part = part
             if step < part.first + AT_ONCE:
+                if sought and step > part.first:  # who came here may come again
+                    self._keep(part, step)
+                self._part, self._at = part, step
                 return part
-            part = self._begin(self._keep(part))
+            part = self._begin(self._keep(part, part.first + AT_ONCE))
         return None
 
     def _begin(self, saved: Sequence[RecordedTables]) -> _Part | None:
@@ -119,21 +108,24 @@ class Relearned:
         log = self._log.read(first, first + AT_ONCE + wait, self._topics)
         if log.bag.gaps or log.tracks.gaps or any(one.memory is None for one in saved):
             return None
-        part = _Part(first, [], [])
-        for k, one in enumerate(saved):
-            trajectory = trajectory_of(log, k, Stretch(first))
-            # Whether it has learned from its very last action no later one says.
-            trajectory.learned[-1:] |= trajectory.told[-1:]
-            part.steps.append(trajectory.step)
-            part.replays.append(Replay(log, trajectory, restored(log, one)))
-        return part
+        done = [trajectory_of(log, one.robot, Stretch(first)) for one in saved]
+        for one in done:  # whether it has learned from its very last action no later one says
+            one.learned[-1:] |= one.told[-1:]
+        pairs = zip(done, saved, strict=True)
+        try:
+            replays = [Replay(log, trajectory, restored(log, one)) for trajectory, one in pairs]
+        except UNFIT:
+            return None
+        return _Part(first, [one.step for one in done], replays)
 
-    def _keep(self, part: _Part) -> list[RecordedTables]:
-        """Keep and return what the robots remember at a part's end."""
-        at = part.first + AT_ONCE
+    def _keep(self, part: _Part, step: int) -> list[RecordedTables]:
+        """Keep and return what the robots remember at a time step that a part has reached."""
         agents = [replay.agent for replay in part.replays]
-        saved = [RecordedTables(one.number, at, one.tables, {}, one.memory()) for one in agents]
-        self._kept[at] = saved
+        saved = [
+            RecordedTables(one.number, step, deepcopy(one.tables), {}, one.memory())
+            for one in agents
+        ]
+        self._kept[step] = saved
         size = sum(array.nbytes for one in saved for array in one.tables.arrays().values())
         while len(self._kept) > max(2, MOST_BYTES // (2 * size)):
             del self._kept[next(iter(self._kept))]

@@ -21,6 +21,9 @@ from sparse_coord_ros.runlog.attached import RecordedTables
 from sparse_coord_ros.runlog.log import NONE, RunLog
 from sparse_coord_ros.runlog.timeline import MARGIN
 
+UNFIT = (KeyError, ValueError, IndexError, TypeError)
+"""What `restored` may raise where a log is forged, or of another version."""
+
 
 class Start(NamedTuple):
     """Where a stretch begins that is not the first.
@@ -123,7 +126,7 @@ def _fits(log: RunLog, recorded: RecordedTables) -> bool:
         return True
     try:
         return tables_equal([restored(log, recorded).tables], [recorded.tables])
-    except (KeyError, ValueError, IndexError, TypeError):  # of a forged log
+    except UNFIT:
         return False
 
 

@@ -128,6 +128,8 @@ class BagSource(Controlled):
         if len(whole) and len(found) == len(robots):
             log, tables = log.between(int(whole[0]), last), [one.tables for one in found]
             self._highlight = highlight(log, tables, self._moments, self._words)
+            newest = {one.robot: (one.step, one.tables) for one in found}
+            self.board.put("tables", robots=messages.table_fields(self.run, newest))
             self._tell_learned()
             self._show_again()
 

@@ -207,16 +207,8 @@ def in_words(
         reward = seen.rewards[k] if seen.rewards else None
         if reward is not None:
             lines.append(reward_in_words(run, reward.total, after))
-        text = f"{words.names[k]} asks {whom}: {told}."
-        if cell is not None:
-            place, door = words.where(cell)
-            others = list(zip(peers, perceived or (), strict=False))
-            then = f"Answer: {words.there(door, others)}." if others else f"It is {told}."
-            text = f"{words.names[k]} asks {place}. {then} It {words.goes(k, cell, move, after)}."
-        yield {
-            **{"step": seen.step, "robot": k, "outcome": question.outcome},
-            **{"text": text, "lines": lines},
-        }
+        said = {"text": words.question(seen, question), "lines": lines}
+        yield {"step": seen.step, "robot": k, "outcome": question.outcome, **said}
 
 
 def _plain(values: np.ndarray) -> list[Any]:

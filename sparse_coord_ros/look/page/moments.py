@@ -138,7 +138,8 @@ def highlight(log: RunLog, tables: Sequence[Tables], moments: Moments, words: Wo
     row += begin
     first, last = int(log.step[begin]), int(log.step[end - 1])
     if not rank[row, k]:
-        text = "In the last episodes no robot asks another one anything."
+        what = "no question is answered" if log.asked.any() else "no robot asks another one"
+        text = f"In the last episodes {what}."
         return Highlight(first, last, None, 0, 0, text)
     cell, after = int(log.cells[row, k]), int(log.cells[row + 1, k])
     peer = int(log.peer[row, k])

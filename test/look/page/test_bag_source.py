@@ -176,6 +176,14 @@ def test_a_bag_opens_on_what_was_learned(learned):
     player.source.log.bag.close()
 
 
+def test_of_robots_that_cannot_ask_the_page_says_so(record):
+    player = Player(record(values={"learner": "noncoop"}).bag, step=None)
+    one, other = player.board.get("learned")["lines"]
+    assert "no robot asks" in one and "cannot" in other
+    assert player.board.get("tables")["robots"][1]["step"] > 0  # the newest, at once
+    player.source.log.bag.close()
+
+
 def test_jumps_lead_to_what_matters(learned):
     player, log = Player(learned), read_run(learned)
     player.source._read_through()
