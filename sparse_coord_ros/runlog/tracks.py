@@ -229,7 +229,7 @@ class Tracks:
         """Put the dialogue of a time line together, up to where the run went back to."""
         newest = max(track.step.max(initial=0) for track in (self.clock, *self.states))
         requests, problems, others = put_together(events, self.names, self._period)
-        self.requests += [request for request in requests if request.step < limit]
+        self.requests += [one for one in requests if one.step < limit and not _stale(one, back)]
         self.suspects += [one for one in others if (one.step or 0) < limit]
         # Questions that were under way when the run went back are answered from then, or from
         # the checkpoint by who has gone back already, without a request here.
@@ -370,6 +370,16 @@ def read_tracks(path: Path) -> Tracks:
 def _under_way(step: int, back: Rollback | None) -> bool:
     """Whether an answer of a time step may be to a question of before a roll-back."""
     return back is not None and (step >= back.until - 1 or step <= back.first)
+
+
+def _stale(request: Request, back: Rollback | None) -> bool:
+    """Whether it was asked before a roll-back, and answered by who had gone back already.
+
+    A peer that is asked in time is one time step behind at most.
+    """
+    if back is None or request.answer is None:
+        return False
+    return bool(request.answer[0] <= back.first < request.step - 1)
 
 
 def in_order(steps: np.ndarray, *, each_once: bool = False) -> np.ndarray:

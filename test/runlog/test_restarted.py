@@ -20,7 +20,7 @@ from sparse_coord_ros.runlog.dialogue import Request, heard, times_asked_again
 from sparse_coord_ros.runlog.percepts import check_percepts
 from sparse_coord_ros.runlog.stretches import Stretch
 from sparse_coord_ros.runlog.timeline import Rollback, holds
-from sparse_coord_ros.runlog.tracks import _under_way
+from sparse_coord_ros.runlog.tracks import _stale, _under_way
 from sparse_coord_ros.wire import RunState
 from sparse_coord_ros.wire.events import EventKind
 from sparse_coord_ros.wire.status import Said
@@ -126,6 +126,18 @@ def test_an_answer_to_a_question_of_before_a_roll_back():
         *range(75, 80),
     ]
     assert not _under_way(56, None)
+
+
+def test_a_question_of_before_a_roll_back_that_its_peer_answers_from_behind_it():
+    """A recorder that stood still writes it down in the file of after the roll-back."""
+    back = Rollback(1, step=56, first=56, until=76)
+    asked = [
+        Request(0, 1, step, (0.5, 0.5), answer=(at, None))
+        for step, at in ((56, 56), (57, 56), (58, 56), (58, 57))
+    ]
+    assert [_stale(one, back) for one in asked] == [False, False, True, False]
+    assert not any(_stale(one, None) for one in asked)
+    assert not _stale(Request(0, 1, 70, (0.5, 0.5)), back)
 
 
 def test_what_goes_back_supersedes():
