@@ -154,8 +154,8 @@ sparse_coord train {name} --penalty -100 --out runs/{name}
 {_table(["", "penalty", "reward of a robot"], known)}
 
 Shortest paths mind nobody. The class bound is the best team found whose robots see each other
-only by asking. The joint optimum sees everything, always, for nothing. Where only a bound stands,
-nobody knows it.
+only by asking. The joint optimum sees everything, always, for nothing. With more than two robots
+nobody knows it: the bound is what each robot would be worth with no other in the world.
 
 ## What was learned
 
@@ -186,6 +186,8 @@ def _learner(rule, results):
         "Its defaults": ", ".join(f"`{k}={v}`" for k, v in rule.defaults.items()),
     }
     agent = rule.agent_class
+    modules = [agent.__module__] + ["sparse_coord_ros.learn.factors"] * (rule.factors is not None)
+    told = "\n\n".join(f".. automodule:: {n}\n   :no-members:\n   :no-index:" for n in modules)
     rows = [
         [f"[{row.scenario}](../scenarios/{row.scenario}.md)", f"{row.penalty:g}", f"{row.steps:,}"]
         + _measures(row)
@@ -213,9 +215,7 @@ sparse_coord train env1 --learner {rule.label} --out runs/{rule.label}
 ## How it learns
 
 ```{{eval-rst}}
-.. automodule:: {agent.__module__}
-   :no-members:
-   :no-index:
+{told}
 
 .. autoclass:: {module}.{kind.__name__}
    :no-members:
