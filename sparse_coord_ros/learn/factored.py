@@ -253,7 +253,7 @@ class FactoredAgent(Agent):
         worst = min(range(len(rows)), key=lambda place: rows[place][best])
         for place, (key, row, z) in enumerate(zip(keys, rows, perceived, strict=True)):
             counts = self._counts.setdefault(key, [0] * PRIMITIVES)
-            owed = ahead if place == worst else 0.0
+            owed = ahead if place == worst and row[best] < 0.0 else 0.0
             factors.look_back(own, x, row, counts, z, owed, self._by_count, floor)
 
     def _known(self, step: int, cell: int, perceived: tuple[int, ...] | None) -> dict[int, int]:
@@ -610,7 +610,7 @@ def look_back(
     x = before[k]
     correct(minds, k, x, cells, PERCEIVED)
     ahead = discount * (factors.gain(own.u[x], minds.correction) - own.w[x])
-    best, worst, least = np.argmax(own.u[x]), -1, np.inf
+    best, worst, least = np.argmax(own.u[x]), -1, 0.0
     for peer in range(team):
         if peer != k:
             row = row_to_learn(rows, k, factors.key_of(x, peer, before[peer], size, team))

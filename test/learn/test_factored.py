@@ -171,19 +171,21 @@ def test_two_percepts_in_a_row_teach_what_other_moves_would_have_brought():
 
 def test_a_wait_is_worth_what_the_next_percept_shows():
     one = agent()
-    for step in (1, 3):
-        for move in range(4):
-            asked(one, step + 4 * move, 2, move, 2, paid(common=-20.0), (5,))
-    asked(one, 20, 2, NORTH, 2, paid(), (6,))
-    worth = one.tables.factors.asking[2]
+    for step in range(4):
+        asked(one, 1 + 2 * step, 2, step, 2, paid(common=-20.0), (5,))
+    asked(one, 20, 2, NORTH, 2, paid(), (5,))
+    before, worth = one.memory().values[0], one.tables.factors.asking[2]
     assert worth < 0
-    before = one.memory().values[1]  # of peer 1 in 6: nothing was learned yet
-    assert not before.any()
-    asked(one, 21, 2, NORTH, 2, paid(), (7,))  # nor of 7: the way is free, waiting is over
-    row = one.memory().values[1]
-    # All moves were tried and led nowhere: each is worth -W more than U says. The one that was
-    # made, too, by the same share; no r^C is felt in 7.
-    assert row.tolist() == [pytest.approx(-ALPHA * 0.95 * worth)] * 4
+    asked(one, 21, 2, NORTH, 2, paid(), (6,))  # the way is free, waiting is over
+    # All moves were tried and led nowhere: each is worth -W more than U says, and no r^C was felt
+    # in 6. Of the one that was made r^C is known already.
+    owed = -0.95 * worth
+    row = [old + ALPHA * (owed - old) for old in before]
+    row[NORTH] = before[NORTH] + ALPHA * owed
+    assert one.memory().values[0].tolist() == pytest.approx(row)
+    assert not one.memory().values[1].any()
+    asked(one, 22, 2, NORTH, 2, paid(), (5,))  # a peer in 6 was in nobody's way
+    assert not one.memory().values[1].any()
 
 
 def test_r_c_counts_for_the_team_but_once_where_the_percept_failed():
