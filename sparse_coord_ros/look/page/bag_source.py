@@ -112,11 +112,12 @@ class BagSource(Controlled):
         self._notice()
         if not self.growing:
             self._find_highlight()
+            self._show_again()
         if step is not None:
             self._go(step)
 
     def _find_highlight(self) -> None:
-        """Find the episode that shows what was learned, and begin with it."""
+        """Find the episode that shows what was learned, and say so."""
         last, most = self.log.last_step, max(SHOWN_STEPS, 4 * self.run.scenario.max_steps)
         try:
             log = self.log.read(max(0, last - most), last)
@@ -131,30 +132,23 @@ class BagSource(Controlled):
             newest = {one.robot: (one.step, one.tables) for one in found}
             self.board.put("tables", robots=messages.table_fields(self.run, newest))
             self._tell_learned()
-            self._show_again()
 
     def _tell_learned(self, *, read: bool = False) -> None:
         """Say what was learned; `read`: and since when, as the whole log has been read."""
-        shown, rule = self._highlight, self.run.known_rule
+        shown = self._highlight
         if shown is None:
             return
         lines = [shown.text]
         if shown.step is None:
-            asks = rule is None or rule.asks
-            lines.append(
-                "Whether questions would pay, the class bound tells."
-                if asks
-                else f"{self.run.title} robots cannot: they act without knowing of each other."
-            )
+            lines.append("How much asking could be worth, the class bound tells.")
         elif read:
             begun, since = self._moments.since(shown.robot, shown.cell)
-            lines.append(
-                "That was by chance: robots explore. By what it learned it would not ask there."
-                if since is None
-                else f"It learned that after about {float(f'{since:.3g}'):,.0f} steps."
-                if since > begun
-                else "It knew that from the start."
-            )
+            if since is None:
+                lines.append("It explores: by what it learned it would not ask there.")
+            elif since == begun:
+                lines.append("It knew that from the start.")
+            else:
+                lines.append(f"It learned that after about {float(f'{since:.3g}'):,.0f} steps.")
         self.board.put("learned", lines=lines, first=shown.first, step=shown.step)
 
     def _show_again(self) -> None:
@@ -218,6 +212,7 @@ class BagSource(Controlled):
         if following:
             self.position = float(self.log.last_step)
         if self.log.bag.finished or not growing:
+            self._find_highlight()
             self.growing = False
             self._notice()
 

@@ -45,34 +45,26 @@ class Moments:
         met = np.roll(miscoordinations(scenario, log.cells), -1) & followed
         found = {QUESTION: log.step[asked], MISCOORDINATION: log.step[met]}
         if not len(self.steps[CROSSING]):
-            unharmed = history.arrived.all(axis=1) & (history.miscoordinations == 0)
-            good = np.isin(
-                log.episode, log.episode[np.isin(log.step, history.first_step[unharmed])]
-            )
-            found[CROSSING] = log.step[good & self.meetings(log.cells)][:1]
-        found[POLICY] = np.unique(
-            [at for k in range(len(log.names)) for at in self._changed(log, k)]
-        )
+            fine = history.arrived.all(axis=1) & (history.miscoordinations == 0)
+            good = log.episode[np.isin(log.step, history.first_step[fine])]
+            at = np.isin(log.episode, good) & self.meetings(log.cells)
+            found[CROSSING] = log.step[at][:1]
         for kind, steps in found.items():
-            self.steps[kind] = np.concatenate([self.steps[kind], steps.astype(np.int64)])
+            self.steps[kind] = np.concatenate([self.steps[kind], steps])
+        for k, known in enumerate(self.changes):
+            steps, rows = log.tracks.coordination_maps[k]
+            here = np.isin(steps, log.step)
+            for step, data in zip(steps[here].tolist(), rows["data"][here], strict=True):
+                asks = np.frombuffer(data, dtype=np.int8)[self._places] == OCCUPIED
+                if not known or (known[-1][1] != asks).any():
+                    known.append((step, asks))
+        changed = {step for known in self.changes for step, _ in known[1:]}
+        self.steps[POLICY] = np.array(sorted(changed), dtype=np.int64)
 
     def meetings(self, cells: np.ndarray) -> np.ndarray:
         """Return where two robots are in front of one doorway, or in it; cells (T, K): (T,)."""
         there = (self._near[:, cells] & (cells >= 0)).sum(axis=2) >= 2
         found: np.ndarray = there.any(axis=0)
-        return found
-
-    def _changed(self, log: RunLog, k: int) -> list[int]:
-        """Return when it changed where robot k would ask."""
-        known, found = self.changes[k], []
-        steps, rows = log.tracks.coordination_maps[k]
-        for step, data in zip(steps.tolist(), rows["data"], strict=True):
-            asks = np.frombuffer(data, dtype=np.int8)[self._places] == OCCUPIED
-            if log.step[0] <= step <= log.step[-1] and not (
-                known and (known[-1][1] == asks).all()
-            ):
-                found += [step] * bool(known)
-                known.append((step, asks))
         return found
 
     def since(self, robot: int, cell: int) -> tuple[int, int | None]:

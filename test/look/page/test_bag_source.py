@@ -176,10 +176,10 @@ def test_a_bag_opens_on_what_was_learned(learned):
     player.source.log.bag.close()
 
 
-def test_of_robots_that_cannot_ask_the_page_says_so(record):
+def test_where_nobody_asks_the_page_says_so(record):
     player = Player(record(values={"learner": "noncoop"}).bag, step=None)
     one, other = player.board.get("learned")["lines"]
-    assert "no robot asks" in one and "cannot" in other
+    assert "no robot asks" in one and "class bound" in other
     assert player.board.get("tables")["robots"][1]["step"] > 0  # the newest, at once
     player.source.log.bag.close()
 
@@ -237,6 +237,7 @@ def test_a_bag_that_grows_is_followed(bag, tmp_path, monkeypatch):
     assert player.board.get("curves")["episodes"] == read_run(bag).history().episodes
     assert player.after(0.1)["step"] == read_run(bag).step[-1] > before["step"]
     assert not player.source.growing and player.board.get("notice")["text"] == ""
+    assert player.do(JUMP, LEARNED)["step"] == player.board.get("learned")["first"]
     player.source.log.bag.close()
 
 
