@@ -134,11 +134,6 @@ def load_saved(path: Path, numbers: Sequence[int]) -> list[SavedTables]:
     return unpack_saved(data, numbers, where=str(path))
 
 
-def load_tables(path: Path, numbers: Sequence[int]) -> list[Tables]:
-    """Read the tables of the given robots (numbers from 1) from one file; as `load_saved`."""
-    return [saved.tables for saved in load_saved(path, numbers)]
-
-
 def save_team(
     directory: Path, tables: Sequence[Tables], memories: Sequence[Memory | None] = ()
 ) -> None:

@@ -11,7 +11,7 @@ import yaml
 
 from sparse_coord_ros.cli.main import main
 from sparse_coord_ros.learn.simulation import tables_equal
-from sparse_coord_ros.learn.tables import load_tables
+from sparse_coord_ros.learn.tables import load_saved
 
 MODULE = """
 import numpy as np
@@ -99,7 +99,8 @@ def runs(request, place, verb):
 
 def test_all_ways_of_running_learn_the_same(runs):
     learner, directories = runs
-    tables = [load_tables(directory / "tables.npz", [1, 2]) for directory in directories]
+    saved = [load_saved(directory / "tables.npz", [1, 2]) for directory in directories]
+    tables = [[one.tables for one in team] for team in saved]
     assert all(tables_equal(tables[0], others) for others in tables[1:])
     for directory in directories:
         said = yaml.safe_load((directory / "run.yaml").read_text())

@@ -14,7 +14,6 @@ from sparse_coord_ros.learn.sparse import SparseTable
 from sparse_coord_ros.learn.tables import (
     TEAM_FILE,
     load_saved,
-    load_tables,
     load_team,
     pack_tables,
     robot_file,
@@ -64,7 +63,7 @@ def sparse_team():
 def test_sparse_team_round_trip(tmp_path, sparse_team):
     path = tmp_path / TEAM_FILE
     save_team(tmp_path, sparse_team)
-    again = load_tables(path, [1, 2, 3])
+    again = [saved.tables for saved in load_saved(path, [1, 2, 3])]
     assert tables_equal(again, sparse_team)
     again[0].q_coord[0, 0, 0, 0] = 1.0  # it can be learned on
     with np.load(path) as file:
@@ -126,7 +125,7 @@ def test_another_format_is_one_line(tmp_path, team):
     with np.load(tmp_path / TEAM_FILE) as file:
         arrays = {**file, "format": np.array(4)}
     np.savez(tmp_path / TEAM_FILE, **arrays)
-    message = refusal(load_tables, tmp_path / TEAM_FILE, [1])
+    message = refusal(load_saved, tmp_path / TEAM_FILE, [1])
     assert "is in format 4" in message and "3" in message
 
 

@@ -14,7 +14,7 @@ from rosbags.highlevel import AnyReader
 
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.history import load_history
-from sparse_coord_ros.learn.tables import load_tables, load_team, robot_file
+from sparse_coord_ros.learn.tables import load_saved, load_team, robot_file
 from sparse_coord_ros.lockstep import waiting
 
 FAST = {"claim_window": 0.2}
@@ -34,7 +34,7 @@ def assert_bag_is_whole(bag):
 
 
 def assert_tables(path, number):
-    (tables,) = load_tables(path, [number])
+    tables = load_saved(path, [number])[0].tables
     assert tables.q_star.shape[1] == 5
     assert (tables.q_star != 0).any()
 

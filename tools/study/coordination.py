@@ -439,5 +439,5 @@ STUDIES: tuple[Study, ...] = (
     Study("percepts", (40, 16), 200, _percepts),
     Study("scale", (10, 10), 300, _scale),
     Study("unseen", (20, 10), 500, _unseen),
-    Study("improved", (40, 20), 300, lambda found: improved.table(found, ROUTES)),
+    Study("improved", (20, 10), 300, lambda found: improved.table(found, ROUTES)),
 )
