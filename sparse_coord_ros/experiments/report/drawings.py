@@ -3,7 +3,7 @@
 """The figures of each experiment."""
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from typing import Any
 
 from matplotlib.figure import Figure
@@ -89,13 +89,11 @@ def _swept(
 
 def swept_figure(results: Results, x: str = "", measures: Sequence[str] = MEASURES) -> Figure:
     """Draw any conditions against a setting in which they differ; as `ExperimentResults.plot`."""
-    named = dict.fromkeys(key for one in results for key, _ in one.condition.settings)
     plain = {one.id: one.scenario.plain_settings for one in results}
-    own = [n for n in named if len({values[n] for values in plain.values()}) > 1]
-    for name, kind, known in [(x, "x", own), *((one, "measure", LABELS) for one in measures)]:
-        if name and name not in known:
-            raise SettingError(f"plot: {kind} is {name!r}, allowed here: {', '.join(known)}")
-    x = x or (own or ["penalty"])[0]
+    own = _varied(results)
+    x = x or own[0]
+    _check("x", [x], own)
+    _check("measure", measures, LABELS)
     order = list(dict.fromkeys(values[x] for values in plain.values()))
 
     def where(one: ConditionResult) -> dict[str, Any]:
@@ -107,6 +105,19 @@ def swept_figure(results: Results, x: str = "", measures: Sequence[str] = MEASUR
     shown = [p for measure in measures for p in points(results, measure, where)]
     panels = len({p["panel"] for p in shown})
     return plot(shown, min(MOST_PANELS, panels if panels > 1 else len(measures)))
+
+
+def _varied(results: Results) -> list[str]:
+    """Return the settings that conditions name and in which they differ; else the penalty."""
+    named = dict.fromkeys(key for one in results for key, _ in one.condition.settings)
+    values = {name: {getattr(one.scenario, name) for one in results} for name in named}
+    return [name for name in named if len(values[name]) > 1] or ["penalty"]
+
+
+def _check(kind: str, names: Iterable[str], known: Collection[str]) -> None:
+    for name in names:
+        if name not in known:
+            raise SettingError(f"plot: {kind} is {name!r}, allowed here: {', '.join(known)}")
 
 
 def _conditions(name: str, results: Results) -> dict[str, Figure]:
