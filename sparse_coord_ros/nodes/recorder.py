@@ -80,6 +80,7 @@ class Recording:
         self.final: set[str] = set()
         self._near_ns = LAG_STEPS * self.convert.period
         self._count = self._steps = 0
+        self._untold = False
         self._tables: dict[str, tuple[int, bytes]] = {}
 
     def begin(self) -> None:
@@ -215,21 +216,32 @@ class Recording:
     # What a follower of a run does.
 
     def world_said(self, said: Said) -> None:
-        """Go back where the world says so, and tell it; take in its time."""
+        """Go back where the world says so; take in its time."""
         if said.order.name:
             self.go_back(said.order)
-            progress = Progress("", 0, 0, (), self.obeyed).values()
-            self._progress.publish(status(RECORDER, "progress", progress))
+            self._untold = True
         sec, nanosec = self.convert.stamp(said.step)
         self.said_ns = max(self.said_ns, sec * SECOND + nanosec)
 
     def go_on(self, now: float) -> None:
-        """Note whether messages have come, and flush what has waited for long."""
+        """Tell the world that all hear each other; note what has come, flush what has waited."""
+        if self._untold and self._finds_robots():
+            self._untold = False
+            progress = Progress("", 0, 0, (), self.obeyed).values()
+            self._progress.publish(status(RECORDER, "progress", progress))
         if self._count:
             self._count, self.heard = 0, now
         waited = now - self._flushed
         if self.heard > self._flushed and waited >= self._node.values["flush_seconds"]:
             self.flush()
+
+    def _finds_robots(self) -> bool:
+        """Whether all robots are in the graph: they know then that this recorder listens.
+
+        A robot cannot tell by itself as long as a killed recorder is in its graph.
+        """
+        names = (interface.ACTION.of(robot.name) for robot in self.run.scenario.robots)
+        return self._node.tap is not None or all(map(self._node.count_publishers, names))
 
     def all_done(self, now: float) -> bool:
         """Whether nothing comes any more, and nobody is left whose last words are to come."""

@@ -20,11 +20,12 @@ from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.history import load_history
 from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.lockstep.checkpoints import Store
+from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.returning import Returning
 from sparse_coord_ros.nodes.spin import ros_context
 from sparse_coord_ros.nodes.team import run_team
 from sparse_coord_ros.runlog import verify
-from sparse_coord_ros.wire.status import Order, Progress, Said
+from sparse_coord_ros.wire.status import ROLL_CALL, Order, Progress, Said, read_progress
 
 SEED = 7
 SETTINGS = {"steps": 600, "perception": "probability:0.7"}
@@ -154,6 +155,23 @@ def test_the_team_goes_on_when_all_listen_and_the_recorder_has_obeyed():
     assert not gone_on
     team.look(0.0, all_listen=lambda: True)
     assert gone_on
+
+
+def test_a_recorder_has_obeyed_when_it_finds_the_robots(bench, tmp_path):
+    """Else what a robot says first misses a log that begins there, and `verify` says so."""
+    bench.world(recorded=True)
+    recorder = bench.recorder(tmp_path / "bag")
+    bench.spin_until(lambda: recorder.recording is not None, "it has begun")
+    observer = bench.observer()
+    told = observer.listen(interface.PROGRESS.type, "recorder/_progress", latched=True)
+    recorder.recording.world_said(Said("", "", 0, 0, order=Order("an order", ROLL_CALL, 1)))
+    for robot in ("robot_1", "robot_2"):
+        recorder.recording.go_on(time.monotonic())
+        assert recorder.recording._untold
+        action = interface.ACTION
+        observer.create_publisher(action.type, action.of(robot), action.qos)
+    bench.spin_until(lambda: told, "it says so")
+    assert read_progress(told[0]).obeyed == "an order"
 
 
 @pytest.mark.long
