@@ -11,6 +11,7 @@ from sparse_coord_ros.cli.computing import Bar
 from sparse_coord_ros.cli.options import Option
 from sparse_coord_ros.driving.trials import DRIVE_SETTINGS, Drive, drive
 from sparse_coord_ros.files import write_whole
+from sparse_coord_ros.game.grid import CLEAR
 from sparse_coord_ros.game.settings import Setting, parse_assignments
 from sparse_coord_ros.learn.evaluation import Trials, play
 from sparse_coord_ros.learn.run_config import RunConfig, load_run
@@ -90,6 +91,12 @@ def execute(options: argparse.Namespace) -> int:
     rows = [[name, *(text.format(**facts) for text in texts)] for name, *texts in ROWS]
     head = [f"{run.scenario.name}, {episodes} episodes", "driven", "by the grid"]
     print(shared.format_table(head, rows))
+    if driven.bumps:
+        print(
+            f"Bodies of radius {driven.radius:g} m touched walls: cells of {run.resolution:g} m "
+            f"leave {run.resolution / 2 - driven.radius:.2g} m on each side; take cells of "
+            f"{driven.radius / (0.5 - CLEAR):.2g} m or more."
+        )
     if options.out is not None:
         print(f"written: {options.out}")
     return 0

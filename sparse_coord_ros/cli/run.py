@@ -9,17 +9,22 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sparse_coord_ros.cli import options as shared
+from sparse_coord_ros.cli.evaluate import evaluation_of
 from sparse_coord_ros.cli.improve import IMPROVE
 from sparse_coord_ros.cli.options import Option
 from sparse_coord_ros.engine.improve import IMPROVED
 from sparse_coord_ros.errors import BagError, RunError
-from sparse_coord_ros.learn.run_config import RUN_SETTINGS
-from sparse_coord_ros.learn.tables import TEAM_FILE
+from sparse_coord_ros.learn.run_config import RUN_SETTINGS, load_run
+from sparse_coord_ros.learn.tables import TEAM_FILE, load_team
 from sparse_coord_ros.lockstep.checkpoints import CHECKPOINTS
+from sparse_coord_ros.solve.verdict import last_word
 
 if TYPE_CHECKING:
     from sparse_coord_ros.look.page.server import Server
     from sparse_coord_ros.nodes.spin import Stop
+
+TRIALS = 200
+"""Of the last word, where it cannot be computed."""
 
 EXAMPLE = "sparse_coord run env1 --steps 2000 --seed 7\n  sparse_coord run --resume runs/a"
 
@@ -89,6 +94,10 @@ def _run(
         shared.print_json({"directory": str(out), **summary})
     else:
         _print(out, summary, resumed=options.resume is not None)
+        if not options.greedy and not summary["interrupted"] and (out / TEAM_FILE).exists():
+            run = load_run(out)
+            found = evaluation_of(run, load_team(out, run.scenario), TRIALS, 0, exact=None)
+            print(last_word(run.scenario, run.rule, found).text)
     if not summary["interrupted"] and not (out / TEAM_FILE).exists():
         sys.stdout.flush()
         raise RunError(

@@ -42,6 +42,7 @@ from sparse_coord_ros.learn.run_config import (
 from sparse_coord_ros.learn.tables import TEAM_FILE, save_team
 from sparse_coord_ros.lockstep.checkpoints import CHECKPOINTS
 from sparse_coord_ros.solve.optimum import joint_optimum
+from sparse_coord_ros.solve.verdict import LOST, last_word
 
 if TYPE_CHECKING:
     from sparse_coord_ros.look.page.server import Server
@@ -49,9 +50,6 @@ if TYPE_CHECKING:
 EVALUATIONS_FILE = "evaluations.csv"
 FILES = (RUN_FILE, CHECKPOINT_FILE, HISTORY_FILE, EVALUATIONS_FILE, TEAM_FILE)
 """What this verb writes."""
-
-HARDLY_EVER = 1e-3
-"""Share of the trials in which some robot may fail to arrive without a word of it."""
 
 TRIALS = Setting("trials", int, 1000, "trials of the evaluation", low=0, high=10_000_000)
 
@@ -233,6 +231,7 @@ def _say(
         if result is not None:
             optimum = joint_optimum(scenario)
             said["evaluation"] = result.to_dict()
+            said["last_word"] = last_word(scenario, run.rule, result)
             said |= {"optimum": optimum.value, "optimum_exact": optimum.exact}
         if done.evaluations:
             said["evaluations"] = [{"steps": n, **e.to_dict()} for n, e in done.evaluations]
@@ -240,10 +239,8 @@ def _say(
         return
     if result is not None:
         print(result_table([Evaluated(out, run, result)]))
-        missed = 1.0 - result.all_arrived
-        if missed > HARDLY_EVER:
-            print(f"In {missed:.1%} of the trials some robot did not arrive.")
-            print("\n".join(advice(scenario, done)))
+        word = last_word(scenario, run.rule, result)
+        print("\n".join([word.text, *(advice(scenario, done) if word.kind == LOST else [])]))
     print(f"tables   {out / TEAM_FILE}\nhistory  {out / HISTORY_FILE}\nrun      {out / RUN_FILE}")
     if done.evaluations:
         print(f"on the way  {out / EVALUATIONS_FILE}")

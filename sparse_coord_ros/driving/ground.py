@@ -9,7 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from sparse_coord_ros.errors import SettingError
-from sparse_coord_ros.game.grid import WALL
+from sparse_coord_ros.game.actions import PRIMITIVES
+from sparse_coord_ros.game.grid import CLEAR, WALL
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.wire.frame import Frame
 
@@ -17,10 +18,7 @@ RADIUS_SHARE = 0.15
 """A body's radius as a share of a cell, where none is given."""
 
 LANE = 0.27
-"""Distance of a lane from the middle of its cell, in cells, where the body is small enough."""
-
-ROOM = 0.8
-"""Share of the room beside a body in the middle of a cell that its lane takes at most."""
+"""Distance of a lane from the middle of its cell, in cells, where walls leave room for it."""
 
 QUADRANTS = ((1.0, 1.0), (-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0))
 """Where robots 1 to 4 stand in a cell that several share: x, y as signs."""
@@ -39,18 +37,18 @@ class Ground:
 
     Free cells other than doorways may hold several robots; the grid says nothing of where in the
     cell they stand. Each robot has a place of its own there, a lane off the middle, so that up to
-    four stand side by side and pass each other. It lies so near the middle that the body stays
-    within the cell. In a doorway the place is the middle.
+    four stand side by side and pass each other. Beside a wall, also one of the next cell along the
+    lane, it moves away from it, as far as the cell allows. In a doorway the place is the middle.
 
     Args:
         run: the run.
-        radius: of a body, in metres; 0: `RADIUS_SHARE` of a cell.
+        radius: of a body, in metres; 0: the map's, or `RADIUS_SHARE` of a cell.
 
     Attributes:
         grid: the map.
         side: metres a cell.
         radius: of a body.
-        lane: metres from the middle of a cell to a robot's place in it, along x and along y.
+        room: metres beside a body in the middle of a cell; less than `CLEAR` cells are too few.
 
     Raises:
         SettingError: the body does not fit a cell.
@@ -60,14 +58,14 @@ class Ground:
         self._frame = Frame(run)
         self.grid = run.scenario.map
         self.side = run.resolution
-        self.radius = radius or RADIUS_SHARE * self.side
+        self.radius = radius or self.grid.radius or RADIUS_SHARE * self.side
         if not self.radius < self.side / 2:
             raise SettingError(
                 f"setting radius: value is {radius:g}, allowed: less than half a cell "
                 f"({self.side / 2:g} m), as doorways are one cell wide; choose a smaller radius, "
                 "or larger cells"
             )
-        self.lane = min(LANE * self.side, ROOM * (self.side / 2 - self.radius))
+        self.room = self.side / 2 - self.radius
 
     def place(self, robot: int, cell: int) -> tuple[float, float]:
         """Return (x, y) of a robot's place in a free cell, in metres."""
@@ -75,7 +73,27 @@ class Ground:
         if cell in self.grid.doorways:
             return x, y
         east, north = QUADRANTS[robot % len(QUADRANTS)]
-        return x + east * self.lane, y + north * self.lane
+        lane, (west_most, east_most, south_most, north_most) = LANE * self.side, self._lanes[cell]
+        return (
+            x + min(max(east * lane, west_most), east_most),
+            y + min(max(north * lane, south_most), north_most),
+        )
+
+    @cached_property
+    def _lanes(self) -> list[list[float]]:
+        """How far from the middle of each cell a body may be: west, east, south, north."""
+        lead, clear = self.grid.next_cell, self.room - CLEAR * self.side
+        lane, itself = LANE * self.side, np.arange(len(lead))
+        north, south, east, west = (lead[:, move] for move in range(PRIMITIVES))
+        bounds = []
+        for low, high, along in ((west, east, (north, south)), (south, north, (east, west))):
+            walls = [side == itself for side in (low, high)]
+            walls = [wall | wall[along[0]] | wall[along[1]] for wall in walls]
+            # Between two walls that are too near: in the middle.
+            most = np.where(walls[0] & walls[1], max(clear, 0.0), clear)
+            least = np.where(walls[0], -most, -lane), np.where(walls[1], most, lane)
+            bounds += [np.maximum(least[0], -lane), np.minimum(least[1], lane)]
+        return np.column_stack(bounds).tolist()
 
     def cell(self, x: float, y: float) -> int | None:
         """Return the free cell of a place; off the grid the nearest one, if within a cell's side.

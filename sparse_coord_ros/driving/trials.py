@@ -76,6 +76,7 @@ class Drive:
         moves: moves that bodies were sent on, in all.
         failed: of these, moves that ended in another cell than they were to.
         lost: of these, moves after which a body was in no cell.
+        radius: of a body, in metres.
         bumps: how often bodies drove against walls, in all.
         drift: metres between odometry and body at each episode's end, shape (E, K).
         path: where bodies were at each tick of the episodes that were followed.
@@ -94,6 +95,7 @@ class Drive:
     moves: int
     failed: int
     lost: int
+    radius: float
     bumps: int
     path: list[Moment]
     touches: list[Touch]
@@ -238,6 +240,7 @@ def drive(
         moves=floor.moves,
         failed=sent.failed,
         lost=sent.lost,
+        radius=arena.ground.radius,
         bumps=sum(body.bumps for body in arena.bodies),
         path=floor.path,
         touches=arena.touches,

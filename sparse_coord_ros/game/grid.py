@@ -3,8 +3,8 @@
 """Grid maps: free cells, walls, doorways and starts, read from text files.
 
 A map file is a YAML header (`title`, `source`, `provenance`, and of a map of a real place
-`resolution` and `origin`), a line `---`, then the grid: one line a row, `#` wall, `.` free, `D`
-doorway (free), a digit 1 to 9 a start (free).
+`resolution`, `origin` and `radius`), a line `---`, then the grid: one line a row, `#` wall, `.`
+free, `D` doorway (free), a digit 1 to 9 a start (free).
 Free cells are numbered row by row from the top left; that number is a robot's local state.
 """
 
@@ -26,6 +26,9 @@ WALL, FREE, DOORWAY = "#", ".", "D"
 SYMBOLS = "'#' wall, '.' free, 'D' doorway, '1' to '9' start"
 UNREACHABLE = -1
 
+CLEAR = 0.07
+"""Cells between a body and a wall beside its lane, where there is room."""
+
 HEADER_TEXTS = ("title", "source", "provenance")
 RESOLUTIONS = (1e-3, 1000.0)
 """Least and most metres a cell."""
@@ -46,6 +49,7 @@ class GridMap:
         provenance: which parts are found, derived or chosen.
         resolution: metres a cell of the place that the map shows; None: of no real place.
         origin: (x, y) of the grid's lower left corner in that place's frame, in metres.
+        radius: of the robots that the map was made for, in metres; 0: nobody said.
     """
 
     name: str
@@ -55,6 +59,7 @@ class GridMap:
     provenance: str = ""
     resolution: float | None = None
     origin: tuple[float, float] = (0.0, 0.0)
+    radius: float = 0.0
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -138,6 +143,8 @@ class GridMap:
         said: dict[str, Any] = {name: getattr(self, name) for name in HEADER_TEXTS}
         if self.resolution is not None:
             said |= {"resolution": self.resolution, "origin": list(self.origin)}
+        if self.radius:
+            said["radius"] = self.radius
         header = to_yaml(said)
         return header + "---\n" + "\n".join(self.rows) + "\n"
 
@@ -200,7 +207,8 @@ def parse_map(text: str, *, name: str, where: str) -> GridMap:
 
 
 def _header(text: str, where: str) -> dict[str, Any]:
-    allowed = (*HEADER_TEXTS, "resolution", "origin")
+    numbers = {"resolution": RESOLUTIONS, "radius": (0.0, RESOLUTIONS[1])}
+    allowed = (*HEADER_TEXTS, *numbers, "origin")
     header = yaml_value(text, where=f"map {where}: header", limit=MAP_HEADER, error=MapError) or {}
     if not isinstance(header, dict):
         raise MapError(f"map {where}: the header must be 'key: value' lines of {allowed}")
@@ -212,8 +220,8 @@ def _header(text: str, where: str) -> dict[str, Any]:
             )
     found: dict[str, Any] = {}
     for key, value in header.items():
-        if key == "resolution":
-            found[key] = number_of(value, *RESOLUTIONS, f"map {where}: header key 'resolution'")
+        if key in numbers:
+            found[key] = number_of(value, *numbers[key], f"map {where}: header key {key!r}")
         elif key == "origin":
             what = f"map {where}: header key 'origin'"
             if not isinstance(value, list) or len(value) != 2:

@@ -23,8 +23,8 @@ from sparse_coord_ros.errors import SparseCoordError
 from sparse_coord_ros.experiments.report.charts import rendered
 from sparse_coord_ros.game.plugins import leaving_out
 from sparse_coord_ros.game.scenario import SETTINGS, Scenario, load_scenario
-from sparse_coord_ros.learn.agent import Tables
-from sparse_coord_ros.learn.learners import Learner, learner_of
+from sparse_coord_ros.learn.evaluation import Evaluation
+from sparse_coord_ros.learn.learners import learner_of
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.look import figures
 from sparse_coord_ros.look.sources import TRIALS as PLAYED_EPISODES
@@ -33,9 +33,10 @@ from sparse_coord_ros.look.steps import ended
 from sparse_coord_ros.palette import ANSWERED
 from sparse_coord_ros.runlog.explain import explained, in_words
 from sparse_coord_ros.runlog.log import RunLog
-from sparse_coord_ros.solve.exact import evaluate_best
+from sparse_coord_ros.solve.exact import ExactEvaluation, evaluate_best
 from sparse_coord_ros.solve.reference import shortest_path_reference
 from sparse_coord_ros.solve.shipped import yardsticks
+from sparse_coord_ros.solve.verdict import last_word
 from sparse_coord_ros.version import __version__
 
 TRIALS = 1000
@@ -98,7 +99,9 @@ def _value(shown: Shown, baselines: bool) -> Iterator[Part]:
     if shown.has("tables"):
         shown.say("evaluating")
         with leaving_out("the value of this team", missing.append):
-            rows.append(_measures("this team", scenario, shown.tables, config.rule))
+            found = evaluate_best(scenario, shown.tables, trials=TRIALS, learner=config.rule)
+            rows.append(_measures("this team", found))
+            yield text(last_word(scenario, config.rule, found).text)
     else:
         yield text("There are no learned tables to evaluate.", warn=True)
     others = [learner_of(name) for name in BASELINES if name != config.learner]
@@ -106,7 +109,8 @@ def _value(shown: Shown, baselines: bool) -> Iterator[Part]:
         shown.say(f"learning {rule.title}, to compare")
         with leaving_out(f"{rule.title} to compare", missing.append):
             learned = train(scenario, rule, config.seed)
-            rows.append(_measures(f"{rule.title}, same seed", scenario, learned.tables, rule))
+            found = evaluate_best(scenario, learned.tables, trials=TRIALS, learner=rule)
+            rows.append(_measures(f"{rule.title}, same seed", found))
     for words in missing:
         shown.say(words)
         yield text(words, warn=True)
@@ -122,9 +126,8 @@ def _value(shown: Shown, baselines: bool) -> Iterator[Part]:
     )
 
 
-def _measures(name: str, scenario: Scenario, tables: Sequence[Tables], rule: Learner) -> list[str]:
-    """Return the row of a team: exact where it can be, else by trials."""
-    found = evaluate_best(scenario, tables, trials=TRIALS, learner=rule)
+def _measures(name: str, found: Evaluation | ExactEvaluation) -> list[str]:
+    """Return the row of a team."""
     return [
         f"{name}, {found.how}",
         f"{found.reward.mean:.2f} ± {found.reward.spread:.2f}",

@@ -35,6 +35,9 @@ FIELDS = SettingTable(
 )
 """The fields of the YAML file with map_server's defaults; what has none must be there."""
 
+UNKNOWN_GREY = 205
+"""What map_saver writes for unknown; by Jazzy's own free_thresh of 0.25 that is read as free."""
+
 LEVEL = 1e-6
 """Largest yaw of an origin that counts as none, in radians."""
 
@@ -49,6 +52,7 @@ class FloorPlan:
         occupied: pixels known to be occupied; what is neither is unknown.
         resolution: metres a pixel.
         origin: (x, y) of the image's lower left corner, in metres.
+        doubtful: share of the free pixels that have the grey by which map_saver means unknown.
     """
 
     name: str
@@ -56,6 +60,7 @@ class FloorPlan:
     occupied: np.ndarray
     resolution: float
     origin: tuple[float, float]
+    doubtful: float = 0.0
 
 
 def read_floor_plan(path: Path) -> FloorPlan:
@@ -97,7 +102,8 @@ def read_floor_plan(path: Path) -> FloorPlan:
     else:
         occupancy = (values if negate else 255.0 - values) / np.float32(255.0)
     free, occupied = known & (occupancy < below), known & (occupancy > above)
-    return FloorPlan(path.stem, free, occupied, data["resolution"], origin)
+    doubtful = float((values[free] == UNKNOWN_GREY).mean()) if free.any() else 0.0
+    return FloorPlan(path.stem, free, occupied, data["resolution"], origin, doubtful)
 
 
 def _origin(value: object, what: str) -> tuple[float, float]:

@@ -11,7 +11,7 @@ import numpy as np
 from scipy import ndimage
 
 from sparse_coord_ros.errors import MapError, ScenarioError
-from sparse_coord_ros.game.grid import DOORWAY, FREE, WALL, GridMap
+from sparse_coord_ros.game.grid import CLEAR, DOORWAY, FREE, WALL, GridMap
 from sparse_coord_ros.game.scenario import SETTINGS, Scenario, scenario_from_dict
 from sparse_coord_ros.limits import MAP
 from sparse_coord_ros.maps.gridding import (
@@ -23,7 +23,8 @@ from sparse_coord_ros.maps.gridding import (
     space_of,
     two_wide,
 )
-from sparse_coord_ros.maps.image import FloorPlan
+from sparse_coord_ros.maps.image import UNKNOWN_GREY, FloorPlan
+from sparse_coord_ros.solve.verdict import needless
 
 Place = tuple[float, float]
 """(x, y) in metres, in the map's frame."""
@@ -36,6 +37,9 @@ SHOWN = 6
 
 FURTHEST_SHARE = 0.3
 """The value of arriving at the furthest start, as a share of its value at the goal."""
+
+LONG_WAYS = "floored:0.5:0.8:0.01"
+"""Step sizes where the budget is short for the ways: moves that succeed are always the same."""
 
 FIRST_GUESS = 0.1
 """Q* at first, as a share of the goal's value: that of the default settings."""
@@ -131,11 +135,14 @@ def import_map(
             round(float(corner[0] + left * cell), 6),
             round(float(corner[1] + (free.shape[0] - bottom) * cell), 6),
         ),
+        radius=radius,
     )
     number = len(np.unique(doors[doors > 0]))
     parts = tuple(sorted((int(size) for size in sizes if size >= CRUMB), reverse=True))
     wide = [frame.centre(place) for place in two_wide(free, run) if not doors[place]]
-    return Imported(grid, number, parts, _notes(layout.cut, number, parts, bool(robots), wide))
+    notes = _notes(layout.cut, number, parts, bool(robots), wide)
+    notes += _pixel_notes(plan, cell, radius)
+    return Imported(grid, number, parts, notes)
 
 
 def _layout_of(plan: FloorPlan, cell: float, radius: float, speck: float) -> Gridding:
@@ -176,6 +183,23 @@ def _doorways(
         where = frame.cell(place, "--doorway")
         doors[where] = doors[where] or doors.max() + 1
     return doors
+
+
+def _pixel_notes(plan: FloorPlan, cell: float, radius: float) -> tuple[str, ...]:
+    """Return what is odd about an image or the sizes, one line each."""
+    notes = []
+    if plan.doubtful:
+        notes.append(
+            f"{plan.doubtful:.0%} of the free pixels have grey {UNKNOWN_GREY}, which map_saver "
+            "writes for unknown: where they are unknown, set free_thresh to 0.196 in the YAML file"
+        )
+    narrow = radius / (0.5 - CLEAR)
+    if cell < narrow:
+        notes.append(
+            f"lanes touch walls: cells of {cell:g} m leave {max(0.0, cell / 2 - radius):.2g} m on "
+            f"each side of a robot of radius {radius:g} m; choose --cell {narrow:.2g} or more"
+        )
+    return tuple(notes)
 
 
 def _notes(
@@ -272,7 +296,8 @@ def suggested_settings(
     A robot needs d / p steps for d cells, p being the probability that a move succeeds. The
     horizon lies four standard deviations above; episodes of learning are one and a half times the
     furthest start's way; the discount leaves `FURTHEST_SHARE` of the goal's value there; and the
-    values at first, and the budget, follow from that.
+    values at first, and the budget, follow from that. Where that is the largest there is, larger
+    step sizes bring values over the long way in time.
 
     Args:
         grid: the map.
@@ -296,6 +321,8 @@ def suggested_settings(
     found["goal_value"] = found["q_coord_init"] = round(value, 3)
     found["q_star_init"] = round(FIRST_GUESS * value, 3)
     found["steps"] = _budget(cells, furthest / p)
+    if found["steps"] == SETTINGS["steps"].high:
+        found["step_size"] = LONG_WAYS
     default = SETTINGS.defaults()
     return {k: v for k, v in found.items() if k not in given and v != default[k]}
 
@@ -368,6 +395,11 @@ def _oddities(scenario: Scenario) -> list[str]:
                 f"{moves / scenario.move_success:.0f} steps in the mean: more than the horizon of "
                 f"{scenario.horizon}"
             )
+    if len(scenario.robots) > 1 and grid.doorways and needless(scenario):
+        odd.append(
+            "nothing to coordinate: on shortest paths robots hardly ever come to a doorway at the "
+            "same time; choose other --start and --goal, or add a --doorway where they meet"
+        )
     if scenario.steps == SETTINGS["steps"].high:
         odd.append("the step budget is the largest there is: the map may be too large to learn")
     return odd

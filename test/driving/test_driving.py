@@ -3,6 +3,7 @@
 """Bodies: floor, steering, driver, simulator, and learned teams driven through it."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from sparse_coord_ros.driving.steering import Command, Limits, move_seconds, ste
 from sparse_coord_ros.driving.transforms import Tree, parent_of, yaw_of
 from sparse_coord_ros.driving.trials import DRIVE_SETTINGS, drive, limits_of
 from sparse_coord_ros.errors import SettingError
+from sparse_coord_ros.game.grid import CLEAR
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.evaluation import play
 from sparse_coord_ros.learn.run_config import make_run
@@ -43,6 +45,32 @@ def test_places_keep_bodies_apart_and_within_their_cells(ground):
         else:
             apart = [math.dist(a, b) for i, a in enumerate(places) for b in places[:i]]
             assert min(apart) > 2 * ground.radius
+
+
+def test_lanes_keep_away_from_walls_where_there_is_room():
+    """As far as the cell allows; in a doorway, and before it, in the middle."""
+    grid = RUN.scenario.map
+    wide = Ground(make_run(replace(RUN.scenario, map=replace(grid, radius=0.45)), {}))
+    assert (wide.radius, Ground(RUN, 0.2).radius) == (0.45, 0.2)
+    clear = wide.side * (0.5 - CLEAR) - wide.radius
+    for cell, (row, column) in enumerate(grid.cells):
+        x, y = (
+            there - middle for there, middle in zip(wide.place(2, cell), centre(cell), strict=True)
+        )
+        walls = [(row, column + d) not in grid.number for d in (-1, 1)]
+        if all(walls):
+            assert x == 0.0
+        elif cell not in grid.doorways:
+            assert not walls[0] or x >= -clear
+            assert not walls[1] or x <= clear
+    (row, column) = grid.cells[DOOR]
+    beside = grid.number[row, column + 1]
+    assert wide.place(0, beside)[1] == pytest.approx(wide.place(0, DOOR)[1])
+
+
+def centre(cell):
+    row, column = RUN.scenario.map.cells[cell]
+    return column + 0.5, RUN.scenario.map.shape[0] - row - 0.5
 
 
 def test_a_body_as_wide_as_a_cell_is_refused():

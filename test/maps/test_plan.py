@@ -6,9 +6,12 @@ import math
 
 import numpy as np
 import pytest
+import yaml
 from floor_plans import FREE, PIXEL, Drawing, drawn, matched, write
+from PIL import Image
 
 from sparse_coord_ros.errors import MapError, ScenarioError
+from sparse_coord_ros.game.grid import parse_map
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.run_config import make_run, run_from_yaml
 from sparse_coord_ros.maps import plan as plans
@@ -219,6 +222,45 @@ def test_starts_in_walls_and_no_places():
         "two robots start in the same cell",
         "two robots have the same goal",
     ]
+
+
+@pytest.mark.parametrize(
+    ("grey", "share", "cell", "said"),
+    [
+        (205, 0.25, 0.5, ["25% of the free pixels have grey 205, which map_saver"]),
+        (205, 0.196, 0.5, []),
+        (206, 0.25, 0.5, []),
+        (254, 0.25, 0.45, ["lanes touch walls: cells of 0.45 m leave 0.025 m on each side"]),
+    ],
+)
+def test_notes_of_pixels_and_sizes(tmp_path, grey, share, cell, said):
+    pixels = np.full((100, 200), 254, dtype=np.uint8)
+    pixels[:, :50] = grey
+    Image.fromarray(pixels).save(tmp_path / "hall.pgm")
+    header = {"image": "hall.pgm", "resolution": 0.05, "origin": [0, 0, 0]}
+    (tmp_path / "hall.yaml").write_text(yaml.safe_dump(header | {"free_thresh": share}))
+    done = import_map(read_floor_plan(tmp_path / "hall.yaml"), cell=cell, radius=0.2)
+    _, *odd = done.notes  # the first one: no doorway
+    assert len(odd) == len(said)
+    assert all(map(str.startswith, odd, said))
+    assert done.grid.radius == parse_map(done.grid.to_text(), name="a", where="a").radius == 0.2
+
+
+def test_robots_that_meet_at_no_doorway_have_nothing_to_coordinate():
+    done = import_map(plan_of(rooms()), cell=0.5, radius=0.2)
+    meet = [((1.0, 1.0), (5.0, 1.0)), ((5.0, 1.0), (1.0, 1.0))]
+    apart = [meet[0], ((5.0, 3.0), (4.0, 3.0))]
+    assert scenario_of(done, meet, {})[2] == []
+    assert "nothing to coordinate" in scenario_of(done, apart, {})[2][0]
+
+
+def test_where_the_budget_is_too_small_for_the_ways_steps_are_larger(monkeypatch):
+    done = import_map(plan_of(rooms()), cell=0.5, radius=0.2)
+    pair = [((1.0, 1.0), (5.0, 1.0))]
+    assert "step_size" not in scenario_of(done, pair, {})[1]
+    monkeypatch.setattr(plans, "_budget", lambda cells, way: plans.SETTINGS["steps"].high)
+    assert scenario_of(done, pair, {})[1]["step_size"] == plans.LONG_WAYS
+    assert "step_size" not in scenario_of(done, pair, {"step_size": "power:0.6"})[1]
 
 
 def test_suggestions_follow_the_distances(tmp_path):

@@ -34,6 +34,7 @@ from sparse_coord_ros.runlog.explain import (
 )
 from sparse_coord_ros.solve.exact import evaluate_best
 from sparse_coord_ros.solve.shipped import yardsticks
+from sparse_coord_ros.solve.verdict import last_word
 from sparse_coord_ros.version import __version__
 from sparse_coord_ros.wire import PerceptEnd
 
@@ -176,6 +177,7 @@ def evaluation_fields(run: RunConfig, tables: Sequence[Tables], step: int | None
         "learner": run.title,
         **{name: {"mean": one.mean, "spread": one.spread} for name, one in measures.items()},
         "all_arrived": result.all_arrived,
+        "last_word": last_word(run.scenario, run.rule, result).text if step is None else "",
         "yardsticks": yardsticks(run.scenario),
     }
 

@@ -91,6 +91,7 @@ export function evaluationPanel(e) {
     row("td", ["time to goal", pair(e.time_to_goal)]),
     row("td", ["miscoordinations", pair(e.miscoordinations)]),
     row("td", ["questions", pair(e.asks)]),
-    row("td", ["all arrive", `${(100 * e.all_arrived).toFixed(2)} %`]));
+    row("td", ["all arrive", `${(100 * e.all_arrived).toFixed(2)} %`]),
+    html("caption", {}, e.last_word));
   $("evaluation").title = `of the tables ${e.step === null ? "at the end" : `of step ${e.step}`}`;
 }
