@@ -289,7 +289,8 @@ def test_a_second_server_of_a_robots_service_changes_nothing(
 
 def test_who_talks_on_keeps_no_recorder():
     """A stranger on a topic of the team; what comes late in a busy moment still counts."""
-    recording = SimpleNamespace(heard=0.0, _presence=SimpleNamespace(ended=0.0))
+    run = SimpleNamespace(improve=False)
+    recording = SimpleNamespace(heard=0.0, _presence=SimpleNamespace(ended=0.0), run=run)
     recording._heard_all = lambda: False
     for now, done in ((LAST_WORDS_SECONDS + 1, False), (TALK_SECONDS + 0.1, True)):
         recording.heard = now
