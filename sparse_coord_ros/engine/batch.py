@@ -199,6 +199,9 @@ def uses_numba(engine: str, learner: Learner | None = None) -> bool:
 def _run_plain(
     scenario: Scenario, learner: Learner, seed: int, trials: int, gathering: bool
 ) -> Run:
+    if learner.central:
+        team = CompiledTeam(scenario, learner, loops=kernels.PLAIN)
+        return team.run(seed, trials, gathering=gathering)
     learning = Learning(scenario, learner, seed, gathering=gathering)
     learning.advance(scenario.steps)
     tables = learning.tables

@@ -25,6 +25,7 @@ from sparse_coord_ros.engine.batch import (
     prepare,
     uses_numba,
 )
+from sparse_coord_ros.engine.kernels import PLAIN
 from sparse_coord_ros.errors import RunError, SettingError
 from sparse_coord_ros.files import write_whole
 from sparse_coord_ros.game.scenario import Scenario, ScenarioLike, loaded
@@ -265,9 +266,11 @@ class _RunUnderWay:
     def begin(self, state: LearningState | None) -> None:
         """Begin, or go on where the run was."""
         self.learning: LearningRun
-        if self.engine == "numba":
-            prepare(self.learner, history=True)
-            team = CompiledTeam(self.scenario, self.learner)
+        compiled = self.engine == "numba"
+        if compiled or self.learner.central:
+            if compiled:
+                prepare(self.learner, history=True)
+            team = CompiledTeam(self.scenario, self.learner, loops=None if compiled else PLAIN)
             self.learning = CompiledLearning(team, self.seed, state)
         else:
             self.learning = Learning(self.scenario, self.learner, self.seed, state)

@@ -41,8 +41,8 @@ from sparse_coord_ros.learn.agent import (
 )
 from sparse_coord_ros.learn.algorithm import Values, greatest, weighed
 from sparse_coord_ros.learn.archive import member
-from sparse_coord_ros.learn.lone import lone_tables
-from sparse_coord_ros.learn.rows import Rows, make_rows
+from sparse_coord_ros.learn.lone import lone_rows, lone_tables
+from sparse_coord_ros.learn.rows import Rows
 
 if TYPE_CHECKING:
     from sparse_coord_ros.learn.learners import Learner
@@ -207,10 +207,8 @@ class CQMinds(NamedTuple):
         """Return what robots know before learning; as of `loops.Minds`."""
         team, cells = len(scenario.robots), len(scenario.map.cells)
         q_star = np.stack([learner.tables(scenario, k).q_star for k in range(team)])
-        rows = make_rows(team, cells * cells, 0.0)
-        rows.values[:] = np.repeat(q_star[:, :, :PRIMITIVES], cells, axis=1)
         updates, samples = np.zeros(q_star.shape, np.int32), (team, cells, PRIMITIVES + cells, 3)
-        return cls(q_star, updates, rows, q_star.copy(), np.zeros(samples))
+        return cls(q_star, updates, lone_rows(q_star), q_star.copy(), np.zeros(samples))
 
     def tables(self, scenario: Scenario, learner: "Learner") -> list[Tables]:
         """Return what each robot has learned."""

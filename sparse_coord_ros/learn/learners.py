@@ -36,7 +36,9 @@ from sparse_coord_ros.learn.factored import (
 )
 from sparse_coord_ros.learn.factors import FactorRule
 from sparse_coord_ros.learn.fcq import FCQAgent, FCQMinds
+from sparse_coord_ros.learn.joint import JointMinds, check_sight
 from sparse_coord_ros.learn.lone import lone_tables
+from sparse_coord_ros.learn.vdn import VDNMinds
 
 
 class Learner:
@@ -55,6 +57,8 @@ class Learner:
         asks: whether COORDINATE is among its actions; if not, the fifth column of Q* is NaN.
         alone: whether each robot learns with no other robot in the world (Indiv. of Section 4).
             Such a learner cannot run live.
+        central: whether robots learn from what all of them see and do: by the loops of its
+            `minds`, compiled or not, never by agents. Such a learner cannot run live either.
         factors: the rule of a learner that learns Q* and Q^C in factors; None for the others.
         agent_class: class of its agents.
         minds: their compiled form, a class as of `loops.Minds`; None: there is none. A subclass
@@ -68,6 +72,7 @@ class Learner:
     summary: str = ""
     asks: bool = True
     alone: bool = False
+    central: bool = False
     factors: FactorRule | None = None
     agent_class: type[Agent] = Agent
     minds: type[Any] | None = TableMinds
@@ -348,6 +353,37 @@ class FCQ(CQ):
     minds = FCQMinds
 
 
+class Joint(Learner):
+    """Joint-state Q-learning, as `learn.joint` defines it."""
+
+    name = "joint"
+    title = "Joint-state Q"
+    summary = "Q-learning of two robots over the joint state, which they always see"
+    central = True
+    minds: type[Any] | None = JointMinds
+
+    def check(self, scenario: Scenario) -> None:
+        """Raise `SettingError` unless there are two robots that can always see each other."""
+        check_sight(scenario, self.label)
+
+    def weights(self, scenario: Scenario) -> RewardWeights:
+        """Return how much each part of R_k(t) counts: the price of asking is due anyway."""
+        return super().weights(scenario)._replace(ask_cost=0.0)
+
+    def tables(self, scenario: Scenario, number: int = 0) -> Tables:
+        """Return a robot's tables before learning: the lone robot's Q*; it asks everywhere."""
+        return lone_tables(scenario, number, above=MARK)
+
+
+class VDN(Joint):
+    """Value decomposition, as `learn.vdn` defines it."""
+
+    name = "vdn"
+    title = "Value decomposition"
+    summary = "The same, learning the team's value as the sum of both (Sunehag et al., 2018)"
+    minds: type[Any] | None = VDNMinds
+
+
 def _learner(name: str, thing: object) -> Learner:
     made = thing
     if isinstance(thing, type) and issubclass(thing, Learner):
@@ -364,7 +400,7 @@ def _learner(name: str, thing: object) -> Learner:
 LEARNERS: Registry[Learner] = Registry("learner", "sparse_coord_ros.learners", _learner)
 """Every learner, by what it is called in files."""
 
-for _own in (Coop(), NonCoop(), Indiv(), Factored(), CQ(), FCQ()):
+for _own in (Coop(), NonCoop(), Indiv(), Factored(), CQ(), FCQ(), Joint(), VDN()):
     LEARNERS.register(_own.label, _own)
 
 

@@ -7,6 +7,7 @@ import numpy as np
 from sparse_coord_ros.game.actions import COORDINATE, PRIMITIVES
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.learn.agent import Tables, initial_tables
+from sparse_coord_ros.learn.rows import Rows, make_rows
 
 
 def lone_values(scenario: Scenario, number: int) -> np.ndarray:
@@ -39,3 +40,11 @@ def lone_tables(scenario: Scenario, number: int, *, above: float) -> Tables:
     tables.q_star[:, COORDINATE] = q.max(axis=1) + above
     tables.q_coord[:] = q[:, None, :]  # type: ignore[index, assignment]
     return tables
+
+
+def lone_rows(q_star: np.ndarray) -> Rows:
+    """Return Q^C of robots before learning, of which every row is that of Q* [k, x, action]."""
+    team, cells = q_star.shape[:2]
+    rows = make_rows(team, cells * cells, 0.0)
+    rows.values[:] = np.repeat(q_star[:, :, :PRIMITIVES], cells, axis=1)
+    return rows

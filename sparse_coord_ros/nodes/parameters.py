@@ -381,10 +381,11 @@ def run_from_parameters(values: Mapping[str, Any]) -> RunConfig:
     scenario = load_scenario(values["scenario"]).with_settings(assignments)
     allow_named(values["learner"])
     run = make_run(scenario, {name: values[name] for name in RUN_SETTINGS})
-    if run.rule.alone:
+    if run.rule.alone or run.rule.central:
+        how = "with one robot at a time" if run.rule.alone else "from what all robots see and do"
         raise SettingError(
-            f"parameter learner: value is {run.learner!r}, which learns with one robot at a time; "
-            f"allowed here: learners of a whole team; use 'sparse_coord train --learner "
-            f"{run.learner}'"
+            f"parameter learner: value is {run.learner!r}, which learns {how}; "
+            "allowed here: learners of a whole team whose robots learn for themselves; use "
+            f"'sparse_coord train --learner {run.learner}'"
         )
     return run

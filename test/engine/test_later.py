@@ -7,8 +7,16 @@ import pytest
 from teams import drawn
 
 from sparse_coord_ros.engine import batch
-from sparse_coord_ros.engine.batch import CompiledLearning, CompiledTeam
+from sparse_coord_ros.engine.batch import (
+    CompiledLearning,
+    CompiledTeam,
+    make_problem,
+    run_batch,
+)
 from sparse_coord_ros.engine.kernels import PLAIN
+from sparse_coord_ros.engine.training import train
+from sparse_coord_ros.errors import SettingError
+from sparse_coord_ros.learn import loops
 from sparse_coord_ros.learn.checkpoint import Checkpoint, load_checkpoint
 from sparse_coord_ros.learn.evaluation import play
 from sparse_coord_ros.learn.learners import learner_of
@@ -21,7 +29,7 @@ CASES = [
     {"goal_value": 0, "step_size": "constant:0.2", "ask_cost": 0},
     {"robots": {"a": (1, 2), "b": (2, 1), "c": (1, 2)}, "link": "bursts:0.1:0.2"},
 ]
-LIVE = ("cq", "fcq")
+LIVE, CENTRAL = ("cq", "fcq"), ("joint", "vdn")
 
 
 def problem(**settings):
@@ -75,6 +83,79 @@ def test_the_loops_as_plain_python(learner):
     scenario = problem()
     team = CompiledTeam(scenario, learner, loops=PLAIN)
     assert tables_equal(team.tables(team.learn(3)), whole(scenario, learner, 3).tables)
+
+
+@pytest.mark.parametrize("learner", CENTRAL)
+def test_learners_that_see_everything(tmp_path, learner):
+    """Plain Python and compiled, whole, in parts through files, and in trials."""
+    scenario, rule = problem(common_reward="each:1:0.5"), learner_of(learner)
+    plain, quick = (train(scenario, learner, 5, engine=one) for one in ("python", "numba"))
+    assert (plain.engine, quick.engine) == ("python", "numba")
+    assert tables_equal(plain.tables, quick.tables) and plain.history.same_bits(quick.history)
+    assert all((tables.q_coord.std(axis=1) > 0).any() for tables in plain.tables)
+    runs = [next(run_batch(scenario, rule, [5], trials=30, engine=e)) for e in ("python", "numba")]
+    assert tables_equal(runs[0].tables, plain.tables)
+    played = play(scenario, plain.tables, trials=30, seed=5, learner=learner)
+    assert (played.asks == played.time_to_goal).all(), "they look in every step"
+    for one in runs:
+        assert one.trials.reward.tobytes() == played.reward.tobytes()
+    file = tmp_path / "checkpoint.npz"
+    train(scenario, learner, 5, engine="numba", checkpoint=file, until=701)
+    on = train(scenario, learner, 5, engine="python", checkpoint=file, resume=True)
+    assert tables_equal(on.tables, plain.tables) and on.history.same_bits(plain.history)
+
+
+def transition(learner, cells, moves, after, *, acting=(0, 1)):
+    """Let two robots learn from one transition in fresh minds; return these and the problem."""
+    scenario, rule = problem(ask_cost=1), learner_of(learner)
+    minds = rule.minds.initial(scenario, rule, 1)
+    game = loops.Game(np.zeros(5, np.int64), np.array(cells), np.array([0, 0], np.int8))
+    game.arrived[[k for k in range(2) if k not in acting]] = 1
+    state = loops.State(
+        make_problem(scenario, rule, np.arange(2)),
+        game,
+        loops.Choices(np.zeros(2, np.int64), np.zeros(2, np.int64), np.array(moves), None),
+        None,
+    )
+    before = minds.rows.values.copy()
+    rule.minds.begin_step(state, minds)
+    game.cells[:] = after
+    for k in acting:
+        rule.minds.learn(state, minds, 0, k, after[k], (0.0, -50.0, -1.0), 0.0)
+    return before, minds.rows.values
+
+
+EAST, WEST = 2, 3
+
+
+def test_joint_states_bootstrap_on_the_next_joint_state():
+    before, after = transition("joint", (1, 3), (EAST, WEST), (2, 2))
+    for k, (row, move) in enumerate([(1 * 5 + 3, EAST), (3 * 5 + 1, WEST)]):
+        expected = -50.0 - 1.0 + 0.95 * before[k, 2 * 5 + 2].max()  # the first step size is 1
+        assert after[k, row, move] == pytest.approx(expected, rel=1e-14)
+        after[k, row, move] = before[k, row, move]
+    assert (after == before).all()
+
+
+@pytest.mark.parametrize("acting", [(0, 1), (0,), (1,)])
+def test_what_the_team_is_worth_is_a_sum(acting):
+    before, after = transition("vdn", (1, 3), (EAST, WEST), (2, 2), acting=acting)
+    entries = [(0, 1 * 5 + 3, EAST), (1, 3 * 5 + 1, WEST)]
+    goal = [-50.0 - 1.0 + 0.95 * before[k, 2 * 5 + 2].max() for k in range(2)]
+    d = sum(goal[k] - before[entries[k]] for k in acting)
+    for k in acting:
+        expected = before[entries[k]] + d / len(acting)
+        assert after[entries[k]] == pytest.approx(expected, rel=1e-14)
+        after[entries[k]] = before[entries[k]]
+    assert (after == before).all()
+
+
+@pytest.mark.parametrize(
+    "settings", [CASES[2], {"perception": "probability:0.5"}, {"link": "dead:5"}]
+)
+def test_what_cannot_be_seen_always(settings):
+    with pytest.raises(SettingError, match="allowed: 2, at most 724, always, up"):
+        learner_of("vdn").check(problem(**settings))
 
 
 @pytest.mark.parametrize("learner", LIVE)

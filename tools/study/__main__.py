@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Compute the tables of docs/coordination.md, and write them there.
+"""Compute the tables of docs/coordination.md and docs/related.md, and write them there.
 
 `python -m tools.study --out study [STUDY ...]`, in a checkout. What the folder has already is not
 computed again.
@@ -21,11 +21,11 @@ from sparse_coord_ros.experiments.runner import Computing, compute
 from sparse_coord_ros.experiments.store import ConditionResult, Plan, open_results
 from sparse_coord_ros.files import write_whole
 from sparse_coord_ros.game.plugins import allow_modules
-from tools.study import coordination, rules
+from tools.study import coordination, related, rules
 from tools.study.coordination import Study
 
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "coordination.md"
-STUDIES: dict[str, Study] = {one.name: one for one in coordination.STUDIES}
+DOCS = Path(__file__).resolve().parents[2] / "docs"
+STUDIES: dict[str, Study] = {one.name: one for one in (*coordination.STUDIES, *related.STUDIES)}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -43,8 +43,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with cluster_at(options.scheduler) as cluster:
             by = Computing(options.engine, options.jobs, cluster)
             for name in options.studies or STUDIES:
-                text = STUDIES[name].text(computing(options.out, by))
-                write_whole(PAGE, with_text(PAGE.read_text("utf-8"), name, text))
+                text, page = (
+                    STUDIES[name].text(computing(options.out, by)),
+                    DOCS / STUDIES[name].page,
+                )
+                write_whole(page, with_text(page.read_text("utf-8"), name, text))
                 print(text, flush=True)
     except SparseCoordError as error:
         print(f"error: {error}", file=sys.stderr)

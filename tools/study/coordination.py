@@ -69,19 +69,23 @@ class Study:
         runs: learning runs of a condition of two robots, and of more.
         trials: trials of a run of more than two robots.
         table: returns the table.
+        seed: seed of the first run.
+        page: the document.
     """
 
     name: str
     runs: tuple[int, int]
     trials: int
     table: Callable[[Found], str]
+    seed: int = SEED
+    page: str = "coordination.md"
 
     def plan(self, condition: Condition) -> Plan:
         """Return seed, runs and trials; of two robots trials are of no interest."""
         two = len(condition.scenario.robots) == 2
         exact = two and learner_of(condition.learner).compiled
         runs, trials = (self.runs[0], 2) if exact else (self.runs[1], self.trials)
-        return Plan(SEED, runs, trials)
+        return Plan(self.seed, runs, trials)
 
     def text(self, compute: Callable[[Condition, Plan], ConditionResult]) -> str:
         """Return the table."""
@@ -325,10 +329,7 @@ def _percepts(found: Found) -> str:
     return to_markdown(rows)
 
 
-JOINT = RULES + "JointState"
-"""Learns the full joint state, which it sees for nothing; it fits for two robots."""
-
-ROBOTS = (2, 4, 8, 16)
+ROBOTS = (4, 8, 16)
 BUILDINGS = ("3x2x4-{}r-0", "3x2x4-{}r-1", "3x2x4-{}r-2", "4x2x5-{}r-0")
 
 
@@ -345,10 +346,6 @@ def _scale_row(found: Found, robots: int, names: Sequence[str]) -> Row:
     given = {"penalty": -100}
     by_name = [_each(found, name, given) for name in names]
     factored, coop, base = (list(own) for own in zip(*by_name, strict=True))
-    joint = []
-    if robots == 2:
-        free = {**given, "ask_cost": 0}
-        joint = [found(make_condition(name, JOINT, free)) for name in names]
     scenarios = [one.scenario for one in factored]
     bound = np.mean([independent_bound(one) for one in scenarios])
     spent = [learning_seconds(one) for one in scenarios]
@@ -360,13 +357,11 @@ def _scale_row(found: Found, robots: int, names: Sequence[str]) -> Row:
         "robots alone (bound)": f"{bound:.2f}",
         "coop": _pooled(coop),
         "Non-coop.": _pooled(base),
-        "full joint state": _pooled(joint) if joint else None,
         "asks": f"{np.mean([one.best('asks').mean for one in factored]):.2f}",
         "miscoordinations": f"{np.mean([o.best('miscoordinations').mean for o in factored]):.3f}",
         "trials in which all arrive": _arrived(factored),
         "of coop's": _arrived(coop),
         "of Non-coop.'s": _arrived(base),
-        "of the full joint state's": _arrived(joint) if joint else None,
         "bytes a robot": size(held),
         "seconds to learn": f"{np.mean(spent):.2f}",
     }
@@ -383,12 +378,12 @@ def _arrived(results: Sequence[ConditionResult]) -> str:
     return percent(float(np.mean([result.arrived for result in results])), 2)
 
 
-def learning_seconds(scenario: Scenario) -> float:
-    """Return the seconds of processor time of one learning run of the factored learner."""
-    scenario = learner_of("factored").with_defaults(scenario)
-    prepare("factored")
+def learning_seconds(scenario: Scenario, learner: str = "factored") -> float:
+    """Return the seconds of processor time of one learning run."""
+    scenario = learner_of(learner).with_defaults(scenario)
+    prepare(learner)
     began = time.process_time()
-    list(run_batch(scenario, "factored", [SEED], trials=0, jobs=1))
+    list(run_batch(scenario, learner, [SEED], trials=0, jobs=1))
     return time.process_time() - began
 
 

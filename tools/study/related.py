@@ -1,0 +1,88 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The study of docs/related.md: all learners on maps old and new, asking priced and free."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import sparse_coord_ros
+from sparse_coord_ros.errors import SettingError
+from sparse_coord_ros.experiments.catalogue import LONG
+from sparse_coord_ros.experiments.conditions import make_condition
+from sparse_coord_ros.experiments.report.text import Row, to_markdown, with_error
+from sparse_coord_ros.experiments.store import ConditionResult
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn.learners import learner_of
+from sparse_coord_ros.solve.shipped import shipped_class_bound
+from tools.study.coordination import Found, Study, failed_share, learning_seconds
+
+SEED, RUNS, TRIALS = 1_300_000, 100, 200
+"""Seeds that no search has seen."""
+
+LEARNERS: Mapping[str, tuple[str, ...]] = {
+    "indiv": ("agent", "algorithm"),
+    "noncoop": ("agent", "algorithm"),
+    "coop": ("agent", "algorithm"),
+    "factored": ("factored", "factors"),
+    "cq": ("cq", "lone"),
+    "fcq": ("fcq", "cq", "lone"),
+    "joint": ("joint", "lone"),
+    "vdn": ("vdn", "joint", "lone"),
+}
+"""Learners, and the modules of each."""
+
+KINDS = ("door", "corridor", "rooms", "loop")
+BUILDINGS = (*(f"unseen1-{kind}-2r-0" for kind in KINDS), "unseen1-door-4r-0")
+"""Of those for tuning."""
+
+SCENARIOS = ("env1", "env2-2r", "env2-4r", "pentagon", "isr", "cit", "cmu", *BUILDINGS)
+
+
+def _reward(found: Found, name: str, learner: str, price: int) -> ConditionResult | None:
+    """Return a learner's result; None where it cannot learn the scenario, or price is nothing."""
+    condition = make_condition(name, learner, {**LONG, "ask_cost": price})
+    try:
+        learner_of(learner).check(condition.scenario)
+    except SettingError:
+        return None
+    return found(condition) if price or learner_of(learner).asks else None
+
+
+def _learners(found: Found) -> str:
+    rows: list[Row] = []
+    for name in SCENARIOS:
+        for price in (1, 0):
+            row: dict[str, str | None] = {"scenario": name, "a question costs": f"{price}"}
+            for learner in LEARNERS:
+                one, told = _reward(found, name, learner, price), None
+                if one is not None:
+                    failed = f", {failed_share(one):.0%} fail" if failed_share(one) else ""
+                    told = with_error(one.best("reward")) + failed
+                row[learner] = told
+            bound = shipped_class_bound(load_scenario(name).with_settings(LONG)) if price else None
+            row["class bound"] = None if bound is None else f"{bound.value:.2f}"
+            rows.append(row)
+    return to_markdown(rows)
+
+
+def _costs(_found: Found) -> str:
+    learn = Path(sparse_coord_ros.__file__).parent / "learn"
+    rows: list[Row] = []
+    for learner, modules in LEARNERS.items():
+        texts = [(learn / f"{module}.py").read_text("utf-8") for module in modules]
+        seconds = learning_seconds(load_scenario("env2-2r").with_settings(LONG), learner)
+        rows.append(
+            {
+                "learner": learner,
+                "seconds a run": f"{seconds:.3f}",
+                "lines": str(sum(text.count("\n") for text in texts)),
+                "modules": ", ".join(modules),
+            }
+        )
+    return to_markdown(rows)
+
+
+STUDIES = (
+    Study("learners", (RUNS, RUNS), TRIALS, _learners, SEED, "related.md"),
+    Study("costs", (RUNS, RUNS), TRIALS, _costs, SEED, "related.md"),
+)
