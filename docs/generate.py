@@ -20,6 +20,7 @@ from sparse_coord_ros.cli.main import make_parser
 from sparse_coord_ros.cli.verbs import VERBS, add_verb
 from sparse_coord_ros.experiments.report.charts import rendered
 from sparse_coord_ros.experiments.report.map_pictures import draw_map
+from sparse_coord_ros.game.plugins import is_shipped
 from sparse_coord_ros.learn.learners import LEARNERS, learner_of
 from sparse_coord_ros.solve.shipped import yardsticks
 
@@ -168,7 +169,7 @@ nobody knows it: the bound is what each robot would be worth with no other in th
 def _learners():
     """Return the pages of the package's learners."""
     results, made = _results(), {}
-    names = [name for name in LEARNERS.names if "." not in name]
+    names = [name for name, rule in LEARNERS.registered.items() if is_shipped(rule)]
     for name in names:
         rule = learner_of(name)
         made[f"learners/{name}.md"] = _learner(rule, results[results.learner == name])

@@ -134,8 +134,8 @@ class ExperimentResults(Mapping[str, ConditionResult]):
 
     @property
     def _title(self) -> str:
-        plan = self.plan
-        return f"<{len(self)} conditions, {plan.runs} runs of each, {plan.trials} trials of a run>"
+        plan, many = self.plan, f"{len(self)} condition{'s' * (len(self) != 1)}"
+        return f"<{many}; runs of each: {plan.runs}, trials of a run: {plan.trials}>"
 
     @property
     def _means(self) -> dict[str, list[Any]]:

@@ -310,7 +310,7 @@ def test_a_sweep_is_the_conditions_that_it_names(tmp_path):
     again = sc.sweep(scenario, OVER, out=tmp_path / "r", progress=seen.append, **few)
     assert (seen, dict(again)) == ([], dict(swept))
     lines = repr(swept).splitlines()
-    assert lines[0] == "<4 conditions, 2 runs of each, 3 trials of a run>"
+    assert lines[0] == "<4 conditions; runs of each: 2, trials of a run: 3>"
     assert len(lines) == 6
     assert swept._repr_html_().count("<tr") == 5
     assert [axes.get_xlabel() for axes in swept.plot().axes] == ["penalty"]

@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 from contextlib import suppress
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -41,20 +42,18 @@ def test_an_experiment(sparse_coord, folder):
 
 
 def test_interrupted_in_a_condition_it_goes_on_with_that_one(sparse_coord, folder, monkeypatch):
-    real = module.run_batch
+    real = module.run_batches
 
-    def interrupted(scenario, learner, seeds, **settings):
-        for run in real(scenario, learner, seeds, **settings):
-            if learner == "indiv":
-                raise KeyboardInterrupt
-            yield run
+    def interrupted(batches, **settings):
+        yield from islice(real(batches, **settings), 3)  # two runs of a condition, and one more
+        raise KeyboardInterrupt
 
     conditions = [f"env1/{learner}/penalty=-20,steps=300" for learner in ("noncoop", "indiv")]
     arguments = ("reproduce", *conditions, *FEW, "--engine", "python", "--jobs", 1, "--json")
-    monkeypatch.setattr(module, "run_batch", interrupted)
+    monkeypatch.setattr(module, "run_batches", interrupted)
     assert sparse_coord(*arguments, "--out", "r")[0] == 130
     assert [(folder / f"r/conditions/{one}.json").exists() for one in conditions] == [True, False]
-    monkeypatch.setattr(module, "run_batch", real)
+    monkeypatch.setattr(module, "run_batches", real)
     code, resumed, _ = sparse_coord(*arguments, "--out", "r")
     assert code == 0
     assert resumed == sparse_coord(*arguments, "--out", "fresh")[1]
