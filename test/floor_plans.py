@@ -91,6 +91,29 @@ def drawn(name: str) -> Drawing:
     return plan
 
 
+def hall(width: float, height: float, racks: list[tuple[float, ...]], seed: int) -> Drawing:
+    """Return a hall as SLAM draws it: racks unknown inside, pillars, furniture, dust, two doors.
+
+    A wall crosses it in the middle; racks are rectangles.
+    """
+    plan, random = Drawing(width, height), np.random.default_rng(seed)
+    plan.outline()
+    plan.wall(0, height / 2, width, height / 2)
+    for share in (0.25, 0.75):
+        plan.door(share * width, height / 2)
+    for x, y, x2, y2 in racks:
+        plan.fill(x, y, x2, y2)
+        plan.fill(x + 0.1, y + 0.1, x2 - 0.1, y2 - 0.1, UNKNOWN)
+    for x in np.arange(7.5, width - 1, 7.5):
+        for y in np.arange(3.75, height, 7.5):
+            plan.fill(x, y, x + 0.4, y + 0.4)  # a pillar
+    for x, y in random.uniform((3, 3), (width - 3, height - 3), (8, 2)):
+        plan.fill(x, y, x + random.uniform(0.3, 1), y + random.uniform(0.3, 1))
+    free = np.flatnonzero(plan.pixels == FREE)
+    plan.pixels.flat[random.choice(free, len(free) // 500, replace=False)] = WALL
+    return plan
+
+
 def tower() -> Drawing:
     """8 x 8 rooms of 25 m: 4,000 x 4,000 pixels, 112 doorways."""
     plan = Drawing(200.0, 200.0)
@@ -199,6 +222,16 @@ PLANS: dict[str, tuple[Callable[[], Drawing], str, tuple[float, float]]] = {
     "slam_flat": (lambda: scanned(drawn("flat"), -2.0, 2), "png", (2.5, 100.0)),
     "slam_clinic": (lambda: explored(drawn("clinic"), 0.8, 3), "pgm", (-4.0, -21.5)),
     "slam_school": (lambda: explored(drawn("school"), -1.2, 4), "png", (0.0, 0.0)),
+    "depot": (
+        lambda: hall(30.0, 15.0, [(14 + 3 * k, 2.0, 15.3 + 3 * k, 3.3) for k in range(5)], 5),
+        "pgm",
+        (0.0, 0.0),
+    ),
+    "store": (
+        lambda: hall(31.0, 50.0, [(5 + 7 * k, 3.0, 7 + 7 * k, 20.0) for k in range(4)], 6),
+        "pgm",
+        (-15.0, -25.0),
+    ),
     "tower": (tower, "png", (-100.0, -100.0)),
 }
 """Drawing, format of the image and origin."""

@@ -3,6 +3,7 @@
 """A picture of an imported map: its cells, doorways and robots over the original."""
 
 import io
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -17,6 +18,9 @@ from sparse_coord_ros.palette import DOORWAY_COLOUR, robot_colour
 
 LARGEST = 1600
 """Pixels of a preview along its longer side."""
+
+MARGIN, TICKS = 48, 60
+"""Pixels beside the picture for its axes, and the fewest between two of their numbers."""
 
 CELL_SIDE = 8
 """Pixels along the side of a cell, where the picture stays small enough."""
@@ -33,12 +37,42 @@ def grey(plan: FloorPlan) -> np.ndarray:
     return shade
 
 
+def framed(picture: Image.Image, origin: tuple[float, float], metre: float) -> Image.Image:
+    """Return a picture of a floor with axes in metres at its left and below.
+
+    Args:
+        picture: the floor.
+        origin: (x, y) of its lower left corner, in metres.
+        metre: pixels of a metre.
+    """
+    wide, high = picture.size
+    frame = Image.new("RGB", (wide + MARGIN + MARGIN // 3, high + MARGIN), "white")
+    frame.paste(picture, (MARGIN, 0))
+    draw = ImageDraw.Draw(frame)
+    draw.line([(MARGIN - 1, 0), (MARGIN - 1, high), (wide + MARGIN, high)], fill="black")
+    power = 10 ** math.floor(math.log10(TICKS / metre))
+    step = next(power * k for k in (1, 2, 5, 10) if power * k * metre >= TICKS)
+    for axis, (begin, size) in enumerate(zip(origin, (wide, high), strict=True)):
+        for number in range(
+            math.ceil(begin / step), math.floor((begin + size / metre) / step) + 1
+        ):
+            at = (number * step - begin) * metre
+            text = f"{number * step:g}" + (" m" if number == math.ceil(begin / step) else "")
+            if axis == 0:
+                draw.line([(MARGIN + at, high), (MARGIN + at, high + 5)], fill="black")
+                draw.text((MARGIN + at, high + 8), text, fill="black", anchor="ma")
+            else:
+                draw.line([(MARGIN - 6, high - at), (MARGIN - 1, high - at)], fill="black")
+                draw.text((MARGIN - 8, high - at), text, fill="black", anchor="rm")
+    return frame
+
+
 def write_preview(
     path: Path, plan: FloorPlan, grid: GridMap, robots: Sequence[Robot] = ()
 ) -> None:
     """Write a PNG file: the original in grey, free cells blue, doorways orange.
 
-    Robots' starts are discs, their goals rings, in their colours.
+    Robots' starts are discs, their goals rings, in their colours; axes are in metres.
 
     Args:
         path: the file.
@@ -80,5 +114,5 @@ def write_preview(
         draw.ellipse(box(grid.cells[robot.start], 1.6), fill=colour)
         draw.ellipse(box(grid.cells[robot.goal], 1.6), outline=colour, width=3)
     file = io.BytesIO()
-    picture.save(file, format="PNG", compress_level=3)
+    framed(picture, plan.origin, metre).save(file, format="PNG", compress_level=3)
     write_whole(path, file.getvalue())

@@ -18,7 +18,7 @@ from sparse_coord_ros.maps import plan as plans
 from sparse_coord_ros.maps.gridding import across, grown, without_specks
 from sparse_coord_ros.maps.image import FloorPlan, read_floor_plan
 from sparse_coord_ros.maps.plan import import_map, scenario_of
-from sparse_coord_ros.maps.preview import write_preview
+from sparse_coord_ros.maps.preview import MARGIN, write_preview
 from sparse_coord_ros.wire.frame import Frame
 
 CORNERS = (-9.0, -6.0), (9.0, 6.0)
@@ -326,6 +326,9 @@ def test_preview(tmp_path):
     scenario, *_ = scenario_of(done, [((1.0, 1.0), (5.0, 3.0))], {})
     write_preview(tmp_path / "p.png", plan, done.grid, scenario.robots)
     picture = Image.open(tmp_path / "p.png").convert("RGB")
-    assert picture.size == (120, 80)
-    found = {picture.getpixel((x, y)) for x in range(120) for y in range(80)}
+    assert picture.size == (120 + MARGIN + MARGIN // 3, 80 + MARGIN)
+    floor = picture.crop((MARGIN, 0, MARGIN + 120, 80))
+    found = {floor.getpixel((x, y)) for x in range(120) for y in range(80)}
     assert {(0xD5, 0x5E, 0x00), (0x00, 0x72, 0xB2), (0, 0, 0), (255, 255, 255)} <= found
+    ticks = [x for x in range(MARGIN, picture.width) if picture.getpixel((x, 84)) == (0, 0, 0)]
+    assert ticks == [MARGIN, MARGIN + 100]  # 0 and 5 m, 20 pixels a metre

@@ -1,0 +1,33 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Teams that cross halls of the size of nav2's depot and warehouse, by the suggested settings."""
+
+import pytest
+from floor_plans import write
+
+from sparse_coord_ros.engine.training import train
+from sparse_coord_ros.learn.learners import learner_of
+from sparse_coord_ros.maps.image import read_floor_plan
+from sparse_coord_ros.maps.plan import import_map, scenario_of
+from sparse_coord_ros.solve.exact import evaluate_best
+from sparse_coord_ros.solve.verdict import LOST, last_word
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("robots", [2, 4])
+@pytest.mark.parametrize("hall", ["depot", "store"])
+def test_all_arrive(tmp_path, hall, robots):
+    write(hall, tmp_path)
+    plan = read_floor_plan(tmp_path / f"{hall}.yaml")
+    (x, y), (rows, columns) = plan.origin, plan.free.shape
+    west, east = x + 1.5, x + columns * plan.resolution - 1.5
+    south, north = y + 1.5, y + rows * plan.resolution - 1.5
+    corners = [(west, south), (east, north), (east, south), (west, north)]
+    pairs = [(corners[k], corners[k ^ 1]) for k in range(robots)]
+    done = import_map(plan, cell=0.5, radius=0.2, robots=pairs)
+    assert done.doorways >= 2
+    scenario, *_ = scenario_of(done, pairs, {})
+    training = train(scenario, "coop", 1)
+    found = evaluate_best(scenario, training.tables, trials=1000, seed=1)
+    assert found.all_arrived >= 0.999
+    assert last_word(scenario, learner_of("coop"), found).kind != LOST
