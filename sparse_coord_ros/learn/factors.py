@@ -7,7 +7,7 @@
     Q^C(x, z, b)      = U(x, b) + sum over the peers j of rho_j(x, z_j, b)
 
 By its definition Q^C(x, z, b) = E[r^I + gamma max Q*(y, .)] + E[r^C]: the first term, U, does not
-depend on where the peers are; the second, rho <= 0, is 0 in nearly all joint states. Here is what
+depend on where the peers are; the second, rho, is 0 in nearly all joint states. Here is what
 is learned, as data, and the rule as functions of one robot's rows; the agent of `learn.factored`
 calls them with lists, the compiled loops with arrays. docs/coordination.md has the reasons.
 """
