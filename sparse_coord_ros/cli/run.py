@@ -94,7 +94,8 @@ def _run(
         shared.print_json({"directory": str(out), **summary})
     else:
         _print(out, summary, resumed=options.resume is not None)
-        if not options.greedy and not summary["interrupted"] and (out / TEAM_FILE).exists():
+        learned = summary.get("steps_per_second") and not options.greedy and page is None
+        if learned and not summary["interrupted"] and (out / TEAM_FILE).exists():
             run = load_run(out)
             found = evaluation_of(run, load_team(out, run.scenario), TRIALS, 0, exact=None)
             print(last_word(run.scenario, run.rule, found).text)
