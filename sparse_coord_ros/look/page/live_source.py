@@ -19,8 +19,9 @@ from sparse_coord_ros.look.words import Words
 SLOW_SECONDS = 1.0
 """Between two messages of curves, tables and asks, or longer:"""
 
-SLOW_SHARE = 0.01
-"""Share of the time that making them may take. A long run has long curves."""
+SLOW_SHARE, LONGEST_SECONDS = 0.01, 5.0
+"""Share of the time that making them may take, as a long run has long curves; but after so long
+they come in any case."""
 
 
 class LiveView:
@@ -151,4 +152,5 @@ class LiveView:
         counted = self.asked if asked is None else asked.tolist()
         self.board.put("asked", robots=[list(row) for row in counted])
         spent = time.thread_time() - self._began  # on a busy machine less than has passed
-        self._slow = time.monotonic() + max(SLOW_SECONDS, spent / SLOW_SHARE)
+        pause = min(max(SLOW_SECONDS, spent / SLOW_SHARE), LONGEST_SECONDS)
+        self._slow = time.monotonic() + pause

@@ -42,7 +42,7 @@ def test_the_newest_questions_are_told_once(view):
     assert told == list(range(50 - messages.DIALOGUE, 50))
 
 
-@pytest.mark.parametrize(("took", "pause"), [(0.001, 1.0), (0.05, 5.0)])
+@pytest.mark.parametrize(("took", "pause"), [(0.001, 1.0), (0.03, 3.0), (9.0, 5.0)])
 def test_what_takes_long_comes_seldom(view, monkeypatch, took, pause):
     """What is long because the machine is busy with something else does not count."""
 

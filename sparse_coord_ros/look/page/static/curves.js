@@ -68,7 +68,7 @@ export class Curves {
     path(`M${LEFT},${TOP}V${HEIGHT - BOTTOM}H${WIDTH - RIGHT}`);
     const values = [...known(lines.flatMap(([, line]) => line)), ...range];
     if (!values.length) return;
-    const low = Math.min(...values), high = Math.max(...values, low + 1e-6);
+    const low = Math.min(...values), most = Math.max(...values), high = most > low ? most : low + 1;
     const y = (value) => TOP + (HEIGHT - TOP - BOTTOM) * (1 - (value - low) / (high - low));
     for (const tick of ticks(low, high)) {
       path(`M${LEFT - 4},${y(tick)}H${LEFT}`);
