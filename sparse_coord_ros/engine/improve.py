@@ -17,7 +17,9 @@ from typing import Any
 
 import numpy as np
 
+from sparse_coord_ros.compiling import has_numba
 from sparse_coord_ros.engine.batch import CompiledTeam
+from sparse_coord_ros.engine.kernels import PLAIN
 from sparse_coord_ros.files import write_whole
 from sparse_coord_ros.game.actions import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.game.grid import GridMap
@@ -196,7 +198,7 @@ def _by_trials(
     learned: Scenario, learner: Learner, memories: Sequence[Memory]
 ) -> tuple[float, float, list[Tables]]:
     """Climb by trials with the same draws; as `_of_a_pair`."""
-    team = CompiledTeam(learned, learner)
+    team = CompiledTeam(learned, learner, loops=None if has_numba() else PLAIN)
     minds: Any = team.remembered(memories)
     best = team.play(minds, 0, TRIALS, paired=True)
     before, better = float(best.reward.mean()), True
