@@ -18,6 +18,7 @@ from typing import Any
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.game.plugins import Registry, allow_named, failing_as, is_shipped, path_of
 from sparse_coord_ros.game.scenario import Scenario
+from sparse_coord_ros.game.specs import Spec
 from sparse_coord_ros.game.streams import LEARNING
 from sparse_coord_ros.game.world import RewardWeights
 from sparse_coord_ros.learn.agent import (
@@ -280,6 +281,10 @@ class Indiv(Learner):
     alone = True
 
 
+MOST_CREDIT = 8
+"""How often r^C counts at most by default: of sixteen robots that mind all, some never move."""
+
+
 class Factored(Learner):
     """Algorithm 1 with Q* and Q^C in factors, as docs/coordination.md defines it.
 
@@ -302,10 +307,15 @@ class Factored(Learner):
     )
 
     def with_defaults(self, scenario: Scenario) -> Scenario:
-        """As of `Learner`; with more than two robots, `referee` is on unless somebody chose."""
+        """As of `Learner`; with more than two robots, `referee` is on unless somebody chose.
+
+        With more than `MOST_CREDIT` robots r^C counts so often.
+        """
         chosen = super().with_defaults(scenario)
         if len(scenario.robots) > 2 and "referee" not in scenario.given:
             chosen = replace(chosen, referee=True)
+        if len(scenario.robots) > MOST_CREDIT and "credit" not in scenario.given:
+            chosen = replace(chosen, credit=Spec("weight", (float(MOST_CREDIT),)))
         return chosen
 
     def check(self, scenario: Scenario) -> None:

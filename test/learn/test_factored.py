@@ -190,6 +190,8 @@ def test_a_wait_is_worth_what_the_next_percept_shows():
 
 def test_r_c_counts_for_the_team_but_once_where_the_percept_failed():
     assert scenario().common_weight == 2 and scenario("env2-4r").common_weight == 4
+    assert scenario("building-3x2x4-16r-0").common_weight == 8
+    assert scenario("building-3x2x4-16r-0", credit="team").common_weight == 16
     one = agent(weights=RewardWeights(1.0, 3.0, 1.0))
     asked(one, 1, 2, SOUTH, 3, paid(common=-20.0), None)
     asked(one, 3, 2, SOUTH, 3, paid(common=-20.0), (5,))
