@@ -243,20 +243,30 @@ def _changes(
         minds: what the robots do.
         stays: steps that each robot acts in each cell, shape (robots, cells).
     """
-    star, u, rows, lead = minds.q_star, minds.own.u, minds.rows, learned.map.next_cell
-    team, cells = stays.shape
-    for avoided in ((), *((doorway,) for doorway in sorted(learned.map.doorways))):
-        after, p = alone(learned, [avoided] * team), learned.move_success
-        routes = p * after[:, lead] + (1.0 - p) * after[:, :, None]
-        for k in range(team):
-            gained = np.column_stack([routes[k], routes[k].max(axis=1)])
-            gained -= np.column_stack([u[k], u[k].max(axis=1)])
-            yield [(star[k], star[k] + gained), (u[k], routes[k])]
+    star, lead = minds.q_star, learned.map.next_cell
+    yield from _routes(learned, minds)
     for k, x in np.argwhere(stays > 0).tolist():
         for action in range(len(ACTIONS)):
             waits_for_ever = action < PRIMITIVES and lead[x, action] == x
             if action != star[k, x].argmax() and not waits_for_ever:
                 yield [(star[k, x], preferring(star[k, x], action))]
+    yield from _corrections(minds, stays)
+
+
+def _routes(learned: Scenario, minds: Any) -> Iterator[list[tuple[np.ndarray, np.ndarray]]]:
+    star, u, lead, p = minds.q_star, minds.own.u, learned.map.next_cell, learned.move_success
+    for avoided in ((), *((doorway,) for doorway in sorted(learned.map.doorways))):
+        after = alone(learned, [avoided] * len(u))
+        routes = p * after[:, lead] + (1.0 - p) * after[:, :, None]
+        for k in range(len(u)):
+            gained = np.column_stack([routes[k], routes[k].max(axis=1)])
+            gained -= np.column_stack([u[k], u[k].max(axis=1)])
+            yield [(star[k], star[k] + gained), (u[k], routes[k])]
+
+
+def _corrections(minds: Any, stays: np.ndarray) -> Iterator[list[tuple[np.ndarray, np.ndarray]]]:
+    star, u, rows = minds.q_star, minds.own.u, minds.rows
+    team, cells = stays.shape
     for k in range(team):
         keys, _, _ = rows.learned(k)
         for key, (x, j, _) in zip(keys.tolist(), states_of(keys, cells, team), strict=True):

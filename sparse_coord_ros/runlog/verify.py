@@ -5,6 +5,7 @@
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 from pathlib import Path
 
 from sparse_coord_ros.game.plugins import leaving_out
@@ -16,6 +17,8 @@ from sparse_coord_ros.runlog.judge import judge, topic_of
 from sparse_coord_ros.runlog.log import RunLog, read_run
 from sparse_coord_ros.runlog.percepts import check_percepts
 from sparse_coord_ros.runlog.stretches import stretches
+
+_LOST = attrgetter("lost")
 
 
 @dataclass(frozen=True)
@@ -117,10 +120,8 @@ def verify(path: Path) -> Verification:
         found += [one for one in here if one.step is not None and part.holds(one.step)]
         worlds.append(world)
         agents += team
-    plans = Plans()
-    if not found and not parts[-1].lost:  # else the agents do not know what the robots do
-        plans = _of_plans(log, agents, say)
-        found += plans.odd
+    plans = _of_plans(log, agents, [*found, *filter(_LOST, parts[-1:])], say)
+    found += plans.odd
     verdict = judge(log, agents, sorted(dict.fromkeys(found), key=lambda one: one.rank))
 
     def total(name: str, checks: Sequence[AgentCheck | WorldCheck] = agents) -> int:
@@ -160,11 +161,19 @@ def _of_agents(
                 say(why)
 
 
-def _of_plans(log: RunLog, agents: Sequence[AgentCheck], say: Callable[[str], None]) -> Plans:
-    """Compare what the team made of what it had learned, where that is known of all."""
+def _of_plans(
+    log: RunLog,
+    agents: Sequence[AgentCheck],
+    why_not: Sequence[object],
+    say: Callable[[str], None],
+) -> Plans:
+    """Compare what the team made of what it had learned, where that is known of all.
+
+    Where anything differs, or the end is lost, the agents do not know what the robots do.
+    """
     last = [one.agent for one in agents[-len(log.names) :]]
     known = [agent for agent in last if agent is not None]
-    with leaving_out("improved tables", say):
-        if log.run.improve and len(known) == len(log.names):
+    if log.run.improve and not why_not and len(known) == len(log.names):
+        with leaving_out("improved tables", say):
             return check_plans(log, known)
     return Plans()
