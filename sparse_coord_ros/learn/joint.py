@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Joint-state Q-learning: what two robots learn that see each other always.
 
-Each learns for itself, by Watkins' Q-learning, over the joint state. Q^C begins at the lone
-robot's Q* (`learn.lone`) and bootstraps on itself, as the next joint state is seen too:
+Each learns for itself, by Watkins' Q-learning, over the joint state. Q^C begins at the Q* of a
+lone robot that pays as much (`learn.lone`) and bootstraps on itself, as the next joint state is
+seen too:
 
     Q^C(x, z, a) = (1 - alpha) Q^C(x, z, a) + alpha (r + gamma max_b Q^C(y, z', b)).
 

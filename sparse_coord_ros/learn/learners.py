@@ -381,8 +381,8 @@ class Joint(Learner):
         return super().weights(scenario)._replace(ask_cost=0.0)
 
     def tables(self, scenario: Scenario, number: int = 0) -> Tables:
-        """Return a robot's tables before learning: the lone robot's Q*; it asks everywhere."""
-        return lone_tables(scenario, number, above=MARK)
+        """Return a robot's tables before learning: Q* of a lone robot that asks everywhere."""
+        return lone_tables(scenario, number, above=MARK, price=scenario.ask_cost)
 
 
 class VDN(Joint):

@@ -10,32 +10,35 @@ from sparse_coord_ros.learn.agent import Tables, initial_tables
 from sparse_coord_ros.learn.rows import Rows, make_rows
 
 
-def lone_values(scenario: Scenario, number: int) -> np.ndarray:
+def lone_values(scenario: Scenario, number: int, price: float = 0.0) -> np.ndarray:
     """Return Q* of a robot (from 0) with nobody else in its world, shape (cells, 4), float64.
 
-    Value iteration on its own model, from below, until no bit changes.
+    Value iteration on its own model, from below, until no bit changes. Where it pays a price in
+    every step until it arrives, that is as if it paid for ever and got it all back at the goal.
     """
     goal, success = scenario.robots[number].goal, scenario.move_success
-    arrival = scenario.goal_reward + scenario.discount * scenario.goal_value
+    for_ever = price / (1.0 - scenario.discount)
+    arrival = scenario.goal_reward + scenario.discount * (scenario.goal_value + for_ever)
     value = np.zeros(len(scenario.map.cells))
     while True:
         after = scenario.discount * value
         after[goal] = arrival
         q: np.ndarray = success * after[scenario.map.next_cell] + (1.0 - success) * after[:, None]
         if np.array_equal(q.max(axis=1), value):
-            return q
+            return q - for_ever
         value = q.max(axis=1)
 
 
-def lone_tables(scenario: Scenario, number: int, *, above: float) -> Tables:
+def lone_tables(scenario: Scenario, number: int, *, above: float, price: float = 0.0) -> Tables:
     """Return tables of which every row is the lone robot's Q*.
 
     Args:
         scenario: the problem; Q^C is over pairs of cells, and dense.
         number: the robot, from 0.
         above: how much COORDINATE is above the best move.
+        price: as of `lone_values`.
     """
-    q, tables = lone_values(scenario, number), initial_tables(scenario)
+    q, tables = lone_values(scenario, number, price), initial_tables(scenario)
     tables.q_star[:, :PRIMITIVES] = q
     tables.q_star[:, COORDINATE] = q.max(axis=1) + above
     tables.q_coord[:] = q[:, None, :]  # type: ignore[index, assignment]

@@ -43,6 +43,15 @@ def test_a_lone_robot_is_worth_its_shortest_path():
     assert np.mean(worth) == pytest.approx(independent_bound(scenario), rel=1e-12)
 
 
+def test_a_lone_robot_that_pays_in_every_step():
+    scenario = problem()
+    goal, next_cell = scenario.robots[0].goal, scenario.map.next_cell
+    q = lone_values(scenario, 0, 2.0)
+    after = 0.95 * q.max(axis=1)
+    after[goal] = 10 + 0.95 * 200
+    assert q == pytest.approx(0.8 * after[next_cell] + 0.2 * after[:, None] - 2.0, rel=1e-9)
+
+
 @pytest.mark.parametrize(("hits", "found"), [(0, False), (3, False), (4, True), (20, True)])
 def test_students_test(hits, found):
     """t of h times -c in 20 is (19 h / (20 - h))^(1/2), critical 2.093: 1.83 for 3, 2.18 for 4."""
