@@ -47,9 +47,9 @@ def in_processes(
         raise SystemExit(1)  # it is a process of ours that imports the script: that one says so
     context = get_context("spawn")  # started afresh, they inherit no lock of this process
     lifeline, mine = context.Pipe(duplex=False)
-    ready = context.Event()
     before = os.environ.get(SAFE_PATH, "")
     os.environ[SAFE_PATH] = "1"
+    ready = context.Event()  # the first one starts a process, too
     pool = ProcessPoolExecutor(
         min(jobs, len(work)), context, initializer=_begin, initargs=(lifeline, os.getcwd(), ready)
     )
