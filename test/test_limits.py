@@ -16,7 +16,7 @@ from sparse_coord_ros.game.grid import load_map
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.history import load_history
 from sparse_coord_ros.learn.run_config import load_run
-from sparse_coord_ros.learn.tables import load_tables
+from sparse_coord_ros.learn.tables import load_saved
 from sparse_coord_ros.limits import DEEPEST, Limit, parse_yaml, read_file, read_text, to_yaml
 from sparse_coord_ros.maps.image import read_floor_plan
 
@@ -180,7 +180,7 @@ def test_large_scenarios_are_read_or_refused_soon(tmp_path, robots, rows, column
 @pytest.mark.parametrize(
     ("name", "read"),
     [
-        ("tables.npz", lambda at: load_tables(at, [1])),
+        ("tables.npz", lambda at: load_saved(at, [1])),
         ("history.npz", lambda at: load_history(at.parent)),
         ("run.yaml", lambda at: load_run(at.parent)),
         ("scenario.yaml", load_scenario),
