@@ -84,7 +84,7 @@ class TeamFailed(Event):
 
 
 def description(
-    file: str, arguments: Mapping[str, Setting], start: Callable[["Team"], None]
+    file: str, arguments: Mapping[str, Setting], start: Callable[["LaunchedTeam"], None]
 ) -> LaunchDescription:
     """Return what a launch file is: its arguments, and a team.
 
@@ -96,7 +96,7 @@ def description(
 
     def launch(context: LaunchContext) -> list[Any]:
         given = {name: LaunchConfiguration(name).perform(context) for name in arguments}
-        team = Team(arguments, given, Path(file).name, context)
+        team = LaunchedTeam(arguments, given, Path(file).name, context)
         start(team)
         return team.actions
 
@@ -111,7 +111,7 @@ def description(
     return LaunchDescription([*declared, OpaqueFunction(function=launch)])
 
 
-class Team:
+class LaunchedTeam:
     """The nodes of a team as a launch starts them.
 
     Args:

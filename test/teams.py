@@ -7,10 +7,13 @@ from contextlib import contextmanager
 
 import numpy as np
 
+from sparse_coord_ros.engine.batch import CompiledLearning, CompiledTeam
 from sparse_coord_ros.game.perception import MODELS
 from sparse_coord_ros.game.scenario import scenario_from_dict
 from sparse_coord_ros.learn.agent import Tables
+from sparse_coord_ros.learn.checkpoint import Checkpoint, load_checkpoint
 from sparse_coord_ros.learn.learners import LEARNERS
+from sparse_coord_ros.learn.simulation import Learning
 
 PROTOCOL = {
     "starts": "random",
@@ -46,6 +49,30 @@ def walking(scenario, coordinate=np.nan):
         q_star = np.column_stack([value, np.full(len(value), coordinate)])
         tables.append(Tables(q_star, np.repeat(value[:, None, :], len(value), axis=1)))
     return tables
+
+
+def whole(scenario, learner, seed):
+    """Return what agents learn without a break."""
+    learning = Learning(scenario, learner, seed)
+    learning.advance(scenario.steps)
+    return learning
+
+
+def in_parts(scenario, rule, seed, parts, folder):
+    """Return what is learned up to each of these steps by the other engine, through files."""
+    team = CompiledTeam(scenario, rule)
+    learning = CompiledLearning(team, seed)
+    for part, until in enumerate(parts):
+        learning.advance(until)
+        path = folder / f"{part}.npz"
+        Checkpoint(learning.state(), (), 0, 0).save(path, scenario, rule, seed)
+        state = load_checkpoint(path, scenario, rule, seed).state
+        learning = (
+            CompiledLearning(team, seed, state)
+            if part % 2
+            else Learning(scenario, rule, seed, state)
+        )
+    return learning
 
 
 THEIRS = """

@@ -228,16 +228,14 @@ class Navigator(Mover):
             self.counts["arrived"] += 1
             self._leave(now)
             return reached
-        place, limit = look.goals.place, self._limits.seconds
-        if not place and now - self._taken >= limit:
+        limit = self._limits.seconds
+        if not look.goals.place and now - self._taken >= limit:
             self.give_up(
                 now, "out of time", f"the move was not made within {limit:g} s (step_seconds)"
             )
         if self._over is not None:
             return self._settles(look, *self._over, now)
-        if self._sent is None and now >= self._again and (self._limits.bring or not place):
-            (x, y), pose = look.target, look.pose
-            self._send(Pose(x, y, math.atan2(y - pose.y, x - pose.x)), now)
+        self._send(look, now)
         return None
 
     def _look(self, now: float) -> _Look | None:
@@ -275,12 +273,15 @@ class Navigator(Mover):
         self.counts["arrived" if there else "not there"] += 1
         return self._end(goals, pose, stamp, there=there)
 
-    def _send(self, target: Pose, now: float) -> None:
-        self._tickets += 1
-        if self._port.send(self._tickets, target):
-            self._sent = _Sent(self._tickets, self._number, now)
-        else:
-            self._wait(now)
+    def _send(self, look: _Look, now: float) -> None:
+        """Send the goal where the server has none, unless it is to wait."""
+        goals, _, pose, _, (x, y) = look
+        if self._sent is None and now >= self._again and (self._limits.bring or not goals.place):
+            self._tickets += 1
+            if self._port.send(self._tickets, Pose(x, y, math.atan2(y - pose.y, x - pose.x))):
+                self._sent = _Sent(self._tickets, self._number, now)
+            else:
+                self._wait(now)
 
     def _leave(self, now: float) -> None:
         """Ask for the end of the goal that the server has, once."""

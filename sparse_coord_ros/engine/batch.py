@@ -532,7 +532,7 @@ def _history(record: kernels.Record, state: loops.State) -> History:
     return history
 
 
-def _position(game: loops.Game) -> Position:
+def _position(game: loops.GameState) -> Position:
     clock, team = game.clock, len(game.cells)
     transitions, step = int(clock[loops.DONE]), int(clock[loops.STEP])
     if not clock[loops.PLACED]:
@@ -543,7 +543,7 @@ def _position(game: loops.Game) -> Position:
     return Position(transitions, step, True, int(clock[loops.EPISODE_START]), cells, arrived)
 
 
-def _game_at(position: Position) -> loops.Game:
+def _game_at(position: Position) -> loops.GameState:
     """Return the game at a position; the next block of time steps begins there."""
     game = _game(len(position.cells), position.step)
     game.clock[loops.EPISODE_START] = position.episode_start
@@ -555,10 +555,10 @@ def _game_at(position: Position) -> loops.Game:
     return game
 
 
-def _game(team: int, step: int) -> loops.Game:
+def _game(team: int, step: int) -> loops.GameState:
     clock = np.zeros(5, dtype=np.int64)
     clock[loops.STEP] = step
-    return loops.Game(clock, np.zeros(team, dtype=np.int64), np.zeros(team, dtype=np.int8))
+    return loops.GameState(clock, np.zeros(team, dtype=np.int64), np.zeros(team, dtype=np.int8))
 
 
 def _choice(team: int) -> loops.Choices:

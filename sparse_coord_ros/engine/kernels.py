@@ -28,7 +28,7 @@ from sparse_coord_ros.learn.loops import (
     PLACED,
     STEP,
     Draws,
-    Game,
+    GameState,
     State,
     drawn,
     greedy_action,
@@ -53,7 +53,7 @@ class Record(NamedTuple):
 
 
 @inner
-def begin_block(game: Game, draws: Draws) -> None:
+def begin_block(game: GameState, draws: Draws) -> None:
     """Begin the next block of time steps."""
     game.clock[END] += draws.block
 

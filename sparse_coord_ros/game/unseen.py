@@ -22,7 +22,7 @@ BESIDE = 0.3
 Cell = tuple[int, int]
 
 
-class Plan(NamedTuple):
+class Building(NamedTuple):
     """A building without robots.
 
     Attributes:
@@ -64,7 +64,7 @@ def team_of(name: str) -> int:
     return int(name.split("-")[2].removesuffix("r"))
 
 
-def _places(plan: Plan, robots: int, draw: random.Random) -> tuple[list[Cell], list[Cell]]:
+def _places(plan: Building, robots: int, draw: random.Random) -> tuple[list[Cell], list[Cell]]:
     """Return starts and goals, each robot's in two parts; no two share a start or a goal."""
     while True:
         starts: list[Cell] = []
@@ -93,7 +93,7 @@ def _carve(grid: list[list[str]], top: int, left: int, rows: int, columns: int) 
     return cells
 
 
-def _two_rooms(draw: random.Random, large: bool, *, doors: int, length: int) -> Plan:
+def _two_rooms(draw: random.Random, large: bool, *, doors: int, length: int) -> Building:
     """Return two rooms side by side, and passages of doorways between them."""
     more = 1 if large else 0
     rows = draw.randint(max(2, 2 * doors) + more, max(4, 2 * doors + 1) + more)
@@ -102,22 +102,22 @@ def _two_rooms(draw: random.Random, large: bool, *, doors: int, length: int) -> 
     parts = [_carve(grid, 0, 0, rows, left), _carve(grid, 0, left + length, rows, right)]
     for row in draw.sample(range(rows), doors):
         grid[row][left : left + length] = [DOORWAY] * length
-    return Plan(grid, parts)
+    return Building(grid, parts)
 
 
-def _door(draw: random.Random, large: bool) -> Plan:
+def _door(draw: random.Random, large: bool) -> Building:
     return _two_rooms(draw, large, doors=1, length=1)
 
 
-def _doors(draw: random.Random, large: bool) -> Plan:
+def _doors(draw: random.Random, large: bool) -> Building:
     return _two_rooms(draw, large, doors=2, length=1)
 
 
-def _corridor(draw: random.Random, large: bool) -> Plan:
+def _corridor(draw: random.Random, large: bool) -> Building:
     return _two_rooms(draw, large, doors=1, length=draw.randint(2, 3))
 
 
-def _rooms(draw: random.Random, large: bool) -> Plan:
+def _rooms(draw: random.Random, large: bool) -> Building:
     """Return rooms in a grid, connected by a random tree of doorways and some more."""
     high, wide = 2, draw.randint(2, 3)
     heights = [draw.randint(2, 3 + large) for _ in range(high)]
@@ -145,10 +145,10 @@ def _rooms(draw: random.Random, large: bool) -> Plan:
             grid[tops[i] + along % heights[i]][lefts[j] + widths[j]] = DOORWAY
         else:
             grid[tops[i] + heights[i]][lefts[j] + along % widths[j]] = DOORWAY
-    return Plan(grid, parts)
+    return Building(grid, parts)
 
 
-def _loop(draw: random.Random, large: bool) -> Plan:
+def _loop(draw: random.Random, large: bool) -> Building:
     """Return a corridor round a block, with a room at either end and doorways in both ways."""
     rows, length = draw.randint(3, 4), draw.randint(3, 5)
     room = 2 + large
@@ -158,10 +158,10 @@ def _loop(draw: random.Random, large: bool) -> Plan:
     for row in (upper, lower):
         _carve(grid, row, room, 1, length)
         grid[row][room + draw.randrange(length)] = DOORWAY
-    return Plan(grid, parts)
+    return Building(grid, parts)
 
 
-def _crossing(draw: random.Random, large: bool) -> Plan:
+def _crossing(draw: random.Random, large: bool) -> Building:
     """Return four arms that meet in one doorway, or in two side by side."""
     up, down, left, right = (draw.randint(2 + large, 4 + large) for _ in range(4))
     width = draw.randint(1, 2)
@@ -169,10 +169,10 @@ def _crossing(draw: random.Random, large: bool) -> Plan:
     parts = [_carve(grid, 0, left, up, width), _carve(grid, up + 1, left, down, width)]
     parts += [_carve(grid, up, 0, 1, left), _carve(grid, up, left + width, 1, right)]
     grid[up][left : left + width] = [DOORWAY] * width
-    return Plan(grid, parts)
+    return Building(grid, parts)
 
 
-KINDS: Mapping[str, Callable[[random.Random, bool], Plan]] = {
+KINDS: Mapping[str, Callable[[random.Random, bool], Building]] = {
     "door": _door,
     "doors": _doors,
     "corridor": _corridor,

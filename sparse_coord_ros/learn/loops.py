@@ -97,7 +97,7 @@ class CompiledScenario(NamedTuple):
     referee: bool
 
 
-class Game(NamedTuple):
+class GameState(NamedTuple):
     """A game in progress: the clock, each robot's cell, and whether it has arrived."""
 
     clock: np.ndarray
@@ -158,7 +158,7 @@ class State(NamedTuple):
     """
 
     problem: CompiledScenario
-    game: Game
+    game: GameState
     choice: Choices
     draws: Draws
 

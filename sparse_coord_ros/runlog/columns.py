@@ -15,7 +15,7 @@ from sparse_coord_ros.runlog.difference import LOG_TIME, Difference
 from sparse_coord_ros.runlog.timeline import Jump
 from sparse_coord_ros.wire.cdr import rows_at
 from sparse_coord_ros.wire.frame import SECOND
-from sparse_coord_ros.wire.messages import Form
+from sparse_coord_ros.wire.messages import MessageForm
 
 READABLE, COMPLETE = "readable", "one that says all"
 """What a message ought to be. One that is not readable is none of the run's; one that lacks
@@ -27,7 +27,7 @@ OFTEN = {wire.CLOCK, wire.LOCAL_STATE, wire.REWARD, wire.ACTION, wire.PERCEPT, w
 ANY = -1
 """In place of the number that is due first: only a part of the bag is read."""
 
-Reading = Form | Callable[[Any], Any]
+Reading = MessageForm | Callable[[Any], Any]
 """How a topic's messages become rows, or what object is made of a decoded one."""
 
 _STAMP = np.dtype([("encapsulation", "V4"), ("sec", "<i4"), ("nanosec", "<u4")])
@@ -104,7 +104,7 @@ class Columns:
     ) -> np.ndarray:
         """Return the rows of a topic's messages that can be read, note the others."""
         (topic, form), sizes = self._forms[name], heads["length"].astype(np.int64) - MESSAGE.size
-        if isinstance(form, Form):
+        if isinstance(form, MessageForm):
             rows, fits = form.rows(content, begins, sizes)
             why = "has another form than the run's"
             altered = np.isin(sizes, [layout.size for layout, _ in form.layouts])
@@ -180,4 +180,4 @@ class Columns:
 
 def no_rows(form: Reading) -> np.ndarray:
     """Return an array of rows without any, shape (0,)."""
-    return np.empty(0, form.columns if isinstance(form, Form) else object)
+    return np.empty(0, form.columns if isinstance(form, MessageForm) else object)

@@ -20,7 +20,7 @@ from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.runlog.attached import RecordedTables
 from sparse_coord_ros.runlog.dialogue import Request
 from sparse_coord_ros.runlog.difference import Difference
-from sparse_coord_ros.runlog.timeline import Gap, gap_in_words
+from sparse_coord_ros.runlog.timeline import LostSteps, gap_in_words
 from sparse_coord_ros.runlog.tracks import Tracks, read_tracks
 from sparse_coord_ros.wire import ACTION, PERCEPT, REWARD
 from sparse_coord_ros.wire.frame import MOVE_OF, Frame
@@ -110,7 +110,7 @@ class RunLog:
         return self.tracks.broken_off
 
     @property
-    def gaps(self) -> list[Gap]:
+    def gaps(self) -> list[LostSteps]:
         """What is not in the log, in order; the last one without an end where it broke off."""
         found = sorted(self.tracks.gaps)
         if not self.broken_off:
@@ -118,7 +118,7 @@ class RunLog:
         tracks = self.tracks
         ends = [t.step.max() for t in (*tracks.states, tracks.clock) if len(t.step)]
         end = int(min(ends, default=0)) + 1
-        return [*(gap for gap in found if gap.first < end), Gap(end, None)]
+        return [*(gap for gap in found if gap.first < end), LostSteps(end, None)]
 
     @property
     def losses(self) -> list[str]:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.bags.gaps import Gap as BagGap
+from sparse_coord_ros.bags.gaps import Gap
 from sparse_coord_ros.bags.metadata import RESTARTED, ROLLED_BACK, SPLIT
 from sparse_coord_ros.bags.reader import Bag
 from sparse_coord_ros.game.world import EPISODE_GAP
@@ -38,7 +38,7 @@ MARGIN = 5
 """Time steps before and after a gap in which single messages may be missing."""
 
 
-class Gap(NamedTuple):
+class LostSteps(NamedTuple):
     """Time steps that are not in the log: from `first` to `last`; None: to the run's end."""
 
     first: int
@@ -115,7 +115,7 @@ def holds(place: int, step: int, backs: Sequence[Rollback]) -> bool:
 
 def gaps(
     bag: Bag, clocks: Sequence[np.ndarray], backs: Sequence[Rollback], said: int
-) -> tuple[list[Gap], list[Rollback]]:
+) -> tuple[list[LostSteps], list[Rollback]]:
     """Return what was not recorded between files, and the roll-backs with their `until`.
 
     What a recorder missed that came back is told by the clock, as it numbers messages on.
@@ -139,16 +139,16 @@ def gaps(
         if place and len(steps) and (why != SPLIT or back is not None):
             first = int(steps.min()) if back is None else back.first
             if first - end > EPISODE_GAP:
-                found.append(Gap(end + 1, first - 1))
+                found.append(LostSteps(end + 1, first - 1))
             if first < int(steps.min()):  # of a recorder that came back as the run went back
-                found.append(Gap(first, int(steps.min()) - 1))
+                found.append(LostSteps(first, int(steps.min()) - 1))
         elif why == RESTARTED and place == len(clocks) - 1 and said - end > EPISODE_GAP:
-            found.append(Gap(end + 1, said))
+            found.append(LostSteps(end + 1, said))
         end = max(end, int(steps.max(initial=0)))
     return found, known
 
 
-def lost(jumps: Sequence[Jump], period: int, known: Sequence[Gap]) -> list[Gap]:
+def lost(jumps: Sequence[Jump], period: int, known: Sequence[LostSteps]) -> list[LostSteps]:
     """Return gaps, those that are known and those of which missing numbers tell.
 
     The topics of every step say where a gap lies; that one which says something seldom misses
@@ -167,11 +167,11 @@ def lost(jumps: Sequence[Jump], period: int, known: Sequence[Gap]) -> list[Gap]:
             first - MARGIN <= gap.first and (gap.last or gap.first) <= last + MARGIN
             for gap in found
         ):
-            found.append(Gap(first, last))
+            found.append(LostSteps(first, last))
     return found
 
 
-def gap_in_words(gap: BagGap, period: int) -> str:
+def gap_in_words(gap: Gap, period: int) -> str:
     """Return which part of a bag cannot be read and why, and about which time steps that are."""
     first = "the beginning" if gap.first_ns is None else gap.first_ns // period
     last = "the end" if gap.last_ns is None else gap.last_ns // period

@@ -3,9 +3,8 @@
 """Computes a recorded run again and compares; the engine behind `sparse_coord verify`."""
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from operator import attrgetter
 from pathlib import Path
 
 from sparse_coord_ros.game.plugins import leaving_out
@@ -16,9 +15,7 @@ from sparse_coord_ros.runlog.improved import Plans, check_plans
 from sparse_coord_ros.runlog.judge import judge, topic_of
 from sparse_coord_ros.runlog.log import RunLog, read_run
 from sparse_coord_ros.runlog.percepts import check_percepts
-from sparse_coord_ros.runlog.stretches import stretches
-
-_LOST = attrgetter("lost")
+from sparse_coord_ros.runlog.stretches import Stretch, stretches
 
 
 @dataclass(frozen=True)
@@ -96,7 +93,6 @@ def verify(path: Path) -> Verification:
         RunError, ScenarioError, SettingError: the run in the bag is not one of this version.
     """
     log = read_run(path)
-    robots = range(len(log.names))
     parts = stretches(log)
     worlds: list[WorldCheck] = []
     agents: list[AgentCheck] = []
@@ -109,19 +105,15 @@ def verify(path: Path) -> Verification:
             "markers are not compared"
         )
     for part in parts:
-        if part.lost:
-            continue
-        world, team = WorldCheck(log, part), [AgentCheck(log, k, part) for k in robots]
-        here: list[Difference] = []
-        with leaving_out("percepts and answers", say):
-            here += check_percepts(log, part)
-        here += [*log.problems, *world.differences()]
-        here += _of_agents(log, team, say)
-        found += [one for one in here if one.step is not None and part.holds(one.step)]
-        worlds.append(world)
-        agents += team
-    plans = _of_plans(log, agents, [*found, *filter(_LOST, parts[-1:])], say)
-    found += plans.odd
+        if not part.lost:
+            world, team, differences = _of_part(log, part, say)
+            worlds.append(world)
+            agents += team
+            found += differences
+    plans = Plans()
+    if not found and not parts[-1].lost:  # else the agents do not know what the robots do
+        plans = _of_plans(log, agents, say)
+        found += plans.odd
     verdict = judge(log, agents, sorted(dict.fromkeys(found), key=lambda one: one.rank))
 
     def total(name: str, checks: Sequence[AgentCheck | WorldCheck] = agents) -> int:
@@ -143,37 +135,35 @@ def verify(path: Path) -> Verification:
         unlearned=total("unlearned"),
         resets=total("resets", worlds),
         kept=plans.kept,
-        repeats=sum(len(t.repeats) for k in robots for t in log.tracks.of(k)),
+        repeats=sum(len(t.repeats) for k in range(len(log.names)) for t in log.tracks.of(k)),
         not_compared=tuple((part.first, part.last) for part in parts if part.lost),
     )
 
 
-def _of_agents(
-    log: RunLog, agents: Sequence[AgentCheck], say: Callable[[str], None]
-) -> Iterator[Difference]:
-    """Yield in what actions and tables differ; say whose are not computed."""
+def _of_part(
+    log: RunLog, part: Stretch, say: Callable[[str], None]
+) -> tuple[WorldCheck, list[AgentCheck], list[Difference]]:
+    """Return who computed a part, and in what it differs; say what is not computed."""
+    world, team = WorldCheck(log, part), [AgentCheck(log, k, part) for k in range(len(log.names))]
+    found: list[Difference] = []
+    with leaving_out("percepts and answers", say):
+        found += check_percepts(log, part)
+    found += [*log.problems, *world.differences()]
     with leaving_out("actions and tables", say):
-        for agent in agents:
+        for agent in team:
             why = log.hides(agent.k)
             if why is None:
-                yield from agent.differences()
+                found += agent.differences()
             else:
                 say(why)
+    return world, team, [one for one in found if one.step is not None and part.holds(one.step)]
 
 
-def _of_plans(
-    log: RunLog,
-    agents: Sequence[AgentCheck],
-    why_not: Sequence[object],
-    say: Callable[[str], None],
-) -> Plans:
-    """Compare what the team made of what it had learned, where that is known of all.
-
-    Where anything differs, or the end is lost, the agents do not know what the robots do.
-    """
+def _of_plans(log: RunLog, agents: Sequence[AgentCheck], say: Callable[[str], None]) -> Plans:
+    """Compare what the team made of what it had learned, where that is known of all."""
     last = [one.agent for one in agents[-len(log.names) :]]
     known = [agent for agent in last if agent is not None]
-    if log.run.improve and not why_not and len(known) == len(log.names):
-        with leaving_out("improved tables", say):
+    with leaving_out("improved tables", say):
+        if log.run.improve and len(known) == len(log.names):
             return check_plans(log, known)
     return Plans()

@@ -152,8 +152,6 @@ def carry(
         factor *= pair.discount
         if squared:
             settle(sums, (t + 1) % 2, home)
-        if count == 0:
-            break
     for i in range(count if squared else 0):
         settle(sums, pair.horizon % 2, here[i])
     return True

@@ -30,7 +30,7 @@ def needless(scenario: Scenario) -> bool:
     return alone - shortest_path_reference(scenario).reward <= NO_MATTER * alone
 
 
-class Verdict(NamedTuple):
+class LastWord(NamedTuple):
     """What became of a team: one of the words above, and sentences for people."""
 
     kind: str
@@ -39,7 +39,7 @@ class Verdict(NamedTuple):
 
 def last_word(
     scenario: Scenario, learner: Learner, found: Evaluation | ExactEvaluation
-) -> Verdict:
+) -> LastWord:
     """Return whether a team has learned to coordinate, and what that is worth.
 
     The yardstick is a team on fixed shortest paths that minds nobody and never asks.
@@ -52,9 +52,9 @@ def last_word(
     alone, blind = independent_bound(scenario), shortest_path_reference(scenario)
     worth, missed = found.reward.mean, 1.0 - found.all_arrived
     if missed > HARDLY_EVER:
-        return Verdict(LOST, f"In {missed:.1%} of the trials some robot did not arrive.")
+        return LastWord(LOST, f"In {missed:.1%} of the trials some robot did not arrive.")
     if needless(scenario):
-        return Verdict(
+        return LastWord(
             NEEDLESS,
             "Coordination is not needed here: robots that take shortest paths and never ask are "
             f"worth {blind.reward:.2f} each, robots alone in the world {alone:.2f}.",
@@ -62,14 +62,14 @@ def last_word(
     left = f"{found.miscoordinations.mean:.2g} miscoordinations an episode"
     best = known_best(scenario) or known_optimum(scenario).value
     if worth - blind.reward >= ENOUGH * (best - blind.reward):
-        return Verdict(
+        return LastWord(
             LEARNED,
             f"Coordination was learned: it is worth {worth - blind.reward:.2f} a robot against "
             f"shortest paths without asking, with {left} instead of "
             f"{blind.miscoordinations:.2g}.",
         )
     tries = ["more steps"] if learner.factors else ["--learner factored", "more steps"]
-    return Verdict(
+    return LastWord(
         FAILING,
         f"Coordination is failing: {left} are left ({blind.miscoordinations:.2g} on shortest "
         f"paths without asking), and a robot is worth {worth:.2f} of up to {best:.2f}. Try "

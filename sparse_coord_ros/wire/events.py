@@ -8,7 +8,7 @@ from enum import IntEnum
 import numpy as np
 
 from sparse_coord_ros.wire.cdr import Fixed, Free, Item, Layout, no_stamp, nothing, place_at, stamp
-from sparse_coord_ros.wire.messages import POSE_ITEMS, Fill, Form, path, stamps_of
+from sparse_coord_ros.wire.messages import POSE_ITEMS, Fill, MessageForm, path, stamps_of
 
 
 class EventKind(IntEnum):
@@ -52,7 +52,7 @@ a request the asker (-1: no robot) and where it is, of a response whether and wh
 is."""
 
 
-def event_form(names: Sequence[str]) -> Form:
+def event_form(names: Sequence[str]) -> MessageForm:
     """Return the form of the events of nav_msgs/GetPlan in a team of robots.
 
     What persons ask may be anything: of a request of another form only the head is read.
@@ -67,7 +67,7 @@ def event_form(names: Sequence[str]) -> Form:
     for places in (0, 1):
         response = [*nothing("<u4"), Fixed("<u4", 1), *path(places)]
         found.append((Layout([*info, *response]), _fill(-1, ANSWERS)))
-    return Form(EVENT, [*found, (Layout(info), _fill(-1, QUESTIONS))])
+    return MessageForm(EVENT, [*found, (Layout(info), _fill(-1, QUESTIONS))])
 
 
 def _fill(asker: int, kinds: tuple[EventKind, ...]) -> Fill:

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The messages of a run, packed and read by the vocabulary, without ROS.
 
-A `Form` says how the messages of a topic look as bytes, and what rows they make. The nodes pack
-and read single messages by it (`Messages`), the log many at once, by columns.
+A `MessageForm` says how the messages of a topic look as bytes, and what rows they make. The nodes
+pack and read single messages by it (`Messages`), the log many at once, by columns.
 An error's text says what such a message does, such as "labels no number total".
 """
 
@@ -76,7 +76,7 @@ def no_other_form(message: Any) -> tuple[Any, ...]:
 
 
 @dataclass(frozen=True)
-class Form:
+class MessageForm:
     """How the messages of one topic look as bytes, and what rows they make.
 
     Attributes:
@@ -150,7 +150,7 @@ def read_pose(message: Any) -> tuple[int, tuple[float, float]]:
     return read_header(message.header), flat_position(message.pose)
 
 
-def labelled(labels: Sequence[str]) -> Form:
+def labelled(labels: Sequence[str]) -> MessageForm:
     """Return the form of a sensor_msgs/JointState whose positions, `numbers`, have labels."""
     count = len(labels)
 
@@ -164,7 +164,7 @@ def labelled(labels: Sequence[str]) -> Form:
     numbers = Free("numbers", f"({count},)<f8")
     items: list[Item] = [Fixed("<u4", count), *labels, Fixed("<u4", count), numbers]
     layout = Layout([*header(), *items, *nothing("<u4", "<u4")])
-    return Form(np.dtype([NS, ("numbers", "f8", (count,))]), [(layout, by_name)], read)
+    return MessageForm(np.dtype([NS, ("numbers", "f8", (count,))]), [(layout, by_name)], read)
 
 
 def read_labelled(message: Any) -> tuple[int, dict[str, float]]:
@@ -181,11 +181,11 @@ def read_labelled(message: Any) -> tuple[int, dict[str, float]]:
     return ns, dict(zip(labels, message.position, strict=True))
 
 
-CLOCK_FORM = Form(np.dtype([NS]), [(Layout(stamp()), by_name)])
+CLOCK_FORM = MessageForm(np.dtype([NS]), [(Layout(stamp()), by_name)])
 POSE_ITEMS = [*header(), *place()]
 """The fields of a geometry_msgs/PoseStamped."""
 
-POSE_FORM = Form(np.dtype([NS, ("xy", "2f8")]), [(Layout(POSE_ITEMS), by_name)], read_pose)
+POSE_FORM = MessageForm(np.dtype([NS, ("xy", "2f8")]), [(Layout(POSE_ITEMS), by_name)], read_pose)
 ACTION_FORM = labelled(ACTION.labels)
 REWARD_FORM = labelled(REWARD.labels)
 REFEREED_FORM = labelled((*REWARD.labels, PARTNERS))
@@ -200,7 +200,7 @@ def path(count: int) -> list[Item]:
     return items
 
 
-def percept_form(robots: int) -> Form:
+def percept_form(robots: int) -> MessageForm:
     """Return the form of a percept: `count` positions `places`, the own one first, then NaN."""
 
     def fill(count: int) -> Fill:
@@ -212,10 +212,10 @@ def percept_form(robots: int) -> Form:
         return put
 
     columns = np.dtype([NS, ("count", "i4"), ("places", "f8", (robots, 2))])
-    return Form(columns, [(Layout(path(n)), fill(n)) for n in range(1, robots + 1)])
+    return MessageForm(columns, [(Layout(path(n)), fill(n)) for n in range(1, robots + 1)])
 
 
-def grid_form(frame: Frame, due: bytes | None = None) -> Form:
+def grid_form(frame: Frame, due: bytes | None = None) -> MessageForm:
     """Return the form of an occupancy grid on the map: its `data`, southmost first.
 
     Args:
@@ -228,14 +228,14 @@ def grid_form(frame: Frame, due: bytes | None = None) -> Form:
     data = Free("data", f"({count},)i1") if due is None else Fixed(f"V{count}", due)
     items = [*no_stamp(), *size, *place_at(*frame.origin), Fixed("<u4", count), data]
     column = [("data", "i1", (count,))] if due is None else []
-    return Form(np.dtype([NS, *column]), [(Layout([*header(), *items]), by_name)])
+    return MessageForm(np.dtype([NS, *column]), [(Layout([*header(), *items]), by_name)])
 
 
 CUBE, SPHERE, CYLINDER, SHOW = 1, 2, 3, 0
 """Shapes of visualization_msgs/Marker, and what is to be done with it."""
 
 
-def markers_form(frame: Frame, scenario: Scenario) -> Form:
+def markers_form(frame: Frame, scenario: Scenario) -> MessageForm:
     """Return the form of the markers: doorways, then each robot's goal and itself, at `places`.
 
     The map is dark where walls are; the scene's boxes stand on the doorways' plates.
@@ -266,7 +266,7 @@ def markers_form(frame: Frame, scenario: Scenario) -> Form:
         return np.asarray(np.all([one == stamps[0] for one in stamps], axis=0))
 
     columns = np.dtype([NS, ("places", "f8", (len(scenario.robots), 2))])
-    return Form(columns, [(Layout(items), fill)])
+    return MessageForm(columns, [(Layout(items), fill)])
 
 
 def action_numbers(action: Action) -> tuple[float, ...]:
@@ -321,7 +321,7 @@ class Messages(Frame):
         self._grid = grid_form(self).layout
         self._markers = markers_form(self, run.scenario).layout
 
-    def _read(self, topic: Topic, form: Form, data: bytes) -> tuple[Any, ...]:
+    def _read(self, topic: Topic, form: MessageForm, data: bytes) -> tuple[Any, ...]:
         """Return (sec, nanosec, *numbers) of a message."""
         said = form.layout.unpack(data)
         if said is None:

@@ -4,17 +4,17 @@
 
 import numpy as np
 import pytest
+from teams import in_parts, whole
 
 from sparse_coord_ros.engine import batch
-from sparse_coord_ros.engine.batch import CompiledLearning, CompiledTeam, run_batch
+from sparse_coord_ros.engine.batch import CompiledTeam, run_batch
 from sparse_coord_ros.engine.kernels import PLAIN
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn import factored
-from sparse_coord_ros.learn.checkpoint import Checkpoint, load_checkpoint
 from sparse_coord_ros.learn.evaluation import play
 from sparse_coord_ros.learn.factors import FactorRule
 from sparse_coord_ros.learn.learners import Factored, learner_of
-from sparse_coord_ros.learn.simulation import Learning, tables_equal
+from sparse_coord_ros.learn.simulation import tables_equal
 from sparse_coord_ros.solve.exact import evaluate_exact
 
 SETTINGS = {"steps": 1600, "max_steps": 30, "penalty": -50, "q_coord_init": 60}
@@ -49,12 +49,6 @@ class Polite(Factored):
 def problem(name, **settings):
     chosen = load_scenario(name).with_settings({"epsilon": "constant:0.5", **SETTINGS, **settings})
     return learner_of("factored").with_defaults(chosen)
-
-
-def whole(scenario, learner, seed):
-    learning = Learning(scenario, learner, seed)
-    learning.advance(scenario.steps)
-    return learning
 
 
 @pytest.fixture(params=[factored.DENSE_ROWS, 0], ids=["dense", "sparse"])
@@ -122,18 +116,7 @@ def test_a_run_in_parts_through_files_is_the_unbroken_run(
     monkeypatch.setattr(batch, "BLOCK", 64)
     scenario, rule = problem(name, **settings), learner_of("factored")
     expected = whole(scenario, rule, 5)
-    team = CompiledTeam(scenario, rule)
-    learning = CompiledLearning(team, 5)
-    for part, until in enumerate((1, 63, 64, 700, 1501, scenario.steps)):
-        learning.advance(until)
-        path = tmp_path / f"{part}.npz"
-        Checkpoint(learning.state(), (), 0, 0).save(path, scenario, rule, 5)
-        state = load_checkpoint(path, scenario, rule, 5).state
-        # Each engine goes on where the other one was.
-        plain = part % 2 == 0
-        learning = (Learning if plain else CompiledLearning)(
-            *((scenario, rule) if plain else (team,)), 5, state
-        )
+    learning = in_parts(scenario, rule, 5, (1, 63, 64, 700, 1501, scenario.steps), tmp_path)
     assert tables_equal(learning.tables, expected.tables)
     assert learning.history.same_bits(expected.history)
     assert np.array_equal(learning.visited, expected.visited)

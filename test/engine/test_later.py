@@ -4,11 +4,10 @@
 
 import numpy as np
 import pytest
-from teams import drawn
+from teams import drawn, in_parts, whole
 
 from sparse_coord_ros.engine import batch
 from sparse_coord_ros.engine.batch import (
-    CompiledLearning,
     CompiledTeam,
     make_problem,
     run_batch,
@@ -17,10 +16,9 @@ from sparse_coord_ros.engine.kernels import PLAIN
 from sparse_coord_ros.engine.training import train
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.learn import loops
-from sparse_coord_ros.learn.checkpoint import Checkpoint, load_checkpoint
 from sparse_coord_ros.learn.evaluation import play
 from sparse_coord_ros.learn.learners import learner_of
-from sparse_coord_ros.learn.simulation import Learning, tables_equal
+from sparse_coord_ros.learn.simulation import tables_equal
 from sparse_coord_ros.solve.exact import evaluate_exact
 
 SETTINGS = {"steps": 1500, "max_steps": 30, "penalty": -50, "epsilon": "constant:0.3"}
@@ -34,12 +32,6 @@ LIVE, CENTRAL = ("cq", "fcq"), ("joint", "vdn")
 
 def problem(**settings):
     return drawn("1.D.2", **{**SETTINGS, **settings})
-
-
-def whole(scenario, learner, seed):
-    learning = Learning(scenario, learner, seed)
-    learning.advance(scenario.steps)
-    return learning
 
 
 @pytest.mark.parametrize("learner", LIVE)
@@ -63,17 +55,7 @@ def test_a_run_in_parts_through_files_is_the_unbroken_run(monkeypatch, tmp_path,
     monkeypatch.setattr(batch, "BLOCK", 64)
     scenario, rule = problem(perception="probability:0.8"), learner_of(learner)
     expected = whole(scenario, rule, 5)
-    team = CompiledTeam(scenario, rule)
-    learning = CompiledLearning(team, 5)
-    for part, until in enumerate((1, 63, 64, 901, scenario.steps)):
-        learning.advance(until)
-        path = tmp_path / f"{part}.npz"
-        Checkpoint(learning.state(), (), 0, 0).save(path, scenario, rule, 5)
-        state = load_checkpoint(path, scenario, rule, 5).state
-        plain = part % 2 == 0
-        learning = (Learning if plain else CompiledLearning)(
-            *((scenario, rule) if plain else (team,)), 5, state
-        )
+    learning = in_parts(scenario, rule, 5, (1, 63, 64, 901, scenario.steps), tmp_path)
     assert tables_equal(learning.tables, expected.tables)
     assert learning.history.same_bits(expected.history)
 
@@ -109,7 +91,7 @@ def transition(learner, cells, moves, after, *, acting=(0, 1)):
     """Let two robots learn from one transition in fresh minds; return these and the problem."""
     scenario, rule = problem(ask_cost=1), learner_of(learner)
     minds = rule.minds.initial(scenario, rule, 1)
-    game = loops.Game(np.zeros(5, np.int64), np.array(cells), np.array([0, 0], np.int8))
+    game = loops.GameState(np.zeros(5, np.int64), np.array(cells), np.array([0, 0], np.int8))
     game.arrived[[k for k in range(2) if k not in acting]] = 1
     state = loops.State(
         make_problem(scenario, rule, np.arange(2)),

@@ -39,7 +39,7 @@ def test_one_rule_for_numbers_arrays_and_the_loops(conflict, places):
     scenario = scenario_from_dict(data, where="", name="corridor")
     assert meeting_places(scenario).tolist() == places
     problem = make_problem(scenario, learner_of("coop"), np.arange(3))
-    game = loops.Game(np.zeros(5, np.int64), np.zeros(3, np.int64), np.ones(3, np.int8))
+    game = loops.GameState(np.zeros(5, np.int64), np.zeros(3, np.int64), np.ones(3, np.int8))
     state = loops.State(problem, game, None, None)
     due, found = [], np.zeros(3, np.int64)
     for cells in STATES.tolist():

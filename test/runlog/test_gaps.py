@@ -19,7 +19,7 @@ from sparse_coord_ros.learn.run_config import RUN_RECORD
 from sparse_coord_ros.learn.tables import pack_tables, unpack_saved
 from sparse_coord_ros.runlog import read_run, verify
 from sparse_coord_ros.runlog.explain import coordinations, explain
-from sparse_coord_ros.runlog.timeline import Gap, Jump, lost
+from sparse_coord_ros.runlog.timeline import Jump, LostSteps, lost
 from sparse_coord_ros.runlog.window import LongLog
 
 CHUNK = 20_000
@@ -378,9 +378,9 @@ def test_a_part_of_a_bag_has_no_gap_before_it(chunked, flipped):
 def test_where_numbers_say_that_a_gap_is():
     """The topic that speaks most often knows it best."""
     clock, rare = Jump("/clock", 100, 200, None), Jump("/robot_1/percept", 20, 700, None)
-    assert lost([rare, clock], 10, []) == [Gap(11, 19)]
+    assert lost([rare, clock], 10, []) == [LostSteps(11, 19)]
     late = Jump("/robot_1/reward", 90, 210, None)
-    assert lost([rare, late, clock], 10, []) == [Gap(11, 19)]
+    assert lost([rare, late, clock], 10, []) == [LostSteps(11, 19)]
     two = [clock, Jump("/clock", 500, 560, None)]
-    assert lost(two, 10, [Gap(12, 18)]) == [Gap(12, 18), Gap(51, 55)]
-    assert lost([Jump("/clock", 50, 60, None)], 10, []) == [Gap(6, 6)]
+    assert lost(two, 10, [LostSteps(12, 18)]) == [LostSteps(12, 18), LostSteps(51, 55)]
+    assert lost([Jump("/clock", 50, 60, None)], 10, []) == [LostSteps(6, 6)]

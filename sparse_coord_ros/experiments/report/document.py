@@ -13,7 +13,7 @@ from sparse_coord_ros.experiments.report.charts import save
 from sparse_coord_ros.experiments.report.drawings import figures_of
 from sparse_coord_ros.experiments.report.reasons import misses, provenances
 from sparse_coord_ros.experiments.report.rows import names, to_csv
-from sparse_coord_ros.experiments.report.sections import Finding, reward_claims, section_of
+from sparse_coord_ros.experiments.report.sections import JudgedClaim, reward_claims, section_of
 from sparse_coord_ros.experiments.report.text import Row
 from sparse_coord_ros.experiments.store import ConditionResult, Plan, write_result
 from sparse_coord_ros.version import __version__
@@ -103,7 +103,7 @@ def _game(result: ConditionResult) -> str:
     return f"penalty {scenario.penalty:g}, {text.steps(scenario)} learning steps"
 
 
-def _findings(claims: Iterable[Finding], *, judged: bool) -> Iterator[Row]:
+def _findings(claims: Iterable[JudgedClaim], *, judged: bool) -> Iterator[Row]:
     """Yield rows of the table of findings; a single run has no error, nothing is judged."""
     for one in claims:
         verdict = {0: "no", one.cases: "yes"}.get(one.holds, f"in {text.of(one.holds, one.cases)}")

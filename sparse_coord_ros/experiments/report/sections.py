@@ -50,7 +50,7 @@ MARGIN = 0.5
 
 
 @dataclass(frozen=True)
-class Finding:
+class JudgedClaim:
     """A line of the findings.
 
     Attributes:
@@ -79,7 +79,7 @@ class Section:
     """
 
     rows: Sequence[Row]
-    claims: Sequence[Finding] = ()
+    claims: Sequence[JudgedClaim] = ()
     values: Mapping[str, Any] = field(default_factory=dict)
 
 
@@ -90,7 +90,7 @@ def _words() -> dict[str, dict[str, str]]:
     return found
 
 
-def finding(name: str, holds: int, cases: int, **values: Any) -> Finding:
+def finding(name: str, holds: int, cases: int, **values: Any) -> JudgedClaim:
     """Return a line of the findings, its words by its name from claims.yaml.
 
     Args:
@@ -103,7 +103,7 @@ def finding(name: str, holds: int, cases: int, **values: Any) -> Finding:
     text, source, measured = (
         _words()[name][part].format(**said) for part in ("claim", "from", "measured")
     )
-    return Finding(text, source, measured, holds, cases)
+    return JudgedClaim(text, source, measured, holds, cases)
 
 
 def section_of(name: str, results: Results) -> Section:
@@ -174,7 +174,7 @@ def _rewards(table: str, results: Results) -> Section:
     return Section(rows, [claim], values)
 
 
-def reward_claims(source: str, results: Results) -> list[Finding]:
+def reward_claims(source: str, results: Results) -> list[JudgedClaim]:
     """Return how Coop. fares against the baselines, Indiv. against exact values; who arrives."""
     below = []
     for own in by_scenario(results):
