@@ -143,9 +143,20 @@ def test_a_robot_leaves_when_all_is_learned(waiting, newest, done):
     presence.hear("this", "finished", 9, 9, 1.0)
     presence.hear("this", "finished", 9, 9, 2.0)
     lockstep = SimpleNamespace(waiting=waiting, newest=(newest, 3))
-    member = SimpleNamespace(joined=True, lockstep=lockstep, _presence=presence)
+    member = SimpleNamespace(joined=True, lockstep=lockstep, _presence=presence, _exchange=None)
     assert Member.all_done(member, 1.0 + LAST_WORDS_SECONDS) is done
     assert Member.all_done(member, 1.0 + LAST_WORDS_SECONDS + 0.1)
+
+
+def test_a_robot_that_plans_leaves_when_the_exchange_is_over():
+    presence = WorldPresence("this", 9, 0.0, 0.0)
+    presence.hear("this", "finished", 9, 9, 1.0)
+    lockstep, exchange = SimpleNamespace(waiting=None, newest=(9, 3)), SimpleNamespace()
+    member = SimpleNamespace(joined=True, lockstep=lockstep, _presence=presence, _finished=True)
+    member._exchange = exchange
+    for over in (False, True):
+        exchange.over = lambda over=over: over
+        assert Member.all_done(member, 1.1) is over
 
 
 def test_the_deadline_of_what_is_waited_for():
