@@ -41,9 +41,8 @@ from sparse_coord_ros.limits import SCENARIO, parse_yaml, read_text
 from sparse_coord_ros.lockstep.checkpoints import check_robots
 from sparse_coord_ros.look.layouts import foxglove_layout, rviz_config
 from sparse_coord_ros.nodes.parameters import PARAMETERS
+from sparse_coord_ros.share import PACKAGE
 from sparse_coord_ros.wire import CLOCK, RECORDER, WORLD
-
-PACKAGE = "sparse_coord_ros"
 
 _WORLD = PARAMETERS[WORLD]
 ARGUMENTS = SettingTable(

@@ -26,6 +26,7 @@ from sparse_coord_ros.game.perception import asked_peers
 from sparse_coord_ros.game.scenario import Scenario, loaded
 from sparse_coord_ros.game.streams import EVALUATION, LEARNING, PEER, POLICY, Stream
 from sparse_coord_ros.game.world import Action, Reward, StepOutcome, World
+from sparse_coord_ros.learn.agent import NOBODY
 from sparse_coord_ros.learn.run_config import RUN_SETTINGS
 from sparse_coord_ros.palette import DOORWAY_COLOUR, WALL_COLOUR, rgb, robot_colour
 
@@ -39,7 +40,6 @@ except ImportError as missing:
     ) from None
 
 STARTS = ("fixed", "protocol")
-NOBODY = -1
 NO_REWARD = Reward(0.0, 0.0, 0.0, 0.0)
 SIDE = 16
 """Pixels along the side of a cell in pictures."""

@@ -24,6 +24,7 @@ from sparse_coord_ros.bags.metadata import CONTINUED_RECORD, RECOVERED_RECORD, F
 from sparse_coord_ros.bags.records import (
     HEAD,
     LATEST_NS,
+    LENGTH,
     MAGIC,
     MESSAGE,
     Cut,
@@ -54,7 +55,6 @@ TOGETHER = 1 << 20
 
 _CHUNK_HEAD = struct.Struct("<QQQII")
 """Earliest and latest time, size and checksum of the content, length of the compression's name."""
-_LENGTH = struct.Struct("<Q")
 _CRC_BYTES = 4
 _BARE = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
 _FOOTER = HEAD.pack(Opcode.FOOTER, 20)
@@ -404,8 +404,8 @@ class BagFile:
         head = self._source.read(record.body, min(record.length, 64))
         with suppress(struct.error):
             start_ns, end_ns, content, crc, name = _CHUNK_HEAD.unpack_from(head)
-            [size] = _LENGTH.unpack_from(head, _CHUNK_HEAD.size + name)
-            if _CHUNK_HEAD.size + name + _LENGTH.size + size == record.length:
+            [size] = LENGTH.unpack_from(head, _CHUNK_HEAD.size + name)
+            if _CHUNK_HEAD.size + name + LENGTH.size + size == record.length:
                 length = record.end - record.offset
                 return Block(record.offset, length, content, start_ns, end_ns), crc
         raise Damage(record.offset, "a chunk record whose fields do not fit into it")

@@ -244,7 +244,7 @@ def _zstd(data: bytes, size: int) -> bytes:
     return zstandard.ZstdDecompressor().decompress(data, max_output_size=max(size, 1))
 
 
-_LENGTH = struct.Struct("<Q")
+LENGTH = struct.Struct("<Q")
 
 
 def message_heads(
@@ -266,7 +266,7 @@ def message_heads(
     """
     places: list[int] = []
     place, size = 0, len(content)
-    append, length_at = places.append, _LENGTH.unpack_from
+    append, length_at = places.append, LENGTH.unpack_from
     last = size - HEAD.size
     while place <= last:
         append(place)

@@ -13,6 +13,7 @@ from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli.computing import Bar
 from sparse_coord_ros.cli.options import Option
 from sparse_coord_ros.errors import SettingError
+from sparse_coord_ros.game.scenario import PAPER_MEASURES
 from sparse_coord_ros.learn.agent import Tables
 from sparse_coord_ros.learn.checkpoint import CHECKPOINT_FILE
 from sparse_coord_ros.learn.evaluation import TRIALS, Evaluation, check_tables, evaluate
@@ -31,8 +32,6 @@ if TYPE_CHECKING:
     from sparse_coord_ros.solve.exact import ExactEvaluation
 
 PAPER_PENALTY = -20.0
-MEASURES = ("reward", "time_to_goal", "miscoordinations")
-"""Measures that the paper prints."""
 
 EXAMPLE = (
     "sparse_coord train env1 --out runs/a && sparse_coord evaluate runs/a\n"
@@ -163,7 +162,7 @@ def result_table(found: Sequence[Evaluated], *, several: bool = False) -> str:
         arrived = f"{100 * result.all_arrived:.2f} %"
         if isinstance(result, Evaluation):
             arrived = f"{result.trials - result.not_arrived} of {result.trials}"
-        measures = (getattr(result, name) for name in MEASURES)
+        measures = (getattr(result, name) for name in PAPER_MEASURES)
         rows.append(
             [
                 f"{f'{directory}: ' * several}{title}, {result.how}",
@@ -174,7 +173,7 @@ def result_table(found: Sequence[Evaluated], *, several: bool = False) -> str:
         )
     for title, paper in papers.items():
         if paper:
-            pairs = (paper.get(name) for name in MEASURES)
+            pairs = (paper.get(name) for name in PAPER_MEASURES)
             cells = ["-" if pair is None else "{:.2f} ± {:.2f}".format(*pair) for pair in pairs]
             rows.append([f"{title}, paper", *cells, "-", "-"])
     for name, value in yardsticks(scenario):

@@ -8,10 +8,9 @@ from pathlib import Path
 
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli import pictures
-from sparse_coord_ros.cli.options import Option
+from sparse_coord_ros.cli.options import SEED, Option
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.game.scenario import Scenario
-from sparse_coord_ros.learn.run_config import RUN_SETTINGS
 from sparse_coord_ros.solve.class_search import (
     RESTARTS,
     WARNING,
@@ -23,7 +22,6 @@ from sparse_coord_ros.solve.optimum import LARGEST, independent_bound, joint_opt
 from sparse_coord_ros.solve.reference import shortest_path_reference
 from sparse_coord_ros.solve.shipped import shipped_best_team, shipped_class_bound, shipped_routes
 
-SEED = RUN_SETTINGS["seed"]
 OF_THE_SEARCH = ("restarts", "seed", "out")
 
 EXAMPLE = "sparse_coord optimum env1 --penalty -100"

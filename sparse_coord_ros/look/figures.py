@@ -22,7 +22,7 @@ from sparse_coord_ros.game.actions import DIRECTIONS
 from sparse_coord_ros.learn.evaluation import acting_on
 from sparse_coord_ros.learn.learners import learner_of
 from sparse_coord_ros.look.policy import policy_of, sparsity_of
-from sparse_coord_ros.look.sources import TRIALS, Shown
+from sparse_coord_ros.look.sources import PLAYED_EPISODES, Shown
 from sparse_coord_ros.look.steps import ended
 from sparse_coord_ros.palette import OUTCOME_COLOURS, robot_colour
 from sparse_coord_ros.runlog.log import RunLog
@@ -284,7 +284,7 @@ def _draw_shades(
 
 
 def _asks(shown: Shown, label: str) -> Iterator[Panel]:
-    asked, names = shown.trials.asked / TRIALS, _names(shown)
+    asked, names = shown.trials.asked / PLAYED_EPISODES, _names(shown)
     titles = [f"{name} asks {asked[k].sum():.2f} times" for k, name in enumerate(names)]
     if len(names) > 2:
         asked = asked.sum(axis=0, keepdims=True)

@@ -27,8 +27,7 @@ from sparse_coord_ros.learn.evaluation import Evaluation
 from sparse_coord_ros.learn.learners import learner_of
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.look import figures
-from sparse_coord_ros.look.sources import TRIALS as PLAYED_EPISODES
-from sparse_coord_ros.look.sources import Shown
+from sparse_coord_ros.look.sources import PLAYED_EPISODES, Shown
 from sparse_coord_ros.look.steps import ended
 from sparse_coord_ros.palette import ANSWERED
 from sparse_coord_ros.runlog.explain import explained, in_words

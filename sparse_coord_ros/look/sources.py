@@ -20,7 +20,7 @@ from sparse_coord_ros.runlog.log import RunLog
 from sparse_coord_ros.runlog.window import MOVES, LongLog
 from sparse_coord_ros.wire import PERCEPT, ROSOUT, SERVICE_EVENTS, STATUS
 
-TRIALS = 200
+PLAYED_EPISODES = 200
 """Greedy episodes from which pictures show where robots go and ask."""
 
 Say = Callable[[str], None]
@@ -131,8 +131,8 @@ class Shown:
     def trials(self) -> Trials:
         """Greedy episodes of what it has learned, always the same ones; errors as of `tables`."""
         scenario, tables = self.config.scenario, self.tables
-        self.say(f"playing {TRIALS} greedy episodes")
-        return play(scenario, tables, trials=TRIALS, seed=0, learner=self.config.rule)
+        self.say(f"playing {PLAYED_EPISODES} greedy episodes")
+        return play(scenario, tables, trials=PLAYED_EPISODES, seed=0, learner=self.config.rule)
 
     @cached_property
     def played(self) -> Trials | None:

@@ -13,6 +13,7 @@ import numpy as np
 
 from sparse_coord_ros.game.actions import ACTIONS, DIRECTIONS
 from sparse_coord_ros.learn.agent import Tables
+from sparse_coord_ros.learn.evaluation import MEASURES
 from sparse_coord_ros.learn.history import History
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.learn.simulation import Glimpse
@@ -46,8 +47,6 @@ DIALOGUE = 40
 
 TRIALS = 300
 """Trials of a team that cannot be evaluated exactly."""
-
-MEASURES = ("reward", "time_to_goal", "miscoordinations", "asks")
 
 SHAPES = ("circle", "square", "triangle", "diamond", "pentagon", "hexagon", "star", "cross")
 """What tells the robots apart beside colour and number."""
