@@ -98,13 +98,12 @@ def one_by_one(
 
 
 def show_end(server: "Server", out: Path) -> None:
-    """Show the value of a finished run's tables."""
-    from sparse_coord_ros.look.page.messages import evaluation_fields
+    """Show what a finished run has learned."""
+    from sparse_coord_ros.look.page.messages import put_end
 
     try:
         run = load_run(out)
-        found = evaluation_fields(run, load_team(out, run.scenario), None)
-        server.board.put("evaluation", **found)
+        put_end(server.board, run, load_team(out, run.scenario))
     except SparseCoordError as error:
         server.board.put("notice", text=str(error))
 

@@ -50,9 +50,14 @@ def _live(options: argparse.Namespace) -> int:
 def _bags(options: argparse.Namespace) -> int:
     from sparse_coord_ros.look.page.bag_source import BagSource
     from sparse_coord_ros.look.page.board import Board
+    from sparse_coord_ros.look.page.training_source import TrainedView
+    from sparse_coord_ros.look.sources import open_shown
 
     first, *others = (
-        BagSource(bag, Board(), rate=options.rate, step=options.step) for bag in options.bags
+        BagSource(path, Board(), rate=options.rate, step=options.step)
+        if open_shown(path).bag
+        else TrainedView(open_shown(path), Board())
+        for path in options.bags
     )
     boards = [one.board for one in (first, *others)]
     with served(options, *boards) as server, suppress(KeyboardInterrupt):

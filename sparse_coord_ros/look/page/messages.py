@@ -17,11 +17,13 @@ from sparse_coord_ros.learn.evaluation import MEASURES
 from sparse_coord_ros.learn.history import History
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.learn.simulation import Glimpse
-from sparse_coord_ros.look.page.board import Message
+from sparse_coord_ros.look.episodes import BUSIEST, played_episode
+from sparse_coord_ros.look.page.board import Board, Message
 from sparse_coord_ros.look.policy import entered, policy_of
 from sparse_coord_ros.look.steps import questions_of
 from sparse_coord_ros.look.words import Words
 from sparse_coord_ros.palette import (
+    ANSWERED,
     DOORWAY_COLOUR,
     OUTCOME_COLOURS,
     OUTCOME_SIGNS,
@@ -179,6 +181,25 @@ def evaluation_fields(run: RunConfig, tables: Sequence[Tables], step: int | None
         "last_word": last_word(run.scenario, run.rule, result).text if step is None else "",
         "yardsticks": yardsticks(run.scenario),
     }
+
+
+def put_end(board: Board, run: RunConfig, tables: Sequence[Tables]) -> tuple[Glimpse, ...]:
+    """Show the value of a finished run's tables, and in words what they do in a greedy episode.
+
+    Returns:
+        The episode's transitions.
+
+    Raises:
+        TablesError: the tables do not fit the run.
+    """
+    board.put("evaluation", **evaluation_fields(run, tables, None))
+    steps = played_episode(run.scenario, tables, BUSIEST, seed=0, learner=run.rule).steps
+    words = Words(run.scenario)
+    asked = [(one.end, words.question(seen, one)) for seen in steps for one in questions_of(seen)]
+    asked.sort(key=lambda told: told[0].outcome == ANSWERED)
+    text = asked[-1][1] if asked else "In greedy episodes no robot asks another one."
+    board.put("learned", lines=[text], first=None, step=None)
+    return steps
 
 
 def in_words(

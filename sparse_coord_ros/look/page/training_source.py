@@ -9,9 +9,12 @@ import numpy as np
 from sparse_coord_ros.engine.training import LearningRun, Training
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.learn.simulation import Glimpse
+from sparse_coord_ros.look.page import messages
+from sparse_coord_ros.look.page.bag_source import SHOWN_RATE
 from sparse_coord_ros.look.page.board import Board
 from sparse_coord_ros.look.page.controls import NEXT, PAUSE, RATE, STEP, Control, Controlled
 from sparse_coord_ros.look.page.live_source import LiveView
+from sparse_coord_ros.look.sources import Shown
 from sparse_coord_ros.wire import RunState
 
 LOOKS_A_SECOND = 30
@@ -85,3 +88,32 @@ class TrainingView(LiveView, Controlled):
         self.state = RunState.FINISHED
         self.show(transitions=done.transitions, episode=0, rate=self._rate)
         self._show_learned(done)
+
+
+class TrainedView(LiveView):
+    """Shows what a run without a bag has learned, and the greedy episode that its words are of.
+
+    Args:
+        shown: the run.
+        board: where the messages go.
+
+    Raises:
+        SparseCoordError: as of the parts of `Shown`.
+    """
+
+    def __init__(self, shown: Shown, board: Board) -> None:
+        run, tables = shown.config, shown.tables
+        super().__init__(run, board, source="train", title=str(shown.path), controls=())
+        self.state, self._made = RunState.FINISHED, int(shown.history.length.sum())
+        newest = {k: (self._made, own) for k, own in enumerate(tables)}
+        self.show_learned(shown.history, newest, asked=shown.trials.asked)
+        self._steps = messages.put_end(board, run, tables)
+
+    def play(self) -> None:
+        """Play the episode again and again until interrupted."""
+        while True:
+            self._told.clear()
+            for seen in self._steps:
+                self.take(seen)
+                self.show(transitions=self._made, episode=0, rate=SHOWN_RATE)
+                time.sleep(1 / SHOWN_RATE)

@@ -4,6 +4,7 @@
 
 import numpy as np
 import pytest
+from teams import walking
 
 from sparse_coord_ros.engine.batch import CompiledLearning, CompiledTeam
 from sparse_coord_ros.engine.kernels import PLAIN
@@ -11,11 +12,13 @@ from sparse_coord_ros.engine.training import train
 from sparse_coord_ros.game.actions import COORDINATE
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.game.world import Action
+from sparse_coord_ros.learn.history import blank_history
 from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.learn.simulation import Learning, tables_equal
 from sparse_coord_ros.look.page.board import Board
 from sparse_coord_ros.look.page.controls import PAUSE, RATE, STEP, Control
-from sparse_coord_ros.look.page.training_source import TrainingView
+from sparse_coord_ros.look.page.training_source import TrainedView, TrainingView
+from sparse_coord_ros.look.sources import in_memory
 
 OFTEN = {"q_star_init": 100, "ask_cost": 0, "epsilon": "constant:0.3", "steps": 300}
 
@@ -137,3 +140,28 @@ def test_the_last_step_is_made_though_it_cannot_be_shown_apart(clock):
         view = TrainingView(make_run(problem, {}), Board(), title="")
         view.control(command)
         assert train(problem, "coop", 0, engine="python", watcher=view).transitions == 1
+
+
+@pytest.mark.parametrize(
+    ("asking", "said"),
+    [(0.0, "robot_1 asks "), (-99.0, "In greedy episodes no robot asks")],
+)
+def test_a_run_without_a_bag_is_shown_by_a_greedy_episode(asking, said, clock):
+    board, run = Board(), make_run(scenario(), {})
+    tables = walking(run.scenario, asking)
+    view = TrainedView(in_memory(run, tables, blank_history(0, 2)), board)
+    assert board.get("learned")["lines"][0].startswith(said)
+    assert board.get("evaluation")["last_word"]
+    frames = []
+
+    def stop():
+        raise KeyboardInterrupt
+
+    clock.then = {i / 2: lambda: frames.append(board.get("frame")) for i in range(1, 40)}
+    clock.then[20.0] = stop
+    with pytest.raises(KeyboardInterrupt):
+        view.play()
+    cells = [tuple(frame["cells"]) for frame in frames]
+    first = tuple(robot.start for robot in run.scenario.robots)
+    assert cells[0] == first and cells.count(first) > 1, "it is played again"
+    assert any(frame["asks"] for frame in frames) == (asking == 0.0)

@@ -43,7 +43,7 @@ export function learnedPanel(learned, jump) {
   if (!learned) return;
   const button = (words, what) => html("button", { type: "button", onclick: what }, words);
   const seek = (at) => { $("seek").value = at; $("seek").dispatchEvent(new Event("input")); };
-  $("learned").replaceChildren(html("b", {}, learned.lines.join(" ")), ...(jump ? [
+  $("learned").replaceChildren(html("b", {}, learned.lines.join(" ")), ...(jump && learned.first !== null ? [
     button("See it again", () => jump("learned")), button("From step 0", () => seek(0))] : []));
 }
 
