@@ -144,13 +144,13 @@ def test_the_last_step_is_made_though_it_cannot_be_shown_apart(clock):
 
 @pytest.mark.parametrize(
     ("asking", "said"),
-    [(0.0, "robot_1 asks "), (-99.0, "In greedy episodes no robot asks")],
+    [(0.0, " moves from the doorway. Answer: "), (-99.0, "no robot asks another")],
 )
 def test_a_run_without_a_bag_is_shown_by_a_greedy_episode(asking, said, clock):
     board, run = Board(), make_run(scenario(), {})
     tables = walking(run.scenario, asking)
     view = TrainedView(in_memory(run, tables, blank_history(0, 2)), board)
-    assert board.get("learned")["lines"][0].startswith(said)
+    assert said in board.get("learned")["lines"][0]
     assert board.get("evaluation")["last_word"]
     frames = []
 
