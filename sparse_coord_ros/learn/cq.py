@@ -37,7 +37,6 @@ from sparse_coord_ros.learn.agent import (
     Tables,
     learn_entry,
     move_by_rows,
-    with_memories,
 )
 from sparse_coord_ros.learn.algorithm import Values, greatest, weighed
 from sparse_coord_ros.learn.archive import member
@@ -221,12 +220,10 @@ class CQMinds(NamedTuple):
 
     def remember(self, memories: Sequence[Memory], scenario: Scenario) -> "CQMinds":
         """Return what robots know that remember all this."""
-        cells = len(scenario.map.cells)
         for k, memory in enumerate(memories):
             self.samples[k] = memory.more["samples"]
-        keys = [memory.states[:, 0] * cells + memory.states[:, 1] for memory in memories]
-        found: CQMinds = with_memories(self, memories, keys)
-        return found
+        TableMinds(*self[:3]).remember(memories, scenario)
+        return self
 
     @staticmethod
     def begin_step(state: loops.State, minds: Any) -> None:
