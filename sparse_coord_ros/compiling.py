@@ -146,6 +146,10 @@ def delegated(function: F) -> F:
     return function
 
 
+def nothing(state: Any, minds: Any) -> None:
+    """Do nothing in a step, as a class without such a method does."""
+
+
 def before_compiling(function: Callable[[dict[str, Any]], None]) -> Callable[..., None]:
     """Call a function with the compiler's options once, before the first loop is compiled."""
     _before.append(function)
@@ -165,7 +169,7 @@ def _registered(function: Callable[..., Any]) -> None:
     else:
 
         def chosen(*args: Any) -> Any:
-            return getattr(args[1].instance_class, function.__name__)
+            return getattr(args[1].instance_class, function.__name__, nothing)
 
         extending.overload(function, jit_options={**options, **inline}, strict=False)(chosen)
 

@@ -460,14 +460,6 @@ class TableMinds(NamedTuple):
         return found
 
     @staticmethod
-    def begin_step(state: loops.State, minds: Any) -> None:
-        """Nothing is to be done."""
-
-    @staticmethod
-    def end_step(state: loops.State, minds: Any) -> None:
-        """Nothing is to be done."""
-
-    @staticmethod
     def coordinate(
         state: loops.State, minds: "TableMinds", step: int, k: int, epsilon: float
     ) -> int:

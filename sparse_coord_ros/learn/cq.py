@@ -226,14 +226,6 @@ class CQMinds(NamedTuple):
         return self
 
     @staticmethod
-    def begin_step(state: loops.State, minds: Any) -> None:
-        """Nothing is to be done."""
-
-    @staticmethod
-    def end_step(state: loops.State, minds: Any) -> None:
-        """Nothing is to be done."""
-
-    @staticmethod
     def coordinate(state: loops.State, minds: "CQMinds", step: int, k: int, epsilon: float) -> int:
         """Turn COORDINATE into a move by the row that is perceived, or by Q*; or explore."""
         move = move_by_rows(state, minds, step, k)

@@ -89,10 +89,6 @@ class JointMinds(NamedTuple):
         minds.error[0] = 0.0
 
     @staticmethod
-    def end_step(state: loops.State, minds: Any) -> None:
-        """Nothing is to be done."""
-
-    @staticmethod
     def coordinate(state: loops.State, minds: Any, step: int, k: int, epsilon: float) -> int:
         """Turn COORDINATE into a move by the joint state's row."""
         return move_by_rows(state, minds, step, k)

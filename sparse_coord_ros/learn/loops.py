@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 
-from sparse_coord_ros.compiling import delegated, inlined, inner
+from sparse_coord_ros.compiling import delegated, inlined, inner, nothing
 from sparse_coord_ros.game.generator import MOST, jumped, uniform
 from sparse_coord_ros.game.links import LOST
 from sparse_coord_ros.game.miscoordination import NOWHERE, together
@@ -240,9 +240,10 @@ def epsilon_at(state: State, step: int) -> float:
 class Minds(Protocol):
     """The compiled form of a learner: what all robots know, as a named tuple of arrays.
 
-    Beside what is here it has static methods, one for each `delegated` function of this module,
-    which are compiled into the loops. They may call what `compiling.inner` marks. What they
-    compute must be the bits of the plain agent: let both call the same functions of rows.
+    Beside what is here it has static methods, one for each `delegated` function of this module
+    (`begin_step` and `end_step` where it needs them), which are compiled into the loops. They may
+    call what `compiling.inner` marks. What they compute must be the bits of the plain agent: let
+    both call the same functions of rows.
     `learn.agent.TableMinds` is Algorithm 1's.
 
     Attributes:
@@ -287,7 +288,7 @@ class Minds(Protocol):
 @delegated
 def begin_step(state: State, minds: Any) -> None:
     """Begin a time step, before anybody chooses."""
-    minds.begin_step(state, minds)
+    getattr(minds, "begin_step", nothing)(state, minds)
 
 
 @delegated
@@ -310,7 +311,7 @@ def coordinate(state: State, minds: Any, step: int, k: int, epsilon: float) -> i
 @delegated
 def end_step(state: State, minds: Any) -> None:
     """End a time step: robots have moved, and are about to learn."""
-    minds.end_step(state, minds)
+    getattr(minds, "end_step", nothing)(state, minds)
 
 
 @delegated
