@@ -5,20 +5,19 @@
 import argparse
 import math
 import re
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli.options import Option
 from sparse_coord_ros.errors import MapError, SettingError, in_short
 from sparse_coord_ros.files import write_whole
-from sparse_coord_ros.game.scenario import Robot, Scenario
+from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.settings import Setting, parse_assignments
 from sparse_coord_ros.limits import to_yaml
 from sparse_coord_ros.maps.gridding import SPECK
-from sparse_coord_ros.maps.image import read_floor_plan
-from sparse_coord_ros.maps.plan import Place, import_map, scenario_of
+from sparse_coord_ros.maps.image import FloorPlan, read_floor_plan
+from sparse_coord_ros.maps.plan import Imported, Place, import_map, scenario_of
 from sparse_coord_ros.maps.preview import write_preview
 
 NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
@@ -59,8 +58,8 @@ PLACES = {"action": "extend", "default": []}
 
 OPTIONS = (
     Option("map MAP.yaml", Path, "the YAML file of the map"),
-    CELL,
-    RADIUS,
+    Option("--cell", CELL.parse, CELL.help),
+    Option("--radius", RADIUS.parse, RADIUS.help),
     Option(
         "--start X,Y...", _place, "where the robots start, in metres of the map's frame", PLACES
     ),
@@ -74,68 +73,72 @@ OPTIONS = (
     ),
     Option("--out", Path, "directory (default: <name>_map)"),
     Option("--replace", bool, "replace what an earlier import-map wrote there"),
+    Option("--page", bool, "choose all that on a page in the browser, and start training there"),
+    *shared.PAGE,
     shared.JSON,
 )
 
 
+class Made(NamedTuple):
+    """What is made of a floor plan as the options say.
+
+    Attributes:
+        plan: the floor plan.
+        imported: the map.
+        scenario: None where there are no robots.
+        suggested: its settings that fit the map's distances.
+        notes: what is odd, one line each.
+        files: what there is to write, by name.
+    """
+
+    plan: FloorPlan
+    imported: Imported
+    scenario: Scenario | None
+    suggested: dict[str, Any]
+    notes: list[str]
+    files: dict[Path, str]
+
+
 def execute(options: argparse.Namespace) -> int:
     """Run the verb."""
-    if len(options.start) != len(options.goal):
-        raise MapError(
-            f"--start has {len(options.start)} places and --goal {len(options.goal)}; give each "
-            "robot both"
-        )
-    robots = list(zip(options.start, options.goal, strict=True))
-    given = parse_assignments(options.assignments)
-    if given and not robots:
-        raise SettingError("--set needs a scenario: give --start and --goal of the robots")
     name = options.map.stem
     if not NAME.fullmatch(name):
         raise MapError(
             f"name {name[:100]!r}: allowed are up to 100 letters, digits, '_', '-' and '.'; "
             "rename the file"
         )
-    folder = options.out or Path(f"{name}_map")
-    text, scenario_file, picture = (folder / f"{name}{end}" for end in (".txt", ".yaml", ".png"))
-    _check_free(options.map, [text, scenario_file, picture], options.replace)
-    plan = read_floor_plan(options.map)
-    imported = import_map(
-        plan,
-        cell=options.cell,
-        radius=options.radius,
-        robots=robots,
-        add=options.doorway,
-        remove=options.no_doorway,
-        longest=options.doorway_length,
-        speck=options.speck,
-    )
-    grid, notes = imported.grid, list(imported.notes)
-    written = {text: grid.to_text()}
-    suggested: dict[str, Any] = {}
-    drawn: Sequence[Robot] = ()
-    if robots:
-        scenario, suggested, odd = scenario_of(imported, robots, given)
-        notes += odd
-        drawn = scenario.robots
-        written[scenario_file] = _scenario_text(scenario, given, suggested)
-    else:
-        notes.append("no scenario: give --start and --goal, in metres, and --replace")
-    folder.mkdir(parents=True, exist_ok=True)
-    for path, content in written.items():
-        write_whole(path, content)
-    write_preview(picture, plan, grid, drawn)
+    if len(options.start) != len(options.goal):
+        raise MapError(
+            f"--start has {len(options.start)} places and --goal {len(options.goal)}; give each "
+            "robot both"
+        )
+    if options.page:
+        from sparse_coord_ros.cli.import_page import serve
+
+        return serve(options)
+    missing = [f"--{one}" for one in ("cell", "radius") if getattr(options, one) is None]
+    if missing:
+        raise SettingError(f"required: {', '.join(missing)}; or choose on a page: --page")
+    if options.assignments and not options.start:
+        raise SettingError("--set needs a scenario: give --start and --goal of the robots")
+    check_free(options, replace=options.replace)
+    made = make(options, read_floor_plan(options.map))
+    if made.scenario is None:
+        made.notes.append("no scenario: give --start and --goal, in metres, and --replace")
+    picture = write(options, made)
+    grid = made.imported.grid
     facts = {
         "name": name,
         "rows": grid.shape[0],
         "columns": grid.shape[1],
         "cells": len(grid.cells),
-        "doorways": imported.doorways,
-        "parts": imported.parts,
+        "doorways": made.imported.doorways,
+        "parts": made.imported.parts,
         "resolution": grid.resolution,
         "origin": grid.origin,
-        "suggested": suggested,
-        "notes": notes,
-        "files": [*written, picture],
+        "suggested": made.suggested,
+        "notes": made.notes,
+        "files": [*made.files, picture],
     }
     if options.json:
         shared.print_json(facts)
@@ -145,15 +148,67 @@ def execute(options: argparse.Namespace) -> int:
         "{name}: {rows} x {columns}, {cells} cells of {resolution:g} m, {doorways} doorways; "
         "lower left corner at {x:g},{y:g}".format(**facts, x=x, y=y)
     )
-    if suggested:
-        said = ", ".join(f"{name}={value}" for name, value in suggested.items())
+    if made.suggested:
+        said = ", ".join(f"{name}={value}" for name, value in made.suggested.items())
         print(f"settings by distance: {said}")
-    print("\n".join([*(f"note: {note}" for note in notes), "written:"]), *facts["files"])
+    print("\n".join([*(f"note: {note}" for note in made.notes), "written:"]), *facts["files"])
     return 0
 
 
-def _check_free(source: Path, files: list[Path], replace: bool) -> None:
-    for path in files:
+def make(options: argparse.Namespace, plan: FloorPlan) -> Made:
+    """Make a map and, where there are robots, a scenario as the options say.
+
+    Raises:
+        SparseCoordError: as of `import_map` and `scenario_of`; or a --set without '='.
+    """
+    robots = list(zip(options.start, options.goal, strict=False))
+    waiting = [(one, one) for one in options.start[len(robots) :]]  # for a goal, on the page
+    given = parse_assignments(options.assignments)
+    imported = import_map(
+        plan,
+        cell=options.cell,
+        radius=options.radius,
+        robots=[*robots, *waiting],
+        add=options.doorway,
+        remove=options.no_doorway,
+        longest=options.doorway_length,
+        speck=options.speck,
+    )
+    text, scenario_file, _ = _paths(options)
+    notes, files = list(imported.notes), {text: imported.grid.to_text()}
+    if not robots:
+        return Made(plan, imported, None, {}, notes, files)
+    scenario, suggested, odd = scenario_of(imported, robots, given)
+    files[scenario_file] = _scenario_text(scenario, given, suggested)
+    return Made(plan, imported, scenario, suggested, notes + odd, files)
+
+
+def write(options: argparse.Namespace, made: Made) -> Path:
+    """Write the files, and the picture, whose path is returned."""
+    picture = _paths(options)[-1]
+    picture.parent.mkdir(parents=True, exist_ok=True)
+    for path, content in made.files.items():
+        write_whole(path, content)
+    robots = () if made.scenario is None else made.scenario.robots
+    write_preview(picture, made.plan, made.imported.grid, robots)
+    return picture
+
+
+def _paths(options: argparse.Namespace) -> list[Path]:
+    """Return where the map, the scenario and the picture go."""
+    name = options.map.stem
+    folder = options.out or Path(f"{name}_map")
+    return [folder / f"{name}{end}" for end in (".txt", ".yaml", ".png")]
+
+
+def check_free(options: argparse.Namespace, *, replace: bool) -> None:
+    """Refuse to write over files, unless they may be replaced; over the source never.
+
+    Raises:
+        MapError: it would.
+    """
+    source = options.map
+    for path in _paths(options):
         if path.exists() and not replace:
             raise MapError(
                 f"{path}: exists already, nothing is overwritten; choose another --out, or give "

@@ -25,12 +25,15 @@ Team = TypeVar("Team")
 
 
 @contextmanager
-def served(options: argparse.Namespace, *boards: "Board") -> Iterator["Server"]:
+def served(
+    options: argparse.Namespace, *boards: "Board", index: str = "index.html"
+) -> Iterator["Server"]:
     """Serve the page where the options say; `announce` tells where that is.
 
     Args:
         options: of the verb.
         boards: what the page shows; without: an empty one.
+        index: the file that is shown first.
 
     Raises:
         RunError: aiohttp is missing, the port is taken, or the address cannot be served.
@@ -38,7 +41,7 @@ def served(options: argparse.Namespace, *boards: "Board") -> Iterator["Server"]:
     from sparse_coord_ros.look.page.board import Board
     from sparse_coord_ros.look.page.server import Server
 
-    server = Server(*(boards or [Board()]), host=options.host, port=options.port)
+    server = Server(*(boards or [Board()]), host=options.host, port=options.port, index=index)
     with closing(server):
         if server.warning:
             note(f"warning: {server.warning}")

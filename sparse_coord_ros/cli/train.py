@@ -82,13 +82,13 @@ OPTIONS = (
 def execute(options: argparse.Namespace) -> int:
     """Run the verb."""
     if not options.watch:
-        return _learn(options, *_begin(options))
+        return learn(options, *begin(options))
     from sparse_coord_ros.cli import page
 
-    return page.one_by_one(options, _begin, _learn)
+    return page.one_by_one(options, begin, learn)
 
 
-def _begin(options: argparse.Namespace) -> tuple[Path, RunConfig]:
+def begin(options: argparse.Namespace) -> tuple[Path, RunConfig]:
     """Return a run's directory, and what it is."""
     out = options.resume
     if out is None:
@@ -107,7 +107,7 @@ def _begin(options: argparse.Namespace) -> tuple[Path, RunConfig]:
     return out, run
 
 
-def _learn(
+def learn(
     options: argparse.Namespace, out: Path, run: RunConfig, server: "Server | None" = None
 ) -> int:
     """Let one team learn, save what it learned, and say so."""
@@ -135,7 +135,7 @@ def _learn_there(
         if server is not None:
             from sparse_coord_ros.look.page.training_source import TrainingView
 
-            view = TrainingView(run, server.board, title=str(out))
+            view = TrainingView(run, server.board, title=str(out), last=not options.watch)
             server.show(view)
         with bar:
             done = train(

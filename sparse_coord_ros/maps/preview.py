@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A picture of an imported map: its cells, doorways and robots over the original."""
 
+import base64
 import io
 import math
 from collections.abc import Sequence
@@ -19,6 +20,9 @@ from sparse_coord_ros.palette import DOORWAY_COLOUR, robot_colour
 LARGEST = 1600
 """Pixels of a preview along its longer side."""
 
+SHARPEST = 4096
+"""Of a picture into which one can zoom."""
+
 MARGIN, TICKS = 48, 60
 """Pixels beside the picture for its axes, and the fewest between two of their numbers."""
 
@@ -35,6 +39,15 @@ def grey(plan: FloorPlan) -> np.ndarray:
     shade = np.full(plan.free.shape, UNKNOWN, dtype=np.uint8)
     shade[plan.free], shade[plan.occupied] = FREE, OCCUPIED
     return shade
+
+
+def data_url(plan: FloorPlan) -> str:
+    """Return a floor plan as a grey picture for a page: a PNG, at most `SHARPEST` pixels long."""
+    picture = Image.fromarray(grey(plan))
+    picture = picture.reduce(math.ceil(max(picture.size) / SHARPEST))
+    file = io.BytesIO()
+    picture.save(file, format="PNG")
+    return f"data:image/png;base64,{base64.b64encode(file.getvalue()).decode()}"
 
 
 def framed(picture: Image.Image, origin: tuple[float, float], metre: float) -> Image.Image:

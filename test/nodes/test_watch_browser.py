@@ -3,17 +3,21 @@
 """The page in headless Chromium: every source, every button, and values that are the log's."""
 
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
 from browser import REMEDY, Browser, find_browser
 
+from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.history import load_history
 from sparse_coord_ros.runlog import read_run
 from sparse_coord_ros.runlog.relearned import Relearned
 from sparse_coord_ros.runlog.window import LongLog
 
 pytestmark = pytest.mark.long
+
+ROOT = Path(__file__).parents[2]
 
 STEP = "Number(document.getElementById('step').textContent.replaceAll(',', ''))"
 STATE = "document.getElementById('state').dataset.state"
@@ -256,3 +260,62 @@ def test_eight_robots_in_light_and_dark(browser, start, tmp_path, scheme):
     browser.wait_for(WIDE)
     page = browser.value("getComputedStyle(document.body).backgroundColor")
     assert (page == "rgb(22, 23, 25)") == (scheme == "dark")
+
+
+def test_a_building_becomes_a_team_by_clicks(browser, start, tmp_path):
+    """From the image to a team that has learned: cells, robots, doorways, undo, save, train."""
+    out = tmp_path / "office"
+    options = ("--page", "--port", "0", "--out", str(out), "--set", "steps=20000")
+    process = start("cli.main", "import-map", str(ROOT / "examples/office.yaml"), *options)
+    browser.open(address_of(process))
+    facts = "document.getElementById('facts').textContent"
+
+    def press(x, y):
+        """Click a place in metres."""
+        on = browser.value(
+            f"(({{x, y}}) => [x, y])(new DOMPoint({100 * x}, {-100 * y})"
+            ".matrixTransform(document.getElementById('map').getScreenCTM()))"
+        )
+        for kind in ("mousePressed", "mouseReleased"):
+            how = {"type": kind, "button": "left", "clickCount": 1}
+            browser.ask("Input.dispatchMouseEvent", x=on[0], y=on[1], **how)
+
+    browser.wait_for(f"{facts} === '937 cells of 0.5 m, 6 doorways'")
+    browser.value(
+        "(() => { const c = document.getElementById('cell-side');"
+        "c.value = 0.4; c.dispatchEvent(new Event('change')); })()"
+    )
+    browser.wait_for("document.getElementById('notes').innerText.includes('lanes touch walls')")
+    click(browser, "undo")
+    browser.wait_for(f"{facts}.startsWith('937 cells of 0.5 m')")
+    places = [(-8, -5), (8, 5), (8, 5), (-8, -5)]
+    for n, place in enumerate(places):
+        press(*place)
+        browser.wait_for(f"document.querySelectorAll('.start, .goal').length === {n + 1}")
+    press(-3.4, 3)
+    browser.wait_for("document.getElementById('notice').innerText.includes('in no free cell')")
+    click(browser, "undo")
+    browser.wait_for("document.getElementById('notice').hidden")
+    browser.value("document.querySelector('input[value=doorways]').click()")
+    for place, doors in (((-4, 0.1), 7), ((-6.6, -0.9), 6)):
+        press(*place)
+        browser.wait_for(f"{facts}.endsWith(', {doors} doorways')")
+    click(browser, "closer")
+    ticks = "document.querySelectorAll('.x-axis').length"
+    browser.wait_for(f"{ticks} > 3")
+    for width, height in ((400, 800), (1280, 900)):
+        browser.size(width, height)
+        assert browser.value(WIDE)
+    click(browser, "train")
+    said = "document.getElementById('saved').textContent"
+    browser.wait_for(f"{said}.startsWith('Learned (runs/office_')", 120)
+    frame = "document.getElementById('learning').contentDocument"
+    browser.wait_for(f"{frame}.querySelector('#state').dataset.state === 'finished'")
+    made = load_scenario(out / "office.yaml")
+    grid = made.map
+    for k, robot in enumerate(made.robots):
+        for cell, (x, y) in ((robot.start, places[2 * k]), (robot.goal, places[2 * k + 1])):
+            row, column = grid.cells[cell]
+            level = grid.shape[0] - 1 - row
+            middle = [grid.origin[0] + (column + 0.5) / 2, grid.origin[1] + (level + 0.5) / 2]
+            assert np.abs(np.subtract(middle, (x, y))).max() <= 0.25

@@ -21,10 +21,10 @@ PAGE_SETTINGS = SettingTable(
 )
 
 PAUSE, STEP, RATE, SEEK, RESET, NEXT = "pause", "step", "rate", "seek", "reset", "next"
-JUMP = "jump"
+JUMP, IMPORT, SAVE, TRAIN = "jump", "import", "save", "train"
 """What a page may ask for: hold or go on; so many time steps on or back; time steps a second (0:
 as fast as it goes); a time step to go to; a new episode; another run; the next moment of some
-kind."""
+kind; to import a map with other values, to save what came of it, and to let a team learn on it."""
 
 QUESTION, MISCOORDINATION, CROSSING, POLICY = "question", "miscoordination", "crossing", "policy"
 KINDS = (QUESTION, MISCOORDINATION, CROSSING, POLICY)
@@ -41,7 +41,8 @@ class Control(NamedTuple):
     Attributes:
         name: one of the above.
         value: of `pause` a bool; of `step` and `seek` a whole number; of `rate` a number; of
-            `next` a mapping of `scenario` and `penalty`; of `reset` None.
+            `next` a mapping of `scenario` and `penalty`; of `import`, `save` and `train` one that
+            their source checks; of `reset` None.
     """
 
     name: str
@@ -88,7 +89,9 @@ def parse_control(data: Mapping[str, Any], allowed: Collection[str]) -> Control:
         return Control(name, _next(value))
     number = isinstance(value, int | float) and not isinstance(value, bool)
     whole = number and isinstance(value, int)
+    mapping = isinstance(value, Mapping), "an object"
     fits, words = {
+        **dict.fromkeys((IMPORT, SAVE, TRAIN), mapping),
         PAUSE: (isinstance(value, bool), "true or false"),
         STEP: (whole and 0 < abs(value) <= 1000, "1 to 1000, or as much back"),
         SEEK: (whole and abs(value) <= 2**53, "a whole number"),

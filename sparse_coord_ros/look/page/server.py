@@ -51,7 +51,11 @@ FRAMES_A_SECOND = 20
 HEARTBEAT_SECONDS = 20.0
 FILES = {
     "index.html": "text/html",
-    **dict.fromkeys(("page.js", "draw.js", "map.js", "curves.js", "panels.js"), "text/javascript"),
+    "import.html": "text/html",
+    **{
+        f"{name}.js": "text/javascript"
+        for name in ("page", "import", "draw", "stream", "view", "map", "curves", "panels")
+    },
     "style.css": "text/css",
     "icon.svg": "image/svg+xml",
 }
@@ -82,14 +86,15 @@ class Page:
     Args:
         boards: what there is to show; several are shown side by side.
         host: the address that is served; the names by which requests may call it follow from it.
+        index: the file that is shown first.
 
     Attributes:
         boards: as given.
         token: what controls need.
     """
 
-    def __init__(self, *boards: Board, host: str = HOST) -> None:
-        self.boards = boards
+    def __init__(self, *boards: Board, host: str = HOST, index: str = "index.html") -> None:
+        self.boards, self._index = boards, index
         self.token = secrets.token_urlsafe(18)
         self._guests: dict[web.WebSocketResponse, asyncio.Transport] = {}
         self.streams: set[asyncio.BaseProtocol] = set()
@@ -131,7 +136,7 @@ class Page:
         return await handler(request)
 
     async def _file(self, request: web.Request) -> web.Response:
-        name = request.path[1:] or "index.html"
+        name = request.path[1:] or self._index
         return web.Response(body=self._files[name], content_type=FILES[name], charset="utf-8")
 
     async def _stream(self, request: web.Request) -> web.StreamResponse:
@@ -240,6 +245,7 @@ class Server:
         boards: what there is to show.
         host: the address to serve; another than this machine's own is the caller's decision.
         port: 0: one that is free.
+        index: the file that is shown first.
 
     Attributes:
         board: the first of them.
@@ -252,10 +258,12 @@ class Server:
         RunError: the port is taken, or the address is none of this machine's.
     """
 
-    def __init__(self, *boards: Board, host: str = HOST, port: int = PORT) -> None:
+    def __init__(
+        self, *boards: Board, host: str = HOST, port: int = PORT, index: str = "index.html"
+    ) -> None:
         self._listening = _listen(host, port)
         self.port = self._listening.getsockname()[1]
-        self.board, self.page = boards[0], Page(*boards, host=host)
+        self.board, self.page = boards[0], Page(*boards, host=host, index=index)
         self._loop, self._stop = asyncio.new_event_loop(), asyncio.Event()
         self._thread = threading.Thread(target=self._serve, daemon=True)
         self._thread.start()

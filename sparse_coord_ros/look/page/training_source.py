@@ -28,11 +28,13 @@ class TrainingView(LiveView, Controlled):
         run: the run.
         board: where the messages go.
         title: what the page is called.
+        last: whether no page may ask for a next run.
     """
 
-    def __init__(self, run: RunConfig, board: Board, *, title: str) -> None:
+    def __init__(self, run: RunConfig, board: Board, *, title: str, last: bool = False) -> None:
         Controlled.__init__(self)
-        super().__init__(run, board, source="train", title=title, controls=CONTROLS)
+        controls = CONTROLS[:-1] if last else CONTROLS
+        super().__init__(run, board, source="train", title=title, controls=controls)
         self.wants_glimpse = True
         self._held = self._stepping = False
         self._counts: np.ndarray | None = None

@@ -2,6 +2,7 @@
 // The map: walls, doorways, starts, goals; what robots learned; where they are; who asks whom.
 
 import { inkOn, shape, svg, tinted } from "/draw.js";
+import { View } from "/view.js";
 
 const UNIT = 48;
 const LINGER_MS = 600; // how long a question stays visible while steps rush by
@@ -9,18 +10,13 @@ const TRAIL = 60; // cells
 const SMALLEST = 9; // pixels: a robot's radius
 const LAYERS = ["ground", "heat", "marks", "policy", "trails", "asks", "robots", "met"];
 
-export class TeamMap {
+export class TeamMap extends View {
   constructor(element, onCell) {
-    this.element = element;
+    super(element);
     this.onCell = onCell;
     this.layers = { arrows: true, rings: true, heat: true, trails: true };
     this.cell = null;
     element.addEventListener("pointermove", (event) => this.point(event));
-    element.addEventListener("wheel", (event) => {
-      event.preventDefault();
-      this.zoom(1.2 ** -Math.sign(event.deltaY), this.under(event));
-    }, { passive: false });
-    new ResizeObserver(() => this.run && this.look()).observe(element);
     element.addEventListener("keydown", (event) => this.key(event));
   }
 
@@ -34,7 +30,6 @@ export class TeamMap {
     this.colours = run.robots.map((robot) => tinted(robot.colour));
     this.trails = run.robots.map(() => []);
     const width = run.map.rows[0].length * UNIT + 6, height = run.map.rows.length * UNIT + 6;
-    this.whole = { x: -3, y: -3, width, height };
     this.layer = Object.fromEntries(LAYERS.map((name) => [name, svg("g")]));
     this.cursor = svg("rect", { width: UNIT, height: UNIT, class: "cursor", visibility: "hidden" });
     this.element.replaceChildren(...Object.values(this.layer), this.cursor);
@@ -49,40 +44,15 @@ export class TeamMap {
       svg("title", {}, robot.name), shape(robot, 13.5), svg("text", { fill: inkOn(robot.colour) }, String(k + 1))));
     this.layer.robots.append(...this.bodies);
     this.frame = null;
-    this.fit();
-  }
-
-  // Zoom, pan and fit: which part of the map is seen.
-  fit() {
-    this.seen = { ...this.whole };
-    this.look();
+    this.show({ x: -3, y: -3, width, height }, 4 * UNIT);
   }
 
   look() {
-    const { x, y, width, height } = this.seen;
-    this.element.setAttribute("viewBox", `${x} ${y} ${width} ${height}`);
-    const pixels = Math.min(this.element.clientWidth / width, this.element.clientHeight / height);
+    const pixels = super.look();
     this.grown = Math.max(1, SMALLEST / (13.5 * pixels)) || 1; // a robot is seen on a large map, too
     this.element.style.setProperty("--grown", this.grown);
     this.element.classList.toggle("far", this.grown > 1.4);
     if (this.frame) this.move(...this.frame);
-  }
-
-  under(event) {
-    return new DOMPoint(event.clientX, event.clientY).matrixTransform(this.element.getScreenCTM().inverse());
-  }
-
-  zoom(times, at = { x: this.seen.x + this.seen.width / 2, y: this.seen.y + this.seen.height / 2 }) {
-    const width = Math.min(this.whole.width, Math.max(4 * UNIT, this.seen.width / times)), by = width / this.seen.width;
-    this.seen = { x: at.x + (this.seen.x - at.x) * by, y: at.y + (this.seen.y - at.y) * by, width, height: this.seen.height * by };
-    this.pan(0, 0);
-  }
-
-  pan(dx, dy) {
-    const inside = (at, size, low, all) => Math.min(Math.max(at, low), low + all - size);
-    this.seen.x = inside(this.seen.x + dx, this.seen.width, this.whole.x, this.whole.width);
-    this.seen.y = inside(this.seen.y + dy, this.seen.height, this.whole.y, this.whole.height);
-    this.look();
   }
 
   square(cell, margin, attributes) {
@@ -241,10 +211,7 @@ export class TeamMap {
   }
 
   point(event) {
-    if (event.buttons === 1) {
-      const by = this.seen.width / this.element.clientWidth;
-      return this.pan(-event.movementX * by, -event.movementY * by);
-    }
+    if (this.drag(event)) return;
     const under = document.elementsFromPoint(event.clientX, event.clientY).find((one) => one.matches(".free"));
     if (under) this.choose(Number(under.dataset.cell));
   }

@@ -5,8 +5,8 @@ import { Curves } from "/curves.js";
 import { $, html, inkOn, number, shape, svg, tinted } from "/draw.js";
 import { TeamMap } from "/map.js";
 import { agesPanel, cellPanel, dialoguePanel, evaluationPanel, learnedPanel, marksLine } from "/panels.js";
+import { connect, token } from "/stream.js";
 
-const token = location.hash.slice(1);
 const RATES = [0.5, 1, 2, 5, 10, 20, 50, 100, 500, 1000, 10000];
 // What one can jump to: its button, its key.
 const JUMPS = {
@@ -16,7 +16,7 @@ const JUMPS = {
 const HELD = ["paused", "ended", "finished", "stopped"];
 
 let newest = {}; // message of each type
-let socket = null, mayControl = false, retry = 500, sliding = -1e9;
+let mayControl = false, sliding = -1e9;
 
 const map = new TeamMap($("map"), () => mark("cell"));
 const charts = new Curves($("curves"));
@@ -79,26 +79,10 @@ function hello({ control, scenarios, runs }) {
 
 // Several runs: a page of its own for each.
 function sideBySide(runs) {
-  socket.onclose = null;
-  socket.close();
+  close();
   document.body.className = "several";
   document.body.replaceChildren(...Array.from({ length: runs }, (_, k) =>
     html("iframe", { src: `/?run=${k}${location.hash}`, title: `run ${k + 1}` })));
-}
-
-function connect() {
-  socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/ws${location.search}`);
-  socket.onopen = () => { retry = 500; };
-  socket.onmessage = (event) => take(JSON.parse(event.data));
-  socket.onclose = () => {
-    setState("not connected");
-    setTimeout(connect, retry);
-    retry = Math.min(5000, retry * 1.5);
-  };
-}
-
-function send(what, value) {
-  if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify({ do: what, value, token }));
 }
 
 function showControls() {
@@ -288,4 +272,4 @@ document.addEventListener("keydown", (event) => {
   act(frame);
 });
 
-connect();
+const { send, close } = connect(location.search, take, () => setState("not connected"));

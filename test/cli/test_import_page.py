@@ -1,0 +1,135 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""`import-map --page` without a browser: what a page may ask for, is told, and saves."""
+
+import os
+import signal
+import threading
+import time
+import urllib.request
+
+import pytest
+
+from sparse_coord_ros.cli import import_page
+from sparse_coord_ros.cli.import_page import CELL_AT_FIRST, ImportPage
+from sparse_coord_ros.cli.main import make_parser
+from sparse_coord_ros.errors import SparseCoordError
+from sparse_coord_ros.look.page.board import Board
+from sparse_coord_ros.look.page.controls import IMPORT, NEXT, SAVE, TRAIN, Control
+
+CHOSEN = {
+    "cell": 1,
+    "radius": 0.1,
+    "start": [[0.5, 4.5], [4.5, 4.5]],
+    "goal": [[4.5, 0.5], [0.5, 0.5]],
+    "doorway": [[1.5, 2.5]],
+    "no_doorway": [],
+}
+OPTIONS = ("--cell", "1", "--radius", "0.1", "--start", "0.5,4.5", "4.5,4.5")
+OPTIONS += ("--goal", "4.5,0.5", "0.5,0.5", "--doorway", "1.5,2.5", "--out")
+
+
+@pytest.fixture
+def exported(sparse_coord):
+    """Draw env1 as a map of map_server."""
+    assert sparse_coord("export-map", "env1", "--out", "e")[0] == 0
+
+
+@pytest.fixture
+def page(exported):
+    """Return the page of that map, and its board."""
+    command = ["import-map", "e/env1.yaml", "--page", "--out", "clicked"]
+    board = Board()
+    made = ImportPage(make_parser("import-map").parse_args(command), board)
+    threading.Thread(target=made.work, daemon=True).start()
+    wait_for(lambda: board.get("problem"))
+    return made, board
+
+
+def wait_for(true):
+    deadline = time.monotonic() + 20
+    while not true():
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+
+
+def told(page, name, **changes):
+    """Ask for something; return the problem, or what was imported."""
+    made, board = page
+    before = board.get("problem")
+    made.control(Control(name, CHOSEN | changes))
+    wait_for(lambda: board.get("problem") is not before)
+    return board.get("problem")["text"] or board.get("imported")
+
+
+def test_what_is_saved_is_what_the_command_line_saves(page, sparse_coord, folder):
+    assert page[1].get("imported")["side"] == CELL_AT_FIRST
+    shown = told(page, IMPORT, start=[], goal=[], doorway=[])
+    assert (shown["cells"], shown["doorways"], shown["side"]) == (21, 1, 1)
+    for _ in range(2):  # its own files are replaced
+        assert told(page, SAVE)["doorways"] == 2
+    files = [f"clicked/env1.{end}" for end in ("txt", "yaml", "png")]
+    assert page[1].get("saved")["files"] == files
+    assert sparse_coord("import-map", "e/env1.yaml", *OPTIONS, "typed")[0] == 0
+    for name in files:
+        typed = folder / name.replace("clicked", "typed")
+        assert (folder / name).read_bytes() == typed.read_bytes()
+    assert told(page, TRAIN, start=[], goal=[]) == "no robot is there: click its places"
+    told(page, TRAIN)
+    assert str(page[0].wanted.get(timeout=5)) == "clicked/env1.yaml"
+    assert told(page, TRAIN) == "a team learns already: wait for its end"
+
+
+def test_a_problem_is_one_line_and_nothing_is_overwritten(page, folder):
+    (folder / "clicked").mkdir()
+    (folder / "clicked" / "env1.png").write_text("mine")
+    for changes, words in (
+        ({"start": [[2.5, 0.5], [4.5, 4.5]]}, "--start of robot_1 at 2.5,0.5 is in no free cell"),
+        ({"cell": 0.01}, "--cell is 0.01, allowed: at least a pixel"),
+        ({}, "clicked/env1.png: exists already"),
+    ):
+        said = told(page, SAVE, **changes)
+        assert words in said and "\n" not in said
+    assert (folder / "clicked" / "env1.png").read_text() == "mine"
+    assert not (folder / "clicked" / "env1.txt").exists()
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"cell": "wide"},
+        {"radius": None},
+        {"start": 5},
+        {"goal": [[1]]},
+        {"doorway": [[1, float("nan")]]},
+        {"no_doorway": [["a", 1]]},
+        {"start": [[True, 1]]},
+    ],
+)
+def test_odd_values_are_refused(page, changes):
+    with pytest.raises(SparseCoordError, match="allowed: "):
+        page[0].control(Control(IMPORT, CHOSEN | changes))
+
+
+def test_a_page_is_served_a_team_learns_and_ctrl_c_ends_it(exported, sparse_coord, monkeypatch):
+    seen = []
+
+    def visit(server):
+        learning, board = server.page.boards
+        try:
+            with urllib.request.urlopen(f"http://127.0.0.1:{server.port}/") as answer:
+                seen.append(b"/import.js" in answer.read())
+            board.source.control(Control(TRAIN, CHOSEN))
+            wait_for(lambda: (board.get("learning") or {}).get("word"))
+            seen.append(learning.get("run")["controls"])
+        finally:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    def announced(server, options):
+        threading.Thread(target=visit, args=[server]).start()
+
+    monkeypatch.setattr(import_page, "announce", announced)
+    command = ("import-map", "e/env1.yaml", "--page", "--port", "0", "--set", "steps=2000")
+    code, out, _ = sparse_coord(*command)
+    assert code == 0 and "tables   runs/env1_" in out
+    assert seen[0] and NEXT not in seen[1]
