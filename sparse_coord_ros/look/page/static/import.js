@@ -104,17 +104,15 @@ const TAKE = {
     free.setAttribute("d", path(".", 0.08));
     doors.setAttribute("d", path("D", 0.03));
     $("facts").textContent = `${number(cells)} cells of ${side} m, ${doorways} ${doorways === 1 ? "doorway" : "doorways"}`;
-    $("facts").dataset.chosen = JSON.stringify(imported.chosen);
     $("notes").replaceChildren(...imported.notes.map((note) => html("li", {}, note)));
     const settings = Object.entries(suggested).map(([key, value]) => `${key}=${value}`).join(", ");
     $("suggested").textContent = settings && `Settings by distance: ${settings}`;
-    $("state").textContent = "ready";
     show();
   },
   problem({ text: words }) {
     $("notice").textContent = words;
     $("notice").hidden = !words;
-    $("state").textContent = "ready";
+    if (control) $("state").textContent = "ready";
     if (run) view.look();
   },
   saved({ files }) { $("saved").textContent = `Saved: ${files.join(", ")}`; },
@@ -128,7 +126,7 @@ TAKE.error = TAKE.problem;
 
 // A change is shown at once, and the map imported again with it.
 function choose(change) {
-  if (!control || !run) return;
+  if (!control) return;
   past.push(structuredClone(chosen));
   $("saved").textContent = "";
   change(chosen);
@@ -166,7 +164,7 @@ $("map").addEventListener("pointermove", (event) => {
   $("where").textContent = `x ${x.toFixed(2)} m, y ${y.toFixed(2)} m`;
 });
 $("map").addEventListener("click", (event) => {
-  if (view.dragged) return;
+  if (view.dragged || !run) return;
   const cell = cellAt(...metres(event));
   choose((now) => (tool() === "doorways" ? doorway(now, cell) : now[now.start.length > now.goal.length ? "goal" : "start"].push(cell.place)));
 });
