@@ -28,8 +28,9 @@ TRIALS = 2000
 """Fresh trials of a team of more than two robots."""
 
 LONG, SHORT = 100_000, 10_000
-PAIRS = ((*CLOSE, SHORT, 20), (*CLOSE, LONG, 20), ("cmu", "isr", "cit", LONG, 20))
-MANY = (("env2-4r", 5), ("crowd-6r", 5), ("crowd-8r", 3))
+PAIRS = ((*CLOSE, SHORT, 200), (*CLOSE, LONG, 200), ("cmu", "isr", "cit", LONG, 200))
+BUILDINGS = ((2, SHORT, 10), (2, LONG, 10), (4, LONG, 2))
+MANY = (("env2-4r", 20), ("crowd-6r", 20), ("crowd-8r", 20))
 
 
 class Team(NamedTuple):
@@ -57,8 +58,7 @@ def table(found: Callable[[Condition], ConditionResult], planners: Mapping[str, 
             )
             low = found(base).best("reward").mean
             rows.append(_row(name, steps, [(own, low, known_best(own.scenario))], count))
-    for steps in (SHORT, LONG):
-        rows.append(_buildings(steps, 3))
+    rows += [_buildings(*which) for which in BUILDINGS]
     for name, count in MANY:
         settings = {"penalty": -100, "steps": LONG}
         own, base = (make_condition(name, one, settings) for one in ("factored", "noncoop"))
@@ -67,14 +67,14 @@ def table(found: Callable[[Condition], ConditionResult], planners: Mapping[str, 
     return to_markdown(rows)
 
 
-def _buildings(steps: int, count: int) -> Row:
-    """Return the row of two robots in the buildings for tuning; those for the test stay closed."""
-    made = unseen_conditions("factored", "tuning", {"steps": steps}, [2])
+def _buildings(robots: int, steps: int, count: int) -> Row:
+    """Return the row of a size of teams in the buildings for tuning."""
+    made = unseen_conditions("factored", "tuning", {"steps": steps}, [robots])
     judged = [
         (one, shortest_path_reference(one.scenario).reward, known_best(one.scenario))
         for one in made
     ]
-    return _row(f"{len(made)} unseen buildings, 2r", steps, judged, count)
+    return _row(f"{len(made)} unseen buildings, {robots}r", steps, judged, count)
 
 
 def _row(
