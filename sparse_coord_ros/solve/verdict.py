@@ -51,8 +51,11 @@ def last_word(
     """
     alone, blind = independent_bound(scenario), shortest_path_reference(scenario)
     worth, missed = found.reward.mean, 1.0 - found.all_arrived
+    remedy = "more steps" if learner.factors else "--learner factored or more steps"
     if missed > HARDLY_EVER:
-        return LastWord(LOST, f"In {missed:.1%} of the trials some robot did not arrive.")
+        return LastWord(
+            LOST, f"In {missed:.1%} of the trials some robot did not arrive. Try {remedy}."
+        )
     if needless(scenario):
         return LastWord(
             NEEDLESS,
@@ -68,10 +71,9 @@ def last_word(
             f"shortest paths without asking, with {left} instead of "
             f"{blind.miscoordinations:.2g}.",
         )
-    tries = ["more steps"] if learner.factors else ["--learner factored", "more steps"]
     return LastWord(
         FAILING,
         f"Coordination is failing: {left} are left ({blind.miscoordinations:.2g} on shortest "
         f"paths without asking), and a robot is worth {worth:.2f} of up to {best:.2f}. Try "
-        f"{' or '.join(tries)}.",
+        f"{remedy}.",
     )

@@ -43,4 +43,5 @@ def test_half_of_what_can_be_gained_is_learned(reward, kind):
 
 def test_who_does_not_arrive_has_learned_nothing():
     scenario = load_scenario("env1")
-    assert verdict(scenario, [initial_tables(scenario)] * 2).kind == LOST
+    found = verdict(scenario, [initial_tables(scenario)] * 2)
+    assert found.kind == LOST and found.text.endswith("Try --learner factored or more steps.")
