@@ -228,7 +228,7 @@ def test_examples_of_help(verb, shell, request):
     commands = [line.strip() for line in example.splitlines()]
     assert commands and all(line.startswith("sparse_coord ") for line in commands)
     if verb in NEEDS_A_BAG:
-        for run in set(re.findall(r"runs/\w+", example)):
+        for run in set(re.findall(r"runs/demo\w*", example)):
             shutil.copytree(request.getfixturevalue("good").bag, shell.work / run / "bag")
     for command in commands:
         if verb in SERVES:
