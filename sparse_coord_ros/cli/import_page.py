@@ -147,7 +147,7 @@ def _fields(made: Made) -> dict[str, Any]:
 
 
 def _chosen(said: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what a page chose, checked; a start without a goal is left out.
+    """Return what a page chose, checked; there may be a start that has no goal yet.
 
     Raises:
         SparseCoordError: a value is none.

@@ -485,10 +485,7 @@ class TableMinds(NamedTuple):
         problem, choice = state.problem, state.choice
         x, action, row = choice.cells[k], choice.actions[k], choice.rows[k]
         total = weighed(reward, problem.weights)
-        if y == problem.goals[k]:
-            after = problem.goal_value
-        else:
-            after = loops.bootstrap(state, minds, step, k, y)
+        after = loops.worth_of(state, minds, step, k, y)
         if row != loops.NO_ROW:
             values, updates = minds.rows.values[k, row], minds.rows.updates[k, row]
             learn_entry(problem, values, updates, choice.moves[k], total, after, floor)

@@ -264,8 +264,6 @@ class CQMinds(NamedTuple):
                 set_mark(values, True)
         elif row != loops.NO_ROW and differs(samples[PRIMITIVES + z], other):
             total = weighed(reward, problem.weights)
-            after = problem.goal_value
-            if y != problem.goals[k]:
-                after = loops.bootstrap(state, minds, step, k, y)
+            after = loops.worth_of(state, minds, step, k, y)
             values, updates = minds.rows.values[k, row], minds.rows.updates[k, row]
             learn_entry(problem, values, updates, choice.moves[k], total, after, floor)

@@ -108,9 +108,8 @@ class FCQMinds(CQMinds):
         problem, choice = state.problem, state.choice
         x, m, row = choice.cells[k], choice.moves[k], choice.rows[k]
         values, samples, least = minds.q_star[k, x], minds.samples[k, x], problem.ask_cost
-        after, less = problem.goal_value, 0.0
+        after, less = loops.worth_of(state, minds, step, k, y), 0.0
         if y != problem.goals[k]:
-            after = loops.bootstrap(state, minds, step, k, y)
             less = after - greatest(minds.lone[k, y], PRIMITIVES)
         common, marked = problem.weights[1] * reward[1], is_marked(values)
         begun = minds.lone[k, x, m] + common

@@ -111,9 +111,7 @@ class JointMinds(NamedTuple):
     ) -> None:
         """Update Q^C of the joint state, by the next joint state."""
         problem, x = state.problem, state.choice.cells[k]
-        after = problem.goal_value
-        if y != problem.goals[k]:
-            after = loops.bootstrap(state, minds, step, k, y)
+        after = loops.worth_of(state, minds, step, k, y)
         total = weighed(reward, problem.weights) - problem.ask_cost
         row, move = x * minds.q_star.shape[1] + state.choice.cells[1 - k], state.choice.moves[k]
         values, updates = minds.rows.values[k, row], minds.rows.updates[k, row]

@@ -337,3 +337,12 @@ def bootstrap(state: State, minds: Any, step: int, k: int, y: int) -> float:
     """Return what robot k expects from cell y on, which is not its goal: as `Agent.bootstrap`."""
     value: float = minds.bootstrap(state, minds, step, k, y)
     return value
+
+
+@inlined
+def worth_of(state: State, minds: Any, step: int, k: int, y: int) -> float:
+    """Return what follows robot k's step to cell y: the goal's value, or what it expects."""
+    if y == state.problem.goals[k]:
+        value: float = state.problem.goal_value
+        return value
+    return bootstrap(state, minds, step, k, y)

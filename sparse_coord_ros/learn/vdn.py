@@ -34,9 +34,7 @@ class VDNMinds(JointMinds):
         problem, choice, error = state.problem, state.choice, minds.error
         size = minds.q_star.shape[1]
         x, z, acts = choice.cells[k], choice.cells[1 - k], minds.acts
-        after = problem.goal_value
-        if y != problem.goals[k]:
-            after = loops.bootstrap(state, minds, step, k, y)
+        after = loops.worth_of(state, minds, step, k, y)
         total = weighed(reward, problem.weights) - problem.ask_cost + problem.discount * after
         error[0] += total - minds.rows.values[k, x * size + z, choice.moves[k]]
         minds.star_updates[k, x, COORDINATE] += 1

@@ -26,8 +26,11 @@ LOST, NEEDLESS, LEARNED, FAILING = "lost", "needless", "learned", "failing"
 
 def needless(scenario: Scenario) -> bool:
     """Return whether robots on shortest paths that mind nobody do as well as each one alone."""
-    alone = independent_bound(scenario)
-    return alone - shortest_path_reference(scenario).reward <= NO_MATTER * alone
+    return _hardly_less(shortest_path_reference(scenario).reward, independent_bound(scenario))
+
+
+def _hardly_less(blind: float, alone: float) -> bool:
+    return alone - blind <= NO_MATTER * alone
 
 
 class LastWord(NamedTuple):
@@ -56,7 +59,7 @@ def last_word(
         return LastWord(
             LOST, f"In {missed:.1%} of the trials some robot did not arrive. Try {remedy}."
         )
-    if needless(scenario):
+    if _hardly_less(blind.reward, alone):
         return LastWord(
             NEEDLESS,
             "Coordination is not needed here: robots that take shortest paths and never ask are "
