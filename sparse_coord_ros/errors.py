@@ -134,10 +134,14 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     return f" (did you mean {near[0]!r}?)" if near else ""
 
 
-def other_format(where: str, found: int, known: int) -> str:
-    """Return what to say of a file in another format than the one that this version reads."""
-    remedy = "update sparse_coord_ros" if found > known else "make it anew"
-    return f"{where}: is in format {found}, this version reads format {known}; {remedy}"
+def check_format(found: object, known: int, where: str, error: type[SparseCoordError]) -> None:
+    """Raise an `error` unless a file says that it is in the format that this version reads."""
+    if type(found) is not int or found != known:
+        newer = isinstance(found, int) and found > known
+        remedy = "update sparse_coord_ros" if newer else "make it anew"
+        raise error(
+            f"{where}: is in format {in_short(found)}, this version reads format {known}; {remedy}"
+        )
 
 
 def os_error_text(error: OSError) -> str:

@@ -17,7 +17,7 @@ from sparse_coord_ros.bags.layout import PARTIAL
 from sparse_coord_ros.bags.metadata import told_files
 from sparse_coord_ros.bags.records import MESSAGE
 from sparse_coord_ros.bags.topics import BagTopic
-from sparse_coord_ros.errors import BagError
+from sparse_coord_ros.errors import BagError, check_format
 from sparse_coord_ros.learn.run_config import RUN_RECORD
 from sparse_coord_ros.wire import BAG_FORMAT, FORMAT_KEY
 
@@ -75,12 +75,10 @@ class Bag:
                         "before: these are no parts of one bag; name one"
                     )
         run = self.metadata.get(RUN_RECORD)
-        number = str(BAG_FORMAT) if run is None else run.get(FORMAT_KEY, "1")
-        if number != str(BAG_FORMAT):
-            raise BagError(
-                f"{self.path}: is a bag of format {number[:20]!r}, this version reads format "
-                f"{BAG_FORMAT} only; use the version of sparse_coord_ros that recorded it"
-            )
+        if run is not None:
+            said = run.get(FORMAT_KEY, "")
+            number = int(said) if said.isdecimal() and len(said) < 9 else said
+            check_format(number, BAG_FORMAT, str(self.path), BagError)
 
     @property
     def path(self) -> Path:

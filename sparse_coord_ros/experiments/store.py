@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sparse_coord_ros.engine.batch import Run
-from sparse_coord_ros.errors import ResultsError, SettingError, other_format
+from sparse_coord_ros.errors import ResultsError, SettingError, check_format
 from sparse_coord_ros.experiments.conditions import Condition, parse_id
 from sparse_coord_ros.files import PARTIAL, take_lock, write_whole
 from sparse_coord_ros.game.actions import PRIMITIVES
@@ -35,7 +35,7 @@ from sparse_coord_ros.solve.reference import shortest_path_reference
 from sparse_coord_ros.solve.shipped import known_optimum
 from sparse_coord_ros.version import __version__
 
-FORMAT = 3
+FORMAT = 1
 """Number of the format of a results directory and its files."""
 
 MANIFEST = "results.json"
@@ -371,7 +371,7 @@ def _load(path: Path, condition: Condition, plan: Plan) -> ConditionResult:
         Exception: whatever a malformed file raises, see `_MALFORMED`.
     """
     data = _json(path)
-    _check_format(path, data.pop("format"))
+    check_format(data.pop("format"), FORMAT, str(path), ResultsError)
     named, computed = data.pop("condition"), data.pop("digest")
     result = ConditionResult(condition=condition, **data)
     same = named == condition.id and computed == digest(condition)
@@ -385,12 +385,6 @@ def _load(path: Path, condition: Condition, plan: Plan) -> ConditionResult:
 
 def _json(path: Path) -> Any:
     return json.loads(read_file(path, RESULTS, ResultsError, "give a directory of results"))
-
-
-def _check_format(path: Path, found: int) -> None:
-    """Raise `ResultsError` unless a file is in the format of this version."""
-    if found != FORMAT:
-        raise ResultsError(other_format(str(path), found, FORMAT))
 
 
 def read_results(
@@ -425,7 +419,7 @@ def _manifest(path: Path) -> dict[str, int]:
     """Return the plan that a results.json says, by the names of its fields."""
     try:
         found = _json(path)
-        _check_format(path, found["format"])
+        check_format(found["format"], FORMAT, str(path), ResultsError)
         return {field.name: int(found[field.name]) for field in fields(Plan)}
     except _MALFORMED:
         raise ResultsError(

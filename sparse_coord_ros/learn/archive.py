@@ -17,11 +17,11 @@ from typing import Any
 
 import numpy as np
 
-from sparse_coord_ros.errors import SparseCoordError, in_short, other_format
+from sparse_coord_ros.errors import SparseCoordError, check_format, in_short
 from sparse_coord_ros.limits import ARRAYS, Limit
 from sparse_coord_ros.version import __version__
 
-FORMAT = 3
+FORMAT = 1
 """Number of the format. It changes where the arrays of any of these files change."""
 
 ENTRY, MOST_ARRAYS = b"PK\x01\x02", 2**16
@@ -52,9 +52,10 @@ def unpack(
     what: str,
     remedy: str,
     error: type[SparseCoordError],
+    damaged: type[SparseCoordError] | None = None,
     limit: Limit = ARRAYS,
-) -> tuple[dict[str, np.ndarray], str]:
-    """Return the arrays of a file, and the version that wrote it.
+) -> dict[str, np.ndarray]:
+    """Return the arrays of a file.
 
     Args:
         data: its bytes.
@@ -62,6 +63,7 @@ def unpack(
         what: what it should be, such as "tables".
         remedy: what to do where it is something else.
         error: what to raise.
+        damaged: what to raise where it cannot be read or does not fit its digest; None: `error`.
         limit: how many bytes its arrays may have.
 
     Raises:
@@ -72,16 +74,18 @@ def unpack(
         _check_headers(data, limit)
         with np.load(io.BytesIO(data), allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
-        head = arrays.pop("format", np.array("1")).ravel()[:3].tolist()
+        if "format" not in arrays:
+            raise ValueError("it has no array 'format'")
+        head = arrays.pop("format").ravel()[:3].tolist()
         number = int(head[0])
         if number == FORMAT and head[2] != _digest(arrays):
             raise ValueError("its contents do not fit its digest")
     except Exception as failure:  # zip, zlib and NumPy's parser raise what a file makes them
         problem = " ".join(str(failure).split()).partition(". ")[0]  # no advice to trust it
-        raise error(f"{where}: cannot be read as {what} ({problem}); {remedy}") from None
-    if number != FORMAT:
-        raise error(other_format(where, number, FORMAT))
-    return arrays, str(head[1])
+        told = f"{where}: cannot be read as {what} ({problem}); {remedy}"
+        raise (damaged or error)(told) from None
+    check_format(number, FORMAT, where, error)
+    return arrays
 
 
 def _check_headers(data: bytes, limit: Limit) -> None:

@@ -3,7 +3,7 @@
 """Checkpoints as bytes: what somebody needs to go on with a run, as one .npz file.
 
 Arrays beside those of `learn.archive`: `run`, a digest of what the run computes, and whatever the
-caller adds. A file of another run or version is refused.
+caller adds. A file of another run is refused.
 
 For robot k from 1: `q_star_k`, `star_updates_k`, `states_k`, `values_k`, `updates_k`: the fields
 of `learn.agent.Memory`; `more_k_...`: what is in its `more`. Of G games: `transitions`, `step`,
@@ -39,7 +39,6 @@ from sparse_coord_ros.learn.history import history_from
 from sparse_coord_ros.learn.learners import Learner
 from sparse_coord_ros.learn.simulation import LearningState, groups_of
 from sparse_coord_ros.limits import ARRAYS, read_file
-from sparse_coord_ros.version import __version__
 
 
 class BrokenCheckpointError(RunError):
@@ -73,17 +72,13 @@ def read(path: Path, run: str, *, said: str) -> dict[str, np.ndarray]:
 
     Raises:
         BrokenCheckpointError: it cannot be read, or does not fit its digest.
-        RunError: it is of another run or version.
+        RunError: it is of another run, or in another format.
     """
-    how: Any = {"error": BrokenCheckpointError, "remedy": "begin the run anew"}
-    data = read_file(path, ARRAYS, **how)
-    arrays, version = archive.unpack(data, where=str(path), what="a checkpoint", **how)
+    remedy = "begin the run anew"
+    data = read_file(path, ARRAYS, BrokenCheckpointError, remedy)
+    how: Any = {"error": RunError, "damaged": BrokenCheckpointError, "remedy": remedy}
+    arrays = archive.unpack(data, where=str(path), what="a checkpoint", **how)
     found = str(arrays.pop("run", ""))
-    if version != __version__:
-        raise RunError(
-            f"{path}: was written by version {version} of sparse_coord_ros, this is "
-            f"{__version__}; go on with that version, or begin the run anew"
-        )
     if found != run:
         raise RunError(
             f"{path}: is the checkpoint of another run than this one ({said}); go on with the "

@@ -176,7 +176,7 @@ def load_history(directory: Path) -> History:
     path = directory / HISTORY_FILE
     how: Any = {"error": RunError, "remedy": "use a file that run or train wrote"}
     data = read_file(path, ARRAYS, **how)
-    arrays, _ = archive.unpack(data, where=str(path), what="a learning history", **how)
+    arrays = archive.unpack(data, where=str(path), what="a learning history", **how)
     try:
         return history_from(arrays)
     except ValueError as error:

@@ -17,7 +17,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from sparse_coord_ros.errors import RunError, SettingError, did_you_mean, other_format
+from sparse_coord_ros.errors import RunError, SettingError, check_format, did_you_mean
 from sparse_coord_ros.game.grid import RESOLUTIONS
 from sparse_coord_ros.game.perception import MODELS, check_percepts
 from sparse_coord_ros.game.scenario import Scenario, scenario_from_dict
@@ -30,7 +30,7 @@ from sparse_coord_ros.version import __version__
 RUN_FILE, SCENARIO_FILE, MAP_FILE = "run.yaml", "scenario.yaml", "map.txt"
 """The files that say what a run is: in its directory the first, in its bag all."""
 
-FORMAT = 2
+FORMAT = 1
 """Number of the format of `run.yaml`, its field `format`."""
 
 OWN_CLOCK, NO_CLOCK = "own", "none"
@@ -241,11 +241,7 @@ def run_from_yaml(text: str, *, where: str) -> RunConfig:
         SettingError: a bad value.
     """
     data = parse_yaml(text, where=where)
-    written = data.pop("format", 1)
-    if not isinstance(written, int) or written < 1:
-        raise RunError(f"{where}: field 'format' is {written!r}, allowed: {FORMAT}")
-    if written != FORMAT:
-        raise RunError(other_format(where, written, FORMAT))
+    check_format(data.pop("format", None), FORMAT, where, RunError)
     known = [f.name for f in fields(RunConfig)]
     wrong = [f"unknown field {n!r}{did_you_mean(str(n), known)}" for n in data if n not in known]
     for name in ("scenario", "versions"):

@@ -94,7 +94,7 @@ def unpack_saved(
         TablesError: not a tables file, or a robot is not in it; `where` says where they are from.
     """
     how: Any = {"what": "tables", "remedy": REMEDY, "error": TablesError}
-    arrays, _ = archive.unpack(data, where=where, limit=limit, **how)
+    arrays = archive.unpack(data, where=where, limit=limit, **how)
     prefix = "count_"
     try:
         counts = {

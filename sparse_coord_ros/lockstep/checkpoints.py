@@ -109,7 +109,7 @@ class Checkpoints(Store):
         """Return the steps that this node can go on from, the newest first, at last 0.
 
         Raises:
-            RunError: a file is of another run or version.
+            RunError: a file is of another run, or in another format.
         """
         files = steps_of(self._folder, self._node)
         for step in set(files) - self._readable:
@@ -133,7 +133,7 @@ class Checkpoints(Store):
         """Return what `count` saved last.
 
         Raises:
-            RunError: it is of another run or version.
+            RunError: it is of another run, or in another format.
         """
         try:
             counts = self._read(EVENTS) if self._path(EVENTS).exists() else {}

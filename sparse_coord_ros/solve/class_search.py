@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.errors import ResultsError, SettingError
+from sparse_coord_ros.errors import ResultsError, SettingError, check_format
 from sparse_coord_ros.files import write_whole
 from sparse_coord_ros.game.actions import ACTIONS, MOVES, PRIMITIVES
 from sparse_coord_ros.game.links import check_up
@@ -369,11 +369,12 @@ def _kept(
         data = json.loads(text)
         values = [float(value) for value in data["values"]]
         best = [RobotPolicy(str(r["moves"]), dict(r["asks"])) for r in data["robots"]]
-        said = (data["format"], data["game"], data["seed"])
+        check_format(data["format"], FORMAT, str(file), ResultsError)
+        said = (data["game"], data["seed"])
         fits = _from_texts(scenario, best).moves.shape == (2, len(scenario.map.cells))
     except (ValueError, LookupError, TypeError, AttributeError):
         raise ResultsError(f"{file}: is no search for a class bound; give another file") from None
-    if said != (FORMAT, game_digest(scenario), seed) or not values or not fits:
+    if said != (game_digest(scenario), seed) or not values or not fits:
         raise ResultsError(
             f"{file}: is the search of another game or seed (seed {data['seed']}); give another "
             "file, or the same scenario, settings and seed"

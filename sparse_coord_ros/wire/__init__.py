@@ -265,7 +265,7 @@ COUNTS = ("answered", "refused", "late", "repeated", "dropped", "learned", "step
 """The numbers stored beside a robot's tables: how percepts ended; requests repeated as the peer
 was behind; transitions given up as no reward came; updates made; the time step of the tables."""
 
-BAG_FORMAT = 4
+BAG_FORMAT = 1
 """Number of what a bag holds, in its metadata record."""
 
 FORMAT_KEY = "format"

@@ -138,13 +138,13 @@ def test_another_format_is_refused(tmp_path, result):
     with open_results(tmp_path, PLAN) as results:
         results.save(CONDITION, result)
         path = results.path(CONDITION)
-        path.write_text(path.read_text().replace('"format": 3', '"format": 4'))
-        with pytest.raises(ResultsError, match="is in format 4"):
+        path.write_text(path.read_text().replace('"format": 1', '"format": 2'))
+        with pytest.raises(ResultsError, match="is in format 2"):
             results.load(CONDITION)
         assert path.exists()
     manifest = tmp_path / "results.json"
-    manifest.write_text(manifest.read_text().replace('"format": 3', '"format": 2'))
-    with pytest.raises(ResultsError, match="format 2"), open_results(tmp_path, PLAN):
+    manifest.write_text(manifest.read_text().replace('"format": 1', '"format": 0'))
+    with pytest.raises(ResultsError, match="format 0"), open_results(tmp_path, PLAN):
         pass
 
 
@@ -197,7 +197,7 @@ def test_a_damaged_result_is_put_aside_and_open_again(tmp_path, result, damage):
         assert results.load(CONDITION) == result
 
 
-@pytest.mark.parametrize("damage", ["", "[1]", "{", "[" * 100_000, '{"format": 3, "seed": 1e999}'])
+@pytest.mark.parametrize("damage", ["", "[1]", "{", "[" * 100_000, '{"format": 1, "seed": 1e999}'])
 def test_a_damaged_manifest_is_an_error(tmp_path, damage):
     (tmp_path / "results.json").write_text(damage)
     with pytest.raises(ResultsError, match="is no results.json"), open_results(tmp_path, PLAN):

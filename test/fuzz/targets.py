@@ -154,7 +154,7 @@ def of_arrays(name: str, read: Callable[[Path], object]) -> Target:
         run.mkdir()
         shutil.copy(sample / "run" / RUN_FILE, run)
         data = (sample / "run" / name).read_bytes()
-        arrays, _ = archive.unpack(data, where="", what="", remedy="", error=TablesError)
+        arrays = archive.unpack(data, where="", what="", remedy="", error=TablesError)
         for compressed in (True, False):  # what is compiled, and loaded, takes its time once
             (run / name).write_bytes(archive.pack(arrays, compressed=compressed))
             read(run)

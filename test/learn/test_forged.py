@@ -38,7 +38,7 @@ def zipped(*members, header=HEADER, comment=b""):
 
 def unpack(data, **more):
     how = {"where": "x", "what": "tables", "remedy": "use another", "error": TablesError}
-    return archive.unpack(data, **how, **more)[0]
+    return archive.unpack(data, **how, **more)
 
 
 @pytest.mark.parametrize(

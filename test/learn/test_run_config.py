@@ -67,11 +67,11 @@ def test_missing_and_unknown_fields(run):
 
 
 def test_formats_of_run_yaml(run):
-    assert "format: 2" in run.to_yaml()
-    for older in (None, 1):
-        assert "format 1, this version" in refusal(spoiled(run, format=older), RunError)
-    assert "format 3, this version reads" in refusal(spoiled(run, format=3), RunError)
-    assert "'format' is 'two'" in refusal(spoiled(run, format="two"), RunError)
+    assert "format: 1" in run.to_yaml()
+    for other in (None, 0, 2, "two", True):
+        said = f"is in format {other!r}, this version reads format 1; "
+        remedy = "update sparse_coord_ros" if other == 2 else "make it anew"
+        assert said + remedy in refusal(spoiled(run, format=other), RunError)
 
 
 def test_the_digest_of_a_run(run):
@@ -89,7 +89,7 @@ def test_the_digest_of_a_run(run):
         ("scenario: [\n", ScenarioError, "line 2"),
         ("", ScenarioError, "'key: value'"),
         ("just text", ScenarioError, "is str"),
-        ("format: 2\nseed: 1\n", RunError, "scenario"),
+        ("format: 1\nseed: 1\n", RunError, "scenario"),
     ],
 )
 def test_malformed_run_yaml(text, error, words):

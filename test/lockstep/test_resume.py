@@ -249,19 +249,19 @@ def test_a_broken_file_is_named_and_an_earlier_one_is_used(tmp_path, run, played
         ({"seed": 6}, "another run"),
         ({"learner": "noncoop"}, "another run"),
         ({"penalty": -7}, "another run"),
-        ({"version": "9.9"}, "was written by version 9.9"),
+        ({"format": 2}, "is in format 2"),
     ],
 )
-def test_another_run_or_version_is_refused(tmp_path, run, played, change, said, monkeypatch):
+def test_another_run_or_format_is_refused(tmp_path, run, played, change, said, monkeypatch):
     other = run
-    if "version" in change:
-        monkeypatch.setattr("sparse_coord_ros.learn.archive.__version__", "9.9")
+    if "format" in change:
+        monkeypatch.setattr("sparse_coord_ros.learn.archive.FORMAT", 2)
     for store in saved(tmp_path, run, played).values():
         store.close()
     monkeypatch.undo()
     if "penalty" in change:
         other = make_run(problem("env1", **change), {"seed": 5})
-    elif "version" not in change:
+    elif "format" not in change:
         other = make_run(run.scenario, {"seed": 5, **change})
     with pytest.raises(RunError, match=said) as caught:
         Checkpoints(tmp_path, "robot_1", other).steps()

@@ -45,7 +45,7 @@ def test_what_random_bytes_bring_about_is_an_exception_or_fits():
         convert.unpack_action: convert.pack_action(7, Action(2, True, 1, True), Account(1, True)),
         typed(interface.STATUS, read_status): serialize_message(status("a", "learning", values)),
         typed(interface.CLAIM, read_claim): serialize_message(Header(frame_id="ab joined")),
-        read_run: serialize_message(String(data="format: 2")),
+        read_run: serialize_message(String(data="format: 1")),
         typed(interface.TABLES, read_tables_message): serialize_message(
             tables_message(b"npz", 7, "final")
         ),

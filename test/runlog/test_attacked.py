@@ -49,7 +49,7 @@ def test_a_stamp_before_the_run(alter, topic, kind):
 # The bag's format.
 
 
-@pytest.mark.parametrize("number", ["1", str(BAG_FORMAT + 1), "x"])
+@pytest.mark.parametrize("number", ["0", str(BAG_FORMAT + 1), "x", ""])
 def test_another_format_is_refused_in_one_line(good, rewritten, tmp_path, number, capsys):
     bag = rewritten(good.bag, tmp_path / "bag", record={"format": number})
     with pytest.raises(BagError, match="format .*this version reads format") as caught:
