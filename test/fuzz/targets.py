@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from strangers import FAR, damaged, message_with
 
 from sparse_coord_ros.bags import BagWriter, open_bag
 from sparse_coord_ros.cli import main as cli
@@ -39,7 +40,6 @@ from sparse_coord_ros.learn.tables import TEAM_FILE, load_team
 from sparse_coord_ros.maps.image import read_floor_plan, write_floor_plan
 from sparse_coord_ros.maps.plan import import_map
 from sparse_coord_ros.share import share_folder
-from tools.strangers import FAR, damaged, message_with
 
 Read = Callable[[], object]
 Cases = Callable[[random.Random], Read]

@@ -3,11 +3,9 @@
 """What the ROS tests share: nodes on executors of the test's own, processes, and tidiness."""
 
 import functools
-import json
 import os
 import signal
 import subprocess
-import sys
 import time
 from contextlib import ExitStack
 from copy import deepcopy
@@ -15,6 +13,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from live_teams import command, node_words
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
@@ -256,9 +255,6 @@ def assert_same_tables():
     return check
 
 
-EXECUTABLES_MODULE = "sparse_coord_ros.executables"
-
-
 class Process:
     """A child process whose output goes to a file."""
 
@@ -266,9 +262,11 @@ class Process:
         self._log = log
         with log.open("wb") as file:
             name = "sparse_coord" if module == "cli.main" else module.removeprefix("nodes.")
-            command = [sys.executable, "-m", EXECUTABLES_MODULE, name, *arguments]
             self._popen = subprocess.Popen(
-                command, stdout=file, stderr=subprocess.STDOUT, start_new_session=True
+                command(name, *arguments),
+                stdout=file,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
             )
         self.pid = self._popen.pid
 
@@ -286,7 +284,7 @@ class Process:
         for pid in map(int, children):
             command = Path(f"/proc/{pid}/cmdline").read_text().split("\0")
             said = command[command.index("-m") + 1 :] if "-m" in command else []
-            if said[:1] == [module] or said[:2] == [EXECUTABLES_MODULE, module]:
+            if said[:1] == [module] or said[:2] == ["sparse_coord_ros.executables", module]:
                 return SimpleNamespace(pid=pid, send_signal=functools.partial(os.kill, pid))
         raise AssertionError(f"no child runs {module}: {children}")
 
@@ -330,11 +328,7 @@ def start_node(start, executor_kind):
 
     def starter(module: str, name: str, **parameters) -> Process:
         parameters = {"executor": executor_kind, **parameters}
-        arguments = ["--ros-args", "-r", f"__node:={name}"]
-        for key, value in parameters.items():
-            text = json.dumps(value) if isinstance(value, bool | list) else str(value)
-            arguments += ["-p", f"{key}:={text}"]
-        return start(f"nodes.{module}", *arguments)
+        return start(f"nodes.{module}", *node_words(name, **parameters))
 
     return starter
 

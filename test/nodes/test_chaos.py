@@ -1,20 +1,20 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Runs over ROS 2 in which anything happens to any process: see tools/chaos.py."""
+"""Runs over ROS 2 in which anything happens to any process: see chaos.py."""
 
 import subprocess
 import sys
-from pathlib import Path
 
+import chaos
 import pytest
 import yaml
+from chaos import DELETE, KILL, LIE, NODES, STOP, VISIT, plan_of
+from live_teams import odd_counts
 
 from sparse_coord_ros.lockstep.robot_side import ASKS
 from sparse_coord_ros.nodes.spin import ros_context
 from sparse_coord_ros.nodes.team import run_team
 from sparse_coord_ros.runlog import verify
-from tools.chaos import DELETE, KILL, LIE, NODES, STOP, VISIT, plan_of
-from tools.teams import odd_counts
 
 
 def test_a_seed_draws_a_run():
@@ -57,7 +57,6 @@ def test_counts_that_contradict_one_another_are_named(tmp_path):
 
 @pytest.mark.long
 def test_fifty_runs(tmp_path):
-    command = [sys.executable, "-m", "tools.chaos", "--runs", "50", "--keep", str(tmp_path)]
-    root = Path(__file__).resolve().parents[2]
-    done = subprocess.run(command, cwd=root, capture_output=True, text=True, timeout=1700)
+    command = [sys.executable, chaos.__file__, "--runs", "50", "--keep", str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=1700)
     assert done.returncode == 0, done.stdout + done.stderr

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 from std_msgs.msg import Header, String
+from strangers import Visitor, damaged
 
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.game.world import Action, Reward
@@ -26,7 +27,6 @@ from sparse_coord_ros.nodes.messages import (
 )
 from sparse_coord_ros.wire import Account
 from sparse_coord_ros.wire.status import Said, read_status
-from tools.strangers import Visitor, damaged
 
 NAMES = ("robot_1", "robot_2")
 SETTINGS = {"steps": 60, "epsilon": "constant:1"}

@@ -6,13 +6,10 @@ import os
 import re
 import subprocess
 import sys
-from pathlib import Path
 
+import hosts
 import pytest
-
-from tools.hosts import CONDITIONS, refusal
-
-ROOT = Path(__file__).resolve().parents[2]
+from hosts import CONDITIONS, refusal
 
 
 @pytest.mark.long
@@ -23,8 +20,7 @@ def test_a_team_on_three_hosts_learns_the_same_bits(number):
         pytest.skip(f"this machine allows no network namespaces: {why}")
     others = {k: v for k, v in os.environ.items() if not k.startswith(("FASTRTPS_", "FASTDDS_"))}
     done = subprocess.run(
-        [sys.executable, "-m", "tools.hosts", "--only", str(number)],
-        cwd=ROOT,
+        [sys.executable, hosts.__file__, "--only", str(number)],
         env=others,
         capture_output=True,
         text=True,

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""`python -m tools.hosts`: a team on several hosts, with frames lost and late between them.
+"""`python test/hosts.py`: a team on several hosts, with frames lost and late between them.
 
 Each host is a network namespace of its own with its own /dev/shm, on a virtual Ethernet cable. The
 cables end in a hub: a process that hands each frame to all other hosts, late, or never (many
@@ -29,9 +29,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 import yaml
+from live_teams import command, node_words, same_tables
 
 from sparse_coord_ros.wire import WORLD
-from tools.teams import command, node_words, same_tables
 
 INSIDE = "SPARSE_COORD_HOSTS"
 """Set in the environment once this program runs in namespaces of its own."""
@@ -187,7 +187,7 @@ def row(condition: Condition) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure, in namespaces of its own."""
-    parser = argparse.ArgumentParser(prog="python -m tools.hosts", description=__doc__)
+    parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--only", type=int, choices=range(len(CONDITIONS)), help="one condition")
     options = parser.parse_args(arguments)
     if INSIDE not in os.environ:
@@ -195,7 +195,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if why:
             print(f"no namespaces here: {why}", file=sys.stderr)
             return 2
-        own = ["unshare", "-rnm", sys.executable, "-m", "tools.hosts"]
+        own = ["unshare", "-rnm", sys.executable, __file__]
         own += sys.argv[1:] if arguments is None else arguments
         subnet = {INSIDE: "1", "ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"}
         return subprocess.run(own, env={**os.environ, **subnet}, check=False).returncode

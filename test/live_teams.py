@@ -1,7 +1,8 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the tools that make live runs share: commands, processes, and what a run is to come to."""
+"""Teams as processes: the commands that start them, and what a run is to come to."""
 
+import json
 import sys
 from pathlib import Path
 
@@ -25,8 +26,11 @@ def command(executable: str, *words: str) -> list[str]:
 
 def node_words(name: str, **parameters: object) -> list[str]:
     """Return what a node is given on its command line: its name, and its parameters."""
-    given = [word for key, value in parameters.items() for word in ("-p", f"{key}:={value}")]
-    return ["--ros-args", "-r", f"__node:={name}", *given]
+    words = ["--ros-args", "-r", f"__node:={name}"]
+    for key, value in parameters.items():
+        text = json.dumps(value) if isinstance(value, bool | list) else str(value)
+        words += ["-p", f"{key}:={text}"]
+    return words
 
 
 def same_tables(out: Path) -> bool:

@@ -2,11 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a stranger does to a team: damaged data, random messages, a visitor on every topic.
 
-python -m tools.strangers [--seconds N] [--seed S] [--robots K]
+python test/strangers.py [--seconds N] [--seed S] [--lie ROBOT]
 
-publishes on every topic of a team and calls its services for a while; `tools.chaos` and the tests
-use it as a class. What the visitor says fits no run: its stamps, identities and
-numbers are those of no team, so what is learned is to stay as it is.
+publishes on every topic of a team of two and calls its services for a while; the tests use it as a
+class. What the visitor says fits no run: its stamps, identities and numbers are those of no team,
+so what is learned is to stay as it is. With --lie it serves a robot's `active_perception` too, and
+says that the robot is where the asker is.
 """
 
 import argparse
@@ -16,7 +17,6 @@ import re
 import sys
 import time
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from typing import Any
 
 import rclpy
@@ -26,7 +26,7 @@ from rclpy.serialization import serialize_message
 
 from sparse_coord_ros import wire
 from sparse_coord_ros.nodes.interface import bind, message_class
-from sparse_coord_ros.nodes.spin import ros_context
+from sparse_coord_ros.nodes.spin import ros_context, signals, spin_nodes
 from sparse_coord_ros.wire import NODE, ROBOT, RunState, services
 
 ODD_NUMBERS = (0, 1, -1, 2**31 - 1, -(2**31), 2**63 - 1, 2**64 - 1, 10**5, 255, 65_536)
@@ -37,6 +37,8 @@ ODD_TEXTS = (
 )
 FAR = (-(2**31), -1, 10**5, 2**31 - 1)
 """Seconds of a stamp that are no time of a short run."""
+PAUSE = 0.002
+"""Seconds between two words."""
 
 
 def damaged(chance: random.Random, data: bytes) -> bytes:
@@ -69,7 +71,7 @@ def message_with(chance: random.Random, kind: type, stamp: Callable[[], int] | N
         stamp: the seconds of its times; None: any.
     """
     message = kind()
-    for name, said in kind.get_fields_and_field_types().items():  # type: ignore[attr-defined]
+    for name, said in kind.get_fields_and_field_types().items():
         if name == "sec" and stamp is not None:
             setattr(message, name, stamp())
         elif chance.random() < 0.8:
@@ -150,7 +152,7 @@ class Visitor:
             pass  # more bytes than the type can have: Fast DDS does not send them
         if chance.random() < 0.1:
             client = chance.choice(self._clients)
-            request = message_with(chance, client.srv_type.Request, self._far)  # type: ignore[attr-defined]
+            request = message_with(chance, client.srv_type.Request, self._far)
             client.remove_pending_request(client.call_async(request))
             self.said += 1
 
@@ -161,24 +163,36 @@ class Visitor:
 _ASK = services.ACTIVE_PERCEPTION
 
 
+def lie(node: Node, robot: str) -> None:
+    """Serve a robot's `active_perception` too: it is where the asker is."""
+
+    def answer(request: Any, response: Any) -> Any:
+        response.plan.header, response.plan.poses = request.start.header, [request.start]
+        return response
+
+    node.create_service(message_class(_ASK.type_name), _ASK.of(robot), answer)
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Visit a team for a while."""
-    parser = argparse.ArgumentParser(prog="python -m tools.strangers", description=__doc__)
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument("--seconds", type=float, default=300.0)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--robots", type=int, default=2)
-    parser.add_argument("--pause", type=float, default=0.002, help="seconds between two words")
+    parser.add_argument("--lie", metavar="ROBOT", help="only lie, as this robot")
     options = parser.parse_args(arguments)
-    names = [f"robot_{k + 1}" for k in range(options.robots)]
-    with ros_context() as context:
+    end = time.monotonic() + options.seconds
+    with ros_context() as context, signals() as stop:
         node = rclpy.create_node("stranger", context=context)
-        visitor = Visitor(node, names, options.seed)
-        end = time.monotonic() + options.seconds
-        with suppress(KeyboardInterrupt):
-            while time.monotonic() < end:
+        if options.lie:
+            lie(node, options.lie)
+            spin_nodes([node], "events", context, lambda: bool(stop))
+        else:
+            visitor = Visitor(node, ("robot_1", "robot_2"), options.seed)
+            while not stop and time.monotonic() < end:
                 visitor.step()
-                time.sleep(options.pause)
-        print(f"said {visitor.said}", flush=True)
+                time.sleep(PAUSE)
+            print(f"said {visitor.said}", flush=True)
         node.destroy_node()
     return 0
 

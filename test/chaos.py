@@ -2,19 +2,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """Teams over ROS 2 in which anything happens to any process; what is to be true afterwards.
 
-python -m tools.chaos [--runs N] [--seed S] [--keep FOLDER]
+python test/chaos.py [--runs N] [--seed S] [--keep FOLDER]
 
 Run S + i is drawn from that number: a team of processes (world, two robots, recorder), and what
 happens to them at which time steps: SIGKILL and a start with `resume:=true`, to one of them or to
 all, or SIGSTOP for a while. Deadlines are long, so nobody is left out: the tables are to be those
 of a run without ROS, bit for bit. No process may wait for ever or print a traceback. `verify` is
 to say "identical"; where a recorder was killed or stopped, that its recording lacks something.
-Summary, history, diagnostics and log are to count alike (`teams.odd_counts`).
+Summary, history, diagnostics and log are to count alike (`live_teams.odd_counts`).
 
-In some runs other things happen: the output directory is deleted; a stranger speaks on every topic
-(`tools.strangers`), or serves a robot's `active_perception` too, with lies (`--lie ROBOT` is that
-stranger); or the world goes on where it is (`returning:=continue`) while two are killed in a row:
-the tables are then those of no run, and `verify` may find that it cannot tell.
+In some runs other things happen: the output directory is deleted; a stranger speaks on every
+topic, or serves a robot's `active_perception` too, with lies (`strangers`); or the world goes on
+where it is (`returning:=continue`) while two are killed in a row: the tables are then those of no
+run, and `verify` may find that it cannot tell.
 """
 
 import argparse
@@ -27,19 +27,16 @@ import tempfile
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import rclpy
+import strangers
+from live_teams import command, node_words, odd_counts, same_tables
 
 from sparse_coord_ros.bags.reader import BAG_DIRECTORY
 from sparse_coord_ros.cli.live import sole_team
 from sparse_coord_ros.errors import SparseCoordError
-from sparse_coord_ros.nodes.interface import ACTIVE_PERCEPTION_TYPE
-from sparse_coord_ros.nodes.spin import ros_context, signals, spin_nodes
 from sparse_coord_ros.runlog import verify
 from sparse_coord_ros.wire import RECORDER, WORLD
-from sparse_coord_ros.wire.services import ACTIVE_PERCEPTION
-from tools.teams import command, node_words, odd_counts, same_tables
 
 ROBOTS = ("robot_1", "robot_2")
 NODES = (WORLD, *ROBOTS, RECORDER)
@@ -51,11 +48,8 @@ LIMIT_SECONDS = 90.0
 
 KILL, STOP, DELETE = "killed", "stopped", "its directory deleted"
 VISIT, LIE = "visited by a stranger", "has a second server"
-STRANGERS = {
-    VISIT: ("tools.strangers", "--seconds", "60", "--seed"),
-    LIE: ("tools.chaos", "--lie", ROBOTS[1], "--seed"),
-}
-"""The modules that they are, and what these are given before a number."""
+STRANGERS = {VISIT: (), LIE: ("--lie", ROBOTS[1])}
+"""What they are given as options."""
 
 
 class Fault(NamedTuple):
@@ -203,8 +197,8 @@ class Team:
             return
         if fault.what in STRANGERS:
             with (self._folder / "stranger").open("ab") as log:
-                words = [sys.executable, "-m", *STRANGERS[fault.what], str(self._seed)]
-                stranger = subprocess.Popen(words, stdout=log, stderr=log)
+                words = [strangers.__file__, "--seed", str(self._seed), *STRANGERS[fault.what]]
+                stranger = subprocess.Popen([sys.executable, *words], stdout=log, stderr=log)
             time.sleep(fault.seconds)
             stranger.terminate()
             stranger.wait()
@@ -270,32 +264,13 @@ def judge(plan: Plan, out: Path) -> list[str]:
     return wrong + odd_counts(out, found if whole else None)
 
 
-def lie(robot: str) -> None:
-    """Serve a robot's `active_perception` too, until a signal comes: it is where the asker is."""
-    with ros_context() as context:
-        node = rclpy.create_node("liar", context=context)
-
-        def answer(request: Any, response: Any) -> Any:
-            response.plan.header, response.plan.poses = request.start.header, [request.start]
-            return response
-
-        node.create_service(ACTIVE_PERCEPTION_TYPE, ACTIVE_PERCEPTION.of(robot), answer)
-        with signals() as stop:
-            spin_nodes([node], "events", context, lambda: bool(stop))
-        node.destroy_node()
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Make the runs; return 1 where something is wrong."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--runs", type=int, default=50)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--keep", type=Path, help="where to leave what went wrong")
-    parser.add_argument("--lie", choices=ROBOTS, help="only lie, as this robot")
     options = parser.parse_args(arguments)
-    if options.lie:
-        lie(options.lie)
-        return 0
     failed = 0
     with sole_team():  # of two teams in a domain each would hear the other's world
         for seed in range(options.seed, options.seed + options.runs):
