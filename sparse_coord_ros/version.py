@@ -2,4 +2,4 @@
 # SPDX-License-Identifier: Apache-2.0
 """The version of this software, which whatever it writes says."""
 
-__version__ = "0.2.0"
+__version__ = "1.0.0"
