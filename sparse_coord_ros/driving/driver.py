@@ -5,9 +5,9 @@
 import math
 
 from sparse_coord_ros.driving.ground import Ground, Pose
-from sparse_coord_ros.driving.mover import SLACK, Mover
+from sparse_coord_ros.driving.mover import SLACK, Look, Mover
 from sparse_coord_ros.driving.steering import STOP, Command, Limits, distance, steer
-from sparse_coord_ros.lockstep.bodies import BodyGoal, Goals, Reached
+from sparse_coord_ros.lockstep.bodies import Goals, Reached
 
 ASTRAY = 0.25
 """Share of a cell that a body may be off the line to its next place before it goes back to it."""
@@ -28,14 +28,14 @@ class Driver(Mover):
     def __init__(self, ground: Ground, limits: Limits, robot: int) -> None:
         super().__init__(ground, robot)
         self._limits = limits
-        self._way: list[tuple[float, float]] | None = None
-        self._answered: float | None = None
+        self._way: list[tuple[float, float]] = []
+        self._answered = math.nan
 
     def take(self, goals: Goals) -> bool:
         """As of `Mover`."""
         new = super().take(goals)
         if new:
-            self._way = self._answered = None
+            self._way, self._answered = [], math.nan
         return new
 
     def next(self) -> tuple[Command | None, Reached | None]:
@@ -44,41 +44,35 @@ class Driver(Mover):
         None for both where there is nothing to do, or nothing new was seen since. Where the same
         pose comes again and again, the last answer was lost, and is given again.
         """
-        goal, goals, pose, now = self._goal, self._goals, self.pose, self._seconds
-        if goal is None:
+        look = self._look()
+        if self._goal is None:
             return None, self._ended if self._unheard else None
-        if goals is None or pose is None or now is None:
-            return None, None
-        if not self._newer(goals, now):
+        if look is None or not self._newer(look):
             return None, None  # a newer pose is to come
-        if goals.place:
-            return None, self._placed(goals, goal, pose, now)
-        if now == self._answered and not self._unheard:
+        if look.goals.place:
+            return None, self._placed(look)
+        if look.stamp == self._answered and not self._unheard:
             return None, None
-        self._answered = now
-        return self._steered(goals, goal, pose, now)
+        self._answered = look.stamp
+        return self._steered(look)
 
-    def _steered(
-        self, goals: Goals, goal: BodyGoal, pose: Pose, now: float
-    ) -> tuple[Command, Reached | None]:
+    def _steered(self, look: Look) -> tuple[Command, Reached | None]:
         """Steer to the next place of the way; stop where it ends, or when time is over."""
         if self._began is None:
-            self._began = now
-        if self._way is None:
-            self._way = self._find_way(goal, pose)
-        way, near = self._way, self._limits.near
+            self._began = look.stamp
+        self._way = way = self._way or self._find_way(look)
+        pose, near = look.pose, self._limits.near
         while len(way) > 1 and distance(pose, way[0]) <= near:
             way.pop(0)
         if distance(pose, way[0]) <= near:
-            return STOP, self._end(goals, pose, now, there=True)
-        if now - self._began >= self._limits.seconds - SLACK:
-            return STOP, self._end(goals, pose, now, there=False)
+            return STOP, self._end(look, there=True)
+        if look.stamp - self._began >= self._limits.seconds - SLACK:
+            return STOP, self._end(look, there=False)
         return steer(pose, way[0], self._limits), None
 
-    def _find_way(self, goal: BodyGoal, pose: Pose) -> list[tuple[float, float]]:
+    def _find_way(self, look: Look) -> list[tuple[float, float]]:
         """Return the places to pass, the goal last: through free cells, wherever the body is."""
-        ground, robot = self._ground, self._robot
-        target = ground.place(robot, goal.end)
+        ground, robot, (_, goal, pose, _, target) = self._ground, self._robot, look
         here = ground.cell(pose.x, pose.y)
         if here is None or here == goal.end:
             return [target]

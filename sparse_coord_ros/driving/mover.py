@@ -3,10 +3,11 @@
 """What every driver of a body shares: goals and poses in, and how a goal ends."""
 
 import math
+from typing import NamedTuple
 
 from sparse_coord_ros.driving.ground import Ground, Pose
 from sparse_coord_ros.driving.steering import distance
-from sparse_coord_ros.lockstep.bodies import LOST, BodyGoal, Goals, Reached
+from sparse_coord_ros.lockstep.bodies import BEGIN, LOST, BodyGoal, Goals, Reached
 
 SLACK = 1e-6
 """Seconds: stamps are whole nanoseconds."""
@@ -17,6 +18,25 @@ BACK = 1.0
 REPEATS = 4
 """After so many poses of the same time it is believed, even if newer ones were seen before: the
 simulator was started again."""
+
+UNTOLD = Goals(0, 0, False, BEGIN, ())
+"""What a body has been told before any goals come; they are numbered from 1."""
+
+
+class Look(NamedTuple):
+    """What a goal is judged by.
+
+    Attributes:
+        goals, goal: what all bodies were told, and this one.
+        pose, stamp: where the body is, and when it was seen there.
+        target: its place in the goal's cell, (x, y) in metres.
+    """
+
+    goals: Goals
+    goal: BodyGoal
+    pose: Pose
+    stamp: float
+    target: tuple[float, float]
 
 
 class Mover:
@@ -32,17 +52,17 @@ class Mover:
 
     Attributes:
         pose: the newest pose; None: none has come.
+        heard: the time of the last pose that came, whatever it was; NaN: none has come.
         ignored: poses that were no places, or older than one before.
     """
 
     def __init__(self, ground: Ground, robot: int) -> None:
         self._ground, self._robot = ground, robot
-        self._goals: Goals | None = None
+        self._goals = UNTOLD
         self._goal: BodyGoal | None = None
         self._began: float | None = None
-        self._seconds: float | None = None
         self._ended: Reached | None = None
-        self._heard = math.nan
+        self._stamp = self.heard = math.nan
         self._repeats = 0
         self.pose: Pose | None = None
         self.ignored = 0
@@ -59,7 +79,7 @@ class Mover:
 
     def take(self, goals: Goals) -> bool:
         """Take goals, and return whether they are new; those before them are given up."""
-        if self._goals is not None and goals.number == self._goals.number:
+        if goals.number == self._goals.number:
             return False
         self._goals = goals
         mine = [goal for goal in goals.bodies if goal.robot == self._robot]
@@ -69,34 +89,38 @@ class Mover:
 
     def sees(self, seconds: float, pose: Pose) -> None:
         """Take in a pose and its time, in seconds of any clock."""
-        before = seconds if self._seconds is None else self._seconds
-        self._repeats = self._repeats + 1 if seconds == self._heard else 0
-        self._heard = seconds
-        late = 0.0 < before - seconds <= BACK and self._repeats < REPEATS
+        self._repeats = self._repeats + 1 if seconds == self.heard else 0
+        self.heard = seconds
+        late = 0.0 < self._stamp - seconds <= BACK and self._repeats < REPEATS
         if late or not all(map(math.isfinite, (seconds, *pose))):
             self.ignored += 1
             return
-        if seconds < before:
+        if seconds < self._stamp:
             self._began = None
-        self._seconds, self.pose = seconds, pose
+        self._stamp, self.pose = seconds, pose
 
-    def _newer(self, goals: Goals, now: float) -> bool:
-        """Whether a pose is newer than those that goals knew of."""
-        return not 0.0 <= goals.since - now + SLACK <= BACK or self._repeats >= REPEATS
+    def _look(self) -> Look | None:
+        """Return what the goal is judged by; None: there is no goal, or no pose."""
+        if self._goal is None or self.pose is None:
+            return None
+        target = self._ground.place(self._robot, self._goal.end)
+        return Look(self._goals, self._goal, self.pose, self._stamp, target)
 
-    def _placed(self, goals: Goals, goal: BodyGoal, pose: Pose, now: float) -> Reached | None:
+    def _newer(self, look: Look) -> bool:
+        """Whether the pose is newer than those that the goals knew of."""
+        ahead = look.goals.since - look.stamp + SLACK
+        return not 0.0 <= ahead <= BACK or self._repeats >= REPEATS
+
+    def _placed(self, look: Look) -> Reached | None:
         """Say that the body is where it was to be put; None while it is not."""
-        place = self._ground.place(self._robot, goal.end)
-        close = distance(pose, place) <= self._ground.side / 2
-        if close or self._ground.inside(goal.end, pose.x, pose.y):
-            return self._end(goals, pose, now, there=True)
-        return None
+        close = distance(look.pose, look.target) <= self._ground.side / 2
+        there = close or self._ground.inside(look.goal.end, look.pose.x, look.pose.y)
+        return self._end(look, there=True) if there else None
 
-    def _end(self, goals: Goals, pose: Pose, now: float, *, there: bool) -> Reached:
-        cell = self._ground.cell(pose.x, pose.y)
-        took = 0.0 if self._began is None else now - self._began
+    def _end(self, look: Look, *, there: bool) -> Reached:
+        cell = self._ground.cell(look.pose.x, look.pose.y)
+        took = 0.0 if self._began is None else round(look.stamp - self._began, 9)
+        where = LOST if cell is None else cell
         self._goal = None
-        self._ended = Reached(
-            self._robot, goals.number, LOST if cell is None else cell, there, round(took, 9), now
-        )
+        self._ended = Reached(self._robot, look.goals.number, where, there, took, look.stamp)
         return self._ended

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 from sparse_coord_ros.driving.ground import Ground, Pose
-from sparse_coord_ros.driving.mover import Mover
+from sparse_coord_ros.driving.mover import Look, Mover
 from sparse_coord_ros.driving.steering import distance
-from sparse_coord_ros.lockstep.bodies import BodyGoal, Goals, Reached
+from sparse_coord_ros.lockstep.bodies import Reached
 
 SETTLE_SECONDS = 1.0
 """How long a newer pose is waited for: some localisations are silent where a body stands."""
@@ -80,22 +80,6 @@ class _Sent:
     cancelled: float | None = None
 
 
-class _Look(NamedTuple):
-    """What is decided by.
-
-    Attributes:
-        goals, goal: those that hold, and this robot's.
-        pose, stamp: where the body is, and when it was.
-        target: the place in the goal's cell.
-    """
-
-    goals: Goals
-    goal: BodyGoal
-    pose: Pose
-    stamp: float
-    target: tuple[float, float]
-
-
 class Navigator(Mover):
     """Sends one robot's body from cell to cell by a navigation server, one goal a cell.
 
@@ -149,14 +133,14 @@ class Navigator(Mover):
         """
         self._blind |= blind
         self._leave(now)
-        if self._goal is None or self._goals is None or self._over is not None:
+        if self._goal is None or self._over is not None:
             return
         self.counts[kind] += 1
         self._port.say(why)
         if self._goals.place:
             self._wait(now)
         else:
-            self._over = now, math.nan if self._seconds is None else self._seconds
+            self._over = now, self._stamp
 
     def accepted(self, ticket: int, now: float) -> None:
         """Take in that the server has accepted a goal; one that is not wanted is cancelled."""
@@ -184,8 +168,7 @@ class Navigator(Mover):
         if sent is None or sent.ticket != ticket:
             return
         sent.heard = now
-        place = self._goals is not None and self._goals.place
-        if 0 < self._limits.detour < left and not place:
+        if 0 < self._limits.detour < left and not self._goals.place:
             why = f"Nav2 makes a detour of {left:.1f} m (detour): the goal is cancelled"
             self.give_up(now, "detours", why)
 
@@ -206,23 +189,26 @@ class Navigator(Mover):
             return
         if why:
             self.give_up(now, kind, why)
-        elif self._goals is not None and self._goals.place:
+        elif self._goals.place:
             self._wait(now)
-        elif self._seconds is not None:
-            self._over = now, self._seconds
+        else:
+            self._over = now, self._stamp
 
     def next(self, now: float) -> Reached | None:
         """Do what is to be done now; return how the goal ended if it has."""
         self._watch(now)
-        if self._goals is not None and self._goals.number != self._number:
+        if self._goals.number != self._number:
             self._number, self._taken, self._again = self._goals.number, now, now
             self._tries, self._over = 0, None
         if self.held or self._goal is None or (self._sent and self._sent.goals != self._number):
             self._leave(now)
             return None
-        look = self._look(now)
-        if look is None:
+        look = self._look()
+        late = now - self._taken >= SETTLE_SECONDS
+        if look is None or self._blind or not (late or self._newer(look)):
             return None
+        if self._began is None:
+            self._began = look.stamp
         reached = self._arrives(look)
         if reached is not None:
             self.counts["arrived"] += 1
@@ -238,26 +224,14 @@ class Navigator(Mover):
         self._send(look, now)
         return None
 
-    def _look(self, now: float) -> _Look | None:
-        """Return what is known of the goal and of the body; None: not enough to decide by."""
-        goals, goal, pose, stamp = self._goals, self._goal, self.pose, self._seconds
-        if goals is None or goal is None or pose is None or stamp is None or self._blind:
-            return None
-        if not (self._newer(goals, stamp) or now - self._taken >= SETTLE_SECONDS):
-            return None
-        if self._began is None:
-            self._began = stamp
-        return _Look(goals, goal, pose, stamp, self._ground.place(self._robot, goal.end))
-
-    def _arrives(self, look: _Look) -> Reached | None:
+    def _arrives(self, look: Look) -> Reached | None:
         """Return that the body is where it was to go, whatever the server says; else None."""
-        goals, goal, pose, stamp, target = look
-        if goals.place:
-            return self._placed(goals, goal, pose, stamp)
-        near = distance(pose, target) <= self._limits.near
-        return self._end(goals, pose, stamp, there=True) if near else None
+        if look.goals.place:
+            return self._placed(look)
+        near = distance(look.pose, look.target) <= self._limits.near
+        return self._end(look, there=True) if near else None
 
-    def _settles(self, look: _Look, since: float, before: float, now: float) -> Reached | None:
+    def _settles(self, look: Look, since: float, before: float, now: float) -> Reached | None:
         """Return where a move that is over has ended, once the server and a newer pose say so.
 
         Args:
@@ -266,14 +240,14 @@ class Navigator(Mover):
             before: the newest pose's stamp then.
             now: the time.
         """
-        goals, goal, pose, stamp, _ = look
-        if self._sent is not None or (stamp == before and now - since < SETTLE_SECONDS):
+        unseen = look.stamp == before and now - since < SETTLE_SECONDS
+        if self._sent is not None or unseen:
             return None
-        there = self._ground.inside(goal.end, pose.x, pose.y)
+        there = self._ground.inside(look.goal.end, look.pose.x, look.pose.y)
         self.counts["arrived" if there else "not there"] += 1
-        return self._end(goals, pose, stamp, there=there)
+        return self._end(look, there=there)
 
-    def _send(self, look: _Look, now: float) -> None:
+    def _send(self, look: Look, now: float) -> None:
         """Send the goal where the server has none, unless it is to wait."""
         goals, _, pose, _, (x, y) = look
         if self._sent is None and now >= self._again and (self._limits.bring or not goals.place):
