@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 from rclpy.client import Client
-from std_srvs.srv import Trigger
 
 from sparse_coord_ros import wire
 from sparse_coord_ros.engine.improve import IMPROVED
@@ -96,7 +95,7 @@ class Member:
         self._exchange = (
             Exchange(node, run, self._number, self._packed, clients) if run.improve else None
         )
-        node.create_service(Trigger, services.SAVE.of("~"), self._on_save)
+        node.offer(services.SAVE, self._on_save)
         self._say_progress()
 
     def _fresh_agent(self) -> Agent:
@@ -182,15 +181,12 @@ class Member:
     def _on_reward(self, said: tuple[int, Reward]) -> None:
         self.lockstep.reward(*said)
 
-    def _on_save(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _on_save(self) -> tuple[bool, str]:
         try:
             path = self._save()
         except OSError as error:
-            response.success, response.message = False, os_error_text(error)
-            return response
-        response.success = path is not None
-        response.message = f"saved {path}" if path else "no parameter 'out': nowhere to save"
-        return response
+            return False, os_error_text(error)
+        return bool(path), f"saved {path}" if path else "no parameter 'out': nowhere to save"
 
     # The course of the run.
 

@@ -10,12 +10,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, TypedDict, Unpack, cast
 
-from rcl_interfaces.msg import (
-    FloatingPointRange,
-    IntegerRange,
-    ParameterDescriptor,
-    SetParametersResult,
-)
+from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.context import Context
 from rclpy.impl.implementation_singleton import rclpy_implementation
@@ -39,9 +34,10 @@ from sparse_coord_ros.lockstep.waiting import Reminder
 from sparse_coord_ros.look.page.controls import PAGE_SETTINGS
 from sparse_coord_ros.nodes.intake import Intake
 from sparse_coord_ros.nodes.interface import RECORDING as RECORDING_TOPIC
-from sparse_coord_ros.nodes.interface import RUN, RosTopic
+from sparse_coord_ros.nodes.interface import RUN, RosTopic, message_class
 from sparse_coord_ros.nodes.tap import Line, PackedPublisher, Tap
 from sparse_coord_ros.wire import RECORDER, WORLD
+from sparse_coord_ros.wire.services import Service
 
 RCLError = rclpy_implementation.RCLError
 
@@ -217,6 +213,21 @@ class ParameterNode(Node):
         more.setdefault("clock", Clock(clock_type=ClockType.STEADY_TIME))
         return super().create_timer(timer_period_sec, self.guarded(callback), *args, **more)
 
+    def offer(self, service: Service, do: Callable[..., tuple[bool, str]]) -> None:
+        """Offer a service of this node's own, of the type std_srvs/Trigger or SetBool.
+
+        Args:
+            service: the service.
+            do: gets what a SetBool says; returns whether it was done, and a text.
+        """
+
+        def answer(request: Any, response: Any) -> Any:
+            said = [request.data] if hasattr(request, "data") else []
+            response.success, response.message = do(*said)
+            return response
+
+        self.create_service(message_class(service.type_name), service.of("~"), answer)
+
     def remind(self, reminder: Reminder, for_whom: str) -> None:
         """Say every few seconds for whom this node waits."""
         waited = reminder.due(time.monotonic())
@@ -349,21 +360,13 @@ def of_node(node: str, values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _descriptor(setting: Setting, *, read_only: bool) -> ParameterDescriptor:
-    descriptor = ParameterDescriptor(
+    return ParameterDescriptor(
         name=setting.name,
         description=setting.help,
         additional_constraints=f"allowed: {setting.allowed}",
         read_only=read_only,
         dynamic_typing=setting.kind is float,  # a whole number is a number: `param set rate 20`
     )
-    if setting.low is not None and setting.high is not None:
-        if setting.kind is float:
-            span = FloatingPointRange(from_value=float(setting.low), to_value=float(setting.high))
-            descriptor.floating_point_range = [span]
-        if setting.kind is int:
-            span = IntegerRange(from_value=int(setting.low), to_value=int(setting.high), step=1)
-            descriptor.integer_range = [span]
-    return descriptor
 
 
 def run_from_parameters(values: Mapping[str, Any]) -> RunConfig:

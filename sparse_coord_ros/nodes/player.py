@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Unpack
 
 from rclpy.parameter import Parameter
-from std_srvs.srv import SetBool, Trigger
 
 from sparse_coord_ros.bags.playback import Playback
 from sparse_coord_ros.bags.playlist import Playlist
@@ -56,8 +55,8 @@ class Player(ParameterNode):
     def __init__(self, *, keyboard: bool = False, **place: Unpack[Place]) -> None:
         self._begun = False
         super().__init__("player", PARAMETERS["player"], changeable=CHANGEABLE, **place)
-        self.create_service(SetBool, services.PAUSE.of("~"), self._on_pause)
-        self.create_service(Trigger, services.STEP.of("~"), self._on_step)
+        self.offer(services.PAUSE, self._pause)
+        self.offer(services.STEP, self._step)
         self.add_post_set_parameters_callback(self.guarded(self._on_change))
         self._timer = self.create_timer(self.values["delay"], self._tick)
         keys = Keyboard()
@@ -132,15 +131,10 @@ class Player(ParameterNode):
             self._timer.timer_period_ns = 1
             self._timer.reset()
 
-    def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        self._playback.pause(request.data)
+    def _pause(self, hold: bool) -> tuple[bool, str]:
+        self._playback.pause(hold)
         self._wake()
-        response.success, response.message = True, self._state()
-        return response
-
-    def _on_step(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        response.success, response.message = self._step()
-        return response
+        return True, self._state()
 
     def _step(self) -> tuple[bool, str]:
         """Show the next time step; return whether there was one, and a text."""
@@ -175,9 +169,7 @@ class Player(ParameterNode):
     def _on_key(self, key: str) -> str:
         """Do what a key says, and return what the player does then."""
         if key == "pause":
-            self._playback.pause(not self._playback.paused)
-            self._wake()
-            return self._state()
+            return self._pause(not self._playback.paused)[1]
         rate, at, limits = self.values["rate"], self._position, PARAMETERS["player"]["rate"]
         name, value = {
             "start": ("position", 0.0),

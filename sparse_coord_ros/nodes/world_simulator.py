@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any, Unpack
 
 from rclpy.timer import Timer
-from std_srvs.srv import SetBool, Trigger
 
 from sparse_coord_ros import wire
 from sparse_coord_ros.errors import RunError
@@ -145,34 +144,30 @@ class WorldSimulator(ParameterNode):
         if self.speed.begun and not self._stopped and self.lockstep.action(robot, *said):
             self._advance_where_due()
 
-    def _on_pause(self, request: SetBool.Request, response: SetBool.Response):
-        self._paused = request.data
+    def _on_pause(self, hold: bool) -> tuple[bool, str]:
+        self._paused = hold
         self._silence.begin(time.monotonic())
         self._say()
         self._advance_where_due()
-        response.success, response.message = True, self.doing
-        return response
+        return True, self.doing
 
-    def _on_reset(self, request: Trigger.Request, response: Trigger.Response):
-        response.success = self.speed.begun and not self.lockstep.finished
-        response.message = "the run is not under way"
-        if response.success:
-            self.lockstep.new_episode()
-            response.message = f"episode {self.lockstep.world.episode} begins"
-        return response
+    def _on_reset(self) -> tuple[bool, str]:
+        if not self.speed.begun or self.lockstep.finished:
+            return False, "the run is not under way"
+        self.lockstep.new_episode()
+        return True, f"episode {self.lockstep.world.episode} begins"
 
-    def _on_step(self, request: Trigger.Request, response: Trigger.Response):
+    def _on_step(self) -> tuple[bool, str]:
         """Hold, and make one time step where every robot has acted."""
-        self._paused = True
-        response.success = self.speed.begun and self.lockstep.complete and not self.done
-        response.message = "the run is not under way, or a robot has not acted yet"
-        if response.success:
-            response.message = f"step {self.lockstep.world.step}"
+        self._paused, step = True, self.lockstep.world.step
+        ready = self.speed.begun and self.lockstep.complete and not self.done
+        if ready:
             self._single = True
             self._advance_where_due()
         if not self.done:
             self._say()
-        return response
+        refused = "the run is not under way, or a robot has not acted yet"
+        return ready, f"step {step}" if ready else refused
 
     # The course of the run.
 
@@ -200,9 +195,9 @@ class WorldSimulator(ParameterNode):
         own = [RUN_FILE, SUMMARY_FILE, TEAM_FILE, HISTORY_FILE, *robots]
         self._output = Output(self, WORLD, self.run, own)
         self.returning = Returning(self, self.run, self.lockstep, self._output, self._on_return)
-        self.create_service(SetBool, services.PAUSE.of("~"), self._on_pause)
-        self.create_service(Trigger, services.RESET.of("~"), self._on_reset)
-        self.create_service(Trigger, services.STEP.of("~"), self._on_step)
+        self.offer(services.PAUSE, self._on_pause)
+        self.offer(services.RESET, self._on_reset)
+        self.offer(services.STEP, self._on_step)
         self.topics.open(resumed=self.values["resume"])
         self._say()
 

@@ -74,10 +74,8 @@ def test_every_parameter_is_described(made, name):
 
 def test_ranges_are_in_the_descriptors(made):
     node = made(PARAMETERS["world_simulator"])
-    (span,) = node.describe_parameter("step_period").floating_point_range
-    assert (span.from_value, span.to_value) == (0.001, 60.0)
-    (span,) = node.describe_parameter("seed").integer_range
-    assert (span.from_value, span.to_value) == (0, 2**63 - 1)
+    constraints = node.describe_parameter("step_period").additional_constraints
+    assert constraints == "allowed: a number from 0.001 to 60"
     constraints = node.describe_parameter("step_timeout").additional_constraints
     assert constraints == "allowed: a number of at least 0.1"
     constraints = node.describe_parameter("executor").additional_constraints
@@ -168,7 +166,7 @@ def test_the_rate_can_be_set_while_the_node_runs(bench):
     assert world.lockstep.world.transitions == 0
     result = set_one(observer, "rate", double(-1.0))
     assert not result.successful
-    assert "out of range" in result.reason
+    assert "allowed: 0, or a number from 0.001" in result.reason
     assert world.values["rate"] == 0.001
     assert set_one(observer, "rate", double(100.0)).successful
     bench.spin_until(lambda: world.lockstep.world.transitions >= 10, "ten steps")
