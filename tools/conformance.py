@@ -36,7 +36,7 @@ from sparse_coord_ros.lockstep.world_side import WorldSide, WorldState
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.messages import robot_number, status
 from sparse_coord_ros.nodes.parameters import PARAMETERS, ParameterNode
-from sparse_coord_ros.nodes.spin import exit_code_of, make_executor, ros_context, signals
+from sparse_coord_ros.nodes.spin import Stop, exit_code_of, make_executor, ros_context
 from sparse_coord_ros.nodes.world_topics import WorldTopics
 from sparse_coord_ros.wire import WORLD, Account, PerceptEnd, RunState
 from sparse_coord_ros.wire.services import ACTIVE_PERCEPTION
@@ -430,8 +430,8 @@ def main(words: Sequence[str]) -> int:
     given = parser.parse_args(words)
     codes = []
 
-    def judge() -> None:
-        with signals() as stop, ros_context() as context, stop.at_once():
+    def judge(stop: Stop) -> None:
+        with ros_context() as context, stop.at_once():
             executor = make_executor("events", context)
             child = subprocess.Popen(given.command, start_new_session=True)
             try:

@@ -15,6 +15,7 @@ import numpy as np
 
 from sparse_coord_ros.driving.ground import Ground, Pose
 from sparse_coord_ros.driving.steering import STOP, Command
+from sparse_coord_ros.game.streams import bit_generator
 from sparse_coord_ros.lockstep.bodies import BEGIN, Goals
 
 BODIES = 2
@@ -79,13 +80,10 @@ class Body:
 
     def __init__(self, ground: Ground, noise: Noise, seed: int, robot: int) -> None:
         self._ground, self._noise = ground, noise
-        draws = [
-            np.random.Generator(
-                np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(BODIES, robot, role)))
-            )
+        self._wheels, self._sensors = (
+            np.random.Generator(bit_generator(seed, robot, role, BODIES))
             for role in (WHEELS, SENSORS)
-        ]
-        self._wheels, self._sensors = draws
+        )
         self._bias = 1.0 + BIAS * noise.wheels * self._wheels.standard_normal(2)
         self._track = TRACK * ground.radius
         self._against = False

@@ -3,7 +3,6 @@
 """The body node: a kinematic simulator of all the robots' bodies of a run."""
 
 import functools
-import math
 import time
 from collections import Counter
 from typing import Any, Unpack
@@ -16,7 +15,7 @@ from rclpy.publisher import Publisher
 from std_msgs.msg import Header
 
 from sparse_coord_ros.driving.arena import ELSEWHERE, IN_DOORWAY, Arena, Noise
-from sparse_coord_ros.driving.ground import Ground, Pose
+from sparse_coord_ros.driving.ground import Ground
 from sparse_coord_ros.driving.steering import Command
 from sparse_coord_ros.driving.transforms import parent_of
 from sparse_coord_ros.learn.run_config import RunConfig
@@ -36,6 +35,7 @@ from sparse_coord_ros.nodes.transforms import (
     BASE,
     ODOM,
     TransformPublisher,
+    pose_message,
     robot_frame,
     transform,
 )
@@ -141,16 +141,15 @@ class BodyNode(Follower):
                 continue  # its driver would take it for unheard, and say too much
             odom, base = self._frames[k]
             header, within = (Header(stamp=stamp, frame_id=one) for one in (MAP_FRAME, odom))
-            seen = PoseStamped(header=header)
-            _write(seen.pose, self._looks[k])
             odometry = Odometry(header=within, child_frame_id=base)
-            _write(odometry.pose.pose, body.odometry)
+            odometry.pose.pose = pose_message(body.odometry)
             localised = parent_of(self._looks[k], body.odometry)
             self._transforms.publish(
                 [transform(header, odom, localised), transform(within, base, body.odometry)]
             )
             odometry.twist.twist.linear.x, odometry.twist.twist.angular.z = body.command
             self._odometry_publishers[k].publish(odometry)
+            seen = PoseStamped(header=header, pose=pose_message(self._looks[k]))
             self._pose_publishers[k].publish(seen)
 
     def go_on(self, now: float) -> None:
@@ -200,11 +199,6 @@ def read_command(message: Twist) -> Command:
     return command
 
 
-def _write(pose: Any, where: Pose) -> None:
-    pose.position.x, pose.position.y = where.x, where.y
-    pose.orientation.z, pose.orientation.w = math.sin(where.yaw / 2), math.cos(where.yaw / 2)
-
-
-def main(args: list[str] | None = None) -> int:
+def main() -> int:
     """Run the node `body`."""
-    return run_node(lambda context: BodyNode(context=context), args)
+    return run_node(lambda context: BodyNode(context=context))

@@ -71,6 +71,6 @@ class DriverNode(MoverNode):
         wait_for_readers([self._cmd_vel])
 
 
-def main(args: list[str] | None = None) -> int:
+def main() -> int:
     """Run the node `driver`."""
-    return run_node(lambda context: DriverNode(context=context), args)
+    return run_node(lambda context: DriverNode(context=context))

@@ -20,11 +20,10 @@ import time
 import uuid
 from collections import Counter
 from collections.abc import Iterable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from sparse_coord_ros.errors import NameTakenError
 from sparse_coord_ros.nodes.interface import CLAIM, CLAIMS_QOS
-from sparse_coord_ros.nodes.messages import read_claim
 from sparse_coord_ros.nodes.parameters import ParameterNode
 from sparse_coord_ros.wire import ClaimRank
 
@@ -46,6 +45,18 @@ class Claim(NamedTuple):
         if self.rank == ClaimRank.JOINED:
             return False
         return (other.rank, self.id) > (self.rank, other.id)
+
+
+def read_claim(header: Any) -> Claim:
+    """Return what a claim says.
+
+    Raises:
+        ValueError: it is no claim.
+    """
+    identity, _, rank = header.frame_id.partition(" ")
+    if not identity or rank.upper() not in ClaimRank.__members__:
+        raise ValueError(f"has the frame_id {header.frame_id!r}, which is no claim")
+    return Claim(identity, ClaimRank[rank.upper()])
 
 
 class Guard:
@@ -120,8 +131,8 @@ class Guard:
         header.stamp.sec, header.stamp.nanosec = self._since
         self._publisher.publish(header)
 
-    def _on_claim(self, said: tuple[str, ClaimRank]) -> None:
-        other, name = Claim(*said), self._node.get_fully_qualified_name()
+    def _on_claim(self, other: Claim) -> None:
+        name = self._node.get_fully_qualified_name()
         if other.id == self.claim.id:
             return
         if self.claim.yields_to(other):

@@ -19,7 +19,7 @@ from sparse_coord_ros.errors import RunError, did_you_mean
 from sparse_coord_ros.learn.run_config import RunConfig, run_from_yaml
 from sparse_coord_ros.lockstep.bodies import LOST, BodyGoal, Goals, Reached
 from sparse_coord_ros.nodes.interface import bind
-from sparse_coord_ros.wire import BODY_GOALS, GOAL_LABELS, MAP_FRAME, REACHED, RUN, ClaimRank
+from sparse_coord_ros.wire import BODY_GOALS, GOAL_LABELS, MAP_FRAME, REACHED, RUN
 from sparse_coord_ros.wire.frame import SECOND
 from sparse_coord_ros.wire.messages import Messages, read_labelled
 
@@ -142,18 +142,6 @@ def _whole(said: Mapping[str, float], label: str, low: int, high: int) -> int:
     if not low <= value <= high or value != int(value):
         raise ValueError(f"says {label} {value:g}, no whole number from {low} to {high}")
     return int(value)
-
-
-def read_claim(header: Header) -> tuple[str, ClaimRank]:
-    """Return (identity, how far the node has come) of a claim.
-
-    Raises:
-        ValueError: it is no claim.
-    """
-    identity, _, rank = header.frame_id.partition(" ")
-    if not identity or rank.upper() not in ClaimRank.__members__:
-        raise ValueError(f"has the frame_id {header.frame_id!r}, which is no claim")
-    return identity, ClaimRank[rank.upper()]
 
 
 def tables_message(data: bytes, step: int, occasion: str) -> UInt8MultiArray:

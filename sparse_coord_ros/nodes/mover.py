@@ -72,7 +72,6 @@ class MoverNode(Follower, LifecycleNodeMixin):
         self._mover: Mover | None = None
         self._step = 0
         self._seen = 0.0
-        self._pose_time: float | None = None
         self._stopped = self._leaving = False
         self._reached_publisher: Any = None
         self._tree = Tree()
@@ -176,10 +175,10 @@ class MoverNode(Follower, LifecycleNodeMixin):
     def _see(self, seen: tuple[float, Pose] | None) -> None:
         if seen is None or self._mover is None:
             return
-        now, seconds = time.monotonic(), seen[0]
-        if seconds == self._pose_time and now - self._seen < HEAP_SECONDS:
+        now = time.monotonic()
+        if seen[0] == self._mover.heard and now - self._seen < HEAP_SECONDS:
             return  # they came while this node slept: the body does not wait for an answer
-        self._seen, self._stopped, self._pose_time = now, False, seconds
+        self._seen, self._stopped = now, False
         self._mover.sees(*seen)
         if self.active:
             self.drive()

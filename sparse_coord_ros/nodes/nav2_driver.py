@@ -3,7 +3,6 @@
 """The nav2_driver node: a robot's moves as goals of Nav2's action NavigateToPose."""
 
 import functools
-import math
 import time
 from typing import Any
 
@@ -18,6 +17,7 @@ from sparse_coord_ros.driving.navigator import ANSWER_SECONDS, Navigator, NavLim
 from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.nodes.mover import MoverNode
 from sparse_coord_ros.nodes.spin import run_node
+from sparse_coord_ros.nodes.transforms import pose_message
 
 ENDINGS = {GoalStatus.STATUS_ABORTED: "aborted", GoalStatus.STATUS_CANCELED: "cancelled by others"}
 """What goals that did not go well count as; any other status is of a server that came back."""
@@ -134,9 +134,7 @@ class Nav2DriverNode(MoverNode):
             return False
         goal = self._type.Goal(behavior_tree=self.values["behavior_tree"])
         goal.pose.header.frame_id = self.values["map_frame"]
-        goal.pose.pose.position.x, goal.pose.pose.position.y = target.x, target.y
-        goal.pose.pose.orientation.z = math.sin(target.yaw / 2)
-        goal.pose.pose.orientation.w = math.cos(target.yaw / 2)
+        goal.pose.pose = pose_message(target)
         heard = self.guarded(functools.partial(self._on_feedback, ticket))
         answer = self._client.send_goal_async(goal, feedback_callback=heard)
         answer.add_done_callback(self.guarded(functools.partial(self._on_answer, ticket)))
@@ -181,6 +179,6 @@ class Nav2DriverNode(MoverNode):
         self.drive()
 
 
-def main(args: list[str] | None = None) -> int:
+def main() -> int:
     """Run the node `nav2_driver`."""
-    return run_node(lambda context: Nav2DriverNode(context=context), args)
+    return run_node(lambda context: Nav2DriverNode(context=context))

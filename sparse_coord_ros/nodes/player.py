@@ -193,6 +193,6 @@ class Player(ParameterNode):
             wait_for_readers(self.stage.publishers.values())
 
 
-def main(args: list[str] | None = None) -> int:
+def main() -> int:
     """Run the node `player`."""
-    return run_node(lambda context: Player(context=context, keyboard=True), args)
+    return run_node(lambda context: Player(context=context, keyboard=True))

@@ -389,6 +389,6 @@ class Recorder(Follower):
         )
 
 
-def main(args: list[str] | None = None) -> int:
+def main() -> int:
     """Run the node `recorder`."""
-    return run_node(lambda context: Recorder(context=context), args)
+    return run_node(lambda context: Recorder(context=context))

@@ -247,21 +247,25 @@ def ending(nodes: Sequence[ParameterNode], save: Callable[[], object]) -> Iterat
                 node.destroy_node()
 
 
-def exit_code_of(run: Callable[[], None]) -> int:
+def exit_code_of(run: Callable[[Stop], None]) -> int:
     """Run something and return the exit code that its end stands for; an error is one line.
+
+    Args:
+        run: what to run; it minds the signals that end it.
 
     Returns:
         0 at its end, 2 after bad input, 1 after an exception that nobody expected, 130 after an
         impatient second Ctrl-C.
     """
-    try:
-        run()
-    except Exception as error:
-        failure = failure_of(error)
-        print(f"error: {failure}", file=sys.stderr, flush=True)
-        return failure.exit_code
-    except KeyboardInterrupt:
-        return EXIT_INTERRUPTED
+    with signals() as stop:
+        try:
+            run(stop)
+        except Exception as error:
+            failure = failure_of(error)
+            print(f"error: {failure}", file=sys.stderr, flush=True)
+            return failure.exit_code
+        except KeyboardInterrupt:
+            return EXIT_INTERRUPTED
     return 0
 
 
@@ -274,17 +278,16 @@ def run_node(make: Callable[[Context], ParameterNode], args: Sequence[str] | Non
     Returns:
         The exit code: 0 after the run and after a signal; see `exit_code_of`.
     """
-    with signals() as stop:
-        return exit_code_of(lambda: _run_node(make, sys.argv if args is None else args, stop))
 
+    def run(stop: Stop) -> None:
+        with ros_context(sys.argv if args is None else args) as context:
+            node = make(context)
 
-def _run_node(make: Callable[[Context], ParameterNode], args: Sequence[str], stop: Stop) -> None:
-    with ros_context(args) as context:
-        node = make(context)
+            def ended() -> bool:
+                return node.done or (bool(stop) and node.may_stop())
 
-        def ended() -> bool:
-            return node.done or (bool(stop) and node.may_stop())
+            with ending([node], lambda: node.finish(interrupted=True)):
+                spin_nodes([node], node.values["executor"], context, ended)
+                node.finish(interrupted=not node.done)
 
-        with ending([node], lambda: node.finish(interrupted=True)):
-            spin_nodes([node], node.values["executor"], context, ended)
-            node.finish(interrupted=not node.done)
+    return exit_code_of(run)

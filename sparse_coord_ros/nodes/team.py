@@ -24,14 +24,7 @@ from sparse_coord_ros.nodes.parameters import (
 )
 from sparse_coord_ros.nodes.recorder import Recorder
 from sparse_coord_ros.nodes.robot import RobotNode
-from sparse_coord_ros.nodes.spin import (
-    Stop,
-    ending,
-    exit_code_of,
-    ros_context,
-    signals,
-    spin_nodes,
-)
+from sparse_coord_ros.nodes.spin import Stop, ending, exit_code_of, ros_context, spin_nodes
 from sparse_coord_ros.nodes.tap import Tap
 from sparse_coord_ros.nodes.world_simulator import WorldSimulator
 from sparse_coord_ros.wire import RECORDER, WORLD
@@ -165,18 +158,17 @@ def _spin(
     return stopped
 
 
-def main(args: list[str] | None = None) -> int:
+def main() -> int:
     """Run the executable `team`.
 
     Returns:
         The exit code: 0 after the run and after a signal, 2 on bad input or a broken recording.
     """
-    with signals() as stop:
-        return exit_code_of(lambda: _run(sys.argv if args is None else args, stop))
+    return exit_code_of(_run)
 
 
-def _run(args: list[str], stop: Stop) -> None:
-    with ros_context(args) as context:
+def _run(stop: Stop) -> None:
+    with ros_context(sys.argv) as context:
         node = ParameterNode("team", TEAM_PARAMETERS, context=context)
         values, namespace = node.values, node.get_namespace()
         node.destroy_node()

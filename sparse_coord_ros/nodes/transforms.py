@@ -10,7 +10,8 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from geometry_msgs.msg import TransformStamped
+from geometry_msgs.msg import Point, Quaternion, Transform, TransformStamped, Vector3
+from geometry_msgs.msg import Pose as PoseMessage
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from std_msgs.msg import Header
@@ -27,13 +28,20 @@ def robot_frame(node: ParameterNode, robot: str, frame: str) -> str:
     return f"{prefix.lstrip('/')}{robot}/{frame}"
 
 
+def turned(yaw: float) -> Quaternion:
+    """Return a yaw in radians as a quaternion."""
+    return Quaternion(z=math.sin(yaw / 2), w=math.cos(yaw / 2))
+
+
+def pose_message(pose: Pose) -> PoseMessage:
+    """Return a pose as a message."""
+    return PoseMessage(position=Point(x=pose.x, y=pose.y), orientation=turned(pose.yaw))
+
+
 def transform(header: Header, child: str, pose: Pose) -> TransformStamped:
     """Return where a frame is in that of a header."""
-    one = TransformStamped(header=header, child_frame_id=child)
-    one.transform.translation.x, one.transform.translation.y = pose.x, pose.y
-    one.transform.rotation.z = math.sin(pose.yaw / 2)
-    one.transform.rotation.w = math.cos(pose.yaw / 2)
-    return one
+    there = Transform(translation=Vector3(x=pose.x, y=pose.y), rotation=turned(pose.yaw))
+    return TransformStamped(header=header, child_frame_id=child, transform=there)
 
 
 class TransformPublisher:

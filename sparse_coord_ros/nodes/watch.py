@@ -471,6 +471,6 @@ class HeardTeam:
                     self.tables[k] = (step, tables)
 
 
-def main(args: list[str] | None = None) -> int:
+def main() -> int:
     """Run the node `watch`."""
-    return run_node(lambda context: WatchNode(context=context), args)
+    return run_node(lambda context: WatchNode(context=context))

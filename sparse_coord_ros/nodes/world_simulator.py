@@ -381,6 +381,6 @@ class WorldSimulator(ParameterNode):
         self._show()
 
 
-def main(args: list[str] | None = None) -> int:
+def main() -> int:
     """Run the node `world_simulator`."""
-    return run_node(lambda context: WorldSimulator(context=context), args)
+    return run_node(lambda context: WorldSimulator(context=context))

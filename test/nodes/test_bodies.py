@@ -14,7 +14,8 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 
-from sparse_coord_ros.driving.ground import Pose
+from sparse_coord_ros.driving.ground import Ground, Pose
+from sparse_coord_ros.driving.mover import Mover
 from sparse_coord_ros.errors import RunError, SettingError
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.run_config import make_run
@@ -138,12 +139,17 @@ def test_poses_that_came_while_a_driver_slept_are_no_complaint(bench, tmp_path):
     """Else it would say again what the body has heard, which then goes a tick too far."""
     world, _, drivers, _ = with_bodies(bench, tmp_path / "out", steps=400)
     bench.spin_until(lambda: world.lockstep.world.transitions > 1, "under way")
-    taken = []
-    drivers[0]._mover = SimpleNamespace(sees=lambda *said: taken.append(said), busy=False)
+    taken, mover = [], Mover(Ground(world.run), 0)
+
+    def sees(seconds, pose):
+        taken.append(seconds)
+        Mover.sees(mover, seconds, pose)
+
+    drivers[0]._mover, mover.sees = mover, sees
     drivers[0].drive = lambda: None
     for seconds in (7.0, *[7.1] * 9, 7.2):
         drivers[0]._see((seconds, Pose(0.0, 0.0, 0.0)))
-    assert [seconds for seconds, _ in taken] == [7.0, 7.1, 7.2]
+    assert taken == [7.0, 7.1, 7.2]
 
 
 def test_drivers_that_are_missing_are_named(bench, tmp_path):

@@ -17,9 +17,9 @@ from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.game.world import Action, Reward
 from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.nodes import interface
+from sparse_coord_ros.nodes.guard import read_claim
 from sparse_coord_ros.nodes.messages import (
     Converter,
-    read_claim,
     read_run,
     read_tables_message,
     status,

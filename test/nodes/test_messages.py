@@ -20,9 +20,9 @@ from sparse_coord_ros.game.scenario import load_scenario, scenario_names
 from sparse_coord_ros.game.world import Action, Reward
 from sparse_coord_ros.learn.agent import initial_tables
 from sparse_coord_ros.learn.run_config import make_run
+from sparse_coord_ros.nodes.guard import read_claim
 from sparse_coord_ros.nodes.messages import (
     Converter,
-    read_claim,
     read_tables_message,
     status,
     tables_message,

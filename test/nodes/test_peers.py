@@ -12,9 +12,9 @@ from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.lockstep.waiting import Deadline, WorldPresence
 from sparse_coord_ros.nodes import peers
-from sparse_coord_ros.nodes.member import LAST_WORDS_SECONDS, Member
 from sparse_coord_ros.nodes.messages import Converter
 from sparse_coord_ros.nodes.peers import Peer, Peers
+from sparse_coord_ros.nodes.robot import LAST_WORDS_SECONDS, Member
 
 
 class Future:

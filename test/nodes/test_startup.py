@@ -12,7 +12,7 @@ from sparse_coord_ros.learn.run_config import run_from_yaml
 from sparse_coord_ros.learn.tables import load_team, save_team
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.guard import Claim
-from sparse_coord_ros.nodes.member import Member
+from sparse_coord_ros.nodes.robot import Member
 from sparse_coord_ros.nodes.spin import ros_context
 from sparse_coord_ros.nodes.team import run_team
 from sparse_coord_ros.nodes.world_simulator import WorldSimulator
@@ -132,7 +132,7 @@ def test_a_second_world_stops(bench):
 
 
 def test_robots_that_are_missing_are_named(bench, monkeypatch):
-    monkeypatch.setattr("sparse_coord_ros.nodes.member.PEER_PATIENCE_SECONDS", 0.1)
+    monkeypatch.setattr("sparse_coord_ros.nodes.robot.PEER_PATIENCE_SECONDS", 0.1)
     bench.world(startup_timeout=2.0, scenario="env2-4r")
     for name in ("robot_1", "robot_3"):
         bench.robot(name)
