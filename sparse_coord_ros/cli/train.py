@@ -29,7 +29,7 @@ from sparse_coord_ros.errors import RunError, os_error_text
 from sparse_coord_ros.files import take_lock, write_whole
 from sparse_coord_ros.game.scenario import SETTINGS, Scenario
 from sparse_coord_ros.game.settings import Setting
-from sparse_coord_ros.learn.checkpoint import CHECKPOINT_FILE, BrokenCheckpointError
+from sparse_coord_ros.learn.checkpoint import CHECKPOINT_FILE
 from sparse_coord_ros.learn.evaluation import MEASURES
 from sparse_coord_ros.learn.history import HISTORY_FILE
 from sparse_coord_ros.learn.run_config import (
@@ -151,7 +151,7 @@ def _learn_there(
                 watcher=view,
             )
         _save(out, done)
-    except BrokenCheckpointError:  # it says itself what to do
+    except RunError:  # of the checkpoint; it says itself what to do
         raise
     except BaseException as error:
         left = ""
