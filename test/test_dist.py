@@ -50,8 +50,8 @@ def test_one_version_and_one_licence():
 
 
 def test_the_formats_numbers_are_said():
-    """A number goes up where what the file holds changes; docs/interface.md says which it is."""
-    text = (ROOT / "docs/interface.md").read_text()
+    """A number goes up where what the file holds changes; docs/formats.md says which it is."""
+    text = (ROOT / "docs/formats.md").read_text()
     said = re.findall(
         r"^\| (run\.yaml|tables\.npz|bag|results|search) ?[^|]*\| (\d) \|", text, re.M
     )
