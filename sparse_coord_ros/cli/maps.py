@@ -6,7 +6,7 @@ import argparse
 
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli.options import Option
-from sparse_coord_ros.game.buildings import generated_text
+from sparse_coord_ros.game.buildings import building
 from sparse_coord_ros.game.grid import GridMap, load_map, map_names
 from sparse_coord_ros.game.scenario import load_scenario
 
@@ -45,7 +45,7 @@ def execute(options: argparse.Namespace) -> int:
 
 def map_of(name: str) -> GridMap:
     """Return a map; that of a scenario file or of a generated building too."""
-    if name.endswith((".yaml", ".yml")) or generated_text(name) is not None:
+    if name.endswith((".yaml", ".yml")) or building(name) is not None:
         return load_scenario(name).map
     return load_map(name)
 

@@ -37,7 +37,7 @@ from sparse_coord_ros.learn.tables import save_team
 from sparse_coord_ros.solve.class_loops import ClassTeam
 from sparse_coord_ros.solve.class_search import climbed
 from sparse_coord_ros.solve.exact import MOST_ROBOTS
-from sparse_coord_ros.solve.routes import alone, moves_to
+from sparse_coord_ros.solve.routes import alone
 
 IMPROVED = "improved"
 """Folder in a run's directory for what the team made of what it learned."""
@@ -91,10 +91,6 @@ class LearnedMap(GridMap):
     def doorways(self) -> frozenset[int]:
         """As of `GridMap`."""
         return self.felt
-
-    def distances_to(self, goal: int) -> np.ndarray:
-        """As of `GridMap`; what is known of moves need not be reversible."""
-        return moves_to(self.lead, goal)
 
 
 def improve(scenario: Scenario, learner: Learner, memories: Sequence[Memory]) -> Improvement:

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from functools import cache, cached_property, lru_cache
 
 from sparse_coord_ros.errors import ScenarioError, SettingError
-from sparse_coord_ros.game.buildings import generated_text
+from sparse_coord_ros.game.buildings import building
 from sparse_coord_ros.game.scenario import Scenario, load_scenario, scenario_names
 from sparse_coord_ros.game.settings import as_text, parse_assignments
 from sparse_coord_ros.learn.learners import learner_of
@@ -82,7 +82,7 @@ def _misnamed(where: str, scenario: Scenario) -> ScenarioError:
 
 def _changed(scenario: Scenario) -> dict[str, object] | None:
     """Return what was changed of a shipped scenario or building; None: it is none of these."""
-    if scenario.name not in _shipped_names() and generated_text(scenario.name) is None:
+    if scenario.name not in _shipped_names() and building(scenario.name) is None:
         return None
     shipped, plain = _load(scenario.name), scenario.plain_settings
     if (shipped.map, shipped.robots) != (scenario.map, scenario.robots):

@@ -8,11 +8,11 @@ rows, and 16 robots; its seed is 0. `game.unseen` has others.
 
 import random
 import re
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from sparse_coord_ros.errors import ScenarioError
-from sparse_coord_ros.game.grid import DOORWAY, FREE, WALL, parse_map
-from sparse_coord_ros.game.unseen import unseen_text
+from sparse_coord_ros.game.grid import DOORWAY, FREE, WALL, GridMap
+from sparse_coord_ros.game.unseen import Cell, generated, unseen
 
 CORRIDOR = 2
 """Rows of a corridor: wide enough to pass one another."""
@@ -37,8 +37,8 @@ class _Building(NamedTuple):
     seed: int
 
 
-def generated_text(name: str) -> str | None:
-    """Return the generated building of that name as the text of a scenario file.
+def building(name: str) -> dict[str, Any] | None:
+    """Return the generated building of that name as a scenario file has it, parsed.
 
     None: it is no name of one.
 
@@ -47,7 +47,7 @@ def generated_text(name: str) -> str | None:
     """
     found = re.fullmatch("building-{0}x{0}x{0}-{0}r-{0}".format("(0|[1-9][0-9]{,8})"), name)
     if found is None:
-        return unseen_text(name)
+        return unseen(name)
     b = _Building(*map(int, found.groups()))
     robots, sizes = MOST
     rooms = b.rooms * b.rows
@@ -58,11 +58,11 @@ def generated_text(name: str) -> str | None:
             f"{sizes}, robots up to {robots}; at least 2 rooms of 2 x 2 cells, and two cells of "
             "them for each robot"
         )
-    return _text(b)
+    return _made(b)
 
 
-def _text(b: _Building) -> str:
-    """Return a building as the text of a scenario file.
+def _made(b: _Building) -> dict[str, Any]:
+    """Return a building as a scenario file has it, parsed.
 
     Each row of rooms has a corridor to the next; every room has a doorway to each corridor beside
     it, and to the room on its right with probability one half; surely, where there is no corridor.
@@ -70,7 +70,7 @@ def _text(b: _Building) -> str:
     """
     draw = random.Random(f"building {b.rooms} {b.rows} {b.size} {b.robots} {b.seed}")
     grid: list[str] = []
-    rooms: list[list[tuple[int, int]]] = []  # the cells of each room
+    rooms: list[list[Cell]] = []  # the cells of each room
     for row in range(b.rows):
         if row:
             width = b.rooms * (b.size + 1) - 1
@@ -87,30 +87,13 @@ def _text(b: _Building) -> str:
             places = [(top + i, left + j) for i in range(b.size) for j in range(b.size)]
             rooms.append(places)
     pairs = _starts_and_goals(b, rooms, draw)
-    longest = _longest(grid, pairs)
+    plan = GridMap("", tuple(grid))
+    ways = [(plan.distances_to(plan.number[goal]), plan.number[start]) for start, goal in pairs]
+    lasting = TRIAL * max(int(moves[start]) for moves, start in ways)
     said = f"rooms {b.rooms}, rows {b.rows}, size {b.size}, robots {b.robots}, seed {b.seed}"
-    robots = [
-        f"  robot_{k}: {{start: {list(start)}, goal: {list(goal)}}}"
-        for k, (start, goal) in enumerate(pairs, start=1)
-    ]
-    return "\n".join(
-        [
-            f"# A generated building: {said}.",
-            "map:",
-            f"  name: building-{b.rooms}x{b.rows}x{b.size}-{b.seed}",
-            "  text: |",
-            f"    title: a generated building ({said})",
-            "    source: generated",
-            "    provenance: no building of the world",
-            "    ---",
-            *(f"    {line}" for line in grid),
-            "robots:",
-            *robots,
-            "steps: 100000",
-            *([f"horizon: {TRIAL * longest}", f"max_steps: {TRIAL * longest}"] * (longest > 20)),
-            "",
-        ]
-    )
+    longer = {"horizon": lasting, "max_steps": lasting} if lasting > 100 else {}
+    name = f"building-{b.rooms}x{b.rows}x{b.size}-{b.seed}"
+    return generated(name, said, grid, pairs, **longer)
 
 
 def _wall(building: _Building, draw: random.Random) -> str:
@@ -130,8 +113,8 @@ def _beside(building: _Building, draw: random.Random) -> int:
 
 
 def _starts_and_goals(
-    building: _Building, rooms: list[list[tuple[int, int]]], draw: random.Random
-) -> list[tuple[tuple[int, int], tuple[int, int]]]:
+    building: _Building, rooms: list[list[Cell]], draw: random.Random
+) -> list[tuple[Cell, Cell]]:
     """Return a start and a goal in another room for each robot, none of them twice."""
     free = {room: list(places) for room, places in enumerate(rooms)}
     for places in free.values():
@@ -145,10 +128,3 @@ def _starts_and_goals(
         start, goal = (one, other) if draw.random() < 0.5 else (other, one)
         pairs.append((free[start].pop(), free[goal].pop()))
     return pairs
-
-
-def _longest(grid: list[str], pairs: list[tuple[tuple[int, int], tuple[int, int]]]) -> int:
-    """Return the most moves that any robot needs."""
-    made = parse_map("---\n" + "\n".join(grid), name="building", where="building")
-    number = made.number
-    return max(int(made.distances_to(number[goal])[number[start]]) for start, goal in pairs)

@@ -9,7 +9,7 @@ Free cells are numbered row by row from the top left; that number is a robot's l
 """
 
 import os
-from collections import deque
+from collections.abc import Collection
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -123,16 +123,7 @@ class GridMap:
 
     def distances_to(self, goal: int) -> np.ndarray:
         """Shape (cells,): moves on a shortest path to `goal`; -1 where there is none."""
-        distance = np.full(len(self.cells), UNREACHABLE, dtype=np.int64)
-        distance[goal] = 0
-        queue = deque([goal])
-        while queue:
-            x = queue.popleft()
-            for y in self.next_cell[x]:  # moves are reversible: neighbours lead back
-                if distance[y] == UNREACHABLE:
-                    distance[y] = distance[x] + 1
-                    queue.append(int(y))
-        return distance
+        return moves_to(self.next_cell, goal)
 
     def leading_to(self, goal: int) -> np.ndarray:
         """Return the cells with a way to `goal`, but the goal itself: shape (n,), ascending."""
@@ -147,6 +138,28 @@ class GridMap:
             said["radius"] = self.radius
         header = to_yaml(said)
         return header + "---\n" + "\n".join(self.rows) + "\n"
+
+
+def moves_to(lead: np.ndarray, goal: int, avoided: Collection[int] = ()) -> np.ndarray:
+    """Return the moves from each cell to a goal through no avoided cell; -1: there is no way.
+
+    Args:
+        lead: where a successful move leads, shape (cells, moves).
+        goal: the cell to go to.
+        avoided: cells to keep out of.
+
+    Returns:
+        Shape (cells,), int64.
+    """
+    far = np.full(len(lead), UNREACHABLE, dtype=np.int64)
+    front, moves = np.zeros(len(lead), dtype=np.bool_), 0
+    front[goal] = True
+    while front.any():
+        far[front] = moves
+        front[list(avoided)] = False
+        front = front[lead].any(axis=1) & (far == UNREACHABLE)
+        moves += 1
+    return far
 
 
 def map_names() -> list[str]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from sparse_coord_ros.errors import MapError, ScenarioError, SettingError, did_you_mean, in_short
 from sparse_coord_ros.game.actions import PRIMITIVES
-from sparse_coord_ros.game.buildings import generated_text
+from sparse_coord_ros.game.buildings import building
 from sparse_coord_ros.game.grid import GridMap, load_map, parse_map
 from sparse_coord_ros.game.links import LINKS
 from sparse_coord_ros.game.perception import PERCEPTION
@@ -316,10 +316,9 @@ def load_scenario(
         raise ScenarioError(f"scenario: value is {name!r}, allowed: a Scenario, a name or a path")
     allow_modules(allow)
     path, name = Path(name), str(name)
-    generated = None if path.is_file() else generated_text(name)
+    generated = None if path.is_file() else building(name)
     if generated is not None:
-        data = parse_yaml(generated, where=name)
-        return scenario_from_dict(data, where=name, name=name).with_settings(settings)
+        return scenario_from_dict(generated, where=name, name=name).with_settings(settings)
     if not path.is_file():
         shipped = share_file("config", f"{name}.yaml")
         if shipped is None:

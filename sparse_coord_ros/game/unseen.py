@@ -9,8 +9,8 @@ which robots are in one another's way, with what they are measured against.
 
 import random
 import re
-from collections.abc import Callable, Mapping
-from typing import NamedTuple
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, NamedTuple
 
 from sparse_coord_ros.game.grid import DOORWAY, FREE, WALL
 
@@ -34,8 +34,33 @@ class Building(NamedTuple):
     parts: list[list[Cell]]
 
 
-def unseen_text(name: str) -> str | None:
-    """Return the building of that name as the text of a scenario file; None: no such name."""
+def generated(
+    name: str,
+    said: str,
+    rows: Iterable[str],
+    pairs: Iterable[tuple[Cell, Cell]],
+    **settings: float,
+) -> dict[str, Any]:
+    """Return a building with its robots as a scenario file has them, parsed.
+
+    Args:
+        name: the map's.
+        said: what the building is, in its title.
+        rows: its symbols, a text for each row.
+        pairs: start and goal of each robot.
+        settings: of the scenario.
+    """
+    header = f"title: a generated building ({said})\nsource: generated\n"
+    text = header + "provenance: no building of the world\n---\n" + "\n".join(rows)
+    robots = {
+        f"robot_{k}": {"start": list(start), "goal": list(goal)}
+        for k, (start, goal) in enumerate(pairs, start=1)
+    }
+    return {"map": {"name": name, "text": text}, "robots": robots, "steps": 100_000, **settings}
+
+
+def unseen(name: str) -> dict[str, Any] | None:
+    """Return the building of that name as `generated` does; None: no such name."""
     kinds, teams = "|".join(KINDS), "|".join(map(str, TEAMS))
     found = re.fullmatch(f"{VERSION}-({kinds})-({teams})r-(0|[1-9][0-9]{{0,8}})", name)
     if found is None:
@@ -43,15 +68,8 @@ def unseen_text(name: str) -> str | None:
     kind, robots = found[1], int(found[2])
     draw = random.Random(name)
     plan = KINDS[kind](draw, robots > 2)
-    starts, goals = _places(plan, robots, draw)
-    lines = ["map:", f"  name: {name}", "  text: |"]
-    lines += [f"    title: a generated building ({name})", "    source: generated"]
-    lines += ["    provenance: no building of the world", "    ---"]
-    lines += ["    " + "".join(row) for row in plan.grid]
-    lines.append("robots:")
-    for k, (start, goal) in enumerate(zip(starts, goals, strict=True), start=1):
-        lines.append(f"  robot_{k}: {{start: {list(start)}, goal: {list(goal)}}}")
-    return "\n".join([*lines, "steps: 100000", "penalty: -100", ""])
+    pairs = zip(*_places(plan, robots, draw), strict=True)
+    return generated(name, name, map("".join, plan.grid), pairs, penalty=-100)
 
 
 def is_tuning(name: str) -> bool:

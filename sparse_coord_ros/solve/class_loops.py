@@ -41,6 +41,7 @@ class WeightedGame(NamedTuple):
         percept: probability that a percept succeeds; (cells, cells), asker first.
         fails: whether a percept can fail in the asker's cell; (cells,).
         toll: weighted r^C of a step that ends in a joint state; (cells, cells).
+        share: how much each robot's reward counts; (2,).
         prize: weighted worth of each robot's arrival, carried to infinity; (2,).
         cost: weighted cost of each robot's asking; (2,).
         discount: gamma.
@@ -53,6 +54,7 @@ class WeightedGame(NamedTuple):
     percept: np.ndarray
     fails: np.ndarray
     toll: np.ndarray
+    share: np.ndarray
     prize: np.ndarray
     cost: np.ndarray
     discount: float

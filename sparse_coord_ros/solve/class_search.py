@@ -30,6 +30,7 @@ from sparse_coord_ros.learn.run_config import RUN_SETTINGS
 from sparse_coord_ros.limits import RESULTS, read_text
 from sparse_coord_ros.solve import class_loops
 from sparse_coord_ros.solve.class_loops import OPTIONS, ClassTeam, WeightedGame, Workspace
+from sparse_coord_ros.solve.optimum import worth_alone
 from sparse_coord_ros.solve.shipped import ClassBound, RobotPolicy, game_digest
 from sparse_coord_ros.version import __version__
 
@@ -147,6 +148,7 @@ def _game(scenario: Scenario, weights: tuple[float, float]) -> WeightedGame:
         percept=percept,
         fails=percept.min(axis=1) < 1.0,
         toll=toll,
+        share=share,
         prize=share * scenario.goal_reward / (1.0 - scenario.discount),
         cost=share * scenario.ask_cost,
         discount=float(scenario.discount),
@@ -156,15 +158,9 @@ def _game(scenario: Scenario, weights: tuple[float, float]) -> WeightedGame:
 
 def _space(scenario: Scenario, game: WeightedGame) -> Workspace:
     cells = len(scenario.map.cells)
-    gamma, p = game.discount, game.success
-    one, other = (scenario.map.distances_to(robot.goal) for robot in scenario.robots)
-    near = np.argsort((one[:, None] + other[None, :]).ravel(), kind="stable")
-    # Each robot alone: arrival at step T is worth gamma^(T-1), and T is negative binomial.
-    alone = [
-        np.where(far > 0, game.prize[k] * (p / (1.0 - gamma * (1.0 - p))) ** far, 0.0)
-        * gamma ** np.maximum(far - 1.0, 0.0)
-        for k, far in enumerate((one, other))
-    ]
+    far = np.array([scenario.map.distances_to(robot.goal) for robot in scenario.robots])
+    near = np.argsort((far[0][:, None] + far[1]).ravel(), kind="stable")
+    alone = game.share[:, None] * worth_alone(scenario, far)
     goal = scenario.robots[0].goal * cells + scenario.robots[1].goal
     return Workspace(
         value=np.zeros((cells, cells)),
@@ -175,7 +171,7 @@ def _space(scenario: Scenario, game: WeightedGame) -> Workspace:
         inside=np.zeros(cells * cells, dtype=np.bool_),
         visited=np.zeros((2, cells), dtype=np.bool_),
         nobody=np.zeros(2, dtype=np.bool_),
-        above=alone[0][:, None] + alone[1][None, :],
+        above=alone[0][:, None] + alone[1],
         everything=near[near != goal],
     )
 

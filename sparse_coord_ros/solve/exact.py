@@ -323,7 +323,7 @@ def _carried(pair: Pair, *, spreads: bool, most: float = np.inf) -> Sums | None:
         asked=np.zeros((2, cells)),
         stays=np.zeros((2, cells)),
         brought=np.zeros((2, QUANTITIES)),
-        moments=np.zeros((2, cells**2 if spreads else 0, 2, QUANTITIES)),
+        so_far=np.zeros((2, cells**2 if spreads else 0, QUANTITIES)),
     )
     return sums if compiled()(pair, *likely, *places, sums, most) else None
 

@@ -71,9 +71,9 @@ class Sums(NamedTuple):
         asked: expected asks of each robot in each cell; (2, cells).
         stays: expected steps that each robot acts in each cell; (2, cells).
         brought: mean and square of what a step brings of each quantity; (2, QUANTITIES).
-        moments: of each quantity so far, and its square, times the probability of the joint
-            state, now and after the step; (2, cells^2, 2, QUANTITIES), or (2, 0, 2, QUANTITIES)
-            where squares are not wanted.
+        so_far: mean of each quantity so far, times the probability of the joint state, now and
+            after the step; (2, cells^2, QUANTITIES), or (2, 0, QUANTITIES) where squares are not
+            wanted.
     """
 
     robots: np.ndarray
@@ -82,7 +82,7 @@ class Sums(NamedTuple):
     asked: np.ndarray
     stays: np.ndarray
     brought: np.ndarray
-    moments: np.ndarray
+    so_far: np.ndarray
 
 
 def carry(
@@ -108,7 +108,7 @@ def carry(
     cells = len(pair.lead)
     one, other = pair.goals[0], pair.goals[1]
     home = one * cells + other
-    squared = sums.moments.shape[1] > 0
+    squared = sums.so_far.shape[1] > 0
     here[0] = pair.starts[0] * cells + pair.starts[1]
     likely[here[0]] = 1.0
     count, factor, followed = 1, 1.0, 0
@@ -145,15 +145,13 @@ def carry(
                             found += 1
                         later[target] += q
             if squared:
-                sums.moments[t % 2, state] = 0.0
+                sums.so_far[t % 2, state] = 0.0
         likely, later = later, likely
         here, there = there, here
         count = found
         factor *= pair.discount
         if squared:
-            settle(sums, (t + 1) % 2, home)
-    for i in range(count if squared else 0):
-        settle(sums, pair.horizon % 2, here[i])
+            sums.so_far[(t + 1) % 2, home] = 0.0
     return True
 
 
@@ -219,24 +217,15 @@ def bring(
 
 @inner
 def pass_on(sums: Sums, now: int, state: int, target: int, q: float, share: float) -> None:
-    """Add the moments so far, with what was brought, to those of the state that a step leads to.
+    """Add what was brought to the squares, and to the means of the state that a step leads to.
 
-    The step's probability is q; `share` is the part of the state's.
+    (X + c)^2 is X^2 + 2 c X + c^2. The step's probability is q, `share` that of the state's.
     """
     for i in range(QUANTITIES):
         mean, square = sums.brought[0, i], sums.brought[1, i]
-        so_far = share * sums.moments[now, state, 0, i]
-        squared = share * sums.moments[now, state, 1, i]
-        sums.moments[1 - now, target, 0, i] += so_far + q * mean
-        sums.moments[1 - now, target, 1, i] += squared + 2.0 * mean * so_far + q * square
-
-
-@inner
-def settle(sums: Sums, now: int, state: int) -> None:
-    """Add up the squares of a joint state in which trials end."""
-    for i in range(QUANTITIES):
-        sums.squares[i] += sums.moments[now, state, 1, i]
-    sums.moments[now, state] = 0.0
+        before = share * sums.so_far[now, state, i]
+        sums.so_far[1 - now, target, i] += before + q * mean
+        sums.squares[i] += 2.0 * mean * before + q * square
 
 
 @functools.cache

@@ -88,19 +88,33 @@ def _solve(scenario: Scenario, leads: Sequence[np.ndarray], paid: np.ndarray) ->
 def independent_bound(scenario: Scenario) -> float:
     """Return what the robots would be worth without penalties: no policy can be worth more.
 
-    Each robot alone on a shortest path: the time to goal T is negative binomial, and the goal
-    pays goal_reward / (1 - gamma) * gamma^(T-1).
+    Each robot is alone on a shortest path.
+    """
+    robots, ways = scenario.robots, scenario.map.distances_to
+    far = np.array([ways(robot.goal)[robot.start] for robot in robots])
+    return float(np.mean(worth_alone(scenario, far)))
+
+
+def worth_alone(scenario: Scenario, far: np.ndarray, *, moved: bool = False) -> np.ndarray:
+    """Return what a robot alone in the world is worth, so many moves from its goal.
+
+    The time to goal T is negative binomial, and the goal pays goal_reward / (1 - gamma) *
+    gamma^(T-1). At the goal, and where no way leads to it, that is 0.
+
+    Args:
+        scenario: the problem.
+        far: moves to the goal; negative: there is no way.
+        moved: the value as a step ends there that is yet to be paid, not as one begins: at the
+            goal it has just arrived.
+
+    Returns:
+        Shape of `far`.
     """
     gamma, p = scenario.discount, scenario.move_success
-    worth = [
-        scenario.goal_reward
-        / (1.0 - gamma)
-        * (p / (1.0 - gamma * (1.0 - p))) ** moves
-        * gamma ** (moves - 1)
-        for robot in scenario.robots
-        for moves in [int(scenario.map.distances_to(robot.goal)[robot.start])]
-    ]
-    return float(np.mean(worth))
+    prize = scenario.goal_reward / (1.0 - gamma)
+    later = gamma ** np.maximum(far if moved else far - 1, 0)
+    worth = prize * later * (p / (1.0 - gamma * (1.0 - p))) ** far
+    return np.where(far < (0 if moved else 1), 0.0, worth)
 
 
 def successors(scenario: Scenario, k: int) -> np.ndarray:

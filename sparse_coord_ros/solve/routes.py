@@ -19,8 +19,10 @@ import numpy as np
 
 from sparse_coord_ros.compiling import has_numba, inner, jit
 from sparse_coord_ros.game.actions import PRIMITIVES
+from sparse_coord_ros.game.grid import moves_to
 from sparse_coord_ros.game.miscoordination import NOWHERE, meeting_places
 from sparse_coord_ros.game.scenario import Scenario
+from sparse_coord_ros.solve.optimum import worth_alone
 
 SEARCHED = 400
 """Trials by which the search judges a plan, all with the same draws."""
@@ -171,14 +173,9 @@ def alone(scenario: Scenario, avoided: Sequence[Collection[int]]) -> np.ndarray:
         scenario: the problem.
         avoided: of each robot, the cells that it keeps out of.
     """
-    gamma, p = scenario.discount, scenario.move_success
-    prize = scenario.goal_reward / (1.0 - gamma)
-    after = np.zeros((len(avoided), len(scenario.map.cells)))
-    for k, robot in enumerate(scenario.robots):
-        far = moves_to(scenario.map.next_cell, robot.goal, avoided[k])
-        worth = prize * gamma ** np.maximum(far, 0) * (p / (1.0 - gamma * (1.0 - p))) ** far
-        after[k] = np.where(far < 0, 0.0, worth)
-    return after
+    goals = [robot.goal for robot in scenario.robots]
+    far = [moves_to(scenario.map.next_cell, *one) for one in zip(goals, avoided, strict=True)]
+    return worth_alone(scenario, np.array(far), moved=True)
 
 
 def _passages(scenario: Scenario) -> np.ndarray:
@@ -190,17 +187,6 @@ def _passages(scenario: Scenario) -> np.ndarray:
             beside = [int(y) for y in lead[x] if y in scenario.map.doorways]
             found[x] = min(int(found[y]) for y in [x, *beside])
     return found
-
-
-def moves_to(lead: np.ndarray, goal: int, avoided: Collection[int] = ()) -> np.ndarray:
-    """Return the moves from each cell to the goal through no avoided cell; -1: there is no way."""
-    far = np.full(len(lead), -1)
-    far[goal], front = 0, [goal]
-    while front:
-        there = set(front).difference(avoided)
-        front = [x for x in np.flatnonzero(far < 0).tolist() if there & set(lead[x].tolist())]
-        far[front] = far.max() + 1
-    return far
 
 
 # The loop, compiled where numba is installed.

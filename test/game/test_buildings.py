@@ -5,7 +5,7 @@
 import pytest
 
 from sparse_coord_ros.errors import ScenarioError, SettingError
-from sparse_coord_ros.game.buildings import generated_text
+from sparse_coord_ros.game.buildings import building
 from sparse_coord_ros.game.grid import UNREACHABLE
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.learners import learner_of
@@ -28,7 +28,7 @@ def test_a_building_is_whole(name, robots):
 
 
 def test_the_seed_and_the_text_stay():
-    assert generated_text("building-3x2x4-16r-1") != generated_text("building-3x2x4-16r-2")
+    assert building("building-3x2x4-16r-1") != building("building-3x2x4-16r-2")
     rows = load_scenario("building-2x2x2-2r-7").map.rows
     assert rows == ("..#..", "..D..", "D##D#", ".....", ".....", "D###D", "..D..", "..#..")
 
