@@ -361,7 +361,8 @@ def evaluate(
     """
     problem, tables, who = _learned(learned, scenario, learner)
     played, seed = evaluation.TRIALS.parse(trials), RUN_SETTINGS["seed"].parse(seed)
-    return evaluation.evaluate(problem, tables, trials=played, seed=seed, learner=who)
+    found = evaluation.play(problem, tables, trials=played, seed=seed, learner=who)
+    return evaluation.summary(found)
 
 
 def evaluate_exact(

@@ -16,7 +16,7 @@ from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.game.scenario import PAPER_MEASURES
 from sparse_coord_ros.learn.agent import Tables
 from sparse_coord_ros.learn.checkpoint import CHECKPOINT_FILE
-from sparse_coord_ros.learn.evaluation import TRIALS, Evaluation, check_tables, evaluate
+from sparse_coord_ros.learn.evaluation import TRIALS, Evaluation, check_tables, play, summary
 from sparse_coord_ros.learn.run_config import RunConfig, load_run
 from sparse_coord_ros.learn.tables import load_team
 from sparse_coord_ros.lockstep.checkpoints import CHECKPOINTS, robots_elsewhere
@@ -107,8 +107,10 @@ def evaluation_of(
     if exact:
         return evaluate_exact(run.scenario, tables, learner=run.rule)
     with Bar("trials") as bar:
-        play = evaluate if exact is False else evaluate_best
-        return play(run.scenario, tables, progress=bar.show, **how)
+        how["progress"] = bar.show
+        if exact is None:
+            return evaluate_best(run.scenario, tables, **how)
+        return summary(play(run.scenario, tables, **how))
 
 
 def by_game(found: list[Evaluated]) -> list[list[Evaluated]]:

@@ -13,7 +13,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from itertools import groupby
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -31,10 +31,10 @@ from sparse_coord_ros.game.perception import drawn_peer, percept_probabilities
 from sparse_coord_ros.game.plugins import path_of
 from sparse_coord_ros.game.scenario import Scenario, load_scenario
 from sparse_coord_ros.game.schedules import probabilities, step_sizes
-from sparse_coord_ros.game.world import EPISODE_GAP, FIRST_STEP, Action, Position
+from sparse_coord_ros.game.world import EPISODE_GAP, FIRST_STEP, Action, Position, before_episode
 from sparse_coord_ros.learn import loops
 from sparse_coord_ros.learn.agent import NOBODY, Memory, Tables
-from sparse_coord_ros.learn.evaluation import Trials, play
+from sparse_coord_ros.learn.evaluation import Trials
 from sparse_coord_ros.learn.history import History, blank_history, concatenated
 from sparse_coord_ros.learn.learners import Learner, learner_of
 from sparse_coord_ros.learn.loops import Minds
@@ -199,16 +199,19 @@ def uses_numba(engine: str, learner: Learner | None = None) -> bool:
 def _run_plain(
     scenario: Scenario, learner: Learner, seed: int, trials: int, gathering: bool
 ) -> Run:
-    if learner.central:
-        team = CompiledTeam(scenario, learner, loops=kernels.PLAIN)
-        return team.run(seed, trials, gathering=gathering)
-    learning = Learning(scenario, learner, seed, gathering=gathering)
+    learning = begin(scenario, learner, seed, compiled=False, gathering=gathering)
+    return _whole(learning, trials, gathering)
+
+
+def _whole(learning: "LearningRun", trials: int, gathering: bool) -> Run:
+    """Learn for the scenario's budget, and play greedy trials with what was learned."""
+    scenario = learning.scenario
     learning.advance(scenario.steps)
-    tables = learning.tables
-    played = play(scenario, tables, trials=trials, seed=seed, learner=learner) if trials else None
-    exact = exact_means(scenario, tables, learner) if trials else None
+    visited, tables = learning.visited, learning.tables
+    played = learning.play(trials) if trials else None
+    exact = exact_means(scenario, tables, learning.learner) if trials else None
     history = learning.history if gathering else None
-    return Run(seed, tables, learning.visited, played, history, exact)
+    return Run(learning.seed, tables, visited, played, history, exact)
 
 
 def prepare(learner: str | Learner, *, engine: str = "auto", history: bool = False) -> None:
@@ -290,13 +293,7 @@ class CompiledTeam:
 
     def run(self, seed: int, trials: int, *, gathering: bool = False) -> Run:
         """Learn once and play greedy trials with what was learned."""
-        learning = CompiledLearning(self, seed, gathering=gathering)
-        learning.advance(self.scenario.steps)
-        visited, tables = learning.visited, self.tables(learning.minds)
-        played = self.play(learning.minds, seed, trials) if trials else None
-        exact = exact_means(self.scenario, tables, self.learner) if trials else None
-        history = learning.history if gathering else None
-        return Run(seed, tables, visited, played, history, exact)
+        return _whole(CompiledLearning(self, seed, gathering=gathering), trials, gathering)
 
     def learn(self, seed: int) -> Minds:
         """Learn for the scenario's budget."""
@@ -312,7 +309,8 @@ class CompiledTeam:
         asked, stays = np.zeros((2, team, len(scenario.map.cells)), dtype=np.int64)
         problem = self._trying._replace(budget=trials, paired=paired)
         draws = self.draws(seed, problem, streams.EVALUATION)
-        state = loops.State(problem, _game(team, FIRST_STEP + EPISODE_GAP), _choice(team), draws)
+        game = _game_at(before_episode(0, FIRST_STEP + EPISODE_GAP, team))
+        state = loops.State(problem, game, _choice(team), draws)
         while state.game.clock[loops.DONE] < trials:
             minds = self.with_room(minds)
             self.loops.play(state, minds, results, asked, stays)
@@ -396,6 +394,7 @@ class CompiledLearning:
         gathering: whether to gather the history.
 
     Attributes:
+        scenario, learner, seed: of the run.
         done: transitions made, by each group of robots.
         minds: what all robots know.
     """
@@ -408,19 +407,15 @@ class CompiledLearning:
         *,
         gathering: bool = True,
     ) -> None:
-        robots = len(team.scenario.robots)
-        self.done = 0
-        self._team, self._seed = team, seed
-        self._choice = _choice(robots)
-        games = [_game(robots, FIRST_STEP) for _ in team.learning]
-        histories: Sequence[History] = [blank_history(0, robots) for _ in team.learning]
+        self.scenario, self.learner, self.seed = team.scenario, team.learner, seed
+        robots, groups = len(team.scenario.robots), len(team.learning)
+        self._team, self._choice = team, _choice(robots)
+        self.minds = team.initial() if state is None else team.remembered(state.memories)
         if state is None:
-            self.minds = team.initial()
-        else:
-            self.minds = team.remembered(state.memories)
-            self.done = state.positions[0].transitions
-            games = [_game_at(position) for position in state.positions]
-            histories = state.histories
+            first, nothing = before_episode(0, FIRST_STEP, robots), blank_history(0, robots)
+            state = LearningState((first,) * groups, (), (nothing,) * groups)
+        self.done = state.positions[0].transitions
+        games = [_game_at(position) for position in state.positions]
         self._states = [
             loops.State(
                 problem,
@@ -430,7 +425,7 @@ class CompiledLearning:
             )
             for problem, game in zip(team.learning, games, strict=True)
         ]
-        self._records = [_record(history) if gathering else None for history in histories]
+        self._records = [_record(one) if gathering else None for one in state.histories]
 
     def advance(self, until: int) -> None:
         """Let every group of robots learn until it has made so many transitions.
@@ -477,7 +472,7 @@ class CompiledLearning:
         asked, robots = int(chosen.actions[k]) == COORDINATE, len(scenario.robots)
         peer = NOBODY
         if asked and robots > 1 and scenario.peers != "all":
-            draw = streams.Stream(self._seed, k, streams.POLICY).at(step)[streams.PEER]
+            draw = streams.Stream(self.seed, k, streams.POLICY).at(step)[streams.PEER]
             peer = drawn_peer(k, robots, draw)
         perceived = asked and int(chosen.rows[k]) != loops.NO_ROW
         return Action(int(chosen.moves[k]), asked, peer, perceived)
@@ -490,8 +485,7 @@ class CompiledLearning:
 
     def play(self, trials: int) -> Trials:
         """Play greedy trials with what was learned so far."""
-        self.minds = self._team.with_room(self.minds)
-        return self._team.play(self.minds, self._seed, trials)
+        return self._team.play(self.minds, self.seed, trials)
 
     @property
     def tables(self) -> list[Tables]:
@@ -520,6 +514,35 @@ class CompiledLearning:
         return tuple(_history(record, state) for record, state in pairs if record is not None)
 
 
+LearningRun: TypeAlias = Learning | CompiledLearning
+"""A run in progress on either engine."""
+
+
+def begin(
+    scenario: Scenario,
+    learner: Learner,
+    seed: int,
+    state: LearningState | None = None,
+    *,
+    compiled: bool,
+    gathering: bool = True,
+) -> LearningRun:
+    """Return a run on one of the engines, at its beginning or where a state says.
+
+    Args:
+        scenario: the problem and its protocol.
+        learner: the learner.
+        seed: the run's seed.
+        state: where to go on; None: at the beginning.
+        compiled: whether numba is to compute it.
+        gathering: whether to gather the history.
+    """
+    if compiled or learner.central:
+        team = CompiledTeam(scenario, learner, loops=None if compiled else kernels.PLAIN)
+        return CompiledLearning(team, seed, state, gathering=gathering)
+    return Learning(scenario, learner, seed, state, gathering=gathering)
+
+
 def _record(history: History) -> kernels.Record:
     """Return a record that goes on from a history, with room for two blocks of time steps."""
     room = blank_history(2 * BLOCK, history.robots)
@@ -536,8 +559,7 @@ def _position(game: loops.GameState) -> Position:
     clock, team = game.clock, len(game.cells)
     transitions, step = int(clock[loops.DONE]), int(clock[loops.STEP])
     if not clock[loops.PLACED]:
-        nothing = (0,) * team, (False,) * team
-        return Position(transitions, step, False, step, *nothing)
+        return before_episode(transitions, step, team)
     cells = tuple(game.cells.tolist())
     arrived = tuple(map(bool, game.arrived.tolist()))
     return Position(transitions, step, True, int(clock[loops.EPISODE_START]), cells, arrived)
@@ -545,20 +567,12 @@ def _position(game: loops.GameState) -> Position:
 
 def _game_at(position: Position) -> loops.GameState:
     """Return the game at a position; the next block of time steps begins there."""
-    game = _game(len(position.cells), position.step)
-    game.clock[loops.EPISODE_START] = position.episode_start
-    game.clock[loops.DONE] = position.transitions
-    game.clock[loops.PLACED] = position.under_way
-    game.clock[loops.END] = position.step
-    game.cells[:] = position.cells
-    game.arrived[:] = position.arrived
-    return game
-
-
-def _game(team: int, step: int) -> loops.GameState:
     clock = np.zeros(5, dtype=np.int64)
-    clock[loops.STEP] = step
-    return loops.GameState(clock, np.zeros(team, dtype=np.int64), np.zeros(team, dtype=np.int8))
+    clock[loops.STEP] = clock[loops.END] = position.step
+    clock[loops.EPISODE_START] = position.episode_start
+    clock[loops.DONE] = position.transitions
+    clock[loops.PLACED] = position.under_way
+    return loops.GameState(clock, np.array(position.cells), np.array(position.arrived, np.int8))
 
 
 def _choice(team: int) -> loops.Choices:

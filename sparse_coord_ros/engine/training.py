@@ -13,37 +13,29 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol, TypeAlias
+from typing import Protocol
 
 import numpy as np
 
 from sparse_coord_ros.engine.batch import (
-    CompiledLearning,
-    CompiledTeam,
+    LearningRun,
+    begin,
     is_loaded,
     is_prepared,
     prepare,
     uses_numba,
 )
-from sparse_coord_ros.engine.kernels import PLAIN
 from sparse_coord_ros.errors import RunError, SettingError
 from sparse_coord_ros.files import write_whole
 from sparse_coord_ros.game.scenario import Scenario, ScenarioLike, loaded
 from sparse_coord_ros.game.settings import Setting
 from sparse_coord_ros.learn.agent import Memory, Tables
 from sparse_coord_ros.learn.checkpoint import Checkpoint, load_checkpoint
-from sparse_coord_ros.learn.evaluation import (
-    Evaluation,
-    Progress,
-    Trials,
-    play,
-    silent,
-    summary,
-)
+from sparse_coord_ros.learn.evaluation import Evaluation, Progress, Trials, silent, summary
 from sparse_coord_ros.learn.history import History
 from sparse_coord_ros.learn.learners import Learner, LearnerLike, chosen_learner, learner_of
 from sparse_coord_ros.learn.run_config import RUN_FILE, RUN_SETTINGS, create_output, make_run
-from sparse_coord_ros.learn.simulation import Glimpse, Learning, LearningState
+from sparse_coord_ros.learn.simulation import Glimpse
 from sparse_coord_ros.learn.tables import save_team
 
 EVERY = Setting("evaluate-every", int, 0, "steps between evaluations", low=0, high=10_000_000)
@@ -128,10 +120,6 @@ class Training:
                 ) from None
             raise
         return folder
-
-
-LearningRun: TypeAlias = Learning | CompiledLearning
-"""A run in progress on either engine."""
 
 
 class Watcher(Protocol):
@@ -231,77 +219,60 @@ def train(
         saved = load_checkpoint(checkpoint, scenario, rule, seed)
         if evaluate_every is None:
             evaluate_every, trials = saved.evaluate_every, saved.trials
-    chosen = engine_for(scenario, rule, engine)
+    used = engine_for(scenario, rule, engine)
+    if used == "numba":
+        prepare(rule, history=True)
+    state = None if saved is None else saved.state
     under_way = _RunUnderWay(
-        scenario,
-        rule,
-        seed,
-        chosen,
+        begin(scenario, rule, seed, state, compiled=used == "numba"),
         evaluate_every or 0,
         trials,
+        [] if saved is None else list(saved.evaluations),
         checkpoint,
         progress,
         watcher,
-        [] if saved is None else list(saved.evaluations),
     )
-    under_way.begin(None if saved is None else saved.state)
-    return under_way.run(scenario.steps if until is None else min(until, scenario.steps))
+    learning = under_way.run(scenario.steps if until is None else min(until, scenario.steps))
+    return Training(
+        scenario,
+        rule,
+        seed,
+        used,
+        learning.tables,
+        learning.history,
+        learning.visited,
+        tuple(under_way.evaluations),
+        learning.done,
+        learning.done >= scenario.steps,
+        learning.state().memories,
+    )
 
 
 @dataclass
 class _RunUnderWay:
-    """A run under way; arguments as of `train`."""
+    """A run under way; `evaluations` so far, other arguments as of `train`."""
 
-    scenario: Scenario
-    learner: Learner
-    seed: int
-    engine: str
+    learning: LearningRun
     evaluate_every: int
     trials: int
+    evaluations: list[tuple[int, Evaluation]]
     checkpoint: Path | None
     progress: Progress
     watcher: Watcher | None
-    evaluations: list[tuple[int, Evaluation]]
 
-    def begin(self, state: LearningState | None) -> None:
-        """Begin, or go on where the run was."""
-        self.learning: LearningRun
-        compiled = self.engine == "numba"
-        if compiled or self.learner.central:
-            if compiled:
-                prepare(self.learner, history=True)
-            team = CompiledTeam(self.scenario, self.learner, loops=None if compiled else PLAIN)
-            self.learning = CompiledLearning(team, self.seed, state)
-        else:
-            self.learning = Learning(self.scenario, self.learner, self.seed, state)
-
-    def run(self, until: int) -> Training:
+    def run(self, until: int) -> LearningRun:
         """Learn until so many transitions have been made, or a signal comes."""
         with _held_back(wanted=self.checkpoint is not None) as caught:
             self._learn(until, caught)
-            unfinished = self.learning.done < self.scenario.steps
-            if self.checkpoint is not None and (unfinished or caught):
-                self.save()
+            if caught or self.learning.done < self.learning.scenario.steps:
+                self._save()
         if caught:
             signal.raise_signal(caught[0])
-        return Training(
-            self.scenario,
-            self.learner,
-            self.seed,
-            self.engine,
-            self.learning.tables,
-            self.learning.history,
-            self.learning.visited,
-            tuple(self.evaluations),
-            self.learning.done,
-            self.learning.done >= self.scenario.steps,
-            self.learning.state().memories,
-        )
+        return self.learning
 
     def _learn(self, until: int, caught: list[int]) -> None:
-        learning, budget, every = self.learning, self.scenario.steps, self.evaluate_every
-        part = FIRST_PART
-        saved = time.monotonic()
+        learning, every = self.learning, self.evaluate_every
+        budget, part, saved = learning.scenario.steps, FIRST_PART, time.monotonic()
         self.progress(learning.done, budget)
         while learning.done < until and not caught:
             wanted = self._look(until)
@@ -318,10 +289,10 @@ class _RunUnderWay:
             elif took > PART_SECONDS[1]:
                 part = max(1, part // 2)
             if every and (target == budget or target % every == 0):
-                self.evaluations.append((target, self.evaluation()))
+                self.evaluations.append((target, summary(learning.play(self.trials))))
             self.progress(learning.done, budget)
-            if self.checkpoint is not None and time.monotonic() - saved >= SAVE_SECONDS:
-                self.save()
+            if time.monotonic() - saved >= SAVE_SECONDS:
+                self._save()
                 saved = time.monotonic()
 
     def _look(self, until: int) -> int | None:
@@ -333,21 +304,13 @@ class _RunUnderWay:
         apart = watcher.wants_glimpse and following < until and (not every or following % every)
         return watcher.look(learning, learning.glimpse() if apart else None)
 
-    def evaluation(self) -> Evaluation:
-        """Evaluate the team as it is now."""
-        if isinstance(self.learning, CompiledLearning):
-            return summary(self.learning.play(self.trials))
-        tables = self.learning.tables
-        return summary(
-            play(self.scenario, tables, trials=self.trials, seed=self.seed, learner=self.learner)
-        )
-
-    def save(self) -> None:
-        """Write the checkpoint."""
-        assert self.checkpoint is not None
-        Checkpoint(
-            self.learning.state(), tuple(self.evaluations), self.evaluate_every, self.trials
-        ).save(self.checkpoint, self.scenario, self.learner, self.seed)
+    def _save(self) -> None:
+        """Write the checkpoint, where one is wanted."""
+        if self.checkpoint is not None:
+            run = self.learning
+            found = tuple(self.evaluations), self.evaluate_every, self.trials
+            saved = Checkpoint(run.state(), *found)
+            saved.save(self.checkpoint, run.scenario, run.learner, run.seed)
 
 
 @contextmanager

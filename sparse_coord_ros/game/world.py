@@ -114,6 +114,11 @@ class Position(NamedTuple):
     arrived: tuple[bool, ...]
 
 
+def before_episode(transitions: int, step: int, team: int) -> Position:
+    """Return the position of a game whose next episode is yet to begin, at a time step."""
+    return Position(transitions, step, False, step, (0,) * team, (False,) * team)
+
+
 class World:
     """The joint state of a team on its map, stepped by joint actions.
 
@@ -184,8 +189,7 @@ class World:
     def position(self) -> Position:
         """Return where the game is."""
         if self.step == self._episode_start:
-            nothing = (0,) * len(self.cells), (False,) * len(self.cells)
-            return Position(self.transitions, self.step, False, self.step, *nothing)
+            return before_episode(self.transitions, self.step, len(self.cells))
         cells, arrived = tuple(self.cells), tuple(self.arrived)
         return Position(self.transitions, self.step, True, self._episode_start, cells, arrived)
 

@@ -14,13 +14,13 @@ import numpy as np
 
 from sparse_coord_ros.errors import TablesError
 from sparse_coord_ros.game.actions import ACTIONS, COORDINATE, PRIMITIVES
+from sparse_coord_ros.game.links import Percepts
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.settings import Setting
-from sparse_coord_ros.game.streams import EVALUATION
-from sparse_coord_ros.game.world import World
-from sparse_coord_ros.learn.agent import Tables
+from sparse_coord_ros.game.streams import EVALUATION, LEARNING
+from sparse_coord_ros.game.world import Action, StepOutcome, World
+from sparse_coord_ros.learn.agent import Agent, Choice, Tables
 from sparse_coord_ros.learn.learners import Learner, learner_of
-from sparse_coord_ros.learn.simulation import Team
 
 MEASURES = ("reward", "time_to_goal", "miscoordinations", "asks")
 """The measures of an `Evaluation`."""
@@ -31,6 +31,63 @@ Progress: TypeAlias = Callable[[int, int], None]
 
 def silent(done: int, total: int) -> None:
     """Tell nobody."""
+
+
+class Team:
+    """Agents that act in one process: active perception is a look at the world's joint state.
+
+    Args:
+        scenario: the problem.
+        seed: the run's seed.
+        agents: the agents, one for each robot of the scenario.
+        phase: LEARNING or EVALUATION.
+    """
+
+    def __init__(
+        self, scenario: Scenario, seed: int, agents: list[Agent], *, phase: int = LEARNING
+    ) -> None:
+        self.agents = agents
+        self._of = {agent.number: agent for agent in agents}
+        self._percepts = Percepts(scenario, seed, phase)
+
+    def act(self, world: World) -> tuple[list[Choice | None], list[Action | None]]:
+        """Let every agent that has not arrived choose.
+
+        Returns:
+            What each agent decided and perceived, and the joint action; None in both for agents
+            that do not act.
+        """
+        choices: list[Choice | None] = [None] * len(world.cells)
+        actions: list[Action | None] = [None] * len(world.cells)
+        for agent in self.agents:
+            k = agent.number
+            if world.arrived[k]:
+                continue
+            cell = world.cells[k]
+            decision = agent.decide(world.step, cell)
+            peers = decision.peers
+            perceived = self._perceived(world, k, peers) if peers else None
+            action = agent.act(world.step, cell, decision, perceived)
+            choices[k] = Choice(cell, decision, action, perceived)
+            actions[k] = action
+        return choices, actions
+
+    def learn(self, choices: Sequence[Choice | None], world: World, outcome: StepOutcome) -> None:
+        """Let every agent that acted learn from the step that the world just made."""
+        for agent in self.agents:
+            choice = choices[agent.number]
+            if choice is not None:
+                reward = outcome.rewards[agent.number]
+                agent.learn(world.step - 1, choice, reward, world.cells[agent.number])
+
+    def _perceived(self, world: World, k: int, peers: tuple[int, ...]) -> tuple[int, ...] | None:
+        """Ask peers, one after the other; return their cells, None where one is not perceived."""
+        step, here = world.step, world.cells[k]
+        for peer in peers:
+            self._of[peer].asked(step, k, here)
+            if not self._percepts.sees(step, k, here, world.cells[peer]):
+                return None
+        return tuple(world.cells[peer] for peer in peers)
 
 
 TRIALS = Setting("trials", int, 1000, "Monte-Carlo trials", low=1, high=10_000_000)
@@ -113,20 +170,6 @@ class Evaluation:
     def to_dict(self) -> dict[str, Any]:
         """Return plain data."""
         return asdict(self)
-
-
-def evaluate(
-    scenario: Scenario,
-    tables: Sequence[Tables],
-    *,
-    trials: int,
-    seed: int,
-    learner: str | Learner | None = None,
-    progress: Progress = silent,
-) -> Evaluation:
-    """Play greedy trials and sum them up; arguments and errors as of `play`."""
-    how: Any = {"trials": trials, "seed": seed, "learner": learner, "progress": progress}
-    return summary(play(scenario, tables, **how))
 
 
 def summary(trials: Trials) -> Evaluation:

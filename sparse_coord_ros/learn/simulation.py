@@ -7,70 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.game.links import Percepts
 from sparse_coord_ros.game.scenario import Scenario
-from sparse_coord_ros.game.streams import LEARNING
 from sparse_coord_ros.game.world import Action, Position, Reward, StepOutcome, World
-from sparse_coord_ros.learn.agent import Agent, Choice, Memory, Tables
+from sparse_coord_ros.learn.agent import Agent, Memory, Tables
+from sparse_coord_ros.learn.evaluation import Team, Trials, play
 from sparse_coord_ros.learn.history import History, HistoryRecorder, concatenated
 from sparse_coord_ros.learn.learners import Learner, learner_of
-
-
-class Team:
-    """Agents that act in one process: active perception is a look at the world's joint state.
-
-    Args:
-        scenario: the problem.
-        seed: the run's seed.
-        agents: the agents, one for each robot of the scenario.
-        phase: LEARNING or EVALUATION.
-    """
-
-    def __init__(
-        self, scenario: Scenario, seed: int, agents: list[Agent], *, phase: int = LEARNING
-    ) -> None:
-        self.agents = agents
-        self._of = {agent.number: agent for agent in agents}
-        self._percepts = Percepts(scenario, seed, phase)
-
-    def act(self, world: World) -> tuple[list[Choice | None], list[Action | None]]:
-        """Let every agent that has not arrived choose.
-
-        Returns:
-            What each agent decided and perceived, and the joint action; None in both for agents
-            that do not act.
-        """
-        choices: list[Choice | None] = [None] * len(world.cells)
-        actions: list[Action | None] = [None] * len(world.cells)
-        for agent in self.agents:
-            k = agent.number
-            if world.arrived[k]:
-                continue
-            cell = world.cells[k]
-            decision = agent.decide(world.step, cell)
-            peers = decision.peers
-            perceived = self._perceived(world, k, peers) if peers else None
-            action = agent.act(world.step, cell, decision, perceived)
-            choices[k] = Choice(cell, decision, action, perceived)
-            actions[k] = action
-        return choices, actions
-
-    def learn(self, choices: Sequence[Choice | None], world: World, outcome: StepOutcome) -> None:
-        """Let every agent that acted learn from the step that the world just made."""
-        for agent in self.agents:
-            choice = choices[agent.number]
-            if choice is not None:
-                reward = outcome.rewards[agent.number]
-                agent.learn(world.step - 1, choice, reward, world.cells[agent.number])
-
-    def _perceived(self, world: World, k: int, peers: tuple[int, ...]) -> tuple[int, ...] | None:
-        """Ask peers, one after the other; return their cells, None where one is not perceived."""
-        step, here = world.step, world.cells[k]
-        for peer in peers:
-            self._of[peer].asked(step, k, here)
-            if not self._percepts.sees(step, k, here, world.cells[peer]):
-                return None
-        return tuple(world.cells[peer] for peer in peers)
 
 
 class LearningState(NamedTuple):
@@ -130,6 +72,7 @@ class Learning:
         gathering: whether to gather the history; without it learning is a little faster.
 
     Attributes:
+        scenario, learner, seed: as of the arguments.
         done: transitions made, by each group of robots.
         agents: every robot's agent.
     """
@@ -143,14 +86,14 @@ class Learning:
         *,
         gathering: bool = True,
     ) -> None:
-        rule = learner_of(learner)
+        self.scenario, self.learner, self.seed = scenario, learner_of(learner), seed
         self.done = 0
         self.agents: list[Agent] = []
         self._gathering = gathering
         self._groups: list[tuple[World, Team, HistoryRecorder]] = []
         robots = len(scenario.robots)
-        for number, members in enumerate(groups_of(scenario, rule)):
-            agents = [rule.agent(scenario, k, seed) for k in members]
+        for number, members in enumerate(groups_of(scenario, self.learner)):
+            agents = [self.learner.agent(scenario, k, seed) for k in members]
             world = World(scenario, seed, agents=members)
             history, under_way = None, False
             if state is not None:
@@ -201,6 +144,11 @@ class Learning:
                 cells[k], actions[k], after[k] = before[k], did[k], then[k]
         self.done += 1
         return Glimpse(step, tuple(cells), tuple(actions), tuple(after), met)
+
+    def play(self, trials: int) -> Trials:
+        """Play greedy trials with what was learned so far."""
+        seed, learner = self.seed, self.learner
+        return play(self.scenario, self.tables, trials=trials, seed=seed, learner=learner)
 
     @property
     def asked(self) -> np.ndarray:

@@ -13,10 +13,10 @@ from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.streams import EVALUATION
 from sparse_coord_ros.game.world import World
 from sparse_coord_ros.learn.agent import Tables
-from sparse_coord_ros.learn.evaluation import greedy_team
+from sparse_coord_ros.learn.evaluation import Team, greedy_team
 from sparse_coord_ros.learn.history import History, HistoryRecorder
 from sparse_coord_ros.learn.learners import Learner
-from sparse_coord_ros.learn.simulation import Glimpse, Team
+from sparse_coord_ros.learn.simulation import Glimpse
 from sparse_coord_ros.look.steps import logged_step
 from sparse_coord_ros.runlog.log import RunLog
 

@@ -30,8 +30,9 @@ from sparse_coord_ros.learn.evaluation import (
     Progress,
     acting_on,
     check_tables,
-    evaluate,
+    play,
     silent,
+    summary,
 )
 from sparse_coord_ros.learn.learners import Learner, learner_of
 from sparse_coord_ros.solve.exact_loops import (
@@ -157,7 +158,7 @@ def evaluate_best(
         return evaluate_exact(scenario, tables, learner=learner)
     except SettingError:  # too many, a link that fails by time, agents with a rule of their own
         how: Any = {"trials": trials, "seed": seed, "learner": learner, "progress": progress}
-        return evaluate(scenario, tables, **how)
+        return summary(play(scenario, tables, **how))
 
 
 def check_exact(scenario: Scenario) -> None:

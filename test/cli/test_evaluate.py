@@ -9,7 +9,7 @@ import pytest
 
 from sparse_coord_ros.cli import evaluate as module
 from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learn.evaluation import TRIALS, evaluate
+from sparse_coord_ros.learn.evaluation import TRIALS, play, summary
 from sparse_coord_ros.learn.tables import load_team
 from sparse_coord_ros.solve.exact import evaluate_exact
 
@@ -42,7 +42,7 @@ def test_json_holds_the_numbers_of_the_core(sparse_coord, trained, folder):
     assert (code, err) == (0, "")
     data = json.loads(out)
     scenario = load_scenario("env1")
-    result = evaluate(scenario, load_team(folder / "a", scenario), trials=40, seed=9)
+    result = summary(play(scenario, load_team(folder / "a", scenario), trials=40, seed=9))
     assert {name: data[name] for name in result.to_dict()} == result.to_dict()
     assert (data["scenario"], data["learner"]) == ("env1", "noncoop")
     assert data["paper"]["reward"] == [119.3, 12.2]

@@ -15,7 +15,7 @@ from sparse_coord_ros.engine.kernels import PLAIN
 from sparse_coord_ros.engine.training import engine_for, train
 from sparse_coord_ros.errors import RunError, SettingError
 from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learn.evaluation import evaluate
+from sparse_coord_ros.learn.evaluation import play, summary
 from sparse_coord_ros.learn.learners import LEARNERS, Coop, learner_of
 from sparse_coord_ros.learn.simulation import Learning, tables_equal
 
@@ -106,7 +106,7 @@ def test_train(engine, learner):
     assert (done.engine, done.transitions, done.finished) == (engine, 1200, True)
     assert seen[0] == (0, 1200) and seen[-1] == (1200, 1200)
     assert [step for step, _ in done.evaluations] == [500, 1000, 1200]
-    expected = evaluate(scenario, done.tables, trials=10, seed=4, learner=learner)
+    expected = summary(play(scenario, done.tables, trials=10, seed=4, learner=learner))
     assert done.evaluations[-1][1] == expected
     assert done.evaluations[0][1] != expected
 

@@ -12,7 +12,7 @@ from teams import walking
 from sparse_coord_ros.errors import TablesError
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.agent import Tables, initial_tables
-from sparse_coord_ros.learn.evaluation import Trials, check_tables, evaluate, play, summary
+from sparse_coord_ros.learn.evaluation import Trials, check_tables, play, summary
 from sparse_coord_ros.learn.sparse import SparseTable
 
 GAMMA = 0.95
@@ -21,7 +21,7 @@ GAMMA = 0.95
 def test_sure_moves_by_hand(make):
     """Both enter the doorway of 1..D..2 at step 3 and arrive at step 6."""
     scenario = make(move_success=1)
-    result = evaluate(scenario, walking(scenario), trials=3, seed=0)
+    result = summary(play(scenario, walking(scenario), trials=3, seed=0))
     assert result.reward.mean == pytest.approx(200 * GAMMA**5 - 20 * GAMMA**2, rel=1e-12)
     assert result.miscoordinations.mean == 1
     assert result.time_to_goal.mean == 6
@@ -33,7 +33,7 @@ def test_asking_every_step_by_hand(make, perception):
     """Robot 1 acts once in each of the first five cells, robot 2 in each of the last five."""
     scenario = make("1....2", move_success=1, perception=perception, ask_cost=0.5)
     tables = walking(scenario, coordinate=1e9)
-    result = evaluate(scenario, tables, trials=3, seed=0)
+    result = summary(play(scenario, tables, trials=3, seed=0))
     costs = 0.5 * sum(GAMMA**t for t in range(5))
     assert result.reward.mean == pytest.approx(200 * GAMMA**4 - costs, rel=1e-12)
     assert result.asks.mean == 5
@@ -48,22 +48,22 @@ def test_a_perceived_peer_means_acting_on_q_coord(make):
     tables = walking(scenario, coordinate=1e9)
     for pair in tables:
         pair.q_coord[:] = [1, 0, 0, 0]  # north: a wall
-    assert evaluate(scenario, tables, trials=1, seed=0).not_arrived == 1
+    assert summary(play(scenario, tables, trials=1, seed=0)).not_arrived == 1
     blind = scenario.with_settings({"perception": "never"})
-    assert evaluate(blind, tables, trials=1, seed=0).not_arrived == 0
+    assert summary(play(blind, tables, trials=1, seed=0)).not_arrived == 0
 
 
 def test_tables_that_do_not_fit():
     scenario, other = load_scenario("env1"), load_scenario("isr")
     good = initial_tables(scenario)
     with pytest.raises(TablesError, match=r"tables of 1 robots for scenario env1, which has 2"):
-        evaluate(scenario, [good], trials=1, seed=0)
+        summary(play(scenario, [good], trials=1, seed=0))
     foreign = initial_tables(other)
     with pytest.raises(TablesError, match=r"q_star_2 has shape \(43, 5\).*env1 needs \(21, 5\)"):
-        evaluate(scenario, [good, foreign], trials=1, seed=0)
+        summary(play(scenario, [good, foreign], trials=1, seed=0))
     mixed = Tables(good.q_star, foreign.q_coord)
     with pytest.raises(TablesError, match=r"q_coord_1 has shape \(43, 43, 4\).*same map"):
-        evaluate(scenario, [mixed, good], trials=1, seed=0)
+        summary(play(scenario, [mixed, good], trials=1, seed=0))
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])

@@ -15,7 +15,7 @@ import pytest
 from sparse_coord_ros.errors import RunError, TablesError
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn import archive, checkpoint
-from sparse_coord_ros.learn.evaluation import check_tables, evaluate
+from sparse_coord_ros.learn.evaluation import check_tables, play
 from sparse_coord_ros.learn.history import history_from, load_history
 from sparse_coord_ros.learn.learners import learner_of
 from sparse_coord_ros.learn.simulation import Learning
@@ -117,7 +117,7 @@ def test_forged_tables(tmp_path, name, learner):
         try:
             tables = load_team(tmp_path, scenario)
             check_tables(scenario, tables, rule)
-            evaluate(scenario, tables, seed=0, trials=1)
+            play(scenario, tables, seed=0, trials=1)
             usable.append(what)
         except TablesError as error:
             assert "\n" not in str(error), what

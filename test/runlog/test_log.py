@@ -16,7 +16,8 @@ from sparse_coord_ros.bags.reader import open_bag
 from sparse_coord_ros.bags.topics import find_clock
 from sparse_coord_ros.game.world import World
 from sparse_coord_ros.learn.agent import Agent
-from sparse_coord_ros.learn.simulation import Learning, Team, tables_equal
+from sparse_coord_ros.learn.evaluation import Team
+from sparse_coord_ros.learn.simulation import Learning, tables_equal
 from sparse_coord_ros.runlog import read_run, verify
 from sparse_coord_ros.runlog.explain import coordinations, explain
 from sparse_coord_ros.wire.frame import Frame

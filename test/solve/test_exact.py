@@ -13,7 +13,7 @@ from sparse_coord_ros.errors import SettingError, TablesError
 from sparse_coord_ros.game.actions import COORDINATE
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.agent import Agent, Tables, initial_tables
-from sparse_coord_ros.learn.evaluation import evaluate
+from sparse_coord_ros.learn.evaluation import play, summary
 from sparse_coord_ros.learn.learners import Learner, learner_of
 from sparse_coord_ros.solve import exact, exact_loops
 from sparse_coord_ros.solve.exact import evaluate_best, evaluate_exact, exact_means
@@ -208,7 +208,7 @@ def test_a_learner_whose_values_are_its_own_is_evaluated_by_them():
     assert evaluate_exact(scenario, tables).asks.mean > 0
     found = evaluate_exact(scenario, tables, learner=own(Silent))
     assert found.asks.mean == 0
-    played = evaluate(scenario, tables, trials=300, seed=1, learner=own(Silent))
+    played = summary(play(scenario, tables, trials=300, seed=1, learner=own(Silent)))
     assert abs(found.reward.mean - played.reward.mean) < 4 * played.reward.standard_error
 
 
