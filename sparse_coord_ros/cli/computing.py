@@ -4,8 +4,9 @@
 
 import argparse
 import sys
+import threading
 from contextlib import ExitStack
-from typing import Any
+from typing import Any, Self
 
 from tqdm import tqdm
 
@@ -38,18 +39,41 @@ def note_without_numba() -> None:
     note("numba is not installed: plain Python, about 100 times slower; pip install numba")
 
 
+FIRST_SECONDS, LINE_SECONDS = 1.5, 15.0
+"""Of work until a first line says what goes on, and until the next one does."""
+
+
 class Bar(ExitStack):
-    """A line of progress on stderr, at a terminal only, whose clock starts where work begins.
+    """Progress on stderr: a line that moves at a terminal, else lines now and then.
+
+    The moving line begins with the first number; before, lines say what goes on.
 
     Args:
         unit: what is counted.
+        doing: what goes on before something is counted.
         quiet: whether to show nothing.
     """
 
-    def __init__(self, unit: str, *, quiet: bool = False) -> None:
+    def __init__(self, unit: str, doing: str = "computing", *, quiet: bool = False) -> None:
         super().__init__()
-        self._unit, self._quiet = unit, quiet
+        self._unit, self._doing, self._quiet = unit, doing, quiet
         self._bar: tqdm | None = None
+        self._over = threading.Event()
+
+    def __enter__(self) -> Self:
+        """Begin."""
+        if not self._quiet:
+            self.callback(self._over.set)
+            threading.Thread(target=self._tell, daemon=True).start()
+        return super().__enter__()
+
+    def _tell(self) -> None:
+        """Say what goes on, where no moving line does."""
+        seconds = FIRST_SECONDS
+        while not self._over.wait(seconds):
+            if self._bar is None or self._bar.disable:
+                note(f"{self._doing} ...")
+            seconds = LINE_SECONDS
 
     def show(self, done: int, total: int, name: str = "") -> None:
         """Show what is done of all that there is."""
@@ -65,5 +89,6 @@ class Bar(ExitStack):
                 smoothing=0.05,
             )
             self._bar = self.enter_context(bar)
+        self._doing = f"{name} {done:,} of {total:,} {self._unit}".lstrip()
         self._bar.set_description(name)
         self._bar.update(done - self._bar.n)

@@ -106,7 +106,7 @@ def evaluation_of(
 
     if exact:
         return evaluate_exact(run.scenario, tables, learner=run.rule)
-    with Bar("trials") as bar:
+    with Bar("trials", "evaluating") as bar:
         how["progress"] = bar.show
         if exact is None:
             return evaluate_best(run.scenario, tables, **how)

@@ -122,7 +122,10 @@ def execute(options: argparse.Namespace) -> int:
     if options.assignments and not options.start:
         raise SettingError("--set needs a scenario: give --start and --goal of the robots")
     check_free(options, replace=options.replace)
-    made = make(options, read_floor_plan(options.map))
+    from sparse_coord_ros.cli.computing import Bar
+
+    with Bar("cells", "laying the grid"):
+        made = make(options, read_floor_plan(options.map))
     if made.scenario is None:
         made.notes.append("no scenario: give --start and --goal, in metres, and --replace")
     picture = write(options, made)

@@ -1,9 +1,10 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""`import-map --page`: clicks choose robots and doorways, cells are seen; then a team learns."""
+"""`import-map --page`: clicks choose robots and doorways, a team learns, and bodies drive it."""
 
 import argparse
 import queue
+import signal
 import threading
 from collections.abc import Mapping
 from pathlib import Path
@@ -13,10 +14,22 @@ from sparse_coord_ros.cli import train
 from sparse_coord_ros.cli.import_map import CELL, RADIUS, Made, check_free, make, write
 from sparse_coord_ros.cli.main import make_parser
 from sparse_coord_ros.cli.page import announce, served, show_end
+from sparse_coord_ros.driving.trials import DRIVE_SETTINGS, drive
 from sparse_coord_ros.errors import RunError, SettingError, SparseCoordError, failure_of
 from sparse_coord_ros.game.grid import FURTHEST, number_of
+from sparse_coord_ros.learn.checkpoint import CHECKPOINT_FILE
+from sparse_coord_ros.learn.run_config import load_run
+from sparse_coord_ros.learn.tables import load_team
 from sparse_coord_ros.look.page.board import Board
-from sparse_coord_ros.look.page.controls import IMPORT, SAVE, TRAIN, Control, Controlled
+from sparse_coord_ros.look.page.controls import (
+    DRIVE,
+    IMPORT,
+    SAVE,
+    STOP,
+    TRAIN,
+    Control,
+    Controlled,
+)
 from sparse_coord_ros.maps.image import read_floor_plan
 from sparse_coord_ros.maps.plan import Place
 from sparse_coord_ros.maps.preview import data_url
@@ -28,12 +41,15 @@ if TYPE_CHECKING:
 CELL_AT_FIRST, RADIUS_AT_FIRST = 0.5, 0.2
 """Metres, unless the options say otherwise."""
 
+EPISODES = 20
+"""In which bodies drive a team."""
+
 PLACES = ("start", "goal", "doorway", "no_doorway")
 """What a page chooses by clicks, by the options' names in the namespace."""
 
 
 def serve(options: argparse.Namespace) -> int:
-    """Serve the page until Ctrl-C; teams learn in this thread, one after the other."""
+    """Serve the page until Ctrl-C; teams learn and drive in this thread, one after the other."""
     learning, board = Board(), Board()
     with served(options, learning, board, index="import.html") as server:
         page = ImportPage(options, board)
@@ -42,10 +58,10 @@ def serve(options: argparse.Namespace) -> int:
         threading.Thread(target=page.work, daemon=True).start()
         while True:
             try:
-                scenario = page.wanted.get()
+                page.do(*page.wanted.get(), server)
             except KeyboardInterrupt:
-                return 0
-            page.learn(scenario, server)
+                if not page.stopped():
+                    return 0
 
 
 class ImportPage(Controlled):
@@ -56,7 +72,7 @@ class ImportPage(Controlled):
         board: where the messages go.
 
     Attributes:
-        wanted: scenario files on which teams are to learn.
+        wanted: what is to be done: train and a scenario's file, or drive and a run's directory.
 
     Raises:
         MapError: the map cannot be read.
@@ -66,15 +82,16 @@ class ImportPage(Controlled):
         super().__init__()
         self._options, self._board, self._replace = options, board, options.replace
         self._plan = plan = read_floor_plan(options.map)
-        self._learning = False
-        self.wanted: queue.SimpleQueue[Path] = queue.SimpleQueue()
+        self._busy = self._stopped = self._learned = False
+        self._out: Path | None = None
+        self.wanted: queue.SimpleQueue[tuple[str, Path]] = queue.SimpleQueue()
         cell = CELL_AT_FIRST if options.cell is None else options.cell
         radius = RADIUS_AT_FIRST if options.radius is None else options.radius
         first = {"cell": cell, "radius": radius, **{n: getattr(options, n) for n in PLACES}}
         rows, columns = plan.free.shape
         board.put(
             "run",
-            controls=(IMPORT, SAVE, TRAIN),
+            controls=(IMPORT, SAVE, TRAIN, STOP, DRIVE),
             name=plan.name,
             picture=data_url(plan),
             origin=plan.origin,
@@ -87,7 +104,13 @@ class ImportPage(Controlled):
 
     def control(self, control: Control) -> None:
         """Do it soon; SparseCoordError where a value is none. Called from the server's thread."""
-        self._wishes.put(Control(control.name, _chosen(control.value)))
+        if control.name == STOP:
+            if self._busy and not self._stopped:
+                self._stopped = True
+                signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
+            return
+        value = None if control.name == DRIVE else _chosen(control.value)
+        self._wishes.put(Control(control.name, value))
 
     def work(self) -> None:
         """Do what is wished for, for ever; of several imports only the last."""
@@ -101,35 +124,85 @@ class ImportPage(Controlled):
                 self._board.put("problem", text=str(failure_of(error)))
 
     def _do(self, wish: Control) -> None:
+        if wish.name in (TRAIN, DRIVE) and self._busy:
+            raise RunError("a team learns or drives already: wait for its end, or stop it")
+        if wish.name == DRIVE:
+            if self._out is None or not self._learned:
+                raise RunError("no team has learned yet")
+            self._begin(DRIVE, self._out)
+            return
         options = argparse.Namespace(**{**vars(self._options), **wish.value})
         made = make(options, self._plan)
         self._board.put("imported", chosen=wish.value, **_fields(made))
         if wish.name != IMPORT:
-            if wish.name == TRAIN and (self._learning or made.scenario is None):
-                busy = "a team learns already: wait for its end"
-                raise RunError(busy if self._learning else "no robot is there: click its places")
+            if wish.name == TRAIN and made.scenario is None:
+                raise RunError("no robot is there: click its places")
             check_free(options, replace=self._replace)
             files = [*made.files, write(options, made)]
             self._replace = True  # they are this page's own now
             self._board.put("saved", files=list(map(str, files)))
             if wish.name == TRAIN:
-                self._learning = True
-                self.wanted.put(files[1])
+                self._begin(TRAIN, files[1])
         self._board.put("problem", text="")
 
-    def learn(self, scenario: Path, server: "Server") -> None:
+    def _begin(self, what: str, path: Path) -> None:
+        self._tell("It begins ...", busy=True)
+        self.wanted.put((what, path))
+
+    def _tell(self, text: str, *, busy: bool = False) -> None:
+        """Say what goes on; not `busy`: what has come of it."""
+        self._busy = busy
+        self._board.put("team", text=text, busy=busy, learned=self._learned)
+
+    def do(self, what: str, path: Path, server: "Server") -> None:
+        """Let a team learn, or bodies drive it, as `wanted` says; KeyboardInterrupt ends it."""
+        try:
+            if what == TRAIN:
+                self._learn(path, server)
+            else:
+                self._drive(path)
+        except SparseCoordError as error:
+            self._tell(str(error))
+
+    def _learn(self, scenario: Path, server: "Server") -> None:
         """Let a team learn as `train` does; the server's first board shows it."""
         options = make_parser("train").parse_args(["train", str(scenario)])
-        try:
-            out, run = train.begin(options)
-            self._board.put("learning", out=str(out), word="")
-            train.learn(options, out, run, server)
-            show_end(server, out)
-            found = server.board.get("evaluation") or {}
-            self._board.put("learning", out=str(out), word=found.get("last_word", ""))
-        except SparseCoordError as error:
-            self._board.put("problem", text=str(error))
-        self._learning = False
+        self._out, run = train.begin(options)
+        self._learned = False
+        self._tell(f"A team learns: {self._out}", busy=True)
+        train.learn(options, self._out, run, server)
+        show_end(server, self._out)
+        self._learned = True
+        word = (server.board.get("evaluation") or {}).get("last_word", "")
+        self._tell(f"Learned: {self._out}. {word}")
+
+    def _drive(self, out: Path) -> None:
+        """Drive a team in bodies of the map's radius."""
+        run = load_run(out)
+        driven = drive(
+            run,
+            load_team(out, run.scenario),
+            episodes=EPISODES,
+            seed=0,
+            values=DRIVE_SETTINGS.defaults(),
+            progress=lambda n: self._tell(f"Driven: {n} of {EPISODES} episodes", busy=True),
+        )
+        self._tell(
+            f"Bodies of radius {driven.radius:g} m drove {EPISODES} episodes: in "
+            f"{driven.arrived.all(axis=1).sum()} all robots arrived; walls touched: "
+            f"{driven.bumps}, bodies: {len(driven.touches)}. With pictures and other bodies: "
+            f"sparse_coord drive {out}"
+        )
+
+    def stopped(self) -> bool:
+        """Return whether an interrupt is the page's wish to stop; then it is told so."""
+        stopped, self._stopped = self._stopped, False
+        if stopped:
+            saved = self._out is not None and (self._out / CHECKPOINT_FILE).exists()
+            self._tell(
+                "Stopped." + f" Go on with: sparse_coord train --resume {self._out}" * saved
+            )
+        return stopped
 
 
 def _fields(made: Made) -> dict[str, Any]:

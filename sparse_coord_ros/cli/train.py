@@ -128,7 +128,7 @@ def _learn_there(
 ) -> int:
     checkpoint, resumed = out / CHECKPOINT_FILE, options.resume is not None
     view = None
-    bar = Bar("steps", quiet=options.json)
+    bar = Bar("steps", "setting up", quiet=options.json)
     try:
         if not resumed:
             write_whole(out / RUN_FILE, run.to_yaml())

@@ -41,6 +41,10 @@ FURTHEST_SHARE = 0.3
 LONG_WAYS = "floored:0.5:0.8:0.01"
 """Step sizes where the budget is short for the ways: moves that succeed are always the same."""
 
+SHORTEST_BUDGET = 20
+"""So many times shorter than wanted a budget may be, with these step sizes: seen with 17 (9,173
+cells, 10 million steps), not with 23 (11,115 cells)."""
+
 FIRST_GUESS = 0.1
 """Q* at first, as a share of the goal's value: that of the default settings."""
 
@@ -95,13 +99,13 @@ def import_map(
         longest = 2 * radius + WALL_THICKNESS + cell
     if cell < plan.resolution:
         raise MapError(
-            f"--cell is {cell:g}, allowed: at least a pixel of the map, {plan.resolution:g} m"
+            f"cell is {cell:g} m, allowed: at least a pixel of the map, {plan.resolution:g} m"
         )
     cells = plan.free.size * (plan.resolution / cell) ** 2
     if cells > MAP.elements:
         raise MapError(
-            f"the grid would have {cells:,.0f} cells, allowed: up to {MAP.elements:,}; choose a "
-            "larger --cell, or cut the map"
+            f"the grid would have {cells:,.0f} cells, allowed: up to {MAP.elements:,}; choose "
+            "larger cells, or cut the map"
         )
     layout = _layout_of(plan, cell, radius, speck)
     free = layout.free
@@ -152,17 +156,17 @@ def _layout_of(plan: FloorPlan, cell: float, radius: float, speck: float) -> Gri
         seen = "no place is wide enough for it" if plan.free.any() else "no pixel is free"
         raise MapError(
             f"map {plan.name}: a robot of radius {radius:g} m finds no room: {seen}; check negate "
-            "and the thresholds in the YAML file, or choose a smaller --radius"
+            "and the thresholds in the YAML file, or choose a smaller radius"
         )
     layout = best_layout(space, cell / plan.resolution)
     if layout.slips:
         raise MapError(
-            f"map {plan.name}: --cell {cell:g} is so large that a wall slips between two cells "
-            f"({layout.slips} times, wherever the grid lies); choose a smaller one"
+            f"map {plan.name}: cells of {cell:g} m are so large that a wall slips between two "
+            f"({layout.slips} times, wherever the grid lies); choose smaller ones"
         )
     if not layout.free.any():
         raise MapError(
-            f"map {plan.name}: no cell of {cell:g} m has a free centre; choose a smaller --cell"
+            f"map {plan.name}: no cell of {cell:g} m has a free centre; choose smaller cells"
         )
     return layout
 
@@ -173,14 +177,14 @@ def _doorways(
     """Return the doorways found, shape (rows, columns), with those that the user wants."""
     doors = found.copy()
     for place in remove:
-        number = doors[frame.cell(place, "--no-doorway")]
+        number = doors[frame.cell(place, "no doorway")]
         if not number:
             raise MapError(
-                f"--no-doorway {_metres(place)}: is in no doorway; the preview shows them"
+                f"no doorway at {_metres(place)}: there is none; the picture shows them"
             )
         doors[doors == number] = 0
     for place in add:
-        where = frame.cell(place, "--doorway")
+        where = frame.cell(place, "doorway")
         doors[where] = doors[where] or doors.max() + 1
     return doors
 
@@ -197,7 +201,7 @@ def _pixel_notes(plan: FloorPlan, cell: float, radius: float) -> tuple[str, ...]
     if cell < narrow:
         notes.append(
             f"lanes touch walls: cells of {cell:g} m leave {max(0.0, cell / 2 - radius):.2g} m on "
-            f"each side of a robot of radius {radius:g} m; choose --cell {narrow:.2g} or more"
+            f"each side of a robot of radius {radius:g} m; choose cells of {narrow:.2g} m or more"
         )
     return tuple(notes)
 
@@ -210,7 +214,7 @@ def _notes(
     if cut:
         notes.append(
             f"{_count(cut, 'part is', 'parts are')} cut off although a robot would fit through: a "
-            "smaller --cell may keep the way open"
+            "smaller cell may keep the way open"
         )
     if len(parts) > 1:
         left = "those without a robot are walls now" if robots else "all are in the map"
@@ -221,15 +225,15 @@ def _notes(
     if not doors:
         notes.append(
             "no doorway found: robots have nothing to coordinate; doorways are one cell wide, so "
-            "choose a larger --cell, or add one with --doorway"
+            "choose larger cells, or add a doorway"
         )
     if wide:
         places = " ".join(f"{x:.2f},{y:.2f}" for x, y in wide[:SHOWN])
         notes.append(
             f"{_count(len(wide), 'passage is', 'passages are')} two cells wide, and no doorway, "
             f"as two robots pass there side by side: at {places}"
-            f"{' ...' * (len(wide) > SHOWN)}; where they would not, choose a larger --cell, or "
-            "add both cells with --doorway"
+            f"{' ...' * (len(wide) > SHOWN)}; where they would not, choose larger cells, or "
+            "make both cells a doorway"
         )
     return tuple(notes)
 
@@ -279,7 +283,7 @@ def _robot_cells(
 ) -> list[tuple[tuple[int, int], tuple[int, int]]]:
     """Return the cells of each robot's start and goal; MapError where one is not free."""
     return [
-        (frame.cell(start, f"--start of robot_{k}"), frame.cell(goal, f"--goal of robot_{k}"))
+        (frame.cell(start, f"start of robot_{k}"), frame.cell(goal, f"goal of robot_{k}"))
         for k, (start, goal) in enumerate(robots, start=1)
     ]
 
@@ -309,7 +313,6 @@ def suggested_settings(
     ways = [grid.distances_to(goal) for _, goal in pairs]
     own = max(int(way[start]) for way, (start, _) in zip(ways, pairs, strict=True))
     furthest = max(int(way.max()) for way in ways)
-    cells = max(int((way >= 0).sum()) for way in ways)
     found: dict[str, Any] = {}
     horizon = 1.1 * (own / p + 4 * math.sqrt(own * (1 - p)) / p)
     found["horizon"] = max(100, _round_up(horizon, 50))
@@ -320,17 +323,24 @@ def suggested_settings(
     value = values["goal_reward"] / (1.0 - float(discount))
     found["goal_value"] = found["q_coord_init"] = round(value, 3)
     found["q_star_init"] = round(FIRST_GUESS * value, 3)
-    found["steps"] = _budget(cells, furthest / p)
-    if found["steps"] == SETTINGS["steps"].high:
+    needed = max(_steps_for(way, p) for way in ways)
+    most = SETTINGS["steps"].high or math.inf
+    found["steps"] = int(min(most, max(20_000, _round_up(needed, 10_000))))
+    if found["steps"] == most:
         found["step_size"] = LONG_WAYS
     default = SETTINGS.defaults()
     return {k: v for k, v in found.items() if k not in given and v != default[k]}
 
 
-def _budget(cells: int, way: float) -> int:
-    """Return a step budget: every cell's every move, some times over, on ways of that length."""
-    steps = 60.0 * cells * math.sqrt(cells * way) / 5.0
-    return int(min(SETTINGS["steps"].high or math.inf, max(20_000, _round_up(steps, 10_000))))
+def _steps_for(way: np.ndarray, p: float) -> float:
+    """Return steps in which each cell's every move is tried some times over, on the way to a goal.
+
+    Args:
+        way: moves from each cell to the goal, -1 where there is none.
+        p: the probability that a move succeeds.
+    """
+    cells = int((way >= 0).sum())
+    return 12.0 * cells * math.sqrt(cells * int(way.max()) / p)
 
 
 def _round_up(value: float, unit: int) -> int:
@@ -375,7 +385,7 @@ def scenario_of(
 
 def _oddities(scenario: Scenario) -> list[str]:
     """Return what is legal but odd about robots on a map."""
-    grid, odd = scenario.map, []
+    grid, odd, needed = scenario.map, [], 0.0
     starts = [robot.start for robot in scenario.robots]
     if len(set(starts)) < len(starts):
         odd.append("two robots start in the same cell: that is no conflict, but hardly possible")
@@ -388,18 +398,23 @@ def _oddities(scenario: Scenario) -> list[str]:
                 f"the goal of {robot.name} is in a doorway: it stays there and is in everybody's "
                 "way"
             )
-        moves = int(grid.distances_to(robot.goal)[robot.start])
+        way = grid.distances_to(robot.goal)
+        moves = int(way[robot.start])
         if moves / scenario.move_success > scenario.horizon:
             odd.append(
                 f"the goal of {robot.name} is {moves} cells away, and takes "
                 f"{moves / scenario.move_success:.0f} steps in the mean: more than the horizon of "
                 f"{scenario.horizon}"
             )
+        needed = max(needed, _steps_for(way, scenario.move_success))
     if len(scenario.robots) > 1 and grid.doorways and needless(scenario):
         odd.append(
             "nothing to coordinate: on shortest paths robots hardly ever come to a doorway at the "
-            "same time; choose other --start and --goal, or add a --doorway where they meet"
+            "same time; choose other starts and goals, or add a doorway where they meet"
         )
-    if scenario.steps == SETTINGS["steps"].high:
-        odd.append("the step budget is the largest there is: the map may be too large to learn")
+    if needed > SHORTEST_BUDGET * scenario.steps:
+        odd.append(
+            f"the step budget of {scenario.steps:,} is short for {len(grid.cells):,} cells: "
+            "robots may not learn to arrive; choose larger cells, or more steps"
+        )
     return odd

@@ -15,7 +15,7 @@ from sparse_coord_ros.cli.import_page import CELL_AT_FIRST, ImportPage
 from sparse_coord_ros.cli.main import make_parser
 from sparse_coord_ros.errors import SparseCoordError
 from sparse_coord_ros.look.page.board import Board
-from sparse_coord_ros.look.page.controls import IMPORT, NEXT, SAVE, TRAIN, Control
+from sparse_coord_ros.look.page.controls import DRIVE, IMPORT, NEXT, SAVE, STOP, TRAIN, Control
 
 CHOSEN = {
     "cell": 1,
@@ -76,16 +76,17 @@ def test_what_is_saved_is_what_the_command_line_saves(page, sparse_coord, folder
         assert (folder / name).read_bytes() == typed.read_bytes()
     assert told(page, TRAIN, start=[], goal=[]) == "no robot is there: click its places"
     told(page, TRAIN)
-    assert str(page[0].wanted.get(timeout=5)) == "clicked/env1.yaml"
-    assert told(page, TRAIN) == "a team learns already: wait for its end"
+    what, path = page[0].wanted.get(timeout=5)
+    assert (what, str(path)) == (TRAIN, "clicked/env1.yaml")
+    assert told(page, TRAIN) == "a team learns or drives already: wait for its end, or stop it"
 
 
 def test_a_problem_is_one_line_and_nothing_is_overwritten(page, folder):
     (folder / "clicked").mkdir()
     (folder / "clicked" / "env1.png").write_text("mine")
     for changes, words in (
-        ({"start": [[2.5, 0.5], [4.5, 4.5]]}, "--start of robot_1 at 2.5,0.5 is in no free cell"),
-        ({"cell": 0.01}, "--cell is 0.01, allowed: at least a pixel"),
+        ({"start": [[2.5, 0.5], [4.5, 4.5]]}, "start of robot_1 at 2.5,0.5 is in no free cell"),
+        ({"cell": 0.01}, "cell is 0.01 m, allowed: at least a pixel"),
         ({}, "clicked/env1.png: exists already"),
     ):
         said = told(page, SAVE, **changes)
@@ -119,9 +120,21 @@ def test_a_page_is_served_a_team_learns_and_ctrl_c_ends_it(exported, sparse_coor
         try:
             with urllib.request.urlopen(f"http://127.0.0.1:{server.port}/") as answer:
                 seen.append(b"/import.js" in answer.read())
+            board.source.control(Control(DRIVE))
+            wait_for(lambda: (board.get("problem") or {}).get("text") == "no team has learned yet")
             board.source.control(Control(TRAIN, CHOSEN))
-            wait_for(lambda: (board.get("learning") or {}).get("word"))
+            wait_for(lambda: (board.get("team") or {}).get("learned"))
             seen.append(learning.get("run")["controls"])
+            board.source.control(Control(DRIVE))
+            wait_for(
+                lambda: "20 all robots arrived; walls touched: 0" in board.get("team")["text"]
+            )
+            monkeypatch.setattr(import_page.train, "learn", lambda *_: time.sleep(60))
+            board.source.control(Control(TRAIN, CHOSEN))
+            wait_for(lambda: "A team learns" in board.get("team")["text"])
+            board.source.control(Control(STOP))
+            wait_for(lambda: board.get("team")["text"].startswith("Stopped."))
+            board.source.control(Control(STOP))  # nothing goes on: no harm
         finally:
             os.kill(os.getpid(), signal.SIGINT)
 

@@ -118,7 +118,7 @@ def test_cells_lie_where_the_pixels_are_free(tmp_path):
 def test_large_cells_are_refused():
     drawing = rooms(thick=0.1)
     drawing.wall(1.9, 0, 1.9, 4.0)  # no grid of such cells has a centre in both walls
-    with pytest.raises(MapError, match=r"--cell 0.8 is so large .* choose a smaller one"):
+    with pytest.raises(MapError, match=r"cells of 0.8 m are so large .* choose smaller ones"):
         import_map(plan_of(drawing), cell=0.8, radius=0.05)
     assert import_map(plan_of(drawing), cell=0.4, radius=0.05).grid
 
@@ -159,11 +159,9 @@ def test_doorways_by_hand():
     assert any("no doorway found" in note for note in none.notes)
     two = import_map(plan, cell=0.5, radius=0.2, add=[(11.5, -3.3)])
     assert two.doorways == 2
-    with pytest.raises(MapError, match="--no-doorway 11.5,-3.3: is in no doorway"):
+    with pytest.raises(MapError, match="no doorway at 11.5,-3.3: there is none"):
         import_map(plan, cell=0.5, radius=0.2, remove=[(11.5, -3.3)])
-    with pytest.raises(
-        MapError, match="--doorway at 0,0 is outside the map of drawn; the nearest"
-    ):
+    with pytest.raises(MapError, match="doorway at 0,0 is outside the map of drawn; the nearest"):
         import_map(plan, cell=0.5, radius=0.2, add=[(0.0, 0.0)])
 
 
@@ -187,7 +185,7 @@ def test_parts_without_a_robot_are_left_out():
         (
             np.full((40, 40), 254, np.uint8),
             {"cell": 0.01},
-            "--cell is 0.01, allowed: at least a pixel",
+            "cell is 0.01 m, allowed: at least a pixel",
         ),
         (np.full((40, 40), 254, np.uint8), {"cell": 50.0}, None),
         (np.full((1, 1), 254, np.uint8), {}, None),
@@ -213,7 +211,7 @@ def test_a_grid_of_too_many_cells_is_refused_before_the_image_is_looked_at(monke
 
 def test_starts_in_walls_and_no_places():
     done = import_map(plan_of(rooms()), cell=0.5, radius=0.2)
-    with pytest.raises(MapError, match=r"--start of robot_1 at 3,3 is in no free cell .* nearest"):
+    with pytest.raises(MapError, match=r"start of robot_1 at 3,3 is in no free cell .* nearest"):
         scenario_of(done, [((3.0, 3.0), (5.0, 3.0))], {})
     *_, odd = scenario_of(done, [((1.0, 1.0), (3.0, 1.7))], {"horizon": "5"})
     assert "the goal of robot_1 is in a doorway" in odd[0] and "the horizon of 5" in odd[1]
@@ -258,8 +256,12 @@ def test_where_the_budget_is_too_small_for_the_ways_steps_are_larger(monkeypatch
     done = import_map(plan_of(rooms()), cell=0.5, radius=0.2)
     pair = [((1.0, 1.0), (5.0, 1.0))]
     assert "step_size" not in scenario_of(done, pair, {})[1]
-    monkeypatch.setattr(plans, "_budget", lambda cells, way: plans.SETTINGS["steps"].high)
-    assert scenario_of(done, pair, {})[1]["step_size"] == plans.LONG_WAYS
+    most = plans.SETTINGS["steps"].high
+    for times, short in ((19, False), (21, True)):
+        monkeypatch.setattr(plans, "_steps_for", lambda way, p, times=times: times * most)
+        _, suggested, odd = scenario_of(done, pair, {})
+        assert (suggested["steps"], suggested["step_size"]) == (most, plans.LONG_WAYS)
+        assert any("is short for" in note for note in odd) == short
     assert "step_size" not in scenario_of(done, pair, {"step_size": "power:0.6"})[1]
 
 

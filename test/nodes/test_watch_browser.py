@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from browser import REMEDY, Browser, find_browser
+from floor_plans import write
 
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.history import load_history
@@ -262,6 +263,48 @@ def test_eight_robots_in_light_and_dark(browser, start, tmp_path, scheme):
     assert (page == "rgb(22, 23, 25)") == (scheme == "dark")
 
 
+TEAM = "document.getElementById('team').textContent"
+
+
+def press(browser, x, y):
+    """Click a place of an imported map, in metres."""
+    on = browser.value(
+        f"(({{x, y}}) => [x, y])(new DOMPoint({100 * x}, {-100 * y})"
+        ".matrixTransform(document.getElementById('map').getScreenCTM()))"
+    )
+    for kind in ("mousePressed", "mouseReleased"):
+        how = {"type": kind, "button": "left", "clickCount": 1}
+        browser.ask("Input.dispatchMouseEvent", x=on[0], y=on[1], **how)
+
+
+def place_robots(browser, places):
+    for n, place in enumerate(places, start=1):
+        press(browser, *place)
+        browser.wait_for(f"document.querySelectorAll('.start, .goal').length === {n}")
+
+
+def test_a_depot_becomes_a_driven_team_by_clicks(browser, start, tmp_path):
+    """From the image to bodies that drive what was learned; another team is stopped."""
+    write("depot", tmp_path)
+    process = start(
+        "cli.main", "import-map", str(tmp_path / "depot.yaml"), "--page", "--port", "0",
+        "--out", str(tmp_path / "out"),
+    )  # fmt: skip
+    browser.open(address_of(process))
+    browser.wait_for("document.getElementById('facts').textContent.startsWith('1,560 cells')")
+    place_robots(browser, [(1.5, 1.5), (28.5, 13.5), (28.5, 13.5), (1.5, 1.5)])
+    click(browser, "train")
+    browser.wait_for(f"{TEAM}.startsWith('Learned: ')", 300)
+    click(browser, "drive")
+    browser.wait_for(f"{TEAM}.startsWith('Bodies of radius 0.2 m drove 20 episodes')", 120)
+    assert "in 20 all robots arrived; walls touched: 0, " in browser.value(TEAM)
+    click(browser, "train")
+    browser.wait_for(f"{TEAM}.startsWith('A team learns: ')")
+    click(browser, "stop")
+    browser.wait_for(f"{TEAM}.startsWith('Stopped.')")
+    browser.wait_for("!document.getElementById('train').hidden")
+
+
 def test_a_building_becomes_a_team_by_clicks(browser, start, tmp_path):
     """From the image to a team that has learned: cells, robots, doorways, undo, save, train."""
     out = tmp_path / "office"
@@ -269,16 +312,6 @@ def test_a_building_becomes_a_team_by_clicks(browser, start, tmp_path):
     process = start("cli.main", "import-map", str(ROOT / "examples/office.yaml"), *options)
     browser.open(address_of(process))
     facts = "document.getElementById('facts').textContent"
-
-    def press(x, y):
-        """Click a place in metres."""
-        on = browser.value(
-            f"(({{x, y}}) => [x, y])(new DOMPoint({100 * x}, {-100 * y})"
-            ".matrixTransform(document.getElementById('map').getScreenCTM()))"
-        )
-        for kind in ("mousePressed", "mouseReleased"):
-            how = {"type": kind, "button": "left", "clickCount": 1}
-            browser.ask("Input.dispatchMouseEvent", x=on[0], y=on[1], **how)
 
     browser.wait_for(f"{facts} === '937 cells of 0.5 m, 6 doorways'")
     browser.value(
@@ -289,16 +322,14 @@ def test_a_building_becomes_a_team_by_clicks(browser, start, tmp_path):
     click(browser, "undo")
     browser.wait_for(f"{facts}.startsWith('937 cells of 0.5 m')")
     places = [(-8, -5), (8, 5), (8, 5), (-8, -5)]
-    for n, place in enumerate(places):
-        press(*place)
-        browser.wait_for(f"document.querySelectorAll('.start, .goal').length === {n + 1}")
-    press(-3.4, 3)
+    place_robots(browser, places)
+    press(browser, -3.4, 3)
     browser.wait_for("document.getElementById('notice').innerText.includes('in no free cell')")
     click(browser, "undo")
     browser.wait_for("document.getElementById('notice').hidden")
     browser.value("document.querySelector('input[value=doorways]').click()")
     for place, doors in (((-4, 0.1), 7), ((-6.6, -0.9), 6)):
-        press(*place)
+        press(browser, *place)
         browser.wait_for(f"{facts}.endsWith(', {doors} doorways')")
     click(browser, "closer")
     ticks = "document.querySelectorAll('.x-axis').length"
@@ -307,8 +338,7 @@ def test_a_building_becomes_a_team_by_clicks(browser, start, tmp_path):
         browser.size(width, height)
         assert browser.value(WIDE)
     click(browser, "train")
-    said = "document.getElementById('saved').textContent"
-    browser.wait_for(f"{said}.startsWith('Learned (runs/office_')", 120)
+    browser.wait_for(f"{TEAM}.startsWith('Learned: runs/office_')", 120)
     frame = "document.getElementById('learning').contentDocument"
     browser.wait_for(f"{frame}.querySelector('#state').dataset.state === 'finished'")
     made = load_scenario(out / "office.yaml")

@@ -21,10 +21,11 @@ PAGE_SETTINGS = SettingTable(
 )
 
 PAUSE, STEP, RATE, SEEK, RESET, NEXT = "pause", "step", "rate", "seek", "reset", "next"
-JUMP, IMPORT, SAVE, TRAIN = "jump", "import", "save", "train"
+JUMP, IMPORT, SAVE, TRAIN, STOP, DRIVE = "jump", "import", "save", "train", "stop", "drive"
 """What a page may ask for: hold or go on; so many time steps on or back; time steps a second (0:
 as fast as it goes); a time step to go to; a new episode; another run; the next moment of some
-kind; to import a map with other values, to save what came of it, and to let a team learn on it."""
+kind; to import a map with other values, to save what came of it, to let a team learn on it, to
+stop that, and to drive the team that has learned."""
 
 QUESTION, MISCOORDINATION, CROSSING, POLICY = "question", "miscoordination", "crossing", "policy"
 KINDS = (QUESTION, MISCOORDINATION, CROSSING, POLICY)
@@ -42,7 +43,7 @@ class Control(NamedTuple):
         name: one of the above.
         value: of `pause` a bool; of `step` and `seek` a whole number; of `rate` a number; of
             `next` a mapping of `scenario` and `penalty`; of `import`, `save` and `train` one that
-            their source checks; of `reset` None.
+            their source checks; of `reset`, `stop` and `drive` None.
     """
 
     name: str
@@ -89,19 +90,19 @@ def parse_control(data: Mapping[str, Any], allowed: Collection[str]) -> Control:
         return Control(name, _next(value))
     number = isinstance(value, int | float) and not isinstance(value, bool)
     whole = number and isinstance(value, int)
-    mapping = isinstance(value, Mapping), "an object"
+    mapping, bare = (isinstance(value, Mapping), "an object"), (RESET, STOP, DRIVE)
     fits, words = {
         **dict.fromkeys((IMPORT, SAVE, TRAIN), mapping),
         PAUSE: (isinstance(value, bool), "true or false"),
         STEP: (whole and 0 < abs(value) <= 1000, "1 to 1000, or as much back"),
         SEEK: (whole and abs(value) <= 2**53, "a whole number"),
         RATE: (number and (value == 0 or 0.001 <= value <= 1e6), "0 or 0.001 to 1e6"),
-        RESET: (True, ""),
+        **dict.fromkeys(bare, (True, "")),
         JUMP: (value in (*KINDS, LEARNED), ", ".join((*KINDS, LEARNED))),
     }[name]
     if not fits:
         raise _bad(name, value, words)
-    return Control(name, float(value) if name == RATE else None if name == RESET else value)
+    return Control(name, float(value) if name == RATE else None if name in bare else value)
 
 
 def _bad(name: str, value: Any, allowed: str) -> SettingError:

@@ -116,8 +116,11 @@ const TAKE = {
     if (run) view.look();
   },
   saved({ files }) { $("saved").textContent = `Saved: ${files.join(", ")}`; },
-  learning({ out, word }) {
-    $("saved").textContent = word ? `Learned (${out}). ${word}` : `A team learns: ${out}`;
+  team({ text: words, busy, learned }) {
+    $("team").textContent = words;
+    $("train").hidden = busy;
+    $("stop").hidden = !busy;
+    $("drive").hidden = busy || !learned;
     if (!$("learning").src) $("learning").src = `/index.html?run=0${location.hash}`;
     $("learning").hidden = false;
   },
@@ -177,6 +180,8 @@ $("undo").onclick = () => { chosen = past.pop(); wish("import"); };
 $("no-robots").onclick = () => choose((now) => Object.assign(now, { start: [], goal: [] }));
 $("save").onclick = () => wish("save");
 $("train").onclick = () => wish("train");
+$("stop").onclick = () => send("stop");
+$("drive").onclick = () => send("drive");
 $("closer").onclick = () => view.zoom(1.5);
 $("further").onclick = () => view.zoom(1 / 1.5);
 $("fit").onclick = () => view.fit();

@@ -1,0 +1,27 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Progress without a terminal."""
+
+import time
+
+from sparse_coord_ros.cli import computing
+from sparse_coord_ros.cli.computing import Bar
+
+
+def test_without_a_terminal_lines_say_what_goes_on(capsys, monkeypatch):
+    monkeypatch.setattr(computing, "FIRST_SECONDS", 0.01)
+    monkeypatch.setattr(computing, "LINE_SECONDS", 0.01)
+    said = ""
+
+    def wait_for(text):
+        nonlocal said
+        deadline = time.monotonic() + 20
+        while text not in said:
+            assert time.monotonic() < deadline, said
+            time.sleep(0.001)
+            said += capsys.readouterr().err
+
+    with Bar("steps", "setting up") as bar:
+        wait_for("setting up ...\n")
+        bar.show(1000, 2_000_000, "best")
+        wait_for("best 1,000 of 2,000,000 steps ...\n")
