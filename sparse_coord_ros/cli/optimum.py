@@ -21,6 +21,7 @@ from sparse_coord_ros.solve.class_search import (
 from sparse_coord_ros.solve.optimum import LARGEST, independent_bound, joint_optimum
 from sparse_coord_ros.solve.reference import shortest_path_reference
 from sparse_coord_ros.solve.shipped import shipped_best_team, shipped_class_bound, shipped_routes
+from sparse_coord_ros.solve.simdp import PLANNERS, sparse_plan
 
 OF_THE_SEARCH = ("restarts", "seed", "out")
 
@@ -35,6 +36,7 @@ OPTIONS = (
         "search for the best team of two robots that has Algorithm 1's form",
         {"dest": "class_bound"},
     ),
+    Option("--simdp", bool, "also plan for two robots that see each other only near doorways"),
     Option("--restarts", RESTARTS.parse, f"with --class (default: {RESTARTS.default})"),
     Option("--seed", SEED.parse, f"with --class: seed of the search (default: {SEED.default})"),
     Option("--out", Path, "with --class: a JSON file to keep the search in, and to go on from"),
@@ -55,10 +57,13 @@ def execute(options: argparse.Namespace) -> int:
     paths = shortest_path_reference(scenario)
     shipped, team = shipped_class_bound(scenario), shipped_best_team(scenario)
     routes = shipped_routes(scenario)
+    planned = {one: sparse_plan(scenario, one) for one in PLANNERS if options.simdp}
     if options.json:
         known = {"class_bound": shipped, "best_team": team, "route_planner": routes}
         facts = {"scenario": scenario.name, **asdict(optimum), "robots_alone": bound}
         facts["shortest_paths"] = paths
+        if planned:
+            facts["dec_simdp"] = {name: plan._asdict() for name, plan in planned.items()}
         shared.print_json({**facts, **known})
         return 0
     print(f"{scenario.name}, penalty {scenario.penalty:g}, {optimum.joint_states} joint states")
@@ -73,6 +78,9 @@ def execute(options: argparse.Namespace) -> int:
     if routes is not None:
         told = f"{routes.value:.2f} ({routes.standard_error:.2f})"
         print(f"route planner        {told}, sees everything for nothing")
+    for name, plan in planned.items():
+        told = f"{plan.value:.2f} ({plan.standard_error:.2f})"
+        print(f"Dec-SIMDP, {name:<9} {told}, {plan.priced:.2f} if looking costs what asking does")
     print(f"bound (robots alone) {bound:.2f}")
     print(
         f"fixed shortest paths {paths.reward:.2f}, {paths.miscoordinations:.2f} miscoordinations"

@@ -67,22 +67,35 @@ _solved: dict[Hashable, float] = {}
 
 def _solve(scenario: Scenario, leads: Sequence[np.ndarray], paid: np.ndarray) -> float:
     """Return the optimum; arguments as `successors` and `payment` return them."""
-    team = len(scenario.robots)
-    value = np.zeros(paid.shape)
+    start = tuple(robot.start for robot in scenario.robots)
+    return float(_worth(scenario, leads, paid).max(axis=tuple(range(len(leads))))[start])
+
+
+def joint_moves(scenario: Scenario) -> np.ndarray:
+    """Return each robot's move of an optimal joint policy, shape (robots,) + (cells,) * robots."""
+    leads = [successors(scenario, k) for k in range(len(scenario.robots))]
+    worth = _worth(scenario, leads, payment(scenario))
+    shape = worth.shape[: len(leads)]
+    best = worth.reshape(-1, *worth.shape[len(leads) :]).argmax(axis=0)
+    # Robot 0's axis of actions is the last one.
+    return np.stack(np.unravel_index(best, shape)[::-1])
+
+
+def _worth(scenario: Scenario, leads: Sequence[np.ndarray], paid: np.ndarray) -> np.ndarray:
+    """Return the worth of joint actions, last robot first, in joint states."""
+    value, every = np.zeros(paid.shape), (slice(None),) * len(leads)
     goal = tuple(robot.goal for robot in scenario.robots)
     while True:
-        best = scenario.discount * value + paid  # value of the joint state that a step leads to
-        for k in range(team):
-            best = _own_moves(best, k, leads[k], scenario.move_success)
-        # One axis of actions a robot stands in front of the joint state's axes.
-        best = best.max(axis=tuple(range(team)))
+        # What the joint state is worth that a step leads to; each robot adds its axis in front.
+        worth: np.ndarray = scenario.discount * value + paid
+        for k, lead in enumerate(leads):
+            worth = _own_moves(worth, k, lead, scenario.move_success)
         # All have arrived: the trial is over, and nobody pays where they stand in one doorway.
-        best[goal] = scenario.goal_reward / (1.0 - scenario.discount)
+        worth[every + goal] = scenario.goal_reward / (1.0 - scenario.discount)
+        best = worth.max(axis=tuple(range(len(leads))))
         if np.abs(best - value).max() <= TOLERANCE * max(1.0, np.abs(best).max()):
-            break
+            return worth
         value = best
-    start = tuple(robot.start for robot in scenario.robots)
-    return float(best[start])
 
 
 def independent_bound(scenario: Scenario) -> float:

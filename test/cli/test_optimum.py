@@ -32,6 +32,14 @@ def test_the_shipped_class_bound_stands_beside_the_optimum(sparse_coord):
     assert "class bound" not in out
 
 
+def test_planners_with_given_places_of_interaction(sparse_coord):
+    out = sparse_coord("optimum", "env1", "--penalty", "-100", "--simdp")[1]
+    assert "Dec-SIMDP, MPSI      1" in out
+    assert "Dec-SIMDP, LAPSI     119." in out
+    data = json.loads(sparse_coord("optimum", "env1", "--simdp", "--json")[1])
+    assert data["dec_simdp"]["LAPSI"]["value"] > data["dec_simdp"]["LAPSI"]["priced"]
+
+
 @pytest.fixture
 def corridor(folder):
     """Return the path of a scenario that is searched in no time."""
@@ -68,6 +76,7 @@ def test_the_shipped_one_stands_beside_a_search(sparse_coord):
     ("arguments", "words"),
     [
         (["env2-4r", "--class"], ["env2-4r has 4 robots, allowed: 2", "leave out --class"]),
+        (["env2-4r", "--simdp"], ["env2-4r has 4 robots and 36 cells", "leave out --simdp"]),
         (["env1", "--restarts", "3"], ["--restarts", "add --class"]),
         (["env1", "--class", "--restarts", "0"], ["setting restarts: value is '0'", "from 1"]),
         (["missing.yaml"], ["scenario 'missing.yaml'", "give the path"]),

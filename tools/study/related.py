@@ -13,8 +13,9 @@ from sparse_coord_ros.experiments.report.text import Row, to_markdown, with_erro
 from sparse_coord_ros.experiments.store import ConditionResult
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.learners import learner_of
-from sparse_coord_ros.solve.shipped import shipped_class_bound
-from tools.study.coordination import Found, Study, failed_share, learning_seconds
+from sparse_coord_ros.solve.shipped import known_best
+from sparse_coord_ros.solve.simdp import PLANNERS, sparse_plan
+from tools.study.coordination import ROUTES, Found, Study, failed_share, learning_seconds
 
 SEED, RUNS, TRIALS = 1_300_000, 100, 200
 """Seeds that no search has seen."""
@@ -32,7 +33,7 @@ LEARNERS: Mapping[str, tuple[str, ...]] = {
 """Learners, and the modules of each."""
 
 KINDS = ("door", "corridor", "rooms", "loop")
-BUILDINGS = tuple(f"unseen1-{kind}-2r-0" for kind in KINDS)
+BUILDINGS = tuple(f"unseen1-{kind}-{team}r-0" for team in (2, 4) for kind in KINDS)
 """Of those for tuning."""
 
 SCENARIOS = ("env1", "env2-2r", "env2-4r", "pentagon", "isr", "cit", "cmu", *BUILDINGS)
@@ -58,10 +59,22 @@ def _learners(found: Found) -> str:
                     failed = f", {failed_share(one):.0%} fail" if failed_share(one) else ""
                     told = with_error(one.best("reward")) + failed
                 row[learner] = told
-            bound = shipped_class_bound(load_scenario(name).with_settings(LONG)) if price else None
-            row["class bound"] = None if bound is None else f"{bound.value:.2f}"
-            rows.append(row)
+            rows.append(row | _planned(name, price))
     return to_markdown(rows)
+
+
+def _planned(name: str, price: int) -> dict[str, str | None]:
+    """Return what planners that know the model make of a scenario, asking priced or free."""
+    scenario = load_scenario(name).with_settings(LONG)
+    bound = (known_best(scenario) or ROUTES.get(name)) if price else None
+    row: dict[str, str | None] = {}
+    for planner in PLANNERS:
+        row[planner] = None
+        if len(scenario.robots) == 2:
+            plan = sparse_plan(scenario, planner)
+            value = plan.priced if price else plan.value
+            row[planner] = f"{value:.2f} ({plan.standard_error:.2f})"
+    return row | {"best known": None if bound is None else f"{bound:.2f}"}
 
 
 def _costs(_found: Found) -> str:
