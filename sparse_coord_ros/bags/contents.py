@@ -6,7 +6,7 @@ import struct
 import zlib
 from bisect import bisect_left
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import accumulate, groupby
@@ -57,6 +57,8 @@ _CHUNK_HEAD = struct.Struct("<QQQII")
 """Earliest and latest time, size and checksum of the content, length of the compression's name."""
 _CRC_BYTES = 4
 _BARE = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
+_OTHERS = {Opcode.HEADER, Opcode.CHUNK, Opcode.MESSAGE_INDEX, Opcode.ATTACHMENT}
+_OTHERS |= {Opcode.METADATA, Opcode.DATA_END}
 _FOOTER = HEAD.pack(Opcode.FOOTER, 20)
 
 
@@ -193,19 +195,18 @@ class BagFile:
         found = [] if self.recovered is None else from_note(self.recovered.get("gaps", ""))
         for begin, end, why in self._lost:
             at = bisect_left(offsets, begin)
-            first_ns = self.blocks[at - 1].end_ns if at else None
-            last_ns = self.blocks[at].start_ns if at < len(offsets) else None
-            if first_ns is not None and last_ns is not None and first_ns > last_ns:
-                first_ns, last_ns = last_ns, first_ns  # what two chunks hold may overlap in time
-            found.append(Gap(begin, end, why, first_ns, last_ns, self.path.name))
+            before = [block.end_ns for block in self.blocks[:at][-1:]]
+            behind = [block.start_ns for block in self.blocks[at : at + 1]]
+            if before > behind and behind:  # what two chunks hold may overlap in time
+                before, behind = behind, before
+            times = next(iter(before), None), next(iter(behind), None)
+            found.append(Gap(begin, end, why, *times, self.path.name))
         return found
 
     @property
     def damage(self) -> str | None:
         """The first gap, or what is wrong with its end: place and one sentence; None: nothing."""
-        for begin, _, why in self._lost:
-            return f"byte {begin}: {why}"
-        return self._flaw
+        return f"byte {self._lost[0][0]}: {self._lost[0][2]}" if self._lost else self._flaw
 
     @property
     def whole(self) -> bool:
@@ -218,12 +219,12 @@ class BagFile:
 
         Its key `gaps` says what of the original is lost, see `gaps.from_note`.
         """
-        return next((texts for name, texts in self.metadata if name == RECOVERED_RECORD), None)
+        return dict(reversed(self.metadata)).get(RECOVERED_RECORD)
 
     @property
     def continued(self) -> Mapping[str, str] | None:
         """Why this file continues a bag (see `metadata.CONTINUED_RECORD`); None: it does not."""
-        return next((texts for name, texts in self.metadata if name == CONTINUED_RECORD), None)
+        return dict(reversed(self.metadata)).get(CONTINUED_RECORD)
 
     def extend(self) -> bool:
         """Go on to where the file ends now; return whether there was anything new."""
@@ -363,14 +364,13 @@ class BagFile:
             and (np.minimum.reduceat(times, firsts) == begin).all()
             and (np.maximum.reduceat(times, firsts) == end).all()
         ):
-            problem = "a chunk whose times are not those of its messages"
-            raise Damage(blocks[0].offset, problem)
+            raise Damage(blocks[0].offset, "a chunk whose times are not those of its messages")
         return part
 
     def _belongs(self, record: RecordPlace) -> bool:
         """Whether a record of this kind may be at its place."""
         foreign = record.opcode >= 0x80 or record.opcode in _BARE
-        known = not self._own if foreign else record.opcode in _TAKE
+        known = not self._own if foreign else record.opcode in _OTHERS
         return known and (record.opcode == Opcode.HEADER) == (record.offset == len(MAGIC))
 
     def _take(self, record: RecordPlace) -> None:
@@ -380,24 +380,29 @@ class BagFile:
             raise Damage(record.offset, f"{what}, which has no business there")
         if len(self.metadata) + len(self.attachments) > RECORDS:
             raise BagError(f"more than {RECORDS:,} attachments and metadata records are not read")
-        if take := _TAKE.get(record.opcode):
-            take(self, record)
+        match record.opcode:
+            case Opcode.HEADER:
+                header = parse(Header, self._body(record), record.offset)
+                self._own = self._crcs = header.library.startswith(OWN_LIBRARY)
+            case Opcode.METADATA:
+                found = parse(Metadata, self._body(record), record.offset)
+                self.metadata.append((found.name, found.metadata))
+            case Opcode.DATA_END:
+                end = parse(DataEnd, self._body(record), record.offset)
+                self._end = record, end.data_section_crc
+            case Opcode.CHUNK:
+                self._take_chunk(record)
+            case Opcode.ATTACHMENT:
+                self._take_attachment(record)
+            case Opcode.MESSAGE_INDEX:  # nobody reads it, but its length tells it from damage
+                size = int.from_bytes(self._source.read(record.body + 2, 4), "little")
+                if size != record.length - 6:
+                    raise Damage(record.offset, "a message index whose fields do not fit into it")
+            case opcode if opcode in _BARE:
+                self._take_bare(record)
 
     def _body(self, record: RecordPlace) -> bytes:
         return self._source.read(record.body, record.length)
-
-    def _take_header(self, record: RecordPlace) -> None:
-        header = parse(Header, self._body(record), record.offset)
-        self._own = self._crcs = header.library.startswith(OWN_LIBRARY)
-
-    def _take_metadata(self, record: RecordPlace) -> None:
-        found = parse(Metadata, self._body(record), record.offset)
-        self.metadata.append((found.name, found.metadata))
-
-    def _take_index(self, record: RecordPlace) -> None:
-        """Pass a message index: nobody reads it, but its length tells it from a damaged chunk."""
-        if int.from_bytes(self._source.read(record.body + 2, 4), "little") != record.length - 6:
-            raise Damage(record.offset, "a message index whose fields do not fit into it")
 
     def _block(self, record: RecordPlace) -> tuple[Block, int]:
         """Return where a chunk is, and the checksum of its content; raises Damage."""
@@ -414,9 +419,8 @@ class BagFile:
         block, crc = self._block(record)
         self._contents += min(block.size, CHUNK.bytes)  # more is damage, or refused
         if self._contents > CHUNKS.bytes + CHUNKS.elements * self.size:
-            raise Damage(
-                record.offset, f"a chunk of {block.size} bytes after too many for this file"
-            )
+            problem = f"a chunk of {block.size} bytes after too many for this file"
+            raise Damage(record.offset, problem)
         # A recorder tells of its topics before the first message, and of the run at time 0.
         early = not (self.topics and block.end_ns)
         if (block.size or crc) and not (early and not len(self._part([block]).heads)):
@@ -439,14 +443,8 @@ class BagFile:
         if found.log_time > LATEST_NS:
             raise Damage(record.offset, f"{what} has an impossible time")
         size = len(found.data)
-        place = record.end - _CRC_BYTES - size
-        self.attachments.append(
-            Attachment(found.name, found.media_type, found.log_time, size, place, self)
-        )
-
-    def _take_end(self, record: RecordPlace) -> None:
-        end = parse(DataEnd, self._body(record), record.offset)
-        self._end = record, end.data_section_crc
+        where = size, record.end - _CRC_BYTES - size, self
+        self.attachments.append(Attachment(found.name, found.media_type, found.log_time, *where))
 
     def _check(self) -> None:
         """Read what is in the blocks, and compare the checksums of the file."""
@@ -485,16 +483,15 @@ class BagFile:
         """Check the end of a file; only the channels in it are of interest, as nobody seeks."""
         crc, read, definitions = 0, self._source.read, []
         while (record := self._source.record(offset, self.size)).opcode != Opcode.FOOTER:
-            data = read(offset, record.end - offset)
             if record.opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-                definitions.append((record.opcode, data[HEAD.size :], offset))
-            crc, offset = zlib.crc32(data, crc), record.end
+                definitions.append(record)
+            crc, offset = zlib.crc32(read(offset, record.end - offset), crc), record.end
         data = read(offset, record.end - offset)
         footer = parse(Footer, data[HEAD.size :], offset)
         crc = zlib.crc32(data[:-4], crc)
         check_crc(footer.summary_crc, crc, offset, "the summary", required=self._own)
-        for definition in definitions:
-            self._define(*definition)
+        for one in definitions:
+            self._define(one.opcode, self._body(one), one.offset)
         if self.size - record.end != len(MAGIC) or read(record.end, len(MAGIC)) != MAGIC:
             raise Damage(self.size, "the file does not end with MCAP's magic bytes")
 
@@ -542,19 +539,6 @@ class BagFile:
             name = self.topics[channel].name
             self.counts[name] += int(counts[channel])
             self.sizes[name] += int(sizes[channel])
-
-
-_TAKE: Mapping[int, Callable[[BagFile, RecordPlace], None]] = {
-    Opcode.HEADER: BagFile._take_header,
-    Opcode.SCHEMA: BagFile._take_bare,
-    Opcode.CHANNEL: BagFile._take_bare,
-    Opcode.MESSAGE: BagFile._take_bare,
-    Opcode.CHUNK: BagFile._take_chunk,
-    Opcode.MESSAGE_INDEX: BagFile._take_index,
-    Opcode.ATTACHMENT: BagFile._take_attachment,
-    Opcode.METADATA: BagFile._take_metadata,
-    Opcode.DATA_END: BagFile._take_end,
-}
 
 
 def _has_end(source: Source, size: int) -> bool:

@@ -49,11 +49,8 @@ class Playlist:
         self._places = np.empty(len(order), np.int64)
         self._places[order] = np.arange(len(order))
         self._kept = [numbers[name] for name in sorted(kept) if name in numbers]
-        ticks = self._times
-        clock_topic = find_clock(bag.topics, bag.counts)
-        if clock_topic in numbers:
-            clock = self._times[self._kinds == numbers[clock_topic]]
-            ticks = clock if len(clock) else ticks
+        clock = numbers.get(find_clock(bag.topics, bag.counts) or "")
+        ticks = self._times[self._kinds == clock] if clock in self._kinds else self._times
         self._ticks = np.unique(np.append(ticks, self._times[0]))
         self.start_ns, self.end_ns = int(self._times[0]), int(self._times[-1])
         self.step_count = len(self._ticks)

@@ -57,14 +57,12 @@ class BagProcess:
         for direction in (socket.SO_SNDTIMEO, socket.SO_RCVTIMEO):
             ours.setsockopt(socket.SOL_SOCKET, direction, struct.pack("ll", PATIENCE_SECONDS, 0))
         self._connection = Connection(ours.detach())
+        # -P: with no module of the current directory
+        command = [sys.executable, "-P", "-m", __name__, str(theirs.fileno())]
+        shared: dict[str, Any] = {"stdin": subprocess.DEVNULL, "pass_fds": [theirs.fileno()]}
         try:
             with theirs:
-                self._process = subprocess.Popen(  # -P: with no module of the current directory
-                    [sys.executable, "-P", "-m", __name__, str(theirs.fileno())],
-                    pass_fds=[theirs.fileno()],
-                    stdin=subprocess.DEVNULL,
-                    start_new_session=True,
-                )
+                self._process = subprocess.Popen(command, start_new_session=True, **shared)
         except OSError as error:
             self._connection.close()
             raise BagError(
@@ -154,18 +152,16 @@ class BagProcess:
 
     def _fail(self, error: OSError | EOFError) -> NoReturn:
         """Raise BagError: the child hangs, or it is gone."""
-        hangs = isinstance(error, BlockingIOError)
-        what = f"has not moved for {PATIENCE_SECONDS:g} s" if hangs else "has ended"
+        what, so = "has ended", " before it had begun it; nothing is recorded"
+        remedy = "see what it says above"
         if self._begun:
-            what += "; the recording ends there, unfinished"
-            remedy = "'sparse_coord recover' finishes it"
-        else:
-            what += " before it had begun it; nothing is recorded"
-            remedy = "see what it says above"
-        self._refusal = (
-            f"the writer process of the bag {self._directory} {what}: "
-            f"{'look at its disk' if hangs else remedy}"
-        )
+            so, remedy = (
+                "; the recording ends there, unfinished",
+                "'sparse_coord recover' finishes it",
+            )
+        if isinstance(error, BlockingIOError):
+            what, remedy = f"has not moved for {PATIENCE_SECONDS:g} s", "look at its disk"
+        self._refusal = f"the writer process of the bag {self._directory} {what}{so}: {remedy}"
         raise BagError(self._refusal)
 
     def _end(self) -> None:
@@ -185,13 +181,13 @@ def main() -> int:
     bag: Any = None
     gone = contextlib.suppress(OSError, EOFError)  # a killed parent wants no answer
     with Connection(int(sys.argv[1])) as connection, gone:
+        name = ""
         try:
-            while True:
+            while name != "close":
                 name, *arguments = connection.recv()
                 value = None
                 if name == "open":
-                    directory, options = arguments
-                    bag = BagWriter(Path(directory), **options)
+                    bag = BagWriter(Path(arguments[0]), **arguments[1])
                 elif name == "write_all":
                     for message in arguments[0]:
                         bag.write(*message)
@@ -200,16 +196,14 @@ def main() -> int:
                     value = getattr(bag, name)(*arguments)
                 with contextlib.suppress(BrokenPipeError):
                     connection.send((name, value, bag.bytes_written))
-                if name == "close":
-                    return 0
         except BagError as error:
             connection.send(("refusal", str(error), bag.bytes_written if bag else 0))
+            while True:
+                connection.recv_bytes()  # until the parent has read the refusal and closes
         finally:
             if bag is not None:
                 with contextlib.suppress(BagError):
                     bag.abandon()
-        while True:
-            connection.recv_bytes()  # until the parent has read the refusal and closes
     return 0
 
 

@@ -122,13 +122,11 @@ class Bag:
 
         A bag that is unfinished is not damaged by that alone.
         """
-        for gap in self.missing:
-            return f"{gap.file} {gap.why}"
+        found = [f"{gap.file} {gap.why}" for gap in self.missing]
         for file in self.files:
-            if file.damage is not None:
-                several = len(self.files) > 1
-                return f"{file.path.name}: {file.damage}" if several else file.damage
-        return None
+            where = f"{file.path.name}: " * (len(self.files) > 1)
+            found += [] if file.damage is None else [f"{where}{file.damage}"]
+        return found[0] if found else None
 
     @property
     def whole(self) -> bool:
@@ -237,21 +235,16 @@ class Bag:
         """
         if topics is not None and not topics:
             return
-        fields = ("channel", "length", "log_ns", "publish_ns", "sequence")
         for part in self.parts():
-            names = {
-                channel: name
-                for channel, name in self.channels.items()
-                if topics is None or name in topics
-            }
-            columns = (part.heads[name].tolist() for name in fields)
-            for begin, channel, length, log_ns, publish_ns, sequence in zip(
-                part.begins.tolist(), *columns, strict=True
-            ):
-                name = names.get(channel)
-                if name is not None:
-                    data = part.content[begin : begin + length - MESSAGE.size]
-                    yield Message(name, data, log_ns, publish_ns, sequence)
+            names = self.channels
+            mine = [one for one, name in names.items() if topics is None or name in topics]
+            here = np.isin(part.heads["channel"], mine)
+            heads, begins = part.heads[here], part.begins[here]
+            ends = begins + heads["length"].astype(np.int64) - MESSAGE.size
+            fields = (heads[name] for name in ("channel", "log_ns", "publish_ns", "sequence"))
+            columns = (column.tolist() for column in (begins, ends, *fields))
+            for begin, end, channel, *rest in zip(*columns, strict=True):
+                yield Message(names[channel], part.content[begin:end], *rest)
 
     def parts(self, files: Iterable[int] | None = None) -> Iterator[Part]:
         """Yield the messages outside of gaps, many together, with the channels of the whole.

@@ -193,16 +193,13 @@ def parse(kind: Any, body: bytes, offset: int) -> Any:
         Damage: the fields do not fill the bytes, or a text is not UTF-8.
     """
     stream = _Exact(BytesIO(body))
+    what = f"a {kind.__name__} record"
     try:
         record = kind.read(stream)
     except (EndOfFile, OverflowError, UnicodeDecodeError) as error:
-        raise Damage(
-            offset, f"a {kind.__name__} record whose fields do not fit into it"
-        ) from error
-    if stream.count != len(body):
-        raise Damage(
-            offset, f"a {kind.__name__} record with {len(body) - stream.count} bytes too many"
-        )
+        raise Damage(offset, f"{what} whose fields do not fit into it") from error
+    if more := len(body) - stream.count:
+        raise Damage(offset, f"{what} with {more} bytes too many")
     return record
 
 
@@ -221,7 +218,11 @@ def chunk_content(chunk: Chunk, offset: int, *, crc_required: bool) -> bytes:
         if chunk.compression == "":
             content = chunk.data
         elif chunk.compression == "zstd":
-            content = _zstd(chunk.data, size)
+            # The frame itself names a size, for which the library would make room.
+            if zstandard.frame_content_size(chunk.data) not in (-1, size):
+                raise ValueError
+            unpack = zstandard.ZstdDecompressor().decompress
+            content = unpack(chunk.data, max_output_size=max(size, 1))
         elif chunk.compression == "lz4":
             content = lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, max_length=size + 1)
         else:
@@ -230,18 +231,9 @@ def chunk_content(chunk: Chunk, offset: int, *, crc_required: bool) -> bytes:
         raise Damage(offset, f"a chunk that {chunk.compression} cannot decompress") from error
     if len(content) != size:
         raise Damage(offset, f"a chunk of {len(content)} bytes that should be {size}")
-    check_crc(
-        chunk.uncompressed_crc, zlib.crc32(content), offset, "the chunk", required=crc_required
-    )
+    crc = zlib.crc32(content)
+    check_crc(chunk.uncompressed_crc, crc, offset, "the chunk", required=crc_required)
     return content
-
-
-def _zstd(data: bytes, size: int) -> bytes:
-    # The frame itself names a size, for which the library would make room.
-    stated = zstandard.frame_content_size(data)
-    if stated not in (-1, size):
-        raise ValueError
-    return zstandard.ZstdDecompressor().decompress(data, max_output_size=max(size, 1))
 
 
 LENGTH = struct.Struct("<Q")
@@ -267,8 +259,7 @@ def message_heads(
     places: list[int] = []
     place, size = 0, len(content)
     append, length_at = places.append, LENGTH.unpack_from
-    last = size - HEAD.size
-    while place <= last:
+    while place <= size - HEAD.size:
         append(place)
         length = length_at(content, place + 1)[0]
         if not length:
@@ -283,9 +274,7 @@ def message_heads(
     is_message = opcodes == Opcode.MESSAGE
     if (ends[is_message] - begins[is_message] < MESSAGE_HEAD.itemsize).any():
         raise Damage(offset, "a message without room for its channel and times")
-    others: list[tuple[int, int, int]] = []
-    if not is_message.all():
-        columns = opcodes, begins + HEAD.size, ends
-        others = list(zip(*(column[~is_message].tolist() for column in columns), strict=True))
-        begins = begins[is_message]
+    columns = opcodes, begins + HEAD.size, ends
+    others = list(zip(*(column[~is_message].tolist() for column in columns), strict=True))
+    begins = begins[is_message]
     return begins, rows_at(content, begins, MESSAGE_HEAD), others

@@ -111,11 +111,10 @@ def continued(directory: Path) -> Bag | None:
 
 
 def _holds_anything(file: Path) -> bool:
-    try:
+    with contextlib.suppress(BagError):
         bag = open_bag(file)
-    except BagError:
-        return False
-    return bool(bag.message_count or bag.attachments or bag.metadata)
+        return bool(bag.message_count or bag.attachments or bag.metadata)
+    return False
 
 
 def _mended(bag: Bag, directory: Path) -> Recovery:
@@ -165,10 +164,8 @@ def _draft(bag: Bag, gaps: Sequence[Gap], directory: Path) -> Iterator[Path]:
             for record, texts in bag.metadata_records:
                 if record not in (METADATA_RECORD, RECOVERED_RECORD):
                     writer.add_metadata(record, texts)
-            for attachment in bag.attachments:
-                writer.attach(
-                    attachment.name, attachment.data, attachment.media_type, attachment.log_time_ns
-                )
+            for one in bag.attachments:
+                writer.attach(one.name, one.data, one.media_type, one.log_time_ns)
             channels = {t.name: writer.add_known_topic(t) for t in bag.topics.values()}
             for topic, data, log_ns, publish_ns, sequence in bag.messages():
                 writer.write(channels[topic], data, log_ns, publish_ns, sequence)

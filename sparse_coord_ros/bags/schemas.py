@@ -47,18 +47,14 @@ def schema_text(type_name: str) -> str:
     seen: set[str] = set()
 
     def with_dependencies(name: str) -> str:
-        text = _definition(name)
-        sections = [text]
+        text = whole = _definition(name)
         package = name.partition("/")[0]
-        for dependency in sorted({_full(t, package) for t in _FIELD.findall(text)} - _PRIMITIVES):
-            if dependency not in seen:
-                seen.add(dependency)
-                sections.append(f"\n{_SEPARATOR}\nMSG: {dependency}\n")
-                short = dependency.count("/") == 1
-                sections.append(
-                    with_dependencies(dependency.replace("/", "/msg/") if short else dependency)
-                )
-        return "".join(sections)
+        for one in sorted({_full(t, package) for t in _FIELD.findall(text)} - _PRIMITIVES):
+            if one not in seen:
+                seen.add(one)
+                path = one.replace("/", "/msg/") if one.count("/") == 1 else one
+                whole += f"\n{_SEPARATOR}\nMSG: {one}\n{with_dependencies(path)}"
+        return whole
 
     return with_dependencies(type_name)
 
@@ -127,9 +123,8 @@ def _interface_file(package: str, kind: str, file_name: str) -> Path | None:
 
 def _prefixes(package: str) -> Iterator[Path]:
     """Yield the prefixes a package may be installed in: ament's, its module's, Python's."""
-    for entry in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep):
-        if entry:
-            yield Path(entry)
+    ament = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
+    yield from map(Path, filter(None, ament))
     spec = importlib.util.find_spec(package)
     for location in (spec.submodule_search_locations or []) if spec else []:
         # <prefix>/lib/python3.12/site-packages/<package>

@@ -10,7 +10,6 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.collections import PatchCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -104,16 +103,16 @@ def runs_figure(runs: Sequence[Shown], whats: Sequence[str]) -> Figure:
 
 def available(shown: Shown) -> list[str]:
     """Return what can be drawn of a run: of `WHATS`."""
-    found = []
-    if shown.has("tables"):
-        found.append("policy")
-        if shown.asks:
-            found += ["sparsity"] if shown.played is None else ["asks", "sparsity"]
-    if shown.has("history"):
-        found.append("curves")
-    if shown.bag is not None and shown.log.asked.any():
-        found.append("percepts")
-    return found
+    learned = shown.has("tables")
+    asking = learned and shown.asks
+    there = {
+        "policy": learned,
+        "asks": asking and shown.played is not None,
+        "sparsity": asking,
+        "curves": shown.has("history"),
+        "percepts": shown.bag is not None and shown.log.asked.any(),
+    }
+    return [what for what, is_there in there.items() if is_there]
 
 
 def names_of(runs: Sequence[Shown]) -> list[str]:
@@ -139,22 +138,22 @@ def parse_whats(text: str | None, runs: Sequence[Shown]) -> list[str]:
             raise SettingError("these runs have nothing in common that could be drawn; plot one")
         return found
     whats = [part.strip() for part in text.split(",")]
-    for what in whats:
-        if what not in WHATS:
-            raise SettingError(
-                f"--what {what!r}: allowed of a run: {', '.join(WHATS)}, several with commas "
-                f"between{did_you_mean(what, WHATS)}"
-            )
+    for what in [one for one in whats if one not in WHATS]:
+        raise SettingError(
+            f"--what {what!r}: allowed of a run: {', '.join(WHATS)}, several with commas "
+            f"between{did_you_mean(what, WHATS)}"
+        )
     return whats
 
 
 def _panels(what: str, runs: Sequence[Shown]) -> Iterator[Panel]:
     """Yield the panels of one thing to be drawn: curves show all runs in one panel."""
     labels = names_of(runs)
-    if what in ("curves", "length"):
-        size = CURVE if what == "curves" else LONE_CURVE
-        for name in CURVES if what == "curves" else (what,):
-            yield Panel(*size, partial(_draw_curve, runs, labels, name))
+    if what == "length":
+        yield Panel(*LONE_CURVE, partial(_draw_curve, runs, labels, what))
+    elif what == "curves":
+        for name in CURVES:
+            yield Panel(*CURVE, partial(_draw_curve, runs, labels, name))
     else:
         panels = {"policy": _policy, "asks": _asks, "sparsity": _sparsity, "percepts": _percepts}
         for shown, label in zip(runs, labels, strict=True):
@@ -228,18 +227,10 @@ def _draw_policy(
                 alpha=alpha[cells],
                 **ARROW,
             )
-        asks = np.flatnonzero(policy.asks)
-        if len(asks):
-            rings = PatchCollection(
-                [Circle(at, 0.25) for at in zip(x[asks], y[asks], strict=True)],
-                facecolors="none",
-                edgecolors=colour,
-                linewidths=1.8,
-                linestyles=LINES[place % 2],
-                alpha=alpha[asks],
-                zorder=4,
-            )
-            axes.add_collection(rings)
+        for cell in np.flatnonzero(policy.asks).tolist():
+            ring = Circle((x[cell], y[cell]), 0.25, fill=False, linewidth=1.8, zorder=4)
+            ring.set(edgecolor=colour, linestyle=LINES[place % 2], alpha=alpha[cell])
+            axes.add_patch(ring)
     axes.set_title(title, fontsize=10)
     if key:
         _policy_key(shown, robots if len(robots) > 1 else (), axes)
@@ -294,14 +285,10 @@ def _asks(shown: Shown, label: str) -> Iterator[Panel]:
 
 def _sparsity(shown: Shown, label: str) -> Iterator[Panel]:
     rule = shown.config.known_rule or learner_of(acting_on(shown.tables[0]))
-    found = [
-        sparsity_of(tables, rule.tables(shown.config.scenario, k))
-        for k, tables in enumerate(shown.tables)
-    ]
-    titles = [
-        f"$Q^C$ of {name}, {one.share:.2%} learned"
-        for name, one in zip(_names(shown), found, strict=True)
-    ]
+    scenario = shown.config.scenario
+    found = [sparsity_of(one, rule.tables(scenario, k)) for k, one in enumerate(shown.tables)]
+    named = zip(_names(shown), found, strict=True)
+    titles = [f"$Q^C$ of {name}, {one.share:.2%} learned" for name, one in named]
     counts = np.array([one.by_cell for one in found], dtype=np.float64)
     if len(found) > 2:
         counts = counts.mean(axis=0, keepdims=True)
@@ -320,27 +307,20 @@ def _draw_curve(runs: Sequence[Shown], labels: Sequence[str], name: str, axes: A
 
     Of a single run reward and asks have a line a robot.
     """
-    lines: list[tuple[Shown, str, int | None]] = [
-        (shown, label, None) for shown, label in zip(runs, labels, strict=True)
-    ]
+    lines: list[tuple[Shown, int | None]] = [(shown, None) for shown in runs]
     if len(runs) == 1:
-        robots = _names(runs[0])
-        if name in ("reward", "asks") and len(robots) > 1:
-            lines = [(runs[0], robot, k) for k, robot in enumerate(robots, start=1)]
+        if name in ("reward", "asks") and len(_names(runs[0])) > 1:
+            labels = _names(runs[0])
+            lines = [(runs[0], k) for k in range(1, len(labels) + 1)]
         else:
-            lines = [(runs[0], f"mean of {_window(runs[0])}", None)]
+            labels = [f"mean of {_window(runs[0])}"]
             points = _thinned(*runs[0].history.curve(name))
             axes.plot(*points, ".", color="0.72", markersize=3, label="one episode")
-    for number, (shown, label, robot) in enumerate(lines):
-        axes.plot(
-            *_thinned(*shown.history.curve(name, _window(shown), robot=robot)),
-            color=robot_colour(number),
-            linestyle=LINES[number % len(LINES)],
-            linewidth=1.6,
-            label=label,
-        )
-    axes.set_yscale("log" if name == "length" else "linear")
-    axes.set_xlabel("time step")
+    for number, (shown, robot) in enumerate(lines):
+        points = _thinned(*shown.history.curve(name, _window(shown), robot=robot))
+        style, colour = LINES[number % len(LINES)], robot_colour(number)
+        axes.plot(*points, color=colour, linestyle=style, linewidth=1.6, label=labels[number])
+    axes.set(yscale="log" if name == "length" else "linear", xlabel="time step")
     axes.set_ylabel(CURVES[name])
     axes.grid(alpha=0.3)
     axes.legend(fontsize=6, ncols=2 if len(lines) > 4 else 1)
@@ -372,15 +352,10 @@ def _draw_percepts(log: RunLog, label: str, axes: Axes) -> None:
             continue
         asked = np.histogram(np.repeat(log.step, found.sum(axis=1)), ends)[0]
         share = 100 * asked / np.maximum(acted, 1)
-        axes.bar(
-            *(ends[:-1], share, np.diff(ends), below),
-            align="edge",
-            color=OUTCOME_COLOURS[name],
-            hatch=HATCHES[name],
-            edgecolor="white",
-            linewidth=0.4,
-            label=f"{name} ({int(found.sum())})",
-        )
+        label_of = f"{name} ({int(found.sum())})"
+        bars = axes.bar(ends[:-1], share, np.diff(ends), below, align="edge", label=label_of)
+        for bar in bars:
+            bar.set(color=OUTCOME_COLOURS[name], hatch=HATCHES[name], ec="white", lw=0.4)
         below += share
     axes.set(xlabel="time step", ylabel="COORDINATE [% of actions]")
     axes.set_title(f"{label}: how percepts ended", fontsize=10)

@@ -65,21 +65,18 @@ def film(scenario: Scenario, episode: Episode, *, title: str, rate: float = 2.0)
     """
     shown = min(len(episode.steps), MOST_STEPS)
     glide = (0.35, 0.7) if shown <= SMOOTH_STEPS else ()
-    # Of each picture the step, how much of it is over, how long it lasts, whether questions show.
-    pictures: list[tuple[int, float, float, bool]] = []
+    stage = _Stage(scenario, episode, title)
+    images, lasting = [], []
     for step in range(shown):
         if questions_of(episode.steps[step]):
-            pictures.append((step, 0.0, TALK, True))
-        pictures += [(step, moved, 0.15, False) for moved in glide]
-        pictures.append((step, 1.0, 0.7 if glide else 1.0, False))
-    stage = _Stage(scenario, episode, title)
-    images = [stage.shoot(step, moved, speaking=asks) for step, moved, _, asks in pictures]
-    durations = [max(20, round(100 * lasts / rate) * 10) for _, _, lasts, _ in pictures]
+            images.append(stage.shoot(step, 0.0, speaking=True))
+            lasting.append(TALK)
+        images += [stage.shoot(step, moved) for moved in (*glide, 1.0)]
+        lasting += [*[0.15] * len(glide), 0.7 if glide else 1.0]
+    durations = [max(20, round(100 * lasts / rate) * 10) for lasts in lasting]
     durations[-1] += round(1000 * HOLD / rate)
-    file = io.BytesIO()
-    images[0].save(
-        file, "gif", save_all=True, append_images=images[1:], duration=durations, loop=0
-    )
+    file, rest = io.BytesIO(), images[1:]
+    images[0].save(file, "gif", save_all=True, append_images=rest, duration=durations, loop=0)
     return file.getvalue()
 
 
@@ -128,11 +125,9 @@ class _Stage:
         if together:
             self._put(self._meeting(step + 1))
         self._put(self._trails(step))
-        for ask in asks:
-            self._put(self._question(ask, places))
+        self._put(line for ask in asks for line in self._lines(ask, places))
         self._put(self._robots(places, {ask.asker for ask in asks}))
-        for ask in asks:
-            self._put(self._sign(ask, places))
+        self._put(sign for ask in asks for sign in self._sign(ask, places))
         self._say(step + over, asks, together)
         self._figure.draw_artist(self._words)
         image = Image.frombuffer(
@@ -170,10 +165,9 @@ class _Stage:
     def _meeting(self, step: int) -> Iterator[Artist]:
         """Yield the marks of the doorways with robots inside."""
         for x in self._scenario.map.doorways & set(self._cells[step].tolist()):
-            row, column = self._scenario.map.cells[x]
-            mark = Rectangle((column, row), 1, 1, facecolor=_pale(DOORWAY_COLOUR), hatch="xx")
-            mark.set(edgecolor=DOORWAY_COLOUR, linewidth=3)
-            yield mark
+            look: dict[str, Any] = {"facecolor": _pale(DOORWAY_COLOUR), "hatch": "xx"}
+            corner = self._places[x] - 0.5
+            yield Rectangle(corner, 1, 1, edgecolor=DOORWAY_COLOUR, linewidth=3, **look)
 
     def _robots(self, places: np.ndarray, askers: set[int]) -> Iterator[Artist]:
         there = {k: place for k, place in enumerate(places.tolist()) if np.isfinite(place[0])}
@@ -185,7 +179,7 @@ class _Stage:
             yield self._letter(x, y, str(k + 1), ink_on(colour), least=6.0)
 
     @staticmethod
-    def _question(ask: Question, places: np.ndarray) -> Iterator[Artist]:
+    def _lines(ask: Question, places: np.ndarray) -> Iterator[Artist]:
         """Yield the lines from the asker to whom it asks; thin ones to several."""
         width = 3.2 if len(ask.peers) == 1 else 1.8
         for peer in ask.peers:
@@ -234,15 +228,11 @@ def _pale(colour: str) -> tuple[float, float, float]:
 def _palette() -> Image.Image:
     """Return an image whose palette has every colour drawn, and mixtures for smooth edges."""
     colours = [*ROBOT_COLOURS, *OUTCOME_COLOURS.values(), DOORWAY_COLOUR]
-    mixed = [
-        [share * one + (1 - share) * ground for one in rgb(colour)]
-        for colour in colours
-        for share in (1.0, 0.75, 0.5, 0.35, 0.2)
-        for ground in (1.0, 0.25, 0.0)
-    ]
-    mixed += [[grey / 31] * 3 for grey in range(32)]
-    mixed += [list(rgb("#404040")), [0.85] * 3]
+    shares = np.array([1.0, 0.75, 0.5, 0.35, 0.2])[:, None, None, None]
+    grounds = np.array([1.0, 0.25, 0.0])[:, None, None]
+    mixed = shares * np.array([rgb(one) for one in colours]) + (1 - shares) * grounds
+    greys = np.repeat([*np.arange(32) / 31, 0x40 / 255, 0.85], 3)
     image = Image.new("P", (1, 1))
-    unique = np.unique(np.round(np.array(mixed) * 255).astype(np.uint8), axis=0)
-    image.putpalette(unique.tobytes())
+    both = np.round(np.append(mixed, greys).reshape(-1, 3) * 255).astype(np.uint8)
+    image.putpalette(np.unique(both, axis=0).tobytes())
     return image

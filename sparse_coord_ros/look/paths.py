@@ -59,21 +59,19 @@ def paths_figure(
         corner = x - side / 2, y - side / 2
         axes.add_patch(Rectangle(corner, side, side, color=DOORWAY_COLOUR, alpha=0.6, lw=0))
     episodes = 1 + max((moment.episode for moment in driven.path), default=0)
+    key: list[Line2D] = []
     for k, robot in enumerate(run.scenario.robots):
         colour = robot_colour(k)
+        style = LINES[k % len(LINES)]
         for _, moments in groupby(driven.path, key=lambda moment: moment.episode):
             path = np.array([moment.places[k] for moment in moments])
-            style = LINES[k % len(LINES)]
             axes.plot(*path.T, color=colour, ls=style, lw=1.2, alpha=max(THINNEST, 1 / episodes))
+        key.append(Line2D([], [], color=colour, ls=style, label=robot.name))
         start, goal = frame.centres[robot.start], frame.centres[robot.goal]
         axes.add_patch(Circle(start, 0.35 * side, color=colour, zorder=3))
         axes.add_patch(Circle(goal, 0.35 * side, fill=False, edgecolor=colour, lw=2.5, zorder=3))
     touches = np.array([touch.place for touch in driven.touches]).reshape(-1, 2)
     axes.plot(*touches.T, "x", color="black", ms=7, mew=2, zorder=4)
-    key = [
-        Line2D([], [], color=robot_colour(k), ls=LINES[k % len(LINES)], label=robot.name)
-        for k, robot in enumerate(run.scenario.robots)
-    ]
     if len(touches):
         key.append(Line2D([], [], color="black", marker="x", ls="", label="bodies touched"))
     figure.legend(handles=key, loc="outside lower center", ncols=min(6, len(key)), frameon=False)

@@ -30,7 +30,7 @@ from sparse_coord_ros.look import figures
 from sparse_coord_ros.look.sources import PLAYED_EPISODES, Shown
 from sparse_coord_ros.look.steps import ended
 from sparse_coord_ros.palette import ANSWERED
-from sparse_coord_ros.runlog.explain import explained, in_words
+from sparse_coord_ros.runlog.explain import Coordination, explained, in_words
 from sparse_coord_ros.runlog.log import RunLog
 from sparse_coord_ros.solve.exact import ExactEvaluation, evaluate_best
 from sparse_coord_ros.solve.reference import shortest_path_reference
@@ -45,9 +45,6 @@ WARNING_LEVEL = 30
 """Of a rcl_interfaces/Log; what is below is no warning."""
 
 Part = dict[str, Any]
-Section = tuple[str, Iterable[Part]]
-"""A heading (empty: none) and what is below it."""
-
 CAPTIONS = {
     "policy": "Greedy moves of the learned tables. A ring: the robot asks there before it moves. "
     "Pale: it never gets there in greedy episodes.",
@@ -69,26 +66,30 @@ def run_report(shown: Shown, *, baselines: bool = True) -> str:
         SparseCoordError: it is no run.
     """
     config, scenario = shown.config, shown.config.scenario
-    begin = text(
+    sections: dict[str, Iterable[Part]] = {"": _begin(shown)}
+    sections["The value of the team"] = _value(shown, baselines)
+    sections["What was learned"] = _learned(shown)
+    if shown.bag is not None:
+        sections["Some questions and answers"] = _dialogue(shown)
+        sections["Faults and diagnostics"] = _faults(shown)
+    sections["Scenario"] = _scenario(scenario)
+    sections["How to reproduce it"] = _again(shown)
+    loader = PackageLoader("sparse_coord_ros.look")
+    template = Environment(loader=loader, autoescape=True, keep_trailing_newline=True)
+    title = f"{scenario.name}: {config.title}, seed {config.seed}"
+    found = template.get_template("report.html.j2")
+    return found.render(title=title, sections=sections.items())
+
+
+def _begin(shown: Shown) -> Iterator[Part]:
+    scenario = shown.config.scenario
+    yield text(
         f"{len(scenario.robots)} robots, {scenario.steps} steps of learning, penalty "
         f"{scenario.penalty:g} for a miscoordination, {scenario.ask_cost:g} for asking. "
         f"From {shown.path}; report of sparse_coord_ros {__version__}."
     )
-    begins = [begin]
     if shown.bag is not None and shown.log.losses:
-        words = f"The bag is damaged. Lost: {'; '.join(shown.log.losses)}."
-        begins.append(text(words, warn=True))
-    sections: list[Section] = [
-        ("", begins),
-        ("The value of the team", _value(shown, baselines)),
-        ("What was learned", _learned(shown)),
-    ]
-    if shown.bag is not None:
-        sections.append(("Some questions and answers", _dialogue(shown)))
-        sections.append(("Faults and diagnostics", _faults(shown)))
-    sections.append(("Scenario", _scenario(scenario)))
-    sections.append(("How to reproduce it", _again(shown)))
-    return page(f"{scenario.name}: {config.title}, seed {config.seed}", sections)
+        yield text(f"The bag is damaged. Lost: {'; '.join(shown.log.losses)}.", warn=True)
 
 
 def _value(shown: Shown, baselines: bool) -> Iterator[Part]:
@@ -152,12 +153,10 @@ def _dialogue(shown: Shown) -> Iterator[Part]:
     log = shown.with_requests({step for _, step in samples})
     if shown.config.known_rule is None:
         yield text("Without its learner's code: what was asked and answered, not why.", warn=True)
-    told = [
-        one
-        for k in range(len(log.names))
-        for one in explained(log, k, [step for robot, step in samples if robot == k])
-        if one is not None
-    ]
+    told: list[Coordination] = []
+    for k in range(len(log.names)):
+        steps = [step for robot, step in samples if robot == k]
+        told += filter(None, explained(log, k, steps))
     if not told:
         yield text("Nobody asked anything that the log can tell of.")
     for one in sorted(told, key=lambda one: (one.step, one.robot)):
@@ -174,22 +173,17 @@ def _samples(log: RunLog) -> Iterator[tuple[int, int]]:
 
 def _faults(shown: Shown) -> Iterator[Part]:
     log = shown.log
-    rows: list[tuple[str, object]] = [
-        (f"percepts {name}", int(found.sum())) for name, found in ended(log).items()
-    ]
+    facts: dict[str, object] = {f"percepts {how}": at.sum() for how, at in ended(log).items()}
     if log.tracks.statuses:
         last = log.tracks.statuses[-1]
-        rows += [("state at the end", last.state), ("transitions", last.transitions)]
-        rows.append(("steps that the world made without a robot", last.left_out))
-    rows.append(("odd messages among those read", len(log.problems)))
-    yield table((), rows)
+        facts |= {"state at the end": last.state, "transitions": last.transitions}
+        facts["steps that the world made without a robot"] = last.left_out
+    facts["odd messages among those read"] = len(log.problems)
+    yield table((), list(facts.items()))
     for problem in log.problems[:MOST_WARNINGS]:
         yield text(str(problem), warn=True)
-    warnings = Counter(
-        f"{said.name}: {said.msg}"[:300]
-        for said in log.tracks.rosout
-        if said.level >= WARNING_LEVEL
-    )
+    said = [one for one in log.tracks.rosout if one.level >= WARNING_LEVEL]
+    warnings = Counter(f"{one.name}: {one.msg}"[:300] for one in said)
     if warnings:
         yield table(["warning", "times"], list(warnings.items())[:MOST_WARNINGS])
     else:
@@ -203,10 +197,8 @@ def _scenario(scenario: Scenario) -> Iterator[Part]:
     if grid.provenance:
         yield text(f"Provenance: {grid.provenance}")
     yield code("\n".join(grid.rows))
-    places = [
-        (robot.name, list(grid.cells[robot.start]), list(grid.cells[robot.goal]))
-        for robot in scenario.robots
-    ]
+    at = [list(cell) for cell in grid.cells]
+    places = [(robot.name, at[robot.start], at[robot.goal]) for robot in scenario.robots]
     yield table(["robot", "start [row, column]", "goal [row, column]"], places, words=True)
 
 
@@ -231,10 +223,9 @@ def _command(config: RunConfig) -> str:
         base = None
     words = ["sparse_coord", "train", "SCENARIO.yaml" if base is None else scenario.name]
     words += ["--learner", config.learner, "--seed", str(config.seed)]
-    for setting in SETTINGS:
-        value = getattr(scenario, setting)
-        if base is None or value != getattr(base, setting):
-            words += ["--set", f"{setting}={value}"]
+    for name in SETTINGS:
+        value = getattr(scenario, name)
+        words += [] if value == getattr(base, name, None) else ["--set", f"{name}={value}"]
     comment = "# scenario and map: see run.yaml below\n" if base is None else ""
     return comment + shlex.join(words)
 
@@ -261,10 +252,3 @@ def picture(figure: Figure, caption: str) -> Part:
     """Return a picture."""
     data = base64.b64encode(rendered(figure, "svg")).decode()
     return {"kind": "picture", "data": data, "caption": caption}
-
-
-def page(title: str, sections: Iterable[Section]) -> str:
-    """Return the page."""
-    loader = PackageLoader("sparse_coord_ros.look")
-    template = Environment(loader=loader, autoescape=True, keep_trailing_newline=True)
-    return template.get_template("report.html.j2").render(title=title, sections=sections)

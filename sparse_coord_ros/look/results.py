@@ -48,12 +48,13 @@ def results_figure(
     if "figure4" in drawn:
         drawn[f"figure4{VARIANCE}"] = drawn["figure4"]
     asking = {one.scenario.name: one for one in results if one.learner.asks}
-    whats = [*drawn, "asks"] if asking else [*drawn]
-    what = what or whats[0]
-    if what not in whats:
+    if asking:
+        drawn["asks"] = list(asking.values())
+    what = what or "conditions"
+    if what not in drawn:
         raise SettingError(
-            f"--what {what!r}: these results have {', '.join(whats)}{did_you_mean(what, whats)}"
+            f"--what {what!r}: these results have {', '.join(drawn)}{did_you_mean(what, drawn)}"
         )
     if what == "asks":
-        return what, asked_maps(list(asking.values()))
+        return what, asked_maps(drawn[what])
     return what, figures_of(what.removesuffix(VARIANCE), drawn[what])[what]

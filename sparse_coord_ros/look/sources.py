@@ -3,7 +3,7 @@
 """What is to be shown: a run's directory or a bag, opened into one object."""
 
 from collections.abc import Callable, Collection
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
@@ -91,7 +91,7 @@ class Shown:
         if log.requests:
             return log
         found = [one for step in sorted(steps) for one in recording.read(step, step).requests]
-        return replace(log, requests=tuple(found))
+        return log.but(requests=tuple(found))
 
     @cached_property
     def tables(self) -> list[Tables]:
@@ -104,14 +104,13 @@ class Shown:
         if self.directory is not None:
             tables = load_team(self.directory, scenario)
         else:
-            tables = []
-            for k, robot in enumerate(scenario.robots):
-                entry = self.recording.tables_before(k)
-                if entry is None:
-                    raise TablesError(
-                        f"{self.path}: holds no tables of {robot.name}; see 'sparse_coord info'"
-                    )
-                tables.append(entry.tables)
+            newest = [self.recording.tables_before(k) for k in range(len(scenario.robots))]
+            tables = [entry.tables for entry in newest if entry is not None]
+            if None in newest:
+                name = scenario.robots[newest.index(None)].name
+                raise TablesError(
+                    f"{self.path}: holds no tables of {name}; see 'sparse_coord info'"
+                )
         check_tables(scenario, tables, self.config.known_rule)
         return tables
 
@@ -122,10 +121,10 @@ class Shown:
         Raises:
             RunError: there is neither.
         """
-        if self.directory is not None:
-            if (self.directory / HISTORY_FILE).exists() or self.bag is None:
-                return load_history(self.directory)
-        return self.log.history()
+        directory = self.directory
+        if directory is None or (self.bag is not None and not (directory / HISTORY_FILE).exists()):
+            return self.log.history()
+        return load_history(directory)
 
     @cached_property
     def trials(self) -> Trials:

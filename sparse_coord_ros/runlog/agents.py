@@ -102,28 +102,26 @@ class AgentCheck:
         able = np.concatenate([[told_before], self.trajectory.told])[:-1] & (not log.run.greedy)
         lies = np.flatnonzero((said != 0.0) & ((said != 1.0) | ~able))[:1].tolist()
         limit = min(limit, *lies, len(steps))
-        difference = None
+        odd: tuple[str, ...] | None = None
         for step, what in self._stops():
             to = int(np.searchsorted(steps, step))
-            if to > limit or difference is not None or not replay.advance(to):
+            if to > limit or not replay.advance(to):
                 break
-            difference = self._compare(step, what, replay, to)
-        if difference is None:
+            odd = self._compare(step, what, replay, to)
+            if odd is not None:
+                break
+        if odd is None:
             replay.advance(limit)
-            odd = None
+            step = int(steps[replay.reached]) if replay.reached < len(steps) else 0
             if replay.other is not None:
                 logged = log.numbers[rows[replay.reached], self.k]
-                odd = said_otherwise(logged, action_numbers(replay.other))
+                odd = wire.ACTION.name, *said_otherwise(logged, action_numbers(replay.other))
             elif lies == [limit]:
                 allowed = "0 or 1" if able[limit] else "0: there was nothing to learn from"
-                odd = f"learned={said[limit]:g}", allowed
-            if odd is not None:
-                difference = self.log.tracks.odd(
-                    int(steps[replay.reached]), self.k, wire.ACTION.name, *odd
-                )
+                odd = wire.ACTION.name, f"learned={said[limit]:g}", allowed
         self.choices = replay.reached
         self.updates = 0 if log.run.greedy else int(self.trajectory.learned[: self.choices].sum())
-        return difference
+        return None if odd is None else log.tracks.odd(step, self.k, *odd)
 
     def _stops(self) -> list[tuple[int, RecordedTables | bytes | None]]:
         """Return time steps with what the log shows there of what was learned before.
@@ -133,15 +131,15 @@ class AgentCheck:
         steps, rows = self.log.tracks.coordination_maps[self.k]
         known = (steps == 0) | np.isin(steps, self.log.tracks.states[self.k].step)
         maps = zip(steps.tolist(), rows["data"], known.tolist(), strict=True)
-        stops: list[tuple[int, RecordedTables | bytes | None]] = [
-            *((entry.step, entry) for entry in self.recorded),
-            *((step, data.tobytes() if there else None) for step, data, there in maps),
-        ]
+        stops: list[tuple[int, RecordedTables | bytes | None]]
+        stops = [(entry.step, entry) for entry in self.recorded]
+        stops += [(step, data.tobytes() if there else None) for step, data, there in maps]
         return sorted((s for s in stops if self.stretch.holds(s[0])), key=lambda stop: stop[0])
 
     def _compare(
         self, step: int, what: RecordedTables | bytes | None, replay: Replay, to: int
-    ) -> Difference | None:
+    ) -> tuple[str, str, str] | None:
+        """Return (quantity, logged, computed) where what the log shows is not what is due."""
         tables = replay.agent.tables
         if not isinstance(what, RecordedTables):
             due = self._grids.coordination(tables)
@@ -149,20 +147,17 @@ class AgentCheck:
                 return None
             logged, computed = "there" if what is None else self._cells(what), self._cells(due)
             logged += ", with other values elsewhere" * (logged == computed)
-            return self.log.tracks.odd(step, self.k, wire.COORDINATION_MAP.name, logged, computed)
+            return wire.COORDINATION_MAP.name, logged, computed
         if step > self.end:
-            due_text = f"the log ends at step {self.end}"
-            return self.log.tracks.odd(step, self.k, wire.TABLES.name, "there", due_text)
+            return wire.TABLES.name, "there", f"the log ends at step {self.end}"
         self.compared += 1
         if not tables_equal([what.tables], [tables]):
-            return self.log.tracks.odd(step, self.k, *first_entry(what.tables, tables))
+            return first_entry(what.tables, tables)
         # Of the last tables: what was asked at their very step may have ended.
         there = to < len(self.trajectory.step) and self.trajectory.step[to] == step
         ends = [to, to + 1] if what is self.recorded[-1] and there else [to]
         odd = [self._odd_count(what, to, end) for end in ends]
-        return (
-            None if odd[-1] is None or None in odd else self.log.tracks.odd(step, self.k, *odd[-1])
-        )
+        return None if None in odd else odd[-1]
 
     def _odd_count(self, entry: RecordedTables, to: int, end: int) -> tuple[str, str, str] | None:
         """Return (quantity, logged, computed) of the first number that cannot be."""

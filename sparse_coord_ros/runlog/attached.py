@@ -93,15 +93,14 @@ def read_tables(
             continue
         first_file[key] = in_file
         try:
-            [(tables, counts, memory)] = unpack_saved(data, [k + 1], where=name)
-            shapes = tables.q_star.shape, tables.q_coord.shape
+            one = RecordedTables(k, step, *unpack_saved(data, [k + 1], where=name)[0])
+            shapes = one.tables.q_star.shape, one.tables.q_coord.shape
             if shapes != due:
                 raise TablesError(f"shapes {shapes}, not {due}")
         except TablesError as error:
             problems.append(Difference(step, robot, TABLES, str(error), "readable tables"))
             continue
-        if counts.get("step") != step:
-            said_step = f"of step {counts.get('step')}"
-            problems.append(Difference(step, robot, TABLES, said_step, f"of {step}"))
-        found.append(RecordedTables(k, step, tables, counts, memory))
+        if (said := one.counts.get("step")) != step:
+            problems.append(Difference(step, robot, TABLES, f"of step {said}", f"of {step}"))
+        found.append(one)
     return found, problems

@@ -114,12 +114,11 @@ class Columns:
             }
         else:
             rows, odd = np.empty(len(heads), dtype=object), {}
-            for place, (begin, size) in enumerate(
-                zip(begins.tolist(), sizes.tolist(), strict=True)
-            ):
+            ends = (begins + sizes).tolist()
+            for place, (begin, end) in enumerate(zip(begins.tolist(), ends, strict=True)):
                 due = READABLE
                 try:
-                    message = self._decode(name, content[begin : begin + size])
+                    message = self._decode(name, content[begin:end])
                     due = COMPLETE
                     rows[place] = form(message)
                 except (AttributeError, ValueError) as error:
@@ -169,13 +168,9 @@ class Columns:
             at, expected, said = (int(column[place]) for column in (logged, due, published))
             step = (expected if stamped[place] and expected >= 0 else at) // self._period
             what = f"{LOG_TIME} of {self._topics[numbers[place]]}"
-            if at != expected:
-                self._problem(step, what, f"{at} ns", f"{expected} ns")
-            if said != at:
-                self._problem(step, what, f"publish time {said} ns", f"{at} ns, as logged")
-
-    def _problem(self, step: int, quantity: str, logged: str, computed: str) -> None:
-        self.problems.append(Difference(step, None, quantity, logged, computed))
+            odd = [(f"{at} ns", f"{expected} ns")] if at != expected else []
+            odd += [(f"publish time {said} ns", f"{at} ns, as logged")] if said != at else []
+            self.problems += [Difference(step, None, what, *words) for words in odd]
 
 
 def no_rows(form: Reading) -> np.ndarray:

@@ -3,7 +3,7 @@
 """The dialogue of active perception, put together from the recorded service events."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -163,19 +163,10 @@ def put_together(
                 found.append((f"after one that is {younger}", "before it"))
             who, what = names[request.asker], f"{DIALOGUE} with {names[peer]}, {words}"
             problems += [Difference(request.step, who, what, *one) for one in found]
-    return [requests[key] for key in sorted(requests)], problems, _others(requests.values(), names)
-
-
-def _others(requests: Iterable[Request], names: Sequence[str]) -> list[Difference]:
-    """Choose the answer of each request; return the responses that are none."""
-    return [
-        Difference(
-            one.step,
-            names[one.asker],
-            f"{DIALOGUE} with {names[one.peer]}, {EventKind.RETURNED.words}",
-            f"{answer} too",
-            f"{one.answer} only",
-        )
-        for one in requests
-        for answer in one.choose()
-    ]
+    others = []
+    for one in requests.values():
+        what = f"{DIALOGUE} with {names[one.peer]}, {EventKind.RETURNED.words}"
+        for other in one.choose():
+            both = f"{other} too", f"{one.answer} only"
+            others.append(Difference(one.step, names[one.asker], what, *both))
+    return [requests[key] for key in sorted(requests)], problems, others

@@ -66,10 +66,10 @@ class Coordination(NamedTuple):
     outcome: str
     perceived: tuple[int, ...] | None
     move: int
-    q_values: tuple[float, ...] | None
-    update: Update | None
-    agrees: bool
-    doubt: str | None
+    q_values: tuple[float, ...] = ()
+    update: Update | None = None
+    agrees: bool = True
+    doubt: str | None = None
 
 
 def coordinations(log: RunLog, robot: int) -> list[int]:
@@ -108,73 +108,54 @@ def explained(log: RunLog, robot: int, steps: Sequence[int]) -> Iterator[Coordin
             replay = Replay(log, trajectory, fresh_agent(log, robot, begun, part))
         for step in mine:
             place = int(np.searchsorted(trajectory.step, step))
-            here = trajectory.step[place : place + 1] == step
-            if not here.any() or not log.asked[trajectory.row[place], robot]:
+            if step not in trajectory.step or not log.asked[trajectory.row[place], robot]:
                 yield None
-            else:
-                yield _coordination(log, robot, trajectory, replay, place, why)
+                continue
+            one = _logged(log, robot, trajectory, place)._replace(doubt=why)
+            yield one if replay is None else _replayed(log, one, trajectory, replay, place)
 
 
-def _coordination(
-    log: RunLog,
-    robot: int,
-    trajectory: Trajectory,
-    replay: Replay | None,
-    place: int,
-    doubt: str | None,
-) -> Coordination:
-    """Replay a robot up to an action that is COORDINATE, and over it; None: say what is logged."""
-    step, cell = int(trajectory.step[place]), int(trajectory.cell[place])
-    row = trajectory.row[place]
+def _logged(log: RunLog, robot: int, trajectory: Trajectory, place: int) -> Coordination:
+    """Return what the log says of an action that is COORDINATE."""
+    step, row = int(trajectory.step[place]), trajectory.row[place]
+    asked = tuple(r for r in log.requests if (r.asker, r.step) == (robot, step))
+    where, peers = int(trajectory.cell[place]), tuple(trajectory.peers[place].tolist())
+    end, perceived = percept_end(log.ended[row, robot]), trajectory.perceived_at(place)
     move = int(log.move[row, robot])
-    perceived = trajectory.perceived_at(place)
-    peers = tuple(trajectory.peers[place].tolist())
-    logged = Coordination(
-        step=step,
-        robot=robot,
-        cell=cell,
-        peers=peers,
-        requests=tuple(r for r in log.requests if (r.asker, r.step) == (robot, step)),
-        outcome=percept_end(log.ended[row, robot]),
-        perceived=perceived,
-        move=move,
-        q_values=(),
-        update=None,
-        agrees=True,
-        doubt=doubt,
-    )
-    if replay is None:
-        return logged
+    return Coordination(step, robot, where, peers, asked, end, perceived, move)
+
+
+def _replayed(
+    log: RunLog, one: Coordination, trajectory: Trajectory, replay: Replay, place: int
+) -> Coordination:
+    """Replay a robot up to its COORDINATE and over it; return also what it went by and learned."""
+    agent, cell, perceived = replay.agent, one.cell, one.perceived
     agrees = replay.advance(place)
-    agent = replay.agent
-    values = agent.values_asking(cell, perceived)[:PRIMITIVES]
+    values = tuple(agent.values_asking(cell, perceived)[:PRIMITIVES])
     entries: list[tuple[int, ...]] = [(cell, COORDINATE)]
-    entries += [] if perceived is None else [(cell, *perceived, move)]
+    entries += [] if perceived is None else [(cell, *perceived, one.move)]
 
     def learned() -> tuple[list[float], dict[tuple[int, int], float]]:
-        tables = agent.tables
-        known = zip((tables.q_star, tables.q_coord), entries, strict=False)
+        known = zip((agent.tables.q_star, agent.tables.q_coord), entries, strict=False)
         rho = {}
         if isinstance(agent, FactoredAgent):
-            replay.hear(step)
-            rho = agent.corrections(step, cell, perceived, move)
+            replay.hear(one.step)
+            rho = agent.corrections(one.step, cell, perceived, one.move)
         return [float(table[entry]) for table, entry in known], rho
 
     before, rho = learned()
-    agrees = agrees and replay.advance(place + 1)
-    update = None
-    if trajectory.learned[place] and agrees:
-        after, rho_after = learned()
-        star, *coord = zip(entries, before, after, strict=True)
-        update = Update(
-            int(trajectory.next_cell[place]),
-            float(log.reward[row, robot, -1]),
-            star,
-            coord[0] if coord else None,
-            tuple((*who, rho[who], value) for who, value in rho_after.items()),
-        )
-    move = move if replay.other is None else replay.other.move
-    return logged._replace(move=move, q_values=tuple(values), update=update, agrees=agrees)
+    if not agrees or not replay.advance(place + 1):
+        move = one.move if replay.other is None else replay.other.move
+        return one._replace(move=move, q_values=values, agrees=False)
+    if not trajectory.learned[place]:
+        return one._replace(q_values=values)
+    after, rho_after = learned()
+    star, *coord = zip(entries, before, after, strict=True)
+    corrections = tuple((*who, rho[who], value) for who, value in rho_after.items())
+    reward = float(log.reward[trajectory.row[place], one.robot, -1])
+    led = int(trajectory.next_cell[place])
+    update = Update(led, reward, star, coord[0] if coord else None, corrections)
+    return one._replace(q_values=values, update=update)
 
 
 def cell_in_words(run: RunConfig, cell: int | None) -> str:

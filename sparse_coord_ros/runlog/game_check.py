@@ -15,7 +15,7 @@ from sparse_coord_ros.bags.metadata import SPLIT
 from sparse_coord_ros.game.world import EPISODE_GAP, Action, Position, World
 from sparse_coord_ros.learn.agent import NOBODY
 from sparse_coord_ros.runlog.difference import MISSING, Difference
-from sparse_coord_ros.runlog.log import NONE, RunLog, cell_numbers, merged
+from sparse_coord_ros.runlog.log import NONE, RunLog, cell_numbers
 from sparse_coord_ros.runlog.stretches import Stretch
 from sparse_coord_ros.runlog.tracks import THE_CLOCK
 
@@ -49,8 +49,9 @@ class WorldCheck:
         self.robots = range(len(log.names))
         tracks = log.tracks
         # Steps that only actions or percepts speak of are not the world's.
-        steps = merged([track.step for track in (*tracks.states, *tracks.rewards, tracks.clock)])
-        self.steps = [step for step in steps.tolist() if stretch.holds(step)]
+        of_world = (*tracks.states, *tracks.rewards, tracks.clock)
+        steps = np.unique(np.concatenate([track.step for track in of_world])).tolist()
+        self.steps = [step for step in steps if stretch.holds(step)]
         self.clock = set(tracks.clock.step.tolist())
         self.rewarded = [set(track.step.tolist()) for track in tracks.rewards]
         self.acted = [set(track.step.tolist()) for track in tracks.actions]
@@ -121,38 +122,36 @@ class WorldCheck:
         for k, cell in enumerate(self.world.cells):
             track, due = log.tracks.states[k], self.centres[cell]
             if row is None or not _says(log.position[row, k], due, track.others.get(step, ())):
-                logged = MISSING
-                if step in track.step:
-                    logged = self._place(*log.position[row, k].tolist())
-                computed = self._place(*due.tolist())
-                return self.odd(step, k, wire.LOCAL_STATE.name, logged, computed)
+                there = step in track.step
+                logged = self._place(log.position[row, k]) if there else MISSING
+                return self.odd(step, k, wire.LOCAL_STATE.name, logged, self._place(due))
             log.cells[row, k] = cell
         return None
 
-    def _place(self, x: float, y: float) -> str:
+    def _place(self, where: np.ndarray) -> str:
+        x, y = where.tolist()
         cell = self.log.frame.cell(x, y)
         return f"{'no free cell' if cell is None else f'cell {cell}'} ({x!r}, {y!r})"
 
     def _statuses(self, step: int) -> Difference | None:
         """Compare what the world says of itself with what was counted."""
-        found: list[tuple[str, Difference]] = []
+        odd: list[tuple[str, Difference]] = []
         right: set[str] = set()
         while self.statuses and self.statuses[0].step <= step:
             status = self.statuses.pop(0)
             if status.transitions != self.world.transitions:
-                odd = f"{status.transitions} transitions", f"{self.world.transitions}"
+                words = f"{status.transitions} transitions", f"{self.world.transitions}"
             elif status.left_out != self.left_out:
-                odd = f"{status.left_out} robots' steps left out", f"{self.left_out}"
+                words = f"{status.left_out} robots' steps left out", f"{self.left_out}"
             elif status.began not in self.reasons:
-                odd = f"episode began: {status.began}", " or ".join(self.reasons)
+                words = f"episode began: {status.began}", " or ".join(self.reasons)
             else:
                 right.add(status.state)
                 continue
-            one = Difference(status.step, None, wire.STATUS.name, *odd)
-            found.append((status.state, one))
+            odd.append((status.state, self.odd(status.step, None, wire.STATUS.name, *words)))
         # Where the world was right about this step in the same state, a stranger may have spoken.
-        self.log.tracks.suspects += [one for state, one in found if state in right]
-        return next((one for state, one in found if state not in right), None)
+        self.log.tracks.suspects += [one for state, one in odd if state in right]
+        return next((one for state, one in odd if state not in right), None)
 
     def _transition(self, step: int) -> Difference | None:
         """Let the world make a transition with the actions of whom the log rewards."""
@@ -184,8 +183,9 @@ class WorldCheck:
         over = world.episode_over or world.transitions == world.scenario.steps
         if over or world.arrived[k]:
             logged = f"{tuple(self.log.rewards[row, k, : self.parts].tolist())}"
-            computed = "none" if over else "none: it has arrived"
-            return self.odd(step, k, wire.REWARD.name, logged, computed)
+            return self.odd(
+                step, k, wire.REWARD.name, logged, "none" + ": it has arrived" * (not over)
+            )
         if step not in self.acted[k]:
             return self.odd(step, k, wire.ACTION.name, MISSING, "one, for it is rewarded")
         if self.move[row][k] == NONE:
@@ -223,14 +223,9 @@ class WorldCheck:
     def _maps(self) -> Iterator[Difference]:
         """Yield what is missing of what is shown as an episode begins, and maps too many."""
         log, last, maps = self.log, self.stretch.last, self.log.tracks.maps
-        shown: list[tuple[int | None, wire.Topic, np.ndarray]] = [
-            (None, wire.MAP, maps),
-            *(
-                (k, wire.COORDINATION_MAP, log.tracks.coordination_maps[k][0])
-                for k in self.robots
-                if log.hides(k) is None
-            ),
-        ]
+        of_robots = enumerate(log.tracks.coordination_maps)
+        shown: list[tuple[int | None, wire.Topic, np.ndarray]] = [(None, wire.MAP, maps)]
+        shown += [(k, wire.COORDINATION_MAP, at) for k, (at, _) in of_robots if not log.hides(k)]
         if log.run.by_this_package:
             shown.append((None, wire.MARKERS, log.tracks.markers[0]))
         for k, topic, steps in shown:
@@ -238,8 +233,7 @@ class WorldCheck:
             until = np.inf if last is None else min(last, steps.max(initial=0))
             for step in sorted(set(self.starts) - set(steps.tolist())):
                 if step <= until and (k is None or step in self.acted[k]):
-                    odd = MISSING, "one as the episode begins"
-                    yield self.odd(step, k, topic.name, *odd)
+                    yield self.odd(step, k, topic.name, MISSING, "one as the episode begins")
         # A recorder that was started again gets the last one a second time.
         again = sum((file.continued or {}).get("why", SPLIT) != SPLIT for file in log.bag.files)
         for step in maps[1:][np.diff(maps) == 0].tolist()[again:]:
@@ -277,13 +271,11 @@ class WorldCheck:
                 if step in percepts:
                     yield self.odd(step, k, wire.PERCEPT.name, "twice", "once")
                 if actions[step] > states[step]:
-                    once = "once: its state came once"
-                    yield self.odd(step, k, wire.ACTION.name, "twice", once)
+                    yield self.odd(step, k, wire.ACTION.name, "twice", "once, as its state")
                 if rewards[step - 1] > due:
                     yield self.odd(step - 1, k, wire.REWARD.name, "twice", "once")
                 elif rewards[step - 1] < due and step not in returned:
-                    once = "once: its reward came once"
-                    yield self.odd(step, k, wire.LOCAL_STATE.name, "twice", once)
+                    yield self.odd(step, k, wire.LOCAL_STATE.name, "twice", "once, as its reward")
 
 
 def _says(said: np.ndarray, due: np.ndarray, others: Sequence[np.ndarray]) -> bool:

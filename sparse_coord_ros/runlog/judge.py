@@ -36,11 +36,8 @@ class Verdict(NamedTuple):
     broke_off: list[str]
 
 
-class Cause(NamedTuple):
-    """Why something may differ though nobody computed otherwise: a sentence, and what it is."""
-
-    text: str
-    explains: Callable[[Difference], bool]
+Cause = tuple[str, Callable[[Difference], bool]]
+"""Why something may differ though nobody computed otherwise: a sentence, and what it is."""
 
 
 def judge(log: RunLog, agents: Sequence[AgentCheck], found: Sequence[Difference]) -> Verdict:
@@ -92,18 +89,25 @@ def _causes(log: RunLog, agents: Sequence[AgentCheck]) -> Iterator[Cause]:
             """Whether it may have been in a part that is lost; messages of steps have numbers."""
             return odd.logged == MISSING and (odd.step is None or odd.quantity in KEPT)
 
-        yield Cause("", gone)
+        yield "", gone
     for agent in agents:
         if agent.killed:
             text = f"{agent.name} saved no tables at its end (killed?)"
-            yield Cause(text, agent.missing_tables(agent.end).__eq__)
+            yield text, agent.missing_tables(agent.end).__eq__
     if not log.broken_off and tracks.statuses and tracks.statuses[-1].state not in wire.OVER:
-        yield Cause("the world did not say how the run ended (killed?)", _of_its_end(log))
+        yield "the world did not say how the run ended (killed?)", _of_its_end(log)
     said = _said(log, wire.STATUS, read_status)
     calls = [(step, one.order.name) for step, one in said if one.order.step == ROLL_CALL]
     for k in range(len(log.names)):
         yield from _robot_returns(log, k, {"", *(name for _, name in calls)})
-    yield from (_world_returns(step) for step, _ in calls[:1])
+    if calls:
+        since = calls[0][0]
+
+        def of_world(odd: Difference) -> bool:
+            return odd.step is not None and odd.step >= since and odd.quantity in OF_WORLD
+
+        text = f"the world came back at step {since} and went on with a new episode"
+        yield f"{text}: what it then does is not computed again", of_world
 
 
 def _of_its_end(log: RunLog) -> Callable[[Difference], bool]:
@@ -131,7 +135,7 @@ def _robot_returns(log: RunLog, k: int, calls: Collection[str]) -> list[Cause]:
         k: its number.
         calls: names of orders by which nobody goes back.
     """
-    life, backs, name = "", [], log.names[k]
+    life, name, backs = "", log.names[k], list[Cause]()
     for step, said in _said(log, wire.PROGRESS, read_progress, k):
         if life and said.life != life and said.resumed:
 
@@ -142,24 +146,13 @@ def _robot_returns(log: RunLog, k: int, calls: Collection[str]) -> list[Cause]:
                 return odd.robot == name and (late or again == (wire.TABLES.name, "twice", since))
 
             text = (
-                f"{name} came back at step {step} with what it had learned until step "
-                f"{said.step}, and went on with that: what it then does and learns is not "
-                "computed again"
+                f"{name} came back at step {step} with what it had learned until step {said.step}"
             )
-            backs.append(Cause(text, explains))
+            text += ", and went on with that: what it then does and learns is not computed again"
+            backs.append((text, explains))
         life = said.life
         backs = backs if said.obeyed in calls else []
     return backs
-
-
-def _world_returns(step: int) -> Cause:
-    """Return what follows where the world came back at a time step."""
-    text = f"the world came back at step {step} and went on with a new episode"
-
-    def explains(odd: Difference) -> bool:
-        return odd.step is not None and odd.step >= step and odd.quantity in OF_WORLD
-
-    return Cause(f"{text}: what it then does is not computed again", explains)
 
 
 def _said(

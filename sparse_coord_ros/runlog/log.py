@@ -2,23 +2,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """A recorded run as NumPy arrays over time step and robot."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Mapping
+from copy import copy
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sparse_coord_ros.bags.reader import Bag
 from sparse_coord_ros.dataframes import data_frame
 from sparse_coord_ros.game.actions import ACTIONS, COORDINATE
 from sparse_coord_ros.game.miscoordination import miscoordinations
 from sparse_coord_ros.learn.agent import NOBODY, Tables
 from sparse_coord_ros.learn.history import History
-from sparse_coord_ros.learn.run_config import RunConfig
-from sparse_coord_ros.runlog.attached import RecordedTables
-from sparse_coord_ros.runlog.dialogue import Request
 from sparse_coord_ros.runlog.difference import Difference
 from sparse_coord_ros.runlog.timeline import LostSteps, gap_in_words
 from sparse_coord_ros.runlog.tracks import Tracks, read_tracks
@@ -32,9 +28,11 @@ if TYPE_CHECKING:
 NONE = -1
 
 
-@dataclass(frozen=True)
 class RunLog:
     """What a bag tells of a run. T recorded time steps, K robots; -1, False or NaN where none.
+
+    Args:
+        tracks: the messages of the bag, or of a part of it.
 
     Attributes:
         bag: the file's own account: topics, counts, damage.
@@ -57,27 +55,55 @@ class RunLog:
         tables: by (robot's number, time step); of two of a step the later.
         all_tables: all of them, in the order of the log.
         requests: the dialogue, in the order of time steps.
-        tracks: the messages topic by topic, with whatever was odd about them.
+        tracks: as given, with whatever was odd about them.
+        frame: the run's time steps and metres.
     """
 
-    bag: Bag
-    run: RunConfig
-    names: tuple[str, ...]
-    step: np.ndarray
-    episode: np.ndarray
-    cells: np.ndarray
-    position: np.ndarray
-    action: np.ndarray
-    move: np.ndarray
-    peer: np.ndarray
-    asked: np.ndarray
-    perceived: np.ndarray
-    percept: np.ndarray
-    rewards: np.ndarray
-    numbers: np.ndarray
-    all_tables: tuple[RecordedTables, ...]
-    requests: tuple[Request, ...]
-    tracks: Tracks
+    def __init__(self, tracks: Tracks) -> None:
+        self.tracks, self.bag, self.run, self.names = tracks, tracks.bag, tracks.run, tracks.names
+        self.frame = frame = Frame(self.run)
+        self.all_tables, self.requests = tuple(tracks.tables), tuple(tracks.requests)
+        robots = range(len(self.names))
+        self.step = step = np.unique(
+            np.concatenate([t.step for k in robots for t in tracks.of(k)])
+        )
+        self.episode = np.cumsum(np.diff(step, prepend=step[:1]) > 1)
+        shape = (len(step), len(robots))
+        self.position = np.full((*shape, 2), np.nan)
+        self.numbers = numbers = np.full((*shape, len(ACTION.labels)), np.nan)
+        self.rewards = np.full((*shape, len(REWARD.labels) + 1), np.nan)
+        for k in robots:
+            states, rewards, actions, _ = tracks.of(k)
+            self.position[np.searchsorted(step, states.step), k] = states.rows["xy"]
+            said = rewards.rows["numbers"]
+            self.rewards[np.searchsorted(step, rewards.step), k, : said.shape[1]] = said
+            numbers[np.searchsorted(step, actions.step), k] = actions.rows["numbers"]
+        self.cells = cell_numbers(frame, self.position)
+        pairs = map(tuple, numbers[..., :2].reshape(-1, 2).tolist())
+        move = np.array([MOVE_OF.get(pair, NONE) for pair in pairs], dtype=np.int8).reshape(shape)
+        self.move, self.peer = move, np.full(shape, NOBODY, dtype=np.int16)
+        said = numbers[..., ACTION.column("peer")]
+        move[~np.isfinite(said)] = NONE
+        known = (move != NONE) & (said >= 0) & (said <= len(robots))
+        self.peer[known] = said[known].astype(np.int16) - 1
+        self.asked = (move != NONE) & (numbers[..., ACTION.column("coordinate")] != 0)
+        self.perceived = (move != NONE) & (numbers[..., ACTION.column("perceived")] != 0)
+        self.action = np.where(self.asked, np.int8(COORDINATE), move)
+        for place, k in np.argwhere((move == NONE) & ~np.isnan(numbers[..., 0])).tolist():
+            try:
+                action_from(numbers[place, k].tolist())
+            except ValueError as error:
+                words = ACTION.name, str(error), "an action"
+                tracks.problems.append(tracks.odd(int(step[place]), k, *words))
+        self.percept = np.full((*shape, len(robots)), NONE, dtype=np.int32)
+        for k in robots:
+            rows = np.searchsorted(step, tracks.percepts[k].step)
+            seen = cell_numbers(frame, tracks.percepts[k].rows["places"])[:, 1:]
+            others = [other for other in robots if other != k]
+            one = self.peer[rows, k] != NOBODY
+            if others:
+                self.percept[rows[one], k, self.peer[rows[one], k]] = seen[one, 0]
+            self.percept[np.ix_(rows[~one], [k], others)] = seen[~one][:, None, :]
 
     def __repr__(self) -> str:
         """Return what it is, on one line."""
@@ -93,11 +119,6 @@ class RunLog:
     def partners(self) -> np.ndarray:
         """With whom a robot was in a miscoordination: shape (T, K)."""
         return self.rewards[..., len(REWARD.labels)]
-
-    @cached_property
-    def frame(self) -> Frame:
-        """The run's time steps and metres."""
-        return Frame(self.run)
 
     @cached_property
     def row_of(self) -> Mapping[int, int]:
@@ -164,14 +185,17 @@ class RunLog:
 
     def between(self, first: int, last: int) -> "RunLog":
         """Return the time steps from `first` to `last`, both included."""
-        begin, end = np.searchsorted(self.step, [first, last + 1]).tolist()
-        rows = {
-            field.name: getattr(self, field.name)[begin:end]
-            for field in fields(self)
-            if isinstance(getattr(self, field.name), np.ndarray)
-        }
+        rows = slice(*np.searchsorted(self.step, [first, last + 1]))
+        columns = {n: one[rows] for n, one in vars(self).items() if isinstance(one, np.ndarray)}
         requests = tuple(one for one in self.requests if first <= one.step <= last)
-        return replace(self, **rows, requests=requests)
+        return self.but(**columns, requests=requests)
+
+    def but(self, **changes: object) -> "RunLog":
+        """Return the same log with some attributes changed."""
+        log = copy(self)
+        vars(log).pop("row_of", None)
+        vars(log).update(changes)
+        return log
 
     def to_pandas(self) -> "pd.DataFrame":
         """Return a pandas DataFrame: one row for each time step and robot.
@@ -257,11 +281,6 @@ def cell_numbers(frame: Frame, places: np.ndarray) -> np.ndarray:
     return table[which.reshape(pairs.shape)]
 
 
-def merged(steps: Sequence[np.ndarray]) -> np.ndarray:
-    """Return the time steps that are in any of some arrays, ascending, each once, shape (T,)."""
-    return np.unique(np.concatenate(steps))
-
-
 def read_run(path: Path) -> RunLog:
     """Read a run's log: a bag's directory, an `.mcap` or an `.mcap.partial`.
 
@@ -271,67 +290,4 @@ def read_run(path: Path) -> RunLog:
         BagError: nothing can be read, or the bag holds no run, or is of another format.
         RunError, ScenarioError, SettingError: the run in the bag is not one of this version.
     """
-    return log_of(read_tracks(Path(path)))
-
-
-def log_of(tracks: Tracks) -> RunLog:
-    """Return what the messages of a bag, or of a part of one, tell of a run."""
-    run, names = tracks.run, tracks.names
-    frame = Frame(run)
-    robots = range(len(names))
-    all_steps = [track.step for k in robots for track in tracks.of(k)]
-    step = merged(all_steps)
-    shape = (len(step), len(names))
-    position = np.full((*shape, 2), np.nan)
-    numbers = np.full((*shape, len(ACTION.labels)), np.nan)
-    percept = np.full((*shape, len(names)), NONE, dtype=np.int32)
-    reward = np.full((*shape, len(REWARD.labels) + 1), np.nan)
-    for k in robots:
-        states, rewards, actions, _ = tracks.of(k)
-        position[np.searchsorted(step, states.step), k] = states.rows["xy"]
-        said = rewards.rows["numbers"]
-        reward[np.searchsorted(step, rewards.step), k, : said.shape[1]] = said
-        numbers[np.searchsorted(step, actions.step), k] = actions.rows["numbers"]
-    cells = cell_numbers(frame, position)
-    pairs = zip(numbers[..., 0].ravel().tolist(), numbers[..., 1].ravel().tolist(), strict=True)
-    move = np.array([MOVE_OF.get(pair, NONE) for pair in pairs], dtype=np.int8).reshape(shape)
-    peer = np.full(shape, NOBODY, dtype=np.int16)
-    said = numbers[..., ACTION.column("peer")]
-    move[~np.isfinite(said)] = NONE
-    known = (move != NONE) & (said >= 0) & (said <= len(names))
-    peer[known] = said[known].astype(np.int16) - 1
-    coordinate = numbers[..., ACTION.column("coordinate")]
-    asked = (move != NONE) & (coordinate != 0)
-    for place, k in np.argwhere((move == NONE) & ~np.isnan(numbers[..., 0])).tolist():
-        try:
-            action_from(numbers[place, k].tolist())
-        except ValueError as error:
-            words = ACTION.name, str(error), "an action"
-            tracks.problems.append(tracks.odd(int(step[place]), k, *words))
-    for k in robots:
-        rows = np.searchsorted(step, tracks.percepts[k].step)
-        seen = cell_numbers(frame, tracks.percepts[k].rows["places"])[:, 1:]
-        others = [other for other in robots if other != k]
-        one = peer[rows, k] != NOBODY
-        percept[rows[one], k, peer[rows[one], k]] = seen[one, :1].reshape(-1) if others else NONE
-        percept[np.ix_(rows[~one], [k], others)] = seen[~one][:, None, :]
-    return RunLog(
-        bag=tracks.bag,
-        run=run,
-        names=names,
-        step=step,
-        episode=np.cumsum(np.diff(step, prepend=step[:1]) > 1),
-        cells=cells,
-        position=position,
-        action=np.where(asked, np.int8(COORDINATE), move),
-        move=move,
-        peer=peer,
-        asked=asked,
-        perceived=(move != NONE) & (numbers[..., ACTION.column("perceived")] != 0),
-        percept=percept,
-        rewards=reward,
-        numbers=numbers,
-        all_tables=tuple(tracks.tables),
-        requests=tuple(tracks.requests),
-        tracks=tracks,
-    )
+    return RunLog(read_tracks(Path(path)))

@@ -95,14 +95,7 @@ class _Judge:
             words = PerceptEnd.REFUSED.words if refused else _words([one.cell for one in due])
             found = _words([self.frame.cell(*place) for place in seen])
             yield self.odd(step, k, PERCEPT.name, found, words)
-        else:
-            yield from self._dialogue(k, step, code, due, shown=bool(seen))
-
-    def _dialogue(
-        self, k: int, step: int, code: float, due: Sequence[_Due], *, shown: bool
-    ) -> Iterator[Difference]:
-        """Judge how a percept is said to have ended, by what it shows and what was answered."""
-        if shown:
+        elif seen:
             yield from self._ended(k, step, code, PerceptEnd.ANSWERED)
             for one in due if code == PerceptEnd.ANSWERED else ():
                 yield from self._answer(k, step, one)

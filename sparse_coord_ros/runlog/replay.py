@@ -3,6 +3,7 @@
 """One robot's trajectory, as the log tells it, and its agent, which does the same once more."""
 
 import struct
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -71,28 +72,17 @@ def trajectory_of(log: RunLog, k: int, stretch: Stretch) -> Trajectory:
         if entry.robot == k and len(step) and entry.step > step[-1]:
             before = stretch.counts(k).get("learned", 0) + int(learned[:-1].sum())
             learned[-1] = entry.counts.get("learned", 0) > before
-    setting, robots, draws = (
-        log.run.scenario.peers,
-        len(log.names),
-        Stream(log.run.seed, k, POLICY),
-    )
-    asked = [asked_peers(setting, k, robots, draws.at(at)[PEER]) for at in step.tolist()]
-    count = len(asked_peers(setting, k, robots, 0.0))
+    whom = partial(asked_peers, log.run.scenario.peers, k, len(log.names))
+    draws = Stream(log.run.seed, k, POLICY)
+    asked = [whom(draws.at(at)[PEER]) for at in step.tolist()]
+    count = len(whom(0.0))
     peers = np.array(asked, dtype=np.int64).reshape(len(rows), count)
     percepts = log.tracks.percepts[k]
     right = percepts.step[percepts.rows["count"] == 1 + count]
     seen = np.where(np.isin(step, right)[:, None], log.percept[rows[:, None], k, peers], NONE)
     seen[(seen == NONE).any(axis=1)] = NONE
-    return Trajectory(
-        row=rows,
-        step=step,
-        cell=log.cells[rows, k],
-        next_cell=next_cell,
-        peers=peers,
-        seen=seen,
-        told=(next_cell != NONE) & ~np.isnan(log.reward[rows, k, 0]),
-        learned=learned,
-    )
+    told = (next_cell != NONE) & ~np.isnan(log.reward[rows, k, 0])
+    return Trajectory(rows, step, log.cells[rows, k], next_cell, peers, seen, told, learned)
 
 
 def heard_askers(log: RunLog, k: int) -> dict[int, list[tuple[int, int]]]:

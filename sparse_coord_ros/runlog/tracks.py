@@ -4,7 +4,6 @@
 
 from bisect import bisect_left, bisect_right
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from itertools import pairwise
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -216,29 +215,26 @@ class Tracks:
     def _dialogue(self) -> None:
         """Put the dialogue together, of each time line by itself: who comes back counts anew."""
         of_robots = [self._of(wire.SERVICE_EVENTS, k) for k in range(len(self.names))]
-        backs = self.rollbacks
-        cuts = [0, *(back.file for back in backs), len(self._files)]
-        for place, (begin, end) in enumerate(pairwise(cuts)):
-            if begin < end:
-                events = [np.concatenate(files[begin:end]) for files in of_robots]
-                limit = min([back.first for back in backs[place:]], default=np.inf)
-                self._time_line(events, limit, backs[place - 1] if place else None)
-        self.requests.sort(key=lambda one: (one.step, one.asker))
-
-    def _time_line(self, events: list[np.ndarray], limit: float, back: Rollback | None) -> None:
-        """Put the dialogue of a time line together, up to where the run went back to."""
         newest = max(track.step.max(initial=0) for track in (self.clock, *self.states))
-        requests, problems, others = put_together(events, self.names, self._period)
-        self.requests += [one for one in requests if one.step < limit and not _stale(one, back)]
-        self.suspects += [one for one in others if (one.step or 0) < limit]
-        # Questions that were under way when the run went back are answered from then, or from
-        # the checkpoint by who has gone back already, without a request here.
-        for one in problems:
-            step, unasked = one.step or 0, one.logged == NO_REQUEST
-            if unasked and step > newest:
-                self.suspects.append(one)
-            elif step < limit and not (unasked and _under_way(step, back)):
-                self.problems.append(one)
+        ends = [*(back.file for back in self.rollbacks), len(self._files)]
+        for place, (back, end) in enumerate(zip([None, *self.rollbacks], ends, strict=True)):
+            begin = 0 if back is None else back.file
+            if begin == end:
+                continue
+            events = [np.concatenate(files[begin:end]) for files in of_robots]
+            limit = min([later.first for later in self.rollbacks[place:]], default=np.inf)
+            requests, problems, others = put_together(events, self.names, self._period)
+            self.requests += [r for r in requests if r.step < limit and not _stale(r, back)]
+            self.suspects += [one for one in others if (one.step or 0) < limit]
+            # Questions that were under way when the run went back are answered from then, or from
+            # the checkpoint by who has gone back already, without a request here.
+            for one in problems:
+                step, unasked = one.step or 0, one.logged == NO_REQUEST
+                if unasked and step > newest:
+                    self.suspects.append(one)
+                elif step < limit and not (unasked and _under_way(step, back)):
+                    self.problems.append(one)
+        self.requests.sort(key=lambda one: (one.step, one.asker))
 
     def _rows(
         self, topic: wire.Topic, k: int | None, *, checkpoints: bool
@@ -262,26 +258,24 @@ class Tracks:
         by_step = np.lexsort((~ordered, steps))
         found, at = np.unique(steps[by_step], return_index=True)
         first = by_step[at]
-        due = np.zeros(len(steps), dtype=bool)
-        due[first] = True
+        ordered &= np.isin(np.arange(len(steps)), first)
         repeats: list[int] = []
         others: dict[int, list[Any]] = {}
-        for place in np.flatnonzero(~(ordered & due)).tolist():
+        for place in np.flatnonzero(~ordered).tolist():
             step, last = int(steps[place]), int(newest[place])
             known_at = int(first[np.searchsorted(found, step)])
             if known_at == place:
-                words = f"after that of step {last}", "before it"
-                self.problems.append(self.odd(step, k, topic.name, *words))
+                words, where = (f"after that of step {last}", "before it"), self.problems
             elif rows[place].tobytes() != rows[known_at].tobytes():
-                two = (rows[known_at].tolist()[1:], rows[place].tolist()[1:])
                 others.setdefault(step, []).append(rows[place])
-                words = f"twice, with {two[0]} and {two[1]}", "once"
-                self.suspects.append(self.odd(step, k, topic.name, *words))
+                two = (rows[known_at].tolist()[1:], rows[place].tolist()[1:])
+                words, where = (f"twice, with {two[0]} and {two[1]}", "once"), self.suspects
             elif step < last:
-                words = f"again after that of step {last}", "once"
-                self.suspects.append(self.odd(step, k, topic.name, *words))
+                words, where = (f"again after that of step {last}", "once"), self.suspects
             else:
                 repeats.append(step)
+                continue
+            where.append(self.odd(step, k, topic.name, *words))
         return Track(found, rows[first], np.array(repeats, dtype=np.int64), others)
 
     def _strays(self, of_robots: Mapping[wire.Topic, list[Track]]) -> None:
@@ -322,35 +316,32 @@ class Tracks:
             self.problems.append(self.odd(int(steps[place + 1]), k, topic.name, *words))
         return steps, rows
 
-    def _own_statuses(self) -> Iterator[Said]:
-        """Yield the statuses of the run that hold; note those of others."""
-        run = self.run
-        for place, rows in enumerate(self._of(wire.STATUS)):
-            for said in rows:
-                if said is OF_NO_RUN or (said.run and run.id and said.run != run.id):
-                    words = f"of run {said.run!r}", run.id or "this one"
-                    self.suspects.append(self.odd(said.step, None, wire.STATUS.name, *words))
-                # A world that is yet to go back does not know where the team is.
-                elif holds(place, said.step, self._backs) and said.state != RunState.RESUMING:
-                    yield said
-
     def _statuses(self) -> Iterator[Said]:
-        """Yield the world's statuses, and note what is odd about them."""
-        found = list(self._own_statuses())
+        """Yield the world's statuses that hold, and note what is odd about them."""
+
+        def odd(one: Said, *words: str) -> Difference:
+            return Difference(one.step, None, wire.STATUS.name, *words)
+
+        run, found = self.run, []
+        for place, rows in enumerate(self._of(wire.STATUS)):
+            for one in rows:
+                if one is OF_NO_RUN or (one.run and run.id and one.run != run.id):
+                    self.suspects.append(odd(one, f"of run {one.run!r}", run.id or "this one"))
+                # A world that is yet to go back does not know where the team is.
+                elif holds(place, one.step, self._backs) and one.state != RunState.RESUMING:
+                    found.append(one)
         ordered = in_order(np.array([one.step for one in found], dtype=np.int64)).tolist()
         over = False
         for one, right in zip(found, ordered, strict=True):
             state, ended = one.state, one.state == RunState.FINISHED
-            if not right or (ended and one.transitions < self.run.scenario.steps):
-                odd = f"{state!r} after {one.transitions} transitions", "another step or state"
-                self.suspects.append(self.odd(one.step, None, wire.STATUS.name, *odd))
+            if not right or (ended and one.transitions < run.scenario.steps):
+                what = f"{state!r} after {one.transitions} transitions"
+                self.suspects.append(odd(one, what, "another step or state"))
                 continue
             if state not in list(RunState):
-                odd = repr(state[:40]), " or ".join(RunState)
-                self.problems.append(self.odd(one.step, None, wire.STATUS.name, *odd))
+                self.problems.append(odd(one, repr(state[:40]), " or ".join(RunState)))
             if over and not ended:
-                odd = f"{state!r} after the end", "nothing after it"
-                self.problems.append(self.odd(one.step, None, wire.STATUS.name, *odd))
+                self.problems.append(odd(one, f"{state!r} after the end", "nothing after it"))
             over = ended
             yield one
 

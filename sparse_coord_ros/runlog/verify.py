@@ -110,10 +110,12 @@ def verify(path: Path) -> Verification:
             worlds.append(world)
             agents += team
             found += differences
+    known = [one.agent for one in agents[-len(log.names) :] if one.agent is not None]
     plans = Plans()
-    if not found and not parts[-1].lost:  # else the agents do not know what the robots do
-        plans = _of_plans(log, agents, say)
-        found += plans.odd
+    if log.run.improve and not (found or parts[-1].lost) and len(known) == len(log.names):
+        with leaving_out("improved tables", say):
+            plans = check_plans(log, known)
+    found += plans.odd
     verdict = judge(log, agents, sorted(dict.fromkeys(found), key=lambda one: one.rank))
 
     def total(name: str, checks: Sequence[AgentCheck | WorldCheck] = agents) -> int:
@@ -157,13 +159,3 @@ def _of_part(
             else:
                 say(why)
     return world, team, [one for one in found if one.step is not None and part.holds(one.step)]
-
-
-def _of_plans(log: RunLog, agents: Sequence[AgentCheck], say: Callable[[str], None]) -> Plans:
-    """Compare what the team made of what it had learned, where that is known of all."""
-    last = [one.agent for one in agents[-len(log.names) :]]
-    known = [agent for agent in last if agent is not None]
-    with leaving_out("improved tables", say):
-        if log.run.improve and len(known) == len(log.names):
-            return check_plans(log, known)
-    return Plans()

@@ -17,7 +17,7 @@ from sparse_coord_ros.learn.tables import unpack_saved
 from sparse_coord_ros.limits import TABLES
 from sparse_coord_ros.runlog.attached import RecordedTables, attached_tables
 from sparse_coord_ros.runlog.bag_run import find_run
-from sparse_coord_ros.runlog.log import RunLog, log_of
+from sparse_coord_ros.runlog.log import RunLog
 from sparse_coord_ros.runlog.timeline import gap_in_words, rollbacks
 from sparse_coord_ros.runlog.tracks import Tracks
 from sparse_coord_ros.wire.frame import Frame
@@ -106,13 +106,13 @@ class LongLog:
     def read(self, first: int, last: int, only: Collection[wire.Topic] | None = None) -> RunLog:
         """Return the time steps from `first` to `last`, as far as some topics tell; None: all."""
         bag = self.bag.between(first * self.period, last * self.period)
-        return log_of(Tracks(bag, self._source, only)).between(first, last)
+        return RunLog(Tracks(bag, self._source, only)).between(first, last)
 
     def whole(self, only: Collection[wire.Topic]) -> RunLog:
         """Return all time steps and tables, as far as some topics tell of them, read once."""
         tracks = Tracks(Bag(self.bag.files), self._source, only)
         tracks.add_tables()
-        return log_of(tracks)
+        return RunLog(tracks)
 
     def around(self, step: int) -> RunLog:
         """Return the time steps around one, or around the newest."""
@@ -135,7 +135,7 @@ class LongLog:
                 continue
             last = last_ns // self.period
             bag = self.bag.between(begin * self.period, last * self.period)
-            log = log_of(Tracks(bag, self._source, (*MOVES, *also))).between(begin, last)
+            log = RunLog(Tracks(bag, self._source, (*MOVES, *also))).between(begin, last)
             history, size, end, open_step = log.history(), 0, last + 1, None
             if not whole and history.episodes < 2:
                 size = -3 * STRETCH_BYTES  # an episode may be longer
@@ -181,8 +181,8 @@ class LongLog:
 
     def begin(self) -> RunLog:
         """Return the first time steps."""
-        places = [place for place in self.blocks if place.end_ns][:2]
-        return self.read(0, max(place.end_ns for place in places) // self.period)
+        ends = [place.end_ns for place in self.blocks if place.end_ns][:2]
+        return self.read(0, max(ends) // self.period)
 
     def table_steps(self) -> list[list[int]]:
         """Return of each robot the time steps of its tables."""
