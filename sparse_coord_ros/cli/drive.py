@@ -57,7 +57,6 @@ OPTIONS = (
         + "; ".join(f"{s.name}: {s.help} (default: {s.default})" for s in DRIVE_SETTINGS.values())
     ),
     Option("--out FILE", Path, "draw the paths of the first episodes over the map"),
-    Option("--plan MAP.yaml", Path, "the building's map, as map_server reads it, to draw on"),
     shared.JSON,
 )
 
@@ -136,12 +135,11 @@ def _draw(options: argparse.Namespace, kind: str, run: RunConfig, driven: Drive)
     with pictures.drawing():
         from sparse_coord_ros.experiments.report.charts import rendered
         from sparse_coord_ros.look.paths import paths_figure
-        from sparse_coord_ros.maps.image import read_floor_plan
+        from sparse_coord_ros.maps.image import floor_plan_of
         from sparse_coord_ros.maps.preview import grey
 
-        under = None
-        if options.plan is not None:
-            plan = read_floor_plan(options.plan)
+        under, plan = None, floor_plan_of(run.scenario.map)
+        if plan is not None:
             x, y = plan.origin
             high, wide = (count * plan.resolution for count in plan.free.shape)
             under = (grey(plan), (x, x + wide, y, y + high))

@@ -45,7 +45,7 @@ class GridMap:
         name: the map's name (the file's stem).
         rows: the grid, one string a row, all of the same length, top row first.
         title: what the map shows.
-        source: where the map comes from.
+        source: where the map comes from; of one of a floor plan its YAML file.
         provenance: which parts are found, derived or chosen.
         resolution: metres a cell of the place that the map shows; None: of no real place.
         origin: (x, y) of the grid's lower left corner in that place's frame, in metres.

@@ -4,7 +4,9 @@
 
 import io
 import math
+import os
 import warnings
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -47,7 +49,7 @@ class FloorPlan:
     """A map of map_server: what each pixel is, and where the image lies.
 
     Attributes:
-        name: the file's stem.
+        path: the YAML file.
         free: pixels known to be free, shape (rows, columns), bool, top row first.
         occupied: pixels known to be occupied; what is neither is unknown.
         resolution: metres a pixel.
@@ -55,12 +57,17 @@ class FloorPlan:
         doubtful: share of the free pixels that have the grey by which map_saver means unknown.
     """
 
-    name: str
+    path: Path
     free: np.ndarray
     occupied: np.ndarray
     resolution: float
     origin: tuple[float, float]
     doubtful: float = 0.0
+
+    @property
+    def name(self) -> str:
+        """The file's stem."""
+        return self.path.stem
 
 
 def read_floor_plan(path: Path) -> FloorPlan:
@@ -103,7 +110,16 @@ def read_floor_plan(path: Path) -> FloorPlan:
         occupancy = (values if negate else 255.0 - values) / np.float32(255.0)
     free, occupied = known & (occupancy < below), known & (occupancy > above)
     doubtful = float((values[free] == UNKNOWN_GREY).mean()) if free.any() else 0.0
-    return FloorPlan(path.stem, free, occupied, data["resolution"], origin, doubtful)
+    return FloorPlan(path, free, occupied, data["resolution"], origin, doubtful)
+
+
+def floor_plan_of(grid: GridMap) -> FloorPlan | None:
+    """Return the floor plan that a map was made of; None: of none that is there."""
+    if grid.resolution is None or not os.path.isfile(grid.source):
+        return None
+    with suppress(MapError):
+        return read_floor_plan(Path(grid.source))
+    return None
 
 
 def _origin(value: object, what: str) -> tuple[float, float]:

@@ -132,7 +132,7 @@ def import_map(
         name=plan.name,
         rows=tuple("".join(row) for row in symbols),
         title=f"{plan.name}: a map of map_server in cells of {cell:g} m",
-        source=f"{plan.name}.yaml, {plan.resolution:g} m a pixel",
+        source=str(plan.path.resolve()),
         provenance=f"made by import-map for robots of radius {radius:g} m",
         resolution=cell,
         origin=(

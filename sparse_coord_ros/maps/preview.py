@@ -7,6 +7,7 @@ import io
 import math
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from PIL import Image, ImageColor, ImageDraw
@@ -14,7 +15,7 @@ from PIL import Image, ImageColor, ImageDraw
 from sparse_coord_ros.files import write_whole
 from sparse_coord_ros.game.grid import DOORWAY, GridMap
 from sparse_coord_ros.game.scenario import Robot
-from sparse_coord_ros.maps.image import FloorPlan
+from sparse_coord_ros.maps.image import FloorPlan, floor_plan_of
 from sparse_coord_ros.palette import DOORWAY_COLOUR, robot_colour
 
 LARGEST = 1600
@@ -48,6 +49,23 @@ def data_url(plan: FloorPlan) -> str:
     file = io.BytesIO()
     picture.save(file, format="PNG")
     return f"data:image/png;base64,{base64.b64encode(file.getvalue()).decode()}"
+
+
+def under(grid: GridMap) -> dict[str, Any] | None:
+    """Return the floor plan under a map, as a picture for a page; None: there is none.
+
+    Its place is that of its upper left corner, and its size, in cells of the map.
+    """
+    plan = floor_plan_of(grid)
+    if plan is None:
+        return None
+    scale = plan.resolution / (grid.resolution or 1.0)
+    height, width = (side * scale for side in plan.free.shape)
+    x, y = (
+        (a - b) / (grid.resolution or 1.0) for a, b in zip(plan.origin, grid.origin, strict=True)
+    )
+    place = {"x": x, "y": grid.shape[0] - y - height, "width": width, "height": height}
+    return {"href": data_url(plan), **place}
 
 
 def framed(picture: Image.Image, origin: tuple[float, float], metre: float) -> Image.Image:

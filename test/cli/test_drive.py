@@ -3,6 +3,7 @@
 """`sparse_coord drive`."""
 
 import json
+import re
 
 import pytest
 from PIL import Image
@@ -47,9 +48,13 @@ def test_on_the_building_s_own_map(tmp_path, capsys):
     out = str(tmp_path / "run")
     assert main(["train", str(tmp_path / "m" / "env1.yaml"), "--out", out]) == 0
     picture = tmp_path / "paths.svg"
-    arguments = ["--episodes", "2", "--plan", str(plan), "--out", str(picture)]
-    assert main(["drive", out, *arguments]) == 0
-    assert picture.read_text().startswith("<?xml")
+    drawn = []
+    for there in (True, False):
+        if not there:
+            plan.unlink()
+        assert main(["drive", out, "--episodes", "2", "--out", str(picture)]) == 0
+        drawn.append(re.search(r"<image[^>]*", picture.read_text())[0])
+    assert drawn[0] != drawn[1]  # the building's map, and the cells' walls
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 """From floor plans whose doorways are known to maps: doors open, walls closed, robots in place."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ from sparse_coord_ros.maps import plan as plans
 from sparse_coord_ros.maps.gridding import across, grown, without_specks
 from sparse_coord_ros.maps.image import FloorPlan, read_floor_plan
 from sparse_coord_ros.maps.plan import import_map, scenario_of
-from sparse_coord_ros.maps.preview import MARGIN, write_preview
+from sparse_coord_ros.maps.preview import MARGIN, under, write_preview
 from sparse_coord_ros.wire.frame import Frame
 
 CORNERS = (-9.0, -6.0), (9.0, 6.0)
@@ -27,7 +28,7 @@ CORNERS = (-9.0, -6.0), (9.0, 6.0)
 def plan_of(drawing, origin=(0.0, 0.0)):
     """Return a drawing as it would be read."""
     pixels = drawing.pixels
-    return FloorPlan("drawn", pixels > 250, pixels < 100, 0.05, origin)
+    return FloorPlan(Path("drawn"), pixels > 250, pixels < 100, 0.05, origin)
 
 
 def rooms(thick=0.2, wide=0.9):
@@ -86,7 +87,9 @@ def test_a_passage_of_two_cells_is_no_doorway_but_named(north):
     drawing = rooms(wide=1.5)
     plan = plan_of(drawing)
     if north:
-        plan = FloorPlan("drawn", plan.free.T.copy(), plan.occupied.T.copy(), 0.05, (0.0, 0.0))
+        plan = FloorPlan(
+            Path("drawn"), plan.free.T.copy(), plan.occupied.T.copy(), 0.05, (0.0, 0.0)
+        )
     done = import_map(plan, cell=0.5, radius=0.2)
     (note,) = [note for note in done.notes if "two cells wide" in note]
     x, y = map(float, note.partition(" at ")[2].partition(";")[0].split(","))
@@ -206,7 +209,9 @@ def test_a_grid_of_too_many_cells_is_refused_before_the_image_is_looked_at(monke
     monkeypatch.setattr(plans, "space_of", lambda *_: pytest.fail("it was"))
     pixels = np.ones((1001, 1001), dtype=bool)
     with pytest.raises(MapError, match="the grid would have 1,002,001 cells, allowed: up to 1,00"):
-        import_map(FloorPlan("large", pixels, ~pixels, 0.05, (0.0, 0.0)), cell=0.05, radius=0.1)
+        import_map(
+            FloorPlan(Path("large"), pixels, ~pixels, 0.05, (0.0, 0.0)), cell=0.05, radius=0.1
+        )
 
 
 def test_starts_in_walls_and_no_places():
@@ -283,6 +288,22 @@ def test_suggestions_follow_the_distances(tmp_path):
     small = import_map(plan_of(rooms()), cell=0.5, radius=0.2)
     _, suggested, _ = scenario_of(small, [((1.0, 1.0), (5.0, 3.0))], {})
     assert set(suggested) == {"steps"}  # the defaults fit a small map
+
+
+def test_a_map_lies_on_its_floor_plan_as_long_as_that_is_there(tmp_path):
+    write("office", tmp_path)
+    plan = read_floor_plan(tmp_path / "office.yaml")
+    grid = parse_map(import_map(plan, cell=0.5, radius=0.2).grid.to_text(), name="o", where="o")
+    picture = under(grid)
+    assert picture["href"].startswith("data:image/png;base64,")
+    (high, wide), places = plan.free.shape, np.array(grid.cells) + 0.5
+    rows = (places[:, 0] - picture["y"]) / picture["height"] * high
+    columns = (places[:, 1] - picture["x"]) / picture["width"] * wide
+    assert plan.free[rows.astype(int), columns.astype(int)].all()
+    for damage in (lambda path: path.write_text("image: none"), Path.unlink):
+        damage(tmp_path / "office.yaml")
+        assert under(grid) is None
+    assert under(load_scenario("env1").map) is None
 
 
 def test_poses_lie_on_the_real_map(tmp_path):

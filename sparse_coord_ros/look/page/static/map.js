@@ -34,6 +34,10 @@ export class TeamMap extends View {
     this.cursor = svg("rect", { width: UNIT, height: UNIT, class: "cursor", visibility: "hidden" });
     this.element.replaceChildren(...Object.values(this.layer), this.cursor);
     this.layer.ground.append(svg("rect", { x: -3, y: -3, width, height, class: "wall" }));
+    this.element.classList.toggle("built", run.map.under);
+    const { href, ...place } = run.map.under ?? {};
+    const scaled = Object.entries(place).map(([key, cells]) => [key, cells * UNIT]);
+    if (href) this.layer.ground.append(svg("image", { href, preserveAspectRatio: "none", ...Object.fromEntries(scaled) }));
     run.map.cells.forEach((_, n) => this.layer.ground.append(this.square(n, 0, { class: "free", "data-cell": n })));
     for (const cell of run.map.doorways) {
       this.layer.marks.append(this.square(cell, 3, { class: "doorway", stroke: run.doorway_colour }));
