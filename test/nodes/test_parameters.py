@@ -3,6 +3,7 @@
 """Parameters of the nodes: described, checked at once, and fixed but for the rate."""
 
 import re
+import sys
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -137,11 +138,12 @@ def test_whole_numbers_do_for_numbers(made):
         ("recorder", [f"out:={__file__}/a/b"], f"as {__file__} is no directory; choose another"),
     ],
 )
-def test_executables_end_with_one_line(capfd, name, arguments, text):
+def test_executables_end_with_one_line(capfd, monkeypatch, name, arguments, text):
     command = [name, "--ros-args"]
     for argument in arguments:
         command += ["-p", argument]
-    assert MAINS[name](command) == 2
+    monkeypatch.setattr(sys, "argv", command)
+    assert MAINS[name]() == 2
     out, err = capfd.readouterr()
     assert out == ""
     (line,) = err.splitlines()
