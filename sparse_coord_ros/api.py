@@ -26,15 +26,14 @@ from sparse_coord_ros.engine.training import Training, train
 from sparse_coord_ros.errors import RunError, SettingError, SparseCoordError, TablesError, in_short
 from sparse_coord_ros.experiments.benchmark import Benchmark, Standing, benchmark
 from sparse_coord_ros.experiments.catalogue import experiment_names
-from sparse_coord_ros.experiments.conditions import Condition, make_condition
+from sparse_coord_ros.experiments.conditions import make_condition
 from sparse_coord_ros.experiments.runner import (
     ExperimentResults,
     Progress,
     no_progress,
-    parse_targets,
-    run_targets,
+    run_experiment,
 )
-from sparse_coord_ros.experiments.store import RUNS, SUMS, TRIALS, TRIALS_OR_NONE, Plan
+from sparse_coord_ros.experiments.store import RUNS, SUMS, TRIALS_OR_NONE, Plan
 from sparse_coord_ros.game.perception import perception_model, register_perception
 from sparse_coord_ros.game.plugins import allow_modules, allow_named
 from sparse_coord_ros.game.scenario import (
@@ -440,61 +439,6 @@ def _path(what: str, value: object) -> Path:
     if not isinstance(value, str | os.PathLike):
         raise RunError(f"{what}: value is {value!r}, allowed: a path, as a text or a Path")
     return Path(value)
-
-
-def run_experiment(
-    what: str | Condition | Iterable[str | Condition],
-    *,
-    out: str | Path | None = None,
-    runs: int = 100,
-    trials: int = 1000,
-    seed: int = 0,
-    report: bool = False,
-    engine: str = "auto",
-    jobs: int | None = None,
-    scheduler: SchedulerLike = None,
-    progress: Progress = no_progress,
-) -> ExperimentResults:
-    """Compute experiments or single conditions; with `out`, save them and go on where it stopped.
-
-    Args:
-        what: names of experiments (see `experiment_names`), or ids of conditions such as
-            "env1/coop/penalty=-20,ask_cost=2": scenario, learner, changed settings.
-        out: results directory, as of `sparse_coord reproduce`; None: nothing is saved.
-        runs: independent learning runs of a condition.
-        trials: greedy trials of each run.
-        seed: seed of run 0; run i has seed + i.
-        report: write the experiments' tables, figures and text into `out`.
-        engine: "numba", "python", or "auto": numba where it is installed. The bits are the same.
-        jobs: threads (or processes) at once; all cores that this process may use where None.
-        scheduler: Dask cluster that computes: the address of its scheduler, a `Client` or, say, a
-            `LocalCluster`; None: this machine.
-        progress: called with a condition's id, the agent-steps done and those of the whole call.
-
-    Raises:
-        ScenarioError, SettingError: no such experiment, scenario or learner, or a bad setting.
-        ResultsError: `out` holds results of something else, or is in use.
-        OSError: `out` cannot be written.
-        RunError: the cluster cannot be reached, or was lost.
-        PluginError: a learner or perception model of the user's own failed.
-    """
-    asked = [what] if isinstance(what, str | Condition) else list(what)
-    if not asked:
-        raise SettingError(
-            "no experiment is asked for; name at least one, or all: experiment_names()"
-        )
-    seed = RUN_SETTINGS["seed"].parse(seed)
-    plan = Plan(seed, RUNS.parse(runs), TRIALS.parse(trials))
-    return run_targets(
-        parse_targets(asked, plan),
-        plan,
-        out=None if out is None else Path(out),
-        report=report,
-        engine=engine,
-        jobs=jobs,
-        scheduler=scheduler,
-        progress=progress,
-    )
 
 
 def sweep(

@@ -7,7 +7,6 @@ import textwrap
 from collections.abc import Iterator
 
 from sparse_coord_ros.cli import options as shared
-from sparse_coord_ros.cli.options import Option
 from sparse_coord_ros.doctor import checks
 from sparse_coord_ros.doctor.checks import WRONG, Finding
 
@@ -17,19 +16,11 @@ WIDTH = 100
 EXAMPLE = "sparse_coord doctor"
 
 
-OPTIONS = (
-    Option("--clean", bool, "first remove what killed processes with ROS left in shared memory"),
-    shared.JSON,
-)
+OPTIONS = (shared.JSON,)
 
 
 def execute(options: argparse.Namespace) -> int:
     """Run the verb; 1 where something is wrong."""
-    removed = None
-    if options.clean:
-        from sparse_coord_ros.nodes.shared_memory import leftovers
-
-        removed = len(leftovers(remove=True))
     found = []
     for finding in findings():
         found.append(finding)
@@ -37,11 +28,8 @@ def execute(options: argparse.Namespace) -> int:
             _print(finding)
     fine = all(one.level != WRONG for one in found)
     if options.json:
-        said = {"fine": fine, "findings": found}
-        shared.print_json(said if removed is None else {**said, "removed": removed})
+        shared.print_json({"fine": fine, "findings": found})
     else:
-        if removed is not None:
-            print(f"removed {removed} files from shared memory")
         print(f"\n{'nothing' if fine else 'something'} is wrong")
     return 0 if fine else UNWELL
 

@@ -115,7 +115,7 @@ def shared_memory(folder: Path = Path("/dev/shm")) -> Iterator[Finding]:
     left, free = leftovers(folder), shutil.disk_usage(folder).free
     if left:
         text = f"{len(left)} files of processes that are gone in {folder}"
-        remedy = "harmless until it is full; remove them: sparse_coord doctor --clean"
+        remedy = "harmless until it is full; the next node that starts removes them"
         yield Finding(HINT, "shared memory", text, remedy)
     if free < 16 * PARTICIPANT:
         text = f"{folder} has {free / 1e6:.0f} MB free; each process with ROS takes 0.6 MB"

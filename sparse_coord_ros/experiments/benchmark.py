@@ -23,15 +23,13 @@ from sparse_coord_ros.experiments.runner import (
     ExperimentResults,
     Progress,
     no_progress,
-    parse_targets,
-    run_targets,
+    run_experiment,
 )
-from sparse_coord_ros.experiments.store import ConditionResult, Plan
+from sparse_coord_ros.experiments.store import ConditionResult
 from sparse_coord_ros.game.settings import Setting
 from sparse_coord_ros.game.unseen import TEAMS
 from sparse_coord_ros.learn.evaluation import Measure
 from sparse_coord_ros.learn.learners import LearnerLike, chosen_learner
-from sparse_coord_ros.learn.run_config import RUN_SETTINGS
 from sparse_coord_ros.solve.shipped import known_best
 
 if TYPE_CHECKING:
@@ -178,13 +176,13 @@ def benchmark(
         ResultsError, OSError, RunError, PluginError: as `run_experiment`.
     """
     name = chosen_learner(learner).label
-    seed = RUN_SETTINGS["seed"].parse(seed)
-    plan = Plan(seed, TEAM_RUNS.parse(runs), TEAM_TRIALS.parse(trials))
     conditions = unseen_conditions(name, split, {"steps": steps, **settings}, tuple(robots))
-    results = run_targets(
-        parse_targets(conditions, plan),
-        plan,
-        out=None if out is None else Path(out),
+    results = run_experiment(
+        conditions,
+        out=out,
+        runs=TEAM_RUNS.parse(runs),
+        trials=TEAM_TRIALS.parse(trials),
+        seed=seed,
         engine=engine,
         jobs=jobs,
         scheduler=scheduler,

@@ -85,7 +85,7 @@ def test_leftovers_in_shared_memory(tmp_path):
     for name in ("fastrtps_0123456789abcdef", "fastrtps_0123456789abcdef_el", "another"):
         (tmp_path / name).write_bytes(b"1234")
     found = the_one(checks.shared_memory(tmp_path), "2 files")
-    assert (found.level, "doctor --clean" in found.remedy) == (HINT, True)
+    assert (found.level, "the next node" in found.remedy) == (HINT, True)
 
 
 def test_without_shared_memory(tmp_path):

@@ -29,8 +29,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(live.teams(steps, repeats), end="\n\n", flush=True)
     if options.part != "live":
         for scenario, learner, share in batch.MEASURED:
-            found = batch.measure(scenario, learner, steps, int(options.runs * share), repeats)
-            print(batch.table(found), end="\n\n", flush=True)
+            found = batch.measured(scenario, learner, steps, int(options.runs * share), repeats)
+            print(found, end="\n\n", flush=True)
     return 0
 
 

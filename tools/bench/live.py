@@ -6,6 +6,7 @@ import statistics
 import tempfile
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 from sparse_coord_ros.cli import live
@@ -13,6 +14,7 @@ from sparse_coord_ros.cli.options import format_table
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.simulation import learn
 from tools.bench import ceiling
+from tools.bench.rates import in_turn, share, spread
 
 SCENARIO = "env1"
 TEAMS = (2, 4, 8, 16, 32)
@@ -33,37 +35,28 @@ def ways(steps: int, repeats: int) -> str:
         MANY + LEARNING: lambda: _live(steps, record=False, processes=True),
         MANY + RECORDING: lambda: _live(steps, record=True, processes=True),
     }
-    rates: dict[str, list[float]] = {name: [] for name in measured}
-    for _ in range(repeats):
-        for name, way in measured.items():
-            rates[name].append(way())
-    medians = {name: statistics.median(found) for name, found in rates.items()}
-    rows = []
-    for name, median in medians.items():
-        bare = medians.get(name.split(",")[0] + BARE)
-        rows.append([name, *_spread(rates[name]), f"{median / bare:.0%}" if bare else "-"])
+    rates = in_turn(measured, repeats)
+    rows = [
+        [name, *spread(found), share(found, rates.get(name.split(",")[0] + BARE))]
+        for name, found in rates.items()
+    ]
     head = [f"{SCENARIO}, 2 robots, events executor", "steps/s", "range", "of bare nodes"]
     return format_table(head, rows)
 
 
 def teams(steps: int, repeats: int) -> str:
     """Return a table: steps a second of teams in one process, without recording."""
-    rates: dict[int, list[float]] = {robots: [] for robots in TEAMS}
-    for _ in range(repeats):
-        for robots in TEAMS:
-            few = max(100, steps * TEAMS[0] // robots // 2)
-            building = f"building-4x2x4-{robots}r-0"
-            rates[robots].append(_live(few, record=False, scenario=building))
+    ways = {robots: partial(_team, robots, steps // robots) for robots in TEAMS}
     rows = [
-        [str(robots), *_spread(found), f"{statistics.median(found) * robots:.0f}"]
-        for robots, found in rates.items()
+        [str(robots), *spread(found), f"{statistics.median(found) * robots:.0f}"]
+        for robots, found in in_turn(ways, repeats).items()
     ]
     head = ["robots in one process, learning", "steps/s", "range", "agent-steps/s"]
     return format_table(head, rows)
 
 
-def _spread(rates: list[float]) -> tuple[str, str]:
-    return f"{statistics.median(rates):.0f}", f"{min(rates):.0f} to {max(rates):.0f}"
+def _team(robots: int, steps: int) -> float:
+    return _live(max(100, steps), record=False, scenario=f"building-4x2x4-{robots}r-0")
 
 
 def _simulated(steps: int) -> float:

@@ -5,7 +5,6 @@
 import base64
 import io
 import math
-import re
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -169,7 +168,7 @@ def plot(
     handles: dict[str, Any] = {}
     for number, (((ylabel, title), data), axes) in enumerate(zip(panels, grid, strict=False)):
         handles |= _panel(axes, data)
-        axes.set_title(re.sub(r"10\^(\d+)", r"$10^{\1}$", str(title)), fontsize=11)
+        axes.set_title(title, fontsize=11)
         if number % columns == 0 or panels[number - 1][0][0] != ylabel:
             axes.set_ylabel(ylabel)
         xlabel = data["xlabel"].iloc[0]

@@ -28,8 +28,7 @@ from sparse_coord_ros.experiments.report.charts import (
     points,
 )
 from sparse_coord_ros.experiments.report.map_pictures import asked_maps
-from sparse_coord_ros.experiments.report.rows import names, paper, pick
-from sparse_coord_ros.experiments.report.text import factors, steps
+from sparse_coord_ros.experiments.report.rows import by_scenario, names, paper, pick
 from sparse_coord_ros.experiments.store import ConditionResult
 from sparse_coord_ros.game.settings import as_text
 from sparse_coord_ros.learn.evaluation import Measure
@@ -41,14 +40,17 @@ MOST_PANELS = 4
 
 Results = Sequence[ConditionResult]
 
+Draw = Callable[[str, Results], dict[str, Figure]]
+"""Draws results; returns figures by the names of their files, the first one given."""
+
 
 def figures_of(name: str, results: Results) -> dict[str, Figure]:
     """Return the figures of an experiment, by the names of their files."""
     return DRAWN[name](name, results)
 
 
-def _comparison(*measures: str) -> Callable[[str, Results], dict[str, Figure]]:
-    """Draw ours and the paper's mean and spread, a panel a scenario and measure."""
+def _comparison(bars: str, *measures: str) -> Draw:
+    """Draw learners side by side, ours and the paper's, a panel a scenario and measure."""
 
     def where(
         result: ConditionResult, whose: str = "ours", shift: float = -0.13
@@ -60,35 +62,22 @@ def _comparison(*measures: str) -> Callable[[str, Results], dict[str, Figure]]:
     def draw(name: str, results: Results) -> dict[str, Figure]:
         shown = []
         for measure in measures:
-            shown += points(results, measure, where, "spread", span=0.3)
+            shown += points(results, measure, where, bars, span=0.3)
             theirs = [(where(one, "paper", 0.13), paper(one, measure)) for one in results]
-            shown += [point(mean, measure, "spread", **place) for place, mean in theirs if mean]
+            shown += [point(mean, measure, bars, **place) for place, mean in theirs if mean]
         return {name: plot(shown, 3)}
 
     return draw
 
 
-def _swept(
-    value: Callable[[ConditionResult], str], xlabel: str, measures: Iterable[str]
-) -> Callable[[str, Results], dict[str, Figure]]:
-    """Draw learners against a setting, its values spaced evenly, a line of panels a measure."""
-
-    def draw(name: str, results: Results) -> dict[str, Figure]:
-        order = list(dict.fromkeys(map(value, results)))
-        several = len({one.condition.learner for one in results}) > 1
-
-        def where(result: ConditionResult) -> dict[str, Any]:
-            x, shift = order.index(value(result)), shift_of(result) if several else 0.0
-            return {"x": x, "tick": value(result), "shift": shift, "xlabel": xlabel}
-
-        shown = [p for measure in measures for p in points(results, measure, where)]
-        return {name: plot(shown, len(names(results)))}
-
-    return draw
+def _swept(x: str = "", *measures: str) -> Draw:
+    """Draw learners against a setting."""
+    return lambda name, results: {name: swept_figure(results, x, measures or MEASURES)}
 
 
 def swept_figure(results: Results, x: str = "", measures: Sequence[str] = MEASURES) -> Figure:
     """Draw any conditions against a setting in which they differ; as `ExperimentResults.plot`."""
+    results = [one for own in by_scenario(results) for one in own]
     plain = {one.id: one.scenario.plain_settings for one in results}
     own = _varied(results)
     x = x or own[0]
@@ -118,10 +107,6 @@ def _check(kind: str, names: Iterable[str], known: Collection[str]) -> None:
     for name in names:
         if name not in known:
             raise SettingError(f"plot: {kind} is {name!r}, allowed here: {', '.join(known)}")
-
-
-def _conditions(name: str, results: Results) -> dict[str, Figure]:
-    return {name: swept_figure(results)}
 
 
 def shift_of(result: ConditionResult) -> float:
@@ -202,31 +187,8 @@ def _crowd(name: str, results: Results) -> dict[str, Figure]:
 
 
 def _figure4(name: str, results: Results) -> dict[str, Figure]:
-    penalties = list(dict.fromkeys(one.scenario.penalty for one in results))
-
-    def where(result: ConditionResult) -> dict[str, Any]:
-        return {
-            "panel": f"{result.scenario.name}, {steps(result.scenario)} steps",
-            "x": penalties.index(result.scenario.penalty),
-            "tick": f"{abs(result.scenario.penalty):g}",
-            "shift": shift_of(result),
-            "xlabel": "penalty (sign reversed)",
-        }
-
-    ordered = sorted(
-        results, key=lambda one: (names(results).index(one.scenario.name), one.scenario.steps)
-    )
-    return {
-        file: plot(points(ordered, measure, where), 4, 3.0)
-        for file, measure in ((name, "reward"), (f"{name}_variance", "variance"))
-    }
-
-
-def _penalty100(name: str, results: Results) -> dict[str, Figure]:
-    def where(result: ConditionResult) -> dict[str, Any]:
-        return {"x": LEARNERS.index(result.condition.learner), "tick": result.learner.title}
-
-    return {name: plot(points(results, "reward", where, span=0.3), len(names(results)))}
+    drawn = {name: "reward", f"{name}_variance": "variance"}
+    return {file: swept_figure(results, "penalty", [measure]) for file, measure in drawn.items()}
 
 
 def _unseen(name: str, results: Results) -> dict[str, Figure]:
@@ -249,20 +211,18 @@ def _unseen(name: str, results: Results) -> dict[str, Figure]:
     return {name: plot(shown, 3, 4.2)}
 
 
-DRAWN: Mapping[str, Callable[[str, Results], dict[str, Figure]]] = {
-    "table1": _comparison("reward"),
-    "table2": _comparison("time_to_goal", "miscoordinations"),
-    "table3": _comparison("reward"),
+DRAWN: Mapping[str, Draw] = {
+    "table1": _comparison("spread", "reward"),
+    "table2": _comparison("spread", "time_to_goal", "miscoordinations"),
+    "table3": _comparison("spread", "reward"),
     "figure4": _figure4,
-    "penalty100": _penalty100,
-    "ask_cost": _swept(
-        lambda one: f"{one.scenario.ask_cost:g}", "cost of COORDINATE", ("reward", "asks")
-    ),
+    "penalty100": _comparison("standard_error", "reward"),
+    "ask_cost": _swept("ask_cost", "reward", "asks"),
     "perception": _perception,
-    "uneven": _swept(factors, "factors of $r^C$, robot by robot", MEASURES),
+    "uneven": _swept("common_reward"),
     "crowd": _crowd,
     "where": lambda name, results: {name: asked_maps(results)},
     "unseen": _unseen,
-    "conditions": _conditions,
+    "conditions": _swept(),
 }
 """What draws each experiment; and `conditions`, what a results directory has, whatever it is."""

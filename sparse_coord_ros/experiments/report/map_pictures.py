@@ -19,8 +19,11 @@ COLOUR_MAP, DOORWAY, WALL = "Blues", "#D55E00", "0.25"
 CELL = 0.3
 """Inches a cell."""
 
-WIDTH = 40
+WIDTH = 41
 """Cells that fit in a line of maps."""
+
+SCALE = 0.8
+"""Inches of the scale below them."""
 
 LEAST = 8
 """Cells that a map's title needs."""
@@ -78,26 +81,25 @@ def asked_maps(results: Sequence[ConditionResult]) -> Figure:
     """Draw where COORDINATE is chosen: a map a condition, all with one scale of colours."""
     totals = {one.scenario.name: np.array(one.asked).sum(axis=0) for one in results}
     norm = PowerNorm(0.5, vmin=0, vmax=max(float(total.max()) for total in totals.values()) or 1)
-    lines = _lines(results)
-    below = 0.8  # inches, for the scale
-    rows = [max(one.scenario.map.shape[0] for one in line) + 2.4 for line in lines]
-    height = sum(rows) * CELL + below
-    figure = Figure(figsize=(WIDTH * CELL, height))
-    axes, top = figure.add_axes((0, below / height, 1, 1 - below / height)), 0.0
-    for line, deep in zip(lines, rows, strict=True):
-        gap = (WIDTH - sum(map(_columns, line))) / (len(line) + 1)
-        left = gap
-        for one in line:
-            columns = one.scenario.map.shape[1]
-            corner = (left + (_columns(one) - columns) / 2, top + 2)
-            shades = np.asarray(norm(totals[one.scenario.name]))
-            draw_map(axes, one.scenario, shades, corner=corner, label_size=6.5)
-            title = f"{one.scenario.name}\n{one.best('asks').mean:.3f} asks a robot"
-            axes.text(corner[0] + columns / 2, top + 1.8, title, ha="center", fontsize=9)
-            left += _columns(one) + gap
-        top += deep
-    axes.set(xlim=(0, WIDTH), ylim=(top, 0))
+    figure = Figure()
+    axes = figure.add_axes((0, 0, 1, 1))
+    left = top = deep = 0.0
+    for one in sorted(results, key=lambda one: one.scenario.map.shape[1]):
+        rows, columns = one.scenario.map.shape
+        wide = max(LEAST, columns)
+        if left + wide > WIDTH:
+            left, top, deep = 0.0, top + deep, 0.0
+        corner = (left + (wide - columns) / 2, top + 2)
+        shades = np.asarray(norm(totals[one.scenario.name]))
+        draw_map(axes, one.scenario, shades, corner=corner, label_size=6.5)
+        title = f"{one.scenario.name}\n{one.best('asks').mean:.3f} asks a robot"
+        axes.text(corner[0] + columns / 2, top + 1.8, title, ha="center", fontsize=9)
+        left, deep = left + wide + 1, max(deep, rows + 2.4)
+    axes.set(xlim=(-0.2, WIDTH + 0.2), ylim=(top + deep, 0))
     axes.axis("off")
+    height = (top + deep) * CELL + SCALE
+    figure.set_size_inches(WIDTH * CELL, height)
+    axes.set_position((0, SCALE / height, 1, 1 - SCALE / height))
     figure.colorbar(
         ScalarMappable(norm, colormaps[COLOUR_MAP].resampled(256)),
         cax=figure.add_axes((0.25, 0.55 / height, 0.5, 0.12 / height)),
@@ -105,20 +107,3 @@ def asked_maps(results: Sequence[ConditionResult]) -> Figure:
         label="COORDINATE chosen in the cell, per episode, all robots together",
     )
     return figure
-
-
-def _columns(one: ConditionResult) -> int:
-    return max(LEAST, one.scenario.map.shape[1])
-
-
-def _lines(results: Sequence[ConditionResult]) -> list[list[ConditionResult]]:
-    """Break the maps into lines, the widest first to where it still fits, small maps on top."""
-    lines: list[list[ConditionResult]] = []
-    for one in sorted(results, key=_columns, reverse=True):
-        room = (ln for ln in lines if sum(_columns(each) + 1 for each in [*ln, one]) <= WIDTH)
-        line = next(room, None)
-        if line is None:
-            lines.append([one])
-        else:
-            line.append(one)
-    return lines[::-1]

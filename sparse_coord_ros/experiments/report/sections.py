@@ -6,12 +6,12 @@ Its words are in the template of its name, in `templates`.
 """
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, partial
 from itertools import groupby, takewhile
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import yaml
@@ -211,45 +211,27 @@ def _table2(results: Results) -> Section:
     return Section(rows, claims)
 
 
-class Fall(NamedTuple):
-    """What is lost from the least penalty to the greatest.
-
-    Attributes:
-        dear, free: Coop. with the greatest penalty and with the least.
-        lost: reward that each learner loses, run by run.
-        bound: what the class bound loses; NaN where it is unknown.
-    """
-
-    dear: ConditionResult
-    free: ConditionResult
-    lost: dict[str, np.ndarray]
-    bound: float
+def _by_budget(results: Results) -> Iterator[list[ConditionResult]]:
+    """Yield the results of each scenario and step budget."""
+    for own in by_scenario(results):
+        for budget in dict.fromkeys(one.scenario.steps for one in own):
+            yield pick(own, steps=budget)
 
 
-def _fall(results: Results) -> Fall:
-    """Return what is lost in the conditions of one scenario and budget."""
-    ends = {
-        learner: _ends(pick(results, learner=learner), lambda one: one.scenario.penalty)
-        for learner in LEARNERS
-    }
-    lost = {
-        learner: free.run_means("reward") - dear.run_means("reward")
-        for learner, (dear, free) in ends.items()
-    }
-    dear, free = ends["coop"]
-    bound = (class_bound(free) or math.nan) - (class_bound(dear) or math.nan)
-    return Fall(dear, free, lost, bound)
+def _fall(results: Results) -> np.ndarray:
+    """Return what is lost from the least penalty to the greatest in each run, shape (runs,)."""
+    dear, free = _ends(results, lambda one: one.scenario.penalty)
+    lost: np.ndarray = free.run_means("reward") - dear.run_means("reward")
+    return lost
 
 
 def _figure4(results: Results) -> Section:
     """Return what learners lose from the least penalty to the greatest, run by run."""
-    falls = [
-        _fall(pick(own, steps=budget))
-        for own in by_scenario(results)
-        for budget in dict.fromkeys(one.scenario.steps for one in own)
-    ]
     rows, ratios, coop_falls, less = [], {}, [], 0
-    for dear, free, lost, bound in falls:
+    for own in _by_budget(results):
+        dear, free = _ends(own, lambda one: one.scenario.penalty)
+        lost = {name: _fall(pick(own, learner=name)) for name in LEARNERS}
+        bound = (class_bound(free) or math.nan) - (class_bound(dear) or math.nan)
         if bound > 0.0 and free.scenario.steps == LONG["steps"]:
             ratios[free.scenario.name] = lost["factored"].mean() / bound
         exact = fixed(max(0.0, free.optimum - dear.optimum))
