@@ -135,15 +135,8 @@ def _draw(options: argparse.Namespace, kind: str, run: RunConfig, driven: Drive)
     with pictures.drawing():
         from sparse_coord_ros.experiments.report.charts import rendered
         from sparse_coord_ros.look.paths import paths_figure
-        from sparse_coord_ros.maps.image import floor_plan_of
-        from sparse_coord_ros.maps.preview import grey
 
-        under, plan = None, floor_plan_of(run.scenario.map)
-        if plan is not None:
-            x, y = plan.origin
-            high, wide = (count * plan.resolution for count in plan.free.shape)
-            under = (grey(plan), (x, x + wide, y, y + high))
         episodes = 1 + max((moment.episode for moment in driven.path), default=0)
         title = f"{run.scenario.name}: {episodes} episodes driven"
-        figure = paths_figure(run, driven, title, plan=under)
+        figure = paths_figure(run, driven, title)
         write_whole(options.out, rendered(figure, kind, DPI))

@@ -3,6 +3,7 @@
 """`sparse_coord import-map`: a map of map_server as a map and a scenario of this package."""
 
 import argparse
+import io
 import math
 import re
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Any, NamedTuple
 
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli.options import Option
+from sparse_coord_ros.cli.pictures import drawing
 from sparse_coord_ros.errors import MapError, SettingError, in_short
 from sparse_coord_ros.files import write_whole
 from sparse_coord_ros.game.scenario import Scenario
@@ -18,9 +20,11 @@ from sparse_coord_ros.limits import to_yaml
 from sparse_coord_ros.maps.gridding import SPECK
 from sparse_coord_ros.maps.image import FloorPlan, read_floor_plan
 from sparse_coord_ros.maps.plan import Imported, Place, import_map, scenario_of
-from sparse_coord_ros.maps.preview import write_preview
 
 NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
+
+DPI = 150
+"""Of the picture."""
 
 CELL = Setting("cell", float, None, "side of a cell, in metres, e.g. 0.5", 0, 1000)
 RADIUS = Setting("radius", float, None, "the robot's radius, in metres, e.g. 0.2", 0, 100)
@@ -192,8 +196,14 @@ def write(options: argparse.Namespace, made: Made) -> Path:
     picture.parent.mkdir(parents=True, exist_ok=True)
     for path, content in made.files.items():
         write_whole(path, content)
-    robots = () if made.scenario is None else made.scenario.robots
-    write_preview(picture, made.plan, made.imported.grid, robots)
+    with drawing():
+        from sparse_coord_ros.look.paths import floor_figure
+
+        grid, robots = made.imported.grid, () if made.scenario is None else made.scenario.robots
+        figure = floor_figure(grid, robots, made.plan, side=grid.resolution or 1.0, cells=True)
+        file = io.BytesIO()
+        figure.savefig(file, format="png", dpi=DPI)
+    write_whole(picture, file.getvalue())
     return picture
 
 

@@ -31,8 +31,8 @@ from sparse_coord_ros.look.page.controls import (
     Controlled,
 )
 from sparse_coord_ros.maps.image import read_floor_plan
+from sparse_coord_ros.maps.picture import data_url
 from sparse_coord_ros.maps.plan import Place
-from sparse_coord_ros.maps.preview import data_url
 from sparse_coord_ros.palette import DOORWAY_COLOUR, ROBOT_COLOURS
 
 if TYPE_CHECKING:
@@ -107,7 +107,7 @@ class ImportPage(Controlled):
         if control.name == STOP:
             if self._busy and not self._stopped:
                 self._stopped = True
-                signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
+                signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGTERM)
             return
         value = None if control.name == DRIVE else _chosen(control.value)
         self._wishes.put(Control(control.name, value))

@@ -1,75 +1,108 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A picture of where bodies drove: their paths over the map, in metres."""
+"""Pictures of a floor in metres: a map's cells, or the paths of bodies that drove there."""
 
+from collections.abc import Sequence
 from itertools import groupby
 
 import numpy as np
+from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Circle, Rectangle
+from matplotlib.patches import Circle
 
 from sparse_coord_ros.driving.trials import Drive
+from sparse_coord_ros.game.grid import DOORWAY, WALL, GridMap
+from sparse_coord_ros.game.scenario import Robot
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.look.figures import LINES
+from sparse_coord_ros.maps.image import FloorPlan, floor_plan_of
+from sparse_coord_ros.maps.picture import grey
 from sparse_coord_ros.palette import DOORWAY_COLOUR, robot_colour
-from sparse_coord_ros.wire.frame import Frame
 
 LONGEST = 10.0
 """Inches of the picture's longer side, without its key."""
+
+CELL = to_rgba("#96bee6", 0.7)
 
 THINNEST = 0.25
 """Opacity of one of many paths."""
 
 
-def paths_figure(
-    run: RunConfig,
-    driven: Drive,
-    title: str,
+def floor_figure(
+    grid: GridMap,
+    robots: Sequence[Robot],
+    plan: FloorPlan | None,
     *,
-    plan: tuple[np.ndarray, tuple[float, float, float, float]] | None = None,
+    side: float,
+    cells: bool = False,
+    title: str = "",
 ) -> Figure:
-    """Draw the paths of the episodes that were followed.
+    """Draw a map over its floor plan, in metres.
 
-    Starts are discs, goals rings, doorways orange; a cross is where two bodies touched, in any
-    episode.
+    Starts are discs, goals rings, doorways orange.
+
+    Args:
+        grid: the map.
+        robots: those on it.
+        plan: the floor plan; None: the map's walls are drawn.
+        side: metres a cell.
+        cells: whether free cells are blue, as on a chessboard.
+        title: above the picture.
+    """
+    (rows, columns), (left, low) = grid.shape, grid.origin
+    width, height = columns * side, rows * side
+    scale = LONGEST / max(width, height)
+    figure = Figure(figsize=(width * scale, height * scale + 0.9), layout="constrained")
+    axes = figure.add_subplot()
+    box = left, left + width, low, low + height
+    signs = np.array([list(row) for row in grid.rows])
+    floor, extent = np.where(signs == WALL, 64, 255), box
+    if plan is not None:
+        x, y = plan.origin
+        high, wide = (count * plan.resolution for count in plan.free.shape)
+        floor, extent = grey(plan), (x, x + wide, y, y + high)
+    axes.imshow(floor, cmap="gray", vmin=0, vmax=255, extent=extent)
+    shades = np.zeros((*grid.shape, 4))
+    if cells:
+        shades[signs != WALL] = CELL
+        shades[np.indices(grid.shape).sum(axis=0) % 2 > 0, 3] *= 0.75  # each is to be seen
+    shades[signs == DOORWAY] = to_rgba(DOORWAY_COLOUR, 0.6)
+    axes.imshow(shades, extent=box, interpolation="nearest")
+    axes.set(xlim=box[:2], ylim=box[2:], xlabel="x (m)", ylabel="y (m)", title=title)
+    for k, robot in enumerate(robots):
+        for cell, look in (
+            (robot.start, {"color": robot_colour(k)}),
+            (robot.goal, {"edgecolor": robot_colour(k), "fill": False, "lw": 2.5}),
+        ):
+            row, column = grid.cells[cell]
+            place = left + (column + 0.5) * side, low + (rows - row - 0.5) * side
+            axes.add_patch(Circle(place, 0.35 * side, zorder=3, **look))
+    return figure
+
+
+def paths_figure(run: RunConfig, driven: Drive, title: str) -> Figure:
+    """Draw the paths of the episodes that were followed over the floor.
+
+    A cross is where two bodies touched, in any episode.
 
     Args:
         run: the run.
         driven: what came of the drive.
         title: above the picture.
-        plan: a grey image of the building, top row first, and where it lies: (left, right, low,
-            high) in metres; None: the map's walls are drawn.
     """
-    frame = Frame(run)
-    (rows, columns), side = run.scenario.map.shape, run.resolution
-    left, low = frame.origin
-    width, height = columns * side, rows * side
-    scale = LONGEST / max(width, height)
-    figure = Figure(figsize=(width * scale, height * scale + 0.9), layout="constrained")
-    axes = figure.add_subplot()
-    if plan is None:
-        walls = np.array([[symbol == "#" for symbol in row] for row in run.scenario.map.rows])
-        plan = np.where(walls, 64, 255), (left, left + width, low, low + height)
-    axes.imshow(plan[0], cmap="gray", vmin=0, vmax=255, extent=plan[1], zorder=0)
-    axes.set(xlim=(left, left + width), ylim=(low, low + height), aspect="equal")
-    axes.set(xlabel="x (m)", ylabel="y (m)", title=title)
-    for cell in run.scenario.map.doorways:
-        x, y = frame.centres[cell]
-        corner = x - side / 2, y - side / 2
-        axes.add_patch(Rectangle(corner, side, side, color=DOORWAY_COLOUR, alpha=0.6, lw=0))
+    scenario = run.scenario
+    plan = floor_plan_of(scenario.map)
+    figure = floor_figure(scenario.map, scenario.robots, plan, side=run.resolution, title=title)
+    axes = figure.axes[0]
     episodes = 1 + max((moment.episode for moment in driven.path), default=0)
-    key: list[Line2D] = []
-    for k, robot in enumerate(run.scenario.robots):
-        colour = robot_colour(k)
-        style = LINES[k % len(LINES)]
+    key = []
+    for k, robot in enumerate(scenario.robots):
+        colour, style = robot_colour(k), LINES[k % len(LINES)]
         for _, moments in groupby(driven.path, key=lambda moment: moment.episode):
             path = np.array([moment.places[k] for moment in moments])
             axes.plot(*path.T, color=colour, ls=style, lw=1.2, alpha=max(THINNEST, 1 / episodes))
         key.append(Line2D([], [], color=colour, ls=style, label=robot.name))
-        start, goal = frame.centres[robot.start], frame.centres[robot.goal]
-        axes.add_patch(Circle(start, 0.35 * side, color=colour, zorder=3))
-        axes.add_patch(Circle(goal, 0.35 * side, fill=False, edgecolor=colour, lw=2.5, zorder=3))
     touches = np.array([touch.place for touch in driven.touches]).reshape(-1, 2)
     axes.plot(*touches.T, "x", color="black", ms=7, mew=2, zorder=4)
     if len(touches):

@@ -41,7 +41,7 @@ def test_a_scenario_that_learns_as_the_original(sparse_coord, folder, exported):
     made, original = load_scenario(folder / "i" / "env1.yaml"), load_scenario("env1")
     assert made.map.doorways == original.map.doorways
     assert [(r.start, r.goal) for r in made.robots] == [(r.start, r.goal) for r in original.robots]
-    assert Image.open(folder / "i" / "env1.png").size == (50 + 64, 50 + 48)
+    assert min(Image.open(folder / "i" / "env1.png").size) > 600
     assert sparse_coord("maps", "i/env1.yaml")[1].splitlines()[4:6] == [
         "1 m a cell, lower left corner at 0,0 m",
         "",

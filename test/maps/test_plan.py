@@ -9,17 +9,19 @@ import numpy as np
 import pytest
 import yaml
 from floor_plans import FREE, PIXEL, Drawing, drawn, matched, write
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from PIL import Image
 
 from sparse_coord_ros.errors import MapError, ScenarioError
 from sparse_coord_ros.game.grid import parse_map
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.run_config import make_run, run_from_yaml
+from sparse_coord_ros.look.paths import floor_figure
 from sparse_coord_ros.maps import plan as plans
 from sparse_coord_ros.maps.gridding import across, grown, without_specks
 from sparse_coord_ros.maps.image import FloorPlan, read_floor_plan
+from sparse_coord_ros.maps.picture import under
 from sparse_coord_ros.maps.plan import import_map, scenario_of
-from sparse_coord_ros.maps.preview import MARGIN, under, write_preview
 from sparse_coord_ros.wire.frame import Frame
 
 CORNERS = (-9.0, -6.0), (9.0, 6.0)
@@ -341,17 +343,24 @@ def test_growing_is_a_dilation_by_a_disc(radius):
     assert np.array_equal(grown(picture, radius), near)
 
 
-def test_preview(tmp_path):
-    from PIL import Image
-
+def test_a_picture_of_the_floor():
     plan = plan_of(rooms())
     done = import_map(plan, cell=0.5, radius=0.2)
     scenario, *_ = scenario_of(done, [((1.0, 1.0), (5.0, 3.0))], {})
-    write_preview(tmp_path / "p.png", plan, done.grid, scenario.robots)
-    picture = Image.open(tmp_path / "p.png").convert("RGB")
-    assert picture.size == (120 + MARGIN + MARGIN // 3, 80 + MARGIN)
-    floor = picture.crop((MARGIN, 0, MARGIN + 120, 80))
-    found = {floor.getpixel((x, y)) for x in range(120) for y in range(80)}
-    assert {(0xD5, 0x5E, 0x00), (0x00, 0x72, 0xB2), (0, 0, 0), (255, 255, 255)} <= found
-    ticks = [x for x in range(MARGIN, picture.width) if picture.getpixel((x, 84)) == (0, 0, 0)]
-    assert ticks == [MARGIN, MARGIN + 100]  # 0 and 5 m, 20 pixels a metre
+    figure = floor_figure(done.grid, scenario.robots, plan, side=0.5, cells=True)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    picture, [start, goal] = np.asarray(canvas.buffer_rgba()), figure.axes[0].patches
+
+    def colour(x, y):
+        """Return red, green and blue at a place in metres."""
+        column, row = figure.axes[0].transData.transform((x, y))
+        return picture[len(picture) - 1 - int(row), int(column), :3].tolist()
+
+    assert math.dist(start.center, (1.0, 1.0)) < 0.36 and math.dist(goal.center, (5.0, 3.0)) < 0.36
+    assert colour(*start.center) == [0x00, 0x72, 0xB2]
+    red, _, blue = colour(*goal.center)
+    assert blue - red > 40  # a cell
+    red, _, blue = colour(3.0, 1.7)
+    assert red - blue > 100  # the doorway
+    assert colour(3.0, 3.5) == [0, 0, 0]

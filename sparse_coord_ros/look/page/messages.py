@@ -22,7 +22,7 @@ from sparse_coord_ros.look.page.board import Board, Message
 from sparse_coord_ros.look.policy import entered, policy_of
 from sparse_coord_ros.look.steps import questions_of
 from sparse_coord_ros.look.words import Words
-from sparse_coord_ros.maps.preview import under
+from sparse_coord_ros.maps.picture import under
 from sparse_coord_ros.palette import (
     ANSWERED,
     DOORWAY_COLOUR,
