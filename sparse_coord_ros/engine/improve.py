@@ -10,7 +10,7 @@ more it is that of trials with the same draws. The paper has no such exchange, a
 planning, on a learned model: what nobody has felt does not exist in it.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -24,6 +24,7 @@ from sparse_coord_ros.files import write_whole
 from sparse_coord_ros.game.actions import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.game.grid import GridMap
 from sparse_coord_ros.game.links import UP
+from sparse_coord_ros.game.miscoordination import NOWHERE
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.specs import Spec
 from sparse_coord_ros.learn.agent import Memory, Tables
@@ -37,7 +38,7 @@ from sparse_coord_ros.learn.tables import save_team
 from sparse_coord_ros.solve.class_loops import ClassTeam
 from sparse_coord_ros.solve.class_search import climbed
 from sparse_coord_ros.solve.exact import MOST_ROBOTS
-from sparse_coord_ros.solve.routes import alone
+from sparse_coord_ros.solve.routes import alone, passages, route_plan
 
 IMPROVED = "improved"
 """Folder in a run's directory for what the team made of what it learned."""
@@ -186,11 +187,54 @@ def _of_a_pair(
         for x in np.flatnonzero(team.asks[k]).tolist():
             after |= {(x, 1 - k, z): team.seen[k, x, z] for z in cells}
             after[x, UNSEEN, UNSEEN] = team.moves[k, x]
-        improved.append(_acting(learned, learner, k, table, star, after))
+        assert table.factors is not None
+        improved.append(_acting(learned, learner, k, table.factors, star, after))
     return found.before, found.value, improved
 
 
 def _by_trials(
+    learned: Scenario, learner: Learner, memories: Sequence[Memory]
+) -> tuple[float, float, list[Tables]]:
+    """Climb from what was learned, and from `one_at_a_time`: the better; as `_of_a_pair`."""
+    starts = memories, one_at_a_time(learned, learner, memories)
+    climbs = [_climb(learned, learner, start) for start in starts]
+    _, value, tables = max(climbs, key=lambda climb: climb[1])
+    return climbs[0][0], value, tables
+
+
+def one_at_a_time(learned: Scenario, learner: Learner, memories: Sequence[Memory]) -> list[Memory]:
+    """Return what robots remember that take turns, on the routes of `solve.routes`.
+
+    Doorways side by side are a passage. Who is before one on its way asks, and makes way if it
+    perceives a peer inside, or before it and earlier in the planner's order (in its own cell: of
+    lower number, the right of way).
+    """
+    plan, passage = route_plan(learned, restarts=1), passages(learned)
+    ahead, rank = passage[learned.map.next_cell], np.argsort(plan.order)
+    goals = [robot.goal for robot in learned.robots]
+    starts = []
+    for k, u in enumerate(_on_routes(learned, plan.avoided)):
+        star = np.column_stack([u, u.max(axis=1) - LEAD])
+        after: dict[tuple[int, int, int], int] = {}
+        for x, move in enumerate(u.argmax(axis=1).tolist()):
+            entered = ahead[x, move]
+            if x == goals[k] or entered in (NOWHERE, passage[x]):
+                continue
+            star[x] = preferring(star[x], COORDINATE)
+            waits = int(np.where(ahead[x] == entered, -np.inf, u[x]).argmax())
+            inside, before = passage == entered, (ahead == entered).any(axis=1)
+            for j in range(len(goals)):
+                first = inside | before & bool(rank[j] < rank[k])
+                first[x], first[goals[j]] = j < k, False
+                after |= {(x, j, z): waits for z in np.flatnonzero(first).tolist() if j != k}
+        nothing = np.empty((0, 3), dtype=np.int32), np.empty((0, PRIMITIVES))
+        begun = Factors(u, np.zeros_like(u), np.zeros(len(u)), *nothing)
+        acting = _acting(learned, learner, k, begun, star, after)
+        starts.append(remembering(memories[k], acting))
+    return starts
+
+
+def _climb(
     learned: Scenario, learner: Learner, memories: Sequence[Memory]
 ) -> tuple[float, float, list[Tables]]:
     """Climb by trials with the same draws; as `_of_a_pair`."""
@@ -250,14 +294,19 @@ def _changes(
 
 
 def _routes(learned: Scenario, minds: Any) -> Iterator[list[tuple[np.ndarray, np.ndarray]]]:
-    star, u, lead, p = minds.q_star, minds.own.u, learned.map.next_cell, learned.move_success
+    star, u = minds.q_star, minds.own.u
     for avoided in ((), *((doorway,) for doorway in sorted(learned.map.doorways))):
-        after = alone(learned, [avoided] * len(u))
-        routes = p * after[:, lead] + (1.0 - p) * after[:, :, None]
-        for k in range(len(u)):
-            gained = np.column_stack([routes[k], routes[k].max(axis=1)])
+        for k, route in enumerate(_on_routes(learned, [avoided] * len(u))):
+            gained = np.column_stack([route, route.max(axis=1)])
             gained -= np.column_stack([u[k], u[k].max(axis=1)])
-            yield [(star[k], star[k] + gained), (u[k], routes[k])]
+            yield [(star[k], star[k] + gained), (u[k], route)]
+
+
+def _on_routes(learned: Scenario, avoided: Sequence[Collection[int]]) -> np.ndarray:
+    """Return U of robots alone that keep out of cells, shape (robots, cells, moves)."""
+    after, p = alone(learned, avoided), learned.move_success
+    routes: np.ndarray = p * after[:, learned.map.next_cell] + (1.0 - p) * after[:, :, None]
+    return routes
 
 
 def _corrections(minds: Any, stays: np.ndarray) -> Iterator[list[tuple[np.ndarray, np.ndarray]]]:
@@ -284,7 +333,7 @@ def _acting(
     scenario: Scenario,
     learner: Learner,
     k: int,
-    table: Tables,
+    learned: Factors,
     star: np.ndarray,
     after: Mapping[tuple[int, int, int], int],
 ) -> Tables:
@@ -294,12 +343,11 @@ def _acting(
         scenario: the game.
         learner: who learned.
         k: the robot, from 0.
-        table: what it learned.
+        learned: the factors that it changes.
         star: its new Q*, shape (cells, 5).
         after: its move by own cell, peer and the peer's cell, as of `Factors.states`.
     """
-    assert table.factors is not None
-    u, _, _, states, rho = table.factors
+    u, _, _, states, rho = learned
     rows = dict(zip(map(tuple, states.tolist()), rho, strict=True))
     for state, move in after.items():
         lone = u[state[0]]
@@ -315,6 +363,17 @@ def _acting(
         corrections=np.array([rows[state] for state in kept]).reshape(len(kept), PRIMITIVES),
     )
     return Tables(star, coordination_table(factors, k, len(scenario.robots)), factors)
+
+
+def remembering(memory: Memory, table: Tables) -> Memory:
+    """Return what a robot remembers, but other tables."""
+    assert table.factors is not None
+    u, r_bar, w, states, rho = table.factors
+    more = {**memory.more, "u": u, "r_bar": r_bar, "w": w}
+    counts = np.ones(rho.shape, dtype=np.int64)
+    return memory._replace(
+        q_star=table.q_star, states=states, values=rho, updates=counts, more=more
+    )
 
 
 def _cost(scenario: Scenario, learner: Learner) -> float:

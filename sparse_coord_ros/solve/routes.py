@@ -151,7 +151,7 @@ def _play(scenario: Scenario, ways: Ways, draws: np.ndarray) -> np.ndarray:
     routed = Routed(
         lead=np.ascontiguousarray(grid.next_cell, dtype=np.int64),
         places=places,
-        claims=_passages(scenario) if ways.one_at_a_time else places,
+        claims=passages(scenario) if ways.one_at_a_time else places,
         starts=np.array([robot.start for robot in scenario.robots]),
         goals=np.array([robot.goal for robot in scenario.robots]),
         after=alone(scenario, ways.avoided),
@@ -178,7 +178,7 @@ def alone(scenario: Scenario, avoided: Sequence[Collection[int]]) -> np.ndarray:
     return worth_alone(scenario, np.array(far), moved=True)
 
 
-def _passages(scenario: Scenario) -> np.ndarray:
+def passages(scenario: Scenario) -> np.ndarray:
     """Return the passage of each cell, its least doorway, or `NOWHERE`; shape (cells,), int64."""
     found, lead = meeting_places(scenario), scenario.map.next_cell
     doorways = sorted(scenario.map.doorways)

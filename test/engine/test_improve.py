@@ -25,6 +25,7 @@ from sparse_coord_ros.solve.exact import evaluate_exact
 from sparse_coord_ros.solve.routes import alone
 
 FACTORED = learner_of("factored")
+ENDS = ((1, 2), (1, 2), (2, 1), (2, 1))
 needs_numba = pytest.mark.skipif(not has_numba(), reason="minutes in plain Python")
 
 
@@ -142,10 +143,14 @@ def test_a_doorway_that_nobody_felt_is_free():
     assert not np.any(asked)
 
 
-@needs_numba
-def test_more_robots_climb_by_trials_all_to_the_same_plan(monkeypatch):
+@pytest.fixture
+def few_trials(monkeypatch):
     monkeypatch.setattr(module, "TRIALS", 200)
     monkeypatch.setattr(module, "LOOKED_AT", 50)
+
+
+@needs_numba
+def test_more_robots_climb_by_trials_all_to_the_same_plan(few_trials):
     run = trained("crowd-4r", steps=3000)
     found, again = improved(run), improved(run)
     assert found.value > found.before
@@ -164,10 +169,8 @@ def test_more_robots_climb_by_trials_all_to_the_same_plan(monkeypatch):
 
 
 @needs_numba
-def test_a_robot_of_three_takes_another_route(monkeypatch):
+def test_a_robot_of_three_takes_another_route(few_trials):
     """Two doorways, and a learned policy by which all meet in one of them."""
-    monkeypatch.setattr(module, "TRIALS", 200)
-    monkeypatch.setattr(module, "LOOKED_AT", 50)
     grid = "1.#.2\n..D..\n3.#..\n..D.."
     robots = {"robot_1": (1, 2), "robot_2": (2, 1), "robot_3": (3, 2)}
     run = trained(drawn(grid, robots), steps=2000)
@@ -184,6 +187,17 @@ def test_a_robot_of_three_takes_another_route(monkeypatch):
     trials = play(run.scenario, found.tables, trials=50, seed=1, learner=FACTORED)
     assert found.value > found.before + 10
     assert trials.stays[:, lower].any()
+
+
+@needs_numba
+def test_robots_that_take_turns_in_a_passage_never_meet(few_trials):
+    """Four at two ends, two of them in one cell."""
+    run = trained(drawn("1.DD.2", {f"robot_{k}": ends for k, ends in enumerate(ENDS)}), steps=2000)
+    memories = module.one_at_a_time(learned(run), FACTORED, run.memories)
+    team = CompiledTeam(run.scenario, FACTORED)
+    trials = team.play(team.remembered(memories), 0, 300)
+    assert trials.arrived.all() and trials.miscoordinations.sum() == 0
+    assert improved(run).value > trials.reward.mean() - 3
 
 
 @needs_numba

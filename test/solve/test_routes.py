@@ -70,7 +70,7 @@ def test_a_route_keeps_out_of_its_doorways():
 def test_doorways_side_by_side_are_one_passage():
     scenario = drawn("1.DDD.2\n..#####\n..D....", penalty=-100)
     cells = scenario.map.number
-    found = routes._passages(scenario)
+    found = routes.passages(scenario)
     assert {int(found[cells[0, j]]) for j in (2, 3, 4)} == {cells[0, 2]}
     assert found[cells[2, 2]] == cells[2, 2]
     assert found[cells[0, 0]] == NOWHERE

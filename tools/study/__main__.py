@@ -43,10 +43,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with cluster_at(options.scheduler) as cluster:
             by = Computing(options.engine, options.jobs, cluster)
             for name in options.studies or STUDIES:
-                text, page = (
-                    STUDIES[name].text(computing(options.out, by)),
-                    DOCS / STUDIES[name].page,
-                )
+                text = STUDIES[name].text(computing(options.out, by), options.out)
+                page = DOCS / STUDIES[name].page
                 write_whole(page, with_text(page.read_text("utf-8"), name, text))
                 print(text, flush=True)
     except SparseCoordError as error:

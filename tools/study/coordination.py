@@ -8,7 +8,8 @@ They say what the factored learner is worth, and why.
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
+from pathlib import Path
 
 import numpy as np
 
@@ -68,17 +69,19 @@ class Study:
         name: what the command line and the marks in the document call it.
         runs: learning runs of a condition of two robots, and of more.
         trials: trials of a run of more than two robots.
-        table: returns the table.
+        table: returns the table; beside results it may take the folder where it keeps others.
         seed: seed of the first run.
         page: the document.
+        keeps: whether it keeps others.
     """
 
     name: str
     runs: tuple[int, int]
     trials: int
-    table: Callable[[Found], str]
+    table: Callable[..., str]
     seed: int = SEED
     page: str = "coordination.md"
+    keeps: bool = False
 
     def plan(self, condition: Condition) -> Plan:
         """Return seed, runs and trials; of two robots trials are of no interest."""
@@ -87,9 +90,15 @@ class Study:
         runs, trials = (self.runs[0], 2) if exact else (self.runs[1], self.trials)
         return Plan(self.seed, runs, trials)
 
-    def text(self, compute: Callable[[Condition, Plan], ConditionResult]) -> str:
-        """Return the table."""
-        return self.table(cache(lambda condition: compute(condition, self.plan(condition))))
+    def text(self, compute: Callable[[Condition, Plan], ConditionResult], out: Path) -> str:
+        """Return the table.
+
+        Args:
+            compute: returns a condition's result.
+            out: the results directory.
+        """
+        found = cache(lambda condition: compute(condition, self.plan(condition)))
+        return self.table(found, *[out / self.name] * self.keeps)
 
 
 def _factored(name: str, settings: Mapping[str, object]) -> Condition:
@@ -434,5 +443,5 @@ STUDIES: tuple[Study, ...] = (
     Study("percepts", (40, 16), 200, _percepts),
     Study("scale", (10, 10), 300, _scale),
     Study("unseen", (20, 10), 500, _unseen),
-    Study("improved", (20, 10), 300, lambda found: improved.table(found, ROUTES)),
+    Study("improved", (20, 10), 300, partial(improved.table, ROUTES), keeps=True),
 )
