@@ -145,9 +145,8 @@ class LaunchedTeam:
         for named in (self.get("learner"), *changes.values()):
             allow_named(named)
         self._in_file = _of_world(self.get("params_file"))
-        self._name = self.of_world("scenario")
-        self.scenario: Scenario = load_scenario(self._name)
-        out = (
+        self.scenario: Scenario = load_scenario(self.of_world("scenario"))
+        self._out = out = (
             self.get("out")
             or self._in_file.get("out")
             or f"{self.scenario.name}_{datetime.now():%Y%m%d_%H%M%S}"
@@ -160,9 +159,8 @@ class LaunchedTeam:
             )
         if self._resume:
             check_robots(Path(out), self.scenario)
-        self._out = out
-        self._common: list[Any] = list(filter(None, [self.get("params_file")]))
-        self._common.append({"use_sim_time": self.get("use_sim_time")})
+        sim_time = {"use_sim_time": self.get("use_sim_time")}
+        self._common: list[Any] = [*filter(None, [self.get("params_file")]), sim_time]
         pushed = context.launch_configurations.get("ros_namespace", "")
         self._namespace = "/".join(filter(None, (pushed, self.get("namespace").strip("/"))))
         # ROS's clocks follow /clock, whatever namespace a node is in.
@@ -209,8 +207,8 @@ class LaunchedTeam:
         values: Mapping[str, Any],
         name: str = "",
         remapped: Iterable[tuple[str, str]] = (),
-    ) -> None:
-        """Add a node of the team.
+    ) -> list[Any]:
+        """Add a node of the team, and return what the launch does for it.
 
         Args:
             executable: of this package.
@@ -218,8 +216,32 @@ class LaunchedTeam:
             name: what it is called; empty: as its executable.
             remapped: further names of topics and what they are called instead.
         """
-        names = [*self._remapped, *remapped]
-        self.actions += self._node(executable, values, name or executable, names)
+        node = Node(
+            package=PACKAGE,
+            executable=executable,
+            name=name or executable,
+            namespace=self.get("namespace").strip("/"),
+            parameters=[*self._common, dict(values)],
+            remappings=[*self._remapped, *remapped],
+            output="screen",
+        )
+
+        def ended(event: Any, context: LaunchContext) -> list[Any]:
+            del self._running[id(node)]
+            if event.returncode == 0 or context.is_shutdown:
+                return self._when_all_ended()
+            failed = f"{event.process_name} ended with exit code {event.returncode}"
+            if self.get("respawn") and event.returncode != EXIT_BAD_INPUT:
+                resume = {"resume": True} if "resume" in PARAMETERS[executable] else {}
+                again = self.add(executable, {**values, **resume}, name, remapped)
+                return [LogInfo(msg=f"{failed}: again"), TimerAction(period=1.0, actions=again)]
+            self._failed.append(failed)
+            return [*(self._end() if executable == WORLD else ()), *self._when_all_ended()]
+
+        self._running[id(node)] = node
+        added = [node, RegisterEventHandler(OnProcessExit(target_action=node, on_exit=ended))]
+        self.actions += added
+        return added
 
     def matched(self, argument: str, robots: Iterable[str]) -> list[str]:
         """Return what an argument says of each robot, separated by commas; empty: their names.
@@ -235,34 +257,6 @@ class LaunchedTeam:
                 f"{', '.join(names)}"
             )
         return said or names
-
-    def _node(
-        self, executable: str, values: Mapping[str, Any], name: str, remapped: list
-    ) -> list[Any]:
-        node = Node(
-            package=PACKAGE,
-            executable=executable,
-            name=name,
-            namespace=self.get("namespace").strip("/"),
-            parameters=[*self._common, dict(values)],
-            remappings=remapped,
-            output="screen",
-        )
-
-        def ended(event: Any, context: LaunchContext) -> list[Any]:
-            del self._running[id(node)]
-            if event.returncode == 0 or context.is_shutdown:
-                return self._when_all_ended()
-            failed = f"{event.process_name} ended with exit code {event.returncode}"
-            if self.get("respawn") and event.returncode != EXIT_BAD_INPUT:
-                resume = {"resume": True} if "resume" in PARAMETERS[executable] else {}
-                again = self._node(executable, {**values, **resume}, name, remapped)
-                return [LogInfo(msg=f"{failed}: again"), TimerAction(period=1.0, actions=again)]
-            self._failed.append(failed)
-            return [*(self._end() if executable == WORLD else ()), *self._when_all_ended()]
-
-        self._running[id(node)] = node
-        return [node, RegisterEventHandler(OnProcessExit(target_action=node, on_exit=ended))]
 
     def _end(self) -> list[Any]:
         """Return what ends the team's other nodes, and the launch where it is the team's own."""

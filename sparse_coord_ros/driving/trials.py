@@ -153,12 +153,11 @@ class Floor:
         did = False
         for k, driver in enumerate(self.drivers):
             command, reached = driver.next()
-            ticked = False
             if reached is not None:
                 ticked = self.arena.reached(k, reached.number)
                 self.bodies.reached(reached)
-            elif command is not None:
-                ticked = self.arena.told(k, command)
+            else:
+                ticked = command is not None and self.arena.told(k, command)
             if ticked:
                 self._look()
                 if self.followed is not None:

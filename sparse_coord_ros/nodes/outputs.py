@@ -129,10 +129,6 @@ def check_place(out: str) -> None:
         )
 
 
-def _run_text(out: Path) -> str:
-    return read_text(out / RUN_FILE, SCENARIO, RunError, "choose another output directory")
-
-
 class Output:
     """Where a node of a run saves: in the directory of its parameter `out`; nowhere without one.
 
@@ -173,7 +169,8 @@ class Output:
         held = [name for name in own if (out / name).exists()]
         if not held:
             self._describe(out)
-            if _run_text(out) != self._text:
+            remedy = "choose another output directory"
+            if read_text(out / RUN_FILE, SCENARIO, RunError, remedy) != self._text:
                 held = [f"another run's {RUN_FILE}"]
         if held:
             raise RunError(

@@ -63,8 +63,7 @@ class Returning(WorldRollback):
         """
         if not self._node.values["resume"] or self._side.held:
             return []
-        pairs = zip(self._names, self.said, strict=True)
-        silent = [name for name, said in pairs if said is None]
+        silent = [self._names[k] for k, said in enumerate(self.said) if said is None]
         if not silent:
             if not self._order_back(together=self._node.values["returning"] == ROLL_BACK):
                 raise RunError(

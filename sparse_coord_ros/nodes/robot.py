@@ -182,9 +182,6 @@ class Member:
             self._say_what_is_known(step)
         self.lockstep.state(step, cell)
 
-    def _on_reward(self, said: tuple[int, Reward]) -> None:
-        self.lockstep.reward(*said)
-
     def _on_save(self) -> tuple[bool, str]:
         try:
             path = self._save()
@@ -227,8 +224,12 @@ class Member:
             run = self.run
             self._node.get_logger().info(f"joined run {run.scenario.name}, seed {run.seed}")
         listen, convert = self._node.intake.listen, self._convert
+
+        def on_reward(said: tuple[int, Reward]) -> None:
+            self.lockstep.reward(*said)
+
         self._ears = [
-            listen(interface.REWARD, self._on_reward, self._name, unpack=convert.unpack_reward),
+            listen(interface.REWARD, on_reward, self._name, unpack=convert.unpack_reward),
             listen(interface.LOCAL_STATE, self._on_state, self._name, unpack=convert.unpack_state),
         ]
         self.joined = True

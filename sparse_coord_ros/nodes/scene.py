@@ -9,13 +9,14 @@ tf2_msgs is installed, transforms `map` to `<robot>/base_link` come along, by th
 import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from typing import Any
+from dataclasses import dataclass
 
 from geometry_msgs.msg import Point
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from sparse_coord_ros.driving.ground import Pose
+from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.messages import Converter
 from sparse_coord_ros.nodes.parameters import ParameterNode
 from sparse_coord_ros.nodes.transforms import BASE, TransformPublisher, robot_frame, transform
@@ -26,99 +27,88 @@ MOST_OFTEN = 30.0
 """Scenes a second, by the wall clock."""
 
 
+@dataclass
 class Scene:
-    """The scene as messages.
-
-    Args:
-        convert: conversions of the run.
-        names: the robots.
+    """The scene of one time step as messages.
 
     Attributes:
-        convert, names: those.
+        convert: conversions of the run.
+        names: the robots.
+        step: the time step.
+        cells: where the robots are then.
     """
 
-    def __init__(self, convert: Converter, names: Sequence[str]) -> None:
-        self.convert, self.names = convert, names
-        self._doorways = sorted(convert.grid.doorways)
+    convert: Converter
+    names: Sequence[str]
+    step: int
+    cells: Sequence[int]
 
-    def markers(
-        self, step: int, cells: Sequence[int], actions: Mapping[int, bytes]
-    ) -> MarkerArray:
+    def markers(self, actions: Mapping[int, bytes]) -> MarkerArray:
         """Return names, the questions of the actions, and how full the doorways are.
 
         Args:
-            step: the time step of the scene.
-            cells: where the robots are.
             actions: the newest action of each robot, as bytes; of robots that asked nobody, or in
                 another step than the one before, no question is shown.
         """
-        found = [
-            self._text(step, ROBOT_NAMES, k, name, cells[k], 0.38)
-            for k, name in enumerate(self.names)
-        ]
+        found = [self._text(ROBOT_NAMES, k, name, 0.38) for k, name in enumerate(self.names)]
         for k in range(len(self.names)):
-            found += self._question(step, k, cells, actions.get(k))
-        inside = Counter(cells)
-        found += [
-            self._doorway(step, number, cell, inside[cell])
-            for number, cell in enumerate(self._doorways)
-        ]
+            found += self._question(k, actions.get(k))
+        inside = Counter(self.cells)
+        for number, cell in enumerate(sorted(self.convert.grid.doorways)):
+            found.append(self._doorway(number, cell, inside[cell]))
         return MarkerArray(markers=found)
 
     def _marker(
-        self, step: int, space: str, number: int, kind: int, colour: str, alpha: float = 1.0
+        self, space: str, number: int, kind: int, colour: str = "#000000", alpha: float = 1.0
     ) -> Marker:
-        marker = Marker(header=self.convert.header(step), ns=space, id=number, type=kind)
+        header = self.convert.header(self.step)
+        marker = Marker(header=header, ns=space, id=number, type=kind)
         marker.pose.orientation.w = 1.0
         red, green, blue = rgb(colour)
         marker.color = ColorRGBA(r=red, g=green, b=blue, a=alpha)
         return marker
 
-    def _text(self, step: int, space: str, k: int, text: str, cell: int, north: float) -> Marker:
-        """Return a text `north` of a cell's centre, in cells."""
-        marker = self._marker(step, space, k, Marker.TEXT_VIEW_FACING, "#000000")
-        metres, (x, y) = self.convert.resolution, self.convert.centres[cell]
+    def _text(self, space: str, k: int, text: str, north: float) -> Marker:
+        """Return a text `north` of a robot's cell's centre, in cells."""
+        marker = self._marker(space, k, Marker.TEXT_VIEW_FACING)
+        metres, (x, y) = self.convert.resolution, self.convert.centres[self.cells[k]]
         marker.text, marker.scale.z = text, 0.22 * metres
-        place = marker.pose.position
-        place.x, place.y, place.z = x, y + north * metres, 0.7 * metres
+        marker.pose.position = Point(x=x, y=y + north * metres, z=0.7 * metres)
         return marker
 
-    def _question(
-        self, step: int, k: int, cells: Sequence[int], action: bytes | None
-    ) -> list[Marker]:
-        asked = None if action is None else self._read(step, action)
+    def _question(self, k: int, action: bytes | None) -> list[Marker]:
+        asked = None if action is None else self._read(action)
         if asked is None:
-            gone = [self._marker(step, space, k, 0, "#000000") for space in (QUESTIONS, WORDS)]
+            gone = [self._marker(space, k, 0) for space in (QUESTIONS, WORDS)]
             for marker in gone:
                 marker.action = Marker.DELETE
             return gone
         peer, outcome = asked
-        peers = [peer] if peer >= 0 else [j for j in range(len(cells)) if j != k]
+        peers = [peer] if peer >= 0 else [j for j in range(len(self.cells)) if j != k]
         metres = self.convert.resolution
-        line = self._marker(step, QUESTIONS, k, Marker.LINE_LIST, OUTCOME_COLOURS[outcome])
+        line = self._marker(QUESTIONS, k, Marker.LINE_LIST, OUTCOME_COLOURS[outcome])
         line.scale.x = 0.1 * metres
-        for other in peers:
-            for cell in (cells[k], cells[other]):
-                x, y = self.convert.centres[cell]
-                line.points.append(Point(x=x, y=y, z=0.6 * metres))
+        for end in (end for other in peers for end in (k, other)):
+            x, y = self.convert.centres[self.cells[end]]
+            line.points.append(Point(x=x, y=y, z=0.6 * metres))
         whom = self.names[peer] if peer >= 0 else "all"
-        return [line, self._text(step, WORDS, k, f"asks {whom}: {outcome}", cells[k], -0.4)]
+        return [line, self._text(WORDS, k, f"asks {whom}: {outcome}", -0.4)]
 
-    def _read(self, step: int, action: bytes) -> tuple[int, str] | None:
+    def _read(self, action: bytes) -> tuple[int, str] | None:
         """Return whom an action asked (from 0, -1: all) and how it ended; None: it did not ask."""
         try:
             acted, said, account = self.convert.unpack_account(action)
         except ValueError:  # the world takes an action, whatever else a robot says
             return None
-        if not said.asked or acted < step - 1:
+        if not said.asked or acted < self.step - 1:
             return None
         end = PerceptEnd.ANSWERED if said.perceived else PerceptEnd.said(account.percept)
         return said.peer, FAILED if end is None else end.outcome
 
-    def _doorway(self, step: int, number: int, cell: int, robots: int) -> Marker:
+    def _doorway(self, number: int, cell: int, robots: int) -> Marker:
         """Return a box that grows with the robots in a doorway, flat and pale where none is."""
         alpha = (0.15, 0.45, 0.8)[min(robots, 2)]
-        box = self._marker(step, OCCUPANCY, number, Marker.CUBE, DOORWAY_COLOUR, alpha)
+        box = self._marker(OCCUPANCY, number, Marker.CUBE, DOORWAY_COLOUR, alpha)
         metres = self.convert.resolution
         box.pose.position.x, box.pose.position.y = self.convert.centres[cell]
         box.scale.x = box.scale.y = 0.96 * metres
@@ -131,8 +121,8 @@ class ScenePublisher:
 
     Args:
         node: the world's node.
-        publisher: of the topic `scene`.
-        scene: the scene.
+        convert: conversions of the run.
+        names: the robots.
         frames: whether to publish transforms.
 
     Attributes:
@@ -140,27 +130,24 @@ class ScenePublisher:
     """
 
     def __init__(
-        self, node: ParameterNode, publisher: Any, scene: Scene, *, frames: bool = True
+        self, node: ParameterNode, convert: Converter, names: Sequence[str], *, frames: bool = True
     ) -> None:
-        self._publisher, self._scene = publisher, scene
+        self._convert, self._names = convert, names
+        self._publisher = node.announce(interface.SCENE)
         self._last = float("-inf")
         self.actions: dict[int, bytes] = {}
-        self._bases = [robot_frame(node, name, BASE) for name in scene.names]
+        self._bases = [robot_frame(node, name, BASE) for name in names]
         self._transforms = TransformPublisher(node) if frames else None
 
     def publish(self, step: int, cells: Sequence[int], *, always: bool = False) -> None:
         """Publish the scene, unless the last one is too young; `always`: even then."""
-        now = time.monotonic()
+        now, convert = time.monotonic(), self._convert
         if now - self._last < 1 / MOST_OFTEN and not always:
             return
         self._last = now
-        self._publisher.publish(self._scene.markers(step, cells, self.actions))
+        scene = Scene(convert, self._names, step, cells)
+        self._publisher.publish(scene.markers(self.actions))
         if self._transforms is not None:
-            convert = self._scene.convert
-            header, centres = convert.header(step), convert.centres
-            self._transforms.publish(
-                [
-                    transform(header, base, Pose(*centres[cell], 0.0))
-                    for base, cell in zip(self._bases, cells, strict=True)
-                ]
-            )
+            header, poses = convert.header(step), (Pose(*convert.centres[x], 0.0) for x in cells)
+            pairs = zip(self._bases, poses, strict=True)
+            self._transforms.publish([transform(header, base, pose) for base, pose in pairs])

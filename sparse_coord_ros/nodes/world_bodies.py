@@ -36,11 +36,13 @@ class WorldBodies:
         self._heard = 0.0
         self._reminder = Reminder()
         self._publisher = node.announce(interface.BODY_GOALS)
-        self._subscriptions = []
-        for robot, name in enumerate(self._names):
-            read = functools.partial(read_reached, self._convert, robot)
-            heard = node.intake.listen(interface.REACHED, self._on_reached, name, read=read)
-            self._subscriptions.append(heard)
+        self._subscriptions = [
+            node.intake.listen(
+                *(interface.REACHED, self._on_reached, name),
+                read=functools.partial(read_reached, self._convert, robot),
+            )
+            for robot, name in enumerate(self._names)
+        ]
 
     def send(self, goals: Goals) -> None:
         """Tell the bodies where to go."""

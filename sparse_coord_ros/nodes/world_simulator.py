@@ -95,11 +95,8 @@ class WorldSimulator(ParameterNode):
         self.bodies: WorldBodies | None = None
         if self.values["bodies"]:
             self.bodies = WorldBodies(self, self.run, self._advance_where_due)
-        game: Game = World(self.run.scenario, self.run.seed)
-        if self.bodies is not None:
-            game = self.bodies.game
-        self.topics = WorldTopics(self, self.run, game, self._silence, self._save)
-        self.topics.hear_actions(self._on_action)
+        game: Game = self.bodies.game if self.bodies else World(self.run.scenario, self.run.seed)
+        self.topics = WorldTopics(self, self.run, game, self._silence, self._save, self._on_action)
         asked = map(services.ACTIVE_PERCEPTION.of, self._names)
         self._guard.watch(
             self.topics.own + ([] if self.bodies is None else self.bodies.own),

@@ -2,10 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The world's topics: what it publishes, whose actions it hears, and who hears it."""
 
-import functools
 import time
 from collections.abc import Callable, Iterable, Mapping
-from typing import Any
+from functools import partial
 
 from std_msgs.msg import String
 
@@ -17,7 +16,7 @@ from sparse_coord_ros.lockstep.world_side import WorldSide
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.messages import Converter, diagnostics, status
 from sparse_coord_ros.nodes.parameters import ParameterNode
-from sparse_coord_ros.nodes.scene import Scene, ScenePublisher
+from sparse_coord_ros.nodes.scene import ScenePublisher
 from sparse_coord_ros.wire import RECORDER
 from sparse_coord_ros.wire.status import Order, Said
 
@@ -31,6 +30,7 @@ class WorldTopics:
         game: what is played.
         silence: is told when a time step begins.
         save: the port's `checkpoint`.
+        acted: called with a robot's number and what its action says.
 
     Attributes:
         convert: between time steps and cells and messages.
@@ -45,6 +45,7 @@ class WorldTopics:
         game: Game,
         silence: Silence,
         save: Callable[[int], None],
+        acted: Callable[[int, tuple[int, Action]], None],
     ) -> None:
         self._node, self._run, self._game = node, run, game
         self._silence, self.checkpoint = silence, save
@@ -56,31 +57,23 @@ class WorldTopics:
         self.clock = node.announce(interface.clock_of(run))
         self._map_publisher = node.announce(interface.MAP)
         self._marker_publisher = node.announce(interface.MARKERS)
-        scene = Scene(self.convert, self._names)
         frames = not node.values["bodies"]  # bodies have transforms of their own
-        self._scene = ScenePublisher(node, node.announce(interface.SCENE), scene, frames=frames)
+        self._scene = ScenePublisher(node, self.convert, self._names, frames=frames)
         self._diagnostics_publisher = node.announce(interface.DIAGNOSTICS)
         self.states = [node.announce(interface.LOCAL_STATE, name) for name in self._names]
         self.rewards = [node.announce(interface.REWARD, name) for name in self._names]
-        self.actions: list[Any] = []
-
-    def hear_actions(self, then: Callable[[int, tuple[int, Action]], None]) -> None:
-        """Call `then` with a robot's number and what its actions say."""
-
-        def read(robot: int, data: bytes) -> tuple[int, Action]:
-            said = self.convert.unpack_action(data)
-            self._scene.actions[robot] = data
-            return said
-
         self.actions = [
-            self._node.intake.listen(
-                interface.ACTION,
-                functools.partial(then, robot),
-                name,
-                unpack=functools.partial(read, robot),
+            node.intake.listen(
+                *(interface.ACTION, partial(acted, robot), name),
+                unpack=partial(self._read_action, robot),
             )
             for robot, name in enumerate(self._names)
         ]
+
+    def _read_action(self, robot: int, data: bytes) -> tuple[int, Action]:
+        said = self.convert.unpack_action(data)
+        self._scene.actions[robot] = data
+        return said
 
     # The port of the lock step.
 

@@ -137,17 +137,16 @@ def read_header(header: Any) -> int:
     return nanoseconds(header.stamp)
 
 
-def flat_position(pose: Any) -> tuple[float, float]:
-    """Return (x, y) of a pose; ValueError where it is turned or off the ground."""
-    place, turn = pose.position, pose.orientation
+def read_pose(message: Any) -> tuple[int, tuple[float, float]]:
+    """Return (nanoseconds, (x, y)) of a decoded geometry_msgs/PoseStamped.
+
+    Raises:
+        ValueError: another frame than `map`, or a pose that is turned or off the ground.
+    """
+    place, turn = message.pose.position, message.pose.orientation
     if (place.z, turn.x, turn.y, turn.z, turn.w) != (0.0, 0.0, 0.0, 0.0, 1.0):
         raise ValueError("holds a pose that is not flat on the map")
-    return place.x, place.y
-
-
-def read_pose(message: Any) -> tuple[int, tuple[float, float]]:
-    """Return (nanoseconds, (x, y)) of a decoded geometry_msgs/PoseStamped; ValueError."""
-    return read_header(message.header), flat_position(message.pose)
+    return read_header(message.header), (place.x, place.y)
 
 
 def labelled(labels: Sequence[str]) -> MessageForm:

@@ -27,11 +27,11 @@ NAMES = ("robot_1", "robot_2")
 def scene():
     run = make_run(load_scenario("env1"), {"step_period": 0.2, "resolution": 0.5})
     convert = Converter(run)
-    return Anything(run=run, convert=convert, made=Scene(convert, NAMES))
+    return Anything(run=run, convert=convert)
 
 
 def markers(scene, cells, actions=None, step=5):
-    found = scene.made.markers(step, cells, actions or {}).markers
+    found = Scene(scene.convert, NAMES, step, cells).markers(actions or {}).markers
     return {(one.ns, one.id): one for one in found}
 
 
@@ -90,7 +90,7 @@ def test_old_questions_go_and_one_to_all_has_a_line_to_each(scene):
     said = convert.pack_action(
         4, Action(0, True, -1, True), Account(wire.PerceptEnd.ANSWERED, False)
     )
-    found = Scene(convert, names).markers(5, [0, 1, 2, 3], {1: said}).markers
+    found = Scene(convert, names, 5, [0, 1, 2, 3]).markers({1: said}).markers
     [line] = [m for m in found if m.ns == "questions" and m.action == Marker.ADD]
     assert len(line.points) == 6
 
@@ -114,6 +114,9 @@ def test_transforms_are_stamped_by_the_run_and_published_where_tf2_is(scene, mon
         def get_namespace(self):
             return "/team_a"
 
+        def announce(self, topic):
+            return Anything(publish=seen.append)
+
         def create_publisher(self, kind, topic, qos):
             return Anything(publish=lambda message: published.append((topic, message)))
 
@@ -122,7 +125,7 @@ def test_transforms_are_stamped_by_the_run_and_published_where_tf2_is(scene, mon
     monkeypatch.setitem(sys.modules, "tf2_msgs", package)
     monkeypatch.setitem(sys.modules, "tf2_msgs.msg", module)
     seen = []
-    made = ScenePublisher(Node(), Anything(publish=seen.append), scene.made)
+    made = ScenePublisher(Node(), scene.convert, NAMES)
     for _ in range(50):
         made.publish(5, [0, 11])
     assert len(seen) < 5, "at most 30 a second"
@@ -135,7 +138,7 @@ def test_transforms_are_stamped_by_the_run_and_published_where_tf2_is(scene, mon
     assert (where.x, where.y) == scene.convert.centres[11] and other.transform.rotation.w == 1
     monkeypatch.setitem(sys.modules, "tf2_msgs.msg", None)
     published.clear()
-    ScenePublisher(Node(), Anything(publish=seen.append), scene.made).publish(5, [0, 11])
+    ScenePublisher(Node(), scene.convert, NAMES).publish(5, [0, 11])
     assert not published
 
 
