@@ -90,11 +90,12 @@ def execute(options: argparse.Namespace) -> int:
     rows = [[name, *(text.format(**facts) for text in texts)] for name, *texts in ROWS]
     head = [f"{run.scenario.name}, {episodes} episodes", "driven", "by the grid"]
     print(shared.format_table(head, rows))
-    if driven.bumps:
+    if facts["bumps"]:
+        radius = driven.floor.arena.ground.radius
         print(
-            f"Bodies of radius {driven.radius:g} m touched walls: cells of {run.resolution:g} m "
-            f"leave {run.resolution / 2 - driven.radius:.2g} m on each side; take cells of "
-            f"{driven.radius / (0.5 - CLEAR):.2g} m or more."
+            f"Bodies of radius {radius:g} m touched walls: cells of {run.resolution:g} m "
+            f"leave {run.resolution / 2 - radius:.2g} m on each side; take cells of "
+            f"{radius / (0.5 - CLEAR):.2g} m or more."
         )
     if options.out is not None:
         print(f"written: {options.out}")
@@ -123,10 +124,10 @@ def facts_of(run: RunConfig, driven: Drive, grid: Trials, speed: float) -> dict:
         "seconds_a_cell": straight,
         "touches_in_doorways": int(driven.in_doorways.sum()),
         "touches_elsewhere": int(driven.elsewhere.sum()),
-        "bumps": driven.bumps,
-        "moves": driven.moves,
-        "moves_failed": driven.failed,
-        "bodies_lost": driven.lost,
+        "bumps": driven.floor.arena.bumps,
+        "moves": driven.floor.moves,
+        "moves_failed": driven.floor.bodies.failed,
+        "bodies_lost": driven.floor.bodies.lost,
         "drift": float(driven.drift.mean()),
     }
 
@@ -136,7 +137,7 @@ def _draw(options: argparse.Namespace, kind: str, run: RunConfig, driven: Drive)
         from sparse_coord_ros.experiments.report.charts import rendered
         from sparse_coord_ros.look.paths import paths_figure
 
-        episodes = 1 + max((moment.episode for moment in driven.path), default=0)
+        episodes = 1 + max((moment.episode for moment in driven.floor.path), default=0)
         title = f"{run.scenario.name}: {episodes} episodes driven"
         figure = paths_figure(run, driven, title)
         write_whole(options.out, rendered(figure, kind, DPI))

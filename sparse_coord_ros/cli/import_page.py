@@ -187,10 +187,11 @@ class ImportPage(Controlled):
             values=DRIVE_SETTINGS.defaults(),
             progress=lambda n: self._tell(f"Driven: {n} of {EPISODES} episodes", busy=True),
         )
+        arena = driven.floor.arena
         self._tell(
-            f"Bodies of radius {driven.radius:g} m drove {EPISODES} episodes: in "
+            f"Bodies of radius {arena.ground.radius:g} m drove {EPISODES} episodes: in "
             f"{driven.arrived.all(axis=1).sum()} all robots arrived; walls touched: "
-            f"{driven.bumps}, bodies: {len(driven.touches)}. With pictures and other bodies: "
+            f"{arena.bumps}, bodies: {len(arena.touches)}. With pictures and other bodies: "
             f"sparse_coord drive {out}"
         )
 

@@ -167,6 +167,11 @@ class Arena:
         """The simulated time."""
         return BEGIN + self.ticks * self.period
 
+    @property
+    def bumps(self) -> int:
+        """How often bodies drove against walls."""
+        return sum(body.bumps for body in self.bodies)
+
     def put(self, cells: Mapping[int, int]) -> None:
         """Put bodies into cells."""
         for robot, cell in cells.items():

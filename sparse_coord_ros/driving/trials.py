@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.driving.arena import ELSEWHERE, IN_DOORWAY, Arena, Noise, Touch
+from sparse_coord_ros.driving.arena import ELSEWHERE, IN_DOORWAY, Arena, Noise
 from sparse_coord_ros.driving.driver import Driver
 from sparse_coord_ros.driving.ground import Ground
 from sparse_coord_ros.driving.steering import Limits, move_seconds
@@ -59,46 +59,6 @@ class Moment(NamedTuple):
     episode: int
     seconds: float
     places: tuple[tuple[float, float], ...]
-
-
-@dataclass
-class Drive:
-    """What came of driven episodes; E episodes of K robots.
-
-    Attributes:
-        steps: time steps of each episode, shape (E,).
-        seconds: simulated seconds of each episode, shape (E,).
-        arrived: whether each robot arrived within the horizon, shape (E, K).
-        times: steps until it arrived; the horizon where it did not; shape (E, K).
-        miscoordinations: steps that ended with two robots in one doorway, shape (E,).
-        in_doorways, elsewhere: how often bodies began to touch each other there, shape (E,).
-        asks: how often robots chose COORDINATE, shape (E, K).
-        moves: moves that bodies were sent on, in all.
-        failed: of these, moves that ended in another cell than they were to.
-        lost: of these, moves after which a body was in no cell.
-        radius: of a body, in metres.
-        bumps: how often bodies drove against walls, in all.
-        drift: metres between odometry and body at each episode's end, shape (E, K).
-        path: where bodies were at each tick of the episodes that were followed.
-        touches: where bodies began to touch each other, in all episodes.
-    """
-
-    steps: np.ndarray
-    seconds: np.ndarray
-    arrived: np.ndarray
-    times: np.ndarray
-    miscoordinations: np.ndarray
-    in_doorways: np.ndarray
-    elsewhere: np.ndarray
-    asks: np.ndarray
-    drift: np.ndarray
-    moves: int
-    failed: int
-    lost: int
-    radius: float
-    bumps: int
-    path: list[Moment]
-    touches: list[Touch]
 
 
 class Floor:
@@ -171,6 +131,34 @@ class Floor:
             driver.sees(self.arena.seconds, body.seen())
 
 
+@dataclass
+class Drive:
+    """What came of driven episodes; E episodes of K robots.
+
+    Attributes:
+        steps: time steps of each episode, shape (E,).
+        seconds: simulated seconds of each episode, shape (E,).
+        arrived: whether each robot arrived within the horizon, shape (E, K).
+        times: steps until it arrived; the horizon where it did not; shape (E, K).
+        miscoordinations: steps that ended with two robots in one doorway, shape (E,).
+        in_doorways, elsewhere: how often bodies began to touch each other there, shape (E,).
+        asks: how often robots chose COORDINATE, shape (E, K).
+        drift: metres between odometry and body at each episode's end, shape (E, K).
+        floor: what happened in all episodes together.
+    """
+
+    steps: np.ndarray
+    seconds: np.ndarray
+    arrived: np.ndarray
+    times: np.ndarray
+    miscoordinations: np.ndarray
+    in_doorways: np.ndarray
+    elsewhere: np.ndarray
+    asks: np.ndarray
+    drift: np.ndarray
+    floor: Floor
+
+
 def drive(
     run: RunConfig,
     tables: Sequence[Tables],
@@ -235,12 +223,5 @@ def drive(
         )
         progress(episode + 1)
     return Drive(
-        **{name: np.array([one[name] for one in found]) for name in found[0]},
-        moves=floor.moves,
-        failed=sent.failed,
-        lost=sent.lost,
-        radius=arena.ground.radius,
-        bumps=sum(body.bumps for body in arena.bodies),
-        path=floor.path,
-        touches=arena.touches,
+        **{name: np.array([one[name] for one in found]) for name in found[0]}, floor=floor
     )

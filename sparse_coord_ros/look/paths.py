@@ -95,15 +95,15 @@ def paths_figure(run: RunConfig, driven: Drive, title: str) -> Figure:
     plan = floor_plan_of(scenario.map)
     figure = floor_figure(scenario.map, scenario.robots, plan, side=run.resolution, title=title)
     axes = figure.axes[0]
-    episodes = 1 + max((moment.episode for moment in driven.path), default=0)
+    episodes = 1 + max((moment.episode for moment in driven.floor.path), default=0)
     key = []
     for k, robot in enumerate(scenario.robots):
         colour, style = robot_colour(k), LINES[k % len(LINES)]
-        for _, moments in groupby(driven.path, key=lambda moment: moment.episode):
+        for _, moments in groupby(driven.floor.path, key=lambda moment: moment.episode):
             path = np.array([moment.places[k] for moment in moments])
             axes.plot(*path.T, color=colour, ls=style, lw=1.2, alpha=max(THINNEST, 1 / episodes))
         key.append(Line2D([], [], color=colour, ls=style, label=robot.name))
-    touches = np.array([touch.place for touch in driven.touches]).reshape(-1, 2)
+    touches = np.array([touch.place for touch in driven.floor.arena.touches]).reshape(-1, 2)
     axes.plot(*touches.T, "x", color="black", ms=7, mew=2, zorder=4)
     if len(touches):
         key.append(Line2D([], [], color="black", marker="x", ls="", label="bodies touched"))

@@ -169,7 +169,7 @@ class BodyNode(Follower):
             "seconds": round(arena.seconds - BEGIN, 3),
             "touches_in_doorways": where[IN_DOORWAY],
             "touches_elsewhere": where[ELSEWHERE],
-            "bumps": sum(body.bumps for body in arena.bodies),
+            "bumps": arena.bumps,
         }
 
     def finish(self, *, interrupted: bool) -> None:

@@ -96,7 +96,8 @@ class WorldSimulator(ParameterNode):
         if self.values["bodies"]:
             self.bodies = WorldBodies(self, self.run, self._advance_where_due)
         game: Game = self.bodies.game if self.bodies else World(self.run.scenario, self.run.seed)
-        self.topics = WorldTopics(self, self.run, game, self._silence, self._save, self._on_action)
+        self.topics = WorldTopics(self, self.run, game, self._silence, self._save)
+        self.topics.hear_actions(self._on_action)
         asked = map(services.ACTIVE_PERCEPTION.of, self._names)
         self._guard.watch(
             self.topics.own + ([] if self.bodies is None else self.bodies.own),

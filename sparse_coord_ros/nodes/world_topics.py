@@ -5,6 +5,7 @@
 import time
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
+from typing import Any
 
 from std_msgs.msg import String
 
@@ -30,7 +31,6 @@ class WorldTopics:
         game: what is played.
         silence: is told when a time step begins.
         save: the port's `checkpoint`.
-        acted: called with a robot's number and what its action says.
 
     Attributes:
         convert: between time steps and cells and messages.
@@ -45,7 +45,6 @@ class WorldTopics:
         game: Game,
         silence: Silence,
         save: Callable[[int], None],
-        acted: Callable[[int, tuple[int, Action]], None],
     ) -> None:
         self._node, self._run, self._game = node, run, game
         self._silence, self.checkpoint = silence, save
@@ -62,9 +61,13 @@ class WorldTopics:
         self._diagnostics_publisher = node.announce(interface.DIAGNOSTICS)
         self.states = [node.announce(interface.LOCAL_STATE, name) for name in self._names]
         self.rewards = [node.announce(interface.REWARD, name) for name in self._names]
+        self.actions: list[Any] = []
+
+    def hear_actions(self, then: Callable[[int, tuple[int, Action]], None]) -> None:
+        """Call `then` with a robot's number and what its actions say."""
         self.actions = [
-            node.intake.listen(
-                *(interface.ACTION, partial(acted, robot), name),
+            self._node.intake.listen(
+                *(interface.ACTION, partial(then, robot), name),
                 unpack=partial(self._read_action, robot),
             )
             for robot, name in enumerate(self._names)

@@ -353,7 +353,8 @@ def test_a_driven_team_does_what_the_evaluation_says(team):
     assert np.array_equal(driven.arrived, grid.arrived)
     assert np.array_equal(driven.asks, grid.asks)
     assert np.array_equal(driven.miscoordinations, grid.miscoordinations)
-    assert driven.failed == driven.lost == driven.bumps == 0
+    floor = driven.floor
+    assert floor.bodies.failed == floor.bodies.lost == floor.arena.bumps == 0
     assert (driven.in_doorways >= (driven.miscoordinations > 0)).all()
     assert (driven.seconds > driven.steps).all()
 
@@ -361,12 +362,13 @@ def test_a_driven_team_does_what_the_evaluation_says(team):
 def test_driving_is_repeatable_and_seeded(team):
     run, tables = team
     runs = [drive(run, tables, episodes=3, seed=s, values=VALUES, followed=1) for s in (4, 4, 5)]
-    assert runs[0].path == runs[1].path != runs[2].path
-    assert {moment.episode for moment in runs[0].path} == {0}
+    assert runs[0].floor.path == runs[1].floor.path != runs[2].floor.path
+    assert {moment.episode for moment in runs[0].floor.path} == {0}
 
 
 def test_bodies_without_time_stay_where_they_are(team):
     run, tables = team
     values = VALUES | {"step_seconds": 0.3, "slips": False}
     driven = drive(run, tables, episodes=1, seed=4, values=values)
-    assert driven.failed > 0.5 * driven.moves and driven.lost == 0
+    sent = driven.floor.bodies
+    assert sent.failed > 0.5 * driven.floor.moves and sent.lost == 0

@@ -352,14 +352,15 @@ def test_what_is_readable_of_a_broken_bag_is_played(bench, tmp_path, capfd, dama
         (["bag:={empty}"], "no message to play on /map"),
     ],
 )
-def test_bad_input_is_one_line(bag, tmp_path, capfd, arguments, text):
+def test_bad_input_is_one_line(bag, tmp_path, capfd, monkeypatch, arguments, text):
     places = {"bag": bag, "folder": tmp_path, "empty": tmp_path / "empty"}
     if "{empty}" in "".join(arguments):
         write_bag(tmp_path / "empty", steps=0, types={"/map": TYPES["/map"]})
     command = ["player", "--ros-args"]
     for argument in arguments:
         command += ["-p", argument.format(**places)]
-    assert main(command) == 2
+    monkeypatch.setattr(sys, "argv", command)
+    assert main() == 2
     (line,) = capfd.readouterr().err.splitlines()
     assert line.startswith("error: ")
     assert text in line
