@@ -210,7 +210,7 @@ class SavedRun:
 
 def _in_html(run: "Training | SavedRun") -> str:
     """Return a run as notebooks show it."""
-    from sparse_coord_ros.look.notebook import in_html
+    from sparse_coord_ros.look.figures import in_html
     from sparse_coord_ros.look.sources import in_memory, open_shown
 
     if isinstance(run, SavedRun):

@@ -11,11 +11,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from sparse_coord_ros.bags.qos import yaml_text
+import yaml
+
 from sparse_coord_ros.bags.records import LATEST_NS
-from sparse_coord_ros.bags.topics import BagTopic
+from sparse_coord_ros.bags.topics import BagTopic, QoS
 from sparse_coord_ros.errors import SparseCoordError
-from sparse_coord_ros.limits import METADATA, parse_yaml, read_text
+from sparse_coord_ros.limits import METADATA, Dumper, parse_yaml, read_text
 
 METADATA_FILE = "metadata.yaml"
 METADATA_RECORD = "rosbag2"
@@ -49,6 +50,44 @@ class FileSummary:
     def message_count(self) -> int:
         """Number of messages of all topics."""
         return sum(self.counts.values())
+
+
+class _Rosbag2Dumper(Dumper):
+    """PyYAML laid out as yaml-cpp does, so that bags compare equal to rosbag2's as text."""
+
+    def increase_indent(self, flow: bool = False, indentless: bool = False) -> None:
+        """Indent sequences below their key."""
+        super().increase_indent(flow, False)
+
+
+_Rosbag2Dumper.add_representer(
+    type(None), lambda dumper, _: dumper.represent_scalar("tag:yaml.org,2002:null", "~")
+)
+_Rosbag2Dumper.add_representer(
+    str,
+    lambda dumper, text: dumper.represent_scalar(
+        "tag:yaml.org,2002:str", text, style=None if text else '"'
+    ),
+)
+
+
+def yaml_text(value: Any) -> str:
+    """Return a plain value as YAML in rosbag2's layout, without a final newline."""
+    layout: dict[str, Any] = {"sort_keys": False, "default_flow_style": False, "width": 2**31}
+    text = yaml.dump(value, Dumper=_Rosbag2Dumper, allow_unicode=True, **layout)
+    return text.rstrip("\n")
+
+
+def offered_qos_profiles(profiles: Iterable[QoS]) -> str:
+    """Return the profiles as the YAML text of a channel's `offered_qos_profiles`.
+
+    Args:
+        profiles: one profile for each publisher of the topic; none gives `[]`.
+
+    Returns:
+        A YAML sequence as rosbag2 (metadata version 9) writes it, without a final newline.
+    """
+    return yaml_text([profile.as_mapping() for profile in profiles])
 
 
 def bag_information(files: Sequence[FileSummary], topics: Iterable[BagTopic]) -> dict[str, Any]:

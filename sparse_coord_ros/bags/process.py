@@ -12,7 +12,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, NoReturn
 
-from sparse_coord_ros.bags.qos import QoS
+from sparse_coord_ros.bags.topics import QoS
 from sparse_coord_ros.bags.writer import BagWriter
 from sparse_coord_ros.errors import BagError
 
@@ -152,13 +152,10 @@ class BagProcess:
 
     def _fail(self, error: OSError | EOFError) -> NoReturn:
         """Raise BagError: the child hangs, or it is gone."""
-        what, so = "has ended", " before it had begun it; nothing is recorded"
-        remedy = "see what it says above"
-        if self._begun:
-            so, remedy = (
-                "; the recording ends there, unfinished",
-                "'sparse_coord recover' finishes it",
-            )
+        what, remedy = "has ended", "'sparse_coord recover' finishes it"
+        so = "; the recording ends there, unfinished"
+        if not self._begun:
+            so, remedy = " before it had begun it; nothing is recorded", "see what it says above"
         if isinstance(error, BlockingIOError):
             what, remedy = f"has not moved for {PATIENCE_SECONDS:g} s", "look at its disk"
         self._refusal = f"the writer process of the bag {self._directory} {what}{so}: {remedy}"

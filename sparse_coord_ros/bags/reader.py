@@ -102,18 +102,15 @@ class Bag:
 
         Of a bag that is not checked more may be found when messages are read.
         """
+        inside = [gap._replace(place=n) for n, file in enumerate(self.files) for gap in file.gaps]
         found = []
-        for place in range(len(self.files) + 1):
-            gaps = [gap for gap in self.missing if gap.place == place]
-            for file in self.files[place : place + 1]:
-                gaps += [gap._replace(place=place) for gap in file.gaps]
-            before = [one.blocks[-1].end_ns for one in self.files[:place] if one.blocks]
-            for gap in gaps:
-                files = self.files[place + bool(gap.end) :]
-                behind = [one.blocks[0].start_ns for one in files if one.blocks]
-                first_ns = before[-1] if gap.first_ns is None and before else gap.first_ns
-                last_ns = behind[0] if gap.last_ns is None and behind else gap.last_ns
-                found.append(gap._replace(first_ns=first_ns, last_ns=last_ns))
+        for gap in sorted([*self.missing, *inside], key=lambda one: one.place):
+            behind = self.files[gap.place + bool(gap.end) :]
+            ends = [file.blocks[-1].end_ns for file in self.files[: gap.place] if file.blocks]
+            starts = [file.blocks[0].start_ns for file in behind if file.blocks]
+            first_ns = ends[-1] if gap.first_ns is None and ends else gap.first_ns
+            last_ns = starts[0] if gap.last_ns is None and starts else gap.last_ns
+            found.append(gap._replace(first_ns=first_ns, last_ns=last_ns))
         return tuple(found)
 
     @property
@@ -209,11 +206,11 @@ class Bag:
 
     def between(self, first_ns: int, last_ns: int) -> "Bag":
         """Return the blocks that have messages of some log times, as a bag of their own."""
-        chosen = [
-            [one for one in blocks if one.end_ns >= first_ns and one.start_ns <= last_ns]
-            for blocks in self.blocks
-        ]
-        return Bag(self.files, chosen, self.missing)
+
+        def inside(block: Block) -> bool:
+            return block.end_ns >= first_ns and block.start_ns <= last_ns
+
+        return Bag(self.files, [list(filter(inside, each)) for each in self.blocks], self.missing)
 
     def extend(self) -> bool:
         """Take in what the last file has grown by; return whether there was anything."""
@@ -243,8 +240,9 @@ class Bag:
             ends = begins + heads["length"].astype(np.int64) - MESSAGE.size
             fields = (heads[name] for name in ("channel", "log_ns", "publish_ns", "sequence"))
             columns = (column.tolist() for column in (begins, ends, *fields))
-            for begin, end, channel, *rest in zip(*columns, strict=True):
-                yield Message(names[channel], part.content[begin:end], *rest)
+            content = part.content
+            for begin, end, channel, log_ns, publish_ns, sequence in zip(*columns, strict=True):
+                yield Message(names[channel], content[begin:end], log_ns, publish_ns, sequence)
 
     def parts(self, files: Iterable[int] | None = None) -> Iterator[Part]:
         """Yield the messages outside of gaps, many together, with the channels of the whole.
@@ -320,23 +318,16 @@ def bag_files(path: Path) -> list[Path]:
     if not path.is_dir():
         return [path]
     for directory in (path, path / BAG_DIRECTORY):
-        found = {
-            file.name.removesuffix(PARTIAL): file
-            for ending in (f".mcap{PARTIAL}", ".mcap")
-            for file in sorted(directory.glob(f"[!.]*{ending}"))
-        }
-        files = sorted(found.values(), key=stem_and_number)
+        there = [*directory.glob(f"[!.]*.mcap{PARTIAL}"), *directory.glob("[!.]*.mcap")]
+        files = list({file.name.removesuffix(PARTIAL): file for file in there}.values())
         named = {stem_and_number(file) for file in files}
         if len(named) < len(files) or len({stem for stem, _ in named}) > 1:
-            raise BagError(
-                f"bag {directory} has {len(found)} .mcap files: name one, or move it to another "
-                "directory"
-            )
+            problem = f"bag {directory} has {len(files)} .mcap files"
+            raise BagError(f"{problem}: name one, or move it to another directory")
         if files:
-            return files
-    raise BagError(
-        f"{path} is not a bag: it has no .mcap file; give a bag's directory or its file"
-    )
+            return sorted(files, key=stem_and_number)
+    remedy = "give a bag's directory or its file"
+    raise BagError(f"{path} is not a bag: it has no .mcap file; {remedy}")
 
 
 def stem_and_number(file: Path) -> tuple[str, int]:

@@ -70,9 +70,8 @@ def recover(path: Path) -> Recovery:
             held.enter_context(_not_recording(file))
         bag = open_bag(path)
         if not (bag.topics or bag.metadata or bag.attachments):
-            raise BagError(
-                f"{files[0]} holds nothing to recover{f': {bag.damage}' if bag.damage else ''}"
-            )
+            why = f": {bag.damage}" if bag.damage else ""
+            raise BagError(f"{files[0]} holds nothing to recover{why}")
         try:
             return _mended(bag, files[0].parent)
         except OSError as error:
@@ -146,6 +145,13 @@ def _mended(bag: Bag, directory: Path) -> Recovery:
     return Recovery(directory, bag, kept[0] if kept else None, changed)
 
 
+def _describes(metadata: Path, bag: Bag) -> bool:
+    """Whether a `metadata.yaml` is there and fits the bag."""
+    said, names = read_information(metadata), [file.path.name for file in bag.files]
+    told = said.get("relative_file_paths"), said.get("message_count")
+    return told == (names, bag.message_count)
+
+
 @contextlib.contextmanager
 def _draft(bag: Bag, gaps: Sequence[Gap], directory: Path) -> Iterator[Path]:
     """Write all that can be read of a bag's file into a directory, checked, removed at the end.
@@ -185,14 +191,6 @@ def _keep(file: Path) -> Path:
     except OSError:  # no second names in this file system
         file.rename(kept)
     return kept
-
-
-def _describes(metadata: Path, bag: Bag) -> bool:
-    """Whether a `metadata.yaml` is there and fits the bag."""
-    names = [file.path.name for file in bag.files]
-    said = read_information(metadata)
-    told = said.get("relative_file_paths"), said.get("message_count")
-    return told == (names, bag.message_count)
 
 
 @contextlib.contextmanager

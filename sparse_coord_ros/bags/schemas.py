@@ -84,7 +84,15 @@ def _parse(type_name: str) -> tuple[str, str, str, str]:
 def _definition(name: str) -> str:
     """Return one type's own text."""
     package, kind, stem, part = _parse(name)
-    text = _read(package, kind, stem)
+    path = _interface_file(package, kind, f"{stem}.{kind}")
+    if path is None:
+        raise BagError(
+            f"no definition of {package}/{kind}/{stem}: share/{package}/{kind}/{stem}.{kind} is "
+            f"neither in AMENT_PREFIX_PATH ({os.environ.get('AMENT_PREFIX_PATH', '')!r}) nor "
+            f"where Python finds {package}; install the package {package}, or add its prefix"
+        )
+    # Bytes, not text mode: the schema is the file as it is, line ends included.
+    text = path.read_bytes().decode("utf-8")
     if kind == "msg":
         return text
     if part == "Event":
@@ -102,18 +110,6 @@ def _definition(name: str) -> str:
 def _full(name: str, package: str) -> str:
     """Return a field's type with its package."""
     return name if name in _PRIMITIVES or "/" in name else f"{package}/{name}"
-
-
-def _read(package: str, kind: str, stem: str) -> str:
-    path = _interface_file(package, kind, f"{stem}.{kind}")
-    if path is None:
-        raise BagError(
-            f"no definition of {package}/{kind}/{stem}: share/{package}/{kind}/{stem}.{kind} is "
-            f"neither in AMENT_PREFIX_PATH ({os.environ.get('AMENT_PREFIX_PATH', '')!r}) nor "
-            f"where Python finds {package}; install the package {package}, or add its prefix"
-        )
-    # Bytes, not text mode: the schema is the file as it is, line ends included.
-    return path.read_bytes().decode("utf-8")
 
 
 def _interface_file(package: str, kind: str, file_name: str) -> Path | None:

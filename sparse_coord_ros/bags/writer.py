@@ -17,12 +17,13 @@ from sparse_coord_ros.bags.metadata import (
     FileSummary,
     bag_information,
     metadata_yaml,
+    offered_qos_profiles,
+    yaml_text,
 )
-from sparse_coord_ros.bags.qos import QoS, offered_qos_profiles, yaml_text
 from sparse_coord_ros.bags.reader import Bag, stem_and_number
 from sparse_coord_ros.bags.records import LATEST_NS
 from sparse_coord_ros.bags.schemas import schema_text, type_hash
-from sparse_coord_ros.bags.topics import BagTopic
+from sparse_coord_ros.bags.topics import BagTopic, QoS
 from sparse_coord_ros.errors import BagError
 from sparse_coord_ros.version import __version__
 

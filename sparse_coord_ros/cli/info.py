@@ -5,7 +5,7 @@
 import argparse
 from typing import Any
 
-from sparse_coord_ros.bags.qos import latched
+from sparse_coord_ros.bags.topics import latched
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.errors import in_line
 from sparse_coord_ros.learn.run_config import RUN_RECORD

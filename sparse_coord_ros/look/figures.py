@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pictures of runs: policies and ask maps, learning curves, what Q^C holds, how percepts ended."""
 
+import html
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any, NamedTuple
@@ -16,6 +17,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Patch
 
 from sparse_coord_ros.errors import SettingError, did_you_mean
+from sparse_coord_ros.experiments.report.charts import embedded
 from sparse_coord_ros.experiments.report.map_pictures import COLOUR_MAP, draw_map
 from sparse_coord_ros.game.actions import DIRECTIONS
 from sparse_coord_ros.learn.evaluation import acting_on
@@ -360,3 +362,13 @@ def _draw_percepts(log: RunLog, label: str, axes: Axes) -> None:
     axes.set(xlabel="time step", ylabel="COORDINATE [% of actions]")
     axes.set_title(f"{label}: how percepts ended", fontsize=10)
     axes.legend(fontsize=7)
+
+
+def in_html(head: str, shown: Shown) -> str:
+    """Return a line, and below it the pictures of a run, side by side: those that it has."""
+    parts = [f"<p>{html.escape(head)}</p>", '<div style="display: flex; align-items: flex-start">']
+    if shown.has("tables"):
+        parts.append(embedded(runs_figure([shown], ["policy"]), "policy"))
+    if shown.has("history") and shown.history.episodes:
+        parts.append(embedded(runs_figure([shown], ["length"]), "learning curve"))
+    return "\n".join([*parts, "</div>"])

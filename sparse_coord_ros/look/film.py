@@ -3,7 +3,6 @@
 """An episode as an animated GIF: robots move, questions are lines from the asker to the asked."""
 
 import io
-from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
@@ -144,15 +143,12 @@ class _Stage:
 
     def _standing(self, step: int) -> np.ndarray:
         """Return where the robots stand, shape (robots, 2); side by side in one cell."""
-        cells = self._cells[step]
+        cells = self._cells[step].tolist()
         places: np.ndarray = self._places[cells]
-        shared = Counter(cells.tolist())
-        seen: Counter[int] = Counter()
-        for k, cell in enumerate(cells.tolist()):
-            if shared[cell] > 1:
-                turn = 2 * np.pi * seen[cell] / shared[cell]
+        for k, cell in enumerate(cells):
+            if cells.count(cell) > 1:
+                turn = 2 * np.pi * cells[:k].count(cell) / cells.count(cell)
                 places[k] += SHARED * np.array([-np.cos(turn), np.sin(turn)])
-                seen[cell] += 1
         return places
 
     def _trails(self, step: int) -> Iterator[Artist]:
@@ -171,7 +167,7 @@ class _Stage:
 
     def _robots(self, places: np.ndarray, askers: set[int]) -> Iterator[Artist]:
         there = {k: place for k, place in enumerate(places.tolist()) if np.isfinite(place[0])}
-        for k in sorted(askers & set(there)):
+        for k in sorted(askers & there.keys()):
             yield Circle(there[k], 0.4, facecolor="white", edgecolor="black", linewidth=2)
         for k, (x, y) in there.items():
             colour = robot_colour(k)
@@ -209,8 +205,7 @@ class _Stage:
     def _say(self, step: int, asks: Sequence[Question], together: bool) -> None:
         said = [ask.in_words(self._names) for ask in asks]
         if len(said) > self._spoken:
-            more = len(said) - self._spoken + 1
-            said = [*said[: self._spoken - 1], f"and {more} more ask"]
+            said[self._spoken - 1 :] = [f"and {len(said) - self._spoken + 1} more ask"]
         length = len(self._episode.steps)
         at = f"step {step} of {length}"
         if together:

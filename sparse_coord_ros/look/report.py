@@ -128,11 +128,11 @@ def _value(shown: Shown, baselines: bool) -> Iterator[Part]:
 
 def _measures(name: str, found: Evaluation | ExactEvaluation) -> list[str]:
     """Return the row of a team."""
+    spread = [(found.reward, 2), (found.time_to_goal, 2), (found.miscoordinations, 3)]
+    measures = [f"{one.mean:.{digits}f} ± {one.spread:.{digits}f}" for one, digits in spread]
     return [
         f"{name}, {found.how}",
-        f"{found.reward.mean:.2f} ± {found.reward.spread:.2f}",
-        f"{found.time_to_goal.mean:.2f} ± {found.time_to_goal.spread:.2f}",
-        f"{found.miscoordinations.mean:.3f} ± {found.miscoordinations.spread:.3f}",
+        *measures,
         f"{found.asks.mean:.2f}",
         f"{found.all_arrived:.2%}",
     ]

@@ -73,21 +73,16 @@ def logged_step(log: RunLog, row: int) -> Glimpse:
     rewards = [None if r[-1] != r[-1] else Reward(*r) for r in log.reward[row].tolist()]
     followed = row + 1 < len(log.step) and log.step[row + 1] == log.step[row] + 1
     acted = followed and any(reward is not None for reward in rewards)
-    ends = [PerceptEnd.said(end) for end in log.ended[row]]
-    return Glimpse(
-        step=int(log.step[row]),
-        cells=_known(log.cells[row]),
-        actions=tuple(
-            None if move == NONE else Action(int(move), bool(asked), int(peer), bool(perceived))
-            for move, asked, peer, perceived in said
-        ),
-        after=_known(log.cells[row + 1]) if followed else None,
-        miscoordination=bool(
-            acted and miscoordinations(log.run.scenario, log.cells[[row + 1]])[0]
-        ),
-        rewards=rewards,
-        ends=[PerceptEnd.LATE if end is None else end for end in ends],
+    actions = tuple(
+        None if move == NONE else Action(int(move), bool(asked), int(peer), bool(perceived))
+        for move, asked, peer, perceived in said
     )
+    after = _known(log.cells[row + 1]) if followed else None
+    met = bool(acted and miscoordinations(log.run.scenario, log.cells[[row + 1]])[0])
+    told = [PerceptEnd.said(end) for end in log.ended[row]]
+    ends = [PerceptEnd.LATE if end is None else end for end in told]
+    step, cells = int(log.step[row]), _known(log.cells[row])
+    return Glimpse(step, cells, actions, after, met, rewards, ends)
 
 
 def ended(log: RunLog) -> dict[str, np.ndarray]:

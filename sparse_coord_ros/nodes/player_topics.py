@@ -13,8 +13,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 
 from sparse_coord_ros import wire
 from sparse_coord_ros.bags import Bag, BagTopic, Message, QoS, open_bag, type_hash
-from sparse_coord_ros.bags.qos import latched
-from sparse_coord_ros.bags.topics import find_clock
+from sparse_coord_ros.bags.topics import find_clock, latched
 from sparse_coord_ros.errors import BagError, SettingError
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.wire.frame import SECOND

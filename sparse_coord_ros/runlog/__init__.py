@@ -5,11 +5,12 @@
 - As arrays: `log` (all of it) and `window` (any stretch of a long one), from the messages topic by
   topic (`tracks`, by `columns` and `decode`), the service events (`dialogue`), the attached tables
   (`attached`), over all files of a bag (`timeline`), of one run (`bag_run`).
-- Verified: `verify`, of the world (`game_check`), each robot (`agents`), `percepts`, in the
-  `stretches` between gaps. What differs is a `difference`; `judge` says what that means.
+- Verified: `verify`, of the world (`game_check`), each robot (`agents`), `percepts`. What differs
+  is a `difference`.
 - Explained: `explain`, each COORDINATE.
 
-`replay` is what one robot did, and lets its agent do it again.
+`replay` says which stretches between gaps can be computed again and what one robot did in one, and
+lets its agent do it again.
 """
 
 from sparse_coord_ros.runlog.attached import RecordedTables

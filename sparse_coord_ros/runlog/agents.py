@@ -14,8 +14,7 @@ from sparse_coord_ros.runlog.attached import RecordedTables
 from sparse_coord_ros.runlog.dialogue import heard, times_asked_again
 from sparse_coord_ros.runlog.difference import MISSING, Difference, first_entry
 from sparse_coord_ros.runlog.log import RunLog
-from sparse_coord_ros.runlog.replay import Replay, trajectory_of
-from sparse_coord_ros.runlog.stretches import Stretch, fresh_agent
+from sparse_coord_ros.runlog.replay import Replay, Stretch, fresh_agent, trajectory_of
 from sparse_coord_ros.wire.messages import action_numbers
 from sparse_coord_ros.wire.occupancy import OCCUPIED, OccupancyData
 
@@ -175,11 +174,10 @@ class AgentCheck:
         until = entry.step + (entry is self.recorded[-1])
         asked = [r for r in all_mine if r.step < until]
         later = sum(r.answer is not None and r.answer[0] < r.step for r in asked)
-        behind = base["repeated"] + later
         bounds = {name: (due[name], due[name]) for name in ("answered", "refused", "late")}
         bounds["learned"] = (base["learned"] + learned,) * 2
         bounds["dropped"] = (base["dropped"], base["dropped"] + to - learned)
-        bounds["repeated"] = (again, behind)
+        bounds["repeated"] = (again, base["repeated"] + later)
         for name, (low, high) in bounds.items():
             logged = entry.counts.get(name)
             if logged is None or not low <= logged <= high:
@@ -205,9 +203,8 @@ class AgentCheck:
         newest = max((step for step in steps if step <= self.end), default=0)
         if self.state in wire.OVER and newest < acted:
             due.append(self.end)
-        unreadable = {
-            p.step for p in log.problems if p.robot == self.name and p.quantity == wire.TABLES.name
-        }
+        mine = (self.name, wire.TABLES.name)
+        unreadable = {one.step for one in log.problems if (one.robot, one.quantity) == mine}
         for step in due:
             last = self.stretch.last
             beyond = last is not None and step > min(last, max(steps, default=0))

@@ -56,9 +56,9 @@ def attached_tables(
         for attachment in file.attachments:
             match = NAME.fullmatch(attachment.name)
             if match is not None and match[1] in robots:
-                k, step = robots.index(match[1]), int(match[2])
+                step = int(match[2])
                 if holds(place, step, backs):
-                    yield place, attachment, (k, step)
+                    yield place, attachment, (robots.index(match[1]), step)
             elif attachment.name.startswith(wire.TABLES_FOLDER):
                 yield place, attachment, None
 

@@ -44,11 +44,8 @@ def find_run(bag: Bag) -> BagRun:
         BagError: the bag holds no run, or several, or is of another format.
         RunError, ScenarioError, SettingError: the run is not one of this version.
     """
-    topics = [
-        topic.name
-        for topic in bag.topics.values()
-        if topic.name.endswith(f"/{RUN.name}") and topic.type_name == RUN.type_name
-    ]
+    named = [one for one in bag.topics.values() if one.name.endswith(f"/{RUN.name}")]
+    topics = [one.name for one in named if one.type_name == RUN.type_name]
     if len(topics) > 1:
         raise BagError(
             f"{bag.path}: is not a bag of this package: it has several topics 'run' "

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A bag's messages as columns: topic by topic, decoded many at a time."""
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -30,6 +30,12 @@ ANY = -1
 Reading = MessageForm | Callable[[Any], Any]
 """How a topic's messages become rows, or what object is made of a decoded one."""
 
+Forms = Mapping[str, tuple[wire.Topic, Reading]]
+"""A run's topics by their full names, and how their messages are read."""
+
+Only = Collection[wire.Topic] | None
+"""Topics of which no more than some are read; None: all."""
+
 _STAMP = np.dtype([("encapsulation", "V4"), ("sec", "<i4"), ("nanosec", "<u4")])
 
 
@@ -42,8 +48,8 @@ class Columns:
             messages are only counted and timed.
         only: of these topics no more than some are read; None: all.
         period: nanoseconds of a time step.
-        begins: for each of the bag's files the time at which its recorder begins to count anew;
-            None: it goes on.
+        begins: by the place of a file in the bag the time at which its recorder begins to count
+            anew.
 
     Attributes:
         rows: by topic, in the order of the file, of each file of the bag; shape (messages,).
@@ -53,12 +59,7 @@ class Columns:
     """
 
     def __init__(
-        self,
-        bag: Bag,
-        forms: Mapping[str, tuple[wire.Topic, Reading]],
-        only: Collection[wire.Topic] | None,
-        period: int,
-        begins: Sequence[int | None],
+        self, bag: Bag, forms: Forms, only: Only, period: int, begins: Mapping[int, int]
     ) -> None:
         self.problems: list[Difference] = []
         self.suspects: list[Difference] = []
@@ -77,11 +78,10 @@ class Columns:
         self._now = 0
         self.rows: list[dict[str, np.ndarray]] = []
         read = {name for name, (topic, _) in forms.items() if only is None or topic in only}
-        for begins_at in begins:
-            if begins_at is not None:
-                self._now = begins_at
+        for place in range(len(bag.files)):
+            self._now = begins.get(place, self._now)
             parts = {name: [no_rows(form)] for name, (_, form) in forms.items()}
-            for part in bag.parts([len(self.rows)]):
+            for part in bag.parts([place]):
                 for name, heads, begins_here in self._part(part):
                     if name in read:
                         parts[name].append(self._rows(name, part.content, heads, begins_here))

@@ -3,7 +3,7 @@
 """The dialogue of active perception, put together from the recorded service events."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -163,10 +163,14 @@ def put_together(
                 found.append((f"after one that is {younger}", "before it"))
             who, what = names[request.asker], f"{DIALOGUE} with {names[peer]}, {words}"
             problems += [Difference(request.step, who, what, *one) for one in found]
-    others = []
-    for one in requests.values():
+    ordered = [requests[key] for key in sorted(requests)]
+    return ordered, problems, list(_other_answers(ordered, names))
+
+
+def _other_answers(requests: Sequence[Request], names: Sequence[str]) -> Iterator[Difference]:
+    """Choose the answer of each request; yield the responses that are none."""
+    for one in requests:
         what = f"{DIALOGUE} with {names[one.peer]}, {EventKind.RETURNED.words}"
         for other in one.choose():
-            both = f"{other} too", f"{one.answer} only"
-            others.append(Difference(one.step, names[one.asker], what, *both))
-    return [requests[key] for key in sorted(requests)], problems, others
+            words = f"{other} too", f"{one.answer} only"
+            yield Difference(one.step, names[one.asker], what, *words)

@@ -15,8 +15,13 @@ from sparse_coord_ros.runlog.agents import first_tables
 from sparse_coord_ros.runlog.dialogue import Request
 from sparse_coord_ros.runlog.log import RunLog
 from sparse_coord_ros.runlog.percepts import percept_end
-from sparse_coord_ros.runlog.replay import Replay, Trajectory, trajectory_of
-from sparse_coord_ros.runlog.stretches import fresh_agent, stretches
+from sparse_coord_ros.runlog.replay import (
+    Replay,
+    Trajectory,
+    fresh_agent,
+    stretches,
+    trajectory_of,
+)
 
 
 class Update(NamedTuple):
@@ -228,18 +233,16 @@ def in_words(log: RunLog, one: Coordination) -> Iterator[str]:
 def _answer(log: RunLog, one: Coordination, request: Request) -> str:
     if request.answer is None:
         return "no answer is in the log"
-    took = "" if request.seconds is None else f", after {request.seconds * 1e3:.3f} ms"
     step, position = request.answer
-    if step < one.step:
-        return f"not there yet (at step {step}){took}"
-    if step > one.step:
-        return f"has gone on (to step {step}){took}"
-    if position is None:
-        return f"refused{took}"
-    cell = log.frame.cell(*position)
-    if cell is None:
-        return f"answers {position}, which is no free cell{took}"
-    return f"answers {cell_in_words(log.run, cell)}{took}"
+    if step != one.step:
+        said = ("not there yet (at" if step < one.step else "has gone on (to") + f" step {step})"
+    elif position is None:
+        said = "refused"
+    elif (cell := log.frame.cell(*position)) is None:
+        said = f"answers {position}, which is no free cell"
+    else:
+        said = f"answers {cell_in_words(log.run, cell)}"
+    return said if request.seconds is None else f"{said}, after {request.seconds * 1e3:.3f} ms"
 
 
 def _learned(log: RunLog, one: Coordination) -> Iterator[str]:

@@ -16,7 +16,7 @@ from sparse_coord_ros.game.world import EPISODE_GAP, Action, Position, World
 from sparse_coord_ros.learn.agent import NOBODY
 from sparse_coord_ros.runlog.difference import MISSING, Difference
 from sparse_coord_ros.runlog.log import NONE, RunLog, cell_numbers
-from sparse_coord_ros.runlog.stretches import Stretch
+from sparse_coord_ros.runlog.replay import Stretch
 from sparse_coord_ros.runlog.tracks import THE_CLOCK
 
 
@@ -65,10 +65,7 @@ class WorldCheck:
         self.reasons: tuple[str, ...] = (wire.Began.START,)
         if stretch.start is not None:
             self._go_on_from(*stretch.start[:2])
-        odd = (found for step in self.steps if (found := self._step(step)) is not None)
-        self.first = next(odd, None)
-        if self.first is None and stretch.last is None:
-            self.first = self._end()
+        self.first = next(self._made_again(), None)
 
     def _go_on_from(self, position: Position, left_out: int) -> None:
         """Begin in mid-run."""
@@ -83,30 +80,35 @@ class WorldCheck:
         first = [] if self.first is None else [self.first]
         return [*first, *self._maps(), *self._markers(), *self._repeats()]
 
-    def _step(self, step: int) -> Difference | None:
-        """Return the first thing that differs in a time step, and make it."""
-        found = self._arrive(step)
-        if found is None and step not in self.clock:
-            found = Difference(step, None, THE_CLOCK, MISSING, "this step")
-        found = found or self._states(step) or self._statuses(step)
-        self.went_on = any(step in steps for steps in self.rewarded)
-        return found or (self._transition(step) if self.went_on else None)
+    def _made_again(self) -> Iterator[Difference]:
+        """Make the steps, and yield what differs; what comes after that makes no sense."""
+        for step in self.steps:
+            yield from self._arrive(step)
+            if step not in self.clock:
+                yield Difference(step, None, THE_CLOCK, MISSING, "this step")
+            yield from self._states(step)
+            yield from self._statuses(step)
+            self.went_on = any(step in steps for steps in self.rewarded)
+            if self.went_on:
+                yield from self._transition(step)
+        if self.stretch.last is None:
+            yield from self._end()
 
-    def _arrive(self, step: int) -> Difference | None:
+    def _arrive(self, step: int) -> Iterator[Difference]:
         """Come to a time step of the log: the next one, or that of a new episode."""
         world = self.world
         due = world.step
         if self.starts and not self.went_on:
             if world.transitions == world.scenario.steps:
-                return Difference(step, None, wire.LOCAL_STATE.name, "there", "the run is over")
+                yield Difference(step, None, wire.LOCAL_STATE.name, "there", "the run is over")
             if step == due + 1:
                 acted = [k for k in self.robots if due in self.acted[k]]
                 what = (acted[0], wire.REWARD.name) if acted else (0, wire.ACTION.name)
                 also = "it acted and " if acted else ""
-                return self.odd(due, *what, MISSING, f"one: {also}the world went on")
+                yield self.odd(due, *what, MISSING, f"one: {also}the world went on")
             due += EPISODE_GAP
         if step != due:
-            return self.odd(due, 0, wire.LOCAL_STATE.name, MISSING, "a state")
+            yield self.odd(due, 0, wire.LOCAL_STATE.name, MISSING, "a state")
         if self.starts and not self.went_on:
             self.reasons = (wire.Began.RESET, wire.Began.NOBODY_LEFT)
             if world.episode_over:
@@ -115,25 +117,23 @@ class WorldCheck:
             world.begin_episode()
         if not self.went_on:
             self.starts.append(step)
-        return None
 
-    def _states(self, step: int) -> Difference | None:
+    def _states(self, step: int) -> Iterator[Difference]:
         log, row = self.log, self.log.row_of.get(step)
         for k, cell in enumerate(self.world.cells):
             track, due = log.tracks.states[k], self.centres[cell]
             if row is None or not _says(log.position[row, k], due, track.others.get(step, ())):
                 there = step in track.step
                 logged = self._place(log.position[row, k]) if there else MISSING
-                return self.odd(step, k, wire.LOCAL_STATE.name, logged, self._place(due))
+                yield self.odd(step, k, wire.LOCAL_STATE.name, logged, self._place(due))
             log.cells[row, k] = cell
-        return None
 
     def _place(self, where: np.ndarray) -> str:
         x, y = where.tolist()
         cell = self.log.frame.cell(x, y)
         return f"{'no free cell' if cell is None else f'cell {cell}'} ({x!r}, {y!r})"
 
-    def _statuses(self, step: int) -> Difference | None:
+    def _statuses(self, step: int) -> Iterator[Difference]:
         """Compare what the world says of itself with what was counted."""
         odd: list[tuple[str, Difference]] = []
         right: set[str] = set()
@@ -151,74 +151,67 @@ class WorldCheck:
             odd.append((status.state, self.odd(status.step, None, wire.STATUS.name, *words)))
         # Where the world was right about this step in the same state, a stranger may have spoken.
         self.log.tracks.suspects += [one for state, one in odd if state in right]
-        return next((one for state, one in odd if state not in right), None)
+        yield from (one for state, one in odd if state not in right)
 
-    def _transition(self, step: int) -> Difference | None:
+    def _transition(self, step: int) -> Iterator[Difference]:
         """Let the world make a transition with the actions of whom the log rewards."""
         world, row = self.world, self.log.row_of[step]
         rewarded = [k for k in self.robots if step in self.rewarded[k]]
         left = [k for k in self.robots if k not in rewarded and not world.arrived[k]]
-        odd = (found for k in rewarded if (found := self._rewarded(step, k)) is not None)
-        found = next(odd, None) or (self._left_out(step, left) if left else None)
-        if found is not None:
-            return found
-        actions = [
-            Action(self.move[row][k], self.asked[row][k], NOBODY, False) if k in rewarded else None
-            for k in self.robots
-        ]
+        for k in rewarded:
+            yield from self._rewarded(step, k)
+        if left:
+            yield from self._left_out(step, left)
+        actions: list[Action | None] = [None] * len(self.robots)
+        for k in rewarded:
+            actions[k] = Action(self.move[row][k], self.asked[row][k], NOBODY, False)
         outcome = world.advance(actions)
         for k in rewarded:
             said = self.log.rewards[row, k, : self.parts]
             due = np.array(outcome.rewards[k][: self.parts], dtype=np.float64)
             if not _says(said, due, self.log.tracks.rewards[k].others.get(step, ())):
                 parts = _parts(said.tolist()), _parts(due.tolist())
-                return self.odd(step, k, wire.REWARD.name, *parts)
+                yield self.odd(step, k, wire.REWARD.name, *parts)
         self.transitions += 1
         self.left_out += len(left)
-        return None
 
-    def _rewarded(self, step: int, k: int) -> Difference | None:
-        """Return why a robot cannot have been rewarded in a time step."""
+    def _rewarded(self, step: int, k: int) -> Iterator[Difference]:
+        """Yield why a robot cannot have been rewarded in a time step."""
         row, world = self.log.row_of[step], self.world
         over = world.episode_over or world.transitions == world.scenario.steps
         if over or world.arrived[k]:
             logged = f"{tuple(self.log.rewards[row, k, : self.parts].tolist())}"
-            return self.odd(
-                step, k, wire.REWARD.name, logged, "none" + ": it has arrived" * (not over)
-            )
-        if step not in self.acted[k]:
-            return self.odd(step, k, wire.ACTION.name, MISSING, "one, for it is rewarded")
-        if self.move[row][k] == NONE:
+            computed = "none" if over else "none: it has arrived"
+            yield self.odd(step, k, wire.REWARD.name, logged, computed)
+        elif step not in self.acted[k]:
+            yield self.odd(step, k, wire.ACTION.name, MISSING, "one, for it is rewarded")
+        elif self.move[row][k] == NONE:
             logged = f"(east, north) {tuple(self.log.numbers[row, k, :2].tolist())}"
-            return self.odd(step, k, wire.ACTION.name, logged, "an action")
-        return None
+            yield self.odd(step, k, wire.ACTION.name, logged, "an action")
 
-    def _left_out(self, step: int, left: Sequence[int]) -> Difference | None:
-        """Return whose reward or action is missing, as the world says that it left out fewer."""
-        if not self.statuses or self.left_out + len(left) <= self.statuses[0].left_out:
-            return None
-        acted = [k for k in left if step in self.acted[k]]
-        quantity = wire.REWARD.name if acted else wire.ACTION.name
-        due = "one, for the world does not say that it left the robot out"
-        return self.odd(step, (acted or left)[0], quantity, MISSING, due)
+    def _left_out(self, step: int, left: Sequence[int]) -> Iterator[Difference]:
+        """Yield whose reward or action is missing, as the world says that it left out fewer."""
+        if self.statuses and self.left_out + len(left) > self.statuses[0].left_out:
+            acted = [k for k in left if step in self.acted[k]]
+            quantity = wire.REWARD.name if acted else wire.ACTION.name
+            due = "one, for the world does not say that it left the robot out"
+            yield self.odd(step, (acted or left)[0], quantity, MISSING, due)
 
-    def _end(self) -> Difference | None:
+    def _end(self) -> Iterator[Difference]:
         """The log must say how the run ended, and end there."""
-        world = self.world
+        world, status = self.world, (self.world.step, None, wire.STATUS.name)
         left = world.scenario.steps - world.transitions
+        end = next(reversed(self.log.tracks.statuses), None)
         if self.went_on or (world.episode_over and left):
             due = world.step + (0 if self.went_on else EPISODE_GAP)
-            return self.odd(due, 0, wire.LOCAL_STATE.name, MISSING, "a state")
-        end = next(reversed(self.log.tracks.statuses), None)
-        if end is None or end.state not in wire.OVER:
-            odd = MISSING if end is None else repr(end.state), "the end of the run"
+            yield self.odd(due, 0, wire.LOCAL_STATE.name, MISSING, "a state")
+        elif end is None or end.state not in wire.OVER:
+            logged = MISSING if end is None else repr(end.state)
+            yield self.odd(*status, logged, "the end of the run")
         elif end.step != world.step:
-            odd = f"step {end.step}", "the last step"
+            yield self.odd(*status, f"step {end.step}", "the last step")
         elif (end.state == wire.RunState.FINISHED) != (left == 0):
-            odd = repr(end.state), f"{left} steps of the budget left"
-        else:
-            return None
-        return Difference(world.step, None, wire.STATUS.name, *odd)
+            yield self.odd(*status, repr(end.state), f"{left} steps of the budget left")
 
     def _maps(self) -> Iterator[Difference]:
         """Yield what is missing of what is shown as an episode begins, and maps too many."""

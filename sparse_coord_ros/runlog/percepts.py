@@ -11,8 +11,7 @@ from sparse_coord_ros.game.links import Percepts
 from sparse_coord_ros.runlog.dialogue import Request, heard
 from sparse_coord_ros.runlog.difference import DIALOGUE, MISSING, Difference
 from sparse_coord_ros.runlog.log import NONE, RunLog
-from sparse_coord_ros.runlog.replay import trajectory_of
-from sparse_coord_ros.runlog.stretches import Stretch
+from sparse_coord_ros.runlog.replay import Stretch, trajectory_of
 from sparse_coord_ros.wire import ACTION, PERCEPT, PerceptEnd
 from sparse_coord_ros.wire.events import EventKind
 
@@ -95,7 +94,14 @@ class _Judge:
             words = PerceptEnd.REFUSED.words if refused else _words([one.cell for one in due])
             found = _words([self.frame.cell(*place) for place in seen])
             yield self.odd(step, k, PERCEPT.name, found, words)
-        elif seen:
+        else:
+            yield from self._dialogue(k, step, code, due, shown=bool(seen))
+
+    def _dialogue(
+        self, k: int, step: int, code: float, due: Sequence[_Due], *, shown: bool
+    ) -> Iterator[Difference]:
+        """Judge how a percept is said to have ended, by what it shows and what was answered."""
+        if shown:
             yield from self._ended(k, step, code, PerceptEnd.ANSWERED)
             for one in due if code == PerceptEnd.ANSWERED else ():
                 yield from self._answer(k, step, one)
@@ -142,21 +148,18 @@ class _Judge:
         that is too busy to look at an answer asks again, and then looks at the answer that had
         come.
         """
-        requests = self.heard.get((k, due.peer, step), [])
-        answers = [request.answer for request in requests]
+        answers = [request.answer for request in self.heard.get((k, due.peer, step), [])]
         if (step, due.where) not in answers:
-            logged = MISSING
-            if answers:
-                logged = f"{answers[0] or f'{EventKind.RETURNED.words} {MISSING}'}"
+            silent = f"{EventKind.RETURNED.words} {MISSING}"
+            logged = f"{answers[0] or silent}" if answers else MISSING
             yield self.odd(step, k, self._with(due.peer), logged, due.words)
 
     def _request(self, request: Request) -> Iterator[Difference]:
         """Judge whether the four sides of an answered request are there, agree and are true."""
         k, step, quantity = request.asker, request.step, self._with(request.peer)
-        if EventKind.RETURNED in request.wall_ns:
-            for kind in EventKind:
-                if kind not in request.wall_ns:
-                    yield self.odd(step, k, f"{quantity}, {kind.words}", MISSING, "one")
+        answered = EventKind.RETURNED in request.wall_ns
+        for kind in sorted(set(EventKind) - request.wall_ns.keys()) if answered else ():
+            yield self.odd(step, k, f"{quantity}, {kind.words}", MISSING, "one")
         if request.answer is not None and request.said not in (None, request.answer):
             received = f"{request.answer}, as it was received"
             yield self.odd(step, k, quantity, f"{request.said}", received)

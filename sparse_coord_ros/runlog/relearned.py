@@ -12,8 +12,7 @@ from sparse_coord_ros import wire
 from sparse_coord_ros.game.world import EPISODE_GAP
 from sparse_coord_ros.learn.agent import Tables
 from sparse_coord_ros.runlog.attached import RecordedTables
-from sparse_coord_ros.runlog.replay import Replay, trajectory_of
-from sparse_coord_ros.runlog.stretches import UNFIT, Stretch, restored
+from sparse_coord_ros.runlog.replay import UNFIT, Replay, Stretch, restored, trajectory_of
 from sparse_coord_ros.runlog.window import MOVES, LongLog
 
 AT_ONCE = 2000
@@ -120,11 +119,8 @@ class Relearned:
 
     def _keep(self, part: _Part, step: int) -> list[RecordedTables]:
         """Keep and return what the robots remember at a time step that a part has reached."""
-        agents = [replay.agent for replay in part.replays]
-        saved = [
-            RecordedTables(one.number, step, deepcopy(one.tables), {}, one.memory())
-            for one in agents
-        ]
+        team = [replay.agent for replay in part.replays]
+        saved = [RecordedTables(a.number, step, deepcopy(a.tables), {}, a.memory()) for a in team]
         self._kept[step] = saved
         size = sum(array.nbytes for one in saved for array in one.tables.arrays().values())
         while len(self._kept) > max(2, MOST_BYTES // (2 * size)):

@@ -107,10 +107,8 @@ def kept(
 
 def holds(place: int, step: int, backs: Sequence[Rollback]) -> bool:
     """Whether what a file (by its place) says of a time step is not superseded."""
-    return not any(
-        (place < back.file and step >= back.first) or (place == back.file and step < back.step)
-        for back in backs
-    )
+    before = any(place < back.file and step >= back.first for back in backs)
+    return not before and not any(place == back.file and step < back.step for back in backs)
 
 
 def gaps(
@@ -163,10 +161,8 @@ def lost(jumps: Sequence[Jump], period: int, known: Sequence[LostSteps]) -> list
     for jump in sorted(jumps, key=lambda one: abs(one.after - one.before)):
         ends = sorted((jump.before // period, jump.after // period))
         first, last = ends[0] + 1, max(ends[0] + 1, ends[1] - 1)
-        if not any(
-            first - MARGIN <= gap.first and (gap.last or gap.first) <= last + MARGIN
-            for gap in found
-        ):
+        low, high = first - MARGIN, last + MARGIN
+        if not any(low <= gap.first and (gap.last or gap.first) <= high for gap in found):
             found.append(LostSteps(first, last))
     return found
 

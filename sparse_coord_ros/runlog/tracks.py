@@ -3,7 +3,8 @@
 """A bag's messages sorted by topic and time step, with whatever is odd about them."""
 
 from bisect import bisect_left, bisect_right
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -16,7 +17,7 @@ from sparse_coord_ros.bags.topics import find_clock
 from sparse_coord_ros.game.world import EPISODE_GAP
 from sparse_coord_ros.runlog.attached import RecordedTables, read_tables
 from sparse_coord_ros.runlog.bag_run import BagRun, check_bag_run, find_run
-from sparse_coord_ros.runlog.columns import OFTEN, Columns, Reading
+from sparse_coord_ros.runlog.columns import OFTEN, Columns, Forms, Only, Reading
 from sparse_coord_ros.runlog.dialogue import NO_REQUEST, Request, put_together
 from sparse_coord_ros.runlog.difference import MISSING, Difference
 from sparse_coord_ros.runlog.timeline import (
@@ -103,9 +104,7 @@ class Tracks:
         suspects: messages beside those of the run, each of which may be a stranger's.
     """
 
-    def __init__(
-        self, bag: Bag, found: BagRun, only: Collection[wire.Topic] | None = None
-    ) -> None:
+    def __init__(self, bag: Bag, found: BagRun, only: Only = None) -> None:
         self.bag, self.run, self.prefix = bag, found.run, found.prefix
         self.names = tuple(robot.name for robot in self.run.scenario.robots)
         self.clock_topic = find_clock(bag.topics, bag.counts) or f"/{wire.CLOCK.name}"
@@ -116,9 +115,7 @@ class Tracks:
             forms[wire.ROSOUT.name] = wire.ROSOUT, lambda message: message
         self._period = Frame(self.run).period
         self._backs = rollbacks(bag)
-        begins: list[int | None] = [None] * len(bag.files)
-        for back in self._backs:
-            begins[back.file] = (back.first - 1) * self._period
+        begins = {back.file: (back.first - 1) * self._period for back in self._backs}
         columns = Columns(bag, forms, only, self._period, begins)
         self.problems, self.suspects = columns.problems, columns.suspects
         self._files = columns.rows
@@ -135,16 +132,14 @@ class Tracks:
         self._strays(of_robots)
         for step in self.clock.repeats.tolist():
             self.problems.append(self.odd(step, None, THE_CLOCK, "twice", "once"))
-        self.coordination_maps = [
-            self._several(wire.COORDINATION_MAP, k, checkpoints=True) for k in robots
-        ]
+        self.coordination_maps = [self._several(wire.COORDINATION_MAP, k) for k in robots]
         self.statuses = list(self._statuses())
         self.requests: list[Request] = []
         self._dialogue()
         logged = [rows[wire.ROSOUT.name] for rows in self._files if wire.ROSOUT.name in rows]
         self.rosout: list[Any] = [message for rows in logged for message in rows.tolist()]
 
-    def _forms(self) -> dict[str, tuple[wire.Topic, Reading]]:
+    def _forms(self) -> Forms:
         run, frame = self.run, Frame(self.run)
         of_team: dict[wire.Topic, Reading] = {
             wire.CLOCK: messages.CLOCK_FORM,
@@ -215,31 +210,32 @@ class Tracks:
     def _dialogue(self) -> None:
         """Put the dialogue together, of each time line by itself: who comes back counts anew."""
         of_robots = [self._of(wire.SERVICE_EVENTS, k) for k in range(len(self.names))]
-        newest = max(track.step.max(initial=0) for track in (self.clock, *self.states))
-        ends = [*(back.file for back in self.rollbacks), len(self._files)]
-        for place, (back, end) in enumerate(zip([None, *self.rollbacks], ends, strict=True)):
-            begin = 0 if back is None else back.file
-            if begin == end:
-                continue
-            events = [np.concatenate(files[begin:end]) for files in of_robots]
-            limit = min([later.first for later in self.rollbacks[place:]], default=np.inf)
-            requests, problems, others = put_together(events, self.names, self._period)
-            self.requests += [r for r in requests if r.step < limit and not _stale(r, back)]
-            self.suspects += [one for one in others if (one.step or 0) < limit]
-            # Questions that were under way when the run went back are answered from then, or from
-            # the checkpoint by who has gone back already, without a request here.
-            for one in problems:
-                step, unasked = one.step or 0, one.logged == NO_REQUEST
-                if unasked and step > newest:
-                    self.suspects.append(one)
-                elif step < limit and not (unasked and _under_way(step, back)):
-                    self.problems.append(one)
+        cuts = [0, *(back.file for back in self.rollbacks), len(self._files)]
+        for back, (begin, end) in zip([None, *self.rollbacks], pairwise(cuts), strict=True):
+            if begin < end:
+                self._time_line([np.concatenate(files[begin:end]) for files in of_robots], back)
         self.requests.sort(key=lambda one: (one.step, one.asker))
 
-    def _rows(
-        self, topic: wire.Topic, k: int | None, *, checkpoints: bool
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the rows of a topic that hold, with their time steps."""
+    def _time_line(self, events: list[np.ndarray], back: Rollback | None) -> None:
+        """Put the dialogue since a roll-back together, up to where the run went back to next."""
+        newest = max(track.step.max(initial=0) for track in (self.clock, *self.states))
+        later = self.rollbacks[0 if back is None else self.rollbacks.index(back) + 1 :]
+        limit = min((one.first for one in later), default=np.inf)
+        requests, problems, others = put_together(events, self.names, self._period)
+        self.requests += [one for one in requests if one.step < limit and not _stale(one, back)]
+        self.suspects += [one for one in others if (one.step or 0) < limit]
+        # Questions that were under way when the run went back are answered from then, or from
+        # the checkpoint by who has gone back already, without a request here.
+        for one in problems:
+            step, unasked = one.step or 0, one.logged == NO_REQUEST
+            if unasked and step > newest:
+                self.suspects.append(one)
+            elif step < limit and not (unasked and _under_way(step, back)):
+                self.problems.append(one)
+
+    def _rows(self, topic: wire.Topic, k: int | None) -> tuple[np.ndarray, np.ndarray]:
+        """Return the time steps of a topic's rows that hold, and the rows."""
+        checkpoints = topic is wire.COORDINATION_MAP
         rows = kept(self._of(topic, k), self._backs, self._period, checkpoints=checkpoints)
         steps = steps_of(rows, self._period)
         due = steps * self._period
@@ -248,11 +244,11 @@ class Tracks:
             ns, step = int(rows["ns"][place]), int(steps[place])
             of = (step, f"{due[place]} ns") if ns >= 0 else (None, "0 or later")
             self.suspects.append(self.odd(of[0], k, f"{topic.name} stamp", f"{ns} ns", of[1]))
-        return rows[right], steps[right]
+        return steps[right], rows[right]
 
     def _track(self, topic: wire.Topic, k: int | None = None) -> Track:
         """Return rows of which there should be one a time step."""
-        rows, steps = self._rows(topic, k, checkpoints=False)
+        steps, rows = self._rows(topic, k)
         ordered = in_order(steps, each_once=True)
         newest = np.maximum.accumulate(np.concatenate([[-1], np.where(ordered, steps, -1)]))
         by_step = np.lexsort((~ordered, steps))
@@ -306,44 +302,46 @@ class Tracks:
             self.problems = [o for o in self.problems if o[:3:2] != (step, topic.name)]
         return track.only(steps)
 
-    def _several(
-        self, topic: wire.Topic, k: int | None = None, *, checkpoints: bool = False
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def _several(self, topic: wire.Topic, k: int | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Return time steps and rows, of which there may be several a time step."""
-        rows, steps = self._rows(topic, k, checkpoints=checkpoints)
+        steps, rows = self._rows(topic, k)
         for place in np.flatnonzero(np.diff(steps) < 0).tolist():
             words = f"after that of step {steps[place]}", "before it"
             self.problems.append(self.odd(int(steps[place + 1]), k, topic.name, *words))
         return steps, rows
 
-    def _statuses(self) -> Iterator[Said]:
-        """Yield the world's statuses that hold, and note what is odd about them."""
-
-        def odd(one: Said, *words: str) -> Difference:
-            return Difference(one.step, None, wire.STATUS.name, *words)
-
-        run, found = self.run, []
+    def _own_statuses(self) -> Iterator[Said]:
+        """Yield the statuses of the run that hold; note those of others."""
+        run = self.run
         for place, rows in enumerate(self._of(wire.STATUS)):
             for one in rows:
                 if one is OF_NO_RUN or (one.run and run.id and one.run != run.id):
-                    self.suspects.append(odd(one, f"of run {one.run!r}", run.id or "this one"))
+                    self.suspects.append(_odd(one, f"of run {one.run!r}", run.id or "this one"))
                 # A world that is yet to go back does not know where the team is.
                 elif holds(place, one.step, self._backs) and one.state != RunState.RESUMING:
-                    found.append(one)
+                    yield one
+
+    def _statuses(self) -> Iterator[Said]:
+        """Yield the world's statuses, and note what is odd about them."""
+        found = list(self._own_statuses())
         ordered = in_order(np.array([one.step for one in found], dtype=np.int64)).tolist()
         over = False
         for one, right in zip(found, ordered, strict=True):
             state, ended = one.state, one.state == RunState.FINISHED
-            if not right or (ended and one.transitions < run.scenario.steps):
+            if not right or (ended and one.transitions < self.run.scenario.steps):
                 what = f"{state!r} after {one.transitions} transitions"
-                self.suspects.append(odd(one, what, "another step or state"))
+                self.suspects.append(_odd(one, what, "another step or state"))
                 continue
             if state not in list(RunState):
-                self.problems.append(odd(one, repr(state[:40]), " or ".join(RunState)))
+                self.problems.append(_odd(one, repr(state[:40]), " or ".join(RunState)))
             if over and not ended:
-                self.problems.append(odd(one, f"{state!r} after the end", "nothing after it"))
+                self.problems.append(_odd(one, f"{state!r} after the end", "nothing after it"))
             over = ended
             yield one
+
+
+def _odd(said: Said, *words: str) -> Difference:
+    return Difference(said.step, None, wire.STATUS.name, *words)
 
 
 def read_tracks(path: Path) -> Tracks:
@@ -382,18 +380,15 @@ def in_order(steps: np.ndarray, *, each_once: bool = False) -> np.ndarray:
     """
     if (np.diff(steps) >= 0).all():
         return np.ones(len(steps), dtype=bool)
-    before = np.full(len(steps), -1, dtype=np.int64)
-    ends: list[int] = []
-    places: list[int] = []
+    then = np.full(len(steps), -1, dtype=np.int64)
+    places: list[int] = []  # where sequences of 1, 2, ... steps begin that begin as late as can be
     bisect = bisect_left if each_once else bisect_right
     for place in range(len(steps) - 1, -1, -1):
-        at = bisect(ends, -int(steps[place]))
-        before[place] = places[at - 1] if at else -1
-        ends[at : at + 1] = [-int(steps[place])]
+        at = bisect(places, -int(steps[place]), key=lambda begin: -int(steps[begin]))
+        then[place] = places[at - 1] if at else -1
         places[at : at + 1] = [place]
-    right = np.zeros(len(steps), dtype=bool)
-    place = places[-1]
+    right, place = np.zeros(len(steps), dtype=bool), places[-1]
     while place >= 0:
         right[place] = True
-        place = int(before[place])
+        place = int(then[place])
     return right

@@ -1,21 +1,33 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Computes a recorded run again and compares; the engine behind `sparse_coord verify`."""
+"""Computes a recorded run again and compares; the engine behind `sparse_coord verify`.
+
+What differs may be a copy that is lost, an open question, or that somebody did otherwise. It is
+open where a part of the bag is lost, where a node was killed, and where one came back in mid-run
+and went on without taking the team back (`returning:=continue`): what it had learned, or counted,
+since its checkpoint is lost, and the log does not say what it began with.
+"""
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+from sparse_coord_ros import wire
 from sparse_coord_ros.game.plugins import leaving_out
+from sparse_coord_ros.game.world import EPISODE_GAP
 from sparse_coord_ros.runlog.agents import AgentCheck
-from sparse_coord_ros.runlog.difference import Difference
+from sparse_coord_ros.runlog.decode import Decoder
+from sparse_coord_ros.runlog.difference import MISSING, Difference
 from sparse_coord_ros.runlog.game_check import WorldCheck
 from sparse_coord_ros.runlog.improved import Plans, check_plans
-from sparse_coord_ros.runlog.judge import judge, topic_of
 from sparse_coord_ros.runlog.log import RunLog, read_run
 from sparse_coord_ros.runlog.percepts import check_percepts
-from sparse_coord_ros.runlog.stretches import Stretch, stretches
+from sparse_coord_ros.runlog.replay import stretches
+from sparse_coord_ros.runlog.tracks import THE_CLOCK
+from sparse_coord_ros.wire.status import ROLL_CALL, read_progress, read_status
 
 
 @dataclass(frozen=True)
@@ -100,35 +112,32 @@ def verify(path: Path) -> Verification:
     say = not_computed.setdefault
     found = [one for one in log.problems if one.step is None]
     if not log.run.by_this_package:
-        say(
-            "the versions in its run do not name sparse_coord_ros: a world of one's own, whose "
-            "markers are not compared"
-        )
+        why = "the versions in its run do not name sparse_coord_ros: a world of one's own"
+        say(f"{why}, whose markers are not compared")
     for part in parts:
         if not part.lost:
-            world, team, differences = _of_part(log, part, say)
-            worlds.append(world)
+            worlds.append(WorldCheck(log, part))
+            team = [AgentCheck(log, k, part) for k in range(len(log.names))]
+            found += _of_part(worlds[-1], team, say)
             agents += team
-            found += differences
-    known = [one.agent for one in agents[-len(log.names) :] if one.agent is not None]
     plans = Plans()
-    if log.run.improve and not (found or parts[-1].lost) and len(known) == len(log.names):
-        with leaving_out("improved tables", say):
-            plans = check_plans(log, known)
+    if not (found or parts[-1].lost):  # else the agents do not know what the robots do
+        plans = _of_plans(log, agents, say)
     found += plans.odd
-    verdict = judge(log, agents, sorted(dict.fromkeys(found), key=lambda one: one.rank))
+    ordered = sorted(dict.fromkeys(found), key=lambda one: one.rank)
+    differences, left_open, lost, broke_off = judge(log, agents, ordered)
 
     def total(name: str, checks: Sequence[AgentCheck | WorldCheck] = agents) -> int:
         return sum(getattr(check, name) for check in checks)
 
     return Verification(
         log=log,
-        differences=tuple(verdict.differences),
-        open=tuple(verdict.open),
-        broke_off=tuple(verdict.broke_off),
+        differences=tuple(differences),
+        open=tuple(left_open),
+        broke_off=tuple(broke_off),
         not_computed=tuple(not_computed),
-        foreign=0 if verdict.differences or verdict.open else len(log.tracks.suspects),
-        lost=Counter(topic_of(log, one) for one in verdict.lost),
+        foreign=0 if differences or left_open else len(log.tracks.suspects),
+        lost=Counter(topic_of(log, one) for one in lost),
         steps=total("transitions", worlds),
         choices=total("choices"),
         updates=total("updates"),
@@ -143,11 +152,10 @@ def verify(path: Path) -> Verification:
 
 
 def _of_part(
-    log: RunLog, part: Stretch, say: Callable[[str], None]
-) -> tuple[WorldCheck, list[AgentCheck], list[Difference]]:
-    """Return who computed a part, and in what it differs; say what is not computed."""
-    world, team = WorldCheck(log, part), [AgentCheck(log, k, part) for k in range(len(log.names))]
-    found: list[Difference] = []
+    world: WorldCheck, team: Sequence[AgentCheck], say: Callable[[str], None]
+) -> list[Difference]:
+    """Return in what a part differs; say what is not computed."""
+    log, part, found = world.log, world.stretch, list[Difference]()
     with leaving_out("percepts and answers", say):
         found += check_percepts(log, part)
     found += [*log.problems, *world.differences()]
@@ -158,4 +166,154 @@ def _of_part(
                 found += agent.differences()
             else:
                 say(why)
-    return world, team, [one for one in found if one.step is not None and part.holds(one.step)]
+    return [one for one in found if one.step is not None and part.holds(one.step)]
+
+
+def _of_plans(log: RunLog, agents: Sequence[AgentCheck], say: Callable[[str], None]) -> Plans:
+    """Compare what the team made of what it had learned, where that is known of all."""
+    known = [one.agent for one in agents[-len(log.names) :] if one.agent is not None]
+    with leaving_out("improved tables", say):
+        if log.run.improve and len(known) == len(log.names):
+            return check_plans(log, known)
+    return Plans()
+
+
+# What a difference means.
+
+KEPT = {one.name: one for one in (wire.MAP, wire.MARKERS, wire.COORDINATION_MAP, wire.TABLES)}
+"""Of what the middleware keeps only the last messages for a recorder that lags."""
+OF_WORLD = {THE_CLOCK, wire.LOCAL_STATE.name, wire.REWARD.name, wire.STATUS.name}
+OF_WORLD |= KEPT.keys() - {wire.TABLES.name}
+"""What depends on where the world is in its game."""
+
+
+Cause = tuple[str, Callable[[Difference], bool]]
+"""Why something may differ though nobody computed otherwise: a sentence, and what it is."""
+
+
+def judge(
+    log: RunLog, agents: Sequence[AgentCheck], found: Sequence[Difference]
+) -> tuple[list[Difference], list[Difference], list[Difference], list[str]]:
+    """Return what differs, is open, and is only lost, in the order of time; and who broke off."""
+    lost = dict.fromkeys(one for one in found if _lost(log, one))
+    ordered = [one for one in found if one not in lost]
+    open_: set[Difference] = set()
+    broke_off = []
+    for text, explains in _causes(log, agents) if ordered else ():
+        mine = [one for one in ordered if explains(one)]
+        open_.update(mine)
+        broke_off += [text] if mine and text else []
+    differences = [one for one in ordered if one not in open_]
+    if ordered:  # somebody may have gone by foreign messages, or they replace what is missing
+        differences = sorted([*log.tracks.suspects, *differences], key=lambda one: one.rank)
+    return differences, [one for one in ordered if one in open_], [*lost], broke_off
+
+
+def topic_of(log: RunLog, difference: Difference) -> str:
+    """Return the full name of the topic of what is kept."""
+    robot = None if difference.robot is None else log.names.index(difference.robot)
+    return log.tracks.topic(KEPT[difference.quantity], robot)
+
+
+def _lost(log: RunLog, difference: Difference) -> bool:
+    """Whether a message is missing on a topic that has others, and keeps only its last ones.
+
+    Where a foreign one is there instead, it may have been replaced.
+    Of tables: whether as many as it keeps came later, made by all that was learned before.
+    """
+    step, robot, quantity, logged, _ = difference
+    if logged != MISSING or quantity not in KEPT or not step:
+        return False
+    if quantity != wire.TABLES.name:
+        topic = topic_of(log, difference)
+        odd = f"topic {topic}", f"{quantity} stamp"
+        foreign = [one.step for one in log.tracks.suspects if one.quantity in odd]
+        replaced = any(at is not None and abs(at - step) <= EPISODE_GAP for at in foreign)
+        return log.bag.counts.get(topic, 0) > 0 and not replaced
+    later = [one for one in log.all_tables if log.names[one.robot] == robot and one.step > step]
+    return len(later) >= wire.TABLES_DEPTH
+
+
+def _causes(log: RunLog, agents: Sequence[AgentCheck]) -> Iterator[Cause]:
+    tracks = log.tracks
+    if tracks.lossy:
+
+        def gone(odd: Difference) -> bool:
+            """Whether it may have been in a part that is lost; messages of steps have numbers."""
+            return odd.logged == MISSING and (odd.step is None or odd.quantity in KEPT)
+
+        yield "", gone
+    for agent in agents:
+        if agent.killed:
+            text = f"{agent.name} saved no tables at its end (killed?)"
+            yield text, agent.missing_tables(agent.end).__eq__
+    if not log.broken_off and tracks.statuses and tracks.statuses[-1].state not in wire.OVER:
+        yield "the world did not say how the run ended (killed?)", _of_its_end(log)
+    said = _said(log, wire.STATUS, read_status)
+    calls = [(step, one.order.name) for step, one in said if one.order.step == ROLL_CALL]
+    for k in range(len(log.names)):
+        yield from _robot_returns(log, k, {"", *(name for _, name in calls)})
+    if calls:
+        since = calls[0][0]
+
+        def of_world(odd: Difference) -> bool:
+            return odd.step is not None and odd.step >= since and odd.quantity in OF_WORLD
+
+        text = f"the world came back at step {since} and went on with a new episode"
+        yield f"{text}: what it then does is not computed again", of_world
+
+
+def _of_its_end(log: RunLog) -> Callable[[Difference], bool]:
+    """Return what tells what may be missing as the world was killed, also in its last moment."""
+    tracks, state = log.tracks, repr(log.tracks.statuses[-1].state)
+    last = max(int(track.step.max(initial=0)) for track in (*tracks.states, tracks.clock))
+
+    def explains(odd: Difference) -> bool:
+        missing = odd.logged == MISSING and (odd.step or 0) >= last
+        return (
+            (missing and odd.quantity in (wire.LOCAL_STATE.name, wire.REWARD.name, THE_CLOCK))
+            or (odd.quantity, odd.logged) == (wire.STATUS.name, state)
+            or odd.quantity == wire.TABLES.name
+            and odd.computed.startswith("the log ends at step")
+        )
+
+    return explains
+
+
+def _robot_returns(log: RunLog, k: int, calls: Collection[str]) -> list[Cause]:
+    """Return what follows where a robot came back; nothing once it obeyed an order to go back.
+
+    Args:
+        log: the log.
+        k: its number.
+        calls: names of orders by which nobody goes back.
+    """
+    life, name, backs = "", log.names[k], list[Cause]()
+    for step, said in _said(log, wire.PROGRESS, read_progress, k):
+        if life and said.life != life and said.resumed:
+
+            def explains(odd: Difference, step: int = step, since: int = said.step) -> bool:
+                """Whether it is of then; or the tables of its checkpoint, which come again."""
+                again = (odd.quantity, odd.logged, odd.step)
+                late = odd.step is not None and odd.step >= step
+                return odd.robot == name and (late or again == (wire.TABLES.name, "twice", since))
+
+            text = (
+                f"{name} came back at step {step} with what it had learned until step {said.step}"
+            )
+            text += ", and went on with that: what it then does and learns is not computed again"
+            backs.append((text, explains))
+        life = said.life
+        backs = backs if said.obeyed in calls else []
+    return backs
+
+
+def _said(
+    log: RunLog, topic: wire.Topic, read: Callable[[Any], Any], k: int | None = None
+) -> Iterator[tuple[int, Any]]:
+    """Yield the log's time step and what is read of each message of a topic."""
+    decode, period, name = Decoder(log.bag.topics), log.frame.period, log.tracks.topic(topic, k)
+    for message in log.bag.messages({name}) if name in log.bag.topics else ():
+        with suppress(AttributeError, ValueError):  # another message; its reader says so
+            said = read(decode(name, message.data))
+            yield round(message.log_time_ns / period), said

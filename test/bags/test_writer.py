@@ -18,7 +18,7 @@ from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
 from sparse_coord_ros.bags import BagWriter, QoS, open_bag, type_hash
-from sparse_coord_ros.bags.qos import offered_qos_profiles
+from sparse_coord_ros.bags.metadata import offered_qos_profiles
 from sparse_coord_ros.bags.schemas import schema_text
 from sparse_coord_ros.errors import BagError, SparseCoordError
 from sparse_coord_ros.version import __version__

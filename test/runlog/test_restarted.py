@@ -18,7 +18,7 @@ from sparse_coord_ros.runlog import verify
 from sparse_coord_ros.runlog.attached import read_tables
 from sparse_coord_ros.runlog.dialogue import Request, heard, times_asked_again
 from sparse_coord_ros.runlog.percepts import check_percepts
-from sparse_coord_ros.runlog.stretches import Stretch
+from sparse_coord_ros.runlog.replay import Stretch
 from sparse_coord_ros.runlog.timeline import Rollback, holds
 from sparse_coord_ros.runlog.tracks import _stale, _under_way
 from sparse_coord_ros.wire import RunState
