@@ -18,11 +18,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sparse_coord_ros.dataframes import data_frame, shown_as
-from sparse_coord_ros.engine.batch import run_batch, uses_numba
+from sparse_coord_ros.engine.batch import run_batch
 from sparse_coord_ros.engine.cluster import SchedulerLike, check_place, cluster_at
 from sparse_coord_ros.engine.improve import Improvement
 from sparse_coord_ros.engine.improve import improve as plan
-from sparse_coord_ros.engine.training import Training, train
+from sparse_coord_ros.engine.trained import Training
+from sparse_coord_ros.engine.training import train
 from sparse_coord_ros.errors import RunError, SettingError, SparseCoordError, TablesError, in_short
 from sparse_coord_ros.experiments.benchmark import Benchmark, Standing, benchmark
 from sparse_coord_ros.experiments.catalogue import experiment_names
@@ -47,7 +48,7 @@ from sparse_coord_ros.game.world import Reward, RewardWeights
 from sparse_coord_ros.learn import evaluation, run_config
 from sparse_coord_ros.learn.agent import Agent, Choice, Tables
 from sparse_coord_ros.learn.evaluation import Evaluation
-from sparse_coord_ros.learn.history import History, blank_history, load_history
+from sparse_coord_ros.learn.history import History, load_history
 from sparse_coord_ros.learn.learners import Learner, LearnerLike, chosen_learner, register_learner
 from sparse_coord_ros.learn.run_config import RUN_SETTINGS, RunConfig
 from sparse_coord_ros.learn.tables import load_memories, load_team
@@ -283,7 +284,6 @@ def train_many(
     seed = RUN_SETTINGS["seed"].parse(seed)
     plan = Plan(seed, RUNS.parse(runs), TRIALS_OR_NONE.parse(trials))
     check_place(jobs, scheduler)
-    used = "numba" if uses_numba(engine, rule) else "python"
     done: list[Training] = []
     with cluster_at(scheduler) as cluster:
         for run in run_batch(
@@ -296,21 +296,7 @@ def train_many(
             history=history,
             cluster=cluster,
         ):
-            done.append(
-                Training(
-                    scenario=problem,
-                    learner=rule,
-                    seed=run.seed,
-                    engine=used,
-                    tables=run.tables,
-                    history=run.history or blank_history(0, len(problem.robots)),
-                    visited=run.visited,
-                    evaluations=(),
-                    transitions=problem.steps,
-                    finished=True,
-                    trials=run.trials,
-                )
-            )
+            done.append(run)
             progress(len(done), plan.runs)
     return Runs(problem, rule.label, tuple(done))
 

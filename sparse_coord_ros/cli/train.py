@@ -17,10 +17,10 @@ from sparse_coord_ros.cli.improve import IMPROVE, planned
 from sparse_coord_ros.cli.options import Option
 from sparse_coord_ros.compiling import has_numba
 from sparse_coord_ros.engine.batch import ENGINES, is_prepared, prepare
+from sparse_coord_ros.engine.trained import Training
 from sparse_coord_ros.engine.training import (
     EVERY,
     EVERY_TRIALS,
-    Training,
     engine_for,
     train,
     worth_compiling,

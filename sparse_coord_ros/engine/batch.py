@@ -11,6 +11,7 @@ closed, as by Ctrl-C, neither goes on for longer than a block of time steps.
 import os
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from functools import partial
 from itertools import groupby
 from typing import Any, NamedTuple, TypeAlias
@@ -21,26 +22,27 @@ from sparse_coord_ros.compiling import compile_once, has_numba, is_compiled, is_
 from sparse_coord_ros.engine import kernels
 from sparse_coord_ros.engine.cluster import Cluster
 from sparse_coord_ros.engine.processes import in_processes
+from sparse_coord_ros.engine.trained import Training
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.game import streams
 from sparse_coord_ros.game.actions import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.game.generator import jump_table, source_of
 from sparse_coord_ros.game.links import UP, link_of
 from sparse_coord_ros.game.miscoordination import meeting_places, miscoordinated
-from sparse_coord_ros.game.perception import drawn_peer, percept_probabilities
+from sparse_coord_ros.game.perception import asked_peers, percept_probabilities
 from sparse_coord_ros.game.plugins import path_of
 from sparse_coord_ros.game.scenario import Scenario, load_scenario
 from sparse_coord_ros.game.schedules import probabilities, step_sizes
 from sparse_coord_ros.game.world import EPISODE_GAP, FIRST_STEP, Action, Position, before_episode
 from sparse_coord_ros.learn import loops
-from sparse_coord_ros.learn.agent import NOBODY, Memory, Tables
+from sparse_coord_ros.learn.agent import Decision, Memory, Tables, action_of
 from sparse_coord_ros.learn.evaluation import Trials
 from sparse_coord_ros.learn.history import History, blank_history, concatenated
 from sparse_coord_ros.learn.learners import Learner, learner_of
 from sparse_coord_ros.learn.loops import Minds
 from sparse_coord_ros.learn.rows import has_room, updated_rows
 from sparse_coord_ros.learn.simulation import Glimpse, Learning, LearningState, groups_of
-from sparse_coord_ros.solve.exact import ExactMeans, exact_means
+from sparse_coord_ros.solve.exact import exact_means
 
 BLOCK = 2048
 """Time steps between two looks at whether anybody waits for the run and its tables have room."""
@@ -54,63 +56,35 @@ SMALL = "env1"
 ENGINES = ("auto", "numba", "python")
 
 
-class Run(NamedTuple):
-    """One learning run and its trials.
-
-    Attributes:
-        seed: the run's seed.
-        tables: what each robot learned.
-        visited: joint states of Q^C that each robot has updated, shape (robots,).
-        trials: greedy trials with these tables, seeded by the run's seed; None where none.
-        history: the learning history; None where it was not asked for.
-        exact: what such a trial brings on average; None without trials, and where nobody knows.
-    """
-
-    seed: int
-    tables: list[Tables]
-    visited: np.ndarray
-    trials: Trials | None
-    history: History | None = None
-    exact: ExactMeans | None = None
-
-
 def run_batch(
     scenario: Scenario,
     learner: str | Learner,
     seeds: Sequence[int],
     *,
-    trials: int,
-    engine: str = "auto",
-    jobs: int | None = None,
-    history: bool = False,
     cluster: Cluster | None = None,
-) -> Iterator[Run]:
+    **how: Any,
+) -> Iterator[Training]:
     """Learn once for each seed, play greedy trials, and yield the runs in the order of the seeds.
 
     Args:
         scenario: the problem and its protocol.
         learner: a learner, or its name.
         seeds: one run each.
-        trials: trials of each run; 0: none.
-        engine: "numba", "python", or "auto": numba where it is installed.
-        jobs: threads (or processes); all cores that this process may use where None.
-        history: whether each run comes with its learning history.
         cluster: whose workers compute; None: this machine.
+        how: as of `run_batches`; a cluster's workers say by themselves how many `jobs` they do.
 
     Raises:
         SettingError: numba is asked for and not installed.
         RunError: a process that computed runs was killed, or the cluster is lost.
     """
     rule = learner_of(learner)
-    if cluster is not None:
-        shares = cluster.shares(seeds, agent_steps(scenario), len(seeds))
-        how = {"trials": trials, "engine": engine, "history": history}
-        asked = [(scenario, rule, share, how) for share in shares]
-        for runs in cluster.in_order(_runs_of, asked):
-            yield from runs
+    if cluster is None:
+        yield from run_batches([Batch(scenario, rule, seeds)], **how)
         return
-    batch = Batch(scenario, rule, seeds)
-    yield from run_batches([batch], trials=trials, engine=engine, jobs=jobs, history=history)
+    shares = cluster.shares(seeds, agent_steps(scenario), len(seeds))
+    asked = [(scenario, rule, share, {**how, "jobs": 1}) for share in shares]
+    for _, runs in cluster.results(_runs_of, asked, in_order=True):
+        yield from runs
 
 
 class Batch(NamedTuple):
@@ -128,8 +102,19 @@ def run_batches(
     engine: str = "auto",
     jobs: int | None = None,
     history: bool = False,
-) -> Iterator[Run]:
-    """As `run_batch` on this machine, batch after batch: no core waits for the end of one."""
+) -> Iterator[Training]:
+    """Compute batches on this machine, one after the other: no core waits for the end of one.
+
+    Args:
+        batches: what to compute; the runs come in this order.
+        trials: trials of each run; 0: none.
+        engine: "numba", "python", or "auto": numba where it is installed.
+        jobs: threads (or processes); all cores that this process may use where None.
+        history: whether each run comes with its learning history.
+
+    Raises:
+        SettingError, RunError: as of `run_batch`.
+    """
     jobs = len(os.sched_getaffinity(0)) if jobs is None else jobs
     for compiled, group in groupby(batches, lambda one: uses_numba(engine, one.learner)):
         same = list(group)
@@ -144,7 +129,9 @@ def run_batches(
             yield from in_processes(_run_plain, work, jobs)
 
 
-def _in_threads(batches: Sequence[Batch], trials: int, jobs: int, history: bool) -> Iterator[Run]:
+def _in_threads(
+    batches: Sequence[Batch], trials: int, jobs: int, history: bool
+) -> Iterator[Training]:
     """Yield compiled runs."""
     stop = np.zeros(1, dtype=np.bool_)
     futures = []
@@ -169,9 +156,9 @@ def agent_steps(scenario: Scenario) -> int:
 
 def _runs_of(
     scenario: Scenario, learner: Learner, seeds: Sequence[int], how: dict[str, Any]
-) -> list[Run]:
+) -> list[Training]:
     """Compute some runs in a thread of a cluster's worker."""
-    return list(run_batch(scenario, learner, seeds, jobs=1, **how))
+    return list(run_batch(scenario, learner, seeds, **how))
 
 
 def uses_numba(engine: str, learner: Learner | None = None) -> bool:
@@ -198,20 +185,34 @@ def uses_numba(engine: str, learner: Learner | None = None) -> bool:
 
 def _run_plain(
     scenario: Scenario, learner: Learner, seed: int, trials: int, gathering: bool
-) -> Run:
+) -> Training:
     learning = begin(scenario, learner, seed, compiled=False, gathering=gathering)
-    return _whole(learning, trials, gathering)
+    return _whole(learning, "python", trials)
 
 
-def _whole(learning: "LearningRun", trials: int, gathering: bool) -> Run:
+def _whole(learning: "LearningRun", engine: str, trials: int) -> Training:
     """Learn for the scenario's budget, and play greedy trials with what was learned."""
-    scenario = learning.scenario
+    scenario, learner = learning.scenario, learning.learner
     learning.advance(scenario.steps)
-    visited, tables = learning.visited, learning.tables
-    played = learning.play(trials) if trials else None
-    exact = exact_means(scenario, tables, learning.learner) if trials else None
-    history = learning.history if gathering else None
-    return Run(learning.seed, tables, visited, played, history, exact)
+    found = result_of(learning, engine)
+    if not trials:
+        return found
+    exact = exact_means(scenario, found.tables, learner)
+    return replace(found, trials=learning.play(trials), exact=exact)
+
+
+def result_of(learning: "LearningRun", engine: str) -> Training:
+    """Return what a run has brought so far; `engine` computed it."""
+    return Training(
+        learning.scenario,
+        learning.learner,
+        learning.seed,
+        engine,
+        learning.tables,
+        learning.history,
+        learning.visited,
+        learning.done,
+    )
 
 
 def prepare(learner: str | Learner, *, engine: str = "auto", history: bool = False) -> None:
@@ -291,9 +292,9 @@ class CompiledTeam:
             max_steps=scenario.horizon, exploring=np.zeros(1), epsilon=np.zeros(1)
         )
 
-    def run(self, seed: int, trials: int, *, gathering: bool = False) -> Run:
+    def run(self, seed: int, trials: int, *, gathering: bool = False) -> Training:
         """Learn once and play greedy trials with what was learned."""
-        return _whole(CompiledLearning(self, seed, gathering=gathering), trials, gathering)
+        return _whole(CompiledLearning(self, seed, gathering=gathering), "numba", trials)
 
     def learn(self, seed: int) -> Minds:
         """Learn for the scenario's budget."""
@@ -468,14 +469,12 @@ class CompiledLearning:
 
     def _action(self, k: int, step: int) -> Action:
         """Return what a robot did at the time step that was made last."""
-        chosen, scenario = self._choice, self._team.scenario
-        asked, robots = int(chosen.actions[k]) == COORDINATE, len(scenario.robots)
-        peer = NOBODY
-        if asked and robots > 1 and scenario.peers != "all":
-            draw = streams.Stream(self.seed, k, streams.POLICY).at(step)[streams.PEER]
-            peer = drawn_peer(k, robots, draw)
-        perceived = asked and int(chosen.rows[k]) != loops.NO_ROW
-        return Action(int(chosen.moves[k]), asked, peer, perceived)
+        chosen, scenario = self._choice, self.scenario
+        draw = streams.Stream(self.seed, k, streams.POLICY).at(step)[streams.PEER]
+        peers = asked_peers(scenario.peers, k, len(scenario.robots), draw)
+        decision = Decision(int(chosen.actions[k]), peers)
+        perceived = int(chosen.rows[k]) != loops.NO_ROW
+        return action_of(decision, int(chosen.moves[k]), perceived=perceived)
 
     @property
     def asked(self) -> np.ndarray:
@@ -500,7 +499,7 @@ class CompiledLearning:
     @property
     def history(self) -> History:
         """The episodes so far."""
-        return concatenated(self._histories())
+        return concatenated([blank_history(0, len(self.scenario.robots)), *self._histories()])
 
     def state(self) -> LearningState:
         """Return where the run is."""
@@ -602,9 +601,6 @@ def make_problem(
     for k, choices in enumerate(free):
         start_cells[k, : len(choices)] = choices
     alpha = step_sizes(scenario.step_size, scenario.steps)
-    discounts = [1.0]
-    for _ in range(scenario.horizon):
-        discounts.append(discounts[-1] * scenario.discount)
     return loops.CompiledScenario(
         members=members,
         starts=np.array([robot.start for robot in robots]),
@@ -620,7 +616,7 @@ def make_problem(
         epsilon=probabilities(scenario.epsilon, scenario.steps),
         alpha_by_count=alpha.by_count,
         alpha_by_step=alpha.by_step,
-        discounts=np.array(discounts),
+        discounts=np.cumprod([1.0, *[scenario.discount] * scenario.horizon]),
         actions=len(ACTIONS) if learner.asks else PRIMITIVES,
         weights=np.array(learner.weights(scenario)),
         budget=scenario.steps,

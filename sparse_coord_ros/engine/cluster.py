@@ -11,8 +11,7 @@ import functools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError, ThreadPoolExecutor
-from contextlib import AbstractContextManager, nullcontext
-from types import TracebackType
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from sparse_coord_ros.compiling import digest_of_sources
@@ -51,41 +50,44 @@ def check_place(jobs: int | None, scheduler: SchedulerLike) -> None:
         )
 
 
-def cluster_at(scheduler: SchedulerLike) -> "AbstractContextManager[Cluster | None]":
-    """Return the cluster of a scheduler, to be entered; None where there is none."""
-    return nullcontext() if scheduler is None else Cluster(scheduler)
-
-
-class Cluster(AbstractContextManager["Cluster"]):
-    """A Dask cluster.
+@contextmanager
+def cluster_at(scheduler: SchedulerLike) -> "Iterator[Cluster | None]":
+    """Enter the cluster of a scheduler, and leave it again; None where there is none.
 
     Args:
-        scheduler: the address of its scheduler, such as tcp://10.0.0.1:8786, or a client of it,
-            which is left open, or a Dask cluster, such as a `LocalCluster`.
-
-    Attributes:
-        threads: how many its workers have together.
+        scheduler: the address of a Dask scheduler, such as tcp://10.0.0.1:8786, or a client of it,
+            which is left open, or a Dask cluster, such as a `LocalCluster`; or None.
 
     Raises:
         SettingError: that is no address.
         RunError: Dask is not installed, or the scheduler does not answer or has no workers.
     """
+    if scheduler is None:
+        yield None
+        return
+    client = _connected(scheduler)
+    try:
+        yield Cluster(client)
+    finally:
+        if client is not scheduler:
+            client.close()
 
-    def __init__(self, scheduler: SchedulerLike) -> None:
-        self._client = _connected(scheduler)
-        self._own = self._client is not scheduler
-        self.scheduler = self._client.scheduler.address
-        self.threads = sum(self._client.nthreads().values())
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Leave the cluster."""
-        if self._own:
-            self._client.close()
+class Cluster:
+    """A Dask cluster.
+
+    Args:
+        client: a client of its scheduler.
+
+    Attributes:
+        scheduler: the address of its scheduler.
+        threads: how many its workers have together.
+    """
+
+    def __init__(self, client: "Client") -> None:
+        self._client = client
+        self.scheduler = client.scheduler.address
+        self.threads = sum(client.nthreads().values())
 
     def shares(self, seeds: Sequence[int], agent_steps: int, runs: int) -> list[Sequence[int]]:
         """Return the seeds of a condition, those of one task together.
@@ -100,16 +102,20 @@ class Cluster(AbstractContextManager["Cluster"]):
         return [seeds[i : i + size] for i in range(0, len(seeds), size)]
 
     def results(
-        self, function: Callable[..., Any], work: Sequence[tuple[Any, ...]]
+        self,
+        function: Callable[..., Any],
+        work: Sequence[tuple[Any, ...]],
+        *,
+        in_order: bool = False,
     ) -> Iterator[tuple[int, Any]]:
         """Call a function once for each tuple of arguments; yield number and result of each.
 
-        They come as they are done. Where the iterator is closed, calls that have not begun never
-        begin.
+        Where the iterator is closed, calls that have not begun never begin.
 
         Args:
             function: importable by name, on the workers too.
             work: the arguments of each call.
+            in_order: whether results come in the order of the work, not as they are done.
 
         Raises:
             ResultsError: a worker has another version of this software.
@@ -123,8 +129,9 @@ class Cluster(AbstractContextManager["Cluster"]):
             self._client.submit(_call, asker, function, arguments, pure=False): number
             for number, arguments in enumerate(work)
         }
+        due = list(numbers)
         try:
-            for future in as_completed(list(numbers), loop=self._client.loop):
+            for future in due if in_order else as_completed(due, loop=self._client.loop):
                 number = numbers.pop(future)
                 try:
                     result = future.result()
@@ -136,18 +143,6 @@ class Cluster(AbstractContextManager["Cluster"]):
         finally:
             if numbers and self._client.status == "running":
                 self._client.cancel(list(numbers), force=True)
-
-    def in_order(
-        self, function: Callable[..., Any], work: Sequence[tuple[Any, ...]]
-    ) -> Iterator[Any]:
-        """Call as `results` does; yield the results in the order of the work."""
-        there: dict[int, Any] = {}
-        due = 0
-        for number, result in self.results(function, work):
-            there[number] = result
-            while due in there:
-                yield there.pop(due)
-                due += 1
 
     def _failure(self, error: Exception) -> Exception:
         """Return an error of the cluster in words; any other as it is."""

@@ -190,7 +190,8 @@ def learn_block(state: State, minds: Any, record: Record | None) -> None:
                 arrived[k] = 1
             else:
                 over = False
-            loops.learn(state, minds, step, k, y, (individual, common, cost), floor)
+            now = loops.Transition(step, k, y, (individual, common, cost), floor)
+            loops.learn(state, minds, now)
         clock[STEP] = step + 1
         clock[DONE] += 1
         if over or clock[STEP] - clock[EPISODE_START] >= problem.max_steps:

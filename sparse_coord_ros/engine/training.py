@@ -5,17 +5,14 @@
 The engines give the same bits, and either goes on where the other one stopped.
 """
 
-import shutil
 import signal
 import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
-
-import numpy as np
 
 from sparse_coord_ros.engine.batch import (
     LearningRun,
@@ -23,20 +20,18 @@ from sparse_coord_ros.engine.batch import (
     is_loaded,
     is_prepared,
     prepare,
+    result_of,
     uses_numba,
 )
-from sparse_coord_ros.errors import RunError, SettingError
-from sparse_coord_ros.files import write_whole
+from sparse_coord_ros.engine.trained import Training
+from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.game.scenario import Scenario, ScenarioLike, loaded
 from sparse_coord_ros.game.settings import Setting
-from sparse_coord_ros.learn.agent import Memory, Tables
 from sparse_coord_ros.learn.checkpoint import Checkpoint, load_checkpoint
-from sparse_coord_ros.learn.evaluation import Evaluation, Progress, Trials, silent, summary
-from sparse_coord_ros.learn.history import History
+from sparse_coord_ros.learn.evaluation import Evaluation, Progress, silent, summary
 from sparse_coord_ros.learn.learners import Learner, LearnerLike, chosen_learner, learner_of
-from sparse_coord_ros.learn.run_config import RUN_FILE, RUN_SETTINGS, create_output, make_run
+from sparse_coord_ros.learn.run_config import RUN_SETTINGS
 from sparse_coord_ros.learn.simulation import Glimpse
-from sparse_coord_ros.learn.tables import save_team
 
 EVERY = Setting("evaluate-every", int, 0, "steps between evaluations", low=0, high=10_000_000)
 EVERY_TRIALS = Setting("trials", int, 200, "trials of each of them", low=2, high=10_000_000)
@@ -53,73 +48,6 @@ PART_SECONDS = (0.05, 0.2)
 
 SAVE_SECONDS = 30.0
 """Time between two checkpoints."""
-
-
-@dataclass(frozen=True, eq=False)
-class Training:
-    """A learning run: what was learned, and how.
-
-    Attributes:
-        scenario: the problem and its protocol.
-        learner: who learned.
-        seed: the run's seed.
-        engine: "numba" or "python": what computed it; the bits are the same.
-        tables: what each robot learned.
-        history: one row an episode.
-        visited: joint states of Q^C that each robot has updated, shape (robots,), int64.
-        evaluations: evaluations of the team on the way, as (transitions, evaluation).
-        transitions: transitions learned from; of a learner that learns `alone`, by each robot.
-        finished: whether they are the scenario's budget.
-        memories: what each robot's agent remembers, to learn on from there.
-        trials: greedy trials afterwards, arrays of shape (trials, robots), as `train_many` plays
-            them; None where none were played.
-    """
-
-    scenario: Scenario
-    learner: Learner
-    seed: int
-    engine: str
-    tables: list[Tables]
-    history: History
-    visited: np.ndarray
-    evaluations: tuple[tuple[int, Evaluation], ...]
-    transitions: int
-    finished: bool
-    memories: tuple[Memory, ...] = ()
-    trials: Trials | None = None
-
-    def __repr__(self) -> str:
-        """Return what it is, on one line."""
-        done = f"{self.transitions:,} steps, {self.history.episodes:,} episodes"
-        return f"<Training {self.scenario.label}; {self.learner.label}, seed {self.seed}; {done}>"
-
-    def save(self, directory: str | Path) -> Path:
-        """Write a run's directory, as `sparse_coord train` does: every verb reads it.
-
-        Args:
-            directory: it must not exist; nothing is overwritten.
-
-        Returns:
-            The directory, with `run.yaml`, `tables.npz` and `history.npz`.
-
-        Raises:
-            RunError: it exists already, or cannot be written.
-        """
-        run = make_run(self.scenario, {"seed": self.seed, "learner": self.learner})
-        folder = create_output(Path(directory))
-        try:
-            write_whole(folder / RUN_FILE, run.to_yaml())
-            save_team(folder, self.tables, self.memories)
-            self.history.save(folder)
-        except BaseException as error:
-            shutil.rmtree(folder, ignore_errors=True)  # leave no half of a run
-            if isinstance(error, OSError):
-                raise RunError(
-                    f"output directory {folder}: cannot be written ({error.strerror}); choose "
-                    "another"
-                ) from None
-            raise
-        return folder
 
 
 class Watcher(Protocol):
@@ -233,18 +161,10 @@ def train(
         watcher,
     )
     learning = under_way.run(scenario.steps if until is None else min(until, scenario.steps))
-    return Training(
-        scenario,
-        rule,
-        seed,
-        used,
-        learning.tables,
-        learning.history,
-        learning.visited,
-        tuple(under_way.evaluations),
-        learning.done,
-        learning.done >= scenario.steps,
-        learning.state().memories,
+    return replace(
+        result_of(learning, used),
+        evaluations=tuple(under_way.evaluations),
+        memories=learning.state().memories,
     )
 
 

@@ -18,8 +18,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from sparse_coord_ros.dataframes import data_frame, shown_as
-from sparse_coord_ros.engine.batch import Batch, Run, agent_steps, run_batch, run_batches
+from sparse_coord_ros.engine.batch import Batch, agent_steps, run_batch, run_batches
 from sparse_coord_ros.engine.cluster import Cluster, SchedulerLike, check_place, cluster_at
+from sparse_coord_ros.engine.trained import Training
 from sparse_coord_ros.errors import (
     ResultsError,
     RunError,
@@ -408,7 +409,7 @@ class Computing:
 
     def runs(
         self, condition: Condition, seeds: Sequence[int], trials: int, *, history: bool = False
-    ) -> Iterator[Run]:
+    ) -> Iterator[Training]:
         """Yield learning runs of a condition, as `run_batch` does."""
         return run_batch(
             condition.scenario,

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.engine.batch import Run
+from sparse_coord_ros.engine.trained import Training
 from sparse_coord_ros.errors import ResultsError, SettingError, check_format
 from sparse_coord_ros.experiments.conditions import Condition, parse_id
 from sparse_coord_ros.files import PARTIAL, take_lock, write_whole
@@ -262,7 +262,7 @@ class Sample(NamedTuple):
     stays: np.ndarray
 
 
-def sample(run: Run) -> Sample:
+def sample(run: Training) -> Sample:
     """Return what a condition's result keeps of a run with trials."""
     trials = run.trials
     assert trials is not None  # whoever computes a condition asks for trials

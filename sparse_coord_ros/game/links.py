@@ -10,13 +10,12 @@ which no probability exceeds: so every way of running, compiled or not, asks one
 """
 
 import functools
-from collections.abc import Iterable
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from sparse_coord_ros.errors import SettingError
-from sparse_coord_ros.game.perception import probability_rows, succeeds
+from sparse_coord_ros.game.perception import percept_probabilities, succeeds
 from sparse_coord_ros.game.specs import Form, Number, Spec, SpecFamily, probability
 from sparse_coord_ros.game.streams import LEARNING, PERCEPT, Stream, bit_generator
 
@@ -63,13 +62,10 @@ class Link(NamedTuple):
     pattern: np.ndarray
     dead_from: int
 
-    def down(self, steps: Iterable[int] | np.ndarray) -> np.ndarray:
-        """Return whether it is down at time steps, shape (steps,), bool."""
-        asked = np.asarray(steps, dtype=np.int64)
-        down = asked >= self.dead_from
-        if len(self.pattern):
-            down |= self.pattern[asked % len(self.pattern)]
-        return down
+    def down(self, step: int) -> bool:
+        """Return whether it is down at a time step."""
+        pattern = self.pattern
+        return step >= self.dead_from or bool(len(pattern) and pattern[step % len(pattern)])
 
 
 def check_up(link: Spec, what: str) -> None:
@@ -104,24 +100,6 @@ def _bursts(draws: np.ndarray, p_down: float, p_up: float) -> np.ndarray:
     return np.array(found)
 
 
-class PerceptStream(Stream):
-    """The draws of one robot's percepts: `LOST` while its link is down.
-
-    Args:
-        link: the scenario's setting.
-        seed, agent, phase: as of `Stream`.
-    """
-
-    def __init__(self, link: Spec, seed: int, agent: int, phase: int = LEARNING) -> None:
-        super().__init__(seed, agent, PERCEPT, phase)
-        self._link = link_of(link, seed, agent, phase)
-
-    def _fill(self, step: int) -> None:
-        super()._fill(step)
-        for place in np.flatnonzero(self._link.down(range(self._first, self._last))):
-            self._rows[place] = [LOST]
-
-
 class Percepts:
     """Active perception in a run: which percepts succeed.
 
@@ -131,13 +109,19 @@ class Percepts:
     """
 
     def __init__(self, scenario: "Scenario", seed: int, phase: int = LEARNING) -> None:
-        self._stream = functools.cache(
-            lambda asker: PerceptStream(scenario.link, seed, asker, phase)
+        self._of = functools.cache(
+            lambda k: (
+                Stream(seed, k, PERCEPT, phase),
+                link_of(scenario.link, seed, k, phase),
+            )
         )
-        self._probabilities = probability_rows(scenario.perception, scenario.map)
+        self._probabilities = percept_probabilities(scenario.perception, scenario.map)
+
+    def draw(self, step: int, asker: int) -> float:
+        """Return the draw of a robot's percept: `LOST` while its link is down."""
+        stream, link = self._of(asker)
+        return LOST if link.down(step) else stream.at(step)[0]
 
     def sees(self, step: int, asker: int, here: int, there: int) -> bool:
         """Whether a robot in cell `here` perceives a robot in cell `there` at a time step."""
-        draw = self._stream(asker).at(step)[0]
-        seen: bool = succeeds(draw, self._probabilities[here][there])
-        return seen
+        return bool(succeeds(self.draw(step, asker), self._probabilities[here, there]))

@@ -10,9 +10,9 @@ under a name; one of the user's own may also be named as `module:function`.
 
 import inspect
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
@@ -21,9 +21,6 @@ from sparse_coord_ros.errors import SettingError, in_short
 from sparse_coord_ros.game.grid import GridMap
 from sparse_coord_ros.game.plugins import Registry, failing_as, is_path, is_shipped, path_of
 from sparse_coord_ros.game.specs import Form, Number, Spec, SpecFamily
-
-LARGEST_LISTS = 2**19
-"""Probabilities up to which they are kept as lists: those of 724 cells."""
 
 MOST_PERCEPTS = 2**29
 """Pairs of cells for which there can be probabilities: those of 23,170 cells, 4 GiB."""
@@ -186,7 +183,7 @@ def succeeds(draw: Any, probability: Any) -> Any:
     """Return whether a percept succeeds: numbers or arrays of them; the loops compile it.
 
     Args:
-        draw: the asker's draw of the time step, from `game.links.PerceptStream`.
+        draw: the asker's draw of the time step, from `game.links.Percepts`.
         probability: that of the two robots' cells, from `percept_probabilities`.
     """
     return draw < probability
@@ -211,16 +208,6 @@ def drawn_peer(number: int, robots: int, draw: float) -> int:
     """Return the one peer that a robot asks; arguments as of `asked_peers`. Loops compile it."""
     peer = int(draw * (robots - 1))
     return peer + 1 if peer >= number else peer
-
-
-def probability_rows(model: Spec, grid: GridMap) -> Sequence[Sequence[float]]:
-    """Return `percept_probabilities` to look up entry by entry.
-
-    They are lists, which are quickest, or on large maps the array, which takes a quarter.
-    """
-    matrix = percept_probabilities(model, grid)
-    rows: Any = matrix if matrix.size > LARGEST_LISTS else matrix.tolist()
-    return cast(Sequence[Sequence[float]], rows)
 
 
 def _probability(grid: GridMap, p: float) -> np.ndarray:

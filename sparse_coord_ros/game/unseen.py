@@ -10,6 +10,7 @@ which robots are in one another's way, with what they are measured against.
 import random
 import re
 from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from typing import Any, NamedTuple
 
 from sparse_coord_ros.game.grid import DOORWAY, FREE, WALL
@@ -123,14 +124,6 @@ def _two_rooms(draw: random.Random, large: bool, *, doors: int, length: int) -> 
     return Building(grid, parts)
 
 
-def _door(draw: random.Random, large: bool) -> Building:
-    return _two_rooms(draw, large, doors=1, length=1)
-
-
-def _doors(draw: random.Random, large: bool) -> Building:
-    return _two_rooms(draw, large, doors=2, length=1)
-
-
 def _corridor(draw: random.Random, large: bool) -> Building:
     return _two_rooms(draw, large, doors=1, length=draw.randint(2, 3))
 
@@ -191,8 +184,8 @@ def _crossing(draw: random.Random, large: bool) -> Building:
 
 
 KINDS: Mapping[str, Callable[[random.Random, bool], Building]] = {
-    "door": _door,
-    "doors": _doors,
+    "door": partial(_two_rooms, doors=1, length=1),
+    "doors": partial(_two_rooms, doors=2, length=1),
     "corridor": _corridor,
     "rooms": _rooms,
     "loop": _loop,

@@ -147,6 +147,13 @@ class Decision(NamedTuple):
     peers: tuple[int, ...] = ()
 
 
+def action_of(decision: Decision, move: int, *, perceived: bool) -> Action:
+    """Return what an agent does, its decision having become a move."""
+    asks, peers = decision.action == COORDINATE, decision.peers
+    peer = peers[0] if asks and len(peers) == 1 else NOBODY
+    return Action(move, asks, peer, asks and perceived)
+
+
 class Choice(NamedTuple):
     """What an agent did at a time step.
 
@@ -282,8 +289,7 @@ class Agent:
         if decision.action != COORDINATE:
             return Action(decision.action, False, NOBODY, False)
         move = self.coordinate(step, cell, perceived)
-        peer = decision.peers[0] if len(decision.peers) == 1 else NOBODY
-        return Action(move, True, peer, perceived is not None)
+        return action_of(decision, move, perceived=perceived is not None)
 
     def coordinate(self, step: int, cell: int, perceived: tuple[int, ...] | None) -> int:
         """Return the primitive action that COORDINATE becomes; arguments as of `act`."""
@@ -472,16 +478,9 @@ class TableMinds(NamedTuple):
         return greatest(minds.q_star[k, y], state.problem.actions)
 
     @staticmethod
-    def learn(
-        state: loops.State,
-        minds: "TableMinds",
-        step: int,
-        k: int,
-        y: int,
-        reward: Values,
-        floor: float,
-    ) -> None:
+    def learn(state: loops.State, minds: "TableMinds", now: loops.Transition) -> None:
         """Update Q^C, then Q* (Algorithm 1, lines 12 to 14 and 18)."""
+        step, k, y, reward, floor = now
         problem, choice = state.problem, state.choice
         x, action, row = choice.cells[k], choice.actions[k], choice.rows[k]
         total = weighed(reward, problem.weights)
@@ -534,18 +533,16 @@ def perceived_state(state: loops.State, k: int, step: int) -> int:
     size, team = len(problem.places), len(cells)
     draw = loops.percept_draw(draws, k, step)
     chances = problem.percept[key]
-    if problem.all_peers:
-        for peer in range(team):
-            if peer != k:
-                if not succeeds(draw, chances[cells[peer]]):
-                    return loops.NO_ROW
-                key = key * size + cells[peer]
-    else:
+    first, end = 0, team
+    if not problem.all_peers:
         which = loops.drawn(draws, streams.POLICY, k, step, streams.PEER) if team > 2 else 0.0
-        peer = drawn_peer(k, team, which)
-        if not succeeds(draw, chances[cells[peer]]):
-            return loops.NO_ROW
-        key = key * size + cells[peer]
+        first = drawn_peer(k, team, which)
+        end = first + 1
+    for peer in range(first, end):
+        if peer != k:
+            if not succeeds(draw, chances[cells[peer]]):
+                return loops.NO_ROW
+            key = key * size + cells[peer]
     return key
 
 

@@ -31,7 +31,7 @@ from sparse_coord_ros.files import write_whole
 from sparse_coord_ros.game.actions import ACTIONS, PRIMITIVES
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.settings import LARGEST_WHOLE
-from sparse_coord_ros.game.world import Position
+from sparse_coord_ros.game.world import Position, before_episode
 from sparse_coord_ros.learn import archive
 from sparse_coord_ros.learn.agent import Memory
 from sparse_coord_ros.learn.evaluation import Evaluation, Measure
@@ -135,19 +135,16 @@ def positions_from(
         ValueError: something is missing, or has another type, shape or range than it must have.
     """
     robots, cells = len(scenario.robots), len(scenario.map.cells)
-    columns = []
-    for name, kind, high, *shape in (
-        ("transitions", np.int64, LARGEST_WHOLE),
-        ("step", np.int64, LARGEST_WHOLE),
-        ("under_way", np.bool_, 2),
-        ("episode_start", np.int64, LARGEST_WHOLE),
-        ("cells", np.int64, cells, robots),
-        ("arrived", np.bool_, 2, robots),
-    ):
-        columns.append(archive.member(arrays, name, kind, games, *shape, below=high).tolist())
+    like = position_arrays([before_episode(0, 0, robots)] * games)
+    fields = [
+        archive.member(
+            arrays, name, one.dtype, *one.shape, below=cells if name == "cells" else LARGEST_WHOLE
+        )
+        for name, one in like.items()
+    ]
     return tuple(
-        Position(done, step, under_way, start, tuple(cells), tuple(arrived))
-        for done, step, under_way, start, cells, arrived in zip(*columns, strict=True)
+        Position._make([*one, tuple(places), tuple(arrived)])
+        for *one, places, arrived in zip(*(array.tolist() for array in fields), strict=True)
     )
 
 

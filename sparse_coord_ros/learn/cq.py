@@ -243,16 +243,9 @@ class CQMinds(NamedTuple):
         return greatest(minds.q_star[k, y], PRIMITIVES)
 
     @staticmethod
-    def learn(
-        state: loops.State,
-        minds: "CQMinds",
-        step: int,
-        k: int,
-        y: int,
-        reward: Values,
-        floor: float,
-    ) -> None:
+    def learn(state: loops.State, minds: "CQMinds", now: loops.Transition) -> None:
         """Sample the reward; learn Q^C in joint states that are marked, as `CQAgent.learn`."""
+        step, k, y, reward, floor = now
         problem, choice = state.problem, state.choice
         x, action, row = choice.cells[k], choice.actions[k], choice.rows[k]
         minds.star_updates[k, x, action] += 1

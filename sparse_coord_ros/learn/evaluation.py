@@ -289,13 +289,19 @@ def greedy_team(
 ) -> Team:
     """Return a team that acts greedily on learned tables; arguments and errors as of `play`."""
     check_tables(scenario, tables, learner)
-    agents = [
-        learner_of(learner or acting_on(table)).agent(
-            scenario, k, seed, tables=table, learning=False, phase=EVALUATION
-        )
+    agents = greedy_agents(scenario, tables, seed, learner)
+    return Team(scenario, seed, agents, phase=EVALUATION)
+
+
+def greedy_agents(
+    scenario: Scenario, tables: Sequence[Tables], seed: int, learner: str | Learner | None
+) -> list[Agent]:
+    """Return the agents of `greedy_team`; the tables fit."""
+    how: Any = {"learning": False, "phase": EVALUATION}
+    return [
+        learner_of(learner or acting_on(table)).agent(scenario, k, seed, tables=table, **how)
         for k, table in enumerate(tables)
     ]
-    return Team(scenario, seed, agents, phase=EVALUATION)
 
 
 def acting_on(table: Tables) -> str:

@@ -489,16 +489,9 @@ class FactoredMinds(NamedTuple):
         return loops.greedy_action(values, PRIMITIVES, draws, k, step, streams.PRIMITIVE_TIE)
 
     @staticmethod
-    def learn(
-        state: loops.State,
-        minds: "FactoredMinds",
-        step: int,
-        k: int,
-        y: int,
-        reward: Values,
-        floor: float,
-    ) -> None:
+    def learn(state: loops.State, minds: "FactoredMinds", now: loops.Transition) -> None:
         """Learn U, r_bar or rho and W, then replay, as `FactoredAgent.learn`."""
+        step, k, y, reward, floor = now
         problem, _, choice, draws = state
         weights, rule = problem.weights, minds.rule
         x, m, seen = choice.cells[k], choice.moves[k], choice.rows[k]

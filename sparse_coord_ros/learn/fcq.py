@@ -20,7 +20,7 @@ from sparse_coord_ros.game.actions import COORDINATE, PRIMITIVES
 from sparse_coord_ros.game.world import Reward
 from sparse_coord_ros.learn import loops
 from sparse_coord_ros.learn.agent import Choice, learn_entry
-from sparse_coord_ros.learn.algorithm import Values, greatest, weighed
+from sparse_coord_ros.learn.algorithm import greatest, weighed
 from sparse_coord_ros.learn.cq import (
     COUNT,
     WINDOW,
@@ -95,16 +95,9 @@ class FCQMinds(CQMinds):
     """The compiled form of `FCQAgent`; attributes as of `CQMinds`."""
 
     @staticmethod
-    def learn(
-        state: loops.State,
-        minds: CQMinds,
-        step: int,
-        k: int,
-        y: int,
-        reward: Values,
-        floor: float,
-    ) -> None:
+    def learn(state: loops.State, minds: CQMinds, now: loops.Transition) -> None:
         """Learn Q*; test what it learned from; learn Q^C. As `FCQAgent.learn`."""
+        step, k, y, reward, floor = now
         problem, choice = state.problem, state.choice
         x, m, row = choice.cells[k], choice.moves[k], choice.rows[k]
         values, samples, least = minds.q_star[k, x], minds.samples[k, x], problem.ask_cost

@@ -22,7 +22,7 @@ from sparse_coord_ros.game.links import UP
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.learn import loops
 from sparse_coord_ros.learn.agent import Memory, TableMinds, Tables, learn_entry, move_by_rows
-from sparse_coord_ros.learn.algorithm import Values, greatest, weighed
+from sparse_coord_ros.learn.algorithm import greatest, weighed
 from sparse_coord_ros.learn.lone import lone_rows
 from sparse_coord_ros.learn.rows import Rows
 
@@ -100,16 +100,9 @@ class JointMinds(NamedTuple):
         return greatest(minds.rows.values[k, row], PRIMITIVES)
 
     @staticmethod
-    def learn(
-        state: loops.State,
-        minds: "JointMinds",
-        step: int,
-        k: int,
-        y: int,
-        reward: Values,
-        floor: float,
-    ) -> None:
+    def learn(state: loops.State, minds: "JointMinds", now: loops.Transition) -> None:
         """Update Q^C of the joint state, by the next joint state."""
+        step, k, y, reward, floor = now
         problem, x = state.problem, state.choice.cells[k]
         after = loops.worth_of(state, minds, step, k, y)
         total = weighed(reward, problem.weights) - problem.ask_cost

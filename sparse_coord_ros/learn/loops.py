@@ -163,6 +163,24 @@ class State(NamedTuple):
     draws: Draws
 
 
+class Transition(NamedTuple):
+    """What a robot learns from, beside its cell and choice.
+
+    Attributes:
+        step: the time step t.
+        k: the robot.
+        y: X_k(t+1).
+        reward: r^I_k, r^C and minus the cost of asking, or 0.
+        floor: least step size.
+    """
+
+    step: int
+    k: int
+    y: int
+    reward: Values
+    floor: float
+
+
 @inlined
 def drawn(draws: Draws, role: int, k: int, step: int, column: int) -> float:
     """Return a draw of robot k in a role at a time step, which is not before the last one's."""
@@ -315,21 +333,15 @@ def end_step(state: State, minds: Any) -> None:
 
 
 @delegated
-def learn(
-    state: State, minds: Any, step: int, k: int, y: int, reward: Values, floor: float
-) -> None:
-    """Let robot k learn from a time step (Algorithm 1, lines 12 to 14 and 18).
+def learn(state: State, minds: Any, now: Transition) -> None:
+    """Let a robot learn from a time step (Algorithm 1, lines 12 to 14 and 18).
 
     Args:
         state: the run under way; its choices are those of the step.
         minds: what the robots know, changed.
-        step: the time step t.
-        k: the robot.
-        y: X_k(t+1).
-        reward: r^I_k, r^C and minus the cost of asking, or 0.
-        floor: least step size.
+        now: what it learns from.
     """
-    minds.learn(state, minds, step, k, y, reward, floor)
+    minds.learn(state, minds, now)
 
 
 @delegated

@@ -13,7 +13,7 @@ number, so that the sum makes a step of alpha.
 
 from sparse_coord_ros.game.actions import COORDINATE
 from sparse_coord_ros.learn import loops
-from sparse_coord_ros.learn.algorithm import Values, step_size, weighed
+from sparse_coord_ros.learn.algorithm import step_size, weighed
 from sparse_coord_ros.learn.joint import JointMinds
 
 
@@ -21,16 +21,9 @@ class VDNMinds(JointMinds):
     """What two robots know; attributes as of `JointMinds`."""
 
     @staticmethod
-    def learn(
-        state: loops.State,
-        minds: JointMinds,
-        step: int,
-        k: int,
-        y: int,
-        reward: Values,
-        floor: float,
-    ) -> None:
+    def learn(state: loops.State, minds: JointMinds, now: loops.Transition) -> None:
         """Add robot k's part to d; the last robot that acts lets all of them learn."""
+        step, k, y, reward, floor = now
         problem, choice, error = state.problem, state.choice, minds.error
         size = minds.q_star.shape[1]
         x, z, acts = choice.cells[k], choice.cells[1 - k], minds.acts

@@ -41,11 +41,12 @@ class WeightedGame(NamedTuple):
         percept: probability that a percept succeeds; (cells, cells), asker first.
         fails: whether a percept can fail in the asker's cell; (cells,).
         toll: weighted r^C of a step that ends in a joint state; (cells, cells).
-        share: how much each robot's reward counts; (2,).
         prize: weighted worth of each robot's arrival, carried to infinity; (2,).
         cost: weighted cost of each robot's asking; (2,).
         discount: gamma.
         success: probability that a move succeeds.
+        above: what no team can be worth more than from a joint state; (cells, cells).
+        everything: every joint state but that in which both have arrived, in a good order.
     """
 
     lead: np.ndarray
@@ -54,11 +55,12 @@ class WeightedGame(NamedTuple):
     percept: np.ndarray
     fails: np.ndarray
     toll: np.ndarray
-    share: np.ndarray
     prize: np.ndarray
     cost: np.ndarray
     discount: float
     success: float
+    above: np.ndarray
+    everything: np.ndarray
 
 
 class ClassTeam(NamedTuple):
@@ -88,8 +90,6 @@ class Workspace(NamedTuple):
         inside: whether the team gets into a joint state; (cells * cells,).
         visited: whether a robot acts in a cell; (2, cells).
         nobody: of each robot, that its moves after a percept are given: False; (2,).
-        above: what no team can be worth more than from a joint state; (cells, cells).
-        everything: every joint state but that in which both have arrived, in a good order.
     """
 
     value: np.ndarray
@@ -100,8 +100,6 @@ class Workspace(NamedTuple):
     inside: np.ndarray
     visited: np.ndarray
     nobody: np.ndarray
-    above: np.ndarray
-    everything: np.ndarray
 
 
 @inner
@@ -332,10 +330,10 @@ def surround(game: WeightedGame, policy: ClassTeam, free: np.ndarray, space: Wor
     visit(game, policy, space)
     cells = game.lead.shape[0]
     count = 0
-    for state in space.everything:
+    for state in game.everything:
         if not space.inside[state]:
             x, y = state // cells, state % cells
-            space.value[x, y] = space.above[x, y]
+            space.value[x, y] = game.above[x, y]
             space.order[count] = state
             count += 1
     sweep(game, policy, free, space.value, space.order[:count], -np.inf, OUTSIDE_SWEEPS)

@@ -92,21 +92,21 @@ def class_bound(
     check_class(scenario)
     restarts, seed = RESTARTS.parse(restarts), RUN_SETTINGS["seed"].parse(seed)
     file = None if file is None else Path(file)
-    game = _game(scenario, (0.5, 0.5))
+    game = _game(scenario)
     both = np.ones(2, dtype=np.bool_)
     values, best = _kept(file, scenario, seed)
     found = None if best is None else _from_texts(scenario, best)
     for i in range(len(values), restarts):
-        policy, value = _restart(scenario, game, both, [seed, i], None)
+        policy, value = _restart(game, both, [seed, i])
         if found is None or value > max(values) + class_loops.BETTER:
             found = policy
         values.append(value)
         if file is not None:
-            _keep(file, scenario, seed, values, _texts(scenario, game, found))
+            _keep(file, scenario, seed, values, _texts(game, found))
         progress(len(values), restarts, max(values))
     assert found is not None
     top = max(values)
-    robots = _texts(scenario, game, found)
+    robots = _texts(game, found)
     return ClassBound(
         value=top,
         robots=robots,
@@ -131,7 +131,7 @@ def check_class(scenario: Scenario) -> None:
         )
 
 
-def _game(scenario: Scenario, weights: tuple[float, float]) -> WeightedGame:
+def _game(scenario: Scenario, weights: Sequence[float] = (0.5, 0.5)) -> WeightedGame:
     """Return the game; the weights say how much each robot's reward counts."""
     grid = scenario.map
     cells = len(grid.cells)
@@ -141,27 +141,29 @@ def _game(scenario: Scenario, weights: tuple[float, float]) -> WeightedGame:
     paid = sum(w * p for w, p in zip(weights, scenario.penalties, strict=True))
     toll = np.where(together(places[:, None], places[None, :]), paid, 0.0)
     share = np.array(weights)
+    robots = scenario.robots
+    starts, goals = np.array([(robot.start, robot.goal) for robot in robots]).T
+    far = np.array([grid.distances_to(goal) for goal in goals])
+    near = np.argsort((far[0][:, None] + far[1]).ravel(), kind="stable")
+    alone = share[:, None] * worth_alone(scenario, far)
     return WeightedGame(
         lead=np.column_stack([grid.next_cell, np.arange(cells)]),
-        starts=np.array([robot.start for robot in scenario.robots]),
-        goals=np.array([robot.goal for robot in scenario.robots]),
+        starts=starts,
+        goals=goals,
         percept=percept,
         fails=percept.min(axis=1) < 1.0,
         toll=toll,
-        share=share,
         prize=share * scenario.goal_reward / (1.0 - scenario.discount),
         cost=share * scenario.ask_cost,
         discount=float(scenario.discount),
         success=float(scenario.move_success),
+        above=alone[0][:, None] + alone[1],
+        everything=near[near != goals[0] * cells + goals[1]],
     )
 
 
-def _space(scenario: Scenario, game: WeightedGame) -> Workspace:
-    cells = len(scenario.map.cells)
-    far = np.array([scenario.map.distances_to(robot.goal) for robot in scenario.robots])
-    near = np.argsort((far[0][:, None] + far[1]).ravel(), kind="stable")
-    alone = game.share[:, None] * worth_alone(scenario, far)
-    goal = scenario.robots[0].goal * cells + scenario.robots[1].goal
+def _space(game: WeightedGame) -> Workspace:
+    cells = len(game.lead)
     return Workspace(
         value=np.zeros((cells, cells)),
         kept=np.zeros((cells, cells)),
@@ -171,52 +173,40 @@ def _space(scenario: Scenario, game: WeightedGame) -> Workspace:
         inside=np.zeros(cells * cells, dtype=np.bool_),
         visited=np.zeros((2, cells), dtype=np.bool_),
         nobody=np.zeros(2, dtype=np.bool_),
-        above=alone[0][:, None] + alone[1],
-        everything=near[near != goal],
     )
 
 
 def _restart(
-    scenario: Scenario,
-    game: WeightedGame,
-    free: np.ndarray,
-    seed: list[int],
-    fixed: ClassTeam | None,
+    game: WeightedGame, free: np.ndarray, seed: list[int], fixed: ClassTeam | None = None
 ) -> tuple[ClassTeam, float]:
     """Climb from a random team, and again from where shakes lead.
 
     Args:
-        scenario: the problem.
         game: whose reward counts.
         free: whose choices are searched.
         seed: of the draws.
         fixed: what those do whose choices are not searched.
     """
     rng = np.random.default_rng(seed)
-    begun = _random(scenario, rng)
+    begun = _random(game, rng)
     if fixed is not None:
-        for k in np.flatnonzero(~free):
-            for mine, theirs in zip(begun, fixed, strict=True):
-                mine[k] = theirs[k]
-    return _climbed(scenario, game, free, begun, rng)
+        for mine, theirs in zip(begun, fixed, strict=True):
+            mine[~free] = theirs[~free]
+    return _climbed(game, free, begun, rng)
 
 
 def _climbed(
-    scenario: Scenario,
-    game: WeightedGame,
-    free: np.ndarray,
-    best: ClassTeam,
-    rng: np.random.Generator,
+    game: WeightedGame, free: np.ndarray, best: ClassTeam, rng: np.random.Generator
 ) -> tuple[ClassTeam, float]:
     """Climb from a team, which is changed, and again from where shakes lead; as `_restart`."""
-    loops, space = class_loops.compiled(), _space(scenario, game)
-    trials = np.arange(2 * len(scenario.map.cells) * OPTIONS)
+    loops, space = class_loops.compiled(), _space(game)
+    trials = np.arange(2 * len(game.lead) * OPTIONS)
     top = loops.climb(game, best, free, space, rng.permutation(trials))
     vain = 0
     while vain < PATIENCE:
         vain += 1
         loops.visit(game, best, space)
-        policy = _shaken(scenario, game, best, space.visited & free[:, None], rng)
+        policy = _shaken(game, best, space.visited & free[:, None], rng)
         value = loops.climb(game, policy, free, space, rng.permutation(trials))
         if value > top + class_loops.BETTER:
             best, top, vain = policy, value, 0
@@ -241,25 +231,25 @@ class Climb(NamedTuple):
 
 def climbed(scenario: Scenario, team: ClassTeam) -> Climb:
     """Make a team of two robots better, as a restart of `class_bound` does that begins with it."""
-    game, nobody = _game(scenario, (0.5, 0.5)), np.zeros(2, dtype=np.bool_)
-    before = class_loops.compiled().solve(game, team, nobody, _space(scenario, game), -np.inf)
-    found, value = _climbed(scenario, game, ~nobody, _copy(team), np.random.default_rng(0))
-    return Climb(before, value, *_everywhere(scenario, game, found))
+    game, nobody = _game(scenario), np.zeros(2, dtype=np.bool_)
+    before = class_loops.compiled().solve(game, team, nobody, _space(game), -np.inf)
+    found, value = _climbed(game, ~nobody, _copy(team), np.random.default_rng(0))
+    return Climb(before, value, *_everywhere(game, found))
 
 
 def _copy(team: ClassTeam) -> ClassTeam:
     return ClassTeam(*(array.copy() for array in team))
 
 
-def _random(scenario: Scenario, rng: np.random.Generator) -> ClassTeam:
+def _random(game: WeightedGame, rng: np.random.Generator) -> ClassTeam:
     """Return a team on random routes that asks in random cells."""
-    cells = len(scenario.map.cells)
-    lead = scenario.map.next_cell
+    lead = game.lead[:, :PRIMITIVES]
+    cells = len(lead)
     moves = np.zeros((2, cells), dtype=np.int64)
-    for k, robot in enumerate(scenario.robots):
+    for k, goal in enumerate(game.goals):
         toll = 1.0 + rng.choice(ROUTES) * rng.random(cells)
         far = np.full(cells, np.inf)
-        far[robot.goal] = 0.0
+        far[goal] = 0.0
         for _ in range(cells):
             new = np.minimum(far, (toll + far)[lead].min(axis=1))
             if np.array_equal(new, far):
@@ -271,17 +261,13 @@ def _random(scenario: Scenario, rng: np.random.Generator) -> ClassTeam:
 
 
 def _shaken(
-    scenario: Scenario,
-    game: WeightedGame,
-    policy: ClassTeam,
-    visited: np.ndarray,
-    rng: np.random.Generator,
+    game: WeightedGame, policy: ClassTeam, visited: np.ndarray, rng: np.random.Generator
 ) -> ClassTeam:
     """Return a copy with a few choices changed, where the robots act or next to that."""
     new = _copy(policy)
     near = visited.copy()
     for k in range(2):
-        near[k, scenario.map.next_cell[visited[k]]] = True
+        near[k, game.lead[visited[k]]] = True
     places = np.argwhere(near & visited.max(axis=1, keepdims=True))
     for _ in range(rng.integers(1, MOST_SHAKEN + 1)):
         k, x = places[rng.integers(len(places))]
@@ -291,29 +277,25 @@ def _shaken(
     return new
 
 
-def _everywhere(
-    scenario: Scenario, game: WeightedGame, policy: ClassTeam
-) -> tuple[ClassTeam, np.ndarray]:
+def _everywhere(game: WeightedGame, policy: ClassTeam) -> tuple[ClassTeam, np.ndarray]:
     """Return the team with the best moves after every percept, and where its robots act.
 
     A robot that never gets to a cell does not ask there.
     """
     loops, new = class_loops.compiled(), _copy(policy)
-    space = _space(scenario, game)
+    space = _space(game)
     both = np.ones(2, dtype=np.bool_)
     loops.solve(game, new, both, space, -np.inf)
     loops.visit(game, new, space)
     new.asks[:] &= space.visited
     # Every joint state, also where the team never gets.
-    loops.sweep(game, new, both, space.value, space.everything, -np.inf)
+    loops.sweep(game, new, both, space.value, game.everything, -np.inf)
     return new, space.visited
 
 
-def _texts(
-    scenario: Scenario, game: WeightedGame, policy: ClassTeam
-) -> tuple[RobotPolicy, RobotPolicy]:
+def _texts(game: WeightedGame, policy: ClassTeam) -> tuple[RobotPolicy, RobotPolicy]:
     """Return the team as texts."""
-    new, _ = _everywhere(scenario, game, policy)
+    new, _ = _everywhere(game, policy)
 
     def robot(k: int) -> RobotPolicy:
         asked = {
@@ -342,15 +324,14 @@ def _from_texts(scenario: Scenario, robots: Sequence[RobotPolicy]) -> ClassTeam:
 def _gain(scenario: Scenario, robots: Sequence[RobotPolicy], k: int, seed: int) -> float:
     """Return the most that robot k was found to gain for itself, the other staying as it is."""
     loops, alone = class_loops.compiled(), np.arange(2) == k
-    game = _game(scenario, (1.0, 0.0) if k == 0 else (0.0, 1.0))
-    space = _space(scenario, game)
+    game = _game(scenario, alone)
     fixed = _from_texts(scenario, robots)
-    now = loops.solve(game, fixed, np.zeros(2, dtype=np.bool_), space, -np.inf)
+    now = loops.solve(game, fixed, np.zeros(2, dtype=np.bool_), _space(game), -np.inf)
     trials = np.arange(2 * len(scenario.map.cells) * OPTIONS)
     own = _copy(fixed)
-    best = loops.climb(game, own, alone, _space(scenario, game), trials)
+    best = loops.climb(game, own, alone, _space(game), trials)
     for i in range(DEVIATIONS):
-        best = max(best, _restart(scenario, game, alone, [seed, k, i], fixed)[1])
+        best = max(best, _restart(game, alone, [seed, k, i], fixed)[1])
     return best - now if best > now + class_loops.BETTER else 0.0
 
 
@@ -409,8 +390,8 @@ class Acting(NamedTuple):
 def acting(scenario: Scenario, robots: Sequence[RobotPolicy]) -> Acting:
     """Return what a team does, without the cells and percepts that it never gets to."""
     team = _from_texts(scenario, robots)
-    game = _game(scenario, (0.5, 0.5))
-    space = _space(scenario, game)
+    game = _game(scenario)
+    space = _space(game)
     cells = len(scenario.map.cells)
     class_loops.visit(game, team, space)
     seen: list[dict[int, list[int]]] = [{}, {}]

@@ -22,7 +22,6 @@ from sparse_coord_ros.game.miscoordination import meeting_places, together
 from sparse_coord_ros.game.perception import percept_probabilities
 from sparse_coord_ros.game.plugins import is_shipped
 from sparse_coord_ros.game.scenario import Scenario
-from sparse_coord_ros.game.streams import EVALUATION
 from sparse_coord_ros.learn.agent import Agent, Tables
 from sparse_coord_ros.learn.evaluation import (
     Evaluation,
@@ -30,6 +29,7 @@ from sparse_coord_ros.learn.evaluation import (
     Progress,
     acting_on,
     check_tables,
+    greedy_agents,
     play,
     silent,
     summary,
@@ -111,9 +111,9 @@ def evaluate_exact(
     """
     check_exact(scenario)
     check_tables(scenario, tables, learner)
-    agents, team = _agents(scenario, tables, learner), len(scenario.robots)
-    own = _within_reach(scenario, agents)
-    sums = _carried(_pair(scenario, agents, own), spreads=True, most=MOST_OUTCOMES)
+    robots, team = _robots(scenario, tables, learner), len(scenario.robots)
+    own = _within_reach(scenario, robots)
+    sums = _carried(_pair(scenario, robots, own), spreads=True, most=MOST_OUTCOMES)
     if sums is None:
         raise _does_not_pay(scenario, f"over {MOST_OUTCOMES:,} outcomes of steps", "as many")
     asked, stays = np.zeros((2, team, len(scenario.map.cells)))
@@ -206,10 +206,10 @@ def exact_means(
     if len(scenario.robots) != MOST_ROBOTS or large:
         return None
     try:
-        agents = _agents(scenario, tables, learner)
+        robots = _robots(scenario, tables, learner)
     except SettingError:
         return None
-    sums = _carried(_pair(scenario, agents, np.arange(cells)), spreads=False)
+    sums = _carried(_pair(scenario, robots, np.arange(cells)), spreads=False)
     assert sums is not None
     return ExactMeans(*sums.robots, *map(float, sums.team))
 
@@ -221,32 +221,50 @@ def _does_not_pay(scenario: Scenario, what: str, most: str) -> SettingError:
     )
 
 
-def _agents(
+class Greedy(NamedTuple):
+    """How likely a greedy robot does what in each cell, before it perceives anything.
+
+    Attributes:
+        asks: that it asks; (cells,).
+        moves: each move without asking; (cells, moves).
+        blind: each move after a percept that failed, 0 where it never asks; (cells, moves).
+        coord: its Q^C, by which it acts after others.
+    """
+
+    asks: np.ndarray
+    moves: np.ndarray
+    blind: np.ndarray
+    coord: Any
+
+
+def _robots(
     scenario: Scenario, tables: Sequence[Tables], learner: str | Learner | None
-) -> list[Agent]:
-    """Return the robots, acting greedily; SettingError where tables do not say how they act."""
+) -> list[Greedy]:
+    """Return the robots; SettingError where tables do not say how they act."""
     check_up(scenario.link, "exact evaluation")
-    agents = []
-    for k, table in enumerate(tables):
-        rule = learner_of(learner or acting_on(table))
-        agent = rule.agent(scenario, k, 0, tables=table, learning=False, phase=EVALUATION)
-        if not all(is_shipped(getattr(type(agent), name)) for name in CHOOSING):
-            raise SettingError(
-                f"exact evaluation: learner {rule.label} acts by a rule of its own, allowed: "
-                "learners whose agents act as Algorithm 1 does; leave out 'exact' for trials"
-            )
-        agents.append(agent)
-    return agents
+    agents = greedy_agents(scenario, tables, 0, learner)
+    if not all(is_shipped(getattr(type(one), name)) for one in agents for name in CHOOSING):
+        rule = learner_of(learner or acting_on(tables[0]))
+        raise SettingError(
+            f"exact evaluation: learner {rule.label} acts by a rule of its own, allowed: learners "
+            "whose agents act as Algorithm 1 does; leave out 'exact' for trials"
+        )
+    return [_choices(agent, len(scenario.map.cells)) for agent in agents]
 
 
-def _within_reach(scenario: Scenario, agents: Sequence[Agent]) -> np.ndarray:
+def _choices(agent: Agent, cells: int) -> Greedy:
+    chosen = _greedy(np.array([agent.values(x)[: agent.actions] for x in range(cells)]))
+    asks = chosen[:, COORDINATE] if agent.actions > COORDINATE else np.zeros(cells)
+    blind = np.zeros((cells, PRIMITIVES))
+    for x in np.flatnonzero(asks).tolist():
+        blind[x] = _greedy(np.array(agent.values_asking(x, None)[:PRIMITIVES]))
+    return Greedy(asks, chosen[:, :PRIMITIVES], blind, agent.tables.q_coord)
+
+
+def _within_reach(scenario: Scenario, robots: Sequence[Greedy]) -> np.ndarray:
     """Return the cells that robots can come to, ascending; SettingError where too many."""
-    asking, moving, reached = [], [], [np.empty(0, dtype=np.int64)] * len(agents)
-    for agent in agents:
-        asks, moves, where, blind = _choices(agent, np.arange(len(scenario.map.cells)))
-        asking.append(asks > 0.0)
-        moving.append(moves > 0.0)
-        moving[-1][where] |= blind > 0.0
+    moving = [(one.moves > 0.0) | (one.blind > 0.0) for one in robots]
+    reached = [np.empty(0, dtype=np.int64)] * len(robots)
     while True:
         before, reached = reached, [_closure(scenario, k, moves) for k, moves in enumerate(moving)]
         own = np.union1d(reached[0], reached[-1])
@@ -254,9 +272,9 @@ def _within_reach(scenario: Scenario, agents: Sequence[Agent]) -> np.ndarray:
             raise _does_not_pay(scenario, f"{len(own) ** 2:,} joint states", f"{MOST_STATES:,}")
         if all(map(np.array_equal, before, reached)):
             return own
-        for k in range(len(agents) if len(agents) > 1 else 0):
-            where = reached[k][asking[k][reached[k]]]
-            seen = _greedy(_rows(agents[k].tables.q_coord, where, reached[1 - k]))
+        for k, one in enumerate(robots if len(robots) > 1 else ()):
+            where = reached[k][one.asks[reached[k]] > 0.0]
+            seen = _greedy(_rows(one.coord, where, reached[1 - k]))
             moving[k][where] |= (seen > 0.0).any(axis=1)
 
 
@@ -273,12 +291,14 @@ def _closure(scenario: Scenario, k: int, moves: np.ndarray) -> np.ndarray:
     return np.array(sorted(found))
 
 
-def _pair(scenario: Scenario, agents: Sequence[Agent], own: np.ndarray) -> Pair:
+def _pair(scenario: Scenario, robots: Sequence[Greedy], own: np.ndarray) -> Pair:
     """Return the two robots on the cells `own`, ascending, which they do not leave."""
-    cells, alone = len(own), len(agents) == 1
+    cells, alone = len(own), len(robots) == 1
     percepts = percept_probabilities(scenario.perception, scenario.map)[np.ix_(own, own)]
-    policies = [_policy(agent, own, percepts, alone=alone) for agent in agents]
-    asking, moves = (np.array(found) for found in zip(*policies, strict=True))
+    if alone:  # it has nobody to ask: its percepts fail
+        percepts = np.zeros_like(percepts)
+    asking = np.array([one.asks[own] for one in robots])
+    moves = np.array([_moves(one, own, percepts) for one in robots])
     starts = np.searchsorted(own, [robot.start for robot in scenario.robots])
     goals = np.searchsorted(own, [robot.goal for robot in scenario.robots])
     places = meeting_places(scenario)[own]
@@ -329,44 +349,20 @@ def _carried(pair: Pair, *, spreads: bool, most: float = np.inf) -> Sums | None:
     return sums if compiled()(pair, *likely, *places, sums, most) else None
 
 
-def _choices(
-    agent: Agent, own: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return what a robot does in some cells before it perceives anything.
+def _moves(robot: Greedy, own: np.ndarray, percepts: np.ndarray) -> np.ndarray:
+    """Return how likely a robot makes each move, (2, own cell, peer's cell, moves).
 
-    Returns:
-        The probability of asking in each, shape (cells,); that of each move without asking,
-        (cells, moves); the places in `own` where it asks, as most robots do in few; and there the
-        probability of each move after a percept that failed, (places, moves).
+    Without asking, and together with asking; the sum over both and the moves is 1.
     """
-    chosen = _greedy(np.array([agent.values(x)[: agent.actions] for x in own.tolist()]))
-    asks = chosen[:, COORDINATE] if agent.actions > COORDINATE else np.zeros(len(own))
-    where = np.flatnonzero(asks)
-    blind = [agent.values_asking(x, None)[:PRIMITIVES] for x in own[where].tolist()]
-    unseen = _greedy(np.array(blind)) if blind else np.empty((0, PRIMITIVES))
-    return asks, chosen[:, :PRIMITIVES], where, unseen
-
-
-def _policy(
-    agent: Agent, own: np.ndarray, percepts: np.ndarray, *, alone: bool
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return how likely a robot asks and what it does in some cells.
-
-    Returns:
-        The probability of asking in each own cell, shape (cells,); and that of each move, shape
-        (2, cells, peer's cells, moves): without asking, and together with asking. The second's
-        sum over asking and moves is 1.
-    """
-    asks, moves, where, blind = _choices(agent, own)
     both = np.zeros((2, len(own), len(own), PRIMITIVES))
-    both[0] = moves[:, None, :]
+    both[0] = robot.moves[own, None, :]
+    where = np.flatnonzero(robot.asks[own])
     if len(where):
-        # One robot alone has nobody to ask: its percept fails.
-        seen = np.zeros((1, len(own), 1)) if alone else percepts[where, :, None]
-        coord = _greedy(_rows(agent.tables.q_coord, own[where], own))
-        after_asking = seen * coord + (1.0 - seen) * blind[:, None, :]
-        both[1, where] = asks[where, None, None] * after_asking
-    return asks, both
+        there, seen = own[where], percepts[where, :, None]
+        after = seen * _greedy(_rows(robot.coord, there, own))
+        after += (1.0 - seen) * robot.blind[there, None, :]
+        both[1, where] = robot.asks[there, None, None] * after
+    return both
 
 
 def _rows(q_coord: Any, own: np.ndarray, peers: np.ndarray) -> np.ndarray:

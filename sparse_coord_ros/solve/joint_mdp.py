@@ -6,6 +6,7 @@ One controller sees the joint state, chooses every robot's move and pays nothing
 problem whose value `optimum` computes.
 """
 
+import functools
 from dataclasses import dataclass
 from itertools import product
 from typing import Any
@@ -60,40 +61,34 @@ def joint_mdp(scenario: ScenarioLike) -> JointMDP:
     from scipy import sparse
 
     scenario = loaded(scenario)
-    cells, team = len(scenario.map.cells), len(scenario.robots)
-    states = cells**team
+    cells, team = len(scenario.map.cells), range(len(scenario.robots))
+    states = cells ** len(team)
     if states > LARGEST:
         raise SettingError(
             f"scenario {scenario.name}: has {states:,} joint states, allowed for a joint MDP: up "
             f"to {LARGEST:,}; choose fewer robots or a smaller map"
         )
     p = scenario.move_success
-    stays = sparse.identity(cells, format="csr")
-    own = []
-    for k in range(team):
-        moved = successors(scenario, k)
-        ones, here = np.ones(cells), np.arange(cells)
-        leads = [sparse.csr_array((ones, (here, to)), shape=(cells, cells)) for to in moved]
-        own.append([p * one + (1.0 - p) * stays for one in leads])
-    goal = int(np.ravel_multi_index([r.goal for r in scenario.robots], (cells,) * team))
-    start = int(np.ravel_multi_index([r.start for r in scenario.robots], (cells,) * team))
+    stays = sparse.identity(cells, format="csr")  # row x is cell x: stays[to] leads to `to`
+    own = [[p * stays[to] + (1.0 - p) * stays for to in successors(scenario, k)] for k in team]
+    shape = (cells,) * len(team)
+    starts, goals = zip(*((robot.start, robot.goal) for robot in scenario.robots), strict=True)
+    goal = int(np.ravel_multi_index(goals, shape))
+    chosen = list(product(range(PRIMITIVES), repeat=len(team)))
+    both = functools.partial(sparse.kron, format="csr")
+    transitions = [
+        sparse.csr_array(functools.reduce(both, [own[k][move] for k, move in enumerate(moves)]))
+        for moves in chosen
+    ]
     paid = payment(scenario).ravel()
-    chosen = list(product(range(PRIMITIVES), repeat=team))
-    transitions, rewards = [], np.empty((states, len(chosen)))
-    for number, moves in enumerate(chosen):
-        matrix = own[0][moves[0]]
-        for k in range(1, team):
-            matrix = sparse.kron(matrix, own[k][moves[k]], format="csr")
-        matrix = sparse.csr_array(matrix)
-        transitions.append(matrix)
-        rewards[:, number] = matrix @ paid
+    rewards = np.column_stack([matrix @ paid for matrix in transitions])
     rewards[goal] = scenario.goal_reward
     return JointMDP(
         tuple(transitions),
         rewards,
         scenario.discount,
-        start,
+        int(np.ravel_multi_index(starts, shape)),
         goal,
-        (cells,) * team,
+        shape,
         np.array(chosen),
     )

@@ -184,16 +184,11 @@ def _shipped(file: str, key: str) -> dict[str, dict[str, Any]]:
 
 def yardsticks(scenario: Scenario) -> list[tuple[str, float]]:
     """Return name and total discounted reward of each team or bound that is known, best last."""
-    bound, team = shipped_class_bound(scenario), shipped_best_team(scenario)
-    routes, optimum = shipped_routes(scenario), known_optimum(scenario)
-    name = "exact joint optimum" if optimum.exact else "bound (robots alone)"
-    return [
-        (name, one.value)
-        for name, one in (
-            ("class bound", bound),
-            ("best known team", team),
-            ("route planner", routes),
-            (name, optimum),
-        )
-        if one is not None
-    ]
+    optimum = known_optimum(scenario)
+    known = {
+        "class bound": shipped_class_bound(scenario),
+        "best known team": shipped_best_team(scenario),
+        "route planner": shipped_routes(scenario),
+        "exact joint optimum" if optimum.exact else "bound (robots alone)": optimum,
+    }
+    return [(name, one.value) for name, one in known.items() if one is not None]

@@ -163,7 +163,7 @@ def test_a_training_that_cannot_be_saved_leaves_nothing(training, tmp_path, monk
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("sparse_coord_ros.engine.training.save_team", full)
+    monkeypatch.setattr("sparse_coord_ros.engine.trained.save_team", full)
     with pytest.raises(sc.SparseCoordError, match="cannot be written .No space left"):
         training.save(tmp_path / "saved")
     assert list(tmp_path.iterdir()) == []

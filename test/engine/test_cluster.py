@@ -18,7 +18,7 @@ from distributed.scheduler import KilledWorker, WorkerState
 
 import sparse_coord_ros as sc
 from sparse_coord_ros.engine import cluster as module
-from sparse_coord_ros.engine.cluster import Cluster
+from sparse_coord_ros.engine.cluster import Cluster, cluster_at
 from sparse_coord_ros.errors import ResultsError, RunError, SettingError
 from sparse_coord_ros.game.plugins import allowed
 from sparse_coord_ros.learn.simulation import tables_equal
@@ -113,12 +113,15 @@ def test_a_client_or_a_cluster_says_where_too(scheduler):
 
 def test_an_error_on_a_worker_is_that_error(scheduler):
     with pytest.raises(SettingError, match="'fog' is not"):
-        with Cluster(scheduler) as cluster:
+        with cluster_at(scheduler) as cluster:
             list(cluster.results(fails, [("'fog' is not a model",)] * 9))
-    with Cluster(scheduler) as cluster, pytest.raises(ZeroDivisionError):
+    with cluster_at(scheduler) as cluster, pytest.raises(ZeroDivisionError):
         list(cluster.results(divmod, [(1, 0)]))
     missing = (lambda: __import__("no_such_module"),)
-    with Cluster(scheduler) as cluster, pytest.raises(RunError, match="No module .*no_such_mod"):
+    with (
+        cluster_at(scheduler) as cluster,
+        pytest.raises(RunError, match="No module .*no_such_mod"),
+    ):
         list(cluster.results(call, [missing]))
 
 
@@ -140,8 +143,8 @@ def test_other_sources_are_not_mixed(scheduler, monkeypatch):
 def test_a_task_brings_what_its_asker_allows(scheduler, monkeypatch):
     """Workers that were started elsewhere do not share the asker's environment."""
     monkeypatch.setattr(module, "allowed", lambda: ("my_team",))  # the workers are threads here
-    with Cluster(scheduler) as cluster:
-        assert list(cluster.in_order(allowed, [()])) == [("my_team",)]
+    with cluster_at(scheduler) as cluster:
+        assert list(cluster.results(allowed, [()])) == [(0, ("my_team",))]
 
 
 def test_workers_that_die_of_a_task_are_named():
@@ -186,7 +189,7 @@ def test_a_cluster_without_workers_is_one_line(monkeypatch):
     alone = {"cls": Scheduler, "options": {"host": "127.0.0.1", "dashboard": False}}
     with SpecCluster(workers={}, scheduler=alone) as made:
         with pytest.raises(RunError, match="has no worker after 0.3 s; start some with 'dask wor"):
-            Cluster(made.scheduler_address)
+            cluster_at(made.scheduler_address).__enter__()
 
 
 def test_dask_missing(monkeypatch):

@@ -77,8 +77,8 @@ def test_the_robot_that_moved_most_says_where_a_move_leads():
 def test_the_plan_for_a_corridor_is_the_best_of_all():
     run = trained(drawn("1D.2"), steps=1500, q_coord_init=200)
     scenario, loops = learned(run), class_loops.compiled()
-    game = class_search._game(scenario, (0.5, 0.5))
-    space, both = class_search._space(scenario, game), np.ones(2, dtype=bool)
+    game = class_search._game(scenario)
+    space, both = class_search._space(game), np.ones(2, dtype=bool)
     choices = itertools.product((NORTH, EAST, WEST, COORDINATE), repeat=3)
     robots = [np.array(choice) for choice in choices]
     best = -np.inf

@@ -9,7 +9,6 @@ import pytest
 
 from sparse_coord_ros.engine import batch
 from sparse_coord_ros.engine.batch import CompiledLearning, CompiledTeam
-from sparse_coord_ros.game import perception
 from sparse_coord_ros.game import scenario as scenarios
 from sparse_coord_ros.game.grid import GridMap
 from sparse_coord_ros.game.scenario import load_scenario, scenario_from_dict
@@ -78,19 +77,6 @@ def test_the_same_bits_sparse_and_dense(small, name, learner):
     again.advance(1500)
     for one, two in zip(again.tables, dense, strict=True):
         assert one.q_coord.tobytes() == two.q_coord.tobytes()
-
-
-def test_percepts_by_lists_and_by_array(monkeypatch):
-    scenario = load_scenario("env1", steps=800, perception="range:2")
-    lists = Learning(scenario, "coop", 2)
-    lists.advance(800)
-    monkeypatch.setattr(perception, "LARGEST_LISTS", 0)
-    array = Learning(scenario, "coop", 2)
-    assert isinstance(perception.probability_rows(scenario.perception, scenario.map), np.ndarray)
-    array.advance(800)
-    for one, two in zip(lists.tables, array.tables, strict=True):
-        assert one.q_coord.tobytes() == two.q_coord.tobytes()
-        assert one.q_star.tobytes() == two.q_star.tobytes()
 
 
 def test_a_factored_pair_acts_alike_from_an_array_and_from_factors(small):

@@ -103,7 +103,8 @@ def transition(learner, cells, moves, after, *, acting=(0, 1)):
     rule.minds.begin_step(state, minds)
     game.cells[:] = after
     for k in acting:
-        rule.minds.learn(state, minds, 0, k, after[k], (0.0, -50.0, -1.0), 0.0)
+        seen = loops.Transition(0, k, after[k], (0.0, -50.0, -1.0), 0.0)
+        rule.minds.learn(state, minds, seen)
     return before, minds.rows.values
 
 

@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 import yaml
 
-from sparse_coord_ros.engine.batch import Run, run_batch
+from sparse_coord_ros.engine.batch import run_batch
+from sparse_coord_ros.engine.trained import Training
 from sparse_coord_ros.errors import ResultsError, SettingError
 from sparse_coord_ros.experiments import store as module
 from sparse_coord_ros.experiments.conditions import make_condition
@@ -23,6 +24,8 @@ from sparse_coord_ros.experiments.store import Plan, collect, open_results, samp
 from sparse_coord_ros.game.scenario import scenario_from_dict
 from sparse_coord_ros.learn.agent import initial_tables
 from sparse_coord_ros.learn.evaluation import Trials
+from sparse_coord_ros.learn.history import blank_history
+from sparse_coord_ros.learn.learners import learner_of
 
 CONDITION = make_condition("env1", "coop", {"penalty": -20})
 PLAN = Plan(seed=5, runs=3, trials=4)
@@ -47,8 +50,10 @@ def made_up(seed):
         asked=asked,
         stays=stays,
     )
-    tables = [initial_tables(CONDITION.scenario)] * 2
-    return Run(seed, tables, np.array([40, 60 + seed]), trials)
+    scenario, visited = CONDITION.scenario, np.array([40, 60 + seed])
+    tables, history = [initial_tables(scenario)] * 2, blank_history(0, 2)
+    done = scenario, learner_of("coop"), seed, "python", tables, history, visited, scenario.steps
+    return Training(*done, trials=trials)
 
 
 @pytest.fixture

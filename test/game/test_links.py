@@ -8,7 +8,7 @@ import pytest
 from sparse_coord_ros.engine.batch import CompiledTeam
 from sparse_coord_ros.engine.kernels import PLAIN
 from sparse_coord_ros.errors import SettingError
-from sparse_coord_ros.game.links import LINKS, LOST, PERIOD, PerceptStream, link_of
+from sparse_coord_ros.game.links import LINKS, LOST, PERIOD, Percepts, link_of
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.game.streams import EVALUATION, PERCEPT, Stream
 from sparse_coord_ros.learn.learners import learner_of
@@ -18,18 +18,13 @@ from sparse_coord_ros.solve.exact import evaluate_exact
 FAILING = ["lost:0.3", "bursts:0.05:0.2", "dead:150"]
 
 
-def test_a_link_that_is_up_changes_no_draw():
-    plain, stream = Stream(3, 1, PERCEPT), PerceptStream(LINKS.parse("up"), 3, 1)
-    assert [stream.at(step) for step in range(600)] == [plain.at(step) for step in range(600)]
-
-
-@pytest.mark.parametrize("text", FAILING)
+@pytest.mark.parametrize("text", ["up", *FAILING])
 def test_a_percept_is_lost_while_the_link_is_down(text):
-    spec = LINKS.parse(text)
-    plain, stream, link = Stream(3, 1, PERCEPT), PerceptStream(spec, 3, 1), link_of(spec, 3, 1)
+    percepts = Percepts(load_scenario("env1", link=text), 3)
+    plain, link = Stream(3, 1, PERCEPT), link_of(LINKS.parse(text), 3, 1)
     for step in (0, 700, 3, PERIOD + 5, 149, 150):  # in any order
-        expected = [LOST] if link.down([step])[0] else plain.at(step)
-        assert stream.at(step) == expected
+        expected = LOST if link.down(step) else plain.at(step)[0]
+        assert percepts.draw(step, 1) == expected
 
 
 def test_how_often_links_are_down():
@@ -38,7 +33,8 @@ def test_how_often_links_are_down():
     assert bursts.mean() == pytest.approx(0.05 / 0.25, abs=0.02)
     ends = np.flatnonzero(bursts[:-1] & ~bursts[1:])
     assert bursts.sum() / len(ends) == pytest.approx(5.0, abs=0.3), "steps of a burst"
-    assert list(link_of(LINKS.parse("dead:7"), 0, 0).down(range(6, 9))) == [False, True, True]
+    dead = link_of(LINKS.parse("dead:7"), 0, 0)
+    assert [dead.down(step) for step in range(6, 9)] == [False, True, True]
 
 
 def test_each_robot_and_phase_has_a_link_of_its_own():

@@ -40,9 +40,9 @@ def made(grid=SMALL, robots=None, **settings):
 
 def class_value(scenario, robots):
     """Return what a team of these policies is worth to infinity, averaged over the robots."""
-    game = class_search._game(scenario, (0.5, 0.5))
+    game = class_search._game(scenario)
     team, nobody = class_search._from_texts(scenario, robots), np.zeros(2, dtype=bool)
-    return LOOPS.solve(game, team, nobody, class_search._space(scenario, game), -np.inf)
+    return LOOPS.solve(game, team, nobody, class_search._space(game), -np.inf)
 
 
 def class_tables(scenario, robots):
@@ -64,7 +64,7 @@ def class_tables(scenario, robots):
 def every_team(scenario):
     """Yield the value of every team of a tiny map, its moves after percepts chosen at best."""
     cells = len(scenario.map.cells)
-    game = class_search._game(scenario, (0.5, 0.5))
+    game = class_search._game(scenario)
     places = [
         (k, x) for k, robot in enumerate(scenario.robots) for x in range(cells) if x != robot.goal
     ]
@@ -76,7 +76,7 @@ def every_team(scenario):
         )
         for (k, x), option in zip(places, choice, strict=True):
             policy.moves[k, x], policy.asks[k, x] = option % 8, option == 8
-        space = class_search._space(scenario, game)
+        space = class_search._space(game)
         yield LOOPS.solve(game, policy, np.ones(2, dtype=bool), space, -np.inf)
 
 
@@ -130,15 +130,15 @@ def test_no_other_moves_after_percepts_are_better():
 @pytest.mark.parametrize("seed", (6, 9))
 def test_no_single_other_choice_is_better_where_climbing_ends(seed):
     scenario = made("1.D.2\n..D..", ask_cost=0.1)
-    game, rng = class_search._game(scenario, (0.5, 0.5)), np.random.default_rng(seed)
-    team, both = class_search._random(scenario, rng), np.ones(2, dtype=bool)
-    space, options = class_search._space(scenario, game), class_loops.OPTIONS
+    game, rng = class_search._game(scenario), np.random.default_rng(seed)
+    team, both = class_search._random(game, rng), np.ones(2, dtype=bool)
+    space, options = class_search._space(game), class_loops.OPTIONS
     cells = len(scenario.map.cells)
     best = LOOPS.climb(game, team, both, space, rng.permutation(2 * cells * options))
     for k, x, move, asks in itertools.product(range(2), range(cells), range(4), (False, True)):
         other = class_loops.ClassTeam(*(array.copy() for array in team))
         other.moves[k, x], other.asks[k, x] = move, asks
-        fresh = class_search._space(scenario, game)
+        fresh = class_search._space(game)
         value = LOOPS.solve(game, other, both, fresh, -np.inf)
         assert value <= best + 2 * class_loops.BETTER
 
@@ -165,7 +165,7 @@ def test_known_values(name, value):
 
 def test_of_equally_good_moves_after_a_percept_the_first_is_chosen():
     scenario = made("1..\n.D.\n..2", {"a": (1, 2), "b": (2, 1)}, penalty=0, ask_cost=0)
-    game = class_search._game(scenario, (0.5, 0.5))
+    game = class_search._game(scenario)
     asking, seen = np.ones((2, 9), dtype=bool), np.full((2, 9, 9), 3)
     team = class_loops.ClassTeam(np.zeros((2, 9), dtype=np.int64), asking, seen)
     far = [scenario.map.distances_to(robot.goal) for robot in scenario.robots]

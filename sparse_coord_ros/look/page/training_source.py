@@ -7,7 +7,7 @@ import time
 import numpy as np
 
 from sparse_coord_ros.engine.batch import LearningRun
-from sparse_coord_ros.engine.training import Training
+from sparse_coord_ros.engine.trained import Training
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.learn.simulation import Glimpse
 from sparse_coord_ros.look.page import messages
