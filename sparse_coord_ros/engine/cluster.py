@@ -129,9 +129,10 @@ class Cluster:
             self._client.submit(_call, asker, function, arguments, pure=False): number
             for number, arguments in enumerate(work)
         }
-        due = list(numbers)
+        done = None if in_order else as_completed(list(numbers), loop=self._client.loop)
         try:
-            for future in due if in_order else as_completed(due, loop=self._client.loop):
+            while numbers:  # keep no future whose result was handed out: the cluster would as well
+                future = next(iter(numbers)) if done is None else next(done)
                 number = numbers.pop(future)
                 try:
                     result = future.result()

@@ -15,7 +15,7 @@ import numpy as np
 
 from sparse_coord_ros.compiling import inlined, inner, jit
 from sparse_coord_ros.game.actions import ACTIONS, COORDINATE
-from sparse_coord_ros.game.miscoordination import NOWHERE, together
+from sparse_coord_ros.game.miscoordination import meet
 from sparse_coord_ros.game.streams import EXPLORE, EXPLORED_ACTION, MOTION, POLICY, START, TIE
 from sparse_coord_ros.game.world import EPISODE_GAP
 from sparse_coord_ros.learn import loops
@@ -104,17 +104,10 @@ def move(state: State, step: int) -> bool:
     """Move every robot that acts; return whether the step ends in a miscoordination."""
     problem, game, choice, draws = state
     cells = game.cells
-    members = problem.members
-    for k in members:
+    for k in problem.members:
         if not game.arrived[k] and drawn(draws, MOTION, k, step, 0) < problem.move_success:
             cells[k] = problem.next_cell[cells[k], choice.moves[k]]
-    for i in range(len(members)):
-        place = problem.places[cells[members[i]]]
-        if place != NOWHERE:
-            for j in range(i):
-                if together(place, problem.places[cells[members[j]]]):
-                    return True
-    return False
+    return meet(problem.places, cells, problem.members)
 
 
 @inner

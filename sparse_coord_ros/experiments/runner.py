@@ -411,16 +411,8 @@ class Computing:
         self, condition: Condition, seeds: Sequence[int], trials: int, *, history: bool = False
     ) -> Iterator[Training]:
         """Yield learning runs of a condition, as `run_batch` does."""
-        return run_batch(
-            condition.scenario,
-            condition.learner,
-            seeds,
-            trials=trials,
-            engine=self.engine,
-            jobs=self.jobs,
-            history=history,
-            cluster=self.cluster,
-        )
+        how = {"trials": trials, "history": history, **vars(self)}
+        return run_batch(condition.scenario, condition.learner, seeds, **how)
 
 
 def compute(

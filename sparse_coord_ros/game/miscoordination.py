@@ -3,15 +3,15 @@
 """What a miscoordination is: two robots at one meeting place (paper, Section 4).
 
 The setting `conflict` says which cells are one meeting place: each doorway by itself, or all
-doorways together. All functions take plain numbers and arrays alike; the compiled loops call
-`together` as well.
+doorways together. Functions take plain numbers and arrays alike; compiled loops call `together`,
+and `meet`, which is theirs alone.
 """
 
 from typing import Any
 
 import numpy as np
 
-from sparse_coord_ros.compiling import inner
+from sparse_coord_ros.compiling import inlined, inner
 from sparse_coord_ros.game.scenario import Scenario
 
 NOWHERE = -1
@@ -30,6 +30,24 @@ def meeting_places(scenario: Scenario) -> np.ndarray:
 def together(place: Any, other: Any) -> Any:
     """Return whether robots at two meeting places miscoordinate: a bool, or an array of bools."""
     return (place == other) & (place != NOWHERE)
+
+
+@inlined
+def meet(places: np.ndarray, cells: np.ndarray, members: np.ndarray) -> bool:
+    """Return whether a joint state is a miscoordination, in the compiled loops.
+
+    Args:
+        places: the meeting place of each cell.
+        cells: the cell of each robot.
+        members: the robots that are in the game.
+    """
+    for i in range(len(members)):
+        place = places[cells[members[i]]]
+        if place != NOWHERE:
+            for j in range(i):
+                if together(place, places[cells[members[j]]]):
+                    return True
+    return False
 
 
 def miscoordinated(places: Any) -> Any:

@@ -20,7 +20,7 @@ import numpy as np
 from sparse_coord_ros.compiling import has_numba, inner, jit
 from sparse_coord_ros.game.actions import PRIMITIVES
 from sparse_coord_ros.game.grid import moves_to
-from sparse_coord_ros.game.miscoordination import NOWHERE, meeting_places
+from sparse_coord_ros.game.miscoordination import NOWHERE, meet, meeting_places
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.solve.optimum import worth_alone
 
@@ -255,16 +255,6 @@ def choose(routed: Routed, space: np.ndarray, place: int) -> None:
             chosen[k] = y
 
 
-@inner
-def met(places: np.ndarray, cells: np.ndarray) -> bool:
-    """Whether two robots are at one place."""
-    for k in range(len(cells)):
-        for j in range(k):
-            if places[cells[k]] != NOWHERE and places[cells[k]] == places[cells[j]]:
-                return True
-    return False
-
-
 def play(routed: Routed, draws: np.ndarray, space: np.ndarray, rewards: np.ndarray) -> None:
     """Play trials.
 
@@ -295,7 +285,7 @@ def play(routed: Routed, draws: np.ndarray, space: np.ndarray, rewards: np.ndarr
                         total += factor * routed.prize
             if not under_way:
                 break
-            if met(routed.places, cells):
+            if meet(routed.places, cells, routed.order):
                 total += factor * routed.toll
             factor *= routed.discount
         rewards[trial] = total / team
