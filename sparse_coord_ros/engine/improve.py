@@ -20,6 +20,7 @@ import numpy as np
 from sparse_coord_ros.compiling import has_numba
 from sparse_coord_ros.engine.batch import CompiledTeam
 from sparse_coord_ros.engine.kernels import PLAIN
+from sparse_coord_ros.errors import TablesError
 from sparse_coord_ros.files import write_whole
 from sparse_coord_ros.game.actions import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.game.grid import GridMap
@@ -107,8 +108,11 @@ def improve(scenario: Scenario, learner: Learner, memories: Sequence[Memory]) ->
 
     Raises:
         SettingError: the robots do not learn what it needs.
+        TablesError: what they remember is not of this scenario.
     """
     check_improvable(scenario, learner)
+    for k, memory in enumerate(memories):
+        check_memory(scenario, learner, k, memory)
     team = len(memories)
     learned = learned_scenario(scenario, learner, memories)
     tables = [factored_tables(memory, k, team) for k, memory in enumerate(memories)]
@@ -118,6 +122,17 @@ def improve(scenario: Scenario, learner: Learner, memories: Sequence[Memory]) ->
     else:
         before, value, found = _by_trials(learned, learner, memories)
     return Improvement(tuple(found), before, value, tuple(sorted(learned.map.doorways)))
+
+
+def check_memory(scenario: Scenario, learner: Learner, k: int, memory: Memory) -> None:
+    """Raise `TablesError` unless robot k, from 0, can go on from what is remembered."""
+    try:
+        learner.agent(scenario, k, 0).go_on_from(memory)
+    except (ValueError, LookupError, TypeError) as error:
+        raise TablesError(
+            f"robot {k + 1} of scenario {scenario.name} cannot have learned that ({error}); use "
+            "what a run of this very scenario wrote"
+        ) from None
 
 
 def save_improved(directory: Path, run: RunConfig, found: Improvement) -> Path:

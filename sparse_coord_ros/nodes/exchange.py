@@ -3,7 +3,6 @@
 """The service `learned`: after learning a robot tells its peers once what it has learned."""
 
 import base64
-import binascii
 import functools
 from collections.abc import Callable
 from functools import partial
@@ -12,7 +11,7 @@ from rclpy.client import Client
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
-from sparse_coord_ros.engine.improve import Improvement, improve
+from sparse_coord_ros.engine.improve import Improvement, check_memory, improve
 from sparse_coord_ros.errors import TablesError, in_short
 from sparse_coord_ros.learn.run_config import RunConfig, run_from_yaml
 from sparse_coord_ros.learn.tables import unpack_saved
@@ -109,8 +108,8 @@ class Exchange:
             [saved] = unpack_saved(data, [k + 1], where=service, limit=TABLES)
             if saved.memory is None:
                 raise TablesError(f"{service}: says nothing of what it counted")
-            run.rule.agent(run.scenario, k, run.seed).go_on_from(saved.memory)
-        except (TablesError, ValueError, LookupError, TypeError, binascii.Error) as error:
+            check_memory(run.scenario, run.rule, k, saved.memory)
+        except (TablesError, ValueError) as error:
             self._node.intake.drop(service, in_short(str(error)), "the answer is not used")
         else:
             self._learned[k] = data
