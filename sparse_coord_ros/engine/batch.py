@@ -449,23 +449,19 @@ class CompiledLearning:
 
     def glimpse(self) -> Glimpse:
         """Let every group of robots make one transition, and return it."""
-        team = self._team
         positions = [_position(state.game) for state in self._states]
-        robots = len(team.scenario.robots)
-        cells, after = [0] * robots, [0] * robots
-        actions: list[Action | None] = [None] * robots
         self.advance(self.done + 1)
-        chosen = self._choice
+        rows: list[tuple[int, Action | None, int]] = []  # in the order of the robots
         for state, before in zip(self._states, positions, strict=True):
             for k in state.problem.members.tolist():
-                acted = not (before.under_way and before.arrived[k])
-                cells[k] = int(chosen.cells[k]) if acted else before.cells[k]
-                after[k] = int(state.game.cells[k])
-                if acted:
-                    actions[k] = self._action(k, before.step)
-        places = meeting_places(team.scenario)[after]
-        met = bool(miscoordinated(places)) and not team.learner.alone  # those never meet
-        return Glimpse(positions[0].step, tuple(cells), tuple(actions), tuple(after), met)
+                cell, action = before.cells[k], None
+                if not (before.under_way and before.arrived[k]):
+                    cell, action = int(self._choice.cells[k]), self._action(k, before.step)
+                rows.append((cell, action, int(state.game.cells[k])))
+        cells, actions, after = zip(*rows, strict=True)
+        places = meeting_places(self.scenario)[np.array(after)]
+        met = bool(miscoordinated(places)) and not self.learner.alone  # those never meet
+        return Glimpse(positions[0].step, cells, actions, after, met)
 
     def _action(self, k: int, step: int) -> Action:
         """Return what a robot did at the time step that was made last."""

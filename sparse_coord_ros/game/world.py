@@ -179,7 +179,14 @@ class World:
         self._episode_start = self.step
         self.cells = [robot.start for robot in self.scenario.robots]
         self.arrived = [k not in self.agents for k in range(len(self.cells))]
-        self._place()
+        if self._exploring is None:
+            return
+        share = float(self._exploring[min(self.step, len(self._exploring) - 1)])
+        for k in self.agents:
+            coin, place = self._start[k].at(self.step)
+            if coin < share:  # an exploring start, never the goal itself
+                free = self._start_cells(k)
+                self.cells[k] = int(free[int(place * len(free))])
 
     @property
     def episode_over(self) -> bool:
@@ -251,14 +258,3 @@ class World:
         if self._motion[k].at(self.step)[0] < self.scenario.move_success:
             cell = self._next_cell[cell][move]
         return cell
-
-    def _place(self) -> None:
-        """Draw exploring starts where the protocol asks for them; never the goal itself."""
-        if self._exploring is None:
-            return
-        share = float(self._exploring[min(self.step, len(self._exploring) - 1)])
-        for k in self.agents:
-            coin, place = self._start[k].at(self.step)
-            if coin < share:
-                free = self._start_cells(k)
-                self.cells[k] = int(free[int(place * len(free))])

@@ -131,19 +131,16 @@ class Learning:
 
     def glimpse(self) -> Glimpse:
         """Let every group of robots make one transition, and return it."""
-        step = self._groups[0][0].step
-        robots = sum(len(world.agents) for world, _, _ in self._groups)
-        cells, after = [0] * robots, [0] * robots
-        actions: list[Action | None] = [None] * robots
-        met = False
+        step, met = self._groups[0][0].step, False
+        rows: list[tuple[int, Action | None, int]] = []  # in the order of the robots
         for world, team, recorder in self._groups:
             before = tuple(world.cells)
             did, outcome, then = self._advance(world, team, recorder)
             met |= outcome.miscoordination
-            for k in world.agents:
-                cells[k], actions[k], after[k] = before[k], did[k], then[k]
+            rows += [(before[k], did[k], then[k]) for k in world.agents]
         self.done += 1
-        return Glimpse(step, tuple(cells), tuple(actions), tuple(after), met)
+        cells, actions, after = zip(*rows, strict=True)
+        return Glimpse(step, cells, actions, after, met)
 
     def play(self, trials: int) -> Trials:
         """Play greedy trials with what was learned so far."""
