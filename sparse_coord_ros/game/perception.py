@@ -116,11 +116,7 @@ class PerceptionFamily(SpecFamily):
 def _form(name: str, model: PerceptionModel) -> Form:
     numbers = getattr(model, "numbers", None)
     if numbers is None:
-        try:
-            names = list(inspect.signature(model).parameters)[1:]
-        except ValueError:  # some functions in C do not say
-            names = []
-        numbers = map(Number, names)
+        numbers = map(Number, list(inspect.signature(model).parameters)[1:])
     return Form(name, (inspect.getdoc(model) or "").split("\n")[0], tuple(numbers))
 
 
