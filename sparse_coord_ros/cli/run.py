@@ -96,8 +96,9 @@ def _run(
         _print(out, summary, resumed=options.resume is not None)
         learned = summary.get("steps_per_second") and not options.greedy and page is None
         if learned and not summary["interrupted"] and (out / TEAM_FILE).exists():
-            run = load_run(out)
-            found = evaluation_of(run, load_team(out, run.scenario), TRIALS, 0, exact=None)
+            run, plan = load_run(out), out / IMPROVED
+            last = plan if (plan / TEAM_FILE).exists() else out
+            found = evaluation_of(run, load_team(last, run.scenario), TRIALS, 0, exact=None)
             print(last_word(run.scenario, run.rule, found).text)
     if not summary["interrupted"] and not (out / TEAM_FILE).exists():
         sys.stdout.flush()

@@ -43,7 +43,7 @@ class SparsePlan(NamedTuple):
         value: total discounted reward from the scenario's starts, averaged over the robots and
             carried to infinity, where looking costs nothing.
         priced: the same, where each step in a place of interaction costs a question.
-        standard_error: of either, over the trials.
+        standard_error: of `value`, over the trials.
         miscoordinations: steps of a trial that end in one.
     """
 
@@ -59,7 +59,6 @@ class Model(NamedTuple):
     Attributes:
         lead: where a successful move of its own leads, (moves, x).
         led: where its peer gets, if its move succeeds, (x, z).
-        near: places that it may be in after a step, (x, places).
         seen: whether it sees its peer, (x, z).
         paid: average reward of a step that ends there, (x, z).
         home: its own and its peer's goal.
@@ -68,7 +67,6 @@ class Model(NamedTuple):
 
     lead: np.ndarray
     led: np.ndarray
-    near: np.ndarray
     seen: np.ndarray
     paid: np.ndarray
     home: tuple[int, int]
@@ -121,7 +119,6 @@ def _models(scenario: Scenario, planner: str) -> list[Model]:
             Model(
                 lead=leads[k],
                 led=leads[j][own, cells],
-                near=near[k],
                 seen=near[k].astype(int) @ near[j].T.astype(int) > 0,
                 paid=paid if k == 0 else paid.T,
                 home=(goals[k], goals[j]),
@@ -183,7 +180,7 @@ def _play(
             worth = np.einsum("tz,tza->ta", beliefs[k], alphas[k][was[:, k]])
             moved = rng.random(AT_ONCE) < model.success
             cells[moved, k] = model.lead[worth.argmax(axis=1), was[:, k]][moved]
-            asked = acts[:, k] & model.near[was[:, k]].any(axis=1)
+            asked = acts[:, k] & model.seen[was[:, k]].any(axis=1)
             arrived = acts[:, k] & (cells[:, k] == goals[k])
             found[:, 0] += discount * prize * arrived / 2
             found[:, 1] += discount * asked / 2
