@@ -39,7 +39,7 @@ from sparse_coord_ros.learn.tables import save_team
 from sparse_coord_ros.solve.class_loops import ClassTeam
 from sparse_coord_ros.solve.class_search import climbed
 from sparse_coord_ros.solve.exact import MOST_ROBOTS
-from sparse_coord_ros.solve.routes import alone, passages, route_plan
+from sparse_coord_ros.solve.routes import alone, passages
 
 IMPROVED = "improved"
 """Folder in a run's directory for what the team made of what it learned."""
@@ -218,17 +218,16 @@ def _by_trials(
 
 
 def one_at_a_time(learned: Scenario, learner: Learner, memories: Sequence[Memory]) -> list[Memory]:
-    """Return what robots remember that take turns, on the routes of `solve.routes`.
+    """Return what robots remember that take turns, on shortest ways.
 
     Doorways side by side are a passage. Who is before one on its way asks, and makes way if it
-    perceives a peer inside, or before it and earlier in the planner's order (in its own cell: of
-    lower number, the right of way).
+    perceives a peer inside, or one of lower number before it.
     """
-    plan, passage = route_plan(learned, restarts=1), passages(learned)
-    ahead, rank = passage[learned.map.next_cell], np.argsort(plan.order)
+    passage = passages(learned)
+    ahead = passage[learned.map.next_cell]
     goals = [robot.goal for robot in learned.robots]
     starts = []
-    for k, u in enumerate(_on_routes(learned, plan.avoided)):
+    for k, u in enumerate(_on_routes(learned, [()] * len(memories))):
         star = np.column_stack([u, u.max(axis=1) - LEAD])
         after: dict[tuple[int, int, int], int] = {}
         for x, move in enumerate(u.argmax(axis=1).tolist()):
@@ -239,8 +238,8 @@ def one_at_a_time(learned: Scenario, learner: Learner, memories: Sequence[Memory
             waits = int(np.where(ahead[x] == entered, -np.inf, u[x]).argmax())
             inside, before = passage == entered, (ahead == entered).any(axis=1)
             for j in range(len(goals)):
-                first = inside | before & bool(rank[j] < rank[k])
-                first[x], first[goals[j]] = j < k, False
+                first = inside | before & (j < k)
+                first[goals[j]] = False
                 after |= {(x, j, z): waits for z in np.flatnonzero(first).tolist() if j != k}
         nothing = np.empty((0, 3), dtype=np.int32), np.empty((0, PRIMITIVES))
         begun = Factors(u, np.zeros_like(u), np.zeros(len(u)), *nothing)
