@@ -60,7 +60,7 @@ dist: $(VENV)/runs
 	$(BIN)/python -m build
 	$(BIN)/python -m twine check --strict dist/*
 
-# Live runs beside bare rclpy nodes, the batch engine beside a plain C loop.
+# Live runs beside bare rclpy nodes, the batch engine beside plain Python.
 bench: $(VENV)/runs
 	$(BIN)/python -m tools.bench
 

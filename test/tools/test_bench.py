@@ -8,15 +8,11 @@ from tools.bench import batch
 from tools.bench.__main__ import main
 
 
-def test_batch_beside_the_c_loop():
-    rates = {
-        (batch.ENGINE, 2): [4.0, 6.0],
-        (batch.C_LOOP, 2): [10.0],
-        (batch.PYTHON, 1): [0.1],
-    }
+def test_batch_beside_plain_python():
+    rates = {(batch.ENGINE, 2): [4.0, 6.0], (batch.PYTHON, 1): [0.1]}
     lines = batch.table("env1, Coop.", 0.25, rates).splitlines()
-    assert lines[2].split()[3:] == ["threads", "5.00", "4.00", "to", "6.00", "2.50", "50%"]
-    assert lines[-2].split()[-1] == "-"
+    assert lines[2].split()[3:] == ["threads", "5.00", "4.00", "to", "6.00", "25"]
+    assert lines[-2].split()[-1] == "1"
     assert lines[-1].startswith("engine: ready in 0.2 s")
 
 

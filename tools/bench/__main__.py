@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""`make bench`: live runs beside bare rclpy nodes, the batch engine beside plain C loops.
+"""`make bench`: live runs beside bare rclpy nodes, the batch engine beside plain Python.
 
 `python -m tools.bench batch --runs 100 --repeats 1`, in a checkout.
 """

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The batch engine's speed, beside plain Python and a plain C loop of the same work.
+"""The batch engine's speed, beside plain Python.
 
 An agent-step is one robot's part of one time step: a run makes budget x robots of them.
 """
@@ -18,8 +18,7 @@ from sparse_coord_ros.game.plugins import allow_named
 from sparse_coord_ros.game.scenario import Scenario, load_scenario
 from sparse_coord_ros.learn.learners import learner_of
 from sparse_coord_ros.learn.simulation import learn
-from tools.bench.rates import in_turn, share, spread
-from tools.c_loop.loop import CLoop
+from tools.bench.rates import in_turn, spread
 
 MEASURED = (
     ("env1", "coop", 1.0),
@@ -32,7 +31,7 @@ MEASURED = (
 PYTHON_RUNS = 3
 """Learning runs of the plain Python measurement: it is hundreds of times slower."""
 
-ENGINE, PYTHON, C_LOOP = "engine (numba)", "plain Python", "plain C loop"
+ENGINE, PYTHON = "engine (numba)", "plain Python"
 
 
 def measured(scenario: str, learner: str, steps: int, runs: int, repeats: int) -> str:
@@ -46,7 +45,7 @@ def measured(scenario: str, learner: str, steps: int, runs: int, repeats: int) -
         repeats: how often each figure is measured, all figures in turn.
 
     Raises:
-        SparseCoordError: numba or a C compiler is missing.
+        SparseCoordError: numba is missing.
     """
     [found] = in_processes(_measured_here, [(scenario, learner, steps, runs, repeats)], 1)
     return found
@@ -65,8 +64,6 @@ def _measured_here(name: str, learner: str, steps: int, runs: int, repeats: int)
 
     for threads in sorted({len(os.sched_getaffinity(0)), 1}, reverse=True):
         add(ENGINE, threads, runs, partial(_batch, scenario, learner, runs, threads))
-        if learner == "coop":  # there is one of the paper's learner alone
-            add(C_LOOP, threads, runs, partial(CLoop(scenario).learn_runs, runs, threads))
     seeds = range(PYTHON_RUNS)
     add(PYTHON, 1, PYTHON_RUNS, lambda: [learn(scenario, learner, seed) for seed in seeds])
     title = f"{name}, {rule.title or learner.rpartition(':')[2]}, {runs} runs of {steps} steps"
@@ -92,15 +89,15 @@ def table(title: str, ready_seconds: float, rates: Mapping[tuple[str, int], list
         ready_seconds: until the engine could begin.
         rates: 10^6 agent-steps a second, an entry a repeat, by way and threads.
     """
+    plain = statistics.median(rates[PYTHON, 1])
     rows = [
         [
             f"{way}, {threads} thread{'s' * (threads > 1)}",
             *spread(found, 2),
-            f"{statistics.median(found) / threads:.2f}",
-            share(found, rates.get((C_LOOP, threads))),
+            f"{statistics.median(found) / threads / plain:.0f}",
         ]
         for (way, threads), found in rates.items()
     ]
-    head = [title, "M agent-steps/s", "range", "per core", f"of the {C_LOOP}"]
+    head = [title, "M agent-steps/s", "range", f"a core, times {PYTHON}"]
     ready = f"engine: ready in {ready_seconds:.1f} s, not counted above"
     return f"{format_table(head, rows)}\n{ready}"

@@ -14,7 +14,7 @@ from sparse_coord_ros.cli.options import format_table
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.simulation import learn
 from tools.bench import ceiling
-from tools.bench.rates import in_turn, share, spread
+from tools.bench.rates import in_turn, spread
 
 SCENARIO = "env1"
 TEAMS = (2, 4, 8, 16, 32)
@@ -36,10 +36,11 @@ def ways(steps: int, repeats: int) -> str:
         MANY + RECORDING: lambda: _live(steps, record=True, processes=True),
     }
     rates = in_turn(measured, repeats)
-    rows = [
-        [name, *spread(found), share(found, rates.get(name.split(",")[0] + BARE))]
-        for name, found in rates.items()
-    ]
+    medians = {name: statistics.median(found) for name, found in rates.items()}
+    rows = []
+    for name, found in rates.items():
+        bare = medians.get(name.split(",")[0] + BARE)
+        rows.append([name, *spread(found), f"{medians[name] / bare:.0%}" if bare else "-"])
     head = [f"{SCENARIO}, 2 robots, events executor", "steps/s", "range", "of bare nodes"]
     return format_table(head, rows)
 

@@ -21,10 +21,3 @@ def spread(rates: list[float], digits: int = 0) -> tuple[str, str]:
         f"{rate:.{digits}f}" for rate in (statistics.median(rates), min(rates), max(rates))
     )
     return median, f"{low} to {high}"
-
-
-def share(rates: list[float], ceiling: list[float] | None) -> str:
-    """Return what share of a ceiling rates are; a dash where there is none."""
-    if ceiling is None:
-        return "-"
-    return f"{statistics.median(rates) / statistics.median(ceiling):.0%}"
