@@ -6,6 +6,8 @@ A node is started by `ros2 run sparse_coord_ros robot`, or without the command `
 `python -m sparse_coord_ros.executables robot`; both take the same `--ros-args`.
 """
 
+import atexit
+import gc
 import importlib
 import os
 import signal
@@ -28,6 +30,7 @@ LIVE = (["run"], ["replay"])
 
 def sparse_coord() -> int:
     """Run the command line."""
+    atexit.register(gc.freeze)  # the process ends at once: no search for garbage before
     return main(COMMAND_LINE)
 
 

@@ -153,6 +153,8 @@ class ImportPage(Controlled):
         """Say what goes on; not `busy`: what has come of it."""
         self._busy = busy
         self._board.put("team", text=text, busy=busy, learned=self._learned)
+        if not busy:  # so that is no problem any more
+            self._board.put("problem", text="")
 
     def do(self, what: str, path: Path, server: "Server") -> None:
         """Let a team learn, or bodies drive it, as `wanted` says; KeyboardInterrupt ends it."""

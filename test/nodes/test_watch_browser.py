@@ -327,6 +327,11 @@ def test_a_building_becomes_a_team_by_clicks(browser, start, tmp_path):
     browser.wait_for("document.getElementById('notice').innerText.includes('in no free cell')")
     click(browser, "undo")
     browser.wait_for("document.getElementById('notice').hidden")
+    browser.value("document.getElementById('map').focus()")
+    for key in ("ArrowLeft", "Enter"):  # by keys alone
+        browser.press(key)
+    browser.wait_for("document.querySelectorAll('.start').length === 3")
+    click(browser, "undo")
     browser.value("document.querySelector('input[value=doorways]').click()")
     for place, doors in (((-4, 0.1), 7), ((-6.6, -0.9), 6)):
         press(browser, *place)

@@ -10,7 +10,9 @@ const TICKS = 55; // the fewest pixels between two numbers of an axis
 const SMALLEST = 7; // pixels: a robot's radius
 const PLACES = /at ((?:-?[\d.]+,-?[\d.]+ ?)+)/g; // of notes
 
-let run = null, imported = null, chosen = null, control = false;
+const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
+
+let run = null, imported = null, chosen = null, control = false, waiting = false, cursor = null;
 const past = []; // what was chosen before each change
 
 const picture = svg("image", { preserveAspectRatio: "none" });
@@ -20,7 +22,7 @@ const at = ([x, y]) => [x * METRE, -y * METRE];
 class Plan extends View {
   look() {
     this.unit = 1 / super.look(); // units of a pixel
-    if (Number.isFinite(this.unit)) over.replaceChildren(...marks(), ...robots(), ...axes());
+    if (Number.isFinite(this.unit)) over.replaceChildren(...marks(), ...robots(), ...axes(), ...crosshair());
     return 1 / this.unit;
   }
 }
@@ -49,6 +51,13 @@ function marks() {
     const [cx, cy] = at(place.split(",").map(Number));
     return svg("circle", { cx, cy, r: 12 * view.unit, class: "met note" }, svg("title", {}, note));
   }));
+}
+
+// Where the arrow keys are.
+function crosshair() {
+  if (!cursor) return [];
+  const [x, y] = at(cursor), long = 14 * view.unit;
+  return [svg("path", { class: "cursor note", d: `M${x - long},${y}h${2 * long}M${x},${y - long}v${2 * long}` })];
 }
 
 function axes() {
@@ -91,13 +100,14 @@ const TAKE = {
     const [width, height] = run.size.map((one) => one * METRE), [x, y] = at(run.origin), edge = 0.05 * Math.max(width, height);
     for (const [key, value] of Object.entries({ x, y: y - height, width, height, href: run.picture })) picture.setAttribute(key, value);
     doors.setAttribute("fill", run.doorway_colour);
-    if (!past.length) chosen = run.chosen;
+    chosen ??= run.chosen;
     view.show({ x: x - edge, y: y - height - edge / 4, width: width + 2 * edge, height: height + 1.25 * edge }, 2 * METRE);
     show();
   },
   imported(message) {
     imported = message;
-    if (!past.length) chosen = imported.chosen;
+    if (JSON.stringify(imported.chosen) === JSON.stringify(chosen)) waiting = false;
+    if (!waiting) chosen = imported.chosen; // another page has chosen it
     const { rows, side, cells, doorways, suggested } = imported, [x, y] = at(imported.origin), a = side * METRE;
     const path = (sign, margin) => rows.flatMap((row, r) => [...row].map((one, c) => (one !== sign ? "" :
       `M${x + (c + margin) * a},${y - (rows.length - r - margin) * a}h${(1 - 2 * margin) * a}v${(1 - 2 * margin) * a}h${-(1 - 2 * margin) * a}z`))).join("");
@@ -112,6 +122,7 @@ const TAKE = {
   problem({ text: words }) {
     $("notice").textContent = words;
     $("notice").hidden = !words;
+    if (words) waiting = false;
     if (control) $("state").textContent = "ready";
     if (run) view.look();
   },
@@ -138,6 +149,7 @@ function choose(change) {
 
 function wish(what) {
   $("state").textContent = "importing";
+  waiting = true;
   send(what, chosen);
   show();
 }
@@ -160,20 +172,27 @@ function doorway(now, { place, sign, key }) {
   now[own] = left; // a click takes back an earlier one
 }
 
-const metres = (event) => { const { x, y } = view.under(event); return [x / METRE, -y / METRE]; };
-$("map").addEventListener("pointermove", (event) => {
-  if (!run || view.drag(event)) return;
-  const [x, y] = metres(event);
-  $("where").textContent = `x ${x.toFixed(2)} m, y ${y.toFixed(2)} m`;
-});
-$("map").addEventListener("click", (event) => {
-  if (view.dragged || !run) return;
-  const cell = cellAt(...metres(event));
+const metres = ({ x, y }) => [x / METRE, -y / METRE];
+const say = ([x, y]) => { $("where").textContent = `x ${x.toFixed(2)} m, y ${y.toFixed(2)} m`; };
+function act(place) {
+  const cell = cellAt(...place);
   choose((now) => (tool() === "doorways" ? doorway(now, cell) : now[now.start.length > now.goal.length ? "goal" : "start"].push(cell.place)));
+}
+$("map").addEventListener("pointermove", (event) => { if (run && !view.drag(event)) say(metres(view.under(event))); });
+$("map").addEventListener("click", (event) => { if (run && !view.dragged) act(metres(view.under(event))); });
+$("map").addEventListener("keydown", (event) => {
+  const by = ARROWS[event.key];
+  if (!run || (!by && event.key !== "Enter")) return;
+  event.preventDefault();
+  const { x, y, width, height } = view.seen, from = cursor ?? metres({ x: x + width / 2, y: y + height / 2 });
+  if (!by) return act(from);
+  cursor = from.map((one, axis) => one + by[axis] * (imported?.side ?? 1));
+  say(cursor);
+  view.look();
 });
 // Doorways that were added or removed belong to a grid: another one begins without.
 for (const [id, key] of [["cell-side", "cell"], ["radius", "radius"]]) {
-  $(id).onchange = () => choose((now) => Object.assign(now, { [key]: Number($(id).value), doorway: [], no_doorway: [] }));
+  $(id).onchange = () => choose((now) => Object.assign(now, { [key]: $(id).valueAsNumber, doorway: [], no_doorway: [] }));
 }
 for (const one of document.querySelectorAll("input[name=tool]")) one.onchange = show;
 $("undo").onclick = () => { chosen = past.pop(); wish("import"); };
