@@ -100,6 +100,17 @@ def _bursts(draws: np.ndarray, p_down: float, p_up: float) -> np.ndarray:
     return np.array(found)
 
 
+def ruled_out(scenario: "Scenario") -> np.ndarray:
+    """Return where a peer cannot be when a percept fails: [own cell, peer's cell].
+
+    That is where it would surely have been perceived. A percept that fails though it would
+    have succeeded wherever the peer is says nothing.
+    """
+    certain: np.ndarray = percept_probabilities(scenario.perception, scenario.map) == 1.0
+    certain &= (scenario.link == UP) & ~certain.all(axis=1, keepdims=True)
+    return certain
+
+
 class Percepts:
     """Active perception in a run: which percepts succeed.
 

@@ -250,9 +250,6 @@ class Agent:
         values: list[float] = self._tables.q_star[cell].tolist()
         return values
 
-    def asked(self, step: int, peer: int, cell: int) -> None:
-        """Take note that a peer asks in a time step, from that cell; Algorithm 1 does not."""
-
     def decide(self, step: int, cell: int) -> Decision:
         """Choose A_k(t) by the learning policy pi_epsilon (Algorithm 1, line 4)."""
         action = self.explored(step, self.values(cell), self.actions, streams.TIE)

@@ -47,7 +47,6 @@ class Team:
         self, scenario: Scenario, seed: int, agents: list[Agent], *, phase: int = LEARNING
     ) -> None:
         self.agents = agents
-        self._of = {agent.number: agent for agent in agents}
         self._percepts = Percepts(scenario, seed, phase)
 
     def act(self, world: World) -> tuple[list[Choice | None], list[Action | None]]:
@@ -84,7 +83,6 @@ class Team:
         """Ask peers, one after the other; return their cells, None where one is not perceived."""
         step, here = world.step, world.cells[k]
         for peer in peers:
-            self._of[peer].asked(step, k, here)
             if not self._percepts.sees(step, k, here, world.cells[peer]):
                 return None
         return tuple(world.cells[peer] for peer in peers)

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The agent that learns Q* and Q^C in factors (`learn.factors`)."""
 
-import functools
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -12,7 +11,7 @@ from sparse_coord_ros.compiling import inlined, inner
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.game import streams
 from sparse_coord_ros.game.actions import ACTIONS, COORDINATE, PRIMITIVES
-from sparse_coord_ros.game.links import Percepts
+from sparse_coord_ros.game.links import ruled_out
 from sparse_coord_ros.game.perception import succeeds
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.world import (
@@ -32,10 +31,6 @@ if TYPE_CHECKING:
 VALUES = ("u", "r_bar", "w", "door")
 REMEMBERED = (*VALUES, "commons", "moved", "successor", "last", "tried")
 """Fields of `Own` that an agent remembers as `Memory.more`; of `tried` only what is in use."""
-
-STEPS_AT_ONCE = 3
-"""Time steps whose askers are remembered: a peer may ask in the next step before the reward of the
-last one has come."""
 
 
 def check_peers(scenario: Scenario) -> None:
@@ -90,10 +85,6 @@ def terms_of(problem: Any, goal: int, weights: Values) -> factors.Terms:
 class FactoredAgent(Agent):
     """Agent k: chooses as Algorithm 1 does, learns the factors of its two tables.
 
-    A robot knows where a peer is if it perceived it, or if the peer asked it in this time step
-    and the robot's own percept of the step would have succeeded: its own draw lies below the
-    percept model's probability for the two cells. So a request gives no more than a percept.
-
     Args:
         rule: the parts of the rule.
         tables: tables to begin with, with their factors.
@@ -128,10 +119,9 @@ class FactoredAgent(Agent):
         )
         self._by_count = self._step_sizes.by_count.tolist()
         self._floor = self._step_sizes.by_step.tolist()
-        self._percepts = Percepts(scenario, seed, phase)
+        self._ruled_out = ruled_out(scenario)
         self._replays = streams.Stream(seed, number, streams.REPLAY, phase)
         self._blind = streams.Stream(seed, number, streams.BLIND, phase)
-        self._askers: dict[int, dict[int, int]] = {}
 
     @property
     def tables(self) -> Tables:
@@ -154,48 +144,35 @@ class FactoredAgent(Agent):
             cell: the own cell.
             perceived: the peers' cells; None: the percept failed.
         """
-        if perceived is None:
-            keys = [factors.unseen_key(cell, self._cells, self._robots)]
-        else:
-            keys = [
-                self._key(cell, j, z)
-                for j, z in zip(self._peers, perceived, strict=True)
-                if factors.counted(self.number, j, cell, z, self._right_of_way)
-            ]
+        rows = self._rows(cell, perceived)
+        if perceived is not None:
+            seen = zip(rows, self._peers, perceived, strict=True)
+            right = self._right_of_way
+            rows = [row for row, j, z in seen if factors.counted(self.number, j, cell, z, right)]
         correction = [0.0] * PRIMITIVES
-        for row in (self._rho[key] for key in keys if key in self._rho):
+        for row in (self._rho[key] for key, _ in rows if key in self._rho):
             for b in range(PRIMITIVES):
                 correction[b] += row[b]
         return correction
 
     def corrections(
-        self, step: int, cell: int, perceived: tuple[int, ...] | None, move: int
+        self, cell: int, perceived: tuple[int, ...] | None, move: int
     ) -> dict[tuple[int, int], float]:
-        """Return rho of a move where a step teaches it, by (peer, its cell).
+        """Return rho of a move, by (peer, its cell); by twice `UNSEEN` if the percept failed.
 
         Args:
-            step: t; who asked the robot in it is known.
             cell: the own cell.
-            perceived: the peers' cells; None where nothing was perceived: the row of failed
-                percepts is there as well.
+            perceived: the peers' cells; None: the percept failed.
             move: the primitive action.
         """
-        keys = {
-            (peer, place): self._key(cell, peer, place)
-            for peer, place in self._known(step, cell, perceived).items()
-        }
-        if perceived is None:
-            keys[factors.UNSEEN, factors.UNSEEN] = factors.unseen_key(
-                cell, self._cells, self._robots
-            )
+        unseen = [(factors.UNSEEN, factors.UNSEEN)]
+        places = unseen if perceived is None else zip(self._peers, perceived, strict=True)
+        rows = self._rows(cell, perceived)
         nothing = [0.0] * PRIMITIVES
-        return {place: self._rho.get(key, nothing)[move] for place, key in keys.items()}
-
-    def asked(self, step: int, peer: int, cell: int) -> None:
-        """Take note that a peer asks in a time step, from that cell."""
-        self._askers.setdefault(step, {})[peer] = cell
-        if len(self._askers) > STEPS_AT_ONCE:
-            del self._askers[min(self._askers)]
+        return {
+            place: self._rho.get(key, nothing)[move]
+            for place, (key, _) in zip(places, rows, strict=True)
+        }
 
     def coordinate(self, step: int, cell: int, perceived: tuple[int, ...] | None) -> int:
         """Return the move that COORDINATE becomes; after a failed percept it is explored."""
@@ -217,61 +194,62 @@ class FactoredAgent(Agent):
         own, rule, terms = self._own, self._rule, self._terms
         by_count, floor = self._by_count, self._floor[min(step, len(self._floor) - 1)]
         individual = self.weights.individual * reward.individual
-        common = self.weights.common * (reward.common if reward.partners else 0.0)
+        once = reward.common if reward.partners else 0.0
+        common = self.weights.common * once
         asked = decision.action == COORDINATE
         factors.learn_move(
             own, cell, action.move, next_cell, individual, common, asked, terms, by_count, floor
         )
-        for peer, place in self._known(step, cell, perceived).items():
-            share = common if reward.partners >> peer & 1 else 0.0
-            self._correct(self._key(cell, peer, place), action.move, share, floor)
-        if perceived is not None:
-            if rule.look_back and own.last[0] == step:
-                self._look_back(perceived, floor)
-            own.last[:2] = step + 1, action.move
-            for peer, place in zip((self.number, *self._peers), (cell, *perceived), strict=True):
-                own.last[2 + peer] = place
         if asked:
-            if perceived is None:
-                key = factors.unseen_key(cell, self._cells, self._robots)
-                once = reward.common if reward.partners else 0.0
-                self._correct(key, action.move, once, floor)
+            ruled_out = self._ruled_out[cell]
+            if perceived is None and ruled_out[cell]:
+                common = once
+            for key, peers in self._rows(cell, perceived):
+                brought = common if reward.partners & peers else 0.0
+                rho, counts = self._row(key)
+                factors.learn_correction(rho, counts, action.move, brought, by_count, floor)
+            if rule.look_back and own.last[0] == step:
+                self._look_back(perceived, ruled_out, floor)
+            own.last[:2] = step + 1, action.move
+            seen = perceived or (factors.UNSEEN,) * len(self._peers)
+            for robot, place in zip((self.number, *self._peers), (cell, *seen), strict=True):
+                own.last[2 + robot] = place
             correction = self.correction(cell, perceived)
             factors.learn_asking(own, cell, correction, rule.percept_update, by_count, floor)
         factors.refresh(own, cell, terms)
         factors.replay(own, rule.replays, self._replays.at(step)[0], terms)
 
-    def _look_back(self, perceived: tuple[int, ...], floor: float) -> None:
-        """Learn from two percepts in a row what other moves would have brought in the first."""
+    def _look_back(
+        self, perceived: tuple[int, ...] | None, ruled_out: np.ndarray, floor: float
+    ) -> None:
+        """Learn from two questions in a row what other moves would have brought at the first."""
         own, before = self._own, self._own.last[2:]
         x = before[self.number]
-        u, correction = own.u[x], self.correction(x, perceived)
-        ahead = self.discount * (factors.gain(u, correction) - own.w[x])
-        keys = [self._key(x, peer, before[peer]) for peer in self._peers]
-        best = u.index(max(u))
-        rows = [self._rho.setdefault(key, [0.0] * PRIMITIVES) for key in keys]
-        worst = min(range(len(rows)), key=lambda place: rows[place][best])
-        for place, (key, row, z) in enumerate(zip(keys, rows, perceived, strict=True)):
-            counts = self._counts.setdefault(key, [0] * PRIMITIVES)
-            owed = ahead if place == worst and row[best] < 0.0 else 0.0
-            factors.look_back(own, x, row, counts, z, owed, self._by_count, floor)
+        ahead = factors.gain(own.u[x], self.correction(x, perceived)) - own.w[x]
+        cells = list(perceived or self._peers)
+        cells.insert(self.number, x)
+        sight = factors.Sight(perceived is not None, cells, ruled_out)
+        first = tuple(before[peer] for peer in self._peers)
+        for key, peers in self._rows(x, None if factors.UNSEEN in first else first):
+            rho, counts = self._row(key)
+            factors.look_back(
+                own, x, rho, counts, peers, sight, self.discount * ahead, self._by_count, floor
+            )
 
-    def _known(self, step: int, cell: int, perceived: tuple[int, ...] | None) -> dict[int, int]:
-        """Return the cells of the peers that it knows of, in ascending order of the peers."""
-        if perceived is not None:
-            return dict(zip(self._peers, perceived, strict=True))
-        if not self._rule.share or step not in self._askers:
-            return {}
-        sees = functools.partial(self._percepts.sees, step, self.number, cell)
-        return {peer: place for peer, place in sorted(self._askers[step].items()) if sees(place)}
+    def _rows(self, cell: int, perceived: tuple[int, ...] | None) -> list[tuple[int, int]]:
+        """Return the keys of rho's rows of a percept, and whose each is: the sum of 2^j."""
+        cells, robots = self._cells, self._robots
+        if perceived is None:
+            return [(factors.unseen_key(cell, cells, robots), ~(1 << self.number))]
+        return [
+            (factors.key_of(cell, peer, place, cells, robots), 1 << peer)
+            for peer, place in zip(self._peers, perceived, strict=True)
+        ]
 
-    def _key(self, cell: int, peer: int, place: int) -> int:
-        return factors.key_of(cell, peer, place, self._cells, self._robots)
-
-    def _correct(self, key: int, move: int, common: float, floor: float) -> None:
+    def _row(self, key: int) -> tuple[list[float], list[int]]:
+        """Return a row of rho and its counts, to be changed."""
         rho = self._rho.setdefault(key, [0.0] * PRIMITIVES)
-        counts = self._counts.setdefault(key, [0] * PRIMITIVES)
-        factors.learn_correction(rho, counts, move, common, self._by_count, floor)
+        return rho, self._counts.setdefault(key, [0] * PRIMITIVES)
 
     @property
     def asked_in(self) -> np.ndarray:
@@ -316,7 +294,7 @@ class FactoredAgent(Agent):
                 below = most.get(name, MOST_UPDATES)
                 member(memory.more, name, np.int64, *shape, below=below)
         check_range(memory.more["last"][1:2], 0, PRIMITIVES, "last")
-        check_range(memory.more["last"][2:], 0, cells, "last")
+        check_range(memory.more["last"][2:], factors.UNSEEN, cells, "last")
         counted = np.flatnonzero(memory.star_updates[:, :PRIMITIVES])
         if not np.array_equal(np.sort(memory.more["tried"]), counted):
             raise ValueError("tried are not the moves that were counted")
@@ -360,9 +338,9 @@ class FactoredMinds(NamedTuple):
             tried, and COORDINATE.
         rows: rho, by the keys of `learn.factors`.
         own: the robots' factors and models, with the robot as first axis of each array.
-        askers: who asked the robot in this time step [k]: the sum of 2^j of the robots j.
         partners: as of `game.world.Reward` [k].
         correction: space for Q^C(x, z, .) - U(x, .) [move].
+        ruled_out: as of `game.links.ruled_out`.
         rule: the parts of the rule; `right_of_way` is False for two robots.
     """
 
@@ -370,9 +348,9 @@ class FactoredMinds(NamedTuple):
     star_updates: np.ndarray
     rows: Rows
     own: factors.Own
-    askers: np.ndarray
     partners: np.ndarray
     correction: np.ndarray
+    ruled_out: np.ndarray
     rule: factors.FactorRule
 
     @staticmethod
@@ -414,21 +392,21 @@ class FactoredMinds(NamedTuple):
             star_updates,
             rows,
             own,
-            askers=np.zeros(team, dtype=np.int64),
             partners=np.full(team, UNKNOWN_PARTNERS, dtype=np.int64),
             correction=np.zeros(PRIMITIVES),
+            ruled_out=ruled_out(scenario),
             rule=learner.factors._replace(right_of_way=learner.factors.right_of_way and team > 2),
         )
 
     def tables(self, scenario: Scenario, learner: "Learner") -> list[Tables]:
         """Return what each robot has learned."""
-        robots = range(len(self.askers))
+        robots = range(len(self.partners))
         return [factored_tables(self.memory(k, scenario), k, len(robots)) for k in robots]
 
     def memory(self, k: int, scenario: Scenario) -> Memory:
         """Return what robot k has learned, as its agent remembers it; a copy."""
         keys, values, updates = self.rows.learned(k)
-        states = factors.states_of(keys, len(scenario.map.cells), len(self.askers))
+        states = factors.states_of(keys, len(scenario.map.cells), len(self.partners))
         star_updates = self.star_updates[k].astype(np.int64)
         more = {name: getattr(self.own, name)[k].copy() for name in REMEMBERED}
         more["tried"] = more["tried"][: self.own.used[k, 0]]
@@ -449,11 +427,9 @@ class FactoredMinds(NamedTuple):
 
     @staticmethod
     def begin_step(state: loops.State, minds: "FactoredMinds") -> None:
-        """Nobody has asked yet; where everybody is, also who has arrived."""
-        cells = state.game.cells
-        for k in range(len(cells)):
-            minds.askers[k] = 0
-            state.choice.cells[k] = cells[k]
+        """Note where everybody is, also who has arrived."""
+        for k in range(len(state.game.cells)):
+            state.choice.cells[k] = state.game.cells[k]
 
     @staticmethod
     def end_step(state: loops.State, minds: "FactoredMinds") -> None:
@@ -465,17 +441,14 @@ class FactoredMinds(NamedTuple):
     def coordinate(
         state: loops.State, minds: "FactoredMinds", step: int, k: int, epsilon: float
     ) -> int:
-        """Turn COORDINATE into a move by U + rho; each peer that was asked takes note."""
+        """Turn COORDINATE into a move by U + rho."""
         problem, game, choice, draws = state
         x = game.cells[k]
         seen = PERCEIVED if len(game.cells) > 1 else loops.NO_ROW
         draw = loops.percept_draw(draws, k, step)
         for peer in range(len(game.cells)):
-            if peer != k:
-                minds.askers[peer] |= 1 << k
-                if not succeeds(draw, problem.percept[x, game.cells[peer]]):
-                    seen = loops.NO_ROW
-                    break
+            if peer != k and not succeeds(draw, problem.percept[x, game.cells[peer]]):
+                seen = loops.NO_ROW
         choice.rows[k] = seen
         values = minds.correction
         correct(minds, k, x, game.cells, seen)
@@ -503,19 +476,24 @@ class FactoredMinds(NamedTuple):
         once = reward[1] if minds.partners[k] != 0 else 0.0
         common = weights[1] * once
         factors.learn_move(own, x, m, y, individual, common, asked, terms, by_count, floor)
-        size, team = minds.q_star.shape[1], len(choice.cells)
-        perceived = asked and seen == PERCEIVED
-        if perceived or minds.askers[k] != 0:
-            learn_known(state, minds, step, k, common, perceived, floor)
-        if perceived:
-            look_back(minds, own, step, k, choice.cells, terms.discount, by_count, floor)
-            own.last[0], own.last[1] = step + 1, m
-            for peer in range(team):
-                own.last[2 + peer] = choice.cells[peer]
         if asked:
-            if not perceived:
+            size, team = minds.q_star.shape[1], len(choice.cells)
+            sight = factors.Sight(seen == PERCEIVED, choice.cells, minds.ruled_out[x])
+            if seen == loops.NO_ROW:
+                brought = once if sight.ruled_out[x] else common
                 key = factors.unseen_key(x, size, team)
-                learn_row(minds.rows, k, key, m, once, by_count, floor)
+                learn_row(minds.rows, k, key, m, brought, by_count, floor)
+            for peer in range(team):
+                if peer != k and seen == PERCEIVED:
+                    brought = common if (minds.partners[k] >> peer) & 1 else 0.0
+                    key = factors.key_of(x, peer, choice.cells[peer], size, team)
+                    learn_row(minds.rows, k, key, m, brought, by_count, floor)
+            if rule.look_back and own.last[0] == step:
+                look_back(minds, own, k, sight, terms.discount, by_count, floor)
+            own.last[0], own.last[1] = step + 1, m
+            for robot in range(team):
+                known = robot == k or seen == PERCEIVED
+                own.last[2 + robot] = choice.cells[robot] if known else factors.UNSEEN
             correct(minds, k, x, choice.cells, seen)
             factors.learn_asking(own, x, minds.correction, rule.percept_update, by_count, floor)
         factors.refresh(own, x, terms)
@@ -561,61 +539,30 @@ def correct(minds: FactoredMinds, k: int, x: int, cells: np.ndarray, seen: int) 
 
 
 @inlined
-def learn_known(
-    state: loops.State,
-    minds: FactoredMinds,
-    step: int,
-    k: int,
-    common: float,
-    perceived: bool,
-    floor: float,
-) -> None:
-    """Learn rho of the peers that robot k knows the cells of."""
-    problem, choice, partners = state.problem, state.choice, minds.partners[k]
-    x, m, size, team = choice.cells[k], choice.moves[k], minds.q_star.shape[1], len(choice.cells)
-    for peer in range(team):
-        z = choice.cells[peer]
-        known = perceived
-        if not known and minds.rule.share and (minds.askers[k] >> peer) & 1:
-            draw = loops.percept_draw(state.draws, k, step)
-            known = succeeds(draw, problem.percept[x, z])
-        if known and peer != k:
-            share = common if (partners >> peer) & 1 else 0.0
-            key = factors.key_of(x, peer, z, size, team)
-            learn_row(minds.rows, k, key, m, share, problem.alpha_by_count, floor)
-
-
-@inlined
 def look_back(
     minds: FactoredMinds,
     own: factors.Own,
-    step: int,
     k: int,
-    cells: np.ndarray,
+    sight: factors.Sight,
     discount: float,
     by_count: np.ndarray,
     floor: float,
 ) -> None:
-    """Learn from two percepts in a row, as `FactoredAgent`; nothing if there was but one."""
-    if not minds.rule.look_back or own.last[0] != step:
-        return
-    rows, before, size, team = minds.rows, own.last[2:], minds.q_star.shape[1], len(cells)
+    """Learn from two questions in a row, as `FactoredAgent`."""
+    rows, before, size, team = minds.rows, own.last[2:], minds.q_star.shape[1], len(sight.cells)
     x = before[k]
-    correct(minds, k, x, cells, PERCEIVED)
+    correct(minds, k, x, sight.cells, PERCEIVED if sight.perceived else loops.NO_ROW)
     ahead = discount * (factors.gain(own.u[x], minds.correction) - own.w[x])
-    best, worst, least = np.argmax(own.u[x]), -1, 0.0
     for peer in range(team):
-        if peer != k:
-            row = row_to_learn(rows, k, factors.key_of(x, peer, before[peer], size, team))
-            if rows.values[k, row, best] < least:
-                worst, least = peer, rows.values[k, row, best]
-    for peer in range(team):
-        if peer != k:
-            row = row_to_learn(rows, k, factors.key_of(x, peer, before[peer], size, team))
-            rho, counts, owed = rows.values[k, row], rows.updates[k, row], 0.0
-            if peer == worst:
-                owed = ahead
-            factors.look_back(own, x, rho, counts, cells[peer], owed, by_count, floor)
+        blind = before[peer] == factors.UNSEEN
+        if peer == k or blind and peer != (k == 0):  # a failed percept has one row
+            continue
+        key, peers = factors.key_of(x, peer, before[peer], size, team), 1 << peer
+        if blind:
+            key, peers = factors.unseen_key(x, size, team), ~(1 << k)
+        row = row_to_learn(rows, k, key)
+        rho, counts = rows.values[k, row], rows.updates[k, row]
+        factors.look_back(own, x, rho, counts, peers, sight, ahead, by_count, floor)
 
 
 @inlined

@@ -32,18 +32,15 @@ class FactorRule(NamedTuple):
 
     Attributes:
         replays: moves whose U is set to what the own model says of them, after each step.
-        share: whether a robot that is asked learns rho from it, as the request says where the
-            asker is and the percept model lets it perceive the asker.
         percept_update: whether a percept also corrects r_bar, for every move.
         right_of_way: whether, of several robots in one cell, only those with higher numbers give
             way: a robot leaves out the correction of a peer in its own cell that has a higher
             number. Of more than two robots only; a pair learns who waits by itself.
-        look_back: whether a robot that perceives its peers in two steps in a row learns what
-            other moves would have brought in the first.
+        look_back: whether a robot that asks in two steps in a row learns what other moves would
+            have brought in the first.
     """
 
     replays: int = 1
-    share: bool = True
     percept_update: bool = True
     right_of_way: bool = True
     look_back: bool = True
@@ -204,7 +201,8 @@ class Own(NamedTuple):
         commons: updates of each entry of r_bar [x][b].
         moved: how often a move led out of its cell [x][b].
         successor: where it led the last time that it did [x][b].
-        last: of the last step with a percept: the step after it, the move and all robots' cells.
+        last: of the last step with COORDINATE: the step after it, the move and all robots' cells,
+            the peers' `UNSEEN` where the percept failed.
         tried: the moves that were tried, x * moves + b, in the order of their first time, with
             room for all.
         used: [number of moves that were tried].
@@ -333,47 +331,84 @@ def gain(u: Values, correction: Values) -> float:
     return best - greatest(u, PRIMITIVES)
 
 
+class Sight(NamedTuple):
+    """What a robot knows, having asked, of where its peers are.
+
+    Attributes:
+        perceived: whether the percept succeeded.
+        cells: all robots' cells; of peers only if it did.
+        ruled_out: where a peer cannot be if it failed [cell].
+    """
+
+    perceived: Any
+    cells: Any
+    ruled_out: Any
+
+
+@inner
+def met(sight: Sight, peers: int, place: int) -> bool:
+    """Return whether one of the peers (the sum of 2^j) was perceived in a cell."""
+    for j in range(len(sight.cells)):
+        if (peers >> j) & 1 and sight.cells[j] == place:
+            return bool(sight.perceived)
+    return False
+
+
+@inner
+def empty(sight: Sight, place: int) -> bool:
+    """Return whether a failed percept says that nobody is in a cell: of one peer alone."""
+    return bool(len(sight.cells) == 2 and sight.ruled_out[place])
+
+
 @inlined
 def look_back(
     own: Own,
     x: int,
     rho: Any,
     counts: Any,
-    z: int,
+    peers: int,
+    sight: Sight,
     ahead: float,
     by_count: Values,
     floor: float,
 ) -> None:
-    """Learn what the moves in x would have brought, now that it is known where a peer went.
+    """Learn what the moves in x would have brought, now that it is known where peers went.
 
     Each move that was tried in x would have led to its successor, or left the robot in x; where
-    the peer is now, and r^C was felt there once, it would have been felt. Of the move that was
-    made r^C is learned already.
+    a peer is now, and r^C was felt there once, it would have been felt. Of the move that was
+    made r^C is learned already. If peers are in the way, waiting has the value that the second
+    question shows.
 
     Args:
         own: the robot's factors and model.
-        x: the cell in which the robot was at the first of two percepts.
-        rho: the row of x and the peer's cell there, changed.
+        x: the cell in which the robot first asked.
+        rho: the row of what it perceived there, changed.
         counts: its updates, changed.
-        z: where the peer is at the second percept.
-        ahead: what staying in x is worth beyond what U says of it, as the second percept shows.
+        peers: whose row it is, the sum of 2^j; all of a failed percept.
+        sight: what came of the second question.
+        ahead: what staying in x is worth beyond what U says of it, as that shows.
         by_count: n^-w by n.
         floor: least step size.
     """
+    best = 0
+    for b in range(1, PRIMITIVES):
+        if own.u[x][b] > own.u[x][best]:
+            best = b
+    owed = ahead if rho[best] < 0.0 else 0.0
     for b in range(PRIMITIVES):
         if own.updates[x][b] == 0:
             continue
-        share = own.moved[x][b] / own.updates[x][b]
-        brought = (1.0 - share) * ahead
+        share, s = own.moved[x][b] / own.updates[x][b], own.successor[x][b]
+        brought = (1.0 - share) * owed
         if b == own.last[1]:
             rho[b] += step_of_rho(counts[b], by_count, floor) * brought
-            continue
-        if z == x:
-            brought += (1.0 - share) * own.door[z]
-        if share > 0.0 and own.successor[x][b] == z:
-            brought += share * own.door[z]
-        if brought != 0.0 or rho[b] != 0.0:
-            learn_correction(rho, counts, b, brought, by_count, floor)
+        elif sight.perceived or (empty(sight, x) and (share == 0.0 or empty(sight, s))):
+            if met(sight, peers, x):
+                brought += (1.0 - share) * own.door[x]
+            if met(sight, peers, s):
+                brought += share * own.door[s]
+            if brought != 0.0 or rho[b] != 0.0:
+                learn_correction(rho, counts, b, brought, by_count, floor)
 
 
 @inlined

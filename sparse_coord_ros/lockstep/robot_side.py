@@ -215,7 +215,6 @@ class RobotSide:
             return Answer(own_step, own_cell if own_step != NO_STEP else None)
         if own_step != step or asker_cell is None:
             return Answer(own_step, None)
-        self.agent.asked(step, asker, asker_cell)
         seen = self._percepts.sees(step, asker, asker_cell, own_cell)
         return Answer(own_step, own_cell if seen else None)
 

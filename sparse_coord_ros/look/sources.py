@@ -18,7 +18,7 @@ from sparse_coord_ros.learn.run_config import RUN_FILE, RunConfig, load_run
 from sparse_coord_ros.learn.tables import load_team
 from sparse_coord_ros.runlog.log import RunLog
 from sparse_coord_ros.runlog.window import MOVES, LongLog
-from sparse_coord_ros.wire import PERCEPT, ROSOUT, SERVICE_EVENTS, STATUS
+from sparse_coord_ros.wire import PERCEPT, ROSOUT, STATUS
 
 PLAYED_EPISODES = 200
 """Greedy episodes from which pictures show where robots go and ask."""
@@ -70,28 +70,22 @@ class Shown:
 
     @cached_property
     def log(self) -> RunLog:
-        """The run's log: what robots saw, did and got, and what nodes said; not all else.
+        """The run's log: what robots saw, did and got, and what nodes said; no dialogue, no other.
 
-        The dialogue is in it only of robots that learn from being asked. Errors as of `recording`.
+        Errors as of `recording`.
         """
         recording = self.recording
         self.say(f"reading {self.bag}")
-        topics = [*MOVES, PERCEPT, STATUS, ROSOUT]
-        rule = recording.run.known_rule
-        if rule is not None and rule.factors is not None:
-            topics.append(SERVICE_EVENTS)
-        log = recording.whole(topics)
+        log = recording.whole([*MOVES, PERCEPT, STATUS, ROSOUT])
         for loss in log.losses:
             self.say(f"lost in the bag: {loss}")
         return log
 
     def with_requests(self, steps: Collection[int]) -> RunLog:
         """Return the log with the dialogue of at least some time steps."""
-        log, recording = self.log, self.recording
-        if log.requests:
-            return log
-        found = [one for step in sorted(steps) for one in recording.read(step, step).requests]
-        return log.but(requests=tuple(found))
+        read = self.recording.read
+        found = [one for step in sorted(steps) for one in read(step, step).requests]
+        return self.log.but(requests=tuple(found))
 
     @cached_property
     def tables(self) -> list[Tables]:

@@ -144,8 +144,7 @@ def _replayed(
         known = zip((agent.tables.q_star, agent.tables.q_coord), entries, strict=False)
         rho = {}
         if isinstance(agent, FactoredAgent):
-            replay.hear(one.step)
-            rho = agent.corrections(one.step, cell, perceived, one.move)
+            rho = agent.corrections(cell, perceived, one.move)
         return [float(table[entry]) for table, entry in known], rho
 
     before, rho = learned()

@@ -51,9 +51,6 @@ class Relearned:
         self._kept: dict[int, list[RecordedTables]] = {}
         self._at = 0
         self._part: _Part | None = None
-        rule = log.run.known_rule
-        heard = rule is not None and rule.factors is not None  # who is asked learns from it
-        self._topics = [*MOVES, wire.PERCEPT, *[wire.SERVICE_EVENTS] * heard]
 
     def _recorded(self, step: int) -> list[RecordedTables]:
         """Return of each robot that has any the newest recorded tables up to a time step."""
@@ -104,7 +101,7 @@ class Relearned:
     def _begin(self, saved: Sequence[RecordedTables]) -> _Part | None:
         """Begin a part; None where some of it is lost, or not said what it takes to go on."""
         first, wait = saved[0].step, self._log.run.scenario.max_steps + EPISODE_GAP
-        log = self._log.read(first, first + AT_ONCE + wait, self._topics)
+        log = self._log.read(first, first + AT_ONCE + wait, [*MOVES, wire.PERCEPT])
         if log.bag.gaps or log.tracks.gaps or any(one.memory is None for one in saved):
             return None
         done = [trajectory_of(log, one.robot, Stretch(first)) for one in saved]

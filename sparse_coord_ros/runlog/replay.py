@@ -234,17 +234,6 @@ def trajectory_of(log: RunLog, k: int, stretch: Stretch) -> Trajectory:
     return Trajectory(rows, step, log.cells[rows, k], next_cell, peers, seen, told, learned)
 
 
-def heard_askers(log: RunLog, k: int) -> dict[int, list[tuple[int, int]]]:
-    """Return who asked robot k at which time step, and from which cell: those that it heard."""
-    heard: dict[int, list[tuple[int, int]]] = {}
-    for request in log.requests:
-        answer = request.said or request.answer
-        cell = log.frame.cell(*request.position)
-        if request.peer == k and cell is not None and answer and answer[0] == request.step:
-            heard.setdefault(request.step, []).append((request.asker, cell))
-    return heard
-
-
 class Replay:
     """An agent that is fed one robot's trajectory, as long as it chooses what the robot chose.
 
@@ -264,7 +253,6 @@ class Replay:
         self.reached = 0
         self.other: Action | None = None
         self._log, self._trajectory = log, trajectory
-        self._askers = heard_askers(log, agent.number)
 
     def advance(self, to: int) -> bool:
         """Go on to an action; return whether all before it are the logged ones."""
@@ -285,16 +273,10 @@ class Replay:
                 self.other = action
                 return False
             if learned:
-                self.hear(step)
                 choice = Choice(cell, decision, action, perceived)
                 agent.learn(step, choice, reward, next_cell)
             self.reached += 1
         return True
-
-    def hear(self, step: int) -> None:
-        """Let the agent know who asked it in a time step."""
-        for peer, cell in self._askers.get(step, ()):
-            self.agent.asked(step, peer, cell)
 
 
 def _rewards(logged: np.ndarray) -> list[Reward]:

@@ -30,10 +30,6 @@ class NoReplays(Factored):
     factors = FactorRule(replays=0)
 
 
-class Deaf(Factored):
-    factors = FactorRule(share=False)
-
-
 class Many(Factored):
     factors = FactorRule(percept_update=False, replays=3)
 
@@ -99,8 +95,7 @@ def test_exact_evaluation_knows_failed_percepts():
 
 @pytest.mark.parametrize(
     ("learner", "name"),
-    [(NoReplays, "env2-2r"), (Deaf, "env2-2r"), (Many, "env2-2r"), (Polite, "env2-4r")]
-    + [(Forward, "env2-4r")],
+    [(NoReplays, "env2-2r"), (Many, "env2-2r"), (Polite, "env2-4r")] + [(Forward, "env2-4r")],
 )
 def test_rules_with_a_part_turned_off(learner, name):
     scenario = problem(name, perception="probability:0.8")

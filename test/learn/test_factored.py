@@ -8,12 +8,18 @@ import pytest
 from sparse_coord_ros.errors import SettingError, TablesError
 from sparse_coord_ros.game.actions import COORDINATE, EAST, NORTH, SOUTH
 from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.game.streams import PERCEPT, Stream
 from sparse_coord_ros.game.world import Action, Reward, RewardWeights, World
 from sparse_coord_ros.learn.agent import NOBODY, Choice, Decision
 from sparse_coord_ros.learn.evaluation import play
 from sparse_coord_ros.learn.factored import FactoredAgent, initial_factored
-from sparse_coord_ros.learn.factors import UNSEEN, FactorRule, keys_of, rows_at_most, states_of
+from sparse_coord_ros.learn.factors import (
+    UNSEEN,
+    FactorRule,
+    key_of,
+    keys_of,
+    rows_at_most,
+    states_of,
+)
 from sparse_coord_ros.learn.learners import Factored, learner_of
 from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.learn.simulation import learn
@@ -127,22 +133,6 @@ def test_only_after_a_failed_percept_the_move_is_explored():
     assert {one.act(step, 2, ASK, (5,)).move for step in range(60)} == {3}
 
 
-def test_who_is_asked_learns_rho_if_its_own_percept_would_have_succeeded():
-    draws = Stream(3, 0, PERCEPT)
-    learned = []
-    for step in range(1, 40):
-        one = agent(perception="probability:0.5")
-        one.asked(step, 1, 6)
-        one.asked(step + 1, 1, 7)  # the next step's request may come before this one's reward
-        moved(one, step, 2, EAST, 3, paid(common=-20.0))
-        learned.append(len(one.tables.factors.states) == 1)
-        assert learned[-1] == (draws.at(step)[0] < 0.5)
-        if learned[-1]:
-            assert one.tables.factors.states.tolist() == [[2, 1, 6]]
-        assert one.tables.factors.common[2, EAST] < 0  # it had asked nobody itself
-    assert 0 < sum(learned) < len(learned)
-
-
 def test_replays_make_u_what_the_own_model_says():
     one = agent(FactorRule(replays=5))
     moved(one, 1, 2, EAST, 3, paid())
@@ -192,10 +182,51 @@ def test_r_c_counts_for_the_team_but_once_where_the_percept_failed():
     assert scenario().common_weight == 2 and scenario("env2-4r").common_weight == 4
     assert scenario("building-3x2x4-16r-0").common_weight == 8
     assert scenario("building-3x2x4-16r-0", credit="team").common_weight == 16
-    one = agent(weights=RewardWeights(1.0, 3.0, 1.0))
-    asked(one, 1, 2, SOUTH, 3, paid(common=-20.0), None)
-    asked(one, 3, 2, SOUTH, 3, paid(common=-20.0), (5,))
-    assert one.memory().values[:, SOUTH].tolist() == [-60 * ALPHA, -20 * ALPHA]
+    for perception, failed in (("range:1", -20), ("probability:0.9", -60), ("always", -60)):
+        one = agent(weights=RewardWeights(1.0, 3.0, 1.0), perception=perception)
+        asked(one, 1, 2, SOUTH, 3, paid(common=-20.0), None)
+        asked(one, 3, 2, SOUTH, 3, paid(common=-20.0), (5,))
+        assert one.memory().values[:, SOUTH].tolist() == [-60 * ALPHA, failed * ALPHA]
+
+
+def blind_waits(**settings):
+    """Return rho's row of a failed percept in 2, and what it was before a second question."""
+    one = agent(**settings)
+    moved(one, 1, 2, EAST, 3, paid(common=-20.0))  # half of the moves east lead to 3, a doorway
+    moved(one, 3, 2, EAST, 2, paid())
+    moved(one, 5, 2, NORTH, 2, paid())
+    asked(one, 7, 2, EAST, 2, paid(common=-20.0), None)
+    before = one.memory().values[0].copy()
+    asked(one, 9, 2, NORTH, 2, paid(), None)
+    asked(one, 10, 2, NORTH, 2, paid(), None)
+    return one.memory().values[0], before
+
+
+def test_percepts_that_fail_teach_that_nobody_is_where_a_peer_would_be_seen():
+    row, before = blind_waits(perception="range:2")
+    assert before[EAST] < row[EAST] < 0  # nobody was in 3, half of the moves would have led there
+    row, before = blind_waits(perception="range:0")
+    assert row[EAST] == before[EAST] < 0  # 3 is out of sight
+    for settings in (
+        {"perception": "probability:0.9"},
+        {"perception": "always"},
+        {"perception": "range:2", "link": "lost:0.1"},
+    ):
+        row, before = blind_waits(**settings)
+        assert row[EAST] == before[EAST] < 0  # it fails at random: a peer may be anywhere
+
+
+def test_after_a_failed_percept_one_that_succeeds_teaches_where_a_peer_was_in_the_way():
+    one = agent()
+    moved(one, 1, 2, EAST, 3, paid(common=-20.0))
+    moved(one, 3, 2, NORTH, 2, paid())
+    asked(one, 7, 2, NORTH, 2, paid(), None)
+    asked(one, 8, 2, NORTH, 2, paid(), (3,))
+    rows = {tuple(x): row.tolist() for x, row in zip(*one.tables.factors[3:], strict=True)}
+    assert rows[2, UNSEEN, UNSEEN] == [0, 0, ALPHA * -20, 0]
+    asked(one, 9, 2, NORTH, 2, paid(), (2,))
+    rows = {tuple(x): row.tolist() for x, row in zip(*one.tables.factors[3:], strict=True)}
+    assert rows[2, UNSEEN, UNSEEN] == [0, 0, ALPHA * -20, 0]  # the percept before succeeded
 
 
 def test_credit_weighs_the_common_part():
@@ -293,8 +324,8 @@ def test_of_several_robots_in_one_cell_the_higher_numbers_give_way(
     one = agent(rule, name=name, number=number)
     peers = [j for j in range(one._robots) if j != number]
     for j in peers:
-        one._rho[one._key(2, j, 2)] = [0.0, -(10.0**j), 0.0, 0.0]
-        one._rho[one._key(2, j, 7)] = [0.0, -7.0, 0.0, 0.0]
+        one._rho[key_of(2, j, 2, one._cells, one._robots)] = [0.0, -(10.0**j), 0.0, 0.0]
+        one._rho[key_of(2, j, 7, one._cells, one._robots)] = [0.0, -7.0, 0.0, 0.0]
     expected = [0.0, -sum(10.0**j for j in counted), 0.0, 0.0]
     assert one.correction(2, (2,) * len(peers)) == expected
     assert one.correction(2, (7,) * len(peers)) == [0.0, -7.0 * len(peers), 0.0, 0.0]
@@ -338,11 +369,3 @@ def test_learning_goes_on_from_tables():
     greedy = Factored().agent(problem, 0, 9, tables=tables[0], learning=False)
     moved(greedy, 1, 2, EAST, 3, paid(common=-20.0))
     assert greedy.tables.factors.common.tobytes() == tables[0].factors.common.tobytes()
-
-
-def test_who_asked_in_the_last_steps_is_remembered_and_older_ones_are_not():
-    one = agent()
-    for step in range(1, 6):
-        one.asked(step, 1, 6)
-    known = [(1, 6) in one.corrections(step, 2, None, EAST) for step in range(1, 6)]
-    assert known == [False, False, True, True, True]

@@ -134,9 +134,9 @@ def test_who_reads_tables_can_learn_on(tmp_path, name, learner):
     """All that the agent remembers is there: the bits of one that never stopped."""
     rule = learner_of(learner)
     often = {"conflict": "any_doorway", "epsilon": "constant:0.6", "max_steps": 20, "ask_cost": 0}
-    scenario = rule.with_defaults(load_scenario(name, steps=600, **often))
+    scenario = rule.with_defaults(load_scenario(name, steps=1200, **often))
     whole = Learning(scenario, rule, 3)
-    whole.advance(400)
+    whole.advance(1000)
     state = whole.state()
     save_team(tmp_path, whole.tables, state.memories)
     saved = load_saved(tmp_path / TEAM_FILE, range(1, len(scenario.robots) + 1))
@@ -144,5 +144,5 @@ def test_who_reads_tables_can_learn_on(tmp_path, name, learner):
     assert learner == "coop" or all(len(one.tables.factors.states) > 1 for one in saved)
     again = Learning(scenario, rule, 3, state._replace(memories=[one.memory for one in saved]))
     for learning in (whole, again):
-        learning.advance(600)
+        learning.advance(1200)
     assert tables_equal(again.tables, whole.tables)

@@ -14,8 +14,7 @@ from teams import PROTOCOL
 
 from sparse_coord_ros.game.perception import MODELS
 from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learn.factors import FactorRule
-from sparse_coord_ros.learn.learners import Factored, learner_of
+from sparse_coord_ros.learn.learners import learner_of
 from sparse_coord_ros.learn.simulation import learn, tables_equal
 
 from .team import Team
@@ -23,13 +22,6 @@ from .team import Team
 
 def problem(name, **settings):
     return load_scenario(name).with_settings({**PROTOCOL, **settings})
-
-
-class Deaf(Factored):
-    """Learns nothing from being asked."""
-
-    name = None
-    factors = FactorRule(share=False)
 
 
 def played(scenario, seed, **network):
@@ -117,7 +109,6 @@ def test_factored_learns_from_being_asked_whatever_the_order(name, settings, dou
     learned = learn(scenario, "factored", 5)
     assert tables_equal(team.tables, learned)
     assert any(len(tables.factors.states) for tables in learned)
-    assert not tables_equal(learned, learn(scenario, Deaf, 5))  # being asked did teach something
     assert (team.world.side.timeouts, team.world.side.stale > 0) == (0, doubled > 0)
 
 

@@ -262,7 +262,6 @@ def _fewer(found: Found) -> str:
 
 ABLATED: Mapping[str, tuple[str, Mapping[str, object]]] = {
     "all of it": ("factored", {}),
-    "no learning from being asked": (RULES + "NotToldByRequests", {}),
     "no percept update of r_bar": (RULES + "NoPerceptUpdate", {}),
     "no looking back": (RULES + "NoLookingBack", {}),
     "r^C counts once (credit: own)": ("factored", {"credit": "own"}),

@@ -6,12 +6,6 @@ from sparse_coord_ros.learn.factors import FactorRule
 from sparse_coord_ros.learn.learners import Factored
 
 
-class NotToldByRequests(Factored):
-    """Learns nothing from being asked."""
-
-    factors = FactorRule(share=False)
-
-
 class NoPerceptUpdate(Factored):
     """Learns r_bar from its own moves alone."""
 
