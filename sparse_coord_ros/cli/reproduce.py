@@ -10,7 +10,7 @@ from sparse_coord_ros.cli.computing import COMPUTING, Bar, computing_of
 from sparse_coord_ros.cli.evaluate import Evaluated, result_table
 from sparse_coord_ros.cli.options import Option
 from sparse_coord_ros.experiments.catalogue import NAMES
-from sparse_coord_ros.experiments.runner import ExperimentResults, parse_targets, run_targets
+from sparse_coord_ros.experiments.runner import ExperimentResults, parse_targets, run_experiment
 from sparse_coord_ros.experiments.store import RUNS, TRIALS, Plan
 from sparse_coord_ros.learn.evaluation import summary
 from sparse_coord_ros.learn.run_config import make_run
@@ -45,9 +45,9 @@ OPTIONS = (
 
 def execute(options: argparse.Namespace) -> int:
     """Run the verb."""
-    plan = Plan(options.seed, options.runs, options.trials)
-    targets = parse_targets(options.targets, plan)
+    asked = options.targets or NAMES
     if options.list:
+        targets = parse_targets(asked, Plan(options.seed, options.runs, options.trials))
         conditions = [one.id for one in targets.conditions]
         runs = [f"{one.id}/{number}" for one, number in targets.runs]
         if options.json:
@@ -57,10 +57,12 @@ def execute(options: argparse.Namespace) -> int:
         return 0
     by = computing_of(options)
     with Bar("agent-steps") as bar:
-        done = run_targets(
-            targets,
-            plan,
+        done = run_experiment(
+            asked,
             out=options.out,
+            runs=options.runs,
+            trials=options.trials,
+            seed=options.seed,
             progress=lambda name, done, total: bar.show(done, total, name),
             report=True,
             **by,

@@ -15,7 +15,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache, cached_property, lru_cache
 
-from sparse_coord_ros.errors import ScenarioError, SettingError
+from sparse_coord_ros.errors import ScenarioError, SettingError, in_short
 from sparse_coord_ros.game.buildings import building
 from sparse_coord_ros.game.scenario import Scenario, load_scenario, scenario_names
 from sparse_coord_ros.game.settings import as_text, parse_assignments
@@ -135,14 +135,14 @@ def parse_id(text: str) -> tuple[Condition, int | None]:
     if last.isdecimal():
         if not re.fullmatch("[0-9]{1,9}", last):
             raise SettingError(
-                f"id {_short(text)!r}: the number of a run has 1 to 9 digits 0 to 9; "
+                f"id {in_short(text)}: the number of a run has 1 to 9 digits 0 to 9; "
                 "e.g. env2-4r/coop/penalty=-20/3"
             )
         number = int(last)
         *path, last = path
     if len(path) < 2:
         raise SettingError(
-            f"id {_short(text)!r}: must be scenario/learner/settings, or the same with /run; "
+            f"id {in_short(text)}: must be scenario/learner/settings, or the same with /run; "
             "e.g. env2-4r/coop/penalty=-20 or env2-4r/coop/penalty=-20/3"
         )
     *name, learner = path
@@ -153,9 +153,5 @@ def parse_id(text: str) -> tuple[Condition, int | None]:
             raise SettingError("a setting is there twice; give each once")
         condition = make_condition("/".join(name), learner, settings)
     except SettingError as error:
-        raise type(error)(f"id {_short(text)!r}: {error}") from None
+        raise type(error)(f"id {in_short(text)}: {error}") from None
     return condition, number
-
-
-def _short(text: str) -> str:
-    return text if len(text) <= 200 else f"{text[:97]}...{text[-97:]}"

@@ -244,11 +244,11 @@ def _interval(name: str, mean: float, standard_error: float, samples: int) -> di
     return {f"{name}_low": mean - half, f"{name}_high": mean + half}
 
 
-def parse_targets(targets: Iterable[str | Condition], plan: Plan) -> Targets:
+def parse_targets(asked: Sequence[str | Condition], plan: Plan) -> Targets:
     """Return what the names of experiments and the ids of conditions and single runs ask for.
 
     Args:
-        targets: names, ids and conditions; empty: every experiment.
+        asked: names, ids and conditions.
         plan: first seed, learning runs and trials.
 
     Raises:
@@ -256,8 +256,7 @@ def parse_targets(targets: Iterable[str | Condition], plan: Plan) -> Targets:
             two scenario files of one name.
         ScenarioError: an id with an unknown scenario.
     """
-    asked = list(targets)
-    chosen = tuple(experiment(name) for name in NAMES if name in asked or not asked)
+    chosen = tuple(experiment(name) for name in NAMES if name in asked)
     named: dict[str, Condition] = {}
     runs: dict[str, tuple[Condition, int]] = {}
     digests: dict[str, str] = {}
@@ -294,56 +293,6 @@ def parse_targets(targets: Iterable[str | Condition], plan: Plan) -> Targets:
     return Targets(chosen, tuple(conditions.values()), tuple(runs.values()))
 
 
-def run_targets(
-    targets: Targets,
-    plan: Plan,
-    *,
-    out: Path | None = None,
-    engine: str = "auto",
-    jobs: int | None = None,
-    scheduler: SchedulerLike = None,
-    progress: Progress = no_progress,
-    report: bool = False,
-) -> ExperimentResults:
-    """Compute what is asked for, or take it from the results directory where it is there.
-
-    Args:
-        targets: what is asked for.
-        plan: first seed, learning runs and trials.
-        out: results directory; None: nothing is saved.
-        engine: "numba", "python", or "auto": numba where it is installed.
-        jobs: threads (or processes); all cores that this process may use where None.
-        scheduler: Dask cluster that computes; None: this machine.
-        progress: see `Progress`.
-        report: write the report of the experiments, with its tables and figures, into `out`.
-
-    Raises:
-        ResultsError: `out` holds results of something else, or is in use.
-        SettingError: single runs or a report without `out`; numba is asked for and not there;
-            `jobs` and a scheduler.
-        OSError: `out` cannot be written.
-        RunError: a process that computed runs was killed; the cluster cannot be reached or was
-            lost; pandas or Matplotlib is missing, which a report needs.
-    """
-    check_place(jobs, scheduler)
-    if out is None and (targets.runs or report):
-        raise SettingError("single runs and reports are files: name a results directory")
-    if report and targets.experiments:
-        _check_report()
-    with ExitStack() as stack:
-        results = None if out is None else stack.enter_context(open_results(out, plan))
-        by = Computing(engine, jobs, stack.enter_context(cluster_at(scheduler)))
-        found = compute(targets.conditions, plan, by, results=results, progress=progress)
-        played = []
-        if results is not None:
-            played = [one_run(results, *one, by) for one in targets.runs]
-            if report and targets.experiments:
-                from sparse_coord_ros.experiments.report import write_report
-
-                write_report(results.directory, plan, targets.experiments, found)
-    return ExperimentResults(plan, targets, found, tuple(played))
-
-
 def run_experiment(
     what: str | Condition | Iterable[str | Condition],
     *,
@@ -377,7 +326,8 @@ def run_experiment(
         ScenarioError, SettingError: no such experiment, scenario or learner, or a bad setting.
         ResultsError: `out` holds results of something else, or is in use.
         OSError: `out` cannot be written.
-        RunError: the cluster cannot be reached, or was lost.
+        RunError: the cluster cannot be reached, or was lost; a process that computed runs was
+            killed; pandas, Matplotlib or Jinja2 is missing, which a report needs.
         PluginError: a learner or perception model of the user's own failed.
     """
     asked = [what] if isinstance(what, str | Condition) else list(what)
@@ -387,16 +337,21 @@ def run_experiment(
         )
     seed = RUN_SETTINGS["seed"].parse(seed)
     plan = Plan(seed, RUNS.parse(runs), TRIALS.parse(trials))
-    return run_targets(
-        parse_targets(asked, plan),
-        plan,
-        out=None if out is None else Path(out),
-        report=report,
-        engine=engine,
-        jobs=jobs,
-        scheduler=scheduler,
-        progress=progress,
-    )
+    targets = parse_targets(asked, plan)
+    check_place(jobs, scheduler)
+    if out is None and (targets.runs or report):
+        raise SettingError("single runs and reports are files: name a results directory")
+    write_report = _report_writer() if report and targets.experiments else None
+    with ExitStack() as stack:
+        results = None if out is None else stack.enter_context(open_results(Path(out), plan))
+        by = Computing(engine, jobs, stack.enter_context(cluster_at(scheduler)))
+        found = compute(targets.conditions, plan, by, results=results, progress=progress)
+        played = []
+        if results is not None:
+            played = [one_run(results, *one, by) for one in targets.runs]
+            if write_report is not None:
+                write_report(results.directory, plan, targets.experiments, found)
+    return ExperimentResults(plan, targets, found, tuple(played))
 
 
 @dataclass(frozen=True)
@@ -487,16 +442,19 @@ def samples_of(
     return [sample(run) for run in runs]
 
 
-def _check_report() -> None:
-    """Raise `RunError` where a package is missing that reports need, before hours go by."""
-    for package in ("pandas", "matplotlib", "jinja2"):
-        try:
+def _report_writer() -> Callable[..., None]:
+    """Return what writes reports; raise `RunError`, before hours go by, where it cannot."""
+    try:
+        for package in ("pandas", "matplotlib", "jinja2"):
             import_apart(package, "matplotlibrc")
-        except ImportError as error:
-            raise RunError(
-                f"a report needs the Python package {package} ({error}): pip install pandas "
-                "matplotlib jinja2"
-            ) from None
+    except ImportError as error:
+        raise RunError(
+            f"a report needs the Python package {package} ({error}): pip install pandas "
+            "matplotlib jinja2"
+        ) from None
+    from sparse_coord_ros.experiments.report import write_report
+
+    return write_report
 
 
 def one_run(results: Results, condition: Condition, number: int, by: Computing) -> SingleRun:

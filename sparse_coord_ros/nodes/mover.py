@@ -22,7 +22,7 @@ from sparse_coord_ros.lockstep.bodies import Goals, Reached
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.follower import Follower
 from sparse_coord_ros.nodes.messages import Converter, reached_message, read_goals, robot_number
-from sparse_coord_ros.nodes.parameters import PARAMETERS, TF, Place, RCLError
+from sparse_coord_ros.nodes.parameters import PARAMETERS, TF, Place
 from sparse_coord_ros.nodes.transforms import BASE, robot_frame
 
 POSES_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -67,7 +67,7 @@ class MoverNode(Follower, LifecycleNodeMixin):
         Follower.__init__(self, name or self.KIND, PARAMETERS[self.KIND], **place)
         LifecycleNodeMixin.__init__(self)
         change = self._service_change_state
-        change.callback = functools.partial(self._change_state, change.callback)
+        change.callback = self.guarded(change.callback, "change_state")
         self.active = False
         self._mover: Mover | None = None
         self._step = 0
@@ -233,14 +233,6 @@ class MoverNode(Follower, LifecycleNodeMixin):
         self.settled()
 
     # The lifecycle.
-
-    def _change_state(self, change: Any, request: Any, response: Any) -> Any:
-        try:
-            return change(request, response)
-        except RCLError as error:
-            self.get_logger().warning(f"change_state: {' '.join(str(error).split())}")
-            response.success = False
-            return response
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Move the body from now on."""

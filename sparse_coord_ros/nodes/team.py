@@ -98,15 +98,14 @@ def run_team(
         values["out"] = str(out)
         world = WorldSimulator(values=of_node(WORLD, values), **place)
         nodes.append(world)
-        robots = []
         clients: dict[str, Client] = {}
         for robot in run.scenario.robots:
             own = of_node("robot", values)
-            robots.append(RobotNode(name=robot.name, values=own, clients=clients, **place))
-            nodes.append(robots[-1])
+            nodes.append(RobotNode(name=robot.name, values=own, clients=clients, **place))
         if page is not None:
             from sparse_coord_ros.nodes.watch import InsideWatch
 
+            robots = [node for node in nodes if isinstance(node, RobotNode)]
             nodes.append(InsideWatch(page, str(out), world, robots, values={}, **place))
         interrupted = _spin(nodes, values["executor"], context, stop)
         error = recorder.error if recorder is not None else None
