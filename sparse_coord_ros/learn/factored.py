@@ -293,8 +293,11 @@ class FactoredAgent(Agent):
             else:
                 below = most.get(name, MOST_UPDATES)
                 member(memory.more, name, np.int64, *shape, below=below)
-        check_range(memory.more["last"][1:2], 0, PRIMITIVES, "last")
-        check_range(memory.more["last"][2:], factors.UNSEEN, cells, "last")
+        last = memory.more["last"]
+        peers = np.delete(last[2:], self.number)
+        check_range(last[1:2], 0, PRIMITIVES, "last")
+        check_range(last[2 + self.number], 0, cells, "last")
+        check_range(peers, factors.UNSEEN if np.all(peers == factors.UNSEEN) else 0, cells, "last")
         counted = np.flatnonzero(memory.star_updates[:, :PRIMITIVES])
         if not np.array_equal(np.sort(memory.more["tried"]), counted):
             raise ValueError("tried are not the moves that were counted")

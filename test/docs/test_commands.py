@@ -63,8 +63,7 @@ def blocks(page):
 
 def pages():
     """Return every page of the documentation that is written by hand, and the README."""
-    generated = {"reproduction.md", "protocol.md"}
-    docs = sorted(path for path in (ROOT / "docs").rglob("*.md") if path.name not in generated)
+    docs = sorted(path for path in (ROOT / "docs").rglob("*.md") if path.name != "reproduction.md")
     docs = [path for path in docs if not {"_build", "generated"} & set(path.parts)]
     shown = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "examples/README.md", *docs]
     return [str(path.relative_to(ROOT)) for path in shown if path.exists()]

@@ -369,3 +369,14 @@ def test_learning_goes_on_from_tables():
     greedy = Factored().agent(problem, 0, 9, tables=tables[0], learning=False)
     moved(greedy, 1, 2, EAST, 3, paid(common=-20.0))
     assert greedy.tables.factors.common.tobytes() == tables[0].factors.common.tobytes()
+
+
+@pytest.mark.parametrize("cells", [(UNSEEN, 2), (2, UNSEEN - 1), (2, 10**6)])
+def test_a_memory_of_impossible_cells_is_refused(cells):
+    memory = agent().memory()
+    last = np.array([8, EAST, *cells])
+    with pytest.raises(ValueError, match="last has numbers out of range"):
+        agent().go_on_from(memory._replace(more={**memory.more, "last": last}))
+    agent().go_on_from(
+        memory._replace(more={**memory.more, "last": np.array([8, EAST, 2, UNSEEN])})
+    )

@@ -9,7 +9,7 @@ from sparse_coord_ros.game.plugins import allow_modules
 from sparse_coord_ros.learn.learners import learner_of
 from tools.study import __main__ as tool
 from tools.study import coordination, rules
-from tools.study.coordination import Study, failed_share, never_asks
+from tools.study.coordination import Study, failed_share
 
 
 @pytest.fixture(autouse=True)
@@ -30,7 +30,7 @@ def test_a_small_study_is_computed_kept_and_written(tmp_path, monkeypatch, capsy
 
     def table(found):
         result = found(make_condition("env1", "factored", given))
-        return f"| {never_asks(result):.2f} | {failed_share(result):.2f} |\n"
+        return f"| {failed_share(result):.2f} |\n"
 
     study = Study("small", (2, 2), 5, table)
     monkeypatch.setattr(tool, "STUDIES", {"small": study})

@@ -15,9 +15,9 @@ import numpy as np
 
 from sparse_coord_ros.engine.batch import prepare, run_batch
 from sparse_coord_ros.experiments.benchmark import Standing, failed_teams, standings
-from sparse_coord_ros.experiments.catalogue import CLOSE, LARGE, LONG, SMALL, unseen_conditions
+from sparse_coord_ros.experiments.catalogue import CLOSE, LONG, unseen_conditions
 from sparse_coord_ros.experiments.conditions import Condition, make_condition
-from sparse_coord_ros.experiments.report.analysis import difference, gap_closed
+from sparse_coord_ros.experiments.report.analysis import gap_closed
 from sparse_coord_ros.experiments.report.rows import class_bound
 from sparse_coord_ros.experiments.report.text import (
     Row,
@@ -37,14 +37,7 @@ SEED = 950_000
 """Seed of the first run: no search has seen these."""
 
 RULES = "tools.study.rules:"
-MOST_COMMON = 6
-"""Values of a team that the table of routes names."""
-
-NEVER = 1e-3
-"""Asks a trial below which a team counts as one that never asks."""
-
 LEARNERS = ("factored", "coop", "noncoop")
-FREE: Mapping[str, object] = {**LONG, "penalty": 0}
 ONE_PAIR = (*CLOSE, "isr", "mit", "cit", "suny", "cmu")
 ROUTES: Mapping[str, float] = {
     "env2-4r": 106.63,
@@ -110,11 +103,6 @@ def _each(found: Found, name: str, settings: Mapping[str, object]) -> list[Condi
     return [found(make_condition(name, learner, settings)) for learner in LEARNERS]
 
 
-def never_asks(result: ConditionResult) -> float:
-    """Return the share of the teams that hardly ever ask."""
-    return float(np.mean(result.run_means("asks") < NEVER))
-
-
 def failed_share(result: ConditionResult) -> float:
     """Return the share of the teams that miss in more than one trial of a thousand."""
     return failed_teams(result) / result.runs
@@ -133,11 +121,6 @@ def _mean(result: ConditionResult, measure: str, digits: int = 2) -> str:
     return f"{result.best(measure).mean:.{digits}f}"
 
 
-def _better_baseline(base: ConditionResult) -> float:
-    """Return what Non-coop. is worth, or shortest paths where these are worth more."""
-    return max(base.best("reward").mean, base.reference["reward"])
-
-
 def _pairs(found: Found) -> str:
     rows: list[Row] = []
     for name in ONE_PAIR:
@@ -145,61 +128,18 @@ def _pairs(found: Found) -> str:
         bound, share = class_bound(own), None
         if bound is not None and name in CLOSE:
             share = gap_closed(own.run_means("reward"), base.run_means("reward"), bound)
-        above = own.best("reward").mean - _better_baseline(base)
         rows.append(
             {
                 "scenario": name,
                 "factored": _reward(own),
                 "worst team": f"{own.run_means('reward').min():.2f}",
                 "asks": _mean(own, "asks"),
-                "never ask": percent(never_asks(own)),
                 "failed teams": percent(failed_share(own)),
                 "Non-coop.": _reward(base),
-                "above the better baseline": f"{above:+.2f}",
                 "class bound": bound_of(own),
                 "share of the gap": None
                 if share is None
                 else f"{percent(share.mean)} ({100 * share.standard_error:.1f})",
-            }
-        )
-    return to_markdown(rows)
-
-
-def _fall(found: Found) -> str:
-    rows: list[Row] = []
-    for name in CLOSE:
-        pairs = list(zip(_each(found, name, FREE), _each(found, name, LONG), strict=True))
-        falls = {free.condition.learner: difference(free, dear) for free, dear in pairs}
-        bounds = [class_bound(one) or np.nan for one in pairs[0]]
-        bound = bounds[0] - bounds[1]
-        told = {f"{learner} falls by": with_error(fall) for learner, fall in falls.items()}
-        rows.append(
-            {
-                "scenario": name,
-                "factored falls by": told["factored falls by"],
-                "class bound falls by": f"{bound:.2f}",
-                "times as much": f"{falls['factored'].mean / bound:.2f}",
-                **told,
-            }
-        )
-    return to_markdown(rows)
-
-
-def _paper(found: Found) -> str:
-    rows: list[Row] = []
-    for name in SMALL + LARGE:
-        own, coop, base = _each(found, name, {"penalty": -20})
-        rows.append(
-            {
-                "scenario": name,
-                "factored": _reward(own),
-                "asks": _mean(own, "asks"),
-                "miscoordinations": _mean(own, "miscoordinations"),
-                "failed teams": percent(failed_share(own)),
-                "coop": _reward(coop),
-                "better baseline": f"{_better_baseline(base):.2f}",
-                "class bound": None if class_bound(own) is None else bound_of(own),
-                "the paper's Coop.": f"{own.scenario.paper['coop']['reward'][0]:.1f}",
             }
         )
     return to_markdown(rows)
@@ -220,41 +160,6 @@ def _many(found: Found) -> str:
                 "coop": _reward(coop),
                 "Non-coop.": _reward(base),
                 "planner with routes": f"{ROUTES[name]:.2f}",
-                "bytes of rho": size(own.visited_bytes),
-            }
-        )
-    return to_markdown(rows)
-
-
-def _routes(found: Found) -> str:
-    worth = np.round(found(_factored("env2-2r", LONG)).run_means("reward"), 2)
-    values, counts = np.unique(worth, return_counts=True)
-    rows = [
-        {"worth": f"{values[i]:.2f}", "teams": percent(counts[i] / len(worth), 1)}
-        for i in sorted(np.argsort(-counts, kind="stable")[:MOST_COMMON], key=lambda i: -values[i])
-    ]
-    rest = 1.0 - sum(np.sort(counts)[-MOST_COMMON:]) / len(worth)
-    return to_markdown([*rows, {"worth": "others", "teams": percent(float(rest), 1)}])
-
-
-def _fewer(found: Found) -> str:
-    """Return how many of the peers that are asked could change anything; learned on the spot."""
-    rows: list[Row] = []
-    for name in MANY:
-        scenario = _factored(name, LONG).scenario
-        asks = useful = 0.0
-        for run in run_batch(scenario, "factored", range(SEED, SEED + 10), trials=300, jobs=1):
-            assert run.trials is not None
-            for tables, asked in zip(run.tables, run.trials.asked, strict=True):
-                assert tables.factors is not None
-                pairs = {(x, peer) for x, peer, _ in tables.factors.states.tolist() if peer >= 0}
-                asks += asked.sum()
-                useful += sum(asked[x] for x, _ in pairs)
-        rows.append(
-            {
-                "scenario": name,
-                "peers asked": str(len(scenario.robots) - 1),
-                "of these with a correction in that cell": f"{useful / asks:.2f}",
             }
         )
     return to_markdown(rows)
@@ -262,19 +167,15 @@ def _fewer(found: Found) -> str:
 
 ABLATED: Mapping[str, tuple[str, Mapping[str, object]]] = {
     "all of it": ("factored", {}),
-    "no percept update of r_bar": (RULES + "NoPerceptUpdate", {}),
     "no looking back": (RULES + "NoLookingBack", {}),
-    "r^C counts once (credit: own)": ("factored", {"credit": "own"}),
-    "no right of way (more than two robots)": (RULES + "NoRightOfWay", {}),
+    "r^C counts once (`credit: own`)": ("factored", {"credit": "own"}),
+    "neither": (RULES + "NoLookingBack", {"credit": "own"}),
+    "no percept update of r_bar": (RULES + "NoPerceptUpdate", {}),
+    "no right of way": (RULES + "NoRightOfWay", {}),
     "no replay": (RULES + "NoReplay", {}),
-    "five replays": (RULES + "FiveReplays", {}),
-    "U begins at 0, not at 200": ("factored", {"q_coord_init": 0}),
-    "starts: never exploring": ("factored", {"starts": "fixed"}),
-    "starts: 10 % exploring at the end": ("factored", {"starts": "exploring:1:0.1:0.5"}),
-    "r^C whoever it was (referee: off)": ("factored", {"referee": "off"}),
 }
-"""Learner and changed settings; with two robots there is no referee."""
-ABLATION = (*CLOSE, "env2-4r", "crowd-8r", "cmu")
+"""Learner and changed settings."""
+ABLATION = (*CLOSE, "cmu", "env2-4r", "crowd-8r")
 
 
 def _ablation(found: Found) -> str:
@@ -282,32 +183,8 @@ def _ablation(found: Found) -> str:
     for what, (rule, more) in ABLATED.items():
         row: dict[str, str | None] = {"what": what}
         for name in ABLATION:
-            if "referee" in more and name not in MANY:
-                continue
-            given = {"penalty": -20} if name == "cmu" else LONG
-            head = f"{name} at -20" if name == "cmu" else name
-            condition = make_condition(name, rule, {**given, **more})
-            row[head] = _reward_and_failed(found(condition))
+            row[name] = _reward_and_failed(found(make_condition(name, rule, {**LONG, **more})))
         rows.append(row)
-    return to_markdown(rows)
-
-
-CREDITS: Mapping[str, tuple[str, ...]] = {
-    **dict.fromkeys(CLOSE, ("own", "weight:1.5", "team")),
-    **dict.fromkeys(("env2-4r", "crowd-6r", "crowd-8r"), ("own", "weight:2", "team")),
-}
-
-
-def _credit(found: Found) -> str:
-    rows: list[Row] = []
-    for name, credits in CREDITS.items():
-        for penalty in (-20, -100):
-            row: dict[str, str | None] = {"scenario": name, "penalty": str(penalty)}
-            for credit in credits:
-                settings = {**LONG, "penalty": penalty, "credit": credit}
-                head = credit if credit in ("own", "team") else "in between (1.5; 2)"
-                row[head] = _reward_and_failed(found(_factored(name, settings)))
-            rows.append(row)
     return to_markdown(rows)
 
 
@@ -320,7 +197,6 @@ PERCEPTS: Mapping[str, Mapping[str, object]] = {
     "within 1 cell": {**LONG, "perception": "range:1"},
     "r^C 1 : 0.5": {**LONG, "common_reward": "each:1:0.5"},
     "r^C 1 : 0": {**LONG, "common_reward": "each:1:0"},
-    "r^C 2 : 0": {**LONG, "common_reward": "each:2:0"},
     "asking costs 0": {**LONG, "ask_cost": 0},
     "asking costs 5": {**LONG, "ask_cost": 5},
 }
@@ -369,7 +245,6 @@ def _scale_row(found: Found, robots: int, names: Sequence[str]) -> Row:
         "miscoordinations": f"{np.mean([o.best('miscoordinations').mean for o in factored]):.3f}",
         "trials in which all arrive": _arrived(factored),
         "of coop's": _arrived(coop),
-        "of Non-coop.'s": _arrived(base),
         "bytes a robot": size(held),
         "seconds to learn": f"{np.mean(spent):.2f}",
     }
@@ -396,7 +271,6 @@ def learning_seconds(scenario: Scenario, learner: str = "factored") -> float:
 
 
 UNSEEN: Mapping[str, tuple[str, Mapping[str, object]]] = {
-    "Non-coop.": ("noncoop", {}),
     "coop": ("coop", {}),
     "factored": ("factored", {}),
     "factored, 10^4 steps": ("factored", {"steps": 10_000}),
@@ -412,15 +286,15 @@ def _unseen(found: Found) -> str:
     factored = judged["factored"]
     rows: list[Row] = [
         {
-            "teams": f"**{where}**" if where in ("2r", "4r", "8r") else where,
+            "teams": where,
             "shortest paths": f"{own.paths:.2f}",
             "bound": f"{own.bound:.2f}",
             "factored": with_error(own.reward),
             **{f"share, {what}": _share(stood[where]) for what, stood in judged.items()},
-            "below shortest paths": own.of_teams(own.below),
             "failed teams": own.of_teams(own.failed),
         }
         for where, own in sorted(factored.items())
+        if where in ("2r", "4r", "8r") or "corridor" in where
     ]
     return to_markdown(rows)
 
@@ -432,13 +306,8 @@ def _share(one: Standing) -> str:
 CROWDS = Study("many", (200, 100), 300, _many)
 STUDIES: tuple[Study, ...] = (
     Study("pairs", (200, 100), 2, _pairs),
-    Study("fall", (200, 100), 2, _fall),
     CROWDS,
-    Study("paper", (200, 100), 1000, _paper),
     Study("ablation", (40, 16), 200, _ablation),
-    Study("routes", (200, 100), 2, _routes),
-    Study("fewer", (10, 10), 300, _fewer),
-    Study("credit", (40, 16), 200, _credit),
     Study("percepts", (40, 16), 200, _percepts),
     Study("scale", (10, 10), 300, _scale),
     Study("unseen", (20, 10), 500, _unseen),

@@ -18,12 +18,6 @@ class NoReplay(Factored):
     factors = FactorRule(replays=0)
 
 
-class FiveReplays(Factored):
-    """Learns five times a step from its own model."""
-
-    factors = FactorRule(replays=5)
-
-
 class NoLookingBack(Factored):
     """Learns of no move what it would have brought."""
 
