@@ -140,4 +140,6 @@ def highlight(log: RunLog, tables: Sequence[Tables], moments: Moments, words: Wo
     seen = [(one, int(log.cells[row, one])) for one in peers]
     does = words.goes(k, cell, int(log.move[row, k]), after)
     text = f"{words.names[k]} asks {place}, and {does} if {words.there(door, seen)}."
+    if not good[number]:
+        text = f"Here not all robots arrive without a miscoordination. {text}"
     return Highlight(first, last, int(log.step[row]), k, cell, text)

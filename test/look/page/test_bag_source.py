@@ -176,6 +176,14 @@ def test_a_bag_opens_on_what_was_learned(learned):
     player.source.log.bag.close()
 
 
+def test_a_team_that_does_not_arrive_yet_is_not_praised(record):
+    settings = {"steps": 60, "max_steps": 2}
+    player = Player(record(settings=settings).bag, step=None)
+    text = player.board.get("learned")["lines"][0]
+    assert text.startswith("Here not all robots arrive without a miscoordination. robot_")
+    player.source.log.bag.close()
+
+
 def test_where_nobody_asks_the_page_says_so(record):
     player = Player(record(values={"learner": "noncoop"}).bag, step=None)
     one, other = player.board.get("learned")["lines"]
