@@ -74,7 +74,7 @@ def execute(options: argparse.Namespace) -> int:
     if shipped is not None:
         print(f"class bound          {shipped.value:.2f}, {WARNING}")
     if team is not None:
-        print(f"best known team      {team}")
+        print(f"best learned team    {team}")
     if routes is not None:
         told = f"{routes.value:.2f} ({routes.standard_error:.2f})"
         print(f"route planner        {told}, sees everything for nothing")

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a team's reward is measured against: the class bound, the best known team, the optimum.
+"""What a team's reward is measured against: the class bound, the best learned team, the optimum.
 
 The joint optimum sees everything always and pays nothing for it; no team that has to ask reaches
 it. A team of Algorithm 1's form has for each robot a map from its own cell to a move or to
@@ -187,7 +187,7 @@ def yardsticks(scenario: Scenario) -> list[tuple[str, float]]:
     optimum = known_optimum(scenario)
     known = {
         "class bound": shipped_class_bound(scenario),
-        "best known team": shipped_best_team(scenario),
+        "best learned team": shipped_best_team(scenario),
         "route planner": shipped_routes(scenario),
         "exact joint optimum" if optimum.exact else "bound (robots alone)": optimum,
     }

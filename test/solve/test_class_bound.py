@@ -329,7 +329,7 @@ def test_the_shipped_teams(name):
     ("name", "names"),
     [
         ("env1", ["class bound", "exact joint optimum"]),
-        ("crowd-4r", ["best known team", "bound (robots alone)"]),
+        ("crowd-4r", ["best learned team", "bound (robots alone)"]),
     ],
 )
 def test_the_known_ones_best_last(name, names):

@@ -50,7 +50,7 @@ def class_bound(result: ConditionResult) -> float | None:
 
 
 def best_team(result: ConditionResult) -> float | None:
-    """Return what the best known team of more than two robots is worth."""
+    """Return what the best learned team of more than two robots is worth."""
     team = shipped_best_team(result.scenario)
     return team.value if team else None
 

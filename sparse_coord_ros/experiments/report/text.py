@@ -102,7 +102,7 @@ def optimum_of(result: ConditionResult) -> str:
 
 
 def bound_of(result: ConditionResult) -> str | None:
-    """Return what the best known team of Algorithm 1's form is worth; None where it is unknown.
+    """Return what the best learned team of Algorithm 1's form is worth; None where it is unknown.
 
     Marked where no search found it: the best of many learned teams, of more than two robots.
     """
