@@ -49,6 +49,17 @@ def test_tables_and_history_are_what_is_learned_today(sparse_coord, files):
     assert sparse_coord("plot", "trained", "--what", "length", "--out", "x.png")[0] == 0
 
 
+@pytest.mark.parametrize(
+    ("name", "how"), [("planned", ("factored", "--improve")), ("marked", ("fcq",))]
+)
+def test_tables_of_other_learners_are_what_is_learned_today(sparse_coord, files, name, how):
+    command = ("train", "doorway.yaml", "--seed", 3, "--out", "today", "--learner", *how)
+    assert sparse_coord(*command)[0] == 0
+    for path in (files / name).rglob("tables.npz"):
+        same(files / "today" / path.relative_to(files / name), path)
+    assert sparse_coord("evaluate", name, "--exact")[0] == 0
+
+
 def test_training_goes_on(sparse_coord, files):
     assert sparse_coord("train", "--resume", "begun")[0] == 0
     same(files / "begun/tables.npz", files / "trained/tables.npz")
