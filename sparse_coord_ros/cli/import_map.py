@@ -14,6 +14,7 @@ from sparse_coord_ros.cli.options import Option
 from sparse_coord_ros.cli.pictures import drawing
 from sparse_coord_ros.errors import MapError, SettingError, in_short
 from sparse_coord_ros.files import write_whole
+from sparse_coord_ros.game.grid import FURTHEST
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.settings import Setting, parse_assignments
 from sparse_coord_ros.limits import to_yaml
@@ -51,7 +52,7 @@ def _place(text: str) -> Place:
         x, y = map(float, text.split(","))
     except ValueError:
         x = y = math.nan
-    if not (math.isfinite(x) and math.isfinite(y)):
+    if not (abs(x) <= FURTHEST and abs(y) <= FURTHEST):
         raise argparse.ArgumentTypeError(
             f"{in_short(text)} is no place, allowed: X,Y in metres of the map's frame, e.g. 2,-1"
         )

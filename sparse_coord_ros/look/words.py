@@ -50,10 +50,17 @@ class Words:
         return {0: "in it", 1: "in front of it"}.get(away, f"{away} moves from it")
 
     def goes(self, robot: int, cell: int, move: int, after: int | None) -> str:
-        """Return what a robot does, by whether that leads it to its goal; `after`: where to."""
+        """Return what a robot does, by whether that leads it to its goal.
+
+        Args:
+            robot: the robot.
+            cell: where it is.
+            move: what it chose.
+            after: where it is next, in a damaged log anywhere; None: nobody knows.
+        """
         if after is None:
             return f"goes {ACTIONS[move]}"
-        closer = int(self._home[robot][cell] - self._home[robot][after])
+        closer = int(np.sign(self._home[robot][cell] - self._home[robot][after]))
         return "waits" if after == cell else ("steps aside", "goes on", "steps back")[closer]
 
     def there(self, door: int | None, seen: Sequence[tuple[int, int]]) -> str:

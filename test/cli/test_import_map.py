@@ -77,6 +77,7 @@ def test_nothing_is_overwritten_unasked(sparse_coord, folder, exported, refused)
     [
         ((*ENV1[:4], "--start", "0"), "argument --start: '0' is no place, allowed: X,Y in metres"),
         ((*ENV1[:4], "--goal", "nan,1"), "argument --goal: 'nan,1' is no place"),
+        ((*ENV1[:4], "--goal", "1e308,1"), "argument --goal: '1e308,1' is no place"),
         ((*ENV1,), "--start has 2 places and --goal 0"),
         (("--cell", "wide", "--radius", "0.1"), "setting cell: value is 'wide', allowed"),
         (("--cell", "-1", "--radius", "0.1"), "setting cell: value is '-1', allowed"),

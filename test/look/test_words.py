@@ -48,3 +48,11 @@ def test_a_question_in_sentences(words, end, said):
     )
     [question] = questions_of(seen)
     assert words.question(seen, question) == f"robot_1 asks before the doorway. {said}"
+
+
+@pytest.mark.parametrize(("after", "said"), [(20, "goes on"), (0, "steps back")])
+def test_a_robot_that_is_far_away_next_as_in_a_damaged_log(words, after, said):
+    home = load_scenario("env1").map.distances_to(load_scenario("env1").robots[0].goal)
+    cell = int((home == 4).argmax())
+    assert abs(home[cell] - home[after]) > 1
+    assert words.goes(0, cell, 0, after) == said
