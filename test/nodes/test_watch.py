@@ -9,11 +9,14 @@ import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 
 from sparse_coord_ros.bags.reader import open_bag
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.game.world import Reward
+from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.look.page.board import Board
 from sparse_coord_ros.look.page.controls import PAUSE, RATE, RESET, STEP, Control
 from sparse_coord_ros.look.page.live_source import LiveView
 from sparse_coord_ros.nodes import interface, team, watch
-from sparse_coord_ros.nodes.messages import tables_message
+from sparse_coord_ros.nodes.messages import Converter, tables_message
 from sparse_coord_ros.nodes.watch import HeardTeam, WatchNode
 from sparse_coord_ros.runlog import read_run
 from sparse_coord_ros.wire.status import Said, read_status
@@ -30,6 +33,16 @@ def heard_of(run):
             takes[f"/{owner}/{topic.name}"] = lambda data: then(unpack(data))
 
     return HeardTeam(SimpleNamespace(intake=Listening()), run, view), takes, view
+
+
+def test_what_a_stranger_says_of_far_time_steps_is_forgotten(monkeypatch):
+    monkeypatch.setattr(watch, "MOST_STEPS", 50)
+    run = make_run(load_scenario("env1"), {})
+    team_heard, heard, _ = heard_of(run)
+    for step in range(1000, 1200):
+        heard["/robot_1/reward"](Converter(run).pack_reward(step, Reward(0.0, 0.0, 0.0, 0.0)))
+        assert len(team_heard._steps) <= 50
+    assert not team_heard.whole
 
 
 @pytest.mark.parametrize("name", ["env1", "env2-4r"])
