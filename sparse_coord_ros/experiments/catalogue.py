@@ -146,8 +146,8 @@ def unseen_conditions(
     )
     if known_best(made[0].scenario) is None:
         raise SettingError(
-            f"benchmark: with {', '.join(settings)} another game would be played, whose bounds "
-            "nobody knows; change settings of learning only"
+            f"benchmark: with {', '.join(sorted(settings.keys() - {'steps'}))} another game "
+            "would be played, whose bounds nobody knows; change settings of learning only"
         )
     return made
 
