@@ -5,9 +5,8 @@
 import argparse
 from pathlib import Path
 
-from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli import pictures
-from sparse_coord_ros.cli.options import Option
+from sparse_coord_ros.cli.options import JSON, SEED, Option, note
 from sparse_coord_ros.game.settings import Setting
 
 KINDS = (".gif",)
@@ -26,14 +25,14 @@ OPTIONS = (
         {"default": "last"},
     ),
     Option("--greedy", bool, "play on the learned tables, as always for a run without a bag"),
-    shared.SEED,
+    SEED,
     RATE,
     pictures.out_option(KINDS),
-    shared.JSON,
+    JSON,
 )
 
 
-def execute(options: argparse.Namespace) -> int:
+def execute(options: argparse.Namespace) -> None:
     """Run the verb."""
     pictures.check_out(options.out, KINDS)
     with pictures.drawing():
@@ -43,11 +42,10 @@ def execute(options: argparse.Namespace) -> int:
         from sparse_coord_ros.look.steps import questions_of
 
         wanted = episode_number(options.episode)
-        say = shared.note
+        say = note
         shown = open_shown(options.source, say)
         scenario = shown.config.scenario
-        greedy = options.greedy or shown.bag is None
-        if greedy:
+        if options.greedy or shown.bag is None:
             say("playing greedy episodes on the learned tables")
             episode = played_episode(
                 scenario, shown.tables, wanted, seed=options.seed, learner=shown.config.rule
@@ -61,14 +59,6 @@ def execute(options: argparse.Namespace) -> int:
         say(f"drawing {kind} {episode.number}, {steps} steps")
         title = f"{scenario.name}, {kind} {episode.number}"
         data = film.film(scenario, episode, title=title, rate=options.rate)
-    pictures.write(
-        options.out,
-        data,
-        json=options.json,
-        episode=episode.number,
-        greedy=episode.greedy,
-        steps=steps,
-        asks=sum(len(questions_of(step)) for step in episode.steps),
-        arrived=episode.arrived,
-    )
-    return 0
+    said = {"episode": episode.number, "greedy": episode.greedy, "arrived": episode.arrived}
+    asks = sum(len(questions_of(step)) for step in episode.steps)
+    pictures.write(options, data, **said, steps=steps, asks=asks)

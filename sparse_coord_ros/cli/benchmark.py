@@ -45,26 +45,23 @@ OPTIONS = (
 )
 
 
-def execute(options: argparse.Namespace) -> int:
+def execute(options: argparse.Namespace) -> None:
     """Run the verb."""
     by = computing_of(options)
     found = [_judge(options, learner, by) for learner in options.learners]
-    if options.json:
-        shared.print_json({"benchmarks": [one.to_dict() for one in found]})
-        return 0
-    rows = [
-        [one.learner, *_row(where, standing)]
-        for one in found
-        for where, standing in (
-            one.standings() | (one.standings(by_kind=True) if options.kinds else {})
-        ).items()
-    ]
+    rows = []
+    for one in found:
+        stood = one.standings() | (one.standings(by_kind=True) if options.kinds else {})
+        rows += [[one.learner, *_row(where, standing)] for where, standing in stood.items()]
     head = ["learner", "teams of", "buildings", "reward (s.e.)", "shortest paths", "bound"]
     head += ["share of the gap", "below the paths", "failed teams", "asks", "miscoord."]
-    print(shared.format_table(head, rows))
-    print("bound: the class bound of two robots; with more, a planner that sees all for nothing")
-    print("0 of n (< p): the share of such teams is below p, as sure as 95 %")
-    return 0
+    shared.tell(
+        options,
+        {"benchmarks": [one.to_dict() for one in found]},
+        shared.format_table(head, rows),
+        "bound: the class bound of two robots; with more, a planner that sees all for nothing",
+        "0 of n (< p): the share of such teams is below p, as sure as 95 %",
+    )
 
 
 def _judge(options: argparse.Namespace, learner: str, by: dict[str, Any]) -> Benchmark:

@@ -27,10 +27,8 @@ def execute(options: argparse.Namespace) -> int:
         if not options.json:
             _print(finding)
     fine = all(one.level != WRONG for one in found)
-    if options.json:
-        shared.print_json({"fine": fine, "findings": found})
-    else:
-        print(f"\n{'nothing' if fine else 'something'} is wrong")
+    said = f"\n{'nothing' if fine else 'something'} is wrong"
+    shared.tell(options, {"fine": fine, "findings": found}, said)
     return 0 if fine else UNWELL
 
 

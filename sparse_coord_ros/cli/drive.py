@@ -5,10 +5,9 @@
 import argparse
 from pathlib import Path
 
-from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli import pictures
 from sparse_coord_ros.cli.computing import Bar
-from sparse_coord_ros.cli.options import Option
+from sparse_coord_ros.cli.options import JSON, SEED, Option, changes, format_table, tell
 from sparse_coord_ros.driving.trials import DRIVE_SETTINGS, Drive, drive
 from sparse_coord_ros.files import write_whole
 from sparse_coord_ros.game.grid import CLEAR
@@ -51,17 +50,17 @@ ROWS = (
 OPTIONS = (
     Option("directory DIR", Path, "output of run or train"),
     EPISODES,
-    shared.SEED,
-    shared.changes(
+    SEED,
+    changes(
         "change a setting of the bodies; may be repeated: "
         + "; ".join(f"{s.name}: {s.help} (default: {s.default})" for s in DRIVE_SETTINGS.values())
     ),
     Option("--out FILE", Path, "draw the paths of the first episodes over the map"),
-    shared.JSON,
+    JSON,
 )
 
 
-def execute(options: argparse.Namespace) -> int:
+def execute(options: argparse.Namespace) -> None:
     """Run the verb."""
     episodes, seed = options.episodes, options.seed
     kind = "" if options.out is None else pictures.check_out(options.out, pictures.KINDS)
@@ -83,23 +82,24 @@ def execute(options: argparse.Namespace) -> int:
     grid = play(run.scenario, tables, trials=episodes, seed=seed, learner=run.rule)
     facts = facts_of(run, driven, grid, values["speed"])
     if options.out is not None:
-        _draw(options, kind, run, driven)
-    if options.json:
-        shared.print_json({"scenario": run.scenario.name, "seed": seed, **facts})
-        return 0
+        with pictures.drawing():
+            from sparse_coord_ros.experiments.report.charts import rendered
+            from sparse_coord_ros.look.paths import paths_figure
+
+            write_whole(options.out, rendered(paths_figure(run, driven), kind, DPI))
     rows = [[name, *(text.format(**facts) for text in texts)] for name, *texts in ROWS]
     head = [f"{run.scenario.name}, {episodes} episodes", "driven", "by the grid"]
-    print(shared.format_table(head, rows))
+    lines = [format_table(head, rows)]
     if facts["bumps"]:
         radius = driven.floor.arena.ground.radius
-        print(
+        lines.append(
             f"Bodies of radius {radius:g} m touched walls: cells of {run.resolution:g} m "
             f"leave {run.resolution / 2 - radius:.2g} m on each side; take cells of "
             f"{radius / (0.5 - CLEAR):.2g} m or more."
         )
     if options.out is not None:
-        print(f"written: {options.out}")
-    return 0
+        lines.append(f"written: {options.out}")
+    tell(options, {"scenario": run.scenario.name, "seed": seed, **facts}, *lines)
 
 
 def facts_of(run: RunConfig, driven: Drive, grid: Trials, speed: float) -> dict:
@@ -130,14 +130,3 @@ def facts_of(run: RunConfig, driven: Drive, grid: Trials, speed: float) -> dict:
         "bodies_lost": driven.floor.bodies.lost,
         "drift": float(driven.drift.mean()),
     }
-
-
-def _draw(options: argparse.Namespace, kind: str, run: RunConfig, driven: Drive) -> None:
-    with pictures.drawing():
-        from sparse_coord_ros.experiments.report.charts import rendered
-        from sparse_coord_ros.look.paths import paths_figure
-
-        episodes = 1 + max((moment.episode for moment in driven.floor.path), default=0)
-        title = f"{run.scenario.name}: {episodes} episodes driven"
-        figure = paths_figure(run, driven, title)
-        write_whole(options.out, rendered(figure, kind, DPI))

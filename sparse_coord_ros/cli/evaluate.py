@@ -9,9 +9,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli.computing import Bar
-from sparse_coord_ros.cli.options import Option
+from sparse_coord_ros.cli.options import JSON, SEED, Option, format_table, note, tell
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.game.scenario import PAPER_MEASURES
 from sparse_coord_ros.learn.agent import Tables
@@ -20,9 +19,9 @@ from sparse_coord_ros.learn.evaluation import TRIALS, Evaluation, check_tables, 
 from sparse_coord_ros.learn.run_config import RunConfig, load_run
 from sparse_coord_ros.learn.tables import load_team
 from sparse_coord_ros.lockstep.checkpoints import CHECKPOINTS, robots_elsewhere
-from sparse_coord_ros.solve.optimum import joint_optimum
 from sparse_coord_ros.solve.shipped import (
     game_digest,
+    known_optimum,
     shipped_best_team,
     shipped_class_bound,
     yardsticks,
@@ -44,8 +43,8 @@ OPTIONS = (
     Option("directories DIR...", Path, "output of run or train; several are compared"),
     Option("--trials", TRIALS.parse, f"{TRIALS.help} (default: {TRIALS.default})"),
     Option("--exact", bool, "compute the measures instead, for one or two robots"),
-    Option("--seed", shared.SEED, "seed of the trials"),
-    shared.JSON,
+    Option("--seed", SEED, "seed of the trials"),
+    JSON,
 )
 
 
@@ -57,7 +56,7 @@ class Evaluated(NamedTuple):
     result: Evaluation | ExactEvaluation
 
 
-def execute(options: argparse.Namespace) -> int:
+def execute(options: argparse.Namespace) -> None:
     """Run the verb."""
     if options.exact and options.trials is not None:
         raise SettingError("--trials: not allowed with --exact, which plays none; choose one")
@@ -65,12 +64,9 @@ def execute(options: argparse.Namespace) -> int:
     several = len(options.directories) > 1
     exact = True if options.exact else None if several and options.trials is None else False
     found = [evaluated(path, trials, options.seed, exact=exact) for path in options.directories]
-    if options.json:
-        facts = [facts_of(one) for one in found]
-        shared.print_json({"runs": facts} if several else facts[0])
-        return 0
-    print("\n\n".join(result_table(runs, several=several) for runs in by_game(found)))
-    return 0
+    facts = [facts_of(one) for one in found]
+    tables = [result_table(runs, several=several) for runs in by_game(found)]
+    tell(options, {"runs": facts} if several else facts[0], "\n\n".join(tables))
 
 
 def evaluated(directory: Path, trials: int, seed: int, *, exact: bool | None) -> Evaluated:
@@ -88,7 +84,7 @@ def evaluated(directory: Path, trials: int, seed: int, *, exact: bool | None) ->
     run = load_run(directory)
     for kept, verb in ((CHECKPOINTS, "run"), (CHECKPOINT_FILE, "train")):
         if (directory / kept).exists() and not robots_elsewhere(directory, run.scenario):
-            shared.note(
+            note(
                 f"{directory}: the run is not finished, its tables are those of the way there; go "
                 f"on with: sparse_coord {verb} --resume {directory}"
             )
@@ -126,7 +122,7 @@ def facts_of(one: Evaluated) -> dict[str, Any]:
     """Return plain data of a run and its value."""
     scenario = one.run.scenario
     bound, team = shipped_class_bound(scenario), shipped_best_team(scenario)
-    optimum = joint_optimum(scenario)
+    optimum = known_optimum(scenario)
     return {
         "directory": one.directory,
         "scenario": scenario.name,
@@ -181,4 +177,4 @@ def result_table(found: Sequence[Evaluated], *, several: bool = False) -> str:
     for name, value in yardsticks(scenario):
         rows.append([name, f"{value:.2f}", "-", "-", "-", "-"])
     head = ["reward", "time to goal", "miscoordinations", "asks", "all arrived"]
-    return shared.format_table([f"{scenario.name}, penalty {scenario.penalty:g}", *head], rows)
+    return format_table([f"{scenario.name}, penalty {scenario.penalty:g}", *head], rows)

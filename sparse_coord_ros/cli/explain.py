@@ -4,8 +4,7 @@
 
 import argparse
 
-from sparse_coord_ros.cli import options as shared
-from sparse_coord_ros.cli.options import Option
+from sparse_coord_ros.cli.options import BAG, JSON, Option, note, tell
 from sparse_coord_ros.errors import RunError, did_you_mean
 from sparse_coord_ros.game.plugins import leaving_out
 from sparse_coord_ros.game.settings import Setting
@@ -17,39 +16,32 @@ STEP = Setting(
 EXAMPLE = "sparse_coord explain runs/demo/bag --step 9"
 
 
-OPTIONS = (shared.BAG, STEP, Option("--robot NAME", None, "of this robot only"), shared.JSON)
+OPTIONS = (BAG, STEP, Option("--robot NAME", None, "of this robot only"), JSON)
 
 
-def execute(options: argparse.Namespace) -> int:
+def execute(options: argparse.Namespace) -> None:
     """Run the verb."""
     from sparse_coord_ros.runlog import read_run
     from sparse_coord_ros.runlog.explain import coordinations, explain, in_words
 
     wanted = options.step
     log = read_run(options.bag)
-    with leaving_out("what robots chose by and what they learned", shared.note):
+    with leaving_out("what robots chose by and what they learned", note):
         _ = log.run.rule
     asked = _robots(log, options.robot)
     steps = sorted({t for k in asked for t in coordinations(log, k)})
     step = next((t for t in steps if t >= wanted), None)
     told = (explain(log, k, step) for k in asked if step is not None)
     found = [one for one in told if one is not None]
-    if options.json:
-        facts = [{**one._asdict(), "robot": log.names[one.robot]} for one in found]
-        shared.print_json({"wanted": wanted, "step": step, "coordinations": facts})
-        return 0
-    for loss in log.losses:
-        print(f"lost: {loss}")
-    who = options.robot or "nobody"
+    who, lines = options.robot or "nobody", [f"lost: {loss}" for loss in log.losses]
     if step is None:
-        print(
-            f"{who}: no COORDINATE from step {wanted} on; the last: {max(steps, default='none')}"
-        )
+        last = max(steps, default="none")
+        lines.append(f"{who}: no COORDINATE from step {wanted} on; the last: {last}")
     elif wanted not in (0, step):
-        print(f"{who}: no COORDINATE at step {wanted}; the next is at step {step}")
-    for one in found:
-        print("\n".join(in_words(log, one)))
-    return 0
+        lines.append(f"{who}: no COORDINATE at step {wanted}; the next is at step {step}")
+    lines += [line for one in found for line in in_words(log, one)]
+    facts = [{**one._asdict(), "robot": log.names[one.robot]} for one in found]
+    tell(options, {"wanted": wanted, "step": step, "coordinations": facts}, *lines)
 
 
 def _robots(log, name: str | None) -> list[int]:

@@ -28,7 +28,7 @@ OPTIONS = (
 )
 
 
-def execute(options: argparse.Namespace) -> int:
+def execute(options: argparse.Namespace) -> None:
     """Run the verb."""
     grid = map_of(options.map)
     resolution = options.resolution or grid.resolution or 1.0
@@ -50,4 +50,3 @@ def execute(options: argparse.Namespace) -> int:
         print(
             f"note: map_server knows no doorways; {len(grid.doorways)} cells are plain free cells"
         )
-    return 0

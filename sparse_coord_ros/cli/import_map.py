@@ -9,8 +9,7 @@ import re
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from sparse_coord_ros.cli import options as shared
-from sparse_coord_ros.cli.options import Option
+from sparse_coord_ros.cli.options import JSON, PAGE, Option, changes, tell
 from sparse_coord_ros.cli.pictures import drawing
 from sparse_coord_ros.errors import MapError, SettingError, in_short
 from sparse_coord_ros.files import write_whole
@@ -73,14 +72,12 @@ OPTIONS = (
     Option("--no-doorway X,Y...", _place, "places in doorways that are to be none", PLACES),
     Option("--doorway-length", DOORWAY_LENGTH.parse, DOORWAY_LENGTH.help),
     SPECK_SIZE,
-    shared.changes(
-        "a setting of the scenario; what is not set is suggested by the map's distances"
-    ),
+    changes("a setting of the scenario; what is not set is suggested by the map's distances"),
     Option("--out", Path, "directory (default: <name>_map)"),
     Option("--replace", bool, "replace what an earlier import-map wrote there"),
     Option("--page", bool, "choose all that on a page in the browser, and start training there"),
-    *shared.PAGE,
-    shared.JSON,
+    *PAGE,
+    JSON,
 )
 
 
@@ -104,7 +101,7 @@ class Made(NamedTuple):
     files: dict[Path, str]
 
 
-def execute(options: argparse.Namespace) -> int:
+def execute(options: argparse.Namespace) -> None:
     """Run the verb."""
     name = options.map.stem
     if not NAME.fullmatch(name):
@@ -120,7 +117,8 @@ def execute(options: argparse.Namespace) -> int:
     if options.page:
         from sparse_coord_ros.cli.import_page import serve
 
-        return serve(options)
+        serve(options)
+        return
     missing = [f"--{one}" for one in ("cell", "radius") if getattr(options, one) is None]
     if missing:
         raise SettingError(f"required: {', '.join(missing)}; or choose on a page: --page")
@@ -148,19 +146,15 @@ def execute(options: argparse.Namespace) -> int:
         "notes": made.notes,
         "files": [*made.files, picture],
     }
-    if options.json:
-        shared.print_json(facts)
-        return 0
-    x, y = grid.origin
-    print(
+    lines = [
         "{name}: {rows} x {columns}, {cells} cells of {resolution:g} m, {doorways} doorways; "
-        "lower left corner at {x:g},{y:g}".format(**facts, x=x, y=y)
-    )
+        "lower left corner at {origin[0]:g},{origin[1]:g}".format(**facts)
+    ]
     if made.suggested:
         said = ", ".join(f"{name}={value}" for name, value in made.suggested.items())
-        print(f"settings by distance: {said}")
-    print("\n".join([*(f"note: {note}" for note in made.notes), "written:"]), *facts["files"])
-    return 0
+        lines.append(f"settings by distance: {said}")
+    lines += [f"note: {note}" for note in made.notes]
+    tell(options, facts, *lines, f"written: {' '.join(map(str, facts['files']))}")
 
 
 def make(options: argparse.Namespace, plan: FloorPlan) -> Made:

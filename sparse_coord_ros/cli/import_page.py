@@ -48,7 +48,7 @@ PLACES = ("start", "goal", "doorway", "no_doorway")
 """What a page chooses by clicks, by the options' names in the namespace."""
 
 
-def serve(options: argparse.Namespace) -> int:
+def serve(options: argparse.Namespace) -> None:
     """Serve the page until Ctrl-C; teams learn and drive in this thread, one after the other."""
     learning, board = Board(), Board()
     with served(options, learning, board, index="import.html") as server:
@@ -61,7 +61,7 @@ def serve(options: argparse.Namespace) -> int:
                 page.do(*page.wanted.get(), server)
             except KeyboardInterrupt:
                 if not page.stopped():
-                    return 0
+                    return
 
 
 class ImportPage(Controlled):

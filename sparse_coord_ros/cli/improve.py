@@ -7,9 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli.evaluate import Evaluated, evaluation_of, facts_of, result_table
-from sparse_coord_ros.cli.options import Option
+from sparse_coord_ros.cli.options import JSON, Option, tell
 from sparse_coord_ros.engine.improve import IMPROVED, improve, save_improved
 from sparse_coord_ros.learn.agent import Memory, Tables
 from sparse_coord_ros.learn.evaluation import TRIALS
@@ -25,21 +24,16 @@ IMPROVE = Option("--improve", bool, f"then plan on what was learned, into DIR/{I
 
 OPTIONS = (
     Option("directory DIR", Path, f"output of run or train; the plan's is DIR/{IMPROVED}"),
-    shared.JSON,
+    JSON,
 )
 
 
-def execute(options: argparse.Namespace) -> int:
+def execute(options: argparse.Namespace) -> None:
     """Run the verb."""
     out, run = options.directory, load_run(options.directory)
     run.check_code()
     tables = load_team(out, run.scenario)
-    facts, text = planned(out, run, load_memories(out, run.scenario), tables)
-    if options.json:
-        shared.print_json(facts)
-    else:
-        print(text)
-    return 0
+    tell(options, *planned(out, run, load_memories(out, run.scenario), tables))
 
 
 def planned(

@@ -3,8 +3,10 @@
 """`sparse_coord info`: what is in a bag."""
 
 import argparse
+from collections.abc import Iterator
 from typing import Any
 
+from sparse_coord_ros.bags.gaps import gap_lines
 from sparse_coord_ros.bags.topics import latched
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.errors import in_line
@@ -16,18 +18,14 @@ EXAMPLE = "sparse_coord info runs/demo/bag"
 OPTIONS = (shared.BAG, shared.JSON)
 
 
-def execute(options: argparse.Namespace) -> int:
+def execute(options: argparse.Namespace) -> None:
     """Run the verb; 0, also of a damaged bag: `recover` and `verify` judge it."""
     from sparse_coord_ros.bags.layout import being_recorded
     from sparse_coord_ros.bags.reader import open_bag
 
     bag = open_bag(options.bag)
     found = _information(bag, recording=not bag.finished and being_recorded(bag.files[-1].path))
-    if options.json:
-        shared.print_json(found)
-    else:
-        _print(found)
-    return 0
+    shared.tell(options, found, *_lines(found))
 
 
 def _information(bag, *, recording: bool) -> dict[str, Any]:
@@ -40,7 +38,7 @@ def _information(bag, *, recording: bool) -> dict[str, Any]:
         "finished": bag.finished,
         "recording": recording,
         "damage": bag.damage,
-        "gaps": [gap._asdict() for gap in bag.gaps],
+        "gaps": bag.gaps,
         "recovered": bag.recovered,
         "compression": bag.compressions,
         "run": record,
@@ -66,21 +64,18 @@ def _information(bag, *, recording: bool) -> dict[str, Any]:
     }
 
 
-def _print(found: dict[str, Any]) -> None:
-    from sparse_coord_ros.bags.gaps import Gap, gap_lines
-
-    print(f"{found['file']}: {found['bytes']} bytes, {_state(found)}")
+def _lines(found: dict[str, Any]) -> Iterator[str]:
+    yield f"{found['file']}: {found['bytes']} bytes, {_state(found)}"
     if len(found["files"]) > 1:
-        print(f"files: {', '.join(found['files'])}")
+        yield f"files: {', '.join(found['files'])}"
     if found["recovered"] is not None:
-        print("recovered from a broken bag")
-    for line in gap_lines([Gap(**gap) for gap in found["gaps"]]):
-        print(line)
+        yield "recovered from a broken bag"
+    yield from gap_lines(found["gaps"])
     for what in ("run", "versions"):
         if found[what]:
             said = ", ".join(f"{name} {value}" for name, value in found[what].items())
-            print(in_line(f"{what}: {said}"))
-    print(
+            yield in_line(f"{what}: {said}")
+    yield (
         f"{found['messages']} messages in {found['duration_seconds']:.1f} s of simulated time, "
         f"chunks {', '.join(found['compression']) or 'none'}\n"
     )
@@ -94,10 +89,10 @@ def _print(found: dict[str, Any]) -> None:
         ]
         for topic in found["topics"]
     ]
-    print(shared.format_table(["topic", "messages", "bytes", "QoS", "type"], rows))
+    yield shared.format_table(["topic", "messages", "bytes", "QoS", "type"], rows)
     if found["attachments"]:
         rows = [[one["name"], str(one["bytes"]), one["type"]] for one in found["attachments"]]
-        print("\n" + shared.format_table(["attachment", "bytes", "type"], rows))
+        yield "\n" + shared.format_table(["attachment", "bytes", "type"], rows)
 
 
 def _state(found: dict[str, Any]) -> str:

@@ -51,7 +51,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         allow_modules(options.allow)
         allow_named(getattr(options, "learner", None))  # --set does so itself
         with nullcontext() if verb in WITH_NODES else _terminated_like_interrupted():
-            return options.execute(options)
+            return options.execute(options) or 0
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0

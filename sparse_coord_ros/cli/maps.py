@@ -4,8 +4,7 @@
 
 import argparse
 
-from sparse_coord_ros.cli import options as shared
-from sparse_coord_ros.cli.options import Option
+from sparse_coord_ros.cli.options import JSON, Option, format_table, tell
 from sparse_coord_ros.game.buildings import building
 from sparse_coord_ros.game.grid import GridMap, load_map, map_names
 from sparse_coord_ros.game.scenario import load_scenario
@@ -15,32 +14,32 @@ EXAMPLE = "sparse_coord maps env1"
 
 OPTIONS = (
     Option("[name NAME]", None, "a map's, a generated building's, or a map or scenario file"),
-    shared.JSON,
+    JSON,
 )
 
 
-def execute(options: argparse.Namespace) -> int:
+def execute(options: argparse.Namespace) -> None:
     """Run the verb."""
     grids = [map_of(name) for name in ([options.name] if options.name else map_names())]
-    if options.json:
-        shared.print_json([_facts(grid) for grid in grids])
-    elif options.name:
-        grid = grids[0]
-        height, width = grid.shape
-        print(f"{grid.name}: {grid.title}\nsource: {grid.source}\nprovenance: {grid.provenance}")
-        print(f"{height} x {width}, {len(grid.cells)} cells, {len(grid.doorways)} doorways")
-        if grid.resolution is not None:
-            x, y = grid.origin
-            print(f"{grid.resolution:g} m a cell, lower left corner at {x:g},{y:g} m")
-        print()
-        print("\n".join(grid.rows))
+    if options.name:
+        text = _in_words(grids[0])
     else:
         rows = [
             [g.name, str(len(g.cells)), str(len(g.doorways)), str(len(g.starts)), g.title]
             for g in grids
         ]
-        print(shared.format_table(["map", "cells", "doorways", "starts", "title"], rows))
-    return 0
+        text = format_table(["map", "cells", "doorways", "starts", "title"], rows)
+    tell(options, [_facts(grid) for grid in grids], text)
+
+
+def _in_words(grid: GridMap) -> str:
+    (height, width), (x, y) = grid.shape, grid.origin
+    lines = [f"{grid.name}: {grid.title}", f"source: {grid.source}"]
+    lines.append(f"provenance: {grid.provenance}")
+    lines.append(f"{height} x {width}, {len(grid.cells)} cells, {len(grid.doorways)} doorways")
+    if grid.resolution is not None:
+        lines.append(f"{grid.resolution:g} m a cell, lower left corner at {x:g},{y:g} m")
+    return "\n".join([*lines, "", *grid.rows])
 
 
 def map_of(name: str) -> GridMap:
@@ -51,15 +50,10 @@ def map_of(name: str) -> GridMap:
 
 
 def _facts(grid: GridMap) -> dict:
+    names = ("name", "title", "source", "provenance", "rows", "resolution", "origin")
     return {
-        "name": grid.name,
-        "title": grid.title,
-        "source": grid.source,
-        "provenance": grid.provenance,
-        "rows": list(grid.rows),
+        **{name: getattr(grid, name) for name in names},
         "cells": len(grid.cells),
-        "doorways": [list(grid.cells[x]) for x in sorted(grid.doorways)],
-        "resolution": grid.resolution,
-        "origin": list(grid.origin),
-        "starts": {digit: list(grid.cells[x]) for digit, x in sorted(grid.starts.items())},
+        "doorways": [grid.cells[x] for x in sorted(grid.doorways)],
+        "starts": {digit: grid.cells[x] for digit, x in sorted(grid.starts.items())},
     }

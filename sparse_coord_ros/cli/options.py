@@ -197,9 +197,14 @@ def note(text: str) -> None:
     print(text, file=sys.stderr, flush=True)
 
 
-def print_json(data: Any) -> None:
-    """Print one JSON object, of records too; numbers that are none (NaN) are null."""
-    print(json.dumps(_plain(data), indent=2, allow_nan=False))
+def tell(options: argparse.Namespace, facts: Any, *lines: str) -> None:
+    """Print what a verb found: lines, or with --json one JSON object of the facts.
+
+    Facts may hold records and paths; numbers that are none (NaN) are null.
+    """
+    if options.json:
+        lines = (json.dumps(_plain(facts), indent=2, allow_nan=False),)
+    print("\n".join(lines))
 
 
 def _plain(data: Any) -> Any:

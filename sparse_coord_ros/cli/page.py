@@ -71,9 +71,9 @@ class Wishes(Controlled):
 def one_by_one(
     options: argparse.Namespace,
     begin: Callable[[argparse.Namespace], tuple[Path, Team]],
-    play: Callable[[argparse.Namespace, Path, Team, "Server"], int],
+    play: Callable[[argparse.Namespace, Path, Team, "Server"], int | None],
     stop: "Stop | None" = None,
-) -> int:
+) -> int | None:
     """Let teams learn one after the other on a page, as it wants them; return the exit code.
 
     Args:
@@ -94,7 +94,7 @@ def one_by_one(
                     show_end(server, out)
                     wish = next_wish(server, lambda: bool(stop))
             except KeyboardInterrupt:
-                return 0
+                return None
             options.scenario, options.penalty = wish["scenario"], wish["penalty"]
             options.out = options.resume = None
             out, team = begin(options)

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the verbs that make pictures share: what they show, where it goes, what is missing."""
 
+import argparse
 import os
 import warnings
 from collections.abc import Iterator, Sequence
@@ -44,21 +45,12 @@ def check_out(path: Path, kinds: Sequence[str] = ()) -> str:
     return kind.removeprefix(".")
 
 
-def write(path: Path, data: bytes | str, *, json: bool, **said: object) -> None:
-    """Write the file whole, and say where it is.
-
-    Args:
-        path: the file.
-        data: its content.
-        json: whether to say so in JSON.
-        said: what else to say there.
-    """
-    write_whole(path, data)
-    size = path.stat().st_size
-    if json:
-        shared.print_json({"file": str(path), "bytes": size, **said})
-    else:
-        print(f"{path} ({size / 1000:.0f} kB)")
+def write(options: argparse.Namespace, data: bytes | str, **said: object) -> None:
+    """Write the file that --out names whole, and say where it is, in JSON what is `said`, too."""
+    write_whole(options.out, data)
+    size = options.out.stat().st_size
+    facts = {"file": options.out, "bytes": size, **said}
+    shared.tell(options, facts, f"{options.out} ({size / 1000:.0f} kB)")
 
 
 @contextmanager
@@ -75,9 +67,9 @@ def drawing() -> Iterator[None]:
             import_apart("matplotlib", "matplotlibrc")
             yield
     except ImportError as error:
-        if error.name is None or error.name.partition(".")[0] == "sparse_coord_ros":
+        if error.name is None or error.name.startswith("sparse_coord_ros"):
             raise
-        package = {"PIL": "pillow"}.get(error.name.partition(".")[0], error.name.partition(".")[0])
+        package = error.name.partition(".")[0].replace("PIL", "pillow")
         raise RunError(
             f"pictures need the Python package {package} ({error}): pip install {package}"
         ) from None

@@ -5,9 +5,8 @@
 import argparse
 from pathlib import Path
 
-from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli import pictures
-from sparse_coord_ros.cli.options import Option
+from sparse_coord_ros.cli.options import JSON, Option, note
 from sparse_coord_ros.game.settings import Setting
 
 DPI = Setting("dpi", int, 110, "dots an inch of a PNG", low=20, high=600)
@@ -26,11 +25,11 @@ OPTIONS = (
     ),
     DPI,
     pictures.out_option(pictures.KINDS),
-    shared.JSON,
+    JSON,
 )
 
 
-def execute(options: argparse.Namespace) -> int:
+def execute(options: argparse.Namespace) -> None:
     """Run the verb."""
     kind = pictures.check_out(options.out, pictures.KINDS)
     with pictures.drawing():
@@ -39,7 +38,7 @@ def execute(options: argparse.Namespace) -> int:
         from sparse_coord_ros.look.results import results_figure
         from sparse_coord_ros.look.sources import is_results, open_shown
 
-        say = shared.note
+        say = note
         if len(options.sources) == 1 and is_results(options.sources[0]):
             what, figure = results_figure(options.sources[0], options.what, say)
         else:
@@ -49,5 +48,4 @@ def execute(options: argparse.Namespace) -> int:
             figure = figures.runs_figure(runs, whats)
         say(f"drawing {what}")
         data = rendered(figure, kind, options.dpi)
-    pictures.write(options.out, data, json=options.json, what=what)
-    return 0
+    pictures.write(options, data, what=what)

@@ -24,10 +24,7 @@ OPTIONS = (shared.BAG, shared.JSON)
 def execute(options: argparse.Namespace) -> int:
     """Run the verb."""
     recovery = recover(options.bag)
-    if options.json:
-        shared.print_json(_facts(recovery))
-    else:
-        print("\n".join(_lines(recovery)))
+    shared.tell(options, _facts(recovery), *_lines(recovery))
     return 0 if recovery.bag.whole and not recovery.bag.gaps else EXIT_LOST
 
 

@@ -5,8 +5,7 @@
 import argparse
 import re
 
-from sparse_coord_ros.cli import options as shared
-from sparse_coord_ros.cli.options import Option
+from sparse_coord_ros.cli.options import BAG, Option, ros_missing
 from sparse_coord_ros.errors import SettingError
 
 NAMES = {"bag": "BAG", "rate": "--rate", "position": "--start", "topics": "--topics"}
@@ -18,7 +17,7 @@ EXAMPLE = "sparse_coord replay runs/demo/bag --rate 2 --start 12.5"
 
 
 OPTIONS = (
-    shared.BAG,
+    BAG,
     Option("--rate R", None, "seconds of the bag played a second", {"default": "1"}),
     Option("--start T", None, "seconds after the bag's first message", {"default": "0"}),
     Option("--loop", bool, "begin again at the end"),
@@ -43,7 +42,7 @@ def execute(options: argparse.Namespace) -> int:
         from sparse_coord_ros.nodes.player import Player
         from sparse_coord_ros.nodes.spin import run_node
     except ImportError as error:
-        raise shared.ros_missing(error) from None
+        raise ros_missing(error) from None
     values = {
         "bag": str(options.bag),
         "rate": options.rate,

@@ -5,9 +5,8 @@
 import argparse
 from pathlib import Path
 
-from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli import pictures
-from sparse_coord_ros.cli.options import Option
+from sparse_coord_ros.cli.options import JSON, Option, note
 
 KINDS = (".html", ".htm")
 
@@ -18,18 +17,17 @@ OPTIONS = (
     Option("source RUN|BAG", Path, "a run's directory; a bag's, or its file"),
     Option("--no-baselines", bool, "do not let Indiv. and Non-coop. learn the same, to compare"),
     pictures.out_option(KINDS),
-    shared.JSON,
+    JSON,
 )
 
 
-def execute(options: argparse.Namespace) -> int:
+def execute(options: argparse.Namespace) -> None:
     """Run the verb."""
     pictures.check_out(options.out, KINDS)
     with pictures.drawing():
         from sparse_coord_ros.look.report import run_report
         from sparse_coord_ros.look.sources import open_shown
 
-        shown = open_shown(options.source, shared.note)
+        shown = open_shown(options.source, note)
         page = run_report(shown, baselines=not options.no_baselines)
-    pictures.write(options.out, page, json=options.json)
-    return 0
+    pictures.write(options, page)

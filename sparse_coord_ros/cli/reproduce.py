@@ -3,12 +3,12 @@
 """`sparse_coord reproduce`: the paper's tables and figures, and its open questions."""
 
 import argparse
+from collections.abc import Iterator
 from pathlib import Path
 
-from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli.computing import COMPUTING, Bar, computing_of
 from sparse_coord_ros.cli.evaluate import Evaluated, result_table
-from sparse_coord_ros.cli.options import Option
+from sparse_coord_ros.cli.options import JSON, SEED, Option, format_table, tell
 from sparse_coord_ros.experiments.catalogue import NAMES
 from sparse_coord_ros.experiments.runner import ExperimentResults, parse_targets, run_experiment
 from sparse_coord_ros.experiments.store import RUNS, TRIALS, Plan
@@ -36,25 +36,22 @@ OPTIONS = (
     ),
     RUNS,
     TRIALS,
-    Option("--seed", shared.SEED, "seed of run 0; run i has seed + i"),
+    Option("--seed", SEED, "seed of run 0; run i has seed + i"),
     *COMPUTING,
     Option("--list", bool, "list the conditions and stop"),
-    shared.JSON,
+    JSON,
 )
 
 
-def execute(options: argparse.Namespace) -> int:
+def execute(options: argparse.Namespace) -> None:
     """Run the verb."""
     asked = options.targets or NAMES
     if options.list:
         targets = parse_targets(asked, Plan(options.seed, options.runs, options.trials))
         conditions = [one.id for one in targets.conditions]
         runs = [f"{one.id}/{number}" for one, number in targets.runs]
-        if options.json:
-            shared.print_json({"conditions": conditions, "runs": runs})
-        else:
-            print("\n".join(conditions + runs))
-        return 0
+        tell(options, {"conditions": conditions, "runs": runs}, *conditions, *runs)
+        return
     by = computing_of(options)
     with Bar("agent-steps") as bar:
         done = run_experiment(
@@ -67,20 +64,10 @@ def execute(options: argparse.Namespace) -> int:
             report=True,
             **by,
         )
-    if options.json:
-        shared.print_json(done.to_dict())
-        return 0
-    _print(options.out, done)
-    for one in done.runs:
-        scenario = one.condition.scenario
-        learned = make_run(scenario, {"seed": one.seed, "learner": one.condition.learner})
-        print(result_table([Evaluated(one.directory, learned, summary(one.trials))]))
-        print(f"tables  {one.directory / 'tables.npz'}")
-    return 0
+    tell(options, done.to_dict(), *_lines(options.out, done))
 
 
-def _print(out: Path, done: ExperimentResults) -> None:
-    chosen = done.targets.experiments
+def _lines(out: Path, done: ExperimentResults) -> Iterator[str]:
     rows = []
     for name, result in done.items():
         reward, asks = result.measure("reward"), result.measure("asks")
@@ -98,6 +85,11 @@ def _print(out: Path, done: ExperimentResults) -> None:
         )
     if rows:
         head = ["condition", "reward", "s.e.", "miscoord.", "asks", "all arrived", "optimum"]
-        print(shared.format_table(head, rows))
-    if chosen:
-        print(f"report: {out / 'reproduction.md'}")
+        yield format_table(head, rows)
+    if done.targets.experiments:
+        yield f"report: {out / 'reproduction.md'}"
+    for one in done.runs:
+        scenario = one.condition.scenario
+        learned = make_run(scenario, {"seed": one.seed, "learner": one.condition.learner})
+        yield result_table([Evaluated(one.directory, learned, summary(one.trials))])
+        yield f"tables  {one.directory / 'tables.npz'}"

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli.evaluate import evaluation_of
 from sparse_coord_ros.cli.improve import IMPROVE
-from sparse_coord_ros.cli.options import Option
 from sparse_coord_ros.engine.improve import IMPROVED
 from sparse_coord_ros.errors import BagError, RunError
 from sparse_coord_ros.learn.run_config import RUN_SETTINGS, load_run
@@ -34,28 +33,28 @@ OPTIONS = (
         "go on with a run that ended too early, from its last common checkpoint, instead of "
         "SCENARIO; DIR is its output directory"
     ),
-    Option("--executor", ("events", "single"), "what runs the callbacks"),
-    Option("--processes", bool, "every node in its own process"),
-    Option("--rate HZ", None, "time steps a second, to watch"),
-    Option("--no-record", bool, "write no bag"),
-    Option("--compression", ("zstd", "lz4", "none"), "of the bag"),
-    Option("--max-bagfile-size BYTES", None, "begin another file of the bag after so many"),
-    Option("--max-bagfile-duration SECONDS", None, "or after so many simulated seconds"),
-    Option(
+    shared.Option("--executor", ("events", "single"), "what runs the callbacks"),
+    shared.Option("--processes", bool, "every node in its own process"),
+    shared.Option("--rate HZ", None, "time steps a second, to watch"),
+    shared.Option("--no-record", bool, "write no bag"),
+    shared.Option("--compression", ("zstd", "lz4", "none"), "of the bag"),
+    shared.Option("--max-bagfile-size BYTES", None, "begin another file of the bag after so many"),
+    shared.Option("--max-bagfile-duration SECONDS", None, "or after so many simulated seconds"),
+    shared.Option(
         "--checkpoint STEPS",
         RUN_SETTINGS["checkpoint"].parse,
         "record the tables and save what --resume needs each so many steps (default: 10000; 0: "
         "only at the end)",
     ),
-    Option("--tables DIR", None, "begin with the tables of that run"),
-    Option("--greedy", bool, "act on --tables without learning"),
+    shared.Option("--tables DIR", None, "begin with the tables of that run"),
+    shared.Option("--greedy", bool, "act on --tables without learning"),
     IMPROVE,
     *shared.WATCH,
     shared.JSON,
 )
 
 
-def execute(options: argparse.Namespace) -> int:
+def execute(options: argparse.Namespace) -> int | None:
     """Run the verb."""
     try:
         import rclpy  # noqa: F401
@@ -91,7 +90,7 @@ def _run(
         values, processes=options.processes, quiet=options.json, page=page, stop=stop
     )
     if options.json:
-        shared.print_json({"directory": str(out), **summary})
+        shared.tell(options, {"directory": out, **summary})
     else:
         _print(out, summary, resumed=options.resume is not None)
         learned = summary.get("steps_per_second") and not options.greedy and page is None

@@ -9,8 +9,7 @@ from contextlib import suppress
 from dataclasses import asdict
 from typing import Any, NamedTuple
 
-from sparse_coord_ros.cli import options as shared
-from sparse_coord_ros.cli.options import Option
+from sparse_coord_ros.cli.options import JSON, Option, tell
 from sparse_coord_ros.driving.trials import DRIVE_SETTINGS
 from sparse_coord_ros.errors import SettingError, did_you_mean
 from sparse_coord_ros.game.scenario import DIALOGUE, PROTOCOL, SETTINGS
@@ -43,11 +42,11 @@ class Entry(NamedTuple):
 
 OPTIONS = (
     Option("[names NAME...]", None, f"settings, learners, or groups: {', '.join(GROUPS)}"),
-    shared.JSON,
+    JSON,
 )
 
 
-def execute(options: argparse.Namespace) -> int:
+def execute(options: argparse.Namespace) -> None:
     """Run the verb."""
     names, everything = options.names, list(groups())
     known = [name for group, _, some in everything for name in (group, *some)]
@@ -63,13 +62,9 @@ def execute(options: argparse.Namespace) -> int:
         if chosen:
             facts[group] = {name: one.facts for name, one in chosen.items()}
             parts.append("\n".join([title, "", *lines_of(chosen, forms=bool(names))]))
-    if options.json:
-        shared.print_json(facts)
-        return 0
-    print("\n\n".join(parts))
     if not names:
-        print("\nThe forms of a setting with their numbers: sparse_coord settings NAME")
-    return 0
+        parts.append("The forms of a setting with their numbers: sparse_coord settings NAME")
+    tell(options, facts, "\n\n".join(parts))
 
 
 def groups() -> Iterator[tuple[str, str, dict[str, Entry]]]:

@@ -6,8 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from sparse_coord_ros.cli import options as shared
-from sparse_coord_ros.cli.options import Option
+from sparse_coord_ros.cli.options import BAG, JSON, Option, tell
 from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.files import write_whole
 from sparse_coord_ros.game.settings import Setting
@@ -23,14 +22,14 @@ EXAMPLE = (
 
 
 OPTIONS = (
-    shared.BAG,
+    BAG,
     Option("--step N", STEP.parse, "the checkpoint's time step; without: say which"),
     Option("--out DIR", Path, "where to write them"),
-    shared.JSON,
+    JSON,
 )
 
 
-def execute(options: argparse.Namespace) -> int:
+def execute(options: argparse.Namespace) -> None:
     """Run the verb."""
     from sparse_coord_ros.runlog.tracks import read_tracks
 
@@ -42,7 +41,8 @@ def execute(options: argparse.Namespace) -> int:
         for k in range(len(tracks.names))
     ]
     common = sorted(set.intersection(*(set(known) for known in of_each)))
-    said: dict[str, Any] = {"bag": str(options.bag), "steps": common}
+    said: dict[str, Any] = {"bag": options.bag, "steps": common}
+    lines = [str(step) for step in common] or ["no tables of all robots of one step"]
     if options.out is not None:
         step = options.step
         if step not in common:
@@ -54,11 +54,6 @@ def execute(options: argparse.Namespace) -> int:
         out = create_output(options.out)
         save_team(out, [known[step] for known in of_each])
         write_whole(out / RUN_FILE, tracks.run.to_yaml())
-        said |= {"step": step, "directory": str(out)}
-    if options.json:
-        shared.print_json(said)
-    elif options.out is None:
-        print("\n".join(map(str, common)) if common else "no tables of all robots of one step")
-    else:
-        print(f"tables  {options.out / TEAM_FILE}\nrun     {options.out / RUN_FILE}")
-    return 0
+        said |= {"step": step, "directory": out}
+        lines = [f"tables  {out / TEAM_FILE}", f"run     {out / RUN_FILE}"]
+    tell(options, said, *lines)

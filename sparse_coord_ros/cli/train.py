@@ -41,7 +41,7 @@ from sparse_coord_ros.learn.run_config import (
 )
 from sparse_coord_ros.learn.tables import TEAM_FILE, save_team
 from sparse_coord_ros.lockstep.checkpoints import CHECKPOINTS
-from sparse_coord_ros.solve.optimum import joint_optimum
+from sparse_coord_ros.solve.shipped import known_optimum
 from sparse_coord_ros.solve.verdict import LOST, last_word
 
 if TYPE_CHECKING:
@@ -79,13 +79,14 @@ OPTIONS = (
 )
 
 
-def execute(options: argparse.Namespace) -> int:
+def execute(options: argparse.Namespace) -> None:
     """Run the verb."""
     if not options.watch:
-        return learn(options, *begin(options))
+        learn(options, *begin(options))
+        return
     from sparse_coord_ros.cli import page
 
-    return page.one_by_one(options, begin, learn)
+    page.one_by_one(options, begin, learn)
 
 
 def begin(options: argparse.Namespace) -> tuple[Path, RunConfig]:
@@ -109,7 +110,7 @@ def begin(options: argparse.Namespace) -> tuple[Path, RunConfig]:
 
 def learn(
     options: argparse.Namespace, out: Path, run: RunConfig, server: "Server | None" = None
-) -> int:
+) -> None:
     """Let one team learn, save what it learned, and say so."""
     engine_for(run.scenario, run.rule, options.engine)  # refused before a directory is made
     if options.resume is None:
@@ -118,14 +119,14 @@ def learn(
     try:
         if not take_lock(folder):
             raise RunError(f"{out}: another process learns there; wait for its end, or stop it")
-        return _learn_there(options, out, run, server)
+        _learn_there(options, out, run, server)
     finally:
         os.close(folder)
 
 
 def _learn_there(
     options: argparse.Namespace, out: Path, run: RunConfig, server: "Server | None"
-) -> int:
+) -> None:
     checkpoint, resumed = out / CHECKPOINT_FILE, options.resume is not None
     view = None
     bar = Bar("steps", "setting up", quiet=options.json)
@@ -167,9 +168,7 @@ def _learn_there(
         raise
     if view is not None:
         view.end(done)
-    plan = planned(out, run, done.memories, done.tables) if run.improve else ({}, "")
-    _say(out, run, done, options.trials, plan, as_json=options.json)
-    return 0
+    _say(options, out, run, done)
 
 
 def _remove(out: Path) -> None:
@@ -210,42 +209,29 @@ def _save(out: Path, done: Training) -> None:
     (out / CHECKPOINT_FILE).unlink(missing_ok=True)
 
 
-def _say(
-    out: Path,
-    run: RunConfig,
-    done: Training,
-    trials: int | None,
-    plan: tuple[dict[str, Any], str],
-    *,
-    as_json: bool,
-) -> None:
+def _say(options: argparse.Namespace, out: Path, run: RunConfig, done: Training) -> None:
     """Print what was learned and where it is, and what was made of it."""
-    scenario = run.scenario
-    result = None
+    scenario, trials, lines = run.scenario, options.trials, []
+    facts: dict[str, Any] = {"directory": out, "learner": run.learner, "seed": run.seed}
+    facts |= {"engine": done.engine, "episodes": done.history.episodes}
+    plan, text = planned(out, run, done.memories, done.tables) if run.improve else ({}, "")
     if trials != 0:
         exact = None if trials is None else False
         result = evaluation_of(run, done.tables, trials or TRIALS.default, 0, exact=exact)
-    if as_json:
-        said: dict[str, Any] = {"directory": str(out), "learner": run.learner, "seed": run.seed}
-        said |= {"engine": done.engine, "episodes": done.history.episodes}
-        if result is not None:
-            optimum = joint_optimum(scenario)
-            said["evaluation"] = result.to_dict()
-            said["last_word"] = last_word(scenario, run.rule, result)
-            said |= {"optimum": optimum.value, "optimum_exact": optimum.exact}
-        if done.evaluations:
-            said["evaluations"] = [{"steps": n, **e.to_dict()} for n, e in done.evaluations]
-        shared.print_json(said | {"improved": plan[0]} if run.improve else said)
-        return
-    if result is not None:
-        print(result_table([Evaluated(out, run, result)]))
-        word = last_word(scenario, run.rule, result)
-        print("\n".join([word.text, *(advice(scenario, done) if word.kind == LOST else [])]))
-    print(f"tables   {out / TEAM_FILE}\nhistory  {out / HISTORY_FILE}\nrun      {out / RUN_FILE}")
+        word, optimum = last_word(scenario, run.rule, result), known_optimum(scenario)
+        facts |= {"optimum": optimum.value, "optimum_exact": optimum.exact, "last_word": word}
+        facts["evaluation"] = result.to_dict()
+        lines = [result_table([Evaluated(out, run, result)]), word.text]
+        lines += advice(scenario, done) if word.kind == LOST else []
+    lines += [f"tables   {out / TEAM_FILE}", f"history  {out / HISTORY_FILE}"]
+    lines.append(f"run      {out / RUN_FILE}")
     if done.evaluations:
-        print(f"on the way  {out / EVALUATIONS_FILE}")
+        facts["evaluations"] = [{"steps": n, **e.to_dict()} for n, e in done.evaluations]
+        lines.append(f"on the way  {out / EVALUATIONS_FILE}")
     if run.improve:
-        print(f"\n{plan[1]}")
+        facts["improved"] = plan
+        lines += ["", text]
+    shared.tell(options, facts, *lines)
 
 
 def advice(scenario: Scenario, done: Training) -> list[str]:

@@ -55,7 +55,7 @@ def add_verb(verbs: Any, name: str) -> None:
     """Import a verb's module and add its parser.
 
     The module has an `EXAMPLE` that works, its `OPTIONS`, and `execute(options)`, which returns
-    the exit code.
+    the exit code; None: 0.
 
     Args:
         verbs: the subparsers of `sparse_coord`.

@@ -5,8 +5,7 @@
 import argparse
 from collections.abc import Iterator
 
-from sparse_coord_ros.cli import options as shared
-from sparse_coord_ros.cli.options import Option
+from sparse_coord_ros.cli.options import BAG, JSON, Option, tell
 
 SHOWN = 10
 CANNOT_TELL = 3
@@ -30,9 +29,9 @@ EXAMPLE = "sparse_coord verify runs/demo/bag"
 
 
 OPTIONS = (
-    shared.BAG,
+    BAG,
     Option("--all", bool, f"print all differences, not the first {SHOWN}"),
-    shared.JSON,
+    JSON,
 )
 
 
@@ -41,21 +40,11 @@ def execute(options: argparse.Namespace) -> int:
     from sparse_coord_ros.runlog import verify
 
     found = verify(options.bag)
-    if options.json:
-        shared.print_json(
-            {
-                "bag": found.log.bag.path,
-                "identical": found.same,
-                "cannot_tell": found.cannot_tell,
-                **{name: value for name, value in vars(found).items() if name != "log"},
-                "rollbacks": found.log.tracks.rollbacks,
-                "gaps": found.log.gaps,
-                "losses": found.log.losses,
-            }
-        )
-    else:
-        lines = (*_account(found), *_outcome(found, None if options.all else SHOWN))
-        print("\n".join(lines))
+    log, facts = found.log, {name: one for name, one in vars(found).items() if name != "log"}
+    facts |= {"bag": log.bag.path, "identical": found.same, "cannot_tell": found.cannot_tell}
+    facts |= {"rollbacks": log.tracks.rollbacks, "gaps": log.gaps, "losses": log.losses}
+    shown = None if options.all else SHOWN
+    tell(options, facts, *_account(found), *_outcome(found, shown))
     if found.cannot_tell:
         return CANNOT_TELL
     return 0 if found.same else 1

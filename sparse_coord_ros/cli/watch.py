@@ -7,8 +7,7 @@ import threading
 from contextlib import suppress
 from pathlib import Path
 
-from sparse_coord_ros.cli import options as shared
-from sparse_coord_ros.cli.options import Option
+from sparse_coord_ros.cli.options import PAGE, Option, ros_missing
 from sparse_coord_ros.cli.page import announce, served
 from sparse_coord_ros.game.settings import Setting
 
@@ -27,27 +26,14 @@ OPTIONS = (
     ),
     RATE,
     Option("--step N", STEP.parse, "of a bag: time step to begin at (default: what was learned)"),
-    *shared.PAGE,
+    *PAGE,
 )
 
 
-def execute(options: argparse.Namespace) -> int:
+def execute(options: argparse.Namespace) -> int | None:
     """Run the verb."""
-    return _bags(options) if options.bags else _live(options)
-
-
-def _live(options: argparse.Namespace) -> int:
-    try:
-        from sparse_coord_ros.nodes.spin import run_node
-        from sparse_coord_ros.nodes.watch import WatchNode
-    except ImportError as error:
-        raise shared.ros_missing(error, "sparse_coord watch BAG") from None
-    with served(options) as server:
-        announce(server, options)
-        return run_node(lambda context: WatchNode(context=context, values={}, server=server), [])
-
-
-def _bags(options: argparse.Namespace) -> int:
+    if not options.bags:
+        return _live(options)
     from sparse_coord_ros.look.page.bag_source import BagSource
     from sparse_coord_ros.look.page.board import Board
     from sparse_coord_ros.look.page.training_source import TrainedView
@@ -65,4 +51,15 @@ def _bags(options: argparse.Namespace) -> int:
         for other in others:
             threading.Thread(target=other.play, daemon=True).start()
         first.play()
-    return 0
+    return None
+
+
+def _live(options: argparse.Namespace) -> int:
+    try:
+        from sparse_coord_ros.nodes.spin import run_node
+        from sparse_coord_ros.nodes.watch import WatchNode
+    except ImportError as error:
+        raise ros_missing(error, "sparse_coord watch BAG") from None
+    with served(options) as server:
+        announce(server, options)
+        return run_node(lambda context: WatchNode(context=context, values={}, server=server), [])

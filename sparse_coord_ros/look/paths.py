@@ -81,7 +81,7 @@ def floor_figure(
     return figure
 
 
-def paths_figure(run: RunConfig, driven: Drive, title: str) -> Figure:
+def paths_figure(run: RunConfig, driven: Drive) -> Figure:
     """Draw the paths of the episodes that were followed over the floor.
 
     A cross is where two bodies touched, in any episode.
@@ -89,13 +89,13 @@ def paths_figure(run: RunConfig, driven: Drive, title: str) -> Figure:
     Args:
         run: the run.
         driven: what came of the drive.
-        title: above the picture.
     """
     scenario = run.scenario
+    episodes = 1 + max((moment.episode for moment in driven.floor.path), default=0)
+    title = f"{scenario.name}: {episodes} episodes driven"
     plan = floor_plan_of(scenario.map)
     figure = floor_figure(scenario.map, scenario.robots, plan, side=run.resolution, title=title)
     axes = figure.axes[0]
-    episodes = 1 + max((moment.episode for moment in driven.floor.path), default=0)
     key = []
     for k, robot in enumerate(scenario.robots):
         colour, style = robot_colour(k), LINES[k % len(LINES)]
