@@ -49,16 +49,9 @@ FRAMES_A_SECOND = 20
 """Messages of one type that a page gets at most in a second."""
 
 HEARTBEAT_SECONDS = 20.0
-FILES = {
-    "index.html": "text/html",
-    "import.html": "text/html",
-    **{
-        f"{name}.js": "text/javascript"
-        for name in ("page", "import", "draw", "stream", "view", "map", "curves", "panels")
-    },
-    "style.css": "text/css",
-    "icon.svg": "image/svg+xml",
-}
+TYPES = {"html": "text/html", "js": "text/javascript", "css": "text/css", "svg": "image/svg+xml"}
+"""Of the files, by how their names end."""
+
 HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; "
     "img-src 'self' data:; connect-src 'self'; frame-src 'self'; base-uri 'none'; "
@@ -103,10 +96,10 @@ class Page:
         if not self._local:
             self._names |= {socket.gethostname().lower(), socket.getfqdn().lower()}
         folder = resources.files("sparse_coord_ros.look.page") / "static"
-        self._files = {name: (folder / name).read_bytes() for name in FILES}
+        self._files = {one.name: one.read_bytes() for one in folder.iterdir()}
         self.app = web.Application(middlewares=[self._guard], client_max_size=LARGEST_MESSAGE)
         self.app.router.add_get("/", self._file)
-        for name in FILES:
+        for name in self._files:
             self.app.router.add_get(f"/{name}", self._file)
         self.app.router.add_get("/ws", self._stream)
         self.app.on_response_prepare.append(_add_headers)
@@ -137,7 +130,8 @@ class Page:
 
     async def _file(self, request: web.Request) -> web.Response:
         name = request.path[1:] or self._index
-        return web.Response(body=self._files[name], content_type=FILES[name], charset="utf-8")
+        kind = TYPES[name.rpartition(".")[2]]
+        return web.Response(body=self._files[name], content_type=kind, charset="utf-8")
 
     async def _stream(self, request: web.Request) -> web.StreamResponse:
         wanted = request.query.get("run", "0")

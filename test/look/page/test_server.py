@@ -31,10 +31,10 @@ from sparse_coord_ros.look.page.controls import (
     parse_control,
 )
 from sparse_coord_ros.look.page.server import (
-    FILES,
     LARGEST_MESSAGE,
     MOST_OTHERS,
     MOST_PAGES,
+    TYPES,
     Page,
     Server,
 )
@@ -96,7 +96,8 @@ def test_a_board_gives_what_is_newer_the_oldest_first():
 
 @served
 async def test_fixed_files_and_nothing_else(client, page):
-    for name, kind in {"": "text/html", **FILES}.items():
+    for name in ("", *page._files):
+        kind = TYPES[(name or "index.html").rpartition(".")[2]]
         answer = await client.get(f"/{name}")
         assert (answer.status, answer.content_type) == (200, kind), name
         assert "default-src 'none'" in answer.headers["Content-Security-Policy"]

@@ -201,8 +201,5 @@ $("save").onclick = () => wish("save");
 $("train").onclick = () => wish("train");
 $("stop").onclick = () => send("stop");
 $("drive").onclick = () => send("drive");
-$("closer").onclick = () => view.zoom(1.5);
-$("further").onclick = () => view.zoom(1 / 1.5);
-$("fit").onclick = () => view.fit();
 
 const { send } = connect("?run=1", (message) => TAKE[message.type]?.(message), () => { $("state").textContent = "not connected"; });

@@ -221,9 +221,6 @@ const jump = (kind) => send("jump", kind);
 $("jumps").append(...Object.entries(JUMPS).map(([kind, [words, key]]) =>
   html("button", { type: "button", className: kind, title: `the next one (${key})`, disabled: true, onclick: () => jump(kind) }, words)));
 [...$("jumps").children].forEach((button, k) => { button.dataset.kind = Object.keys(JUMPS)[k]; });
-$("closer").onclick = () => map.zoom(1.5);
-$("further").onclick = () => map.zoom(1 / 1.5);
-$("fit").onclick = () => map.fit();
 for (const name of ["arrows", "rings", "heat", "trails"]) {
   $(`show-${name}`).onchange = (event) => { map.layers[name] = event.target.checked; map.redraw(); };
 }
@@ -254,9 +251,9 @@ const KEYS = {
   "-": ["rate", () => faster(-1)],
   r: ["reset", () => send("reset")],
   l: ["jump", () => jump("learned")],
-  z: [null, () => map.zoom(1.5)],
-  x: [null, () => map.zoom(1 / 1.5)],
-  f: [null, () => map.fit()],
+  z: [null, () => $("closer").click()],
+  x: [null, () => $("further").click()],
+  f: [null, () => $("fit").click()],
   t: [null, () => $("theme").click()],
   "?": [null, () => $("help").click()],
 };

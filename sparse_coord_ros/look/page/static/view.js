@@ -1,5 +1,7 @@
 // Copyright 2026 The sparse_coord_ros authors. SPDX-License-Identifier: Apache-2.0
-// Which part of a picture is seen: zoom, pan and fit, by wheel, by dragging, or by a call.
+// Which part of a picture is seen: zoom, pan and fit, by wheel, by dragging, by buttons, or by a call.
+
+import { $, html } from "/draw.js";
 
 const STILL = 4; // pixels that a click may wander
 
@@ -11,6 +13,9 @@ export class View {
       this.zoom(1.2 ** -Math.sign(event.deltaY), this.under(event));
     }, { passive: false });
     element.addEventListener("pointerdown", (event) => { this.pressed = event; this.dragged = false; });
+    const button = (id, words, title, onclick) => html("button", { id, type: "button", title, onclick }, words);
+    $("zoom").replaceChildren(button("closer", "+", "closer", () => this.zoom(1.5)),
+      button("further", "−", "further away", () => this.zoom(1 / 1.5)), button("fit", "Fit", "the whole map", () => this.fit()));
     new ResizeObserver(() => this.whole && this.look()).observe(element);
   }
 
