@@ -20,7 +20,7 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from datetime import UTC, datetime
-from itertools import count
+from itertools import count, product
 from pathlib import Path
 from typing import Any
 
@@ -84,27 +84,24 @@ def add_bound(scenario: Scenario, restarts: int, search: Path | None = None) -> 
     return found
 
 
-def find_bounds(restarts: int, keep: Path) -> None:
+def find_bounds(options: argparse.Namespace) -> None:
     """Search for the class bounds of the paper's scenarios."""
-    keep.mkdir(parents=True, exist_ok=True)
-    for name in SCENARIOS:
-        for penalty in PENALTIES:
-            scenario = load_scenario(name).with_settings({"penalty": penalty})
-            add_bound(scenario, restarts, keep / f"{name}_{penalty}.search.json")
+    options.keep.mkdir(parents=True, exist_ok=True)
+    for name, penalty in product(SCENARIOS, PENALTIES):
+        scenario = load_scenario(name).with_settings({"penalty": penalty})
+        add_bound(scenario, options.restarts, options.keep / f"{name}_{penalty}.search.json")
 
 
-def find_teams(out: Path) -> None:
+def find_teams(options: argparse.Namespace) -> None:
     """Find the best of the learned teams of each crowd."""
-    computed = computing(out, Computing())
+    computed = computing(options.out, Computing())
     for name in MANY:
         condition = make_condition(name, "factored", LONG)
         rewards = computed(condition, CROWDS.plan(condition)).run_means("reward")
-        scenario = condition.scenario
+        scenario, judged = condition.scenario, []
         prepare("factored")
         team = CompiledTeam(scenario, "factored")
-        judged = []
-        for run in np.argsort(rewards)[-FEW:].tolist():
-            seed = SEED + run
+        for seed in (SEED + np.argsort(rewards)[-FEW:]).tolist():
             means = team.play(team.learn(seed), seed + FRESH, TRIALS).reward.mean(axis=1)
             judged.append((float(means.mean()), float(means.std(ddof=1) / TRIALS**0.5), seed))
         value, error, seed = max(judged)
@@ -124,16 +121,15 @@ def find_teams(out: Path) -> None:
         write("best_teams.json", {f"{name}, penalty {scenario.penalty:g}": asdict(best)})
 
 
-def choose_unseen() -> None:
+def choose_unseen(_: argparse.Namespace) -> None:
     """Choose the buildings of the benchmark, and search for the class bounds of two robots."""
     chosen = {}
-    for robots in TEAMS:
-        for kind in KINDS:
-            for scenario, facts in _with_conflict(kind, robots):
-                print(scenario.name, facts, flush=True)
-                chosen[scenario.name] = {"game": game_digest(scenario), **facts}
-                if robots == 2:
-                    add_bound(scenario, UNSEEN_RESTARTS)
+    for robots, kind in product(TEAMS, KINDS):
+        for scenario, facts in _with_conflict(kind, robots):
+            print(scenario.name, facts, flush=True)
+            chosen[scenario.name] = {"game": game_digest(scenario), **facts}
+            if robots == 2:
+                add_bound(scenario, UNSEEN_RESTARTS)
     write(UNSEEN, chosen, afresh=True)
 
 
@@ -159,21 +155,19 @@ def _with_conflict(kind: str, robots: int) -> Iterator[tuple[Scenario, dict[str,
             yield scenario, facts
 
 
+FINDERS = {"bounds": find_bounds, "teams": find_teams, "unseen": choose_unseen}
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Compute, print, and write."""
     parser = argparse.ArgumentParser(prog="python -m tools.shipped", description=__doc__)
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.add_argument("what", choices=("bounds", "teams", "unseen"))
+    parser.add_argument("what", choices=FINDERS)
     parser.add_argument("--restarts", type=int, default=100, help="of each search for a bound")
     parser.add_argument("--keep", type=Path, default=Path("searches"), metavar="SEARCHES")
     parser.add_argument("--out", type=Path, default=Path("study"), help="results of tools.study")
     options = parser.parse_args(arguments)
-    if options.what == "bounds":
-        find_bounds(options.restarts, options.keep)
-    elif options.what == "teams":
-        find_teams(options.out)
-    else:
-        choose_unseen()
+    FINDERS[options.what](options)
 
 
 if __name__ == "__main__":

@@ -11,10 +11,12 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 
 from nav_msgs.srv import GetPlan
 from rclpy.context import Context
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.game.world import Action, Reward
@@ -38,6 +40,11 @@ def listen(
     node.create_subscription(topic.type, topic.of(robot), then, topic.qos, raw=True)
 
 
+def publisher(node: Node, topic: interface.RosTopic, robot: str = "") -> Publisher:
+    """Return a publisher of a robot's topic, or of one that all share."""
+    return node.create_publisher(topic.type, topic.of(robot) if robot else topic.name, topic.qos)
+
+
 class BareWorld(Node):
     """Publishes clock, rewards and states as soon as every robot has acted, `steps` times."""
 
@@ -47,10 +54,10 @@ class BareWorld(Node):
         self.started = 0.0
         self.seconds = 0.0
         reward, state = CONVERT.pack_reward(1, Reward(0, 0, 0, 0)), CONVERT.pack_state(1, 0)
-        self._messages = [(self._publisher(interface.CLOCK), CLOCK_FORM.layout.pack(1, 0))]
+        self._messages = [(publisher(self, interface.CLOCK), CLOCK_FORM.layout.pack(1, 0))]
         for robot in ROBOTS:
-            self._messages.append((self._publisher(interface.REWARD, robot), reward))
-            self._messages.append((self._publisher(interface.LOCAL_STATE, robot), state))
+            self._messages.append((publisher(self, interface.REWARD, robot), reward))
+            self._messages.append((publisher(self, interface.LOCAL_STATE, robot), state))
             listen(self, interface.ACTION, robot, self._on_action)
         self.create_timer(0.02, self._start)
 
@@ -61,7 +68,7 @@ class BareWorld(Node):
 
     def _start(self) -> None:
         actions = [self.count_publishers(interface.ACTION.of(robot)) for robot in ROBOTS]
-        listeners = [publisher.get_subscription_count() for publisher, _ in self._messages[1:]]
+        listeners = [one.get_subscription_count() for one, _ in self._messages[1:]]
         if not self.started and all(actions) and all(listeners):
             self.started = time.perf_counter()
             self._publish()
@@ -77,13 +84,8 @@ class BareWorld(Node):
                 self.seconds = time.perf_counter() - self.started
 
     def _publish(self) -> None:
-        for publisher, data in self._messages:
-            publisher.publish(data)
-
-    def _publisher(self, topic: interface.RosTopic, robot: str = ""):
-        return self.create_publisher(
-            topic.type, topic.of(robot) if robot else topic.name, topic.qos
-        )
+        for one, data in self._messages:
+            one.publish(data)
 
 
 class BareRobot(Node):
@@ -94,9 +96,7 @@ class BareRobot(Node):
         super().__init__(name, context=context)
         self._count = 0
         self._action = CONVERT.pack_action(1, Action(0, False, -1, False), Account(0, False))
-        self._publisher = self.create_publisher(
-            interface.ACTION.type, interface.ACTION.of(name), interface.ACTION.qos
-        )
+        self._publisher = publisher(self, interface.ACTION, name)
         self._path = CONVERT.path(1, (0,))
         self.create_service(GetPlan, services.ACTIVE_PERCEPTION.of(name), self._on_asked)
         self._client = self.create_client(GetPlan, services.ACTIVE_PERCEPTION.of(peer))
@@ -138,22 +138,11 @@ def one_process(steps: int) -> float:
 def separate_processes(steps: int) -> float:
     """Return the bare steps a second with every node in its own process."""
     command = [sys.executable, "-m", "tools.bench.ceiling"]
-    robots = [
-        subprocess.Popen([*command, "robot", str(number)], stdin=subprocess.PIPE, env=one_host())
-        for number in range(len(ROBOTS))
-    ]
-    try:
-        world = subprocess.run(
-            [*command, "world", str(steps)],
-            stdout=subprocess.PIPE,
-            text=True,
-            check=True,
-            env=one_host(),
-        )
-    finally:
-        for robot in robots:
-            robot.communicate()  # closes standard input, and waits
-    return float(world.stdout)
+    with ExitStack() as robots:  # at its end closes their standard input, and waits
+        for number in range(len(ROBOTS)):
+            robot = [*command, "robot", str(number)]
+            robots.enter_context(subprocess.Popen(robot, stdin=subprocess.PIPE, env=one_host()))
+        return float(subprocess.check_output([*command, "world", str(steps)], env=one_host()))
 
 
 def main() -> int:

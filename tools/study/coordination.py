@@ -17,16 +17,9 @@ from sparse_coord_ros.engine.batch import prepare, run_batch
 from sparse_coord_ros.experiments.benchmark import Standing, failed_teams, standings
 from sparse_coord_ros.experiments.catalogue import CLOSE, LONG, unseen_conditions
 from sparse_coord_ros.experiments.conditions import Condition, make_condition
+from sparse_coord_ros.experiments.report import text
 from sparse_coord_ros.experiments.report.analysis import gap_closed
 from sparse_coord_ros.experiments.report.rows import class_bound
-from sparse_coord_ros.experiments.report.text import (
-    Row,
-    bound_of,
-    percent,
-    size,
-    to_markdown,
-    with_error,
-)
 from sparse_coord_ros.experiments.store import ConditionResult, Plan
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.learn.learners import learner_of
@@ -109,10 +102,11 @@ def failed_share(result: ConditionResult) -> float:
 
 
 def _reward(result: ConditionResult) -> str:
-    return with_error(result.best("reward"))
+    return text.with_error(result.best("reward"))
 
 
-def _reward_and_failed(result: ConditionResult) -> str:
+def reward_and_failed(result: ConditionResult) -> str:
+    """Return the reward of a condition, and where teams fail their share."""
     failed = failed_share(result)
     return _reward(result) + (f", {failed:.0%} fail" if failed else "")
 
@@ -122,7 +116,7 @@ def _mean(result: ConditionResult, measure: str, digits: int = 2) -> str:
 
 
 def _pairs(found: Found) -> str:
-    rows: list[Row] = []
+    rows: list[text.Row] = []
     for name in ONE_PAIR:
         own, base = found(_factored(name, LONG)), found(make_condition(name, "noncoop", LONG))
         bound, share = class_bound(own), None
@@ -134,19 +128,19 @@ def _pairs(found: Found) -> str:
                 "factored": _reward(own),
                 "worst team": f"{own.run_means('reward').min():.2f}",
                 "asks": _mean(own, "asks"),
-                "failed teams": percent(failed_share(own)),
+                "failed teams": text.percent(failed_share(own)),
                 "Non-coop.": _reward(base),
-                "class bound": bound_of(own),
+                "class bound": text.bound_of(own),
                 "share of the gap": None
                 if share is None
-                else f"{percent(share.mean)} ({100 * share.standard_error:.1f})",
+                else f"{text.percent(share.mean)} ({100 * share.standard_error:.1f})",
             }
         )
-    return to_markdown(rows)
+    return text.to_markdown(rows)
 
 
 def _many(found: Found) -> str:
-    rows: list[Row] = []
+    rows: list[text.Row] = []
     for name in MANY:
         own, coop, base = _each(found, name, LONG)
         rows.append(
@@ -155,14 +149,14 @@ def _many(found: Found) -> str:
                 "factored": _reward(own),
                 "asks": _mean(own, "asks"),
                 "miscoordinations": _mean(own, "miscoordinations", 3),
-                "trials in which all arrive": percent(own.arrived, 2),
-                "failed teams": percent(failed_share(own)),
+                "trials in which all arrive": text.percent(own.arrived, 2),
+                "failed teams": text.percent(failed_share(own)),
                 "coop": _reward(coop),
                 "Non-coop.": _reward(base),
                 "planner with routes": f"{ROUTES[name]:.2f}",
             }
         )
-    return to_markdown(rows)
+    return text.to_markdown(rows)
 
 
 ABLATED: Mapping[str, tuple[str, Mapping[str, object]]] = {
@@ -179,13 +173,12 @@ ABLATION = (*CLOSE, "cmu", "env2-4r", "crowd-8r")
 
 
 def _ablation(found: Found) -> str:
-    rows: list[Row] = []
+    rows: list[text.Row] = []
     for what, (rule, more) in ABLATED.items():
-        row: dict[str, str | None] = {"what": what}
-        for name in ABLATION:
-            row[name] = _reward_and_failed(found(make_condition(name, rule, {**LONG, **more})))
-        rows.append(row)
-    return to_markdown(rows)
+        made = {name: make_condition(name, rule, {**LONG, **more}) for name in ABLATION}
+        told = {name: reward_and_failed(found(one)) for name, one in made.items()}
+        rows.append({"what": what, **told})
+    return text.to_markdown(rows)
 
 
 PERCEPTS: Mapping[str, Mapping[str, object]] = {
@@ -203,14 +196,12 @@ PERCEPTS: Mapping[str, Mapping[str, object]] = {
 
 
 def _percepts(found: Found) -> str:
-    rows: list[Row] = []
+    rows: list[text.Row] = []
     for what, settings in PERCEPTS.items():
-        row: dict[str, str | None] = {"what": what}
-        for name in CLOSE:
-            row[name] = _reward_and_failed(found(_factored(name, settings)))
-        row["env1, coop"] = _reward(found(make_condition("env1", "coop", settings)))
-        rows.append(row)
-    return to_markdown(rows)
+        told = {name: reward_and_failed(found(_factored(name, settings))) for name in CLOSE}
+        coop = _reward(found(make_condition("env1", "coop", settings)))
+        rows.append({"what": what, **told, "env1, coop": coop})
+    return text.to_markdown(rows)
 
 
 ROBOTS = (4, 8, 16)
@@ -219,16 +210,12 @@ BUILDINGS = ("3x2x4-{}r-0", "3x2x4-{}r-1", "3x2x4-{}r-2", "4x2x5-{}r-0")
 
 def _scale(found: Found) -> str:
     """Return how teams of growing size stand in generated buildings."""
-    rows = []
-    for robots in ROBOTS:
-        names = [f"building-{one.format(robots)}" for one in BUILDINGS]
-        rows.append(_scale_row(found, robots, names))
-    return to_markdown(rows)
+    return text.to_markdown([_scale_row(found, robots) for robots in ROBOTS])
 
 
-def _scale_row(found: Found, robots: int, names: Sequence[str]) -> Row:
-    given = {"penalty": -100}
-    by_name = [_each(found, name, given) for name in names]
+def _scale_row(found: Found, robots: int) -> text.Row:
+    names = [f"building-{one.format(robots)}" for one in BUILDINGS]
+    by_name = [_each(found, name, {"penalty": -100}) for name in names]
     factored, coop, base = (list(own) for own in zip(*by_name, strict=True))
     scenarios = [one.scenario for one in factored]
     bound = np.mean([independent_bound(one) for one in scenarios])
@@ -245,7 +232,7 @@ def _scale_row(found: Found, robots: int, names: Sequence[str]) -> Row:
         "miscoordinations": f"{np.mean([o.best('miscoordinations').mean for o in factored]):.3f}",
         "trials in which all arrive": _arrived(factored),
         "of coop's": _arrived(coop),
-        "bytes a robot": size(held),
+        "bytes a robot": text.size(held),
         "seconds to learn": f"{np.mean(spent):.2f}",
     }
 
@@ -258,7 +245,7 @@ def _pooled(results: Sequence[ConditionResult]) -> str:
 
 
 def _arrived(results: Sequence[ConditionResult]) -> str:
-    return percent(float(np.mean([result.arrived for result in results])), 2)
+    return text.percent(float(np.mean([result.arrived for result in results])), 2)
 
 
 def learning_seconds(scenario: Scenario, learner: str = "factored") -> float:
@@ -284,23 +271,23 @@ def _unseen(found: Found) -> str:
         own = [found(one) for one in unseen_conditions(learner, "tuning", settings)]
         judged[what] = standings(own) | standings(own, by_kind=True)
     factored = judged["factored"]
-    rows: list[Row] = [
+    rows: list[text.Row] = [
         {
             "teams": where,
             "shortest paths": f"{own.paths:.2f}",
             "bound": f"{own.bound:.2f}",
-            "factored": with_error(own.reward),
+            "factored": text.with_error(own.reward),
             **{f"share, {what}": _share(stood[where]) for what, stood in judged.items()},
             "failed teams": own.of_teams(own.failed),
         }
         for where, own in sorted(factored.items())
         if where in ("2r", "4r", "8r") or "corridor" in where
     ]
-    return to_markdown(rows)
+    return text.to_markdown(rows)
 
 
 def _share(one: Standing) -> str:
-    return f"{percent(one.share.mean)} ({100 * one.share.standard_error:.1f})"
+    return f"{text.percent(one.share.mean)} ({100 * one.share.standard_error:.1f})"
 
 
 CROWDS = Study("many", (200, 100), 300, _many)

@@ -7,7 +7,7 @@ import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -55,11 +55,9 @@ def table(
     """
     rows: list[Row] = []
     for *names, steps, count in (*PAIRS, MANY):
+        given = {"penalty": -100, "steps": steps}
         for name in names:
-            own, base = (
-                make_condition(name, learner, {"penalty": -100, "steps": steps})
-                for learner in ("factored", "noncoop")
-            )
+            own, base = (make_condition(name, one, given) for one in ("factored", "noncoop"))
             low, bound = found(base).best("reward").mean, known_best(own.scenario)
             rows.append(_row(name, [(own, low, bound or planners[name])], count, kept))
     for robots, steps, count in BUILDINGS:
@@ -113,12 +111,11 @@ def _teams(condition: Condition, count: int, kept: Path) -> list[Team]:
         seconds = time.process_time() - since
         worth = []
         for tables in (compiled.tables(minds), plan.tables):
-            exact = exact_means(scenario, tables, learner)
-            if exact is None:
+            means: Any = exact_means(scenario, tables, learner)
+            if means is None:
                 known = compiled.remembered(list(map(remembering, memories, tables)))
-                worth.append(float(compiled.play(known, seed, TRIALS).reward.mean()))
-            else:
-                worth.append(float(exact.reward.mean()))
+                means = compiled.play(known, seed, TRIALS)
+            worth.append(float(means.reward.mean()))
         found.append(Team(worth[0], worth[1], seconds))
         write_whole(file, json.dumps(found))
     return found[:count]

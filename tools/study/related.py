@@ -3,19 +3,20 @@
 """The study of docs/related.md: all learners on maps old and new, asking priced and free."""
 
 from collections.abc import Mapping
+from itertools import product
 from pathlib import Path
 
 import sparse_coord_ros
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.experiments.catalogue import LONG
 from sparse_coord_ros.experiments.conditions import make_condition
-from sparse_coord_ros.experiments.report.text import Row, to_markdown, with_error
+from sparse_coord_ros.experiments.report.text import Row, to_markdown
 from sparse_coord_ros.experiments.store import ConditionResult
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.learners import learner_of
 from sparse_coord_ros.solve.shipped import known_best
 from sparse_coord_ros.solve.simdp import PLANNERS, sparse_plan
-from tools.study.coordination import ROUTES, Found, Study, failed_share, learning_seconds
+from tools.study.coordination import ROUTES, Found, Study, learning_seconds, reward_and_failed
 
 SEED, RUNS, TRIALS = 1_300_000, 100, 200
 """Seeds that no search has seen."""
@@ -50,16 +51,12 @@ def _reward(found: Found, name: str, learner: str, price: int) -> ConditionResul
 
 def _learners(found: Found) -> str:
     rows: list[Row] = []
-    for name in SCENARIOS:
-        for price in (1, 0):
-            row: dict[str, str | None] = {"scenario": name, "a question costs": f"{price}"}
-            for learner in LEARNERS:
-                one, told = _reward(found, name, learner, price), None
-                if one is not None:
-                    failed = f", {failed_share(one):.0%} fail" if failed_share(one) else ""
-                    told = with_error(one.best("reward")) + failed
-                row[learner] = told
-            rows.append(row | _planned(name, price))
+    for name, price in product(SCENARIOS, (1, 0)):
+        row: dict[str, str | None] = {"scenario": name, "a question costs": f"{price}"}
+        for learner in LEARNERS:
+            one = _reward(found, name, learner, price)
+            row[learner] = None if one is None else reward_and_failed(one)
+        rows.append(row | _planned(name, price))
     return to_markdown(rows)
 
 
