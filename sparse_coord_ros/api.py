@@ -283,7 +283,7 @@ def train_many(
     problem = rule.with_defaults(loaded(scenario))
     seed = RUN_SETTINGS["seed"].parse(seed)
     plan = Plan(seed, RUNS.parse(runs), TRIALS_OR_NONE.parse(trials))
-    check_place(jobs, scheduler)
+    jobs = check_place(jobs, scheduler)
     done: list[Training] = []
     with cluster_at(scheduler) as cluster:
         for run in run_batch(
@@ -467,6 +467,11 @@ def sweep(
         ResultsError, OSError, RunError, PluginError: as `run_experiment`.
     """
     problem = loaded(scenario)
+    if not isinstance(over, Mapping):
+        raise SettingError(
+            f"sweep: over is {in_short(over)}, allowed: the values of each setting by its name, "
+            "e.g. {'penalty': [-1, -10]}"
+        )
     values: dict[str, list[Any]] = {"learner": [learner]}
     for name, given in over.items():
         many = isinstance(given, Iterable) and not isinstance(given, str)

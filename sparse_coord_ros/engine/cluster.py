@@ -39,15 +39,15 @@ TASKS_A_THREAD = 4
 JOBS = Setting("jobs", int, 1, "threads (or processes) at once", low=1, high=4096)
 
 
-def check_place(jobs: int | None, scheduler: SchedulerLike) -> None:
-    """Raise `SettingError` for jobs that are none, or where a cluster is told what to do, too."""
-    if jobs is not None:
-        JOBS.parse(jobs)
+def check_place(jobs: int | None, scheduler: SchedulerLike) -> int | None:
+    """Return jobs; `SettingError` where they are none, or a cluster is told what to do, too."""
+    jobs = None if jobs is None else int(JOBS.parse(jobs))
     if jobs is not None and scheduler is not None:
         raise SettingError(
             f"setting jobs: value is {jobs}, allowed with a scheduler: none, as its workers say "
             "how many threads they have; leave one of the two out"
         )
+    return jobs
 
 
 @contextmanager

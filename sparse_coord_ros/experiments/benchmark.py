@@ -138,7 +138,7 @@ def benchmark(
     learner: LearnerLike = "factored",
     *,
     split: str = "tuning",
-    robots: Sequence[int] = TEAMS,
+    robots: int | Sequence[int] = TEAMS,
     steps: int = 100_000,
     out: str | Path | None = None,
     runs: int = TEAM_RUNS.default,
@@ -159,7 +159,7 @@ def benchmark(
         learner: who learns.
         split: "tuning": the buildings by which rules and numbers are chosen; "test": the others,
             to be opened once, for closing figures.
-        robots: sizes of teams, of 2, 4 and 8.
+        robots: sizes of teams, of 2, 4 and 8, or one of them.
         steps: step budget of learning, in transitions.
         out: results directory, as of `run_experiment`; None: nothing is saved.
         runs: teams that learn in each building.
@@ -176,7 +176,8 @@ def benchmark(
         ResultsError, OSError, RunError, PluginError: as `run_experiment`.
     """
     name = chosen_learner(learner).label
-    conditions = unseen_conditions(name, split, {"steps": steps, **settings}, tuple(robots))
+    sizes = (robots,) if isinstance(robots, int) else tuple(robots)
+    conditions = unseen_conditions(name, split, {"steps": steps, **settings}, sizes)
     results = run_experiment(
         conditions,
         out=out,

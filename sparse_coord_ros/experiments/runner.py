@@ -338,7 +338,7 @@ def run_experiment(
     seed = RUN_SETTINGS["seed"].parse(seed)
     plan = Plan(seed, RUNS.parse(runs), TRIALS.parse(trials))
     targets = parse_targets(asked, plan)
-    check_place(jobs, scheduler)
+    jobs = check_place(jobs, scheduler)
     if out is None and (targets.runs or report):
         raise SettingError("single runs and reports are files: name a results directory")
     write_report = _report_writer() if report and targets.experiments else None

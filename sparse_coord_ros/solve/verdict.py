@@ -54,7 +54,8 @@ def last_word(
     """
     alone, blind = independent_bound(scenario), shortest_path_reference(scenario)
     worth, missed = found.reward.mean, 1.0 - found.all_arrived
-    remedy = "more steps" if learner.factors else "--learner factored or more steps"
+    better = learner.asks and not learner.factors
+    remedy = "--learner factored or more steps" if better else "more steps"
     if missed > HARDLY_EVER:
         return LastWord(
             LOST, f"In {missed:.1%} of the trials some robot did not arrive. Try {remedy}."

@@ -120,6 +120,9 @@ def test_scenarios(tmp_path):
         (lambda: sc.sweep("env1", {"penalty": -1}), "penalty is -1, allowed: a list of values"),
         (lambda: sc.sweep("env1", {"learner": "coop"}), "learner is 'coop', allowed: a list"),
         (lambda: sc.sweep("env1", {"steps": []}), "steps is [], allowed: a list of values"),
+        (lambda: sc.sweep("env1", ["penalty"]), "over is ['penalty'], allowed: the values of"),
+        (lambda: sc.sweep("env1", {}, jobs="two"), "setting jobs: value is 'two'"),
+        (lambda: sc.benchmark(robots=3), "robots: value is 3, allowed: 2, 4, 8"),
         (lambda: sc.run_experiment([]), "no experiment is asked for"),
         (lambda: sc.run_experiment("env1/coop/penalty=-1", trials=0), "setting trials"),
         (lambda: sc.run_experiment("env1/coop/penalty=-1/0"), "name a results directory"),
@@ -326,7 +329,7 @@ RUN = ["steps", "run"]
 def test_a_sweep_of_a_scenario_of_ones_own(tmp_path):
     path = tmp_path / "mine.yaml"
     path.write_text("map: env1\nsteps: 100\nrobots: {x: {start: 1, goal: 2}}\n")
-    few = {"runs": 1, "trials": 2, "out": tmp_path / "r"}
+    few = {"runs": 1, "trials": 2, "out": tmp_path / "r", "jobs": "2"}
     swept = sc.sweep(sc.load_scenario(path, penalty=-3), {"ask_cost": [1, 2]}, **few)
     assert list(swept) == ["mine/coop/penalty=-3", "mine/coop/penalty=-3,ask_cost=2"]
     assert list(sc.sweep(path, {"penalty": [-3], "ask_cost": [2]}, **few)) == list(swept)[1:]

@@ -27,10 +27,11 @@ def test_robots_that_mind_nobody(penalty, kind):
 
 def test_what_to_try():
     scenario = load_scenario("env1", penalty=-100)
-    said = [verdict(scenario, walking(scenario), name).text for name in ("coop", "factored")]
+    names = ("coop", "factored", "noncoop")
+    said = [verdict(scenario, walking(scenario), name).text for name in names]
     assert "0.41 miscoordinations an episode are left" in said[0]
     assert said[0].endswith("worth 92.60 of up to 118.51. Try --learner factored or more steps.")
-    assert said[1].endswith("Try more steps.")
+    assert said[1].endswith("Try more steps.") and said[2].endswith("Try more steps.")
 
 
 @pytest.mark.parametrize(("reward", "kind"), [(105.5, FAILING), (105.6, LEARNED)])
