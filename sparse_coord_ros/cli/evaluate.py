@@ -19,13 +19,7 @@ from sparse_coord_ros.learn.evaluation import TRIALS, Evaluation, check_tables, 
 from sparse_coord_ros.learn.run_config import RunConfig, load_run
 from sparse_coord_ros.learn.tables import load_team
 from sparse_coord_ros.lockstep.checkpoints import CHECKPOINTS, robots_elsewhere
-from sparse_coord_ros.solve.shipped import (
-    game_digest,
-    known_optimum,
-    shipped_best_team,
-    shipped_class_bound,
-    yardsticks,
-)
+from sparse_coord_ros.solve import shipped
 
 if TYPE_CHECKING:
     from sparse_coord_ros.solve.exact import ExactEvaluation
@@ -114,15 +108,15 @@ def by_game(found: list[Evaluated]) -> list[list[Evaluated]]:
     groups: dict[tuple[str, str], list[Evaluated]] = {}
     for one in found:
         scenario = one.run.scenario
-        groups.setdefault((scenario.name, game_digest(scenario)), []).append(one)
+        groups.setdefault((scenario.name, shipped.game_digest(scenario)), []).append(one)
     return list(groups.values())
 
 
 def facts_of(one: Evaluated) -> dict[str, Any]:
     """Return plain data of a run and its value."""
     scenario = one.run.scenario
-    bound, team = shipped_class_bound(scenario), shipped_best_team(scenario)
-    optimum = known_optimum(scenario)
+    bound, team = shipped.shipped_class_bound(scenario), shipped.shipped_best_team(scenario)
+    optimum = shipped.known_optimum(scenario)
     return {
         "directory": one.directory,
         "scenario": scenario.name,
@@ -174,7 +168,7 @@ def result_table(found: Sequence[Evaluated], *, several: bool = False) -> str:
             pairs = (paper.get(name) for name in PAPER_MEASURES)
             cells = ["-" if pair is None else "{:.2f} ± {:.2f}".format(*pair) for pair in pairs]
             rows.append([f"{title}, paper", *cells, "-", "-"])
-    for name, value in yardsticks(scenario):
+    for name, value in shipped.yardsticks(scenario):
         rows.append([name, f"{value:.2f}", "-", "-", "-", "-"])
     head = ["reward", "time to goal", "miscoordinations", "asks", "all arrived"]
     return format_table([f"{scenario.name}, penalty {scenario.penalty:g}", *head], rows)

@@ -29,14 +29,8 @@ DPI = 150
 CELL = Setting("cell", float, None, "side of a cell, in metres, e.g. 0.5", 0, 1000)
 RADIUS = Setting("radius", float, None, "the robot's radius, in metres, e.g. 0.2", 0, 100)
 SPECK_SIZE = Setting("speck", float, SPECK, "metres up to which a spot is noise; 0: none", 0, 10)
-DOORWAY_LENGTH = Setting(
-    "doorway-length",
-    float,
-    None,
-    "metres through a doorway; longer ones are corridors (default: by cell and radius)",
-    0,
-    1000,
-)
+CORRIDOR = "metres through a doorway; longer ones are corridors (default: by cell and radius)"
+DOORWAY_LENGTH = Setting("doorway-length", float, None, CORRIDOR, 0, 1000)
 
 EXAMPLE = (
     "sparse_coord export-map env1 --out env1_map && sparse_coord import-map "
@@ -100,6 +94,19 @@ class Made(NamedTuple):
     notes: list[str]
     files: dict[Path, str]
 
+    @property
+    def facts(self) -> dict[str, Any]:
+        """What there is to know of it, as plain data."""
+        grid = self.imported.grid
+        return {
+            "cells": len(grid.cells),
+            "doorways": self.imported.doorways,
+            "resolution": grid.resolution,
+            "origin": grid.origin,
+            "suggested": self.suggested,
+            "notes": self.notes,
+        }
+
 
 def execute(options: argparse.Namespace) -> None:
     """Run the verb."""
@@ -132,20 +139,9 @@ def execute(options: argparse.Namespace) -> None:
     if made.scenario is None:
         made.notes.append("no scenario: give --start and --goal, in metres, and --replace")
     picture = write(options, made)
-    grid = made.imported.grid
-    facts = {
-        "name": name,
-        "rows": grid.shape[0],
-        "columns": grid.shape[1],
-        "cells": len(grid.cells),
-        "doorways": made.imported.doorways,
-        "parts": made.imported.parts,
-        "resolution": grid.resolution,
-        "origin": grid.origin,
-        "suggested": made.suggested,
-        "notes": made.notes,
-        "files": [*made.files, picture],
-    }
+    rows, columns = made.imported.grid.shape
+    facts = {"name": name, "rows": rows, "columns": columns, **made.facts}
+    facts |= {"parts": made.imported.parts, "files": [*made.files, picture]}
     lines = [
         "{name}: {rows} x {columns}, {cells} cells of {resolution:g} m, {doorways} doorways; "
         "lower left corner at {origin[0]:g},{origin[1]:g}".format(**facts)

@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sparse_coord_ros.cli import train
-from sparse_coord_ros.cli.import_map import CELL, RADIUS, Made, check_free, make, write
+from sparse_coord_ros.cli.import_map import CELL, RADIUS, check_free, make, write
 from sparse_coord_ros.cli.main import make_parser
-from sparse_coord_ros.cli.page import announce, served, show_end
+from sparse_coord_ros.cli.page import served, show_end
 from sparse_coord_ros.driving.trials import DRIVE_SETTINGS, drive
 from sparse_coord_ros.errors import RunError, SettingError, SparseCoordError, failure_of
 from sparse_coord_ros.game.grid import FURTHEST, number_of
@@ -51,11 +51,9 @@ PLACES = ("start", "goal", "doorway", "no_doorway")
 def serve(options: argparse.Namespace) -> None:
     """Serve the page until Ctrl-C; teams learn and drive in this thread, one after the other."""
     learning, board = Board(), Board()
+    board.source = page = ImportPage(options, board)
+    threading.Thread(target=page.work, daemon=True).start()
     with served(options, learning, board, index="import.html") as server:
-        page = ImportPage(options, board)
-        board.source = page
-        announce(server, options)
-        threading.Thread(target=page.work, daemon=True).start()
         while True:
             try:
                 page.do(*page.wanted.get(), server)
@@ -133,7 +131,7 @@ class ImportPage(Controlled):
             return
         options = argparse.Namespace(**{**vars(self._options), **wish.value})
         made = make(options, self._plan)
-        self._board.put("imported", chosen=wish.value, **_fields(made))
+        self._board.put("imported", chosen=wish.value, rows=made.imported.grid.rows, **made.facts)
         if wish.name != IMPORT:
             if wish.name == TRAIN and made.scenario is None:
                 raise RunError("no robot is there: click its places")
@@ -206,20 +204,6 @@ class ImportPage(Controlled):
                 "Stopped." + f" Go on with: sparse_coord train --resume {self._out}" * saved
             )
         return stopped
-
-
-def _fields(made: Made) -> dict[str, Any]:
-    """Return what a page shows of an imported map."""
-    grid = made.imported.grid
-    return {
-        "rows": grid.rows,
-        "origin": grid.origin,
-        "side": grid.resolution,
-        "cells": len(grid.cells),
-        "doorways": made.imported.doorways,
-        "suggested": made.suggested,
-        "notes": made.notes,
-    }
 
 
 def _chosen(said: Mapping[str, Any]) -> dict[str, Any]:

@@ -204,7 +204,7 @@ def tell(options: argparse.Namespace, facts: Any, *lines: str) -> None:
     """
     if options.json:
         lines = (json.dumps(_plain(facts), indent=2, allow_nan=False),)
-    print("\n".join(lines))
+    print("\n".join(lines), flush=True)  # an error comes after it, wherever both go
 
 
 def _plain(data: Any) -> Any:

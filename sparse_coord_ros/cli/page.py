@@ -28,7 +28,7 @@ Team = TypeVar("Team")
 def served(
     options: argparse.Namespace, *boards: "Board", index: str = "index.html"
 ) -> Iterator["Server"]:
-    """Serve the page where the options say; `announce` tells where that is.
+    """Serve the page where the options say, and tell where that is.
 
     Args:
         options: of the verb.
@@ -45,6 +45,7 @@ def served(
     with closing(server):
         if server.warning:
             note(f"warning: {server.warning}")
+        announce(server, options)
         yield server
 
 
@@ -84,7 +85,6 @@ def one_by_one(
     """
     out, team = begin(options)
     with served(options) as server:
-        announce(server, options)
         while True:
             code = play(options, out, team, server)
             if code:

@@ -52,13 +52,10 @@ def _lines(recovery: Recovery) -> list[str]:
 def _facts(recovery: Recovery) -> dict:
     bag = recovery.bag
     return {
+        **{name: getattr(bag, name) for name in ("damage", "lost_bytes", "gaps", "recovered")},
         "bag": recovery.path,
         "changed": recovery.changed,
         "complete": bag.whole,
-        "damage": bag.damage,
-        "lost_bytes": bag.lost_bytes,
-        "gaps": [gap._asdict() for gap in bag.gaps],
-        "recovered": bag.recovered,
         "messages": bag.message_count,
         "topics": len(bag.topics),
         "attachments": len(bag.attachments),

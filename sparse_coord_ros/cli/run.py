@@ -3,7 +3,7 @@
 """`sparse_coord run`: a team learns live over ROS 2."""
 
 import argparse
-import sys
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,7 +12,7 @@ from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli.evaluate import evaluation_of
 from sparse_coord_ros.cli.improve import IMPROVE
 from sparse_coord_ros.engine.improve import IMPROVED
-from sparse_coord_ros.errors import BagError, RunError
+from sparse_coord_ros.errors import EXIT_INTERRUPTED, BagError, RunError
 from sparse_coord_ros.learn.run_config import RUN_SETTINGS, load_run
 from sparse_coord_ros.learn.tables import TEAM_FILE, load_team
 from sparse_coord_ros.lockstep.checkpoints import CHECKPOINTS
@@ -89,26 +89,15 @@ def _run(
     summary = live.run(
         values, processes=options.processes, quiet=options.json, page=page, stop=stop
     )
-    if options.json:
-        shared.tell(options, {"directory": out, **summary})
-    else:
-        _print(out, summary, resumed=options.resume is not None)
-        learned = summary.get("steps_per_second") and not options.greedy and page is None
-        if learned and not summary["interrupted"] and (out / TEAM_FILE).exists():
-            run, plan = load_run(out), out / IMPROVED
-            last = plan if (plan / TEAM_FILE).exists() else out
-            found = evaluation_of(run, load_team(last, run.scenario), TRIALS, 0, exact=None)
-            print(last_word(run.scenario, run.rule, found).text)
+    shared.tell(options, {"directory": out, **summary}, *_lines(options, out, summary))
     if not summary["interrupted"] and not (out / TEAM_FILE).exists():
-        sys.stdout.flush()
         raise RunError(
             f"{out}: not all tables could be saved there (see above); make room, then: "
             f"sparse_coord run --resume {out}"
         )
     if "recording_error" in summary:
-        sys.stdout.flush()  # the error comes last, wherever both go
         raise BagError(summary["recording_error"])
-    return 130 if summary["interrupted"] else 0
+    return EXIT_INTERRUPTED if summary["interrupted"] else 0
 
 
 def _begin(options: argparse.Namespace) -> tuple[Path, dict[str, Any]]:
@@ -130,26 +119,31 @@ def _begin(options: argparse.Namespace) -> tuple[Path, dict[str, Any]]:
     return out, {**values, "out": str(out)}
 
 
-def _print(out, summary, *, resumed: bool) -> None:
-    pace = summary.get("steps_per_second", 0)
+def _lines(options: argparse.Namespace, out: Path, summary: dict[str, Any]) -> Iterator[str]:
+    pace, interrupted = summary.get("steps_per_second", 0), summary["interrupted"]
+    saved, plan = (out / TEAM_FILE).exists(), out / IMPROVED
     how = f"in {summary.get('seconds', 0)} s: {pace} steps/s"
-    if resumed and not pace and not summary["interrupted"]:
+    if options.resume is not None and not pace and not interrupted:
         how = "made before: the run was finished already"
-    print(
+    yield (
         f"\n{summary.get('transitions', 0)} steps {how}, {summary.get('episodes', 0)} episodes, "
         f"{summary.get('timeouts', 0)} timeouts"
     )
     if summary.get("transitions_dropped"):
-        print(f"{summary['transitions_dropped']} transitions were not learned from")
+        yield f"{summary['transitions_dropped']} transitions were not learned from"
     for robot, asks in summary.get("asks", {}).items():
-        print(f"{robot} asked: " + ", ".join(f"{count} {how}" for how, count in asks.items()))
-    if (out / TEAM_FILE).exists():
-        print(f"tables  {out / TEAM_FILE}")
-    if (out / IMPROVED / TEAM_FILE).exists():
-        print(f"plan    {out / IMPROVED}")
-    print(f"run     {out / 'run.yaml'}")
-    saved = summary["interrupted"] or (out / TEAM_FILE).exists()
-    if saved and (out / CHECKPOINTS).is_dir():
-        print(f"not finished; go on with: sparse_coord run --resume {out}")
+        yield f"{robot} asked: " + ", ".join(f"{count} {how}" for how, count in asks.items())
+    if saved:
+        yield f"tables  {out / TEAM_FILE}"
+    if (plan / TEAM_FILE).exists():
+        yield f"plan    {plan}"
+    yield f"run     {out / 'run.yaml'}"
+    if (interrupted or saved) and (out / CHECKPOINTS).is_dir():
+        yield f"not finished; go on with: sparse_coord run --resume {out}"
     if (out / "bag").exists():
-        print(f"bag     {out / 'bag'}")
+        yield f"bag     {out / 'bag'}"
+    if saved and pace and not (interrupted or options.greedy or options.watch or options.json):
+        run = load_run(out)
+        tables = load_team(plan if (plan / TEAM_FILE).exists() else out, run.scenario)
+        found = evaluation_of(run, tables, TRIALS, 0, exact=None)
+        yield last_word(run.scenario, run.rule, found).text

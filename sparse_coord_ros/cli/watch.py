@@ -8,7 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from sparse_coord_ros.cli.options import PAGE, Option, ros_missing
-from sparse_coord_ros.cli.page import announce, served
+from sparse_coord_ros.cli.page import served
 from sparse_coord_ros.game.settings import Setting
 
 RATE = Setting("rate", float, 10.0, "of a bag: time steps a second", low=0.001, high=1e6)
@@ -46,8 +46,7 @@ def execute(options: argparse.Namespace) -> int | None:
         for path in options.bags
     )
     boards = [one.board for one in (first, *others)]
-    with served(options, *boards) as server, suppress(KeyboardInterrupt):
-        announce(server, options)
+    with served(options, *boards), suppress(KeyboardInterrupt):
         for other in others:
             threading.Thread(target=other.play, daemon=True).start()
         first.play()
@@ -61,5 +60,4 @@ def _live(options: argparse.Namespace) -> int:
     except ImportError as error:
         raise ros_missing(error, "sparse_coord watch BAG") from None
     with served(options) as server:
-        announce(server, options)
         return run_node(lambda context: WatchNode(context=context, values={}, server=server), [])

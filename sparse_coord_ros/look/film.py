@@ -15,19 +15,11 @@ from matplotlib.patches import Circle, Rectangle
 from matplotlib.text import Text
 from PIL import Image
 
+from sparse_coord_ros import palette
 from sparse_coord_ros.experiments.report.map_pictures import draw_map
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.look.episodes import Episode
 from sparse_coord_ros.look.steps import Question, questions_of
-from sparse_coord_ros.palette import (
-    DOORWAY_COLOUR,
-    OUTCOME_COLOURS,
-    OUTCOME_SIGNS,
-    ROBOT_COLOURS,
-    ink_on,
-    rgb,
-    robot_colour,
-)
 
 DPI = 100
 LONGEST_SIDE, LARGEST_CELL, SMALLEST_CELL = 7.2, 0.72, 0.24
@@ -91,8 +83,7 @@ class _Stage:
         self._cell = cell = max(SMALLEST_CELL, cell)
         self._spoken = min(SENTENCES, max(len(questions_of(one)) for one in steps))
         above, below = 0.32, 0.34 + 0.2 * self._spoken
-        width = max(LEAST_WIDTH, columns * cell + 0.2)
-        height = rows * cell + above + below
+        width, height = max(LEAST_WIDTH, columns * cell + 0.2), rows * cell + above + below
         self._figure = figure = Figure(figsize=(width, height), dpi=DPI)
         canvas: Any = FigureCanvasAgg(figure)
         self._canvas = canvas
@@ -102,7 +93,7 @@ class _Stage:
         for k, robot in enumerate(scenario.robots):
             row, column = scenario.map.cells[robot.goal]
             mark = Rectangle((column + 0.18, row + 0.28), 0.64, 0.64, fill=False, linewidth=2)
-            mark.set(edgecolor=robot_colour(k), linestyle=(0, (2, 1.5)))
+            mark.set(edgecolor=palette.robot_colour(k), linestyle=(0, (2, 1.5)))
             self._axes.add_patch(mark)
         self._axes.set_title(title, fontsize=10, parse_math=False)
         self._canvas.draw()
@@ -156,23 +147,23 @@ class _Stage:
         for k in range(len(self._names)):
             x, y = self._places[self._cells[: step + 1, k]].T
             shift = 0.1 * (k - others / 2) / max(1, others)
-            yield Line2D(x + shift, y + shift, color=_pale(robot_colour(k)), linewidth=2.5)
+            yield Line2D(x + shift, y + shift, color=_pale(palette.robot_colour(k)), linewidth=2.5)
 
     def _meeting(self, step: int) -> Iterator[Artist]:
         """Yield the marks of the doorways with robots inside."""
         for x in self._scenario.map.doorways & set(self._cells[step].tolist()):
-            look: dict[str, Any] = {"facecolor": _pale(DOORWAY_COLOUR), "hatch": "xx"}
+            look: dict[str, Any] = {"facecolor": _pale(palette.DOORWAY_COLOUR), "hatch": "xx"}
             corner = self._places[x] - 0.5
-            yield Rectangle(corner, 1, 1, edgecolor=DOORWAY_COLOUR, linewidth=3, **look)
+            yield Rectangle(corner, 1, 1, edgecolor=palette.DOORWAY_COLOUR, linewidth=3, **look)
 
     def _robots(self, places: np.ndarray, askers: set[int]) -> Iterator[Artist]:
         there = {k: place for k, place in enumerate(places.tolist()) if np.isfinite(place[0])}
         for k in sorted(askers & there.keys()):
             yield Circle(there[k], 0.4, facecolor="white", edgecolor="black", linewidth=2)
         for k, (x, y) in there.items():
-            colour = robot_colour(k)
+            colour = palette.robot_colour(k)
             yield Circle((x, y), 0.3, facecolor=colour, edgecolor="black", linewidth=0.8)
-            yield self._letter(x, y, str(k + 1), ink_on(colour), least=6.0)
+            yield self._letter(x, y, str(k + 1), palette.ink_on(colour), least=6.0)
 
     @staticmethod
     def _lines(ask: Question, places: np.ndarray) -> Iterator[Artist]:
@@ -180,7 +171,9 @@ class _Stage:
         width = 3.2 if len(ask.peers) == 1 else 1.8
         for peer in ask.peers:
             line = Line2D(*np.transpose([places[ask.asker], places[peer]]), linewidth=width)
-            line.set(color=OUTCOME_COLOURS[ask.outcome], linestyle=OUTCOME_LINES[ask.outcome])
+            line.set(
+                color=palette.OUTCOME_COLOURS[ask.outcome], linestyle=OUTCOME_LINES[ask.outcome]
+            )
             yield line
 
     def _sign(self, ask: Question, places: np.ndarray) -> Iterator[Artist]:
@@ -193,14 +186,14 @@ class _Stage:
         if len(ask.peers) > 1:
             x, y = x + 0.38, y - 0.38
         if np.isfinite(x):
-            colour = OUTCOME_COLOURS[ask.outcome]
+            colour = palette.OUTCOME_COLOURS[ask.outcome]
             yield Circle((x, y), 0.22, facecolor="white", edgecolor=colour, linewidth=1.8)
-            yield self._letter(x, y, OUTCOME_SIGNS[ask.outcome], "black", least=7.0)
+            yield self._letter(x, y, palette.OUTCOME_SIGNS[ask.outcome], "black", least=7.0)
 
     def _letter(self, x: float, y: float, letter: str, colour: str, *, least: float) -> Text:
-        text = Text(x, y, letter, color=colour, fontweight="bold", ha="center")
-        text.set(va="center_baseline", fontsize=max(least, 17 * self._cell))
-        return text
+        size = max(least, 17 * self._cell)
+        how: dict[str, Any] = {"fontweight": "bold", "ha": "center", "va": "center_baseline"}
+        return Text(x, y, letter, color=colour, fontsize=size, **how)
 
     def _say(self, step: int, asks: Sequence[Question], together: bool) -> None:
         said = [ask.in_words(self._names) for ask in asks]
@@ -216,16 +209,16 @@ class _Stage:
 
 
 def _pale(colour: str) -> tuple[float, float, float]:
-    red, green, blue = (0.35 * one + 0.65 for one in rgb(colour))
-    return red, green, blue
+    red, green, blue = palette.rgb(colour)
+    return 0.35 * red + 0.65, 0.35 * green + 0.65, 0.35 * blue + 0.65
 
 
 def _palette() -> Image.Image:
     """Return an image whose palette has every colour drawn, and mixtures for smooth edges."""
-    colours = [*ROBOT_COLOURS, *OUTCOME_COLOURS.values(), DOORWAY_COLOUR]
+    colours = [*palette.ROBOT_COLOURS, *palette.OUTCOME_COLOURS.values(), palette.DOORWAY_COLOUR]
     shares = np.array([1.0, 0.75, 0.5, 0.35, 0.2])[:, None, None, None]
     grounds = np.array([1.0, 0.25, 0.0])[:, None, None]
-    mixed = shares * np.array([rgb(one) for one in colours]) + (1 - shares) * grounds
+    mixed = shares * np.array([palette.rgb(one) for one in colours]) + (1 - shares) * grounds
     greys = np.repeat([*np.arange(32) / 31, 0x40 / 255, 0.85], 3)
     image = Image.new("P", (1, 1))
     both = np.round(np.append(mixed, greys).reshape(-1, 3) * 255).astype(np.uint8)

@@ -130,12 +130,8 @@ def _measures(name: str, found: Evaluation | ExactEvaluation) -> list[str]:
     """Return the row of a team."""
     spread = [(found.reward, 2), (found.time_to_goal, 2), (found.miscoordinations, 3)]
     measures = [f"{one.mean:.{digits}f} ± {one.spread:.{digits}f}" for one, digits in spread]
-    return [
-        f"{name}, {found.how}",
-        *measures,
-        f"{found.asks.mean:.2f}",
-        f"{found.all_arrived:.2%}",
-    ]
+    measures += [f"{found.asks.mean:.2f}", f"{found.all_arrived:.2%}"]
+    return [f"{name}, {found.how}", *measures]
 
 
 def _learned(shown: Shown) -> Iterator[Part]:
@@ -155,8 +151,7 @@ def _dialogue(shown: Shown) -> Iterator[Part]:
         yield text("Without its learner's code: what was asked and answered, not why.", warn=True)
     told: list[Coordination] = []
     for k in range(len(log.names)):
-        steps = [step for robot, step in samples if robot == k]
-        told += filter(None, explained(log, k, steps))
+        told += filter(None, explained(log, k, [step for robot, step in samples if robot == k]))
     if not told:
         yield text("Nobody asked anything that the log can tell of.")
     for one in sorted(told, key=lambda one: (one.step, one.robot)):
@@ -184,10 +179,8 @@ def _faults(shown: Shown) -> Iterator[Part]:
         yield text(str(problem), warn=True)
     said = [one for one in log.tracks.rosout if one.level >= WARNING_LEVEL]
     warnings = Counter(f"{one.name}: {one.msg}"[:300] for one in said)
-    if warnings:
-        yield table(["warning", "times"], list(warnings.items())[:MOST_WARNINGS])
-    else:
-        yield text("No node warned of anything.")
+    listed = table(["warning", "times"], list(warnings.items())[:MOST_WARNINGS])
+    yield listed if warnings else text("No node warned of anything.")
     yield text("Whether the log is what it has to be, bit for bit, says 'sparse_coord verify'.")
 
 
@@ -203,11 +196,10 @@ def _scenario(scenario: Scenario) -> Iterator[Part]:
 
 
 def _again(shown: Shown) -> Iterator[Part]:
-    config = shown.config
-    lines = [_command(config)]
+    config, verify = shown.config, ""
     if shown.bag is not None:
-        lines.append(f"sparse_coord verify {shlex.quote(str(shown.bag))}")
-    yield code("\n".join(lines))
+        verify = f"\nsparse_coord verify {shlex.quote(str(shown.bag))}"
+    yield code(_command(config) + verify)
     if config.tables:
         yield text(f"The run began with the tables of {config.tables}.", warn=True)
     yield table((), list(config.versions.items()), words=True)
@@ -218,9 +210,8 @@ def _command(config: RunConfig) -> str:
     """Return the command that computes the run again."""
     scenario, base = config.scenario, None
     with contextlib.suppress(SparseCoordError):  # it was made by hand
-        base = load_scenario(scenario.name)
-    if base is None or (base.map, base.robots) != (scenario.map, scenario.robots):
-        base = None
+        known = load_scenario(scenario.name)
+        base = known if (known.map, known.robots) == (scenario.map, scenario.robots) else None
     words = ["sparse_coord", "train", "SCENARIO.yaml" if base is None else scenario.name]
     words += ["--learner", config.learner, "--seed", str(config.seed)]
     for name in SETTINGS:

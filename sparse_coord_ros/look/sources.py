@@ -95,16 +95,13 @@ class Shown:
             TablesError: some are missing, malformed or do not fit the scenario.
         """
         scenario = self.config.scenario
-        if self.directory is not None:
-            tables = load_team(self.directory, scenario)
-        else:
-            newest = [self.recording.tables_before(k) for k in range(len(scenario.robots))]
-            tables = [entry.tables for entry in newest if entry is not None]
-            if None in newest:
-                name = scenario.robots[newest.index(None)].name
-                raise TablesError(
-                    f"{self.path}: holds no tables of {name}; see 'sparse_coord info'"
-                )
+        tables = [] if self.directory is None else load_team(self.directory, scenario)
+        for k, robot in enumerate(scenario.robots if self.directory is None else ()):
+            entry = self.recording.tables_before(k)
+            if entry is None:
+                said = f"holds no tables of {robot.name}; see 'sparse_coord info'"
+                raise TablesError(f"{self.path}: {said}")
+            tables.append(entry.tables)
         check_tables(scenario, tables, self.config.known_rule)
         return tables
 

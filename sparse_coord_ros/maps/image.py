@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
+from PIL import Image, UnidentifiedImageError
 
 from sparse_coord_ros.errors import MapError, SettingError, in_short
 from sparse_coord_ros.files import write_whole
@@ -158,6 +158,8 @@ def _pixels(path: Path) -> tuple[np.ndarray, np.ndarray]:
         ) from None
     except Exception as error:  # Pillow raises what a broken file makes its decoders raise
         problem = " ".join(str(error).split())[:200]
+        if isinstance(error, UnidentifiedImageError):  # which names Python's object
+            problem = "its format is unknown"
         raise MapError(
             f"{path}: cannot be read as an image ({problem}); save it anew as PGM or PNG"
         ) from None
@@ -200,15 +202,8 @@ def write_floor_plan(
     file = io.BytesIO()
     Image.fromarray(values).save(file, format={"pgm": "PPM", "png": "PNG"}[image])
     picture, said = directory / f"{name}.{image}", directory / f"{name}.yaml"
-    fields = {
-        "image": picture.name,
-        "mode": "trinary",
-        "resolution": resolution / pixels,
-        "origin": [*grid.origin, 0.0],
-        "negate": 0,
-        "occupied_thresh": FIELDS["occupied_thresh"].default,
-        "free_thresh": FIELDS["free_thresh"].default,
-    }
+    fields = {name: one.default for name, one in FIELDS.items()} | {"image": picture.name}
+    fields |= {"resolution": resolution / pixels, "origin": [*grid.origin, 0.0]}
     write_whole(picture, file.getvalue())
     write_whole(said, to_yaml(fields))
     return said, picture

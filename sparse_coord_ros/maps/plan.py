@@ -3,7 +3,7 @@
 """From a floor plan to a map and a scenario: cells, doorways, robots, and settings that fit."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,15 +14,7 @@ from sparse_coord_ros.errors import MapError, ScenarioError
 from sparse_coord_ros.game.grid import CLEAR, DOORWAY, FREE, WALL, GridMap
 from sparse_coord_ros.game.scenario import SETTINGS, Scenario, scenario_from_dict
 from sparse_coord_ros.limits import MAP
-from sparse_coord_ros.maps.gridding import (
-    CRUMB,
-    SPECK,
-    Gridding,
-    across,
-    best_layout,
-    space_of,
-    two_wide,
-)
+from sparse_coord_ros.maps import gridding
 from sparse_coord_ros.maps.image import UNKNOWN_GREY, FloorPlan
 from sparse_coord_ros.solve.verdict import needless
 
@@ -76,7 +68,7 @@ def import_map(
     add: Sequence[Place] = (),
     remove: Sequence[Place] = (),
     longest: float | None = None,
-    speck: float = SPECK,
+    speck: float = gridding.SPECK,
 ) -> Imported:
     """Make a map of a floor plan.
 
@@ -95,8 +87,7 @@ def import_map(
         MapError: the cells are smaller than pixels, or so large that a wall lies between two
             centres; the map has no free cell; or a place is in no free cell.
     """
-    if longest is None:
-        longest = 2 * radius + WALL_THICKNESS + cell
+    longest = 2 * radius + WALL_THICKNESS + cell if longest is None else longest
     if cell < plan.resolution:
         raise MapError(
             f"cell is {cell:g} m, allowed: at least a pixel of the map, {plan.resolution:g} m"
@@ -120,9 +111,11 @@ def import_map(
         used = {int(labels[cell]) for pair in _robot_cells(frame, robots) for cell in pair}
         free &= np.isin(labels, sorted(used))
     else:
-        free &= np.isin(labels, 1 + np.flatnonzero((sizes >= CRUMB) | (sizes == sizes.max())))
+        free &= np.isin(
+            labels, 1 + np.flatnonzero((sizes >= gridding.CRUMB) | (sizes == sizes.max()))
+        )
     run = max(1, math.floor(longest / cell + 1e-9))
-    doors = _doorways(frame, across(free, run), add, remove)
+    doors = _doorways(frame, gridding.across(free, run), add, remove)
     # Nothing but walls around the map is of use: a border of one cell stays.
     rows, columns = (np.flatnonzero(free.any(axis=axis)) for axis in (1, 0))
     top, bottom = max(0, rows[0] - 1), min(free.shape[0], rows[-1] + 2)
@@ -142,23 +135,23 @@ def import_map(
         radius=radius,
     )
     number = len(np.unique(doors[doors > 0]))
-    parts = tuple(sorted((int(size) for size in sizes if size >= CRUMB), reverse=True))
-    wide = [frame.centre(place) for place in two_wide(free, run) if not doors[place]]
-    notes = _notes(layout.cut, number, parts, bool(robots), wide)
-    notes += _pixel_notes(plan, cell, radius)
+    parts = tuple(sorted((int(size) for size in sizes if size >= gridding.CRUMB), reverse=True))
+    wide = [frame.centre(place) for place in gridding.two_wide(free, run) if not doors[place]]
+    notes = tuple(_notes(layout.cut, number, parts, bool(robots), wide))
+    notes += tuple(_pixel_notes(plan, cell, radius))
     return Imported(grid, number, parts, notes)
 
 
-def _layout_of(plan: FloorPlan, cell: float, radius: float, speck: float) -> Gridding:
+def _layout_of(plan: FloorPlan, cell: float, radius: float, speck: float) -> gridding.Gridding:
     """Return the best grid on a floor plan, which has a free cell."""
-    space = space_of(plan, radius, speck)
+    space = gridding.space_of(plan, radius, speck)
     if space.blocked.all():
         seen = "no place is wide enough for it" if plan.free.any() else "no pixel is free"
         raise MapError(
             f"map {plan.name}: a robot of radius {radius:g} m finds no room: {seen}; check negate "
             "and the thresholds in the YAML file, or choose a smaller radius"
         )
-    layout = best_layout(space, cell / plan.resolution)
+    layout = gridding.best_layout(space, cell / plan.resolution)
     if layout.slips:
         raise MapError(
             f"map {plan.name}: cells of {cell:g} m are so large that a wall slips between two "
@@ -189,53 +182,47 @@ def _doorways(
     return doors
 
 
-def _pixel_notes(plan: FloorPlan, cell: float, radius: float) -> tuple[str, ...]:
-    """Return what is odd about an image or the sizes, one line each."""
-    notes = []
+def _pixel_notes(plan: FloorPlan, cell: float, radius: float) -> Iterator[str]:
+    """Yield what is odd about an image or the sizes, one line each."""
     if plan.doubtful:
-        notes.append(
+        yield (
             f"{plan.doubtful:.0%} of the free pixels have grey {UNKNOWN_GREY}, which map_saver "
             "writes for unknown: where they are unknown, set free_thresh to 0.196 in the YAML file"
         )
     narrow = radius / (0.5 - CLEAR)
     if cell < narrow:
-        notes.append(
+        yield (
             f"lanes touch walls: cells of {cell:g} m leave {max(0.0, cell / 2 - radius):.2g} m on "
             f"each side of a robot of radius {radius:g} m; choose cells of {narrow:.2g} m or more"
         )
-    return tuple(notes)
 
 
 def _notes(
     cut: int, doors: int, parts: tuple[int, ...], robots: bool, wide: list[Place]
-) -> tuple[str, ...]:
-    """Return what is odd about a map, one line each."""
-    notes = []
+) -> Iterator[str]:
+    """Yield what is odd about a map, one line each."""
     if cut:
-        notes.append(
+        yield (
             f"{_count(cut, 'part is', 'parts are')} cut off although a robot would fit through: a "
             "smaller cell may keep the way open"
         )
     if len(parts) > 1:
         left = "those without a robot are walls now" if robots else "all are in the map"
-        notes.append(
-            f"{len(parts)} parts of the map do not connect (cells: "
-            f"{', '.join(map(str, parts[:8]))}{', ...' if len(parts) > 8 else ''}); {left}"
-        )
+        sizes = ", ".join(map(str, parts[:8])) + ", ..." * (len(parts) > 8)
+        yield f"{len(parts)} parts of the map do not connect (cells: {sizes}); {left}"
     if not doors:
-        notes.append(
+        yield (
             "no doorway found: robots have nothing to coordinate; doorways are one cell wide, so "
             "choose larger cells, or add a doorway"
         )
     if wide:
         places = " ".join(f"{x:.2f},{y:.2f}" for x, y in wide[:SHOWN])
-        notes.append(
+        yield (
             f"{_count(len(wide), 'passage is', 'passages are')} two cells wide, and no doorway, "
             f"as two robots pass there side by side: at {places}"
             f"{' ...' * (len(wide) > SHOWN)}; where they would not, choose larger cells, or "
             "make both cells a doorway"
         )
-    return tuple(notes)
 
 
 def _count(number: int, one: str, many: str) -> str:
@@ -267,9 +254,8 @@ class _Frame:
         inside = 0 <= row < height and 0 <= column < width
         if inside and self._free[row, column]:
             return row, column
-        rows, columns = np.nonzero(self._free)
-        x = self._corner[0] + (columns + 0.5) * self._side
-        y = self._corner[1] + (height - rows - 0.5) * self._side
+        cells: Any = np.nonzero(self._free)
+        x, y = np.array(self.centre(cells))
         near = int(np.hypot(x - place[0], y - place[1]).argmin())
         problem = "is in no free cell" if inside else "is outside the map"
         raise MapError(
@@ -313,9 +299,8 @@ def suggested_settings(
     ways = [grid.distances_to(goal) for _, goal in pairs]
     own = max(int(way[start]) for way, (start, _) in zip(ways, pairs, strict=True))
     furthest = max(int(way.max()) for way in ways)
-    found: dict[str, Any] = {}
     horizon = 1.1 * (own / p + 4 * math.sqrt(own * (1 - p)) / p)
-    found["horizon"] = max(100, _round_up(horizon, 50))
+    found: dict[str, Any] = {"horizon": max(100, _round_up(horizon, 50))}
     found["max_steps"] = max(100, _round_up(1.5 * furthest / p, 50))
     discount = math.ceil(1000 * FURTHEST_SHARE ** (p / furthest)) / 1000
     found["discount"] = min(0.999, max(values["discount"], discount))
@@ -369,9 +354,8 @@ def scenario_of(
         if key in ("map", "robots", "name", "paper"):
             raise ScenarioError(f"--set {key}: is no setting; give it by an option of its own")
     grid = imported.grid
-    side = grid.resolution or 1.0
     free = np.array([[sign != WALL for sign in row] for row in grid.rows])
-    frame = _Frame(free, grid.origin, side, grid.name)
+    frame = _Frame(free, grid.origin, grid.resolution or 1.0, grid.name)
     data = {
         f"robot_{k}": {"start": list(start), "goal": list(goal)}
         for k, (start, goal) in enumerate(_robot_cells(frame, robots), start=1)
@@ -380,41 +364,37 @@ def scenario_of(
     plain = scenario_from_dict({**said, **given}, where=grid.name, name=grid.name)
     pairs = [(robot.start, robot.goal) for robot in plain.robots]
     suggested = suggested_settings(grid, pairs, given)
-    return plain.with_settings(suggested), suggested, _oddities(plain.with_settings(suggested))
+    scenario = plain.with_settings(suggested)
+    return scenario, suggested, list(_oddities(scenario))
 
 
-def _oddities(scenario: Scenario) -> list[str]:
-    """Return what is legal but odd about robots on a map."""
-    grid, odd, needed = scenario.map, [], 0.0
-    starts = [robot.start for robot in scenario.robots]
-    if len(set(starts)) < len(starts):
-        odd.append("two robots start in the same cell: that is no conflict, but hardly possible")
-    goals = [robot.goal for robot in scenario.robots]
-    if len(set(goals)) < len(goals):
-        odd.append("two robots have the same goal: they would stand in each other")
-    for robot in scenario.robots:
+def _oddities(scenario: Scenario) -> Iterator[str]:
+    """Yield what is legal but odd about robots on a map."""
+    grid, robots, needed = scenario.map, scenario.robots, 0.0
+    if len({robot.start for robot in robots}) < len(robots):
+        yield "two robots start in the same cell: that is no conflict, but hardly possible"
+    if len({robot.goal for robot in robots}) < len(robots):
+        yield "two robots have the same goal: they would stand in each other"
+    for robot in robots:
+        goal = f"the goal of {robot.name} is"
         if robot.goal in grid.doorways:
-            odd.append(
-                f"the goal of {robot.name} is in a doorway: it stays there and is in everybody's "
-                "way"
-            )
+            yield f"{goal} in a doorway: it stays there and is in everybody's way"
         way = grid.distances_to(robot.goal)
         moves = int(way[robot.start])
-        if moves / scenario.move_success > scenario.horizon:
-            odd.append(
-                f"the goal of {robot.name} is {moves} cells away, and takes "
-                f"{moves / scenario.move_success:.0f} steps in the mean: more than the horizon of "
-                f"{scenario.horizon}"
+        steps = moves / scenario.move_success
+        if steps > scenario.horizon:
+            yield (
+                f"{goal} {moves} cells away, and takes {steps:.0f} steps in the mean: more than "
+                f"the horizon of {scenario.horizon}"
             )
         needed = max(needed, _steps_for(way, scenario.move_success))
-    if len(scenario.robots) > 1 and grid.doorways and needless(scenario):
-        odd.append(
+    if len(robots) > 1 and grid.doorways and needless(scenario):
+        yield (
             "nothing to coordinate: on shortest paths robots hardly ever come to a doorway at the "
             "same time; choose other starts and goals, or add a doorway where they meet"
         )
     if needed > SHORTEST_BUDGET * scenario.steps:
-        odd.append(
+        yield (
             f"the step budget of {scenario.steps:,} is short for {len(grid.cells):,} cells: "
             "robots may not learn to arrive; choose larger cells, or more steps"
         )
-    return odd

@@ -63,9 +63,9 @@ def told(page, name, **changes):
 
 
 def test_what_is_saved_is_what_the_command_line_saves(page, sparse_coord, folder):
-    assert page[1].get("imported")["side"] == CELL_AT_FIRST
+    assert page[1].get("imported")["resolution"] == CELL_AT_FIRST
     shown = told(page, IMPORT, start=[], goal=[], doorway=[])
-    assert (shown["cells"], shown["doorways"], shown["side"]) == (21, 1, 1)
+    assert (shown["cells"], shown["doorways"], shown["resolution"]) == (21, 1, 1)
     for _ in range(2):  # its own files are replaced
         assert told(page, SAVE)["doorways"] == 2
     files = [f"clicked/env1.{end}" for end in ("txt", "yaml", "png")]
@@ -141,7 +141,7 @@ def test_a_page_is_served_a_team_learns_and_ctrl_c_ends_it(exported, sparse_coor
     def announced(server, options):
         threading.Thread(target=visit, args=[server]).start()
 
-    monkeypatch.setattr(import_page, "announce", announced)
+    monkeypatch.setattr("sparse_coord_ros.cli.page.announce", announced)
     command = ("import-map", "e/env1.yaml", "--page", "--port", "0", "--set", "steps=2000")
     code, out, _ = sparse_coord(*command)
     assert code == 0 and "tables   runs/env1_" in out

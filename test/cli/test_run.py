@@ -112,7 +112,6 @@ def test_the_page_chooses_the_next_team(monkeypatch):
     options = SimpleNamespace(scenario=None, penalty=None, out="a", resume="a")
     wish = {"scenario": "isr", "penalty": -3.0}
     monkeypatch.setattr(page, "served", lambda options: nullcontext())
-    monkeypatch.setattr(page, "announce", lambda *_: None)
     monkeypatch.setattr(page, "show_end", lambda *_: None)
     monkeypatch.setattr(page, "next_wish", lambda *_: wish)
 

@@ -97,7 +97,7 @@ def test_what_is_not_opaque_is_unknown(saved):
         ({"image": "left out"}, "setting image: value is None"),
         ({"image": ["m.pgm"]}, "setting image: value is"),
         ({"image": "n.pgm"}, "n.pgm: no such image"),
-        ({"image": "m.yaml"}, "cannot be read as an image"),
+        ({"image": "m.yaml"}, "cannot be read as an image (its format is unknown)"),
         ({"image": "a\0b"}, "cannot be read as an image"),
         ({"origin": [0, 0, 0.5]}, "has a yaw of 0.5, allowed: 0"),
         ({"origin": [0]}, "field 'origin' is [0]"),

@@ -208,7 +208,7 @@ def test_odd_maps(pixels, values, words):
 
 
 def test_a_grid_of_too_many_cells_is_refused_before_the_image_is_looked_at(monkeypatch):
-    monkeypatch.setattr(plans, "space_of", lambda *_: pytest.fail("it was"))
+    monkeypatch.setattr(plans.gridding, "space_of", lambda *_: pytest.fail("it was"))
     pixels = np.ones((1001, 1001), dtype=bool)
     with pytest.raises(MapError, match="the grid would have 1,002,001 cells, allowed: up to 1,00"):
         import_map(

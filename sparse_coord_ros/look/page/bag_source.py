@@ -13,27 +13,18 @@ from sparse_coord_ros.bags.layout import being_recorded
 from sparse_coord_ros.errors import BagError, SparseCoordError
 from sparse_coord_ros.game.plugins import leaving_out
 from sparse_coord_ros.learn.history import blank_history, concatenated
-from sparse_coord_ros.look.page import messages
-from sparse_coord_ros.look.page.board import Board
-from sparse_coord_ros.look.page.controls import (
-    JUMP,
-    LEARNED,
-    PAUSE,
-    RATE,
-    SEEK,
-    STEP,
-    Control,
-    Controlled,
-)
+from sparse_coord_ros.look.page import controls, messages
+from sparse_coord_ros.look.page.board import Board, Message
 from sparse_coord_ros.look.page.moments import Highlight, Moments, highlight
 from sparse_coord_ros.look.steps import logged_step
 from sparse_coord_ros.look.words import Words
+from sparse_coord_ros.runlog.attached import RecordedTables
 from sparse_coord_ros.runlog.log import NONE, RunLog
 from sparse_coord_ros.runlog.relearned import Relearned
 from sparse_coord_ros.runlog.window import LongLog
 from sparse_coord_ros.wire import COORDINATION_MAP
 
-CONTROLS = (PAUSE, STEP, RATE, SEEK, JUMP)
+CONTROLS = (controls.PAUSE, controls.STEP, controls.RATE, controls.SEEK, controls.JUMP)
 
 TICK_SECONDS = 1 / 30
 LOOK_SECONDS = 0.5
@@ -54,7 +45,7 @@ STILL_STEPS = 10_000
 """Of a time step that so many others have followed nobody wants to know any more."""
 
 
-class BagSource(Controlled):
+class BagSource(controls.Controlled):
     """Plays a bag to a board.
 
     Args:
@@ -104,9 +95,8 @@ class BagSource(Controlled):
         self._relearned = Relearned(self.log)
         self._asked: list[tuple[int, np.ndarray]] = []
         self._stop = threading.Event()
-        place = self.log.bag.path
+        place, fields = self.log.bag.path, messages.run_fields(self.run)
         title = str(place if place.is_dir() else place.parent)
-        fields = messages.run_fields(self.run)
         board.put("run", source="bag", title=title, controls=CONTROLS, **fields)
         board.source = self
         self._notice()
@@ -122,16 +112,20 @@ class BagSource(Controlled):
         try:
             log = self.log.read(max(0, last - most), last)
             whole = log.history().first_step[int(last > most) :]  # the first one may be cut
-            robots = range(len(self.run.scenario.robots))
-            found = [one for k in robots if (one := self.log.tables_before(k)) is not None]
+            found = self._newest()
         except SparseCoordError:  # that it is damaged is said where all of it is read
             return
-        if len(whole) and len(found) == len(robots):
+        if len(whole) and found:
             log, tables = log.between(int(whole[0]), last), [one.tables for one in found]
             self._highlight = highlight(log, tables, self._moments, self._words)
             newest = {one.robot: (one.step, one.tables) for one in found}
             self.board.put("tables", robots=messages.table_fields(self.run, newest))
             self._tell_learned()
+
+    def _newest(self) -> list[RecordedTables]:
+        """Return every robot's newest tables; nothing where one has none."""
+        found = [self.log.tables_before(k) for k in range(len(self.run.scenario.robots))]
+        return [] if None in found else [one for one in found if one is not None]
 
     def _tell_learned(self, *, read: bool = False) -> None:
         """Say what was learned; `read`: and since when, as the whole log has been read."""
@@ -159,7 +153,8 @@ class BagSource(Controlled):
 
     def _go(self, step: int) -> None:
         """Show a time step, and what comes after it."""
-        self.position, self._again = self._clamped(step), False
+        self.position = float(min(max(step, self.first), self.log.last_step))
+        self._again = False
 
     @property
     def _pace(self) -> float:
@@ -183,10 +178,8 @@ class BagSource(Controlled):
 
     def play(self) -> None:
         """Play until interrupted."""
-        beside = [
-            threading.Thread(target=one, daemon=True)
-            for one in (self._read_through, self._learn_along)
-        ]
+        tasks = (self._read_through, self._learn_along)
+        beside = [threading.Thread(target=one, daemon=True) for one in tasks]
         for thread in beside:
             thread.start()
         looked = time.monotonic()
@@ -231,51 +224,43 @@ class BagSource(Controlled):
             self.paused = self.position >= last and not self.growing
         self.show()
 
-    def _do(self, control: Control) -> None:
+    def _do(self, control: controls.Control) -> None:
         last = self.log.last_step
-        if control.name == PAUSE:
+        if control.name == controls.PAUSE:
             self.paused = control.value
             if not self.paused and self.position >= last and not self.growing:
                 self.position = float(self.first)
-        elif control.name == RATE:
+        elif control.name == controls.RATE:
             self.rate, self._shown_rate = control.value, np.inf
-        elif control.name == SEEK:
+        elif control.name == controls.SEEK:
             self._go(control.value)
             if self.growing and self.position >= last:
                 self.paused = False
-        elif control.name == JUMP:
-            self._jump(control.value)
-        elif control.name == STEP:
+        elif control.name == controls.JUMP and control.value == controls.LEARNED:
+            self._show_again()
+        elif control.name == controls.JUMP:  # the next one; after the last comes the first
+            steps = self._moments.steps[control.value]
+            if len(steps):
+                self._go(int(steps[np.searchsorted(steps, int(self.position) + 1) % len(steps)]))
+                self.paused = True
+        elif control.name == controls.STEP:
             self.paused = True
             self._go(self._beside(control.value))
 
-    def _jump(self, kind: str) -> None:
-        """Hold at the next moment of a kind; after the last one comes the first."""
-        if kind == LEARNED:
-            self._show_again()
-            return
-        steps = self._moments.steps[kind]
-        if len(steps):
-            self._go(int(steps[np.searchsorted(steps, int(self.position) + 1) % len(steps)]))
-            self.paused = True
-
     def _beside(self, count: int) -> int:
         """Return the time step so many steps on in the log, or back."""
-        log = self._around(int(self.position))
+        log = self._around()
         row = self._row(log) + count
-        if 0 <= row < len(log.step):
-            return int(log.step[row])
-        return int(self.position) + count
-
-    def _clamped(self, step: int) -> float:
-        return float(min(max(step, self.first), self.log.last_step))
+        inside = 0 <= row < len(log.step)
+        return int(log.step[row]) if inside else int(self.position) + count
 
     def _row(self, log: RunLog) -> int:
         """Return the row of the position in a part of the log; -1: before it."""
         return int(np.searchsorted(log.step, int(self.position), side="right")) - 1
 
-    def _around(self, step: int) -> RunLog:
-        window = self._window
+    def _around(self) -> RunLog:
+        """Return the part of the log around the position."""
+        window, step = self._window, int(self.position)
         margin = 2  # a transition needs the next state
         if window is None or not (
             len(window.step) and window.step[0] <= step <= window.step[-1] - margin
@@ -301,7 +286,7 @@ class BagSource(Controlled):
     def show(self) -> None:
         """Put what belongs to the position on the board, where it is not there already."""
         try:
-            log = self._around(int(self.position))
+            log = self._around()
             row = self._row(log)
             if row >= 0:
                 self._show(log, row)
@@ -321,13 +306,11 @@ class BagSource(Controlled):
         """Show the last questions up to a row, where there are others than before."""
         asking = np.flatnonzero(log.asked[: row + 1].any(axis=1))[-messages.DIALOGUE :]
         if self._new("dialogue", log.step[asking[-1:]].tolist()):
-            steps = (logged_step(log, place) for place in asking.tolist())
             known = {k for k, at in enumerate(self.log.table_steps()) if at}
-            told = [
-                one
-                for seen in steps
-                for one in messages.in_words(self.run, seen, known, self._words)
-            ]
+            told: list[Message] = []
+            for place in asking.tolist():
+                seen = logged_step(log, place)
+                told += messages.in_words(self.run, seen, known, self._words)
             self.board.put("dialogue", entries=told[-messages.DIALOGUE :])
 
     def _show_asked(self, step: int) -> None:
@@ -339,21 +322,19 @@ class BagSource(Controlled):
     def _notice(self) -> None:
         """Say what state the file is in."""
         log = self.log
+        text = ""
         if log.losses:
             text = f"damaged: {'; '.join(log.losses)}"
         elif self.growing:
             text = "still being recorded: the page follows it"
         elif not log.bag.finished:
             text = "never closed by its recorder: what there is of it is shown"
-        else:
-            text = ""
         if self._new("notice", text):
             self.board.put("notice", text=text)
 
     # In threads beside it.
 
     def _learn_along(self) -> None:
-        """Learn again what the robots had learned at the time step that is shown."""
         while not self._stop.wait(TICK_SECONDS):
             self.learn()
 
@@ -425,10 +406,8 @@ class BagSource(Controlled):
 
     def _evaluate(self) -> None:
         """Show the value of the newest tables, where all robots have learned some."""
-        found = [self.log.tables_before(k) for k in range(len(self.run.scenario.robots))]
-        entries = [entry for entry in found if entry is not None]
-        if len(entries) == len(found) and any(entry.step for entry in entries):
-            step = min(entry.step for entry in entries)
-            tables = [entry.tables for entry in entries]
+        found = self._newest()
+        if any(one.step for one in found):
+            step, tables = min(one.step for one in found), [one.tables for one in found]
             with leaving_out("their value", lambda said: self.board.put("notice", text=said)):
                 self.board.put("evaluation", **messages.evaluation_fields(self.run, tables, step))

@@ -42,16 +42,9 @@ class LiveView:
     """
 
     def __init__(
-        self,
-        run: RunConfig,
-        board: Board,
-        *,
-        source: str,
-        title: str,
-        controls: Sequence[str],
+        self, run: RunConfig, board: Board, *, source: str, title: str, controls: Sequence[str]
     ) -> None:
-        self.run, self.board = run, board
-        self.state = "waiting"
+        self.run, self.board, self.state = run, board, "waiting"
         robots, cells = len(run.scenario.robots), len(run.scenario.map.cells)
         self.asked = [[0] * cells for _ in range(robots)]
         self.last: Glimpse | None = None
@@ -64,8 +57,8 @@ class LiveView:
         self._speed: int | None = None
         self._lacking = ""
         board.clear()
-        fields = messages.run_fields(run)
-        board.put("run", source=source, title=title, controls=controls, **fields)
+        shown = {"source": source, "title": title, "controls": controls}
+        board.put("run", **shown, **messages.run_fields(run))
         self.notice("")
 
     def notice(self, text: str) -> None:
@@ -114,18 +107,12 @@ class LiveView:
         if seen is None:
             robots = len(self.asked)
             seen = Glimpse(0, tuple(still) or (None,) * robots, (None,) * robots, None, False)
-        self.board.put(
-            "frame",
-            state=self.state,
-            transitions=transitions,
-            episode=episode,
-            rate=rate,
-            speed=self._speed,
-            **messages.frame_fields(seen),
-        )
-        said = list(messages.in_words(self.run, seen, self.known, self._words)) if new else []
-        if said:
-            self._told.extend(said)
+        said: Message = {"transitions": transitions, "episode": episode, "rate": rate}
+        said |= {"state": self.state, "speed": self._speed, **messages.frame_fields(seen)}
+        self.board.put("frame", **said)
+        asks = list(messages.in_words(self.run, seen, self.known, self._words)) if new else []
+        if asks:
+            self._told.extend(asks)
             self.board.put("dialogue", entries=list(self._told))
 
     def slow_due(self) -> bool:

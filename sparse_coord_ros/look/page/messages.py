@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from sparse_coord_ros import palette
 from sparse_coord_ros.game.actions import ACTIONS, DIRECTIONS
 from sparse_coord_ros.learn.agent import Tables
 from sparse_coord_ros.learn.evaluation import MEASURES
@@ -23,19 +24,7 @@ from sparse_coord_ros.look.policy import entered, policy_of
 from sparse_coord_ros.look.steps import questions_of
 from sparse_coord_ros.look.words import Words
 from sparse_coord_ros.maps.picture import under
-from sparse_coord_ros.palette import (
-    ANSWERED,
-    DOORWAY_COLOUR,
-    OUTCOME_COLOURS,
-    OUTCOME_SIGNS,
-    robot_colour,
-)
-from sparse_coord_ros.runlog.explain import (
-    cell_in_words,
-    choice_in_words,
-    move_in_words,
-    reward_in_words,
-)
+from sparse_coord_ros.runlog import explain
 from sparse_coord_ros.solve.exact import evaluate_best
 from sparse_coord_ros.solve.shipped import yardsticks
 from sparse_coord_ros.solve.verdict import last_word
@@ -71,20 +60,17 @@ def run_fields(run: RunConfig) -> Message:
         "actions": ACTIONS,
         "directions": DIRECTIONS,
         "outcomes": {
-            name: {"colour": colour, "sign": OUTCOME_SIGNS[name]}
-            for name, colour in OUTCOME_COLOURS.items()
+            name: {"colour": colour, "sign": palette.OUTCOME_SIGNS[name]}
+            for name, colour in palette.OUTCOME_COLOURS.items()
         },
-        "doorway_colour": DOORWAY_COLOUR,
+        "doorway_colour": palette.DOORWAY_COLOUR,
         "map": {
-            "name": grid.name,
-            "title": grid.title,
-            "rows": grid.rows,
-            "cells": grid.cells,
+            **{name: getattr(grid, name) for name in ("name", "title", "rows", "cells")},
             "doorways": sorted(grid.doorways),
             "under": under(grid),
         },
         "robots": [
-            {**vars(robot), "colour": robot_colour(k), "shape": SHAPES[k % len(SHAPES)]}
+            {**vars(robot), "colour": palette.robot_colour(k), "shape": SHAPES[k % len(SHAPES)]}
             for k, robot in enumerate(scenario.robots)
         ],
     }
@@ -198,7 +184,7 @@ def put_end(board: Board, run: RunConfig, tables: Sequence[Tables]) -> tuple[Gli
     steps = played_episode(run.scenario, tables, BUSIEST, seed=0, learner=run.rule).steps
     words = Words(run.scenario)
     asked = [(one.end, words.question(seen, one)) for seen in steps for one in questions_of(seen)]
-    asked.sort(key=lambda told: told[0].outcome == ANSWERED)
+    asked.sort(key=lambda told: told[0].outcome == palette.ANSWERED)
     text = asked[-1][1] if asked else "In greedy episodes no robot asks another one."
     board.put("learned", lines=[text], first=None, step=None)
     return steps
@@ -222,15 +208,16 @@ def in_words(
         told, perceived = end.words, None
         cells = [at for peer in peers if (at := seen.cells[peer]) is not None]
         if end == PerceptEnd.ANSWERED and cells and len(cells) == len(peers):
-            told, perceived = f"answers {', '.join(cell_in_words(run, c) for c in cells)}", cells
+            places = ", ".join(explain.cell_in_words(run, one) for one in cells)
+            told, perceived = f"answers {places}", cells
         lines = [
-            choice_in_words(run, k, cell),
+            explain.choice_in_words(run, k, cell),
             f"asks {whom}: {told}",
-            move_in_words(run, cell if k in known else None, perceived, move),
+            explain.move_in_words(run, cell if k in known else None, perceived, move),
         ]
         reward = seen.rewards[k] if seen.rewards else None
         if reward is not None:
-            lines.append(reward_in_words(run, reward.total, after))
+            lines.append(explain.reward_in_words(run, reward.total, after))
         said = {"text": words.question(seen, question), "lines": lines}
         yield {"step": seen.step, "robot": k, "outcome": question.outcome, **said}
 

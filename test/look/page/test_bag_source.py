@@ -125,7 +125,7 @@ def test_curves_and_evaluation_are_those_of_the_log(player, bag):
 
 
 def test_playing_holding_stepping_seeking(player):
-    log = player.source._around(1)
+    log = player.source.log.around(1)
     player.do(RATE, 10.0)
     assert player.after(1.0)["step"] in (10, 11)
     frame = player.do(PAUSE, True)

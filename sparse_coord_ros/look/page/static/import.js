@@ -108,7 +108,7 @@ const TAKE = {
     imported = message;
     if (JSON.stringify(imported.chosen) === JSON.stringify(chosen)) waiting = false;
     if (!waiting) chosen = imported.chosen; // another page has chosen it
-    const { rows, side, cells, doorways, suggested } = imported, [x, y] = at(imported.origin), a = side * METRE;
+    const { rows, resolution: side, cells, doorways, suggested } = imported, [x, y] = at(imported.origin), a = side * METRE;
     const path = (sign, margin) => rows.flatMap((row, r) => [...row].map((one, c) => (one !== sign ? "" :
       `M${x + (c + margin) * a},${y - (rows.length - r - margin) * a}h${(1 - 2 * margin) * a}v${(1 - 2 * margin) * a}h${-(1 - 2 * margin) * a}z`))).join("");
     free.setAttribute("d", path(".", 0.08));
@@ -158,7 +158,7 @@ const tool = () => document.querySelector("input[name=tool]:checked").value;
 
 // The place in metres, as the middle of its cell where there is one, and the cell's sign.
 function cellAt(x, y) {
-  const { rows, side, origin } = imported ?? { rows: [], side: 1, origin: [0, 0] };
+  const { rows, resolution: side, origin } = imported ?? { rows: [], resolution: 1, origin: [0, 0] };
   const c = Math.floor((x - origin[0]) / side), level = Math.floor((y - origin[1]) / side), sign = rows[rows.length - 1 - level]?.[c];
   const place = sign ? [origin[0] + (c + 0.5) * side, origin[1] + (level + 0.5) * side] : [x, y];
   return { place: place.map((one) => Number(one.toFixed(3))), sign, key: `${level} ${c}` };
@@ -186,7 +186,7 @@ $("map").addEventListener("keydown", (event) => {
   event.preventDefault();
   const { x, y, width, height } = view.seen, from = cursor ?? metres({ x: x + width / 2, y: y + height / 2 });
   if (!by) return act(from);
-  cursor = from.map((one, axis) => one + by[axis] * (imported?.side ?? 1));
+  cursor = from.map((one, axis) => one + by[axis] * (imported?.resolution ?? 1));
   say(cursor);
   view.look();
 });
@@ -197,9 +197,7 @@ for (const [id, key] of [["cell-side", "cell"], ["radius", "radius"]]) {
 for (const one of document.querySelectorAll("input[name=tool]")) one.onchange = show;
 $("undo").onclick = () => { chosen = past.pop(); wish("import"); };
 $("no-robots").onclick = () => choose((now) => Object.assign(now, { start: [], goal: [] }));
-$("save").onclick = () => wish("save");
-$("train").onclick = () => wish("train");
-$("stop").onclick = () => send("stop");
-$("drive").onclick = () => send("drive");
+for (const what of ["save", "train"]) $(what).onclick = () => wish(what);
+for (const what of ["stop", "drive"]) $(what).onclick = () => send(what);
 
 const { send } = connect("?run=1", (message) => TAKE[message.type]?.(message), () => { $("state").textContent = "not connected"; });

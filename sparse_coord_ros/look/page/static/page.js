@@ -93,9 +93,7 @@ function showControls() {
   }
 }
 
-function setState(text) {
-  $("state").textContent = $("state").dataset.state = text;
-}
+const setState = (text) => { $("state").textContent = $("state").dataset.state = text; };
 
 // A run: what stays while it is shown.
 function begin() {
