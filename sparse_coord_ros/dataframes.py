@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from sparse_coord_ros.errors import RunError
+from sparse_coord_ros.errors import RunError, needed
 
 if TYPE_CHECKING:
     import numpy as np
@@ -26,13 +26,8 @@ def data_frame(columns: Columns) -> "pd.DataFrame":
     Raises:
         RunError: pandas is not installed.
     """
-    try:
+    with needed("a data frame needs pandas", "pip install pandas, or use the arrays"):
         import pandas
-    except ImportError as error:
-        raise RunError(
-            f"a data frame needs the Python package pandas ({error}): pip install pandas, or use "
-            "the arrays"
-        ) from None
     return pandas.DataFrame(dict(columns))
 
 

@@ -10,7 +10,8 @@ import difflib
 import errno
 import reprlib
 import traceback
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 
 EXIT_BAD_INPUT = 2
 """Exit code of every executable that stops because of bad input."""
@@ -81,6 +82,20 @@ class FaultError(SparseCoordError):
     """A fault of this software: an exception that nobody expected; the cause has its traceback."""
 
     exit_code = EXIT_FAULT
+
+
+@contextmanager
+def needed(what: str, remedy: str) -> Iterator[None]:
+    """Import what need not be installed; raises RunError where it is missing.
+
+    Args:
+        what: who needs which package.
+        remedy: what to do.
+    """
+    try:
+        yield
+    except ImportError as error:
+        raise RunError(f"{what} ({error}); {remedy}") from None
 
 
 def failure_of(error: Exception) -> SparseCoordError:

@@ -18,7 +18,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from sparse_coord_ros.errors import RunError, SettingError, in_short
+from sparse_coord_ros.errors import RunError, SettingError, in_short, needed
 from sparse_coord_ros.game.actions import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.game.grid import WALL
 from sparse_coord_ros.game.links import Percepts
@@ -30,14 +30,9 @@ from sparse_coord_ros.learn.agent import NOBODY
 from sparse_coord_ros.learn.run_config import RUN_SETTINGS
 from sparse_coord_ros.palette import DOORWAY_COLOUR, WALL_COLOUR, rgb, robot_colour
 
-try:
+with needed("the environment needs pettingzoo and gymnasium", "pip install '.[pettingzoo]'"):
     from gymnasium import spaces
     from pettingzoo import ParallelEnv
-except ImportError as missing:
-    raise RunError(
-        f"the PettingZoo environment needs the packages pettingzoo and gymnasium ({missing}): pip "
-        "install '.[pettingzoo]'"
-    ) from None
 
 STARTS = ("fixed", "protocol")
 NO_REWARD = Reward(0.0, 0.0, 0.0, 0.0)

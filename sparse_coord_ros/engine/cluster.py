@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from sparse_coord_ros.compiling import digest_of_sources
-from sparse_coord_ros.errors import ResultsError, RunError, SettingError, SparseCoordError
+from sparse_coord_ros.errors import ResultsError, RunError, SettingError, SparseCoordError, needed
 from sparse_coord_ros.game.plugins import allow_modules, allowed
 from sparse_coord_ros.game.settings import Setting
 
@@ -197,13 +197,9 @@ def _call(asker: tuple[str, Sequence[str]], function: Callable[..., Any], argume
 
 def _connected(scheduler: SchedulerLike) -> "Client":
     """Return a client of a scheduler that has workers; a client is returned as it is."""
-    try:
+    remedy = "pip install '.[cluster]', or leave --scheduler out"
+    with needed("a cluster needs the Python package distributed", remedy):
         from distributed import Client
-    except ImportError as error:
-        raise RunError(
-            f"a cluster needs the Python package distributed ({error}): pip install "
-            "'.[cluster]', or leave --scheduler out"
-        ) from None
     try:
         if isinstance(scheduler, str):
             with ThreadPoolExecutor(1) as apart:  # there may be an event loop in this thread

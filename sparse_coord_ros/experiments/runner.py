@@ -23,10 +23,10 @@ from sparse_coord_ros.engine.cluster import Cluster, SchedulerLike, check_place,
 from sparse_coord_ros.engine.trained import Training
 from sparse_coord_ros.errors import (
     ResultsError,
-    RunError,
     SettingError,
     SparseCoordError,
     did_you_mean,
+    needed,
 )
 from sparse_coord_ros.experiments.catalogue import NAMES, Experiment, experiment
 from sparse_coord_ros.experiments.conditions import Condition, parse_id
@@ -444,14 +444,10 @@ def samples_of(
 
 def _report_writer() -> Callable[..., None]:
     """Return what writes reports; raise `RunError`, before hours go by, where it cannot."""
-    try:
-        for package in ("pandas", "matplotlib", "jinja2"):
+    for package in ("pandas", "matplotlib", "jinja2"):
+        remedy = "pip install pandas matplotlib jinja2"
+        with needed(f"a report needs the Python package {package}", remedy):
             import_apart(package, "matplotlibrc")
-    except ImportError as error:
-        raise RunError(
-            f"a report needs the Python package {package} ({error}): pip install pandas "
-            "matplotlib jinja2"
-        ) from None
     from sparse_coord_ros.experiments.report import write_report
 
     return write_report

@@ -16,7 +16,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sparse_coord_ros.driving.ground import Ground, Pose
 from sparse_coord_ros.driving.mover import Mover
 from sparse_coord_ros.driving.transforms import Tree, yaw_of
-from sparse_coord_ros.errors import RunError, SettingError
+from sparse_coord_ros.errors import SettingError, needed
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.lockstep.bodies import Goals, Reached
 from sparse_coord_ros.nodes import interface
@@ -132,13 +132,9 @@ class MoverNode(Follower, LifecycleNodeMixin):
             )
 
     def _hear_transforms(self) -> None:
-        try:
+        remedy = "install it, or take a topic of poses"
+        with needed("parameter pose_type: tf needs the package tf2_msgs", remedy):
             from tf2_msgs.msg import TFMessage
-        except ImportError as error:
-            raise RunError(
-                f"parameter pose_type: tf needs the package tf2_msgs ({error}); install it, or "
-                "take a topic of poses"
-            ) from None
         topic = replace(interface.POSE, type=TFMessage)
         for name, qos in (("/tf", TF_QOS), ("/tf_static", STATIC_QOS)):
             read = functools.partial(self._read_transforms, qos is STATIC_QOS)

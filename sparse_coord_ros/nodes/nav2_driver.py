@@ -14,7 +14,7 @@ from rclpy.task import Future
 
 from sparse_coord_ros.driving.ground import Ground, Pose
 from sparse_coord_ros.driving.navigator import ANSWER_SECONDS, Navigator, NavLimits
-from sparse_coord_ros.errors import RunError
+from sparse_coord_ros.errors import needed
 from sparse_coord_ros.nodes.mover import MoverNode
 from sparse_coord_ros.nodes.spin import run_node
 from sparse_coord_ros.nodes.transforms import pose_message
@@ -39,13 +39,9 @@ class Nav2DriverNode(MoverNode):
     def set_up(self) -> None:
         """Look for Nav2's messages and its action, too."""
         super().set_up()
-        try:
+        remedy = "sudo apt install ros-jazzy-nav2-msgs, or start the node driver instead"
+        with needed(f"node {self.get_name()} needs the package nav2_msgs", remedy):
             from nav2_msgs.action import NavigateToPose
-        except ImportError as error:
-            raise RunError(
-                f"node {self.get_name()} needs the package nav2_msgs ({error}); install it: "
-                "sudo apt install ros-jazzy-nav2-msgs, or start the node driver instead"
-            ) from None
         self._type: Any = NavigateToPose
         action = self.values["action"] or f"{self.robot}/navigate_to_pose"
         self._client = ActionClient(self, self._type, action)

@@ -23,18 +23,14 @@ from importlib import resources
 from typing import Any
 from urllib.parse import urlsplit
 
-from sparse_coord_ros.errors import RunError, SettingError, SparseCoordError
+from sparse_coord_ros.errors import RunError, SettingError, SparseCoordError, needed
 from sparse_coord_ros.game.scenario import scenario_names
 from sparse_coord_ros.look.page.board import Board
 from sparse_coord_ros.look.page.controls import HOST, PORT, Controlled, parse_control
 
-try:
+_REMEDY = "pip install aiohttp, or sudo apt install python3-aiohttp"
+with needed("the page needs the Python package aiohttp", _REMEDY):
     from aiohttp import WSMsgType, http_exceptions, web
-except ImportError as error:
-    raise RunError(
-        f"the page needs the Python package aiohttp ({error}); install it: pip install aiohttp, "
-        "or sudo apt install python3-aiohttp"
-    ) from None
 
 MOST_PAGES = 32
 """Of more pages those give way that have not shown the token, the oldest first."""
