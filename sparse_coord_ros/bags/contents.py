@@ -462,7 +462,10 @@ class BagFile:
         try:
             if not self._lost:
                 self._altered = True
-                crc = self._data_crc(end.offset)
+                crc = 0
+                for place in range(0, end.offset, TOGETHER):
+                    data = self._source.read(place, min(TOGETHER, end.offset - place))
+                    crc = zlib.crc32(data, crc)
                 check_crc(expected, crc, end.offset, "the data before", required=self._own)
                 self._altered = False
             if end.end < self.size:
@@ -471,13 +474,6 @@ class BagFile:
                 raise Damage(self.size, CUT_OFF)
         except Damage as damage:
             self._flaw = str(damage)
-
-    def _data_crc(self, end: int) -> int:
-        """Return the checksum of the bytes before one; raises Damage."""
-        crc = 0
-        for place in range(0, end, TOGETHER):
-            crc = zlib.crc32(self._source.read(place, min(TOGETHER, end - place)), crc)
-        return crc
 
     def _check_summary(self, offset: int) -> None:
         """Check the end of a file; only the channels in it are of interest, as nobody seeks."""
@@ -544,8 +540,7 @@ class BagFile:
 def _has_end(source: Source, size: int) -> bool:
     """Whether a file ends as its recorder's `close` leaves it."""
     tail = len(_FOOTER) + 20 + len(MAGIC)
-    try:
-        data = source.read(size - tail, tail) if size > tail else b""
-    except Damage:
-        return False
-    return data.startswith(_FOOTER) and data.endswith(MAGIC)
+    with suppress(Damage):  # it is shorter
+        data = source.read(size - tail, tail)
+        return data.startswith(_FOOTER) and data.endswith(MAGIC)
+    return False

@@ -74,8 +74,7 @@ _Rosbag2Dumper.add_representer(
 def yaml_text(value: Any) -> str:
     """Return a plain value as YAML in rosbag2's layout, without a final newline."""
     layout: dict[str, Any] = {"sort_keys": False, "default_flow_style": False, "width": 2**31}
-    text = yaml.dump(value, Dumper=_Rosbag2Dumper, allow_unicode=True, **layout)
-    return text.rstrip("\n")
+    return yaml.dump(value, Dumper=_Rosbag2Dumper, allow_unicode=True, **layout).rstrip("\n")
 
 
 def offered_qos_profiles(profiles: Iterable[QoS]) -> str:

@@ -182,15 +182,13 @@ def main() -> int:
         try:
             while name != "close":
                 name, *arguments = connection.recv()
-                value = None
-                if name == "open":
-                    bag = BagWriter(Path(arguments[0]), **arguments[1])
-                elif name == "write_all":
+                if name == "write_all":
                     for message in arguments[0]:
                         bag.write(*message)
                     continue
-                else:
-                    value = getattr(bag, name)(*arguments)
+                if name == "open":
+                    bag = BagWriter(Path(arguments[0]), **arguments[1])
+                value = None if name == "open" else getattr(bag, name)(*arguments)
                 with contextlib.suppress(BrokenPipeError):
                     connection.send((name, value, bag.bytes_written))
         except BagError as error:

@@ -152,12 +152,12 @@ class Bag:
     @property
     def counts(self) -> Counter[str]:
         """Messages by topic."""
-        return _added(file.counts for file in self.files)
+        return Counter({n: sum(file.counts[n] for file in self.files) for n in self.topics})
 
     @property
     def sizes(self) -> Counter[str]:
         """Bytes of the messages' data by topic."""
-        return _added(file.sizes for file in self.files)
+        return Counter({n: sum(file.sizes[n] for file in self.files) for n in self.topics})
 
     @property
     def message_count(self) -> int:
@@ -296,13 +296,6 @@ def _missing(files: Sequence[Path]) -> Iterator[Gap]:
         if behind - before > 1:
             why = "is missing" if len(names) == 1 else "are missing"
             yield Gap(0, 0, why, None, None, " to ".join(names), place)
-
-
-def _added(counts: Iterable[Counter[str]]) -> Counter[str]:
-    total: Counter[str] = Counter()
-    for one in counts:
-        total.update(one)
-    return total
 
 
 _NUMBERED = re.compile(rf"(.+)_(0|[1-9][0-9]*)\.mcap({re.escape(PARTIAL)})?")

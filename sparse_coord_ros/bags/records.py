@@ -166,8 +166,7 @@ def describe(opcode: int) -> str:
     name = _NAMES.get(opcode)
     if name is None:
         return f"a record of unknown kind {opcode:#04x}"
-    article = "an" if name[0] in "aeiou" else "a"
-    return f"{article} {name} record"
+    return f"a{'n' * (name[0] in 'aeiou')} {name} record"
 
 
 class _Exact(ReadDataStream):

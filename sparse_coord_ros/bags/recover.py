@@ -134,7 +134,9 @@ def _mended(bag: Bag, directory: Path) -> Recovery:
             file.rename(file.with_name(file.name.removesuffix(PARTIAL)))
             renamed = True
     mended = open_bag(directory)
-    described = _describes(metadata, mended)
+    said, names = read_information(metadata), [file.path.name for file in mended.files]
+    told = said.get("relative_file_paths"), said.get("message_count")
+    described = told == (names, mended.message_count)
     if not described:
         if metadata.exists():
             _keep(metadata)
@@ -143,13 +145,6 @@ def _mended(bag: Bag, directory: Path) -> Recovery:
     sync_directory(directory)
     changed = bool(kept) or renamed or not described
     return Recovery(directory, bag, kept[0] if kept else None, changed)
-
-
-def _describes(metadata: Path, bag: Bag) -> bool:
-    """Whether a `metadata.yaml` is there and fits the bag."""
-    said, names = read_information(metadata), [file.path.name for file in bag.files]
-    told = said.get("relative_file_paths"), said.get("message_count")
-    return told == (names, bag.message_count)
 
 
 @contextlib.contextmanager

@@ -22,7 +22,7 @@ OPTIONS = (BAG, STEP, Option("--robot NAME", None, "of this robot only"), JSON)
 def execute(options: argparse.Namespace) -> None:
     """Run the verb."""
     from sparse_coord_ros.runlog import read_run
-    from sparse_coord_ros.runlog.explain import coordinations, explain, in_words
+    from sparse_coord_ros.runlog.explain import coordinations, explained, in_words
 
     wanted = options.step
     log = read_run(options.bag)
@@ -31,8 +31,7 @@ def execute(options: argparse.Namespace) -> None:
     asked = _robots(log, options.robot)
     steps = sorted({t for k in asked for t in coordinations(log, k)})
     step = next((t for t in steps if t >= wanted), None)
-    told = (explain(log, k, step) for k in asked if step is not None)
-    found = [one for one in told if one is not None]
+    found = [] if step is None else [one for k in asked for one in explained(log, k, [step])]
     who, lines = options.robot or "nobody", [f"lost: {loss}" for loss in log.losses]
     if step is None:
         last = max(steps, default="none")

@@ -151,7 +151,7 @@ def _dialogue(shown: Shown) -> Iterator[Part]:
         yield text("Without its learner's code: what was asked and answered, not why.", warn=True)
     told: list[Coordination] = []
     for k in range(len(log.names)):
-        told += filter(None, explained(log, k, [step for robot, step in samples if robot == k]))
+        told += explained(log, k, [step for robot, step in samples if robot == k])
     if not told:
         yield text("Nobody asked anything that the log can tell of.")
     for one in sorted(told, key=lambda one: (one.step, one.robot)):

@@ -171,8 +171,7 @@ class AgentCheck:
         mine = [r for r in heard(mine) if r.answer is not None]
         again = base["repeated"] + times_asked_again(mine)
         # A robot that stops while it asks has repeated without an action that follows.
-        until = entry.step + (entry is self.recorded[-1])
-        asked = [r for r in all_mine if r.step < until]
+        asked = [r for r in all_mine if r.step < entry.step + (entry is self.recorded[-1])]
         later = sum(r.answer is not None and r.answer[0] < r.step for r in asked)
         bounds = {name: (due[name], due[name]) for name in ("answered", "refused", "late")}
         bounds["learned"] = (base["learned"] + learned,) * 2

@@ -83,17 +83,17 @@ def coordinations(log: RunLog, robot: int) -> list[int]:
     return steps
 
 
-def explain(log: RunLog, robot: int, step: int) -> Coordination | None:
-    """Return what came of a robot's COORDINATE at a time step; None where it chose none.
+def explained(log: RunLog, robot: int, steps: Sequence[int]) -> Iterator[Coordination]:
+    """Yield what came of a robot's COORDINATE at time steps, where it chose that.
 
     The tables before and after are computed again as `verify` does: from the start of the log, or
-    from the checkpoint after a gap.
+    from the checkpoint after a gap; the log is followed once for all.
+
+    Args:
+        log: the log.
+        robot: the robot's number.
+        steps: the time steps, ascending.
     """
-    return next(explained(log, robot, [step]))
-
-
-def explained(log: RunLog, robot: int, steps: Sequence[int]) -> Iterator[Coordination | None]:
-    """Yield the same of several time steps, ascending; the log is followed once for all."""
     begun, doubt = None, log.hides(robot)
     if doubt is None and log.run.known_rule is not None:
         begun, odd = first_tables(log, robot)
@@ -113,11 +113,9 @@ def explained(log: RunLog, robot: int, steps: Sequence[int]) -> Iterator[Coordin
             replay = Replay(log, trajectory, fresh_agent(log, robot, begun, part))
         for step in mine:
             place = int(np.searchsorted(trajectory.step, step))
-            if step not in trajectory.step or not log.asked[trajectory.row[place], robot]:
-                yield None
-                continue
-            one = _logged(log, robot, trajectory, place)._replace(doubt=why)
-            yield one if replay is None else _replayed(log, one, trajectory, replay, place)
+            if step in trajectory.step and log.asked[trajectory.row[place], robot]:
+                one = _logged(log, robot, trajectory, place)._replace(doubt=why)
+                yield one if replay is None else _replayed(log, one, trajectory, replay, place)
 
 
 def _logged(log: RunLog, robot: int, trajectory: Trajectory, place: int) -> Coordination:
@@ -172,8 +170,7 @@ def cell_in_words(run: RunConfig, cell: int | None) -> str:
 
 def choice_in_words(run: RunConfig, robot: int, cell: int | None) -> str:
     """Return which robot (from 0) chooses COORDINATE, and where."""
-    name = run.scenario.robots[robot].name
-    return f"{name} in {cell_in_words(run, cell)} chooses COORDINATE"
+    return f"{run.scenario.robots[robot].name} in {cell_in_words(run, cell)} chooses COORDINATE"
 
 
 def move_in_words(

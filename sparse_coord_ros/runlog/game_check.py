@@ -123,8 +123,7 @@ class WorldCheck:
         for k, cell in enumerate(self.world.cells):
             track, due = log.tracks.states[k], self.centres[cell]
             if row is None or not _says(log.position[row, k], due, track.others.get(step, ())):
-                there = step in track.step
-                logged = self._place(log.position[row, k]) if there else MISSING
+                logged = self._place(log.position[row, k]) if step in track.step else MISSING
                 yield self.odd(step, k, wire.LOCAL_STATE.name, logged, self._place(due))
             log.cells[row, k] = cell
 

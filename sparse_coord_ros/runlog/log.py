@@ -126,17 +126,12 @@ class RunLog:
         return {step: row for row, step in enumerate(self.step.tolist())}
 
     @property
-    def broken_off(self) -> bool:
-        """Whether the end of the run is not in the log."""
-        return self.tracks.broken_off
-
-    @property
     def gaps(self) -> list[LostSteps]:
         """What is not in the log, in order; the last one without an end where it broke off."""
-        found = sorted(self.tracks.gaps)
-        if not self.broken_off:
-            return found
         tracks = self.tracks
+        found = sorted(tracks.gaps)
+        if not tracks.broken_off:
+            return found
         ends = [t.step.max() for t in (*tracks.states, tracks.clock) if len(t.step)]
         end = int(min(ends, default=0)) + 1
         return [*(gap for gap in found if gap.first < end), LostSteps(end, None)]

@@ -105,11 +105,10 @@ def stretches(log: RunLog) -> list[Stretch]:
             begin = last + 1
         else:  # nothing is left between this gap and the one before it
             begin = found.pop().first if found else 0
-        after = _after(log, gap.last + MARGIN) if gap.last is not None else None
-        end = None if after is None else after.first - 1
-        found.append(Stretch(begin, end, lost=True))
+        after = None if gap.last is None else _after(log, gap.last + MARGIN)
         if after is None:
-            return found
+            return [*found, Stretch(begin, lost=True)]
+        found.append(Stretch(begin, after.first - 1, lost=True))
         stretch = after
     return [*found, stretch]
 
@@ -273,8 +272,7 @@ class Replay:
                 self.other = action
                 return False
             if learned:
-                choice = Choice(cell, decision, action, perceived)
-                agent.learn(step, choice, reward, next_cell)
+                agent.learn(step, Choice(cell, decision, action, perceived), reward, next_cell)
             self.reached += 1
         return True
 

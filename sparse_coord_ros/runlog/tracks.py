@@ -15,21 +15,12 @@ from sparse_coord_ros import wire
 from sparse_coord_ros.bags.reader import Bag, open_bag
 from sparse_coord_ros.bags.topics import find_clock
 from sparse_coord_ros.game.world import EPISODE_GAP
+from sparse_coord_ros.runlog import timeline
 from sparse_coord_ros.runlog.attached import RecordedTables, read_tables
 from sparse_coord_ros.runlog.bag_run import BagRun, check_bag_run, find_run
 from sparse_coord_ros.runlog.columns import OFTEN, Columns, Forms, Only, Reading
 from sparse_coord_ros.runlog.dialogue import NO_REQUEST, Request, put_together
 from sparse_coord_ros.runlog.difference import MISSING, Difference
-from sparse_coord_ros.runlog.timeline import (
-    Jump,
-    Rollback,
-    gaps,
-    holds,
-    kept,
-    lost,
-    rollbacks,
-    steps_of,
-)
 from sparse_coord_ros.wire import RunState, messages
 from sparse_coord_ros.wire.events import event_form
 from sparse_coord_ros.wire.frame import Frame
@@ -55,12 +46,6 @@ class Track(NamedTuple):
     rows: np.ndarray
     repeats: np.ndarray
     others: Mapping[int, list[Any]] = MappingProxyType({})
-
-    def only(self, steps: np.ndarray) -> "Track":
-        """Return the messages of some time steps."""
-        mine = np.isin(self.step, steps)
-        repeats = self.repeats[np.isin(self.repeats, steps)]
-        return self._replace(step=self.step[mine], rows=self.rows[mine], repeats=repeats)
 
 
 OF_NO_RUN = Said("none", "", 0, 0)
@@ -114,7 +99,7 @@ class Tracks:
         if only is not None:
             forms[wire.ROSOUT.name] = wire.ROSOUT, lambda message: message
         self._period = Frame(self.run).period
-        self._backs = rollbacks(bag)
+        self._backs = timeline.rollbacks(bag)
         begins = {back.file: (back.first - 1) * self._period for back in self._backs}
         columns = Columns(bag, forms, only, self._period, begins)
         self.problems, self.suspects = columns.problems, columns.suspects
@@ -196,14 +181,15 @@ class Tracks:
         """Return the rows of a topic, of each file."""
         return [rows[self.topic(topic, k)] for rows in self._files]
 
-    def _find_gaps(self, jumps: Sequence[Jump]) -> None:
-        clocks = [steps_of(rows, self._period) for rows in self._of(wire.CLOCK)]
+    def _find_gaps(self, jumps: Sequence[timeline.Jump]) -> None:
+        clocks = [timeline.steps_of(rows, self._period) for rows in self._of(wire.CLOCK)]
         said = [one.step for rows in self._of(wire.STATUS) for one in rows if one is not OF_NO_RUN]
-        self.gaps, self.rollbacks = gaps(self.bag, clocks, self._backs, (said or [0])[-1])
+        end = (said or [0])[-1]
+        self.gaps, self.rollbacks = timeline.gaps(self.bag, clocks, self._backs, end)
         if self.lossy:
             often = {name for name, (topic, _) in self.forms.items() if topic in OFTEN}
             some = [jump for jump in jumps if jump.topic in often]
-            self.gaps = lost(some, self._period, self.gaps)
+            self.gaps = timeline.lost(some, self._period, self.gaps)
         else:
             self.problems += [jump.odd for jump in jumps]
 
@@ -216,7 +202,7 @@ class Tracks:
                 self._time_line([np.concatenate(files[begin:end]) for files in of_robots], back)
         self.requests.sort(key=lambda one: (one.step, one.asker))
 
-    def _time_line(self, events: list[np.ndarray], back: Rollback | None) -> None:
+    def _time_line(self, events: list[np.ndarray], back: timeline.Rollback | None) -> None:
         """Put the dialogue since a roll-back together, up to where the run went back to next."""
         newest = max(track.step.max(initial=0) for track in (self.clock, *self.states))
         later = self.rollbacks[0 if back is None else self.rollbacks.index(back) + 1 :]
@@ -236,8 +222,10 @@ class Tracks:
     def _rows(self, topic: wire.Topic, k: int | None) -> tuple[np.ndarray, np.ndarray]:
         """Return the time steps of a topic's rows that hold, and the rows."""
         checkpoints = topic is wire.COORDINATION_MAP
-        rows = kept(self._of(topic, k), self._backs, self._period, checkpoints=checkpoints)
-        steps = steps_of(rows, self._period)
+        rows = timeline.kept(
+            self._of(topic, k), self._backs, self._period, checkpoints=checkpoints
+        )
+        steps = timeline.steps_of(rows, self._period)
         due = steps * self._period
         right = (rows["ns"] == due) & (rows["ns"] >= 0)
         for place in np.flatnonzero(~right).tolist():
@@ -296,11 +284,13 @@ class Tracks:
         self, steps: np.ndarray, track: Track, topic: wire.Topic, k: int | None = None
     ) -> Track:
         """Return a track's messages of some time steps; the others may be a stranger's."""
-        for step in track.step[~np.isin(track.step, steps)].tolist():
+        mine = np.isin(track.step, steps)
+        for step in track.step[~mine].tolist():
             words = "there", "none: no time step of the run"
             self.suspects.append(self.odd(step, k, topic.name, *words))
             self.problems = [o for o in self.problems if o[:3:2] != (step, topic.name)]
-        return track.only(steps)
+        repeats = track.repeats[np.isin(track.repeats, steps)]
+        return track._replace(step=track.step[mine], rows=track.rows[mine], repeats=repeats)
 
     def _several(self, topic: wire.Topic, k: int | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Return time steps and rows, of which there may be several a time step."""
@@ -313,12 +303,12 @@ class Tracks:
     def _own_statuses(self) -> Iterator[Said]:
         """Yield the statuses of the run that hold; note those of others."""
         run = self.run
-        for place, rows in enumerate(self._of(wire.STATUS)):
+        for n, rows in enumerate(self._of(wire.STATUS)):
             for one in rows:
                 if one is OF_NO_RUN or (one.run and run.id and one.run != run.id):
                     self.suspects.append(_odd(one, f"of run {one.run!r}", run.id or "this one"))
                 # A world that is yet to go back does not know where the team is.
-                elif holds(place, one.step, self._backs) and one.state != RunState.RESUMING:
+                elif timeline.holds(n, one.step, self._backs) and one.state != RunState.RESUMING:
                     yield one
 
     def _statuses(self) -> Iterator[Said]:
@@ -356,12 +346,12 @@ def read_tracks(path: Path) -> Tracks:
     return tracks
 
 
-def _under_way(step: int, back: Rollback | None) -> bool:
+def _under_way(step: int, back: timeline.Rollback | None) -> bool:
     """Whether an answer of a time step may be to a question of before a roll-back."""
     return back is not None and (step >= back.until - 1 or step <= back.first)
 
 
-def _stale(request: Request, back: Rollback | None) -> bool:
+def _stale(request: Request, back: timeline.Rollback | None) -> bool:
     """Whether it was asked before a roll-back, and answered by who had gone back already.
 
     A peer that is asked in time is one time step behind at most.

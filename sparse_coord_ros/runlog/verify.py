@@ -247,7 +247,7 @@ def _causes(log: RunLog, agents: Sequence[AgentCheck]) -> Iterator[Cause]:
         if agent.killed:
             text = f"{agent.name} saved no tables at its end (killed?)"
             yield text, agent.missing_tables(agent.end).__eq__
-    if not log.broken_off and tracks.statuses and tracks.statuses[-1].state not in wire.OVER:
+    if not tracks.broken_off and tracks.statuses and tracks.statuses[-1].state not in wire.OVER:
         yield "the world did not say how the run ended (killed?)", _of_its_end(log)
     said = _said(log, wire.STATUS, read_status)
     calls = [(step, one.order.name) for step, one in said if one.order.step == ROLL_CALL]
@@ -298,11 +298,9 @@ def _robot_returns(log: RunLog, k: int, calls: Collection[str]) -> list[Cause]:
                 late = odd.step is not None and odd.step >= step
                 return odd.robot == name and (late or again == (wire.TABLES.name, "twice", since))
 
-            text = (
-                f"{name} came back at step {step} with what it had learned until step {said.step}"
-            )
-            text += ", and went on with that: what it then does and learns is not computed again"
-            backs.append((text, explains))
+            text = f"{name} came back at step {step} with what it had learned until step"
+            so = "and went on with that: what it then does and learns is not computed again"
+            backs.append((f"{text} {said.step}, {so}", explains))
         life = said.life
         backs = backs if said.obeyed in calls else []
     return backs
@@ -315,5 +313,4 @@ def _said(
     decode, period, name = Decoder(log.bag.topics), log.frame.period, log.tracks.topic(topic, k)
     for message in log.bag.messages({name}) if name in log.bag.topics else ():
         with suppress(AttributeError, ValueError):  # another message; its reader says so
-            said = read(decode(name, message.data))
-            yield round(message.log_time_ns / period), said
+            yield round(message.log_time_ns / period), read(decode(name, message.data))

@@ -20,7 +20,7 @@ from sparse_coord_ros.learn.run_config import load_run
 from sparse_coord_ros.learn.simulation import tables_equal
 from sparse_coord_ros.look.report import _faults, run_report
 from sparse_coord_ros.look.sources import open_shown
-from sparse_coord_ros.runlog.explain import explain, in_words
+from sparse_coord_ros.runlog.explain import explained, in_words
 from sparse_coord_ros.runlog.log import read_run
 from sparse_coord_ros.solve.exact import evaluate_exact
 
@@ -64,7 +64,7 @@ def test_its_numbers_are_those_of_the_log(page, bag):
     log = read_run(bag)
     assert f"<td>percepts answered</td><td>{int((log.asked & log.perceived).sum())}</td>" in page
     k, row = next((k, r) for r in range(len(log.step)) for k in (0, 1) if log.perceived[r, k])
-    told = "\n".join(in_words(log, explain(log, k, int(log.step[row]))))
+    told = "\n".join(in_words(log, *explained(log, k, [int(log.step[row])])))
     assert told in unescape(page)
     assert "refused" in page
 

@@ -18,7 +18,7 @@ from sparse_coord_ros.bags.recover import recover
 from sparse_coord_ros.errors import BagError
 from sparse_coord_ros.nodes.messages import Converter
 from sparse_coord_ros.runlog import read_run, verify
-from sparse_coord_ros.runlog.explain import coordinations, explain, explained
+from sparse_coord_ros.runlog.explain import coordinations, explained
 from sparse_coord_ros.wire import BAG_FORMAT
 from sparse_coord_ros.wire.messages import ACTION_FORM
 
@@ -368,7 +368,7 @@ def test_explain_knows_what_a_left_out_robot_has_not_learned(record):
     found = [one for k in range(4) for one in explained(log, k, coordinations(log, k))]
     assert verify(run.bag).unlearned > 0
     assert all(one is not None and one.agrees and one.doubt is None for one in found)
-    last = explain(log, 0, coordinations(log, 0)[-1])
+    [last] = explained(log, 0, coordinations(log, 0)[-1:])
     own = run.recording.robots[0].agent.tables
     entry, _, after = last.update.star
     assert own.q_star[entry] == after or last.step < log.step[-20]
@@ -386,6 +386,6 @@ def test_explain_says_what_it_cannot_know(good, rewritten, tmp_path):
     log = read_run(rewritten(good.bag, tmp_path / "bag", attach=attach))
     right = read_run(good.bag)
     step = coordinations(log, 0)[5]
-    told, known = explain(log, 0, step), explain(right, 0, step)
+    [told], [known] = explained(log, 0, [step]), explained(right, 0, [step])
     assert "tables q_star[3, 2]" in told.doubt and known.doubt is None
     assert told.q_values == known.q_values

@@ -18,7 +18,7 @@ from sparse_coord_ros.cli.main import main
 from sparse_coord_ros.learn.run_config import RUN_RECORD
 from sparse_coord_ros.learn.tables import pack_tables, unpack_saved
 from sparse_coord_ros.runlog import read_run, verify
-from sparse_coord_ros.runlog.explain import coordinations, explain
+from sparse_coord_ros.runlog.explain import coordinations, explained
 from sparse_coord_ros.runlog.timeline import Jump, LostSteps, lost
 from sparse_coord_ros.runlog.window import LongLog
 
@@ -332,11 +332,11 @@ def test_an_undamaged_log_whose_numbers_jump_differs(chunked, rewritten, tmp_pat
 def test_each_coordinate_is_explained_as_far_as_it_is_known(chunked, flipped, capsys):
     path, _ = flipped(chunked.bag, 5)
     log, whole = read_run(path), read_run(chunked.bag)
-    present = [step for step in coordinations(log, 1) if explain(log, 1, step) is not None]
+    present = [step for step in coordinations(log, 1) if list(explained(log, 1, [step]))]
     [(first, last), *_] = verify(path).not_compared
     seen = set()
     for step in present:
-        told, due = explain(log, 1, step), explain(whole, 1, step)
+        [told], [due] = explained(log, 1, [step]), explained(whole, 1, [step])
         lost_then = first <= step <= last
         seen.add(lost_then)
         assert (told.q_values == ()) == lost_then and told.agrees

@@ -18,7 +18,7 @@ from sparse_coord_ros.learn.agent import Agent
 from sparse_coord_ros.learn.evaluation import Team
 from sparse_coord_ros.learn.simulation import Learning, tables_equal
 from sparse_coord_ros.runlog import read_run, verify
-from sparse_coord_ros.runlog.explain import coordinations, explain
+from sparse_coord_ros.runlog.explain import coordinations, explained
 from sparse_coord_ros.wire.frame import Frame
 
 HALF = {"perception": "probability:0.5"}
@@ -157,7 +157,7 @@ def test_a_team_in_a_namespace_with_a_clock_of_its_own(good, tmp_path):
     assert found.same, found.first
     assert found.steps == 250
     log = read_run(bag)
-    assert explain(log, 0, coordinations(log, 0)[3]).agrees
+    assert next(explained(log, 0, coordinations(log, 0)[3:])).agrees
     opened = open_bag(bag)
     assert find_clock(opened.topics, opened.counts) == "/team_a/clock"
     assert Playlist(opened, opened.topics).step_count == Playlist(source, source.topics).step_count

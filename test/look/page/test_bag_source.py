@@ -28,7 +28,7 @@ from sparse_coord_ros.look.page.controls import (
     Control,
 )
 from sparse_coord_ros.runlog import read_run
-from sparse_coord_ros.runlog.explain import explain, in_words
+from sparse_coord_ros.runlog.explain import explained, in_words
 from sparse_coord_ros.wire.occupancy import OccupancyData
 
 
@@ -85,7 +85,7 @@ def test_the_words_begin_as_explain_tells_them(player, bag):
     step = int(log.step[np.flatnonzero(log.asked[:, 0] & log.perceived[:, 0])[3]])
     player.do(SEEK, step)
     said = player.board.get("dialogue")["entries"][-1]
-    due = list(in_words(log, explain(log, said["robot"], step)))
+    due = list(in_words(log, *explained(log, said["robot"], [step])))
     assert said["step"] == step and due[0].endswith(said["lines"][0])
     assert due[1].strip().startswith(said["lines"][1])
     assert due[3].strip().startswith(said["lines"][2])
