@@ -49,17 +49,14 @@ WAIT_SECONDS = 0.2
 
 def has_numba() -> bool:
     """Whether numba is installed, and fits this NumPy."""
-    if "numba" in sys.modules:  # nothing to wait for
-        return _imports()
-    return bool(in_background("numba", _imports))
+    # Where it is imported there is nothing to wait for.
+    return _imports() if "numba" in sys.modules else bool(in_background("numba", _imports))
 
 
 def _imports() -> bool:
-    try:
-        numba()
-    except ImportError:
-        return False
-    return True
+    with suppress(ImportError):
+        return bool(numba())
+    return False
 
 
 def numba() -> ModuleType:
@@ -88,8 +85,7 @@ def in_background(key: object, work: Callable[[], Any]) -> Any:
         future = _background.get(key)
         if future is None or (future.done() and future.exception() is not None):
             future = _background[key] = Future()
-            thread = threading.Thread(target=_do, args=(work, future), name=f"{key}", daemon=True)
-            thread.start()
+            threading.Thread(target=_do, args=(work, future), name=f"{key}", daemon=True).start()
     try:
         while not future.done():
             wait([future], timeout=WAIT_SECONDS)

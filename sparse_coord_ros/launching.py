@@ -198,8 +198,7 @@ class LaunchedTeam:
         for robot in self.scenario.robots:
             self.add("robot", {**own, **self.of(["tables"])}, robot.name)
         if self.get("record"):
-            bag = str(Path(self._out) / "bag")
-            self.add(RECORDER, {**own, "out": bag})
+            self.add(RECORDER, {**own, "out": str(Path(self._out) / "bag")})
 
     def add(
         self,
@@ -292,12 +291,11 @@ class LaunchedTeam:
             ) from None
         with NamedTemporaryFile("w", prefix="team_", suffix=".rviz", delete=False) as config:
             config.write(rviz_config(names, self._namespace))
-        shown = ["-d", config.name]
         view = Node(
             package="rviz2",
             executable="rviz2",
             namespace=self.get("namespace").strip("/"),
-            arguments=shown,
+            arguments=["-d", config.name],
             parameters=[{"use_sim_time": True}],
             remappings=self._remapped,
         )

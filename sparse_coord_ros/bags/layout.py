@@ -6,12 +6,22 @@ import contextlib
 import errno
 import os
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
 
 from sparse_coord_ros.errors import BagError
 from sparse_coord_ros.files import PARTIAL, rescue, sync_directory, take_lock, write_whole
 from sparse_coord_ros.limits import open_regular
+
+
+@contextlib.contextmanager
+def failing(what: str, remedy: str = "") -> Iterator[None]:
+    """Let an OSError be a BagError: what could not be done, why, and what to do."""
+    try:
+        yield
+    except OSError as error:
+        raise BagError(f"{what}: {error.strerror}{remedy}") from error
 
 
 class OutputFile:
@@ -79,7 +89,7 @@ class OutputFile:
         folder for temporary files.
         """
         whole = self.path.with_name(self.path.name.removesuffix(PARTIAL))
-        try:
+        with failing(f"cannot finish {self.path} as {whole.name}", "; all is in it"):
             if not os.fstat(self._file.fileno()).st_nlink:
                 self.path = self._copied_out(whole.absolute())
                 return
@@ -88,10 +98,6 @@ class OutputFile:
             os.fsync(self._file.fileno())
             self.path = self.path.rename(whole)
             sync_directory(whole.parent)
-        except OSError as error:
-            raise BagError(
-                f"cannot finish {self.path} as {whole.name}: {error.strerror}; all is in it"
-            ) from error
 
     def _copied_out(self, whole: Path) -> Path:
         """Return the copy of a file that was deleted; the last OSError passes."""
@@ -112,10 +118,8 @@ class OutputFile:
         """Close the file; raises BagError if the system reports a late failure."""
         if self.refusal is None:
             self.refusal = f"the bag {self.path} is closed: open a new one"
-        try:
+        with failing(f"cannot close {self.path}"):
             self._file.close()
-        except OSError as error:
-            raise BagError(f"cannot close {self.path}: {error.strerror}") from error
 
 
 def create_bag_file(directory: Path, file_name: str, *, new: bool = True) -> OutputFile:
@@ -141,10 +145,8 @@ def create_bag_file(directory: Path, file_name: str, *, new: bool = True) -> Out
 
 def open_to_read(path: Path) -> BinaryIO:
     """Open a file; raises BagError if there is none, also at once of a pipe or a device."""
-    try:
+    with failing(f"cannot read {path}"):
         return open_regular(path)
-    except OSError as error:
-        raise BagError(f"cannot read {path}: {error.strerror}") from error
 
 
 def being_recorded(path: Path) -> bool:
@@ -155,7 +157,5 @@ def being_recorded(path: Path) -> bool:
 
 def write_text(path: Path, text: str) -> None:
     """Write a text file all or nothing, and let the disk have it; BagError where that fails."""
-    try:
+    with failing(f"cannot write {path}", "; make room"):
         write_whole(path, text, sync=True)
-    except OSError as error:
-        raise BagError(f"cannot write {path}: {error.strerror}; make room") from error

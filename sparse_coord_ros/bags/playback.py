@@ -6,6 +6,7 @@ Whatever was played, everything up to `position_ns` is out and nothing after it.
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 from sparse_coord_ros.bags.playlist import Playlist
 from sparse_coord_ros.bags.reader import Message
@@ -15,6 +16,7 @@ BURST = 100
 """Messages of one call of `play`, so that whoever calls can attend to other things."""
 
 
+@dataclass(eq=False)
 class Playback:
     """Publishes messages at absolute deadlines, so that delays do not add up.
 
@@ -34,40 +36,35 @@ class Playback:
         late_ns: how late a message that was due at a time went out, at most; None: none was.
     """
 
-    def __init__(
-        self,
-        playlist: Playlist,
-        publish: Callable[[Message], None],
-        now_ns: Callable[[], int],
-        *,
-        on_time: Callable[[int], None] = lambda _: None,
-        rate: float = 1.0,
-        loop: bool = False,
-        paused: bool = False,
-    ) -> None:
-        self._playlist, self._publish, self._now_ns = playlist, publish, now_ns
-        self._on_time = on_time
-        self._rate, self._loop = rate, loop
-        self.paused, self.done = paused, False
-        self.published = 0
-        self._anchor_ns, self._from_ns = now_ns(), playlist.start_ns
+    playlist: Playlist
+    publish: Callable[[Message], None]
+    now_ns: Callable[[], int]
+    on_time: Callable[[int], None] = lambda _: None
+    rate: float = 1.0
+    loop: bool = False
+    paused: bool = False
+
+    def __post_init__(self) -> None:
+        """Begin at the playlist's start."""
+        self.done, self.published = False, 0
         self.late_ns: int | None = None
+        self._go_on_from(self.playlist.start_ns)
 
     @property
     def position_ns(self) -> int:
         """The log time that is reached."""
         if self.paused:
             return self._from_ns
-        reached = self._from_ns + round((self._now_ns() - self._anchor_ns) * self._rate)
-        next_ns = self._playlist.next_ns
-        limit = self._playlist.end_ns if next_ns is None else next_ns
+        reached = self._from_ns + round((self.now_ns() - self._anchor_ns) * self.rate)
+        next_ns = self.playlist.next_ns
+        limit = self.playlist.end_ns if next_ns is None else next_ns
         return max(self._from_ns, min(reached, limit))
 
     def seek(self, time_ns: int) -> None:
         """Go to a log time: kept topics become current, and the messages of that time go out."""
         self.done = False
-        messages = self._playlist.seek(time_ns)
-        self._on_time(time_ns)
+        messages = self.playlist.seek(time_ns)
+        self.on_time(time_ns)
         for message in messages:
             self._send(message)
         self._send_until(time_ns)
@@ -82,16 +79,16 @@ class Playback:
     def set_rate(self, rate: float) -> None:
         """Go on at another rate."""
         self._go_on_from(self.position_ns)
-        self._rate = rate
+        self.rate = rate
 
     def step(self) -> bool:
         """Pause, and publish the next time step; return False where the bag has ended."""
         self.pause(True)
-        end_ns = self._playlist.step_end_ns
+        end_ns = self.playlist.step_end_ns
         if end_ns is None:
-            if not self._loop:
+            if not self.loop:
                 return False
-            self.seek(self._playlist.start_ns)
+            self.seek(self.playlist.start_ns)
             return True
         self._send_until(end_ns)
         self._go_on_from(end_ns)
@@ -107,31 +104,31 @@ class Playback:
         if self.paused or self.done:
             return None
         for _ in range(BURST):
-            next_ns = self._playlist.next_ns
+            next_ns = self.playlist.next_ns
             if next_ns is None:
                 return self._end()
             due = self._deadline(next_ns)
-            wait = due - self._now_ns()
+            wait = due - self.now_ns()
             if wait > 0:
-                self._playlist.prepare()
-                return max(0, due - self._now_ns())
-            self._on_time(next_ns)
-            self._send(self._playlist.take())
-            self.late_ns = max(self.late_ns or 0, self._now_ns() - due)
+                self.playlist.prepare()
+                return max(0, due - self.now_ns())
+            self.on_time(next_ns)
+            self._send(self.playlist.take())
+            self.late_ns = max(self.late_ns or 0, self.now_ns() - due)
         return 0
 
     def _deadline(self, time_ns: int) -> int:
-        return self._anchor_ns + round((time_ns - self._from_ns) / self._rate)
+        return self._anchor_ns + round((time_ns - self._from_ns) / self.rate)
 
     def _go_on_from(self, time_ns: int) -> None:
-        self._from_ns, self._anchor_ns = time_ns, self._now_ns()
+        self._from_ns, self._anchor_ns = time_ns, self.now_ns()
 
     def _end(self) -> int | None:
         """Be done, or begin again: the first message follows the last as one step the other."""
-        if not self._loop:
+        if not self.loop:
             self.done = True
             return None
-        playlist = self._playlist
+        playlist = self.playlist
         length = playlist.end_ns - playlist.start_ns
         gap = length // (playlist.step_count - 1) if length else SECOND
         self._anchor_ns = self._deadline(playlist.end_ns + gap)
@@ -140,10 +137,10 @@ class Playback:
         return 0
 
     def _send(self, message: Message) -> None:
-        self._publish(message)
+        self.publish(message)
         self.published += 1
 
     def _send_until(self, time_ns: int) -> None:
-        while (next_ns := self._playlist.next_ns) is not None and next_ns <= time_ns:
-            self._on_time(next_ns)
-            self._send(self._playlist.take())
+        while (next_ns := self.playlist.next_ns) is not None and next_ns <= time_ns:
+            self.on_time(next_ns)
+            self._send(self.playlist.take())

@@ -12,7 +12,6 @@ from collections.abc import Collection, Iterator
 import numpy as np
 
 from sparse_coord_ros.bags.reader import Bag, Message
-from sparse_coord_ros.bags.topics import find_clock
 from sparse_coord_ros.errors import BagError
 
 
@@ -49,7 +48,7 @@ class Playlist:
         self._places = np.empty(len(order), np.int64)
         self._places[order] = np.arange(len(order))
         self._kept = [numbers[name] for name in sorted(kept) if name in numbers]
-        clock = numbers.get(find_clock(bag.topics, bag.counts) or "")
+        clock = numbers.get(bag.clock or "")
         ticks = self._times[self._kinds == clock] if clock in self._kinds else self._times
         self._ticks = np.unique(np.append(ticks, self._times[0]))
         self.start_ns, self.end_ns = int(self._times[0]), int(self._times[-1])

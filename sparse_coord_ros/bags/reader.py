@@ -19,7 +19,7 @@ from sparse_coord_ros.bags.records import MESSAGE
 from sparse_coord_ros.bags.topics import BagTopic
 from sparse_coord_ros.errors import BagError, check_format
 from sparse_coord_ros.learn.run_config import RUN_RECORD
-from sparse_coord_ros.wire import BAG_FORMAT, FORMAT_KEY
+from sparse_coord_ros.wire import BAG_FORMAT, CLOCK, FORMAT_KEY
 
 BAG_DIRECTORY = "bag"
 """Name of the bag's directory in that of a run."""
@@ -143,6 +143,17 @@ class Bag:
             for topic in file.topics.values():
                 found.setdefault(topic.name, topic)
         return found
+
+    @property
+    def clock(self) -> str | None:
+        """The topic that holds its clock, however it is called; None: there is none.
+
+        It is known by its type. Of several it is the one of the usual name, else the one that says
+        most.
+        """
+        topics, counts = self.topics, self.counts
+        found = sorted(name for name in topics if topics[name].type_name == CLOCK.type_name)
+        return max(found, key=lambda one: (one == f"/{CLOCK.name}", counts[one]), default=None)
 
     @property
     def channels(self) -> Mapping[int, str]:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sparse_coord_ros.bags.gaps import Gap, to_note
-from sparse_coord_ros.bags.layout import PARTIAL, open_to_read, sync_directory, write_text
+from sparse_coord_ros.bags.layout import PARTIAL, failing, open_to_read, sync_directory, write_text
 from sparse_coord_ros.bags.metadata import (
     METADATA_FILE,
     METADATA_RECORD,
@@ -72,10 +72,8 @@ def recover(path: Path) -> Recovery:
         if not (bag.topics or bag.metadata or bag.attachments):
             why = f": {bag.damage}" if bag.damage else ""
             raise BagError(f"{files[0]} holds nothing to recover{why}")
-        try:
+        with failing(f"cannot recover {files[0]}", "; make room"):
             return _mended(bag, files[0].parent)
-        except OSError as error:
-            raise BagError(f"cannot recover {files[0]}: {error.strerror}; make room") from error
 
 
 def continued(directory: Path) -> Bag | None:

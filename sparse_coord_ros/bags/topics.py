@@ -7,7 +7,7 @@ no longer latched.
 """
 
 import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -16,7 +16,6 @@ from mcap.records import Channel, Schema
 from sparse_coord_ros.bags.records import Damage
 from sparse_coord_ros.errors import BagError
 from sparse_coord_ros.limits import METADATA, yaml_value
-from sparse_coord_ros.wire import CLOCK
 
 # rmw's RMW_DURATION_INFINITE, 2**63 - 1 ns: what rosbag2 records for a publisher without a
 # deadline, lifespan or lease.
@@ -140,15 +139,3 @@ def topic_of(channel: Channel, schemas: dict[int, Schema], offset: int) -> BagTo
         raise Damage(offset, f"topic {channel.topic!r}: {error}") from error
     type_hash = channel.metadata.get("topic_type_hash", "")
     return BagTopic(channel.topic, schema.name, text, qos, type_hash, schema.encoding)
-
-
-def find_clock(topics: Mapping[str, BagTopic], counts: Mapping[str, int]) -> str | None:
-    """Return the topic of a bag that holds its clock, however it is called; None: there is none.
-
-    It is known by its type. Of several it is the one of the usual name, else the one that says
-    most.
-    """
-    found = sorted(name for name, topic in topics.items() if topic.type_name == CLOCK.type_name)
-    return max(
-        found, key=lambda name: (name == f"/{CLOCK.name}", counts.get(name, 0)), default=None
-    )

@@ -13,7 +13,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 
 from sparse_coord_ros import wire
 from sparse_coord_ros.bags import Bag, BagTopic, Message, QoS, open_bag, type_hash
-from sparse_coord_ros.bags.topics import find_clock, latched
+from sparse_coord_ros.bags.topics import latched
 from sparse_coord_ros.errors import BagError, SettingError
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.wire.frame import SECOND
@@ -67,8 +67,7 @@ class Stage:
         if skipped:
             warn(f"not played: {', '.join(skipped)}")
         self._send = {name: publisher.publish for name, publisher in self.publishers.items()}
-        own = find_clock(bag.topics, bag.counts)
-        clock = interface.CLOCK
+        own, clock = bag.clock, interface.CLOCK
         self.clock_name = node.resolve_topic_name(clock.name) if own is None else own
         self.clock: Publisher | None = None
         if own not in self.publishers or not bag.counts[own]:
@@ -104,8 +103,7 @@ def chosen_topics(bag: Bag, patterns: Sequence[str]) -> list[str]:
     Raises:
         SettingError: a pattern fits no topic.
     """
-    clock = find_clock(bag.topics, bag.counts)
-    chosen = set() if clock is None else {clock}
+    chosen = set() if bag.clock is None else {bag.clock}
     claims = {name for name in bag.topics if name.endswith(f"/{interface.CLAIM.name}")}
     withheld = claims | set(ROS_OWN)
     for pattern in patterns or ["*"]:

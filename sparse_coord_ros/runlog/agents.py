@@ -93,14 +93,13 @@ class AgentCheck:
     def _first(self, replay: Replay) -> Difference | None:
         """Return the first action, table or map that the agent has not."""
         log, steps, rows = self.log, self.trajectory.step, self.trajectory.row
-        limit = len(steps)
-        if self.stretch.last is not None:
-            limit = int(np.searchsorted(steps, self.stretch.last, side="right"))
+        last = np.inf if self.stretch.last is None else self.stretch.last
+        limit = int(np.searchsorted(steps, last, side="right"))
         said = log.has_learned[rows, self.k]
         told_before = self.stretch.start is not None
         able = np.concatenate([[told_before], self.trajectory.told])[:-1] & (not log.run.greedy)
         lies = np.flatnonzero((said != 0.0) & ((said != 1.0) | ~able))[:1].tolist()
-        limit = min(limit, *lies, len(steps))
+        limit = min([limit, *lies])
         odd: tuple[str, ...] | None = None
         for step, what in self._stops():
             to = int(np.searchsorted(steps, step))

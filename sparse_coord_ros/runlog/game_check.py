@@ -12,7 +12,7 @@ import numpy as np
 
 from sparse_coord_ros import wire
 from sparse_coord_ros.bags.metadata import SPLIT
-from sparse_coord_ros.game.world import EPISODE_GAP, Action, Position, World
+from sparse_coord_ros.game.world import EPISODE_GAP, Action, World
 from sparse_coord_ros.learn.agent import NOBODY
 from sparse_coord_ros.runlog.difference import MISSING, Difference
 from sparse_coord_ros.runlog.log import NONE, RunLog, cell_numbers
@@ -64,16 +64,12 @@ class WorldCheck:
         self.went_on = False
         self.reasons: tuple[str, ...] = (wire.Began.START,)
         if stretch.start is not None:
-            self._go_on_from(*stretch.start[:2])
+            position, self.left_out, _ = stretch.start
+            self.world.go_on_from(position)
+            self.reasons = tuple(wire.Began)
+            if position.under_way:
+                self.starts, self.went_on = [position.episode_start], True
         self.first = next(self._made_again(), None)
-
-    def _go_on_from(self, position: Position, left_out: int) -> None:
-        """Begin in mid-run."""
-        world = self.world
-        world.go_on_from(position)
-        self.left_out, self.reasons = left_out, tuple(wire.Began)
-        if position.under_way:
-            self.starts, self.went_on = [position.episode_start], True
 
     def differences(self) -> list[Difference]:
         """Return in what states, rewards, clock, status, map, markers and repeats differ."""

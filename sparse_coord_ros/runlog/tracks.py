@@ -13,7 +13,6 @@ import numpy as np
 
 from sparse_coord_ros import wire
 from sparse_coord_ros.bags.reader import Bag, open_bag
-from sparse_coord_ros.bags.topics import find_clock
 from sparse_coord_ros.game.world import EPISODE_GAP
 from sparse_coord_ros.runlog import timeline
 from sparse_coord_ros.runlog.attached import RecordedTables, read_tables
@@ -92,7 +91,7 @@ class Tracks:
     def __init__(self, bag: Bag, found: BagRun, only: Only = None) -> None:
         self.bag, self.run, self.prefix = bag, found.run, found.prefix
         self.names = tuple(robot.name for robot in self.run.scenario.robots)
-        self.clock_topic = find_clock(bag.topics, bag.counts) or f"/{wire.CLOCK.name}"
+        self.clock_topic = bag.clock or f"/{wire.CLOCK.name}"
         self.tables: list[RecordedTables] = []
         self.forms = self._forms()
         forms = dict(self.forms)

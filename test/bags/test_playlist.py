@@ -8,7 +8,7 @@ import pytest
 
 from sparse_coord_ros.bags.playback import BURST, Playback
 from sparse_coord_ros.bags.playlist import Playlist
-from sparse_coord_ros.bags.reader import Message
+from sparse_coord_ros.bags.reader import Bag, Message
 from sparse_coord_ros.bags.topics import BagTopic
 from sparse_coord_ros.errors import BagError
 from sparse_coord_ros.wire import CLOCK
@@ -25,6 +25,7 @@ class Log:
     """A bag of (topic, log time in ms) in memory; the data says the place in the file."""
 
     path = "log"
+    clock = Bag.clock
 
     def __init__(self, *entries, start_ns=0):
         self.entries = [

@@ -12,7 +12,6 @@ from recordings import copied
 from sparse_coord_ros.bags import BagWriter
 from sparse_coord_ros.bags.playlist import Playlist
 from sparse_coord_ros.bags.reader import open_bag
-from sparse_coord_ros.bags.topics import find_clock
 from sparse_coord_ros.game.world import World
 from sparse_coord_ros.learn.agent import Agent
 from sparse_coord_ros.learn.evaluation import Team
@@ -159,5 +158,5 @@ def test_a_team_in_a_namespace_with_a_clock_of_its_own(good, tmp_path):
     log = read_run(bag)
     assert next(explained(log, 0, coordinations(log, 0)[3:])).agrees
     opened = open_bag(bag)
-    assert find_clock(opened.topics, opened.counts) == "/team_a/clock"
+    assert opened.clock == "/team_a/clock"
     assert Playlist(opened, opened.topics).step_count == Playlist(source, source.topics).step_count
