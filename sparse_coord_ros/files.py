@@ -133,8 +133,7 @@ def hold(path: Path) -> IO[str]:
         HeldError: another process holds it.
         OSError: it cannot be opened.
     """
-    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW)
-    file = os.fdopen(descriptor, "r+", errors="replace")
+    file = os.fdopen(os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW), "r+", errors="replace")
     if not take_lock(file):
         with file:
             raise HeldError(f"process {file.read().strip()}".rstrip())

@@ -247,5 +247,4 @@ Dumper.add_implicit_resolver(
 
 def to_yaml(value: Any, **layout: Any) -> str:
     """Return plain data as YAML text that `parse_yaml` reads back; `layout`: as of `yaml.dump`."""
-    text = yaml.dump(value, Dumper=Dumper, sort_keys=False, allow_unicode=True, **layout)
-    return str(text)
+    return str(yaml.dump(value, Dumper=Dumper, sort_keys=False, allow_unicode=True, **layout))

@@ -376,8 +376,7 @@ class BagFile:
     def _take(self, record: RecordPlace) -> None:
         """Take one record, whole or not at all; raises Damage."""
         if not self._belongs(record):
-            what = describe(record.opcode)
-            raise Damage(record.offset, f"{what}, which has no business there")
+            raise Damage(record.offset, f"{describe(record.opcode)}, which has no business there")
         if len(self.metadata) + len(self.attachments) > RECORDS:
             raise BagError(f"more than {RECORDS:,} attachments and metadata records are not read")
         match record.opcode:

@@ -88,8 +88,7 @@ class Playlist:
             The last message before that time of each kept topic, in their order.
         """
         self._next = int(np.searchsorted(self._times, time_ns))
-        before = self._kinds[: self._next]
-        lasts = (np.flatnonzero(before == kind)[-1:] for kind in self._kept)
+        lasts = (np.flatnonzero(self._kinds[: self._next] == kind)[-1:] for kind in self._kept)
         wanted = sorted(int(last[0]) for last in lasts if len(last))
         self._stream = zip(
             memoryview(self._places.data), self._bag.messages(self._topics), strict=False

@@ -51,12 +51,11 @@ def find_run(bag: Bag) -> BagRun:
             f"{bag.path}: is not a bag of this package: it has several topics 'run' "
             f"({', '.join(sorted(topics))}); {REMEDY}"
         )
-    message = next(bag.messages(topics), None)
     said = None
-    with suppress(ValueError):
-        said = None if message is None else str(Decoder(bag.topics)(*message[:2]).data)
-    text = next((_text(one) for one in bag.attachments if one.name == RUN_FILE), None)
-    text = text if said is None else said
+    with suppress(ValueError, StopIteration):
+        said = str(Decoder(bag.topics)(*next(bag.messages(topics))[:2]).data)
+    attached = (_text(one) for one in bag.attachments if one.name == RUN_FILE)
+    text = next(attached, None) if said is None else said
     if text is None:
         damage = "" if bag.damage is None else f"; {bag.damage}"
         raise BagError(

@@ -258,5 +258,4 @@ def _learned(log: RunLog, one: Coordination) -> Iterator[str]:
         yield f"  {table}[{', '.join(map(str, state))}; {ACTIONS[action]}] {before!r} -> {after!r}"
     for peer, place, before, after in update.corrections:
         where = "failed percept" if peer == UNSEEN else f"{log.names[peer]} in {place}"
-        move = ACTIONS[one.move]
-        yield f"  correction rho[{one.cell}; {where}; {move}] {before!r} -> {after!r}"
+        yield f"  correction rho[{one.cell}; {where}; {ACTIONS[one.move]}] {before!r} -> {after!r}"

@@ -146,15 +146,11 @@ class LongLog:
             elif not finished and history.episodes:
                 end = open_step = int(history.first_step[-1])
             log = log.between(begin, end - 1)
-            yield Episodes(history, log, self._asked_in(log), end - 1, open_step)
+            asked = np.zeros((len(log.names), len(self.run.scenario.map.cells)), dtype=np.int64)
+            rows, who = np.nonzero(log.asked & (log.cells >= 0))
+            np.add.at(asked, (who, log.cells[rows, who]), 1)
+            yield Episodes(history, log, asked, end - 1, open_step)
             begin = end
-
-    def _asked_in(self, log: RunLog) -> np.ndarray:
-        """Return how often each robot chose COORDINATE in each cell, shape (K, cells)."""
-        asked = np.zeros((len(log.names), len(self.run.scenario.map.cells)), dtype=np.int64)
-        rows, who = np.nonzero(log.asked & (log.cells >= 0))
-        np.add.at(asked, (who, log.cells[rows, who]), 1)
-        return asked
 
     def tables_before(self, robot: int, step: int | None = None) -> RecordedTables | None:
         """Return a robot's newest tables of a time step or earlier; None: there are none.
