@@ -54,6 +54,8 @@ class Bag:
     Attributes:
         files: its files.
         missing: as given.
+        path: the file; of several their directory.
+        part: whether only some blocks of its files are read.
 
     Raises:
         BagError: files do not belong together, or hold a run in another format.
@@ -66,6 +68,8 @@ class Bag:
         missing: Sequence[Gap] = (),
     ) -> None:
         self.files, self._blocks, self.missing = tuple(files), blocks, tuple(missing)
+        self.path = files[0].path if len(files) == 1 else files[0].path.parent
+        self.part = blocks is not None
         topics: dict[str, BagTopic] = {}
         for file in self.files:
             for topic in file.topics.values():
@@ -79,17 +83,6 @@ class Bag:
             said = run.get(FORMAT_KEY, "")
             number = int(said) if said.isdecimal() and len(said) < 9 else said
             check_format(number, BAG_FORMAT, str(self.path), BagError)
-
-    @property
-    def path(self) -> Path:
-        """The file; of several their directory."""
-        first = self.files[0].path
-        return first if len(self.files) == 1 else first.parent
-
-    @property
-    def part(self) -> bool:
-        """Whether only some blocks of its files are read."""
-        return self._blocks is not None
 
     @property
     def finished(self) -> bool:

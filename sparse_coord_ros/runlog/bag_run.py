@@ -9,13 +9,8 @@ from typing import NamedTuple
 from sparse_coord_ros.bags.contents import Attachment
 from sparse_coord_ros.bags.reader import Bag
 from sparse_coord_ros.errors import BagError, SparseCoordError
-from sparse_coord_ros.learn.run_config import (
-    RUN_FILE,
-    RUN_RECORD,
-    RunConfig,
-    bag_files,
-    run_from_yaml,
-)
+from sparse_coord_ros.learn import run_config
+from sparse_coord_ros.learn.run_config import RUN_FILE, RUN_RECORD, RunConfig
 from sparse_coord_ros.runlog.decode import Decoder
 from sparse_coord_ros.runlog.difference import MISSING, Difference
 from sparse_coord_ros.wire import RUN
@@ -65,7 +60,7 @@ def find_run(bag: Bag) -> BagRun:
         )
     prefix = topics[0].removesuffix(RUN.name) if topics else "/"
     try:
-        run = run_from_yaml(text, where=f"{bag.path} (run)")
+        run = run_config.run_from_yaml(text, where=f"{bag.path} (run)")
     except SparseCoordError as error:
         if not bag.metadata.get(RUN_RECORD):
             raise BagError(f"{bag.path}: is not a bag of this package: {error}") from None
@@ -84,7 +79,7 @@ def check_bag_run(bag: Bag, source: BagRun) -> Iterator[Difference]:
     announced = [count for name, count in bag.counts.items() if name.endswith(f"/{RUN.name}")]
     records = [texts for name, texts in bag.metadata_records if name == RUN_RECORD]
     yield from _once(f"topic {RUN.name}", 0 if said is None else max(announced), "the settings")
-    for name, text in bag_files(run, said or run.to_yaml()).items():
+    for name, text in run_config.bag_files(run, said or run.to_yaml()).items():
         attached = [_text(one) for one in bag.attachments if one.name == name]
         yield from _once(f"attachment {name}", len(attached), "of the run")
         for found in attached[:1]:

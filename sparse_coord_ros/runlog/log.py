@@ -115,11 +115,6 @@ class RunLog:
         """Individual, common, ask_cost, total: shape (T, K, 4)."""
         return self.rewards[..., : len(REWARD.labels)]
 
-    @property
-    def partners(self) -> np.ndarray:
-        """With whom a robot was in a miscoordination: shape (T, K)."""
-        return self.rewards[..., len(REWARD.labels)]
-
     @cached_property
     def row_of(self) -> Mapping[int, int]:
         """The rows by time step."""

@@ -78,10 +78,10 @@ def test_a_run_that_goes_on_from_tables(record, logged):
 
 def test_partners_are_in_the_log_and_cannot_be_forged(logged, rewritten, tmp_path):
     log = read_run(logged[4].bag)
-    together = log.partners > 0
-    assert together.sum() > 4 and (log.partners[log.reward[..., 1] == 0] == 0).all()
-    plain = read_run(logged[2].bag)
-    assert (plain.partners != plain.partners).all() and UNKNOWN_PARTNERS == -1  # NaN: nobody says
+    together = log.rewards[..., -1] > 0
+    assert together.sum() > 4 and (log.rewards[..., -1][log.reward[..., 1] == 0] == 0).all()
+    plain = read_run(logged[2].bag).rewards[..., -1]
+    assert (plain != plain).all() and UNKNOWN_PARTNERS == -1  # NaN: nobody says
     row, k = (int(n) for n in next(zip(*together.nonzero(), strict=True)))
     topic = f"/{log.names[k]}/reward"
 
@@ -89,10 +89,10 @@ def test_partners_are_in_the_log_and_cannot_be_forged(logged, rewritten, tmp_pat
         at = round(log.run.step_period * 1e9) * int(log.step[row])
         of = [place for place, one in enumerate(messages) if one.topic == topic]
         [place] = [place for place in of if messages[place].data[4:12] == stamp(at)]
-        said = struct.pack("<d", float(log.partners[row, k]))
+        said = struct.pack("<d", float(log.rewards[row, k, -1]))
         data = messages[place].data
         assert data.count(said) == 1
-        forged = struct.pack("<d", float(1 << k ^ 0b1111) - log.partners[row, k])
+        forged = struct.pack("<d", float(1 << k ^ 0b1111) - log.rewards[row, k, -1])
         messages[place] = messages[place]._replace(data=data.replace(said, forged))
         return messages
 
