@@ -144,16 +144,22 @@ class FactoredAgent(Agent):
             cell: the own cell.
             perceived: the peers' cells; None: the percept failed.
         """
+        correction = [0.0] * PRIMITIVES
+        for row, _ in self._acted_on(cell, perceived):
+            for b in range(PRIMITIVES):
+                correction[b] += row[b]
+        return correction
+
+    def _acted_on(
+        self, cell: int, perceived: tuple[int, ...] | None
+    ) -> list[tuple[list[float], int]]:
+        """Return the rows of rho that a percept adds up to, and whose each is: the sum of 2^j."""
         rows = self._rows(cell, perceived)
         if perceived is not None:
             seen = zip(rows, self._peers, perceived, strict=True)
             right = self._right_of_way
             rows = [row for row, j, z in seen if factors.counted(self.number, j, cell, z, right)]
-        correction = [0.0] * PRIMITIVES
-        for row in (self._rho[key] for key, _ in rows if key in self._rho):
-            for b in range(PRIMITIVES):
-                correction[b] += row[b]
-        return correction
+        return [(self._rho[key], peers) for key, peers in rows if key in self._rho]
 
     def corrections(
         self, cell: int, perceived: tuple[int, ...] | None, move: int
@@ -222,19 +228,29 @@ class FactoredAgent(Agent):
     def _look_back(
         self, perceived: tuple[int, ...] | None, ruled_out: np.ndarray, floor: float
     ) -> None:
-        """Learn from two questions in a row what other moves would have brought at the first."""
+        """Learn from two questions in a row what each move would have brought at the first."""
         own, before = self._own, self._own.last[2:]
         x = before[self.number]
-        ahead = factors.gain(own.u[x], self.correction(x, perceived)) - own.w[x]
         cells = list(perceived or self._peers)
         cells.insert(self.number, x)
         sight = factors.Sight(perceived is not None, cells, ruled_out)
+        there, blame = [0.0] * PRIMITIVES, [[0.0] * self._robots for _ in range(PRIMITIVES)]
+        for b in range(PRIMITIVES):
+            s = own.successor[x][b]
+            if own.moved[x][b] and s != self.goal:
+                there[b] = self._surplus(s, perceived)
+                best = factors.best_of(own.u[s])
+                for rho, peers in self._acted_on(s, perceived) if perceived else ():
+                    blame[b][peers.bit_length() - 1] = min(0.0, rho[best])
+        outlook = factors.Outlook(self._surplus(x, perceived), there, blame)
         first = tuple(before[peer] for peer in self._peers)
         for key, peers in self._rows(x, None if factors.UNSEEN in first else first):
             rho, counts = self._row(key)
-            factors.look_back(
-                own, x, rho, counts, peers, sight, self.discount * ahead, self._by_count, floor
-            )
+            factors.look_back(own, x, rho, counts, peers, sight, outlook, self._by_count, floor)
+
+    def _surplus(self, cell: int, perceived: tuple[int, ...] | None) -> float:
+        correction = self.correction(cell, perceived)
+        return factors.surplus(self._own, cell, correction, self.discount)
 
     def _rows(self, cell: int, perceived: tuple[int, ...] | None) -> list[tuple[int, int]]:
         """Return the keys of rho's rows of a percept, and whose each is: the sum of 2^j."""
@@ -344,6 +360,7 @@ class FactoredMinds(NamedTuple):
         partners: as of `game.world.Reward` [k].
         correction: space for Q^C(x, z, .) - U(x, .) [move].
         ruled_out: as of `game.links.ruled_out`.
+        there, blame: space for those of `factors.Outlook`.
         rule: the parts of the rule; `right_of_way` is False for two robots.
     """
 
@@ -354,6 +371,8 @@ class FactoredMinds(NamedTuple):
     partners: np.ndarray
     correction: np.ndarray
     ruled_out: np.ndarray
+    there: np.ndarray
+    blame: np.ndarray
     rule: factors.FactorRule
 
     @staticmethod
@@ -398,6 +417,8 @@ class FactoredMinds(NamedTuple):
             partners=np.full(team, UNKNOWN_PARTNERS, dtype=np.int64),
             correction=np.zeros(PRIMITIVES),
             ruled_out=ruled_out(scenario),
+            there=np.zeros(PRIMITIVES),
+            blame=np.zeros((PRIMITIVES, team)),
             rule=learner.factors._replace(right_of_way=learner.factors.right_of_way and team > 2),
         )
 
@@ -492,7 +513,7 @@ class FactoredMinds(NamedTuple):
                     key = factors.key_of(x, peer, choice.cells[peer], size, team)
                     learn_row(minds.rows, k, key, m, brought, by_count, floor)
             if rule.look_back and own.last[0] == step:
-                look_back(minds, own, k, sight, terms.discount, by_count, floor)
+                look_back(minds, own, k, sight, terms, by_count, floor)
             own.last[0], own.last[1] = step + 1, m
             for robot in range(team):
                 known = robot == k or seen == PERCEIVED
@@ -547,15 +568,24 @@ def look_back(
     own: factors.Own,
     k: int,
     sight: factors.Sight,
-    discount: float,
+    terms: factors.Terms,
     by_count: np.ndarray,
     floor: float,
 ) -> None:
     """Learn from two questions in a row, as `FactoredAgent`."""
     rows, before, size, team = minds.rows, own.last[2:], minds.q_star.shape[1], len(sight.cells)
     x = before[k]
-    correct(minds, k, x, sight.cells, PERCEIVED if sight.perceived else loops.NO_ROW)
-    ahead = discount * (factors.gain(own.u[x], minds.correction) - own.w[x])
+    for b in range(PRIMITIVES):
+        s, known = own.successor[x][b], own.moved[x][b] > 0 and own.successor[x][b] != terms.goal
+        minds.there[b] = surplus(minds, own, k, s, sight, terms.discount) if known else 0.0
+        best = factors.best_of(own.u[s])
+        for peer in range(team):
+            rho = 0.0
+            if known and sight.perceived and peer != k:
+                rho = acted_on(minds, k, peer, s, sight.cells[peer], best)
+            minds.blame[b, peer] = min(0.0, rho)
+    here = surplus(minds, own, k, x, sight, terms.discount)
+    outlook = factors.Outlook(here, minds.there, minds.blame)
     for peer in range(team):
         blind = before[peer] == factors.UNSEEN
         if peer == k or blind and peer != (k == 0):  # a failed percept has one row
@@ -565,7 +595,31 @@ def look_back(
             key, peers = factors.unseen_key(x, size, team), ~(1 << k)
         row = row_to_learn(rows, k, key)
         rho, counts = rows.values[k, row], rows.updates[k, row]
-        factors.look_back(own, x, rho, counts, peers, sight, ahead, by_count, floor)
+        factors.look_back(own, x, rho, counts, peers, sight, outlook, by_count, floor)
+
+
+@inlined
+def surplus(
+    minds: FactoredMinds,
+    own: factors.Own,
+    k: int,
+    x: int,
+    sight: factors.Sight,
+    discount: float,
+) -> float:
+    """Return `factors.surplus` of what robot k perceived, were it in x."""
+    correct(minds, k, x, sight.cells, PERCEIVED if sight.perceived else loops.NO_ROW)
+    return factors.surplus(own, x, minds.correction, discount)
+
+
+@inlined
+def acted_on(minds: FactoredMinds, k: int, peer: int, x: int, z: int, move: int) -> float:
+    """Return rho of a move for a peer in z as robot k acts on it; changes `minds.correction`."""
+    size, team = minds.q_star.shape[1], len(minds.q_star)
+    minds.correction[move] = 0.0
+    if factors.counted(k, peer, x, z, minds.rule.right_of_way):
+        add_row(minds.rows, k, factors.key_of(x, peer, z, size, team), minds.correction)
+    return minds.correction[move]
 
 
 @inlined

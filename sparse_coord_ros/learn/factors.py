@@ -36,7 +36,7 @@ class FactorRule(NamedTuple):
         right_of_way: whether, of several robots in one cell, only those with higher numbers give
             way: a robot leaves out the correction of a peer in its own cell that has a higher
             number. Of more than two robots only; a pair learns who waits by itself.
-        look_back: whether a robot that asks in two steps in a row learns what other moves would
+        look_back: whether a robot that asks in two steps in a row learns what each move would
             have brought in the first.
     """
 
@@ -331,6 +331,16 @@ def gain(u: Values, correction: Values) -> float:
     return best - greatest(u, PRIMITIVES)
 
 
+@inner
+def best_of(values: Values) -> int:
+    """Return the best of the four moves, of equal ones the first."""
+    best = 0
+    for b in range(1, PRIMITIVES):
+        if values[b] > values[best]:
+            best = b
+    return best
+
+
 class Sight(NamedTuple):
     """What a robot knows, having asked, of where its peers are.
 
@@ -360,6 +370,42 @@ def empty(sight: Sight, place: int) -> bool:
     return bool(len(sight.cells) == 2 and sight.ruled_out[place])
 
 
+class Outlook(NamedTuple):
+    """What the second of two questions in a row would have been worth in other cells.
+
+    Attributes:
+        here: in the cell of the first, beyond what U says of staying there.
+        there: where each move leads from it, beyond what U says of being there [b].
+        blame: how far each robot is in the way there: its rho of the best move, if negative
+            [b][robot].
+    """
+
+    here: Any
+    there: Any
+    blame: Any
+
+
+@inner
+def surplus(own: Own, x: int, correction: Values, discount: float) -> float:
+    """Return what a percept is worth in x one step later, beyond the average of percepts there."""
+    return discount * (gain(own.u[x], correction) - own.w[x])
+
+
+@inner
+def share_of(peers: int, blame: Values) -> float:
+    """Return how much of what is in the way these peers (the sum of 2^j) are.
+
+    Of nobody's blame all peers have an equal share.
+    """
+    count, some, whole = 0, 0.0, 0.0
+    for j in range(len(blame)):
+        whole += blame[j]
+        if (peers >> j) & 1:
+            count += 1
+            some += blame[j]
+    return some / whole if whole < 0.0 else count / (len(blame) - 1)
+
+
 @inlined
 def look_back(
     own: Own,
@@ -368,7 +414,7 @@ def look_back(
     counts: Any,
     peers: int,
     sight: Sight,
-    ahead: float,
+    outlook: Outlook,
     by_count: Values,
     floor: float,
 ) -> None:
@@ -376,8 +422,8 @@ def look_back(
 
     Each move that was tried in x would have led to its successor, or left the robot in x; where
     a peer is now, and r^C was felt there once, it would have been felt. Of the move that was
-    made r^C is learned already. If peers are in the way, waiting has the value that the second
-    question shows.
+    made r^C is learned already. Being there has the value that the second question would have
+    had, and waiting as well, if peers are in the way.
 
     Args:
         own: the robot's factors and model.
@@ -386,20 +432,17 @@ def look_back(
         counts: its updates, changed.
         peers: whose row it is, the sum of 2^j; all of a failed percept.
         sight: what came of the second question.
-        ahead: what staying in x is worth beyond what U says of it, as that shows.
+        outlook: what that would have been worth elsewhere.
         by_count: n^-w by n.
         floor: least step size.
     """
-    best = 0
-    for b in range(1, PRIMITIVES):
-        if own.u[x][b] > own.u[x][best]:
-            best = b
-    owed = ahead if rho[best] < 0.0 else 0.0
+    owed = outlook.here if rho[best_of(own.u[x])] < 0.0 else 0.0
     for b in range(PRIMITIVES):
         if own.updates[x][b] == 0:
             continue
         share, s = own.moved[x][b] / own.updates[x][b], own.successor[x][b]
         brought = (1.0 - share) * owed
+        brought += share * outlook.there[b] * share_of(peers, outlook.blame[b])
         if b == own.last[1]:
             rho[b] += step_of_rho(counts[b], by_count, floor) * brought
         elif sight.perceived or (empty(sight, x) and (share == 0.0 or empty(sight, s))):

@@ -303,6 +303,7 @@ class Factored(Learner):
             "starts": "exploring:1:0:0.5",
             "peers": "all",
             "credit": "team",
+            "step_size": "floored:0.6:0.1:0.01",
         }
     )
 
