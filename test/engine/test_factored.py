@@ -84,7 +84,7 @@ def test_failed_percepts_are_acted_on_in_trials_as_learned():
 
 def test_exact_evaluation_knows_failed_percepts():
     scenario = problem("env1", perception="probability:0.5", ask_cost=0, credit="own")
-    tables = whole(scenario, "factored", 1).tables
+    tables = whole(scenario, "factored", 2).tables
     tables = [t._replace(q_star=t.q_star + [0, 0, 0, 0, 1000.0]) for t in tables]
     exact = evaluate_exact(scenario, tables)
     trials = play(scenario, tables, trials=1500, seed=3).reward.mean(axis=1)

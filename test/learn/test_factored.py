@@ -18,6 +18,7 @@ from sparse_coord_ros.learn.factors import (
     key_of,
     keys_of,
     rows_at_most,
+    share_of,
     states_of,
 )
 from sparse_coord_ros.learn.learners import Factored, learner_of
@@ -176,6 +177,27 @@ def test_a_wait_is_worth_what_the_next_percept_shows():
     assert not one.memory().values[1].any()
     asked(one, 22, 2, NORTH, 2, paid(), (5,))  # a peer in 6 was in nobody's way
     assert not one.memory().values[1].any()
+
+
+def test_where_a_move_leads_is_worth_what_the_second_percept_would_be_there():
+    one, other = agent(FactorRule(replays=0)), agent(FactorRule(replays=0, look_back=False))
+    for each in (one, other):
+        for step in range(4):  # whoever meets a peer in 7 while in 3 pays for any move
+            asked(each, 1 + 2 * step, 3, step, 3, paid(common=-20.0), (7,))
+        worth = each.tables.factors.asking[3]
+        asked(each, 20, 2, EAST, 3, paid(), (5,))
+        asked(each, 21, 3, NORTH, 3, paid(), (7,))
+    gain = max(other.values_asking(3, (7,))) - max(other.tables.factors.individual[3])
+    assert gain < worth < 0
+    before, after = (each.values_asking(2, (5,))[EAST] for each in (other, one))
+    assert after - before == pytest.approx(ALPHA * 0.95 * (gain - worth))
+
+
+def test_peers_share_what_is_in_the_way_as_they_are_to_blame():
+    blame = [0.0, -3.0, -1.0, 0.0]
+    assert [share_of(1 << j, blame) for j in (1, 2, 3)] == [0.75, 0.25, 0.0]
+    assert share_of(~1, blame) == 1.0  # a failed percept's row is of all peers
+    assert [share_of(peers, [0.0] * 4) for peers in (1 << 2, ~1)] == [1 / 3, 1.0]
 
 
 def test_r_c_counts_for_the_team_but_once_where_the_percept_failed():
