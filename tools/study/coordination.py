@@ -286,6 +286,36 @@ def _unseen(found: Found) -> str:
     return text.to_markdown(rows)
 
 
+PROTOCOL: Mapping[str, Mapping[str, object]] = {
+    "the defaults": {},
+    "a = n^-0.5": {"step_size": "floored:0.5:0.1:0.01"},
+    "a = n^-0.7": {"step_size": "floored:0.7:0.1:0.01"},
+    "floor from 0.2": {"step_size": "floored:0.6:0.2:0.01"},
+    "floor from 0.05": {"step_size": "floored:0.6:0.05:0.01"},
+    "floor to 0.03": {"step_size": "floored:0.6:0.1:0.03"},
+    "epsilon from 0.2": {"epsilon": "linear:0.2:0.02:0.8"},
+    "epsilon from 0.5": {"epsilon": "linear:0.5:0.02:0.8"},
+    "epsilon to 0": {"epsilon": "linear:0.3:0:0.8"},
+    "exploring starts over 30 %": {"starts": "exploring:1:0:0.3"},
+    "exploring starts over 80 %": {"starts": "exploring:1:0:0.8"},
+    "U begins at 50": {"q_coord_init": 50},
+}
+"""Settings that were tried against the learner's defaults."""
+
+
+def _protocol(found: Found) -> str:
+    rows: list[text.Row] = []
+    for what, settings in PROTOCOL.items():
+        row: text.Row = {"what": what}
+        for robots, steps in ((2, 10_000), (2, 100_000), (4, 100_000)):
+            more = {"steps": steps, **settings}
+            own = [found(one) for one in unseen_conditions("factored", "tuning", more, (robots,))]
+            (stood,) = standings(own).values()
+            row[f"{robots}r, {steps:,} steps"] = f"{_share(stood)}, {stood.failed} fail"
+        rows.append(row)
+    return text.to_markdown(rows)
+
+
 def _share(one: Standing) -> str:
     return f"{text.percent(one.share.mean)} ({100 * one.share.standard_error:.1f})"
 
@@ -298,5 +328,6 @@ STUDIES: tuple[Study, ...] = (
     Study("percepts", (40, 16), 200, _percepts),
     Study("scale", (10, 10), 300, _scale),
     Study("unseen", (20, 10), 500, _unseen),
+    Study("protocol", (40, 6), 200, _protocol, seed=5_000),
     Study("improved", (20, 10), 300, partial(improved.table, ROUTES), keeps=True),
 )
