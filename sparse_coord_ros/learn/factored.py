@@ -619,7 +619,7 @@ def acted_on(minds: FactoredMinds, k: int, peer: int, x: int, z: int, move: int)
     minds.correction[move] = 0.0
     if factors.counted(k, peer, x, z, minds.rule.right_of_way):
         add_row(minds.rows, k, factors.key_of(x, peer, z, size, team), minds.correction)
-    return minds.correction[move]
+    return float(minds.correction[move])
 
 
 @inlined

@@ -388,7 +388,8 @@ class Outlook(NamedTuple):
 @inner
 def surplus(own: Own, x: int, correction: Values, discount: float) -> float:
     """Return what a percept is worth in x one step later, beyond the average of percepts there."""
-    return discount * (gain(own.u[x], correction) - own.w[x])
+    worth: float = discount * (gain(own.u[x], correction) - own.w[x])
+    return worth
 
 
 @inner

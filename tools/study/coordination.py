@@ -306,7 +306,7 @@ PROTOCOL: Mapping[str, Mapping[str, object]] = {
 def _protocol(found: Found) -> str:
     rows: list[text.Row] = []
     for what, settings in PROTOCOL.items():
-        row: text.Row = {"what": what}
+        row: dict[str, str | None] = {"what": what}
         for robots, steps in ((2, 10_000), (2, 100_000), (4, 100_000)):
             more = {"steps": steps, **settings}
             own = [found(one) for one in unseen_conditions("factored", "tuning", more, (robots,))]
