@@ -45,7 +45,7 @@ def start(team):
     """Add the team, and what takes its moves to Nav2."""
     own = {name: team.of_world(name) for name in ("slips", "epsilon", "checkpoint")}
     team.add_team(bodies=True, **own, **team.of(["body_timeout"]))
-    names = [robot.name for robot in team.scenario.robots]
+    names = team.scenario.names
     for name, space in zip(names, team.matched("robots", names), strict=True):
         own = {
             **team.of(DRIVER),

@@ -14,15 +14,8 @@ from pathlib import Path
 from tempfile import NamedTemporaryFile
 from typing import Any
 
+import launch.actions as actions
 from ament_index_python.packages import PackageNotFoundError, get_package_prefix
-from launch.actions import (
-    DeclareLaunchArgument,
-    EmitEvent,
-    LogInfo,
-    OpaqueFunction,
-    RegisterEventHandler,
-    TimerAction,
-)
 from launch.event import Event
 from launch.event_handlers import OnProcessExit
 from launch.events import Shutdown, matches_action
@@ -44,15 +37,12 @@ from sparse_coord_ros.nodes.parameters import PARAMETERS
 from sparse_coord_ros.share import PACKAGE
 from sparse_coord_ros.wire import CLOCK, RECORDER, WORLD
 
-_WORLD = PARAMETERS[WORLD]
+_WORLD, OF_WORLD = PARAMETERS[WORLD], ("seed", "learner", "greedy", "improve", "tables", "rate")
 ARGUMENTS = SettingTable(
     [
         Setting("scenario", str, "env1", "a shipped scenario's name, or a scenario file"),
         Setting("set", str, "", "changed scenario settings: penalty=-100,steps=2000"),
-        *(
-            _WORLD[name]
-            for name in ("seed", "learner", "greedy", "improve", "tables", "rate", "clock")
-        ),
+        *(_WORLD[name] for name in (*OF_WORLD, "clock")),
         Setting("out", str, "", "output directory; empty: <scenario>_<date>_<time>"),
         Setting("record", bool, True, "record the run to the bag OUT/bag"),
         _WORLD["resume"],
@@ -94,28 +84,26 @@ def description(
     """
 
     def launch(context: LaunchContext) -> list[Any]:
-        given = {name: LaunchConfiguration(name).perform(context) for name in arguments}
-        team = LaunchedTeam(arguments, given, Path(file).name, context)
+        team = LaunchedTeam(arguments, Path(file).name, context)
         start(team)
         return team.actions
 
     declared = [
-        DeclareLaunchArgument(
+        actions.DeclareLaunchArgument(
             name,
             default_value="",  # where it is not given, the parameter file may say it
             description=f"{one.help} (allowed: {one.allowed}; default: {_shown(one.default)})",
         )
         for name, one in arguments.items()
     ]
-    return LaunchDescription([*declared, OpaqueFunction(function=launch)])
+    return LaunchDescription([*declared, actions.OpaqueFunction(function=launch)])
 
 
 class LaunchedTeam:
     """The nodes of a team as a launch starts them.
 
     Args:
-        arguments: the launch's arguments.
-        texts: what was given for each; empty: nothing.
+        arguments: the launch's arguments; one that is given as an empty text is not given.
         file: the launch file's name.
         context: of the launch.
 
@@ -129,13 +117,10 @@ class LaunchedTeam:
     """
 
     def __init__(
-        self,
-        arguments: Mapping[str, Setting],
-        texts: Mapping[str, str],
-        file: str,
-        context: LaunchContext,
+        self, arguments: Mapping[str, Setting], file: str, context: LaunchContext
     ) -> None:
         self._arguments = arguments
+        texts = {name: LaunchConfiguration(name).perform(context) for name in arguments}
         try:
             self.given = _typed(arguments, {name: text for name, text in texts.items() if text})
         except SettingError as error:
@@ -146,11 +131,8 @@ class LaunchedTeam:
             allow_named(named)
         self._in_file = _of_world(self.get("params_file"))
         self.scenario: Scenario = load_scenario(self.of_world("scenario"))
-        self._out = out = (
-            self.get("out")
-            or self._in_file.get("out")
-            or f"{self.scenario.name}_{datetime.now():%Y%m%d_%H%M%S}"
-        )
+        now = f"{self.scenario.name}_{datetime.now():%Y%m%d_%H%M%S}"
+        self._out = out = self.get("out") or self._in_file.get("out") or now
         self._resume = {"resume": True} if self.get("resume") and Path(out).exists() else {}
         if Path(out).exists() and not self._resume:
             raise RunError(
@@ -191,9 +173,8 @@ class LaunchedTeam:
             more: further parameters of the world; what the argument `set` says wins.
         """
         own = {"out": self._out, **self._resume}
-        world = self.of(("seed", "learner", "greedy", "improve", "tables", "rate"))
-        world |= {name: self.of_world(name) for name in ("scenario", "clock")}
-        world["recorded"] = self.get("record")
+        world = {name: self.of_world(name) for name in ("scenario", "clock")}
+        world |= {**self.of(OF_WORLD), "recorded": self.get("record")}
         self.add(WORLD, {**own, **world, **more, **self._settings})
         for robot in self.scenario.robots:
             self.add("robot", {**own, **self.of(["tables"])}, robot.name)
@@ -233,12 +214,14 @@ class LaunchedTeam:
             if self.get("respawn") and event.returncode != EXIT_BAD_INPUT:
                 resume = {"resume": True} if "resume" in PARAMETERS[executable] else {}
                 again = self.add(executable, {**values, **resume}, name, remapped)
-                return [LogInfo(msg=f"{failed}: again"), TimerAction(period=1.0, actions=again)]
+                later = actions.TimerAction(period=1.0, actions=again)
+                return [actions.LogInfo(msg=f"{failed}: again"), later]
             self._failed.append(failed)
             return [*(self._end() if executable == WORLD else ()), *self._when_all_ended()]
 
         self._running[id(node)] = node
-        added = [node, RegisterEventHandler(OnProcessExit(target_action=node, on_exit=ended))]
+        handler = OnProcessExit(target_action=node, on_exit=ended)
+        added = [node, actions.RegisterEventHandler(handler)]
         self.actions += added
         return added
 
@@ -260,16 +243,16 @@ class LaunchedTeam:
     def _end(self) -> list[Any]:
         """Return what ends the team's other nodes, and the launch where it is the team's own."""
         if self._own:
-            return [EmitEvent(event=Shutdown(reason="no world"))]
+            return [actions.EmitEvent(event=Shutdown(reason="no world"))]
         left = map(matches_action, self._running.values())
-        return [EmitEvent(event=ShutdownProcess(process_matcher=one)) for one in left]
+        return [actions.EmitEvent(event=ShutdownProcess(process_matcher=one)) for one in left]
 
     def _when_all_ended(self) -> list[Any]:
         if self._running or not self._failed:
             return []
         if self._own:
             raise RunError("; ".join(self._failed))
-        return [EmitEvent(event=TeamFailed(self._namespace, self._failed))]
+        return [actions.EmitEvent(event=TeamFailed(self._namespace, self._failed))]
 
     def add_views(self) -> None:
         """Add RViz, and write Foxglove's layout, where they are asked for.
@@ -277,7 +260,7 @@ class LaunchedTeam:
         Raises:
             RunError: RViz is not installed.
         """
-        names = [robot.name for robot in self.scenario.robots]
+        names = self.scenario.names
         if self.get("foxglove"):
             Path(self.get("foxglove")).write_text(foxglove_layout(names, self._namespace))
         if not self.get("rviz"):

@@ -31,7 +31,7 @@ from std_msgs.msg import String
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.game.world import EPISODE_GAP, Action, Reward, World
 from sparse_coord_ros.learn.run_config import make_run
-from sparse_coord_ros.lockstep.waiting import REPEAT_SECONDS, Silence
+from sparse_coord_ros.lockstep.waiting import REPEAT_SECONDS
 from sparse_coord_ros.lockstep.world_side import WorldSide, WorldState
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.messages import robot_number, status
@@ -92,12 +92,12 @@ class Stage(WorldTopics):
     ) -> None:
         game = load_scenario(scenario).with_settings(SETTINGS)
         self.run = replace(make_run(game, TIMING), id=uuid.uuid4().hex)
-        self.names = [one.name for one in game.robots]
+        self.names = game.names
         self.name = robot or self.names[0]
         self.k = robot_number(self.run, self.name, "give --robot one of them")
         self.node = ParameterNode(WORLD, PARAMETERS[WORLD], values={}, **place)
         self.world, self._executor, self._ended = World(game, 0), executor, ended
-        super().__init__(self.node, self.run, self.world, Silence(time.monotonic()), self.keep)
+        super().__init__(self.node, self.run, self.world, self.keep)
         self.side = WorldSide(self.run, self, self.world)
         self.broken: dict[str, str] = {}
         self.seen: set[str] = set()
@@ -106,7 +106,7 @@ class Stage(WorldTopics):
         self.kept: dict[int, WorldState | None] = {0: None}
         self.doing, self.order = RunState.WAITING, Order()
         self._lost = -1
-        self.node.create_timer(STATUS_SECONDS, self._on_time)
+        self.node.create_timer(STATUS_SECONDS, lambda: self.say(self.doing, self.side, self.order))
         listen = self.node.intake.listen
         self.actions = [
             listen(interface.ACTION, self._on_action, name, unpack=self.convert.unpack_account)
@@ -143,9 +143,6 @@ class Stage(WorldTopics):
     def keep(self, step: int) -> None:
         """Keep where the world is."""
         self.kept[step] = self.side.snapshot(step)
-
-    def _on_time(self) -> None:
-        self.say(self.doing, self.side, self.order)
 
     def _on_action(self, said: tuple[int, Action, Account]) -> None:
         self.notes[said[0]].said.append(said)

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from sparse_coord_ros import compiling
 from sparse_coord_ros.errors import RunError
-from sparse_coord_ros.nodes.middleware import DOMAIN, RANGE, check_domain
+from sparse_coord_ros.nodes.middleware import DOMAIN, PROFILES, RANGE, check_domain
 from sparse_coord_ros.share import PACKAGE, share_folder
 from sparse_coord_ros.version import __version__
 
@@ -22,10 +22,7 @@ FINE, HINT, WRONG = "ok", "hint", "wrong"
 RANGES = {"SUBNET": "this network", "SYSTEM_DEFAULT": "the system's", "LOCALHOST": "this machine"}
 """The ranges in which nodes find each other."""
 
-ALSO = (
-    *("ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER"),
-    "FASTRTPS_DEFAULT_PROFILES_FILE",
-)
+ALSO = ("ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER", PROFILES)
 """Further variables that decide who hears whom."""
 
 PARTICIPANT = 600_000

@@ -18,7 +18,8 @@ from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from typing import Any
 
-from sparse_coord_ros.doctor.checks import FINE, HINT, RANGE, WRONG, Finding
+from sparse_coord_ros.doctor.checks import FINE, HINT, WRONG, Finding
+from sparse_coord_ros.nodes.middleware import PROFILES, RANGE, SECURITY
 
 SECONDS = 8.0
 """How long the asker waits for an answer."""
@@ -40,10 +41,7 @@ OTHER_WAYS: tuple[tuple[str, str, str], ...] = (
 )
 """What to try where nobody answers, and what it means where that helps."""
 
-SUSPECTS = (
-    *("RMW_IMPLEMENTATION", "ROS_SECURITY_ENABLE", "ROS_DISCOVERY_SERVER"),
-    "FASTRTPS_DEFAULT_PROFILES_FILE",
-)
+SUSPECTS = ("RMW_IMPLEMENTATION", SECURITY, "ROS_DISCOVERY_SERVER", PROFILES)
 """Variables that keep ROS from starting, or nodes apart, where they are wrong."""
 
 
@@ -83,15 +81,10 @@ def round_trip(changes: Mapping[str, str] | None = None) -> dict[str, Any]:
         `rmw`, and `round_trip`, the seconds until the first answer, where one came; or `missing`,
         why rclpy cannot be imported; or `problem`.
     """
-    name = f"sparse_coord_doctor_{os.getpid()}"
+    name, env = f"sparse_coord_doctor_{os.getpid()}", {**os.environ, **(changes or {})}
+    run, pipe = [sys.executable, "-P", "-m", __name__], subprocess.PIPE
     echo, asker = (
-        subprocess.Popen(
-            [sys.executable, "-P", "-m", __name__, role, name],
-            env={**os.environ, **(changes or {})},
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
+        subprocess.Popen([*run, role, name], env=env, stdout=pipe, stderr=pipe, text=True)
         for role in ("echo", "ask")
     )
     try:

@@ -80,10 +80,8 @@ class Body:
 
     def __init__(self, ground: Ground, noise: Noise, seed: int, robot: int) -> None:
         self._ground, self._noise = ground, noise
-        self._wheels, self._sensors = (
-            np.random.Generator(bit_generator(seed, robot, role, BODIES))
-            for role in (WHEELS, SENSORS)
-        )
+        draws = (bit_generator(seed, robot, role, BODIES) for role in (WHEELS, SENSORS))
+        self._wheels, self._sensors = map(np.random.Generator, draws)
         self._bias = 1.0 + BIAS * noise.wheels * self._wheels.standard_normal(2)
         self._track = TRACK * ground.radius
         self._against = False

@@ -47,6 +47,13 @@ def limits_of(values: dict, side: float) -> Limits:
     return Limits(values["speed"], values["turn"], values["near"] * side, seconds)
 
 
+def arena_of(run: RunConfig, values: dict, seed: int) -> Arena:
+    """Return the bodies of a run's team; `values`: `BODY_SETTINGS`, `seed`: of their noise."""
+    noise = Noise(values["wheel_noise"], values["pose_noise"])
+    ground = Ground(run, values["radius"])
+    return Arena(ground, len(run.scenario.robots), seed, noise, values["period"])
+
+
 class Moment(NamedTuple):
     """Where all bodies are at a time.
 
@@ -80,13 +87,11 @@ class Floor:
     """
 
     def __init__(self, run: RunConfig, values: dict, seed: int, world: BodyWorld) -> None:
-        robots = len(run.scenario.robots)
-        ground = Ground(run, values["radius"])
-        limits = limits_of(values, ground.side)
-        noise = Noise(values["wheel_noise"], values["pose_noise"])
         self.bodies = BodiesSide(world, self.send)
-        self.arena = Arena(ground, robots, seed, noise, values["period"])
-        self.drivers = [Driver(ground, limits, k) for k in range(robots)]
+        self.arena = arena_of(run, values, seed)
+        ground = self.arena.ground
+        limits = limits_of(values, ground.side)
+        self.drivers = [Driver(ground, limits, k) for k in range(len(self.arena.bodies))]
         self.moves = 0
         self.followed: int | None = None
         self.path: list[Moment] = []
@@ -136,6 +141,7 @@ class Drive:
     """What came of driven episodes; E episodes of K robots.
 
     Attributes:
+        floor: what happened in all episodes together.
         steps: time steps of each episode, shape (E,).
         seconds: simulated seconds of each episode, shape (E,).
         arrived: whether each robot arrived within the horizon, shape (E, K).
@@ -144,9 +150,9 @@ class Drive:
         in_doorways, elsewhere: how often bodies began to touch each other there, shape (E,).
         asks: how often robots chose COORDINATE, shape (E, K).
         drift: metres between odometry and body at each episode's end, shape (E, K).
-        floor: what happened in all episodes together.
     """
 
+    floor: Floor
     steps: np.ndarray
     seconds: np.ndarray
     arrived: np.ndarray
@@ -156,7 +162,6 @@ class Drive:
     elsewhere: np.ndarray
     asks: np.ndarray
     drift: np.ndarray
-    floor: Floor
 
 
 def drive(
@@ -190,7 +195,7 @@ def drive(
     )
     floor = Floor(run, values, seed, world)
     arena, sent = floor.arena, floor.bodies
-    found: list[dict[str, Any]] = []
+    found: list[tuple[Any, ...]] = []
     for episode in range(episodes):
         world.begin_episode()
         floor.followed = episode if episode < followed else None
@@ -207,21 +212,10 @@ def drive(
             miscoordinations += outcome.miscoordination
             asks += [action is not None and action.asked for action in actions]
             times[list(outcome.arrived)] = steps
+        seconds, arrived = sent.seconds - before, list(world.arrived)
         places = [touch.where for touch in arena.touches[touched:]]
-        found.append(
-            {
-                "steps": steps,
-                "seconds": sent.seconds - before,
-                "arrived": list(world.arrived),
-                "times": times,
-                "miscoordinations": miscoordinations,
-                "in_doorways": places.count(IN_DOORWAY),
-                "elsewhere": places.count(ELSEWHERE),
-                "asks": asks,
-                "drift": [math.dist(b.pose[:2], b.odometry[:2]) for b in arena.bodies],
-            }
-        )
+        touches = places.count(IN_DOORWAY), places.count(ELSEWHERE)
+        drift = [math.dist(body.pose[:2], body.odometry[:2]) for body in arena.bodies]
+        found.append((steps, seconds, arrived, times, miscoordinations, *touches, asks, drift))
         progress(episode + 1)
-    return Drive(
-        **{name: np.array([one[name] for one in found]) for name in found[0]}, floor=floor
-    )
+    return Drive(floor, *map(np.array, zip(*found, strict=True)))  # in the order of its fields

@@ -170,6 +170,11 @@ class Scenario:
         return f"<Scenario {self.label}; {robots} robots, {cells} cells>"
 
     @property
+    def names(self) -> list[str]:
+        """The names of the robots."""
+        return [robot.name for robot in self.robots]
+
+    @property
     def penalties(self) -> tuple[float, ...]:
         """r^C of one miscoordination for each robot (paper, Section 5)."""
         return tuple(factor * self.penalty for factor in self._factors)

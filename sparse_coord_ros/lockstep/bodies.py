@@ -130,11 +130,8 @@ class BodiesSide:
         self.placing = False
         self._ahead: list[tuple[BodyGoal, ...]] = []
         self._under_way: dict[int, BodyGoal] = {}
-        self._number = 0
-        self._longest = 0.0
-        self._since = BEGIN
-        self.failed = 0
-        self.lost = 0
+        self._number, self._longest, self._since = 0, 0.0, BEGIN
+        self.failed = self.lost = 0
         self.seconds = 0.0
 
     @property

@@ -19,16 +19,7 @@ import numpy as np
 from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.files import PARTIAL, HeldError, hold, write_whole
 from sparse_coord_ros.game.scenario import Scenario
-from sparse_coord_ros.learn.checkpoint import (
-    BrokenCheckpointError,
-    broken,
-    memory_arrays,
-    memory_from,
-    pack,
-    position_arrays,
-    positions_from,
-    read,
-)
+from sparse_coord_ros.learn import checkpoint
 from sparse_coord_ros.learn.history import history_from
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.lockstep.robot_side import RobotState
@@ -88,7 +79,7 @@ class Checkpoints(Store):
 
     def __init__(self, out: Path, node: str, run: RunConfig) -> None:
         self._node, self._run = node, run
-        self._names = [robot.name for robot in run.scenario.robots]
+        self._names = run.scenario.names
         self.broken: list[str] = []
         self._readable: set[int] = set()
         self._folder = out / CHECKPOINTS
@@ -116,7 +107,7 @@ class Checkpoints(Store):
             try:
                 self._read(step)
                 self._readable.add(step)
-            except BrokenCheckpointError as error:
+            except checkpoint.BrokenCheckpointError as error:
                 line = str(error).replace("begin the run anew", "an earlier one is used")
                 if line not in self.broken:
                     self.broken.append(line)
@@ -138,7 +129,7 @@ class Checkpoints(Store):
         try:
             counts = self._read(EVENTS) if self._path(EVENTS).exists() else {}
             return {name: int(array) for name, array in counts.items()}
-        except (BrokenCheckpointError, TypeError, ValueError) as error:
+        except (checkpoint.BrokenCheckpointError, TypeError, ValueError) as error:
             self.broken.append(f"{self._path(EVENTS)}: what was counted is lost ({error})")
             return {}
 
@@ -157,18 +148,19 @@ class Checkpoints(Store):
         try:
             return self._state(step, self._read(step))
         except (KeyError, ValueError, IndexError, TypeError) as error:
-            raise broken(self._path(step), error) from None
+            raise checkpoint.broken(self._path(step), error) from None
 
     def _arrays(self, state: WorldState | RobotState) -> dict[str, np.ndarray]:
         """Return a state as named arrays; its step is in the file's name."""
         fields = state._asdict()
         del fields["step"]
         if isinstance(state, WorldState):
-            arrays = position_arrays([fields.pop("position")])
+            arrays = checkpoint.position_arrays([fields.pop("position")])
             history = fields.pop("history")._asdict()
             arrays |= {f"history_{name}": array for name, array in history.items()}
         else:
-            arrays = memory_arrays(fields.pop("memory"), self._names.index(self._node) + 1)
+            number = self._names.index(self._node) + 1
+            arrays = checkpoint.memory_arrays(fields.pop("memory"), number)
         return arrays | {name: np.array(value) for name, value in fields.items()}
 
     def _state(self, step: int, arrays: Mapping[str, np.ndarray]) -> WorldState | RobotState:
@@ -177,11 +169,11 @@ class Checkpoints(Store):
         fields: dict[str, Any] = {"step": step}
         if self._node == WORLD:
             kind = WorldState
-            fields["position"] = positions_from(arrays, self._run.scenario)[0]
+            fields["position"] = checkpoint.positions_from(arrays, self._run.scenario)[0]
             fields["history"] = history_from(arrays, "history_")
         else:
-            cells = len(self._run.scenario.map.cells)
-            fields["memory"] = memory_from(arrays, self._names.index(self._node) + 1, cells)
+            number, cells = self._names.index(self._node) + 1, len(self._run.scenario.map.cells)
+            fields["memory"] = checkpoint.memory_from(arrays, number, cells)
         for name in set(kind._fields) - set(fields):
             value = arrays[name].tolist()
             fields[name] = tuple(value) if isinstance(value, list) else value
@@ -202,15 +194,15 @@ class Checkpoints(Store):
     def _write(self, what: int | str, arrays: Mapping[str, np.ndarray]) -> None:
         path = self._path(what)
         named = {**arrays, "name": np.array(path.stem)}
-        write_whole(path, pack(self._run.digest, named), sync=what != EVENTS)
+        write_whole(path, checkpoint.pack(self._run.digest, named), sync=what != EVENTS)
 
     def _read(self, what: int | str) -> dict[str, np.ndarray]:
         path, run = self._path(what), self._run
         said = f"{run.scenario.name}, learner {run.learner}, seed {run.seed}"
-        arrays = read(path, run.digest, said=said)
+        arrays = checkpoint.read(path, run.digest, said=said)
         name = str(arrays.pop("name", ""))
         if name != path.stem:
-            raise broken(path, f"it is that of {name}")
+            raise checkpoint.broken(path, f"it is that of {name}")
         return arrays
 
 
@@ -222,7 +214,7 @@ def steps_of(folder: Path, node: str) -> list[int]:
 
 def robots_elsewhere(out: Path, scenario: Scenario) -> list[str]:
     """Return which robots of a run that has come on in a directory never had anything there."""
-    folder, names = out / CHECKPOINTS, [robot.name for robot in scenario.robots]
+    folder, names = out / CHECKPOINTS, scenario.names
     begun = any(steps_of(folder, name) for name in (WORLD, *names))
     return [name for name in names if begun and not (folder / f"{name}.lock").exists()]
 

@@ -227,15 +227,8 @@ class RobotSide:
         chosen = self._asked is not None or self._pending is not None
         asks = self._asks_before if chosen else self.asks.values()
         told = self._learned_last if self._pending is None else self._pending.account.learned
-        return RobotState(
-            self.handled,
-            self._cell,
-            self.transitions,
-            self._episode_start,
-            told,
-            (*asks, self.learned, self.dropped),
-            self.agent.memory(),
-        )
+        place = self.handled, self._cell, self.transitions, self._episode_start
+        return RobotState(*place, told, (*asks, self.learned, self.dropped), self.agent.memory())
 
     def account_of(self, step: int) -> Account | None:
         """Return what the robot said of itself at a time step; None: it is over, or to come."""

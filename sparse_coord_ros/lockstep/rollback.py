@@ -115,13 +115,7 @@ class RobotRollback:
     """
 
     def __init__(
-        self,
-        side: RobotSide,
-        store: Store,
-        fresh: Callable[[], Agent],
-        life: str,
-        *,
-        resumed: bool = False,
+        self, side: RobotSide, store: Store, fresh: Callable[[], Agent], life: str, resumed: bool
     ) -> None:
         self._side, self._store, self._fresh = side, store, fresh
         self._life, self._resumed = life, resumed
@@ -161,11 +155,5 @@ class RobotRollback:
 
     def progress(self) -> Progress:
         """Return what to say to the world: on joining, after saving, after `obey`."""
-        return Progress(
-            self._life,
-            self._side.handled,
-            self._side.transitions,
-            tuple(self._store.steps()),
-            self._obeyed,
-            self._resumed,
-        )
+        at, steps = (self._side.handled, self._side.transitions), tuple(self._store.steps())
+        return Progress(self._life, *at, steps, self._obeyed, self._resumed)

@@ -151,14 +151,10 @@ class WorldSide:
         if not isinstance(world, ResumableGame):
             return None
         own = (self.timeouts, self.left_out, self.stale, self.lost)
-        return WorldState(
-            world.step if step is None else step,
-            world.position(),
-            (world.episode, world.miscoordinations, *own),
-            self.began,
-            tuple(sorted(self.absent)),
-            self.history.history(),
-        )
+        counts = (world.episode, world.miscoordinations, *own)
+        step, absent = world.step if step is None else step, tuple(sorted(self.absent))
+        history = self.history.history()
+        return WorldState(step, world.position(), counts, self.began, absent, history)
 
     def go_on_from(self, state: WorldState | None) -> None:
         """Go on where the world of the same run was; None: at its beginning. Then call `start`."""

@@ -14,31 +14,17 @@ from nav_msgs.msg import Odometry
 from rclpy.publisher import Publisher
 from std_msgs.msg import Header
 
-from sparse_coord_ros.driving.arena import ELSEWHERE, IN_DOORWAY, Arena, Noise
-from sparse_coord_ros.driving.ground import Ground
+from sparse_coord_ros.driving.arena import ELSEWHERE, IN_DOORWAY, Arena
 from sparse_coord_ros.driving.steering import Command
 from sparse_coord_ros.driving.transforms import parent_of
+from sparse_coord_ros.driving.trials import arena_of
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.lockstep.bodies import BEGIN, Goals, Reached
-from sparse_coord_ros.nodes import interface
+from sparse_coord_ros.nodes import interface, transforms
 from sparse_coord_ros.nodes.follower import Follower
-from sparse_coord_ros.nodes.messages import (
-    Converter,
-    diagnostics,
-    read_goals,
-    read_reached,
-    status,
-)
+from sparse_coord_ros.nodes.messages import Converter
 from sparse_coord_ros.nodes.parameters import PARAMETERS, Place
 from sparse_coord_ros.nodes.spin import run_node
-from sparse_coord_ros.nodes.transforms import (
-    BASE,
-    ODOM,
-    TransformPublisher,
-    pose_message,
-    robot_frame,
-    transform,
-)
 from sparse_coord_ros.wire import MAP_FRAME
 from sparse_coord_ros.wire.frame import SECOND
 from sparse_coord_ros.wire.messages import CLOCK_FORM
@@ -78,25 +64,21 @@ class BodyNode(Follower):
 
     def begin(self, run: RunConfig) -> None:
         """Put the bodies at the scenario's starts."""
-        names = self._names = [robot.name for robot in run.scenario.robots]
-        ground = Ground(run, self.values["radius"])
-        noise = Noise(self.values["wheel_noise"], self.values["pose_noise"])
-        self.arena = Arena(ground, len(names), run.seed, noise, self.values["period"])
+        convert = Converter(run)
+        names = convert.names
+        self.arena = arena_of(run, self.values, run.seed)
         self.arena.put({k: robot.start for k, robot in enumerate(run.scenario.robots)})
-        self._diagnostics = self.announce(interface.DIAGNOSTICS)
+        self._report = self.reporter("bodies")
         self._pose_publishers = [self.announce(interface.POSE, name) for name in names]
         self._odometry_publishers = [self.announce(interface.ODOMETRY, name) for name in names]
-        self._frames = [
-            [robot_frame(self, name, frame) for frame in (ODOM, BASE)] for name in names
-        ]
-        self._transforms = TransformPublisher(self)
-        convert = Converter(run)
-        read = functools.partial(read_goals, convert, names)
-        self.intake.listen(interface.BODY_GOALS, self._on_goals, read=read)
+        frames = (transforms.ODOM, transforms.BASE)
+        self._frames = [[transforms.robot_frame(self, name, f) for f in frames] for name in names]
+        self._transforms = transforms.TransformPublisher(self)
+        self.intake.listen(interface.BODY_GOALS, self._on_goals, read=convert.read_goals)
         for k, name in enumerate(names):
             take = functools.partial(self._on_command, k)
             self.intake.listen(interface.CMD_VEL, take, name, read=read_command)
-            report = functools.partial(read_reached, convert, k)
+            report = functools.partial(convert.read_reached, k)
             self.intake.listen(interface.REACHED, self._on_reached, name, read=report)
         if self.values["body_rate"] > 0:
             seconds = self.values["period"] / self.values["body_rate"]
@@ -142,14 +124,13 @@ class BodyNode(Follower):
             odom, base = self._frames[k]
             header, within = (Header(stamp=stamp, frame_id=one) for one in (MAP_FRAME, odom))
             odometry = Odometry(header=within, child_frame_id=base)
-            odometry.pose.pose = pose_message(body.odometry)
-            localised = parent_of(self._looks[k], body.odometry)
-            self._transforms.publish(
-                [transform(header, odom, localised), transform(within, base, body.odometry)]
-            )
+            odometry.pose.pose = transforms.pose_message(body.odometry)
+            drift = transforms.transform(header, odom, parent_of(self._looks[k], body.odometry))
+            way = transforms.transform(within, base, body.odometry)
+            self._transforms.publish([drift, way])
             odometry.twist.twist.linear.x, odometry.twist.twist.angular.z = body.command
             self._odometry_publishers[k].publish(odometry)
-            seen = PoseStamped(header=header, pose=pose_message(self._looks[k]))
+            seen = PoseStamped(header=header, pose=transforms.pose_message(self._looks[k]))
             self._pose_publishers[k].publish(seen)
 
     def go_on(self, now: float) -> None:
@@ -159,8 +140,7 @@ class BodyNode(Follower):
 
     def report(self) -> None:
         """Publish how often bodies touched each other and the walls."""
-        said = status(f"{self.full_name}: bodies", "driving", self.summary())
-        self._diagnostics.publish(diagnostics(said))
+        self._report("driving", self.summary())
 
     def summary(self) -> dict[str, Any]:
         """Return what happened, as plain data."""
@@ -174,13 +154,13 @@ class BodyNode(Follower):
 
     def finish(self, *, interrupted: bool) -> None:
         """Say what happened, and write the paths."""
-        if self.run is None:
+        if self.presence is None:
             return
         said = ", ".join(f"{name} {value}" for name, value in self.summary().items())
         self.get_logger().info(f"bodies: {said}")
         if self.values["paths"]:
             rows = np.array(self._paths)
-            places = rows[:, 1:].reshape(len(rows), len(self._names), 3)
+            places = rows[:, 1:].reshape(len(rows), len(self.arena.bodies), 3)
             np.savez_compressed(self.values["paths"], seconds=rows[:, 0], poses=places)
 
 

@@ -7,7 +7,6 @@ import functools
 from collections.abc import Callable
 from functools import partial
 
-from rclpy.client import Client
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
@@ -35,20 +34,13 @@ class Exchange:
         run: the run.
         number: the robot's number from 0.
         packed: returns what it has learned, as `learn.tables.pack_tables` does.
-        clients: those of the robots of this process, by service.
     """
 
     def __init__(
-        self,
-        node: ParameterNode,
-        run: RunConfig,
-        number: int,
-        packed: Callable[[], bytes],
-        clients: dict[str, Client],
+        self, node: ParameterNode, run: RunConfig, number: int, packed: Callable[[], bytes]
     ) -> None:
-        self._node, self._run, self._packed, self._clients = node, run, packed, clients
-        self._names = [robot.name for robot in run.scenario.robots]
-        self._number = number
+        self._node, self._run, self._packed, self._clients = node, run, packed, node.shared_clients
+        self._names, self._number = run.scenario.names, number
         self._learned: dict[int, bytes] = {}
         self._answered = self._ticks = 0
         node.create_service(Trigger, LEARNED.of("~"), self._answer)

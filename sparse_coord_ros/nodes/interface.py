@@ -11,7 +11,7 @@ import importlib
 from dataclasses import dataclass, replace
 from typing import Any
 
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from sparse_coord_ros import wire
 from sparse_coord_ros.learn.run_config import NO_CLOCK, RunConfig
@@ -20,23 +20,16 @@ from sparse_coord_ros.wire import Delivery, services
 STEP_DEPTH = 10_000
 
 
-def _qos(depth: int, durability: DurabilityPolicy = DurabilityPolicy.VOLATILE) -> QoSProfile:
-    return QoSProfile(
-        reliability=ReliabilityPolicy.RELIABLE,
-        durability=durability,
-        history=HistoryPolicy.KEEP_LAST,
-        depth=depth,
-    )
-
+KEPT = DurabilityPolicy.TRANSIENT_LOCAL
 
 PROFILES = {
-    Delivery.STEP: _qos(STEP_DEPTH),
-    Delivery.EVENT: _qos(10),
-    Delivery.LATCHED: _qos(1, DurabilityPolicy.TRANSIENT_LOCAL),
-    Delivery.TABLES: _qos(wire.TABLES_DEPTH, DurabilityPolicy.TRANSIENT_LOCAL),
+    Delivery.STEP: QoSProfile(depth=STEP_DEPTH),
+    Delivery.EVENT: QoSProfile(depth=10),
+    Delivery.LATCHED: QoSProfile(depth=1, durability=KEPT),
+    Delivery.TABLES: QoSProfile(depth=wire.TABLES_DEPTH, durability=KEPT),
 }
-"""How each is offered, always reliably. The lock step needs a depth of 2; the rest is for a
-recorder that lags."""
+"""How each is offered, always reliably (rclpy's default). The lock step needs a depth of 2; the
+rest is for a recorder that lags."""
 STEP_QOS, LATCHED_QOS = PROFILES[Delivery.STEP], PROFILES[Delivery.LATCHED]
 
 
@@ -89,10 +82,10 @@ def recorded(owner: wire.Owner) -> tuple[RosTopic, ...]:
 
 def recorder_qos(topic: RosTopic) -> QoSProfile:
     """Return what the recorder asks for: nothing is overwritten before it is written down."""
-    return _qos(STEP_DEPTH, topic.qos.durability)
+    return QoSProfile(depth=STEP_DEPTH, durability=topic.qos.durability)
 
 
-CLAIMS_QOS = _qos(100, DurabilityPolicy.TRANSIENT_LOCAL)
+CLAIMS_QOS = QoSProfile(depth=100, durability=KEPT)
 """For reading claims: with a depth of 1, one's own would push out that of another node."""
 
 ACTIVE_PERCEPTION_TYPE = message_class(services.ACTIVE_PERCEPTION.type_name)

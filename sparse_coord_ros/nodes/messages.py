@@ -3,12 +3,11 @@
 """The messages of `wire.messages` as rclpy's objects, and those that are published as objects."""
 
 import math
-import time
 from array import array as packed
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 
 from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 from rclpy.serialization import deserialize_message
@@ -20,7 +19,6 @@ from sparse_coord_ros.learn.run_config import RunConfig, run_from_yaml
 from sparse_coord_ros.lockstep.bodies import LOST, BodyGoal, Goals, Reached
 from sparse_coord_ros.nodes.interface import bind
 from sparse_coord_ros.wire import BODY_GOALS, GOAL_LABELS, MAP_FRAME, REACHED, RUN
-from sparse_coord_ros.wire.frame import SECOND
 from sparse_coord_ros.wire.messages import Messages, read_labelled
 
 TEXT = 8
@@ -53,6 +51,47 @@ class Converter(Messages):
         poses = [self.pose(step, cell) for cell in cells if cell is not None]
         return Path(header=self.header(step), poses=poses)
 
+    def goals_message(self, goals: Goals) -> JointState:
+        """Return what bodies are told as a message."""
+        labels = list(BODY_GOALS.labels)
+        numbers = [float(goals.number), float(goals.place), goals.since]
+        for robot, *cells in goals.bodies:
+            labels += [f"{self.names[robot]}/{label}" for label in GOAL_LABELS]
+            numbers += map(float, cells)
+        return JointState(header=self.header(goals.step), name=labels, position=numbers)
+
+    def read_goals(self, message: JointState) -> Goals:
+        """Return what bodies are told.
+
+        Raises:
+            ValueError: it is malformed, or of other robots or cells.
+        """
+        ns, said = read_labelled(message)
+        number, place = _whole(said, "number", 1, 2**53), _whole(said, "place", 0, 1)
+        last, goals = len(self.grid.cells) - 1, []
+        for k, name in enumerate(self.names):
+            if f"{name}/{GOAL_LABELS[0]}" in said:
+                ends = [_whole(said, f"{name}/{label}", 0, last) for label in GOAL_LABELS]
+                goals.append(BodyGoal(k, *ends))
+        return Goals(number, self.step(0, ns), bool(place), _time(said, "since"), tuple(goals))
+
+    def reached_message(self, step: int, reached: Reached) -> JointState:
+        """Return a driver's report as a message."""
+        labels, numbers = list(REACHED.labels), list(map(float, reached[1:]))
+        return JointState(header=self.header(step), name=labels, position=numbers)
+
+    def read_reached(self, robot: int, message: JointState) -> Reached:
+        """Return the report of a robot's driver.
+
+        Raises:
+            ValueError: it is malformed, or of another map.
+        """
+        _, said = read_labelled(message)
+        number = _whole(said, "number", 1, 2**53)
+        cell = _whole(said, "cell", LOST, len(self.grid.cells) - 1)
+        times = (_time(said, label) for label in REACHED.labels[-2:])
+        return Reached(robot, number, cell, said.get("there") == 1.0, *times)
+
 
 def run_announced(data: bytes) -> str:
     """Return the identity of the run that a world announces; nothing else is read."""
@@ -75,59 +114,13 @@ def robot_number(run: RunConfig, name: str, remedy: str) -> int:
     Raises:
         RunError: the scenario has no such robot; `remedy` says what to do.
     """
-    names = [robot.name for robot in run.scenario.robots]
+    names = run.scenario.names
     if name not in names:
         raise RunError(
             f"robot {name!r}: scenario {run.scenario.name} has no such robot"
             f"{did_you_mean(name, names)}; its robots are {', '.join(names)}; {remedy}"
         )
     return names.index(name)
-
-
-def goals_message(convert: Converter, goals: Goals, names: Sequence[str]) -> JointState:
-    """Return what bodies are told as a message; names of the robots."""
-    labels = list(BODY_GOALS.labels)
-    numbers = [float(goals.number), float(goals.place), goals.since]
-    for robot, *cells in goals.bodies:
-        labels += [f"{names[robot]}/{label}" for label in GOAL_LABELS]
-        numbers += map(float, cells)
-    return JointState(header=convert.header(goals.step), name=labels, position=numbers)
-
-
-def read_goals(convert: Converter, names: Sequence[str], message: JointState) -> Goals:
-    """Return what bodies are told.
-
-    Raises:
-        ValueError: it is malformed, or of other robots or cells.
-    """
-    ns, said = read_labelled(message)
-    number, place = _whole(said, "number", 1, 2**53), _whole(said, "place", 0, 1)
-    cells = len(convert.grid.cells)
-    goals = []
-    for k, name in enumerate(names):
-        if f"{name}/{GOAL_LABELS[0]}" in said:
-            ends = [_whole(said, f"{name}/{label}", 0, cells - 1) for label in GOAL_LABELS]
-            goals.append(BodyGoal(k, *ends))
-    return Goals(number, convert.step(0, ns), bool(place), _time(said, "since"), tuple(goals))
-
-
-def reached_message(convert: Converter, step: int, reached: Reached) -> JointState:
-    """Return a driver's report as a message."""
-    numbers = list(map(float, reached[1:]))
-    return JointState(header=convert.header(step), name=list(REACHED.labels), position=numbers)
-
-
-def read_reached(convert: Converter, robot: int, message: JointState) -> Reached:
-    """Return the report of a robot's driver.
-
-    Raises:
-        ValueError: it is malformed, or of another map.
-    """
-    _, said = read_labelled(message)
-    number = _whole(said, "number", 1, 2**53)
-    cell = _whole(said, "cell", LOST, len(convert.grid.cells) - 1)
-    times = (_time(said, label) for label in REACHED.labels[-2:])
-    return Reached(robot, number, cell, said.get("there") == 1.0, *times)
 
 
 def _time(said: Mapping[str, float], label: str) -> float:
@@ -170,13 +163,6 @@ def read_tables_message(message: UInt8MultiArray) -> tuple[bytes, int, str]:
     if len(labels) != 2 or labels[0] != "npz":
         raise ValueError(f"has the dimensions {labels}, not 'npz' and an occasion")
     return message.data.tobytes(), message.layout.dim[1].size, labels[1]
-
-
-def diagnostics(said: DiagnosticStatus) -> DiagnosticArray:
-    """Return a report: stamped with the wall clock, whoever owns /clock, and in no frame."""
-    sec, nanosec = divmod(time.time_ns(), SECOND)
-    header = Header(stamp=Time(sec=sec, nanosec=nanosec))
-    return DiagnosticArray(header=header, status=[said])
 
 
 def status(

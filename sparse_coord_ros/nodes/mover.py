@@ -21,7 +21,7 @@ from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.lockstep.bodies import Goals, Reached
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.follower import Follower
-from sparse_coord_ros.nodes.messages import Converter, reached_message, read_goals, robot_number
+from sparse_coord_ros.nodes.messages import Converter, robot_number
 from sparse_coord_ros.nodes.parameters import PARAMETERS, TF, Place
 from sparse_coord_ros.nodes.transforms import BASE, robot_frame
 
@@ -112,23 +112,19 @@ class MoverNode(Follower, LifecycleNodeMixin):
 
     def begin(self, run: RunConfig) -> None:
         """Begin with a run: hear goals and poses."""
-        names = [robot.name for robot in run.scenario.robots]
         number = robot_number(run, self.robot, "give parameter robot one of them")
         self._mover = self.make(Ground(run, self.values["radius"]), number)
         self._convert = Converter(run)
-        read = functools.partial(read_goals, self._convert, names)
-        self.intake.listen(interface.BODY_GOALS, self._on_goals, read=read)
+        self.intake.listen(interface.BODY_GOALS, self._on_goals, read=self._convert.read_goals)
         pose_type = self.values["pose_type"]
         if pose_type == TF:
             self._hear_transforms()
         else:
             kind, inside = TYPES[pose_type]
+            topic, read = interface.POSE, functools.partial(self._read_pose, inside)
+            qos = topic.qos if pose_type == "pose" else POSES_QOS
             self.intake.listen(
-                replace(interface.POSE, type=kind),
-                self._see,
-                self.robot,
-                read=functools.partial(self._read_pose, inside),
-                qos=interface.POSE.qos if pose_type == "pose" else POSES_QOS,
+                replace(topic, type=kind), self._see, self.robot, read=read, qos=qos
             )
 
     def _hear_transforms(self) -> None:
@@ -189,8 +185,7 @@ class MoverNode(Follower, LifecycleNodeMixin):
     def report_reached(self, reached: Reached) -> None:
         """Publish how a goal ended."""
         if self._reached_publisher is not None:
-            message = reached_message(self._convert, self._step, reached)
-            self._reached_publisher.publish(message)
+            self._reached_publisher.publish(self._convert.reached_message(self._step, reached))
 
     def go_on(self, now: float) -> None:
         """Report for duty when all is there; stop a body whose poses do not come."""

@@ -54,13 +54,9 @@ class Nav2DriverNode(MoverNode):
     def make(self, ground: Ground, number: int) -> Navigator:
         """Return what decides on goals."""
         values, side = self.values, ground.side
-        limits = NavLimits(
-            values["near"] * side,
-            values["step_seconds"],
-            values["feedback_timeout"],
-            values["detour"] * side,
-            values["bring"],
-        )
+        near, detour = values["near"] * side, values["detour"] * side
+        seconds, silence = values["step_seconds"], values["feedback_timeout"]
+        limits = NavLimits(near, seconds, silence, detour, values["bring"])
         self.navigator = Navigator(ground, limits, number, self)
         return self.navigator
 

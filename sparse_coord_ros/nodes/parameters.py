@@ -10,7 +10,10 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, TypedDict, Unpack, cast
 
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
+from rclpy.client import Client
 from rclpy.clock import Clock, ClockType
 from rclpy.context import Context
 from rclpy.impl.implementation_singleton import rclpy_implementation
@@ -33,16 +36,16 @@ from sparse_coord_ros.limits import ASKED
 from sparse_coord_ros.lockstep.waiting import Reminder
 from sparse_coord_ros.look.page.controls import PAGE_SETTINGS
 from sparse_coord_ros.nodes.intake import Intake
+from sparse_coord_ros.nodes.interface import DIAGNOSTICS, RUN, RosTopic, message_class
 from sparse_coord_ros.nodes.interface import RECORDING as RECORDING_TOPIC
-from sparse_coord_ros.nodes.interface import RUN, RosTopic, message_class
+from sparse_coord_ros.nodes.messages import status
 from sparse_coord_ros.nodes.tap import Line, PackedPublisher, Tap
 from sparse_coord_ros.wire import RECORDER, WORLD
+from sparse_coord_ros.wire.frame import SECOND
 from sparse_coord_ros.wire.services import Service
 
 RCLError = rclpy_implementation.RCLError
 
-GO_ON, END = "go_on", "end"
-"""What `lost_robot` says; else the world waits."""
 ROLL_BACK = "rollback"
 """What `returning` says; else a robot goes on alone."""
 TF = "tf"
@@ -93,12 +96,14 @@ class Place(TypedDict, total=False):
         namespace: the team's namespace.
         values: parameters given by the program; None: those of the command line count.
         tap: the way to a recorder in the same process; None: a recorder subscribes as others do.
+        shared_clients: those of the robots of this process, by service.
     """
 
     context: Context
     namespace: str
     values: Mapping[str, Any] | None
     tap: Tap | None
+    shared_clients: dict[str, Client]
 
 
 class ParameterNode(Node):
@@ -116,6 +121,7 @@ class ParameterNode(Node):
         full_name: its name with its namespace, as diagnostics say it: `team_a/robot_1`.
         born: when the node began, by the monotonic clock.
         tap: the way to a recorder in the same process; None: there is none.
+        shared_clients: those of the robots of this process, by service; others make their own.
         reminder: when to say what the node waits for.
         failure: why the node must stop, or None.
         done: whether the node has nothing more to do.
@@ -155,7 +161,7 @@ class ParameterNode(Node):
         self.done = False
         self.at_end = ExitStack()
         self._table, self._changeable = table, changeable
-        self.tap = place.get("tap")
+        self.tap, self.shared_clients = place.get("tap"), place.get("shared_clients", {})
         self.intake = Intake(self)
         try:
             self.values = self._declare()
@@ -247,16 +253,27 @@ class ParameterNode(Node):
 
     def announce(self, topic: RosTopic, owner: str = "") -> Publisher:
         """Return a new publisher of a topic of the team, or of a robot's or node's own."""
-        name = topic.of(owner)
-        if not topic.tapped:
-            return self.create_publisher(topic.type, name, topic.qos)
-        publisher = cast(
-            PackedPublisher,
-            self.create_publisher(topic.type, name, topic.qos, publisher_class=PackedPublisher),
-        )
-        publisher.send = publisher.handle.publish_raw
-        publisher.line = Line() if self.tap is None else self.tap.line(publisher.topic_name)
+        how: Any = {"publisher_class": PackedPublisher} if topic.tapped else {}
+        publisher = self.create_publisher(topic.type, topic.of(owner), topic.qos, **how)
+        if isinstance(publisher, PackedPublisher):
+            publisher.send = publisher.handle.publish_raw
+            publisher.line = Line() if self.tap is None else self.tap.line(publisher.topic_name)
         return publisher
+
+    def reporter(self, part: str) -> Callable[..., None]:
+        """Return what publishes diagnostics of a part of this node, called as `messages.status`.
+
+        They are stamped with the wall clock, whoever owns /clock, and in no frame.
+        """
+        publish, name = self.announce(DIAGNOSTICS).publish, f"{self.full_name}: {part}"
+
+        def report(doing: str, values: Mapping[str, object], *, warn: bool = False) -> None:
+            sec, nanosec = divmod(time.time_ns(), SECOND)
+            message = DiagnosticArray(status=[status(name, doing, values, warn=warn)])
+            message.header.stamp = Time(sec=sec, nanosec=nanosec)
+            publish(message)
+
+        return report
 
     def names_of(self, role: str) -> Counter[str]:
         """Return what the nodes of a role are called, each with its number of nodes.

@@ -167,20 +167,13 @@ class Peers:
         run: the run.
         convert: between its steps and cells and messages.
         side: the robot's side of the lock step.
-        clients: those of the robots of this process, by the name of who is asked; each is made by
-            the first robot that wants to ask it.
     """
 
     def __init__(
-        self,
-        node: ParameterNode,
-        run: RunConfig,
-        convert: Converter,
-        side: RobotSide,
-        clients: dict[str, Client],
+        self, node: ParameterNode, run: RunConfig, convert: Converter, side: RobotSide
     ) -> None:
         self._node, self._intake, self._convert, self._side = node, node.intake, convert, side
-        self._names = [robot.name for robot in run.scenario.robots]
+        self._names = convert.names
         self._service = ACTIVE_PERCEPTION.of(node.get_name())
         self._deadline = Deadline(run.percept_timeout, run.step_timeout)
         _introspect(node, node.create_service(ACTIVE_PERCEPTION_TYPE, self._service, self._answer))
@@ -189,12 +182,12 @@ class Peers:
         for k, name in enumerate(self._names):
             if name == node.get_name():
                 continue
-            if name not in clients:
-                service = ACTIVE_PERCEPTION.of(name)
-                clients[name] = node.create_client(ACTIVE_PERCEPTION_TYPE, service)
-                _introspect(node, clients[name])
+            service = ACTIVE_PERCEPTION.of(name)
+            if service not in node.shared_clients:  # of the robots here the first one makes it
+                node.shared_clients[service] = node.create_client(ACTIVE_PERCEPTION_TYPE, service)
+                _introspect(node, node.shared_clients[service])
             answered = node.guarded(partial(self._on_answer, k))
-            self._peers[k] = Peer(node, clients[name], answered)
+            self._peers[k] = Peer(node, node.shared_clients[service], answered)
 
     def ready(self) -> bool:
         """Whether every peer's service has been there."""

@@ -80,15 +80,9 @@ class Player(ParameterNode):
         last = replace(self._table["position"], high=self._seconds)
         self._table = SettingTable([*self._table.values(), last])
         self.parse(self._table, {"position": values["position"]})
-        self._playback = Playback(
-            playlist,
-            stage.publish,
-            time.monotonic_ns,
-            on_time=stage.tell,
-            rate=values["rate"],
-            loop=values["loop"],
-            paused=values["start_paused"],
-        )
+        how = {"rate": values["rate"], "loop": values["loop"], "paused": values["start_paused"]}
+        publish, now = stage.publish, time.monotonic_ns
+        self._playback = Playback(playlist, publish, now, on_time=stage.tell, **how)
         self.get_logger().info(
             f"{stage.bag.path}: {len(playlist)} messages on {len(stage.publishers)} topics, "
             f"{playlist.step_count} time steps, {self._seconds:g} s"

@@ -139,12 +139,11 @@ def offered_qos(profiles: Sequence[QoS]) -> QoSProfile:
     """Return a profile that offers at least what each of the recorded publishers did."""
     profiles = profiles or (QoS(),)
     reliable = any(qos.reliability == "reliable" for qos in profiles)
-    keep_all = any(qos.history == "keep_all" for qos in profiles)
-    return QoSProfile(
-        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
-        durability=(
-            DurabilityPolicy.TRANSIENT_LOCAL if latched(profiles) else DurabilityPolicy.VOLATILE
-        ),
-        history=HistoryPolicy.KEEP_ALL if keep_all else HistoryPolicy.KEEP_LAST,
-        depth=max(1, *(qos.depth for qos in profiles)),
-    )
+    offered = QoSProfile(depth=max(1, *(qos.depth for qos in profiles)))
+    if not reliable:
+        offered.reliability = ReliabilityPolicy.BEST_EFFORT
+    if latched(profiles):
+        offered.durability = DurabilityPolicy.TRANSIENT_LOCAL
+    if any(qos.history == "keep_all" for qos in profiles):
+        offered.history = HistoryPolicy.KEEP_ALL
+    return offered

@@ -7,6 +7,7 @@ import shutil
 import struct
 import time
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import Any, Unpack
 
@@ -23,7 +24,7 @@ from sparse_coord_ros.errors import BagError, RunError, SparseCoordError
 from sparse_coord_ros.learn.run_config import MAP_FILE, RUN_RECORD, RunConfig, bag_files
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.follower import Follower
-from sparse_coord_ros.nodes.messages import Converter, diagnostics, read_tables_message, status
+from sparse_coord_ros.nodes.messages import Converter, read_tables_message, status
 from sparse_coord_ros.nodes.parameters import PARAMETERS, Place
 from sparse_coord_ros.nodes.spin import run_node
 from sparse_coord_ros.wire import NODE, RECORDER, ROBOT, TEAM, WORLD
@@ -71,7 +72,7 @@ class Recording:
         assert node.presence is not None
         self._node, self._presence = node, node.presence
         self.run, self.bag = run, bag
-        self._diagnostics = node.announce(interface.DIAGNOSTICS)
+        self._report = node.reporter("bag")
         self._progress = node.announce(interface.PROGRESS, RECORDER)
         self.convert = Converter(run)
         self.now_ns = self.said_ns = 0
@@ -108,8 +109,9 @@ class Recording:
             self.flush()
         return at
 
-    def attach_tables(self, robot: str, packed: bytes, step: int, occasion: str) -> None:
+    def attach_tables(self, robot: str, said: tuple[bytes, int, str]) -> None:
         """Attach a robot's tables to the bag, each but once."""
+        packed, step, occasion = said
         self.heard = time.monotonic()
         improved = occasion == wire.Occasion.IMPROVED
         if improved or self._tables.get(robot) != (step, packed):
@@ -161,10 +163,7 @@ class Recording:
         for robot in self.run.scenario.robots:
             for topic in (*of_robot, *of_node):
                 self._record(topic, robot.name)
-
-            def attach(said: tuple[bytes, int, str], robot: str = robot.name) -> None:
-                self.attach_tables(robot, *said)
-
+            attach = partial(self.attach_tables, robot.name)
             tables, qos = interface.TABLES, interface.recorder_qos(interface.TABLES)
             node.intake.listen(tables, attach, robot.name, read=read_tables_message, qos=qos)
 
@@ -269,16 +268,10 @@ class Recording:
 
     def report(self) -> None:
         """Say on `/diagnostics` how much was recorded."""
-        node = self._node
-        if node.error is not None:
-            return
-        values = {
-            "messages": self.bag.message_count,
-            "bytes": self.bag.bytes_written,
-            "messages_dropped": node.intake.total,
-        }
-        said = status(f"{node.full_name}: bag", "recording", values)
-        self._diagnostics.publish(diagnostics(said))
+        if self._node.error is None:
+            values = {"messages": self.bag.message_count, "bytes": self.bag.bytes_written}
+            values["messages_dropped"] = self._node.intake.total
+            self._report("recording", values)
 
 
 def why_of(order: Order) -> dict[str, str]:
@@ -342,11 +335,9 @@ class Recorder(Follower):
                 f"{self.directory}: holds the recording of another run; choose another one "
                 "for parameter 'out'"
             )
-        options: dict[str, Any] = {
-            "compression": self.values["compression"],
-            "max_bytes": self.values["max_bagfile_size"],
-            "max_ns": round(self.values["max_bagfile_duration"] * SECOND),
-        }
+        values, longest = self.values, round(self.values["max_bagfile_duration"] * SECOND)
+        options: dict[str, Any] = {"compression": values["compression"], "max_ns": longest}
+        options["max_bytes"] = values["max_bagfile_size"]
         order = Order() if self.status is None else self.status.order
         if earlier is not None:
             options |= {"earlier": earlier, "why": why_of(order)}

@@ -36,7 +36,7 @@ class Returning(WorldRollback):
         output: Output,
         changed: Callable[[], None],
     ) -> None:
-        self._names = [robot.name for robot in run.scenario.robots]
+        self._names = run.scenario.names
         super().__init__(side, output.store, len(self._names))
         self._output = output
         self._node, self._run, self._changed = node, run, changed

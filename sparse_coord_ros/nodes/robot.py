@@ -8,8 +8,6 @@
 from pathlib import Path
 from typing import Any, Unpack
 
-from rclpy.client import Client
-
 from sparse_coord_ros import wire
 from sparse_coord_ros.engine.improve import IMPROVED
 from sparse_coord_ros.errors import TablesError, in_short, os_error_text
@@ -25,13 +23,7 @@ from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.exchange import Exchange
 from sparse_coord_ros.nodes.follower import Follower
 from sparse_coord_ros.nodes.guard import Guard
-from sparse_coord_ros.nodes.messages import (
-    Converter,
-    diagnostics,
-    robot_number,
-    status,
-    tables_message,
-)
+from sparse_coord_ros.nodes.messages import Converter, robot_number, status, tables_message
 from sparse_coord_ros.nodes.outputs import Output, begin_with
 from sparse_coord_ros.nodes.parameters import PARAMETERS, Place
 from sparse_coord_ros.nodes.peers import Peers
@@ -51,9 +43,7 @@ class Member:
 
     Args:
         node: the robot's node, which follows the run.
-        guard: guards its name.
         run: the run.
-        clients: those of the robots of this process.
 
     Attributes:
         output: where it saves.
@@ -64,11 +54,9 @@ class Member:
         SparseCoordError: the scenario has no such robot, or the tables to begin with do not fit.
     """
 
-    def __init__(
-        self, node: Follower, guard: Guard, run: RunConfig, clients: dict[str, Client]
-    ) -> None:
+    def __init__(self, node: "RobotNode", run: RunConfig) -> None:
         assert node.presence is not None
-        self._node, self._presence, self._guard = node, node.presence, guard
+        self._node, self._presence = node, node.presence
         self._name, self.run = node.get_name(), run
         remedy = f"name the node with --ros-args -r __node:={run.scenario.robots[0].name}"
         self._number = robot_number(run, self._name, remedy)
@@ -80,12 +68,11 @@ class Member:
         self._map_publisher = node.announce(interface.COORDINATION_MAP, self._name)
         self._tables = node.announce(interface.TABLES, self._name)
         self._progress = node.announce(interface.PROGRESS, self._name)
-        self._diagnostics = node.announce(interface.DIAGNOSTICS)
+        self._report = node.reporter("agent")
         self.lockstep = RobotSide(run, self._fresh_agent(), self)
         self._unsaid = resumed = node.values["resume"]
-        self._back = RobotRollback(
-            self.lockstep, self.output.store, self._fresh_agent, guard.claim.id, resumed=resumed
-        )
+        side, store, life = self.lockstep, self.output.store, node.guard.claim.id
+        self._back = RobotRollback(side, store, self._fresh_agent, life, resumed)
         if resumed:
             step = self._back.begin()
             what = f"goes on from its checkpoint of step {step}" if step else "has no checkpoint"
@@ -95,10 +82,8 @@ class Member:
         self.joined = False
         self._ears: list[Any] = []
         self._ready_since = 0.0
-        self._peers = Peers(node, run, self._convert, self.lockstep, clients)
-        self._exchange = (
-            Exchange(node, run, self._number, self._packed, clients) if run.improve else None
-        )
+        self._peers = Peers(node, run, self._convert, self.lockstep)
+        self._exchange = Exchange(node, run, self._number, self._packed) if run.improve else None
         node.offer(services.SAVE, self._on_save)
         self._say_progress()
 
@@ -211,7 +196,7 @@ class Member:
         if now - self._ready_since < PEER_PATIENCE_SECONDS and not self._peers.ready():
             return
         self._listen()
-        self._guard.join()
+        self._node.guard.join()
         self._say_progress()
         if not self._unsaid:
             self._say_what_is_known(self.lockstep.handled)
@@ -324,8 +309,7 @@ class Member:
             "messages_dropped": self._node.intake.total,
         }
         doing = wire.RunState.LEARNING if self.lockstep.agent.learning else wire.RunState.GREEDY
-        said = status(f"{self._node.full_name}: agent", doing, values)
-        self._diagnostics.publish(diagnostics(said))
+        self._report(doing, values)
         if not self._unsaid:
             self.episode(self.lockstep.handled)
 
@@ -343,7 +327,6 @@ class RobotNode(Follower):
 
     Args:
         name: the robot's name unless the command line remaps it.
-        clients: those of the robots of the same process; None: it is alone.
         place: where the node is made, and with what: see `Place`.
 
     Attributes:
@@ -357,15 +340,8 @@ class RobotNode(Follower):
 
     member: Member | None = None
 
-    def __init__(
-        self,
-        *,
-        name: str = "robot",
-        clients: dict[str, Client] | None = None,
-        **place: Unpack[Place],
-    ) -> None:
+    def __init__(self, *, name: str = "robot", **place: Unpack[Place]) -> None:
         super().__init__(name, PARAMETERS["robot"], **place)
-        self._peer_clients = {} if clients is None else clients
         self.guard = Guard(self)
 
     def may_begin(self, now: float) -> bool:
@@ -388,7 +364,7 @@ class RobotNode(Follower):
 
     def begin(self, run: RunConfig) -> None:
         """Become a member of the team."""
-        self.part = self.member = Member(self, self.guard, run, self._peer_clients)
+        self.part = self.member = Member(self, run)
 
     def finish(self, *, interrupted: bool) -> None:
         """Say the last words, and save what was learned."""

@@ -33,13 +33,11 @@ class Scene:
 
     Attributes:
         convert: conversions of the run.
-        names: the robots.
         step: the time step.
         cells: where the robots are then.
     """
 
     convert: Converter
-    names: Sequence[str]
     step: int
     cells: Sequence[int]
 
@@ -50,9 +48,9 @@ class Scene:
             actions: the newest action of each robot, as bytes; of robots that asked nobody, or in
                 another step than the one before, no question is shown.
         """
-        found = [self._text(ROBOT_NAMES, k, name, 0.38) for k, name in enumerate(self.names)]
-        for k in range(len(self.names)):
-            found += self._question(k, actions.get(k))
+        found = []
+        for k, name in enumerate(self.convert.names):
+            found += [self._text(ROBOT_NAMES, k, name, 0.38), *self._question(k, actions.get(k))]
         inside = Counter(self.cells)
         for number, cell in enumerate(sorted(self.convert.grid.doorways)):
             found.append(self._doorway(number, cell, inside[cell]))
@@ -91,7 +89,7 @@ class Scene:
         for end in (end for other in peers for end in (k, other)):
             x, y = self.convert.centres[self.cells[end]]
             line.points.append(Point(x=x, y=y, z=0.6 * metres))
-        whom = self.names[peer] if peer >= 0 else "all"
+        whom = self.convert.names[peer] if peer >= 0 else "all"
         return [line, self._text(WORDS, k, f"asks {whom}: {outcome}", -0.4)]
 
     def _read(self, action: bytes) -> tuple[int, str] | None:
@@ -122,21 +120,18 @@ class ScenePublisher:
     Args:
         node: the world's node.
         convert: conversions of the run.
-        names: the robots.
         frames: whether to publish transforms.
 
     Attributes:
         actions: the newest action of each robot, as bytes.
     """
 
-    def __init__(
-        self, node: ParameterNode, convert: Converter, names: Sequence[str], *, frames: bool = True
-    ) -> None:
-        self._convert, self._names = convert, names
+    def __init__(self, node: ParameterNode, convert: Converter, *, frames: bool = True) -> None:
+        self._convert = convert
         self._publisher = node.announce(interface.SCENE)
         self._last = float("-inf")
         self.actions: dict[int, bytes] = {}
-        self._bases = [robot_frame(node, name, BASE) for name in names]
+        self._bases = [robot_frame(node, name, BASE) for name in convert.names]
         self._transforms = TransformPublisher(node) if frames else None
 
     def publish(self, step: int, cells: Sequence[int], *, always: bool = False) -> None:
@@ -145,8 +140,7 @@ class ScenePublisher:
         if now - self._last < 1 / MOST_OFTEN and not always:
             return
         self._last = now
-        scene = Scene(convert, self._names, step, cells)
-        self._publisher.publish(scene.markers(self.actions))
+        self._publisher.publish(Scene(convert, step, cells).markers(self.actions))
         if self._transforms is not None:
             header, poses = convert.header(step), (Pose(*convert.centres[x], 0.0) for x in cells)
             pairs = zip(self._bases, poses, strict=True)

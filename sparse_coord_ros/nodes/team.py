@@ -8,7 +8,6 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rclpy.client import Client
 from rclpy.context import Context
 
 from sparse_coord_ros.bags.reader import BAG_DIRECTORY
@@ -88,6 +87,7 @@ def run_team(
         create_output(out)
     tap = Tap() if values["record"] else None
     place: dict[str, Any] = {"context": context, "namespace": namespace, "tap": tap}
+    place["shared_clients"] = {}
     nodes: list[ParameterNode] = []
     recorder = None
     with ending(nodes, lambda: gather(out, run.scenario, interrupted=True)):
@@ -98,15 +98,14 @@ def run_team(
         values["out"] = str(out)
         world = WorldSimulator(values=of_node(WORLD, values), **place)
         nodes.append(world)
-        clients: dict[str, Client] = {}
-        for robot in run.scenario.robots:
-            own = of_node("robot", values)
-            nodes.append(RobotNode(name=robot.name, values=own, clients=clients, **place))
+        own = of_node("robot", values)
+        for name in run.scenario.names:
+            nodes.append(RobotNode(name=name, values=own, **place))
         if page is not None:
             from sparse_coord_ros.nodes.watch import InsideWatch
 
             robots = [node for node in nodes if isinstance(node, RobotNode)]
-            nodes.append(InsideWatch(page, str(out), world, robots, values={}, **place))
+            nodes.append(InsideWatch(page, world, robots, values={}, **place))
         interrupted = _spin(nodes, values["executor"], context, stop)
         error = recorder.error if recorder is not None else None
         return gather(out, run.scenario, interrupted=interrupted, recording_error=error)

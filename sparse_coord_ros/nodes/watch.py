@@ -121,7 +121,6 @@ class InsideWatch(ParameterNode):
 
     Args:
         server: the page's server.
-        title: what the page is called.
         world, robots: the team's nodes.
         place: where the node is made, and with what: see `Place`.
     """
@@ -129,7 +128,6 @@ class InsideWatch(ParameterNode):
     def __init__(
         self,
         server: "Server",
-        title: str,
         world: "WorldSimulator",
         robots: "Sequence[RobotNode]",
         **place: Unpack[Place],
@@ -137,9 +135,11 @@ class InsideWatch(ParameterNode):
         super().__init__("watch", PARAMETERS["watch"], **place)
         self._server, self._world, self._robots = server, world, robots
         self._controls = Controls(self)
-        self._controls.view = self._view = LiveView(
-            world.run, server.board, source="live", title=title, controls=(*CONTROLS, NEXT)
+        title, controls = world.values["out"], (*CONTROLS, NEXT)
+        self._view = LiveView(
+            world.run, server.board, source="live", title=title, controls=controls
         )
+        self._controls.view = self._view
         world.lockstep.watcher = self._on_transition
         server.show(self._controls)
         self.create_timer(PAGE_SECONDS, self._tick)
@@ -163,12 +163,9 @@ class InsideWatch(ParameterNode):
 
     def _show(self, state: str) -> None:
         world, self._view.state = self._world.lockstep.world, state
-        self._view.show(
-            transitions=world.transitions,
-            episode=world.episode,
-            rate=self._world.values["rate"],
-            still=list(world.cells),
-        )
+        made, rate = world.transitions, self._world.values["rate"]
+        still = list(world.cells)
+        self._view.show(transitions=made, episode=world.episode, rate=rate, still=still)
 
     def _show_learned(self) -> None:
         tables: dict[int, tuple[int, Tables]] = {}

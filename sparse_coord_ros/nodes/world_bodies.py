@@ -11,7 +11,7 @@ from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.lockstep.bodies import BodiesSide, BodyWorld, Goals, Reached
 from sparse_coord_ros.lockstep.waiting import Reminder
 from sparse_coord_ros.nodes import interface
-from sparse_coord_ros.nodes.messages import Converter, goals_message, read_reached
+from sparse_coord_ros.nodes.messages import Converter
 from sparse_coord_ros.nodes.parameters import ParameterNode
 
 
@@ -30,24 +30,22 @@ class WorldBodies:
 
     def __init__(self, node: ParameterNode, run: RunConfig, there: Callable[[], None]) -> None:
         self._node, self._there, self._convert = node, there, Converter(run)
-        self._names = [robot.name for robot in run.scenario.robots]
+        self._names = self._convert.names
         self.game = BodyWorld(run.scenario, run.seed, slips=node.values["slips"])
         self.side = BodiesSide(self.game, self.send)
         self._heard = 0.0
         self._reminder = Reminder()
         self._publisher = node.announce(interface.BODY_GOALS)
-        self._subscriptions = [
-            node.intake.listen(
-                *(interface.REACHED, self._on_reached, name),
-                read=functools.partial(read_reached, self._convert, robot),
-            )
-            for robot, name in enumerate(self._names)
-        ]
+        listen, self._subscriptions = node.intake.listen, []
+        for k, name in enumerate(self._names):
+            read = functools.partial(self._convert.read_reached, k)
+            heard = listen(interface.REACHED, self._on_reached, name, read=read)
+            self._subscriptions.append(heard)
 
     def send(self, goals: Goals) -> None:
         """Tell the bodies where to go."""
         self._heard = time.monotonic()
-        self._publisher.publish(goals_message(self._convert, goals, self._names))
+        self._publisher.publish(self._convert.goals_message(goals))
 
     def missing(self) -> list[str]:
         """Return the commands that start the drivers that are not there yet."""
@@ -87,12 +85,8 @@ class WorldBodies:
 
     def summary(self) -> dict[str, Any]:
         """Return what happened, as plain data."""
-        side = self.side
-        return {
-            "moves_failed": side.failed,
-            "bodies_lost": side.lost,
-            "body_seconds": round(side.seconds, 3),
-        }
+        failed, lost, seconds = self.side.failed, self.side.lost, round(self.side.seconds, 3)
+        return {"moves_failed": failed, "bodies_lost": lost, "body_seconds": seconds}
 
     def _on_reached(self, reached: Reached) -> None:
         self._heard = time.monotonic()

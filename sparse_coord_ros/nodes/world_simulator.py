@@ -21,25 +21,21 @@ from sparse_coord_ros.learn.history import HISTORY_FILE
 from sparse_coord_ros.learn.run_config import RUN_FILE
 from sparse_coord_ros.learn.tables import TEAM_FILE, robot_file
 from sparse_coord_ros.limits import to_yaml
-from sparse_coord_ros.lockstep.waiting import REPEAT_SECONDS, Silence
+from sparse_coord_ros.lockstep.waiting import REPEAT_SECONDS
 from sparse_coord_ros.lockstep.world_side import WorldSide
 from sparse_coord_ros.nodes.follower import REPORT_SECONDS, TICK_SECONDS
 from sparse_coord_ros.nodes.guard import Guard
 from sparse_coord_ros.nodes.outputs import SUMMARY_FILE, Output, resumed_run
-from sparse_coord_ros.nodes.parameters import (
-    END,
-    GO_ON,
-    PARAMETERS,
-    ParameterNode,
-    Place,
-    run_from_parameters,
-)
+from sparse_coord_ros.nodes.parameters import PARAMETERS, ParameterNode, Place, run_from_parameters
 from sparse_coord_ros.nodes.returning import Returning
 from sparse_coord_ros.nodes.spin import run_node, wait_for_readers
 from sparse_coord_ros.nodes.world_bodies import WorldBodies
 from sparse_coord_ros.nodes.world_speed import WorldSpeed
 from sparse_coord_ros.nodes.world_topics import WorldTopics
 from sparse_coord_ros.wire import WORLD, services
+
+GO_ON, END = "go_on", "end"
+"""What `lost_robot` says; else the world waits."""
 
 EVENTS = (
     "replaced_robots",
@@ -89,14 +85,14 @@ class WorldSimulator(ParameterNode):
         else:
             self.run = replace(run_from_parameters(self.values), id=uuid.uuid4().hex)
         self.show_settings(self.run.scenario)
-        self._names = [robot.name for robot in self.run.scenario.robots]
+        self._names = self.run.scenario.names
         self._guard = Guard(self)
-        self._silence = Silence(time.monotonic())
         self.bodies: WorldBodies | None = None
         if self.values["bodies"]:
             self.bodies = WorldBodies(self, self.run, self._advance_where_due)
         game: Game = self.bodies.game if self.bodies else World(self.run.scenario, self.run.seed)
-        self.topics = WorldTopics(self, self.run, game, self._silence, self._save)
+        self.topics = WorldTopics(self, self.run, game, self._save)
+        self._silence = self.topics.silence
         self.topics.hear_actions(self._on_action)
         asked = map(services.ACTIVE_PERCEPTION.of, self._names)
         self._guard.watch(

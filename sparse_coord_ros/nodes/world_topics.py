@@ -3,7 +3,7 @@
 """The world's topics: what it publishes, whose actions it hears, and who hears it."""
 
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from functools import partial
 from typing import Any
 
@@ -15,7 +15,7 @@ from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.lockstep.waiting import Silence
 from sparse_coord_ros.lockstep.world_side import WorldSide
 from sparse_coord_ros.nodes import interface
-from sparse_coord_ros.nodes.messages import Converter, diagnostics, status
+from sparse_coord_ros.nodes.messages import Converter, status
 from sparse_coord_ros.nodes.parameters import ParameterNode
 from sparse_coord_ros.nodes.scene import ScenePublisher
 from sparse_coord_ros.wire import RECORDER
@@ -29,27 +29,23 @@ class WorldTopics:
         node: the world's node.
         run: the run.
         game: what is played.
-        silence: is told when a time step begins.
         save: the port's `checkpoint`.
 
     Attributes:
         convert: between time steps and cells and messages.
+        silence: of the robots, since the time step began.
+        report: publishes diagnostics.
         clock: the publisher of the clock; states, rewards: those of each robot.
         actions: the subscription to each robot's actions.
     """
 
     def __init__(
-        self,
-        node: ParameterNode,
-        run: RunConfig,
-        game: Game,
-        silence: Silence,
-        save: Callable[[int], None],
+        self, node: ParameterNode, run: RunConfig, game: Game, save: Callable[[int], None]
     ) -> None:
         self._node, self._run, self._game = node, run, game
-        self._silence, self.checkpoint = silence, save
-        self._names = [robot.name for robot in run.scenario.robots]
+        self.silence, self.checkpoint = Silence(time.monotonic()), save
         self.convert = Converter(run)
+        self._names = self.convert.names
         self._clock_step = -1
         self._run_publisher = node.announce(interface.RUN)
         self._status_publisher = node.announce(interface.STATUS)
@@ -57,21 +53,18 @@ class WorldTopics:
         self._map_publisher = node.announce(interface.MAP)
         self._marker_publisher = node.announce(interface.MARKERS)
         frames = not node.values["bodies"]  # bodies have transforms of their own
-        self._scene = ScenePublisher(node, self.convert, self._names, frames=frames)
-        self._diagnostics_publisher = node.announce(interface.DIAGNOSTICS)
+        self._scene = ScenePublisher(node, self.convert, frames=frames)
+        self.report = node.reporter("run")
         self.states = [node.announce(interface.LOCAL_STATE, name) for name in self._names]
         self.rewards = [node.announce(interface.REWARD, name) for name in self._names]
         self.actions: list[Any] = []
 
     def hear_actions(self, then: Callable[[int, tuple[int, Action]], None]) -> None:
         """Call `then` with a robot's number and what its actions say."""
-        self.actions = [
-            self._node.intake.listen(
-                *(interface.ACTION, partial(then, robot), name),
-                unpack=partial(self._read_action, robot),
-            )
-            for robot, name in enumerate(self._names)
-        ]
+        listen = self._node.intake.listen
+        for k, name in enumerate(self._names):
+            read = partial(self._read_action, k)
+            self.actions.append(listen(interface.ACTION, partial(then, k), name, unpack=read))
 
     def _read_action(self, robot: int, data: bytes) -> tuple[int, Action]:
         said = self.convert.unpack_action(data)
@@ -84,7 +77,7 @@ class WorldTopics:
         """Publish a robot's local state, and the clock when a step begins."""
         if step != self._clock_step:
             self._clock_step = step
-            self._silence.begin(time.monotonic())
+            self.silence.begin(time.monotonic())
             self.clock.publish(self.convert.pack_clock(step))
         self.states[robot].publish(self.convert.pack_state(step, cell))
 
@@ -156,8 +149,3 @@ class WorldTopics:
         self._marker_publisher.publish(self.convert.pack_markers(game.step, game.cells))
         if scene:
             self._scene.publish(game.step, game.cells, always=always)
-
-    def report(self, state: str, values: Mapping[str, object], *, warn: bool) -> None:
-        """Publish diagnostics."""
-        said = status(f"{self._node.full_name}: run", state, values, warn=warn)
-        self._diagnostics_publisher.publish(diagnostics(said))

@@ -52,7 +52,6 @@ class Topic:
         type_name: the message's type, such as `std_msgs/msg/String`.
         owner: whose it is.
         delivery: how it is published.
-        stamped: the message begins with its time (a header or a clock), that of the run.
         tapped: published as packed bytes, and handed to a recorder in the same process: what
             each time step and episode says.
         recorded: it is written into a bag as it is.
@@ -65,7 +64,6 @@ class Topic:
     type_name: str
     owner: Owner
     delivery: Delivery
-    stamped: bool = False
     tapped: bool = False
     recorded: bool = True
     labels: tuple[str, ...] = ()
@@ -74,6 +72,11 @@ class Topic:
     def of(self, owner: str) -> str:
         """Return the topic's name below a robot's name; `~` is the node's own, "" the team's."""
         return f"{owner}/{self.name}" if owner else self.name
+
+    @property
+    def stamped(self) -> bool:
+        """Whether the message begins with its time (a header or a clock), that of the run."""
+        return self.type_name in (_CLOCK, _POSE, _NUMBERS, _GRID, _PATH, _ODOMETRY)
 
     def column(self, label: str) -> int:
         """Return which of the numbers has a label."""
@@ -141,18 +144,19 @@ _STEP, _EVENT, _LATCHED, _TABLES = Delivery
 _STRING, _STATUS = "std_msgs/msg/String", "diagnostic_msgs/msg/DiagnosticStatus"
 _POSE, _NUMBERS = "geometry_msgs/msg/PoseStamped", "sensor_msgs/msg/JointState"
 _GRID, _MARKERS = "nav_msgs/msg/OccupancyGrid", "visualization_msgs/msg/MarkerArray"
-_REPORT = "diagnostic_msgs/msg/DiagnosticArray"
+_CLOCK, _PATH, _ODOMETRY = "rosgraph_msgs/msg/Clock", "nav_msgs/msg/Path", "nav_msgs/msg/Odometry"
+_REPORT, _BYTES = "diagnostic_msgs/msg/DiagnosticArray", "std_msgs/msg/UInt8MultiArray"
 _ROSOUT, _PARAMETERS = "rcl_interfaces/msg/Log", "rcl_interfaces/msg/ParameterEvent"
 
 RUN = Topic("run", _STRING, TEAM, _LATCHED, limit=limits.SCENARIO)
 STATUS = Topic("status", _STATUS, TEAM, _LATCHED)
-CLOCK = Topic("clock", "rosgraph_msgs/msg/Clock", TEAM, _STEP, stamped=True, tapped=True)
+CLOCK = Topic("clock", _CLOCK, TEAM, _STEP, tapped=True)
 """Outside any namespace that is /clock, which nodes with `use_sim_time` follow. Of a run whose
 `clock` is none it is called `HIDDEN_CLOCK`: the log needs it, and /clock is others'."""
 
 HIDDEN_CLOCK = "_clock"
 
-MAP = Topic("map", _GRID, TEAM, _LATCHED, stamped=True, tapped=True, limit=limits.PICTURE)
+MAP = Topic("map", _GRID, TEAM, _LATCHED, tapped=True, limit=limits.PICTURE)
 MARKERS = Topic("markers", _MARKERS, TEAM, _LATCHED, tapped=True, limit=limits.PICTURE)
 SCENE = Topic("scene", _MARKERS, TEAM, _LATCHED, limit=limits.PICTURE)
 """For people only: names of robots, who asks whom, how full doorways are."""
@@ -161,31 +165,20 @@ DIAGNOSTICS = Topic("/diagnostics", _REPORT, TEAM, _EVENT, limit=limits.PICTURE)
 """Absolute, as REP 107 has it, so that an aggregator hears every team; drivers and other teams
 publish here too. The stamps are of the wall clock, in no frame."""
 
-LOCAL_STATE = Topic("local_state", _POSE, ROBOT, _STEP, stamped=True, tapped=True)
-REWARD = Topic(
-    *("reward", _NUMBERS, ROBOT, _STEP),
-    stamped=True,
-    tapped=True,
-    labels=("individual", "common", "ask_cost", "total"),
-)
+LOCAL_STATE = Topic("local_state", _POSE, ROBOT, _STEP, tapped=True)
+REWARD_LABELS = ("individual", "common", "ask_cost", "total")
+REWARD = Topic("reward", _NUMBERS, ROBOT, _STEP, tapped=True, labels=REWARD_LABELS)
 ACTION = Topic(
-    *("action", _NUMBERS, ROBOT, _STEP),
-    stamped=True,
-    tapped=True,
-    labels=(*ACTION_LABELS, *Account._fields),
+    *("action", _NUMBERS, ROBOT, _STEP), tapped=True, labels=(*ACTION_LABELS, *Account._fields)
 )
-PERCEPT = Topic("percept", "nav_msgs/msg/Path", ROBOT, _STEP, stamped=True)
+PERCEPT = Topic("percept", _PATH, ROBOT, _STEP)
 COORDINATION_MAP = Topic(
-    *("coordination_map", _GRID, ROBOT, _LATCHED), stamped=True, tapped=True, limit=limits.PICTURE
+    *("coordination_map", _GRID, ROBOT, _LATCHED), tapped=True, limit=limits.PICTURE
 )
 PROGRESS = Topic("_progress", _STATUS, ROBOT, _LATCHED)
 """What a robot says of its checkpoints, and the recorder of the orders that it has seen."""
 
-TABLES = Topic(
-    *("tables", "std_msgs/msg/UInt8MultiArray", ROBOT, _TABLES),
-    recorded=False,
-    limit=limits.TABLES,
-)
+TABLES = Topic("tables", _BYTES, ROBOT, _TABLES, recorded=False, limit=limits.TABLES)
 """Of a robot, as the bytes of an .npz file; the recorder attaches them to the bag."""
 
 CLAIM = Topic("_claim", "std_msgs/msg/Header", NODE, _LATCHED)
@@ -204,10 +197,7 @@ RECORDING = Topic("_recording", _STRING, TEAM, _LATCHED, recorded=False)
 """Where a recorder writes: the bag's directory."""
 
 BODY_GOALS = Topic(
-    *("goals", _NUMBERS, TEAM, _LATCHED),
-    stamped=True,
-    recorded=False,
-    labels=("number", "place", "since"),
+    *("goals", _NUMBERS, TEAM, _LATCHED), recorded=False, labels=("number", "place", "since")
 )
 """Where bodies are to go, of a world with bodies; see `lockstep.bodies`. After its own numbers
 come, for each robot that it tells something, `GOAL_LABELS` below the robot's name: `robot_1/from`,
@@ -215,16 +205,12 @@ come, for each robot that it tells something, `GOAL_LABELS` below the robot's na
 
 GOAL_LABELS = ("from", "to")
 
-REACHED = Topic(
-    *("reached", _NUMBERS, ROBOT, _EVENT),
-    stamped=True,
-    recorded=False,
-    labels=("number", "cell", "there", "seconds", "stamp"),
-)
+REACHED_LABELS = ("number", "cell", "there", "seconds", "stamp")
+REACHED = Topic("reached", _NUMBERS, ROBOT, _EVENT, recorded=False, labels=REACHED_LABELS)
 """Of a robot's driver: where the body is when its goal is over; cell -1: in none."""
 
-POSE = Topic("pose", _POSE, ROBOT, _STEP, stamped=True, recorded=False)
-ODOMETRY = Topic("odom", "nav_msgs/msg/Odometry", ROBOT, _STEP, stamped=True, recorded=False)
+POSE = Topic("pose", _POSE, ROBOT, _STEP, recorded=False)
+ODOMETRY = Topic("odom", _ODOMETRY, ROBOT, _STEP, recorded=False)
 CMD_VEL = Topic("cmd_vel", "geometry_msgs/msg/Twist", ROBOT, _EVENT, recorded=False)
 """Of bodies: where they are, by their localisation and by their wheels; what they are to do."""
 

@@ -155,11 +155,6 @@ def stamp(prefix: str = "") -> list[Item]:
     return [Free(f"{prefix}sec", "<i4"), Free(f"{prefix}nanosec", "<u4")]
 
 
-def no_stamp() -> list[Item]:
-    """Return the fields of a time that is 0."""
-    return [Fixed("<i4", 0), Fixed("<u4", 0)]
-
-
 def nothing(*kinds: str) -> list[Item]:
     """Return fields that are 0; of `<u4` also sequences without an element."""
     return [Fixed(kind, 0) for kind in kinds]

@@ -7,7 +7,7 @@ from enum import IntEnum
 
 import numpy as np
 
-from sparse_coord_ros.wire.cdr import Fixed, Free, Item, Layout, no_stamp, nothing, place_at, stamp
+from sparse_coord_ros.wire.cdr import Fixed, Free, Item, Layout, nothing, place_at, stamp
 from sparse_coord_ros.wire.messages import POSE_ITEMS, Fill, MessageForm, path, stamps_of
 
 
@@ -61,7 +61,7 @@ def event_form(names: Sequence[str]) -> MessageForm:
     info += [Free("client", "V16"), Free("number", "<i8")]
     found = []
     for asker, name in enumerate(names):
-        goal = [*no_stamp(), name, *place_at(0.0, 0.0)]
+        goal = [*nothing("<i4", "<u4"), name, *place_at(0.0, 0.0)]
         request = [Fixed("<u4", 1), *POSE_ITEMS, *goal, *nothing("<f4", "<u4")]
         found.append((Layout([*info, *request]), _fill(asker, QUESTIONS)))
     for places in (0, 1):

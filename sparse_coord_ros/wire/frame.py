@@ -33,7 +33,7 @@ class Frame:
         period: nanoseconds a time step.
         centres: (x, y) of the middle of each free cell, in metres.
         referee: whether rewards say with whom a robot was in a miscoordination.
-        robots: how many robots there are.
+        names: the robots; robots: how many they are.
     """
 
     def __init__(self, run: RunConfig) -> None:
@@ -41,7 +41,8 @@ class Frame:
         self.resolution = run.resolution
         self.origin = x, y = self.grid.origin
         self.referee = run.scenario.referee
-        self.robots = len(run.scenario.robots)
+        self.names = run.scenario.names
+        self.robots = len(self.names)
         self.period = round(run.step_period * SECOND)
         rows = self.grid.shape[0]
         self.centres = [

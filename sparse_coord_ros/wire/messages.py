@@ -16,34 +16,13 @@ from typing import Any, get_type_hints
 
 import numpy as np
 
+from sparse_coord_ros import wire
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.world import Action, Reward
 from sparse_coord_ros.learn.agent import Tables
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.palette import DOORWAY_COLOUR, rgb, robot_colour
-from sparse_coord_ros.wire import (
-    ACTION,
-    DOORWAYS,
-    GOALS,
-    LOCAL_STATE,
-    MAP_FRAME,
-    PARTNERS,
-    REWARD,
-    ROBOTS,
-    Account,
-    Topic,
-)
-from sparse_coord_ros.wire.cdr import (
-    Fixed,
-    Free,
-    Item,
-    Layout,
-    no_stamp,
-    nothing,
-    place,
-    place_at,
-    stamp,
-)
+from sparse_coord_ros.wire.cdr import Fixed, Free, Item, Layout, nothing, place, place_at, stamp
 from sparse_coord_ros.wire.frame import EAST_NORTH, MOVE_OF, SECOND, Frame
 from sparse_coord_ros.wire.occupancy import OccupancyData
 
@@ -127,13 +106,13 @@ def nanoseconds(time: Any) -> int:
 
 def header(prefix: str = "") -> list[Item]:
     """Return a header's fields in the frame `map`."""
-    return [*stamp(prefix), MAP_FRAME]
+    return [*stamp(prefix), wire.MAP_FRAME]
 
 
 def read_header(header: Any) -> int:
     """Return a decoded header's stamp in nanoseconds; ValueError in another frame than `map`."""
-    if header.frame_id != MAP_FRAME:
-        raise ValueError(f"is in the frame {header.frame_id!r}, not {MAP_FRAME!r}")
+    if header.frame_id != wire.MAP_FRAME:
+        raise ValueError(f"is in the frame {header.frame_id!r}, not {wire.MAP_FRAME!r}")
     return nanoseconds(header.stamp)
 
 
@@ -185,9 +164,9 @@ POSE_ITEMS = [*header(), *place()]
 """The fields of a geometry_msgs/PoseStamped."""
 
 POSE_FORM = MessageForm(np.dtype([NS, ("xy", "2f8")]), [(Layout(POSE_ITEMS), by_name)], read_pose)
-ACTION_FORM = labelled(ACTION.labels)
-REWARD_FORM = labelled(REWARD.labels)
-REFEREED_FORM = labelled((*REWARD.labels, PARTNERS))
+ACTION_FORM = labelled(wire.ACTION.labels)
+REWARD_FORM = labelled(wire.REWARD.labels)
+REFEREED_FORM = labelled((*wire.REWARD.labels, wire.PARTNERS))
 """Of rewards where the world has a `referee`."""
 
 
@@ -225,7 +204,8 @@ def grid_form(frame: Frame, due: bytes | None = None) -> MessageForm:
     count = rows * columns
     size = [Fixed("<f4", frame.resolution), Fixed("<u4", columns), Fixed("<u4", rows)]
     data = Free("data", f"({count},)i1") if due is None else Fixed(f"V{count}", due)
-    items = [*no_stamp(), *size, *place_at(*frame.origin), Fixed("<u4", count), data]
+    loaded = nothing("<i4", "<u4")
+    items = [*loaded, *size, *place_at(*frame.origin), Fixed("<u4", count), data]
     column = [("data", "i1", (count,))] if due is None else []
     return MessageForm(np.dtype([NS, *column]), [(Layout([*header(), *items]), by_name)])
 
@@ -241,20 +221,21 @@ def markers_form(frame: Frame, scenario: Scenario) -> MessageForm:
     """
     # Namespace, number, cell (None: it moves); shape; width and height in cells; colour, opacity.
     marks: list[tuple[str, int, int | None, int, float, float, str, float]] = [
-        (DOORWAYS, number, cell, CUBE, 0.9, 0.05, DOORWAY_COLOUR, 0.3)
+        (wire.DOORWAYS, number, cell, CUBE, 0.9, 0.05, DOORWAY_COLOUR, 0.3)
         for number, cell in enumerate(sorted(frame.grid.doorways))
     ]
     for k, robot in enumerate(scenario.robots):
-        marks.append((GOALS, k, robot.goal, CYLINDER, 0.9, 0.04, robot_colour(k), 0.8))
-        marks.append((ROBOTS, k, None, SPHERE, 0.5, 0.5, robot_colour(k), 0.8))
+        marks.append((wire.GOALS, k, robot.goal, CYLINDER, 0.9, 0.04, robot_colour(k), 0.8))
+        marks.append((wire.ROBOTS, k, None, SPHERE, 0.5, 0.5, robot_colour(k), 0.8))
     items: list[Item] = [Fixed("<u4", len(marks))]
     for i, (space, number, cell, shape, width, height, colour, opacity) in enumerate(marks):
         items += [*header(f"{i}_"), space, *(Fixed("<i4", n) for n in (number, shape, SHOW))]
         items += place(f"{i}_") if cell is None else place_at(*frame.centres[cell])
         items += [Fixed("<f8", size * frame.resolution) for size in (width, width, height)]
         items += [Fixed("<f4", share) for share in (*rgb(colour), opacity)]
-        items += [*no_stamp(), *nothing("u1", "<u4", "<u4"), ""]  # lifetime to texture
-        items += [*no_stamp(), "", "", *nothing("<u4", "<u4"), "", "", "", *nothing("<u4", "u1")]
+        items += [*nothing("<i4", "<u4", "u1", "<u4", "<u4"), ""]  # lifetime to texture
+        items += [*nothing("<i4", "<u4"), "", "", *nothing("<u4", "<u4"), "", "", ""]
+        items += nothing("<u4", "u1")
 
     def fill(rows: np.ndarray, fields: np.ndarray) -> np.ndarray:
         rows["ns"] = stamps_of(fields, "0_")
@@ -270,12 +251,8 @@ def markers_form(frame: Frame, scenario: Scenario) -> MessageForm:
 
 def action_numbers(action: Action) -> tuple[float, ...]:
     """Return the numbers of an `action` up to the account; peers count from 1, 0 is none."""
-    return (
-        *EAST_NORTH[action.move],
-        float(action.asked),
-        float(action.peer + 1),
-        float(action.perceived),
-    )
+    east, north = EAST_NORTH[action.move]
+    return east, north, float(action.asked), float(action.peer + 1), float(action.perceived)
 
 
 def action_from(numbers: Sequence[float]) -> Action:
@@ -293,7 +270,7 @@ def action_from(numbers: Sequence[float]) -> Action:
     return Action(move, bool(asked), int(peer) - 1, bool(perceived))
 
 
-ACCOUNT_KINDS = tuple(get_type_hints(Account).values())
+ACCOUNT_KINDS = tuple(get_type_hints(wire.Account).values())
 """The types of an account's numbers."""
 
 
@@ -312,7 +289,7 @@ class Messages(Frame):
         decode: returns the message that bytes of a topic hold, which have no known layout.
     """
 
-    def __init__(self, run: RunConfig, decode: Callable[[Topic, bytes], Any]) -> None:
+    def __init__(self, run: RunConfig, decode: Callable[[wire.Topic, bytes], Any]) -> None:
         super().__init__(run)
         self._decode = decode
         self._reward = REFEREED_FORM if self.referee else REWARD_FORM
@@ -320,7 +297,7 @@ class Messages(Frame):
         self._grid = grid_form(self).layout
         self._markers = markers_form(self, run.scenario).layout
 
-    def _read(self, topic: Topic, form: MessageForm, data: bytes) -> tuple[Any, ...]:
+    def _read(self, topic: wire.Topic, form: MessageForm, data: bytes) -> tuple[Any, ...]:
         """Return (sec, nanosec, *numbers) of a message."""
         said = form.layout.unpack(data)
         if said is None:
@@ -352,7 +329,7 @@ class Messages(Frame):
         Raises:
             ValueError: the pose lies in no free cell.
         """
-        sec, nanosec, x, y = self._read(LOCAL_STATE, POSE_FORM, data)
+        sec, nanosec, x, y = self._read(wire.LOCAL_STATE, POSE_FORM, data)
         cell = self.cell(x, y)
         if cell is None:
             raise ValueError(f"is at ({x:g}, {y:g}), no free cell of map {self.grid.name}")
@@ -360,7 +337,7 @@ class Messages(Frame):
 
     def pack_reward(self, step: int, reward: Reward) -> bytes:
         """Return R_k(t) and its parts as CDR of sensor_msgs/JointState."""
-        numbers = reward if self.referee else reward[: len(REWARD.labels)]
+        numbers = reward if self.referee else reward[: len(wire.REWARD.labels)]
         return self._reward.layout.pack(*self.stamp(step), *numbers)
 
     def unpack_reward(self, data: bytes) -> tuple[int, Reward]:
@@ -369,14 +346,14 @@ class Messages(Frame):
         Raises:
             ValueError: labels are missing or doubled, or a number is none.
         """
-        sec, nanosec, *numbers = self._read(REWARD, self._reward, data)
+        sec, nanosec, *numbers = self._read(wire.REWARD, self._reward, data)
         if not all(map(isfinite, numbers)):
             raise ValueError(f"says the rewards {', '.join(map(str, numbers))}: not finite")
         individual, common, cost, total, *partners = numbers
         reward = Reward(individual, common, cost, total, *map(int, partners))
         return self.checked_step(sec, nanosec), reward
 
-    def pack_action(self, step: int, action: Action, account: Account) -> bytes:
+    def pack_action(self, step: int, action: Action, account: wire.Account) -> bytes:
         """Return an action as CDR of sensor_msgs/JointState; peers count from 1, 0 is none."""
         return ACTION_FORM.layout.pack(*self.stamp(step), *action_numbers(action), *account)
 
@@ -390,17 +367,17 @@ class Messages(Frame):
         step, action, _ = self._action(data)
         return step, action
 
-    def unpack_account(self, data: bytes) -> tuple[int, Action, Account]:
+    def unpack_account(self, data: bytes) -> tuple[int, Action, wire.Account]:
         """Return (step, action, what the robot says of itself); errors as of `unpack_action`."""
         step, action, numbers = self._action(data)
         said = numbers[-len(ACCOUNT_KINDS) :]
         if not all(map(isfinite, said)):
             raise ValueError(f"says {', '.join(map(str, said))} of itself: not finite")
         kinds = zip(ACCOUNT_KINDS, said, strict=True)
-        return step, action, Account(*(kind(number) for kind, number in kinds))
+        return step, action, wire.Account(*(kind(number) for kind, number in kinds))
 
     def _action(self, data: bytes) -> tuple[int, Action, Sequence[float]]:
-        sec, nanosec, *numbers = self._read(ACTION, ACTION_FORM, data)
+        sec, nanosec, *numbers = self._read(wire.ACTION, ACTION_FORM, data)
         _, _, asked, peer, perceived = numbers[:5]
         if not (asked in FLAGS and perceived in FLAGS and 0 <= peer <= self.robots):
             raise ValueError(

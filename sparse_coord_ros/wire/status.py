@@ -75,9 +75,7 @@ def read_status(message: Any) -> Said:
     """
     values = values_of(message)
     _check(values, "step", "transitions", "left_out", "began")
-    step, transitions, left_out = (
-        int(values[name]) for name in ("step", "transitions", "left_out")
-    )
+    step, transitions, left_out = (int(values[name]) for name in Said._fields[2:5])
     if step < 0 or transitions < 0:
         raise ValueError(f"says step {step} with {transitions} transitions")
     name, *steps = values.get("rollback", "").split() or [NO_ORDER]

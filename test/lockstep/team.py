@@ -149,7 +149,7 @@ class RobotProcess:
         self.team, self.number, self.life = team, number, team.new_life()
         self.store = Store(team.disks, number)
         self.side = RobotSide(team.run, self.fresh(), self)
-        self.back = RobotRollback(self.side, self.store, self.fresh, self.life, resumed=resume)
+        self.back = RobotRollback(self.side, self.store, self.fresh, self.life, resume)
         self.joined = False
         self.joins = team.clock + (team.random.randint(0, LATEST_EAR) if resume else 0)
         if resume:

@@ -133,7 +133,7 @@ def test_who_cannot_go_back_is_not_waited_for():
 
 
 def test_a_robot_without_the_checkpoint_does_not_obey():
-    back = RobotRollback(None, Store(), None, "life")
+    back = RobotRollback(None, Store(), None, "life", False)
     assert not back.obey(Order("an order", 40, 41))
     assert back.obey(Order("a call", ROLL_CALL))
 

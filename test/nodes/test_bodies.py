@@ -24,10 +24,6 @@ from sparse_coord_ros.nodes.body import BodyNode, read_command
 from sparse_coord_ros.nodes.driver import DriverNode
 from sparse_coord_ros.nodes.messages import (
     Converter,
-    goals_message,
-    reached_message,
-    read_goals,
-    read_reached,
 )
 from sparse_coord_ros.nodes.outputs import gather
 
@@ -223,11 +219,11 @@ def test_at_their_own_speed(bench, tmp_path):
 
 def test_goals_and_reports_travel(own_domain):
     run = make_run(load_scenario("env1"), {})
-    convert, names = Converter(run), [robot.name for robot in run.scenario.robots]
+    convert = Converter(run)
     goals = Goals(3, 17, False, 4.5, (BodyGoal(1, 4, 5),))
-    assert read_goals(convert, names, goals_message(convert, goals, names)) == goals
+    assert convert.read_goals(convert.goals_message(goals)) == goals
     for reached in (Reached(0, 3, 5, True, 1.25, 0.0), Reached(0, 3, -1, False, 9.0, 0.0)):
-        assert read_reached(convert, 0, reached_message(convert, 17, reached)) == reached
+        assert convert.read_reached(0, convert.reached_message(17, reached)) == reached
 
 
 @pytest.mark.parametrize(
@@ -244,10 +240,10 @@ def test_goals_and_reports_travel(own_domain):
 )
 def test_bad_reports_are_refused(label, value):
     convert = Converter(make_run(load_scenario("env1"), {}))
-    message = reached_message(convert, 1, Reached(0, 3, 5, True, 1.25, 0.0))
+    message = convert.reached_message(1, Reached(0, 3, 5, True, 1.25, 0.0))
     message.position[list(message.name).index(label)] = value
     with pytest.raises(ValueError, match=label):
-        read_reached(convert, 0, message)
+        convert.read_reached(0, message)
 
 
 @pytest.mark.parametrize("speed", [float("nan"), float("inf"), 1.7e308, -1e4])
@@ -261,16 +257,16 @@ def test_bad_speeds_are_refused(speed):
 
 def test_bad_goals_are_refused():
     run = make_run(load_scenario("env1"), {})
-    convert, names = Converter(run), ["robot_1", "robot_2"]
-    message = goals_message(convert, Goals(1, 2, True, 0.0, (BodyGoal(0, 1, 1),)), names)
+    convert = Converter(run)
+    message = convert.goals_message(Goals(1, 2, True, 0.0, (BodyGoal(0, 1, 1),)))
     message.position[-1] = 999.0
     with pytest.raises(ValueError, match="robot_1/to"):
-        read_goals(convert, names, message)
-    message = goals_message(convert, Goals(1, 2, True, 1e300, (BodyGoal(0, 1, 1),)), names)
+        convert.read_goals(message)
+    message = convert.goals_message(Goals(1, 2, True, 1e300, (BodyGoal(0, 1, 1),)))
     with pytest.raises(ValueError, match="since 1e\\+300"):
-        read_goals(convert, names, message)
+        convert.read_goals(message)
     with pytest.raises(ValueError, match="labels"):
-        read_goals(convert, names, JointState(header=message.header, name=["a"], position=[]))
+        convert.read_goals(JointState(header=message.header, name=["a"], position=[]))
 
 
 @pytest.mark.parametrize(

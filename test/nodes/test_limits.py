@@ -21,7 +21,7 @@ from sparse_coord_ros.learn.tables import unpack_robot
 from sparse_coord_ros.lockstep.bodies import BodyGoal, Goals
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.intake import Intake
-from sparse_coord_ros.nodes.messages import Converter, goals_message
+from sparse_coord_ros.nodes.messages import Converter
 from sparse_coord_ros.wire.status import read_status
 
 STALL_SECONDS = 0.05
@@ -48,13 +48,13 @@ def test_messages_of_a_large_team_are_below_the_limits():
     scenario = load_scenario("building-8x8x10-60r-0")
     run = make_run(scenario, {"learner": "indiv"}) if len(scenario.map.cells) < 23_170 else None
     run = run or RunConfig(scenario=scenario, learner="indiv", versions={})
-    convert, names = Converter(run), [robot.name for robot in scenario.robots]
+    convert = Converter(run)
     goals = Goals(1, 0, False, 0.0, tuple(BodyGoal(k, 1, 2) for k in range(60)))
     for topic, data in (
         (wire.RUN, run.to_yaml().encode()),
         (wire.MAP, convert.pack_map(0)),
         (wire.MARKERS, convert.pack_markers(0, [robot.start for robot in scenario.robots])),
-        (wire.BODY_GOALS, serialize_message(goals_message(convert, goals, names))),
+        (wire.BODY_GOALS, serialize_message(convert.goals_message(goals))),
         (wire.LOCAL_STATE, convert.pack_state(7, 3)),
     ):
         assert len(data) < topic.limit.bytes / 2, topic.name

@@ -31,7 +31,7 @@ def scene():
 
 
 def markers(scene, cells, actions=None, step=5):
-    found = Scene(scene.convert, NAMES, step, cells).markers(actions or {}).markers
+    found = Scene(scene.convert, step, cells).markers(actions or {}).markers
     return {(one.ns, one.id): one for one in found}
 
 
@@ -86,11 +86,10 @@ def test_old_questions_go_and_one_to_all_has_a_line_to_each(scene):
     assert old["questions", 0].action == Marker.DELETE
     run = make_run(load_scenario("crowd-4r"), {})
     convert = Converter(run)
-    names = [robot.name for robot in run.scenario.robots]
     said = convert.pack_action(
         4, Action(0, True, -1, True), Account(wire.PerceptEnd.ANSWERED, False)
     )
-    found = Scene(convert, names, 5, [0, 1, 2, 3]).markers({1: said}).markers
+    found = Scene(convert, 5, [0, 1, 2, 3]).markers({1: said}).markers
     [line] = [m for m in found if m.ns == "questions" and m.action == Marker.ADD]
     assert len(line.points) == 6
 
@@ -125,7 +124,7 @@ def test_transforms_are_stamped_by_the_run_and_published_where_tf2_is(scene, mon
     monkeypatch.setitem(sys.modules, "tf2_msgs", package)
     monkeypatch.setitem(sys.modules, "tf2_msgs.msg", module)
     seen = []
-    made = ScenePublisher(Node(), scene.convert, NAMES)
+    made = ScenePublisher(Node(), scene.convert)
     for _ in range(50):
         made.publish(5, [0, 11])
     assert len(seen) < 5, "at most 30 a second"
@@ -138,7 +137,7 @@ def test_transforms_are_stamped_by_the_run_and_published_where_tf2_is(scene, mon
     assert (where.x, where.y) == scene.convert.centres[11] and other.transform.rotation.w == 1
     monkeypatch.setitem(sys.modules, "tf2_msgs.msg", None)
     published.clear()
-    ScenePublisher(Node(), scene.convert, NAMES).publish(5, [0, 11])
+    ScenePublisher(Node(), scene.convert).publish(5, [0, 11])
     assert not published
 
 

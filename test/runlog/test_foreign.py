@@ -19,7 +19,7 @@ from sparse_coord_ros.wire import Account, PerceptEnd
 from sparse_coord_ros.wire.events import EventKind
 from sparse_coord_ros.wire.status import Said
 
-STAMPED = [topic.name.lstrip("/") for topic in vars(wire).values() if getattr(topic, "stamped", 0)]
+STAMPED = [topic.name.lstrip("/") for topic in wire.TOPICS if topic.stamped]
 AT = 121
 FAR = 1_000_000
 
