@@ -305,9 +305,8 @@ def _of_world(file: str) -> dict[str, Any]:
     """Return what a parameter file says of the world; nodes of any name may be meant by it."""
     said: dict[str, Any] = {}
     if file:
-        text = read_text(
-            Path(file), SCENARIO, SettingError, "give params_file a ROS parameter file"
-        )
+        remedy = "give params_file a ROS parameter file"
+        text = read_text(Path(file), SCENARIO, SettingError, remedy)
         for node, section in parse_yaml(text, where=file, error=SettingError).items():
             if str(node).rpartition("/")[2] in (WORLD, "*", "**") and isinstance(section, dict):
                 said |= section.get("ros__parameters") or {}

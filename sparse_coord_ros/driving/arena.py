@@ -153,9 +153,8 @@ class Arena:
     ) -> None:
         self.ground, self.period = ground, period
         self.bodies = [Body(ground, noise, seed, k) for k in range(robots)]
-        self.ticks = 0
+        self.ticks = self._number = 0
         self.touches: list[Touch] = []
-        self._number = 0
         self._under_way: set[int] = set()
         self._told: dict[int, Command] = {}
         self._touching: set[tuple[int, int]] = set()

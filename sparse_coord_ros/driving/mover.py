@@ -63,9 +63,8 @@ class Mover:
         self._began: float | None = None
         self._ended: Reached | None = None
         self._stamp = self.heard = math.nan
-        self._repeats = 0
+        self._repeats = self.ignored = 0
         self.pose: Pose | None = None
-        self.ignored = 0
 
     @property
     def busy(self) -> bool:

@@ -101,13 +101,10 @@ class Navigator(Mover):
         super().__init__(ground, robot)
         self._limits, self._port = limits, port
         self._sent: _Sent | None = None
-        self._tickets = 0
-        self._number = 0
+        self._tickets = self._number = self._tries = 0
         self._taken = self._again = 0.0
-        self._tries = 0
-        self._blind = False
+        self._blind = self.held = False
         self._over: tuple[float, float] | None = None  # since when, and the newest pose's stamp
-        self.held = False
         self.counts: Counter[str] = Counter()
 
     @property
@@ -216,9 +213,8 @@ class Navigator(Mover):
             return reached
         limit = self._limits.seconds
         if not look.goals.place and now - self._taken >= limit:
-            self.give_up(
-                now, "out of time", f"the move was not made within {limit:g} s (step_seconds)"
-            )
+            why = f"the move was not made within {limit:g} s (step_seconds)"
+            self.give_up(now, "out of time", why)
         if self._over is not None:
             return self._settles(look, *self._over, now)
         self._send(look, now)
@@ -278,8 +274,9 @@ class Navigator(Mover):
         if (sent.heard is None or sent.cancelled is not None) and now - since >= ANSWER_SECONDS:
             self._sent = None
             self.counts["unanswered"] += 1
-            why = f"Nav2 has not answered for {ANSWER_SECONDS:g} s: its goals are cancelled"
-            self._port.say(why)
+            self._port.say(
+                f"Nav2 has not answered for {ANSWER_SECONDS:g} s: its goals are cancelled"
+            )
             self._port.cancel_all()
             self._wait(now)
         elif sent.heard is not None and 0 < silence < now - sent.heard:

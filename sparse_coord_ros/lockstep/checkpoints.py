@@ -78,8 +78,7 @@ class Checkpoints(Store):
     """
 
     def __init__(self, out: Path, node: str, run: RunConfig) -> None:
-        self._node, self._run = node, run
-        self._names = run.scenario.names
+        self._node, self._run, self._names = node, run, run.scenario.names
         self.broken: list[str] = []
         self._readable: set[int] = set()
         self._folder = out / CHECKPOINTS

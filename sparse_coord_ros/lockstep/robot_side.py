@@ -112,15 +112,13 @@ class RobotSide:
     def __init__(self, run: RunConfig, agent: Agent, port: RobotPort) -> None:
         self.newest = (NO_STEP, -1)
         self._asks_before: tuple[int, ...] = ()
-        self._port = port
-        self._max_steps = run.scenario.max_steps
-        self._budget = run.scenario.steps
+        self._port, self._checkpoint = port, run.checkpoint
+        self._max_steps, self._budget = run.scenario.max_steps, run.scenario.steps
         self._states: deque[tuple[int, int]] = deque()
         self._reward: Reward | None = None
         self._pending: Pending | None = None
         self._asked: Decision | None = None  # whose peers are asked, one after the other
         self._seen: tuple[int, ...] = ()  # cells of those that have answered
-        self._checkpoint = run.checkpoint
         self._percepts = Percepts(run.scenario, run.seed)
         self.go_on_from(agent, None)
 
@@ -270,8 +268,7 @@ class RobotSide:
                 self.agent.learn(before, pending.choice, self._reward, cell)
                 self._learned_last = self.agent.learning
                 self.learned += self.agent.learning
-            self._pending = None
-            self._reward = None
+            self._pending = self._reward = None
             self._states.popleft()
             if step == before + 1:
                 self.transitions += 1

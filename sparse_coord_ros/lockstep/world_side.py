@@ -83,11 +83,8 @@ class WorldSide:
         self.absent: set[int] = set()
         self.history = HistoryRecorder(len(run.scenario.robots))
         self.watcher: Callable[[Glimpse], None] | None = None
-        self.held = False
-        self._begins = True
-        self._port = port
-        self._budget = run.scenario.steps
-        self._checkpoint = run.checkpoint
+        self.held, self._begins = False, True
+        self._port, self._budget, self._checkpoint = port, run.scenario.steps, run.checkpoint
         self._robots = range(len(run.scenario.robots))
         self._begin_step()
         self._beginning = self.snapshot()

@@ -3,9 +3,8 @@
 """The service `learned`: after learning a robot tells its peers once what it has learned."""
 
 import base64
-import functools
 from collections.abc import Callable
-from functools import partial
+from functools import lru_cache, partial
 
 from rclpy.task import Future
 from std_srvs.srv import Trigger
@@ -107,7 +106,7 @@ class Exchange:
             self._learned[k] = data
 
 
-@functools.lru_cache(maxsize=1)
+@lru_cache(maxsize=1)
 def planned(run: str, packed: tuple[bytes, ...]) -> Improvement:
     """Return what a team makes of what it has learned; once for the robots of one process.
 

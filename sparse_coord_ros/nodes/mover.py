@@ -70,8 +70,7 @@ class MoverNode(Follower, LifecycleNodeMixin):
         change.callback = self.guarded(change.callback, "change_state")
         self.active = False
         self._mover: Mover | None = None
-        self._step = 0
-        self._seen = 0.0
+        self._step, self._seen = 0, 0.0
         self._stopped = self._leaving = False
         self._reached_publisher: Any = None
         self._tree = Tree()

@@ -315,9 +315,7 @@ class ParameterNode(Node):
             for key, parameter in self.get_parameters_by_prefix("").items()
             if key not in ROS_PARAMETERS and not key.startswith(ROS_PARAMETERS_PREFIX)
         }
-        takes = dict(self._table)
-        if "set" in self._table:
-            takes |= SETTINGS
+        takes = {**self._table, **(SETTINGS if "set" in self._table else {})}
         others = set(ALL_NAMES) - set(takes)
         given = {name: value for name, value in overrides.items() if name not in others}
         parsed = self.parse(SettingTable(takes.values()), given)

@@ -66,17 +66,14 @@ class Peer:
     fits: Callable[[int, Path], bool] | None = None
 
     def __init__(self, node: Node, client: Client, answered: Callable[[int, Path], None]) -> None:
-        self._answered = answered
-        self._client = client
-        self.heard = 0.0
+        self._client, self._answered = client, answered
         self._request = GetPlan.Request()
         self._request.goal.header.frame_id = node.get_name()
-        self._seen = False
-        self._silent = False
+        self._seen = self._silent = False
         self._step = self.repeats = 0
         self._unsent: int | None = None
         self._open: Future | None = None
-        self._sent = 0.0
+        self.heard = self._sent = 0.0
 
     def ready(self) -> bool:
         """Whether the peer's service has been there."""
@@ -139,8 +136,7 @@ class Peer:
 
     def gave_up(self) -> None:
         """Note that the deadline passed without an answer."""
-        self._silent = True
-        self._unsent = None
+        self._silent, self._unsent = True, None
 
     def _on_done(self, step: int, future: Future) -> None:
         if future.cancelled() or future.result() is None:

@@ -64,8 +64,7 @@ class Stop:
 
     def __init__(self) -> None:
         self.signal: int | None = None
-        self._since = 0.0
-        self._at_once = False
+        self._since, self._at_once = 0.0, False
 
     def __bool__(self) -> bool:
         """Whether to stop."""

@@ -27,6 +27,7 @@ from sparse_coord_ros.learn.history import HistoryRecorder
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.learn.simulation import Glimpse
 from sparse_coord_ros.learn.tables import unpack_robot
+from sparse_coord_ros.lockstep.robot_side import RobotSide
 from sparse_coord_ros.look.page.controls import NEXT, PAUSE, RATE, RESET, STEP, Control, Controlled
 from sparse_coord_ros.look.page.live_source import LiveView
 from sparse_coord_ros.nodes import interface
@@ -148,11 +149,13 @@ class InsideWatch(ParameterNode):
         """Hear of each transition, from the world's side of the lock step."""
         ends: list[PerceptEnd | None] = []
         if any(one is not None and one.asked and not one.perceived for one in seen.actions):
-            for robot in self._robots:
-                side = None if robot.member is None else robot.member.lockstep
-                account = None if side is None else side.account_of(seen.step)
-                ends.append(None if account is None else PerceptEnd.said(account.percept))
+            sides = self._sides()
+            said = [None if one is None else one.account_of(seen.step) for one in sides]
+            ends = [None if one is None else PerceptEnd.said(one.percept) for one in said]
         self._view.take(seen._replace(ends=ends))
+
+    def _sides(self) -> list[RobotSide | None]:
+        return [None if one.member is None else one.member.lockstep for one in self._robots]
 
     def _tick(self) -> None:
         self._controls.call()
@@ -168,11 +171,8 @@ class InsideWatch(ParameterNode):
         self._view.show(transitions=made, episode=world.episode, rate=rate, still=still)
 
     def _show_learned(self) -> None:
-        tables: dict[int, tuple[int, Tables]] = {}
-        for k, robot in enumerate(self._robots):
-            if robot.member is not None:
-                side = robot.member.lockstep
-                tables[k] = (side.handled, side.agent.tables)
+        sides = enumerate(self._sides())
+        tables = {k: (side.handled, side.agent.tables) for k, side in sides if side}
         self._view.show_learned(self._world.lockstep.history.look(), tables)
 
     def finish(self, *, interrupted: bool) -> None:
@@ -325,12 +325,11 @@ class HeardTeam:
         self._goals = [robot.goal for robot in run.scenario.robots]
         self._places = meeting_places(run.scenario).tolist()
         self.history = HistoryRecorder(len(self._goals))
-        self.seen = self.episode = self.without = 0
+        self.seen = self.episode = self.without = self._ticks = 0
         self.whole = True
         self.tables: dict[int, tuple[int, Tables]] = {}
         view.known = self.tables
         self._steps: defaultdict[int, _Heard] = defaultdict(_Heard)
-        self._ticks = 0
         self._newest: int | None = None
         self._last_made: int | None = None
         self._said: Said | None = None
@@ -357,8 +356,7 @@ class HeardTeam:
         self.catch_up()
 
     def _on_reward(self, k: int, said: tuple[int, Reward]) -> None:
-        step, reward = said
-        self._steps[step].rewards[k] = reward
+        self._steps[said[0]].rewards[k] = said[1]
         self.catch_up()
 
     def _on_state(self, k: int, said: tuple[int, int]) -> None:

@@ -87,18 +87,15 @@ class WorldSimulator(ParameterNode):
         self.show_settings(self.run.scenario)
         self._names = self.run.scenario.names
         self._guard = Guard(self)
-        self.bodies: WorldBodies | None = None
-        if self.values["bodies"]:
-            self.bodies = WorldBodies(self, self.run, self._advance_where_due)
+        there, run = self._advance_where_due, self.run
+        self.bodies = WorldBodies(self, run, there) if self.values["bodies"] else None
         game: Game = self.bodies.game if self.bodies else World(self.run.scenario, self.run.seed)
         self.topics = WorldTopics(self, self.run, game, self._save)
         self._silence = self.topics.silence
         self.topics.hear_actions(self._on_action)
         asked = map(services.ACTIVE_PERCEPTION.of, self._names)
-        self._guard.watch(
-            self.topics.own + ([] if self.bodies is None else self.bodies.own),
-            map(self.resolve_service_name, asked),
-        )
+        own = self.topics.own + (self.bodies.own if self.bodies else [])
+        self._guard.watch(own, map(self.resolve_service_name, asked))
         self.lockstep = WorldSide(self.run, self.topics, game)
         self.speed = WorldSpeed(game, time.monotonic())
         self.create_timer(TICK_SECONDS, self._tick)

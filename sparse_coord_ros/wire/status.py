@@ -5,7 +5,6 @@
 The fields are what the values of these messages are called, but where it says otherwise.
 """
 
-from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 NO_ORDER = ""
@@ -62,9 +61,13 @@ class Said(NamedTuple):
         return values
 
 
-def values_of(message: Any) -> dict[str, str]:
-    """Return the values of a diagnostic_msgs/DiagnosticStatus."""
-    return {value.key: value.value for value in message.values}
+def values_of(message: Any, *needed: str) -> dict[str, str]:
+    """Return the values of a diagnostic_msgs/DiagnosticStatus; ValueError: one is missing."""
+    values = {value.key: value.value for value in message.values}
+    missing = [name for name in needed if name not in values]
+    if missing:
+        raise ValueError(f"calls no value {missing[0]!r}")
+    return values
 
 
 def read_status(message: Any) -> Said:
@@ -73,8 +76,7 @@ def read_status(message: Any) -> Said:
     Raises:
         ValueError: a value is missing, or no number.
     """
-    values = values_of(message)
-    _check(values, "step", "transitions", "left_out", "began")
+    values = values_of(message, "step", "transitions", "left_out", "began")
     step, transitions, left_out = (int(values[name]) for name in Said._fields[2:5])
     if step < 0 or transitions < 0:
         raise ValueError(f"says step {step} with {transitions} transitions")
@@ -118,17 +120,10 @@ def read_progress(message: Any) -> Progress:
     Raises:
         ValueError: it is malformed.
     """
-    values = values_of(message)
-    _check(values, *Progress._fields)
+    values = values_of(message, *Progress._fields)
     step, transitions = int(values["step"]), int(values["transitions"])
     checkpoints = tuple(int(text) for text in values["checkpoints"].split())
     if not all(0 <= number <= FURTHEST_STEP for number in (step, transitions, *checkpoints)):
         raise ValueError(f"says step {step} with {transitions} transitions: no run comes there")
     resumed = values["resumed"] == "1"
     return Progress(values["life"], step, transitions, checkpoints, values["obeyed"], resumed)
-
-
-def _check(values: Mapping[str, str], *names: str) -> None:
-    missing = [name for name in names if name not in values]
-    if missing:
-        raise ValueError(f"calls no value {missing[0]!r}")
