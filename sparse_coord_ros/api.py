@@ -468,10 +468,8 @@ def sweep(
     """
     problem = loaded(scenario)
     if not isinstance(over, Mapping):
-        raise SettingError(
-            f"sweep: over is {in_short(over)}, allowed: the values of each setting by its name, "
-            "e.g. {'penalty': [-1, -10]}"
-        )
+        allowed = "the values of each setting by its name, e.g. {'penalty': [-1, -10]}"
+        raise SettingError(f"sweep: over is {in_short(over)}, allowed: {allowed}")
     values: dict[str, list[Any]] = {"learner": [learner]}
     for name, given in over.items():
         many = isinstance(given, Iterable) and not isinstance(given, str)

@@ -114,10 +114,8 @@ def failure_of(error: Exception) -> SparseCoordError:
         said = " ".join(str(error).split())
         frames = traceback.extract_tb(error.__traceback__)
         where = f" ({frames[-1].filename}:{frames[-1].lineno})" if frames else ""
-        failure = FaultError(
-            f"unexpected {type(error).__name__}{f': {said}' if said else ''}{where}; this is a "
-            "fault of the software, please report it"
-        )
+        what = f"unexpected {type(error).__name__}{f': {said}' if said else ''}{where}"
+        failure = FaultError(f"{what}; this is a fault of the software, please report it")
     failure.__cause__ = error
     return failure
 
@@ -154,9 +152,8 @@ def check_format(found: object, known: int, where: str, error: type[SparseCoordE
     if type(found) is not int or found != known:
         newer = isinstance(found, int) and found > known
         remedy = "update sparse_coord_ros" if newer else "make it anew"
-        raise error(
-            f"{where}: is in format {in_short(found)}, this version reads format {known}; {remedy}"
-        )
+        what = f"is in format {in_short(found)}, this version reads format {known}"
+        raise error(f"{where}: {what}; {remedy}")
 
 
 def os_error_text(error: OSError) -> str:

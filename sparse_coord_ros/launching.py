@@ -135,10 +135,8 @@ class LaunchedTeam:
         self._out = out = self.get("out") or self._in_file.get("out") or now
         self._resume = {"resume": True} if self.get("resume") and Path(out).exists() else {}
         if Path(out).exists() and not self._resume:
-            raise RunError(
-                f"out: {out} exists already, nothing is overwritten; choose another, or go on "
-                "with that run: resume:=true"
-            )
+            remedy = "choose another, or go on with that run: resume:=true"
+            raise RunError(f"out: {out} exists already, nothing is overwritten; {remedy}")
         if self._resume:
             check_robots(Path(out), self.scenario)
         sim_time = {"use_sim_time": self.get("use_sim_time")}
@@ -234,10 +232,8 @@ class LaunchedTeam:
         names = list(robots)
         said = [one.strip(" /") for one in self.get(argument).split(",") if one.strip(" /")]
         if said and len(said) != len(names):
-            raise SettingError(
-                f"argument {argument}: {len(said)} names, allowed: {len(names)}, one for each of "
-                f"{', '.join(names)}"
-            )
+            allowed = f"{len(names)}, one for each of {', '.join(names)}"
+            raise SettingError(f"argument {argument}: {len(said)} names, allowed: {allowed}")
         return said or names
 
     def _end(self) -> list[Any]:
@@ -268,10 +264,9 @@ class LaunchedTeam:
         try:
             get_package_prefix("rviz2")
         except PackageNotFoundError:
-            raise RunError(
-                "rviz:=true: RViz is not installed: sudo apt install ros-jazzy-rviz2, or leave "
-                "rviz:=true out; 'sparse_coord watch' shows the team in a browser"
-            ) from None
+            remedy = "sudo apt install ros-jazzy-rviz2, or leave rviz:=true out"
+            other = "'sparse_coord watch' shows the team in a browser"
+            raise RunError(f"rviz:=true: RViz is not installed: {remedy}; {other}") from None
         with NamedTemporaryFile("w", prefix="team_", suffix=".rviz", delete=False) as config:
             config.write(rviz_config(names, self._namespace))
         view = Node(

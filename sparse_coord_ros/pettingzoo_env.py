@@ -159,9 +159,8 @@ class SparseCoordEnv(ParallelEnv):
         """
         world = self._running()
         if not isinstance(actions, Mapping):
-            raise SettingError(
-                f"actions: value is {in_short(actions)}, allowed: a mapping of agents to actions"
-            )
+            allowed = "a mapping of agents to actions"
+            raise SettingError(f"actions: value is {in_short(actions)}, allowed: {allowed}")
         chosen = dict(self._checked(name, action) for name, action in actions.items())
         robots = range(len(self.possible_agents))
         outcome = StepOutcome((NO_REWARD,) * len(robots), False, (), False)
@@ -244,9 +243,8 @@ class SparseCoordEnv(ParallelEnv):
         k = self._number[name]
         mask = self._mask(k)
         if not self.action_spaces[name].contains(action) or not mask[action]:
-            raise SettingError(
-                f"agent {name}: action is {action!r}, allowed: {np.flatnonzero(mask).tolist()}"
-            )
+            allowed = np.flatnonzero(mask).tolist()
+            raise SettingError(f"agent {name}: action is {action!r}, allowed: {allowed}")
         return k, int(action)
 
     def _mask(self, k: int) -> np.ndarray:
@@ -269,11 +267,8 @@ class SparseCoordEnv(ParallelEnv):
         return {"observation": np.array(values, dtype=np.int64), "action_mask": self._mask(k)}
 
     def _info(self, reward: Reward, miscoordination: bool) -> dict[str, Any]:
-        return {
-            "half_step": self._half,
-            "reward_parts": tuple(reward[:3]),
-            "miscoordination": miscoordination,
-        }
+        said = {"half_step": self._half, "miscoordination": miscoordination}
+        return {**said, "reward_parts": tuple(reward[:3])}
 
 
 parallel_env = SparseCoordEnv

@@ -133,14 +133,11 @@ def create_bag_file(directory: Path, file_name: str, *, new: bool = True) -> Out
             directory.mkdir(parents=True)
         return OutputFile(directory / file_name)
     except FileExistsError as error:
-        raise BagError(
-            f"bag directory {directory} exists: choose another name, or move it away"
-        ) from error
+        remedy = "choose another name, or move it away"
+        raise BagError(f"bag directory {directory} exists: {remedy}") from error
     except OSError as error:
-        raise BagError(
-            f"cannot make the bag {directory / file_name}: {error.strerror}; choose a directory "
-            "that you may write to"
-        ) from error
+        why = f"{error.strerror}; choose a directory that you may write to"
+        raise BagError(f"cannot make the bag {directory / file_name}: {why}") from error
 
 
 def open_to_read(path: Path) -> BinaryIO:

@@ -60,15 +60,16 @@ class _Rosbag2Dumper(Dumper):
         super().increase_indent(flow, False)
 
 
-_Rosbag2Dumper.add_representer(
-    type(None), lambda dumper, _: dumper.represent_scalar("tag:yaml.org,2002:null", "~")
-)
-_Rosbag2Dumper.add_representer(
-    str,
-    lambda dumper, text: dumper.represent_scalar(
-        "tag:yaml.org,2002:str", text, style=None if text else '"'
-    ),
-)
+def _none(dumper: Any, _: None) -> Any:
+    return dumper.represent_scalar("tag:yaml.org,2002:null", "~")
+
+
+def _text(dumper: Any, text: str) -> Any:
+    return dumper.represent_scalar("tag:yaml.org,2002:str", text, style=None if text else '"')
+
+
+_Rosbag2Dumper.add_representer(type(None), _none)
+_Rosbag2Dumper.add_representer(str, _text)
 
 
 def yaml_text(value: Any) -> str:
@@ -138,10 +139,8 @@ def _times(files: Sequence[FileSummary]) -> dict[str, dict[str, int]]:
     if filled:
         start = min(file.start_ns for file in filled)
         length = max(file.end_ns for file in filled) - start
-    return {
-        "starting_time": {"nanoseconds_since_epoch": start},
-        "duration": {"nanoseconds": length},
-    }
+    begin = {"nanoseconds_since_epoch": start}
+    return {"starting_time": begin, "duration": {"nanoseconds": length}}
 
 
 def metadata_yaml(information: Mapping[str, Any]) -> str:

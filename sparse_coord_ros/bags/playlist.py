@@ -90,9 +90,8 @@ class Playlist:
         self._next = int(np.searchsorted(self._times, time_ns))
         lasts = (np.flatnonzero(self._kinds[: self._next] == kind)[-1:] for kind in self._kept)
         wanted = sorted(int(last[0]) for last in lasts if len(last))
-        self._stream = zip(
-            memoryview(self._places.data), self._bag.messages(self._topics), strict=False
-        )
+        messages = self._bag.messages(self._topics)
+        self._stream = zip(memoryview(self._places.data), messages, strict=False)
         self._waiting.clear()
         found = {place: self._find(place, set(wanted)) for place in wanted}
         return [found[place] for place in wanted]

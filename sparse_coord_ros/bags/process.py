@@ -65,10 +65,8 @@ class BagProcess:
                 self._process = subprocess.Popen(command, start_new_session=True, **shared)
         except OSError as error:
             self._connection.close()
-            raise BagError(
-                f"cannot start the writer process of the bag {directory}: {error.strerror}; "
-                "nothing is recorded"
-            ) from error
+            what = f"cannot start the writer process of the bag {directory}"
+            raise BagError(f"{what}: {error.strerror}; nothing is recorded") from error
         try:
             self._call("open", str(Path(directory).absolute()), options)
             self._begun = True

@@ -74,10 +74,9 @@ class Bag:
         for file in self.files:
             for topic in file.topics.values():
                 if topics.setdefault(topic.name, topic).schema != topic.schema:
-                    raise BagError(
-                        f"{file.path}: topic {topic.name} has another definition than in the file "
-                        "before: these are no parts of one bag; name one"
-                    )
+                    what = f"topic {topic.name} has another definition than in the file before"
+                    remedy = "these are no parts of one bag; name one"
+                    raise BagError(f"{file.path}: {what}: {remedy}")
         run = self.metadata.get(RUN_RECORD)
         if run is not None:
             said = run.get(FORMAT_KEY, "")

@@ -34,24 +34,20 @@ class QoS:
     """The quality of service that a topic's publisher offers.
 
     Attributes:
-        reliability: `reliable` or `best_effort`.
-        durability: `volatile`, or `transient_local` for a latched topic.
         history: `keep_last` or `keep_all`.
         depth: messages kept with `keep_last`, 0 or more; ignored with `keep_all`.
+        reliability: `reliable` or `best_effort`.
+        durability: `volatile`, or `transient_local` for a latched topic.
     """
 
-    reliability: str = "reliable"
-    durability: str = "volatile"
     history: str = "keep_last"
     depth: int = 10
+    reliability: str = "reliable"
+    durability: str = "volatile"
 
     def as_mapping(self) -> dict[str, Any]:
         """Return the profile with the keys, order and policy names of rosbag2 version 9."""
-        return {
-            "history": self.history,
-            "depth": self.depth,
-            "reliability": self.reliability,
-            "durability": self.durability,
+        return vars(self) | {
             "deadline": dict(_INFINITE),
             "lifespan": dict(_INFINITE),
             "liveliness": "automatic",
@@ -125,10 +121,8 @@ def topic_of(channel: Channel, schemas: dict[int, Schema], offset: int) -> BagTo
         Damage: the records make no sense.
     """
     if channel.message_encoding != "cdr":
-        raise BagError(
-            f"this MCAP file is no ROS 2 bag: topic {channel.topic!r} is encoded as "
-            f"{channel.message_encoding!r}, not cdr"
-        )
+        what = f"topic {channel.topic!r} is encoded as {channel.message_encoding!r}, not cdr"
+        raise BagError(f"this MCAP file is no ROS 2 bag: {what}")
     schema = schemas.get(channel.schema_id)
     if schema is None:
         raise Damage(offset, f"topic {channel.topic!r} has no type")

@@ -157,9 +157,8 @@ class BagWriter:
         # rosbags does not find a service event by the name under which it registers these types,
         # and then cannot open a bag that has a hash for one.
         digest = "" if "/srv/" in type_name else type_hash(type_name)
-        return self.add_known_topic(
-            BagTopic(topic, type_name, schema_text(type_name), (qos,), digest)
-        )
+        known = BagTopic(topic, type_name, schema_text(type_name), (qos,), digest)
+        return self.add_known_topic(known)
 
     def add_known_topic(self, topic: BagTopic) -> int:
         """Return the channel id of a new topic, told as another bag tells it.
@@ -178,10 +177,8 @@ class BagWriter:
         schema = topic.type_name, topic.schema_encoding, topic.schema.encode()
         if schema not in self._schema_ids:
             self._schema_ids[schema] = self._writer.register_schema(*schema)
-        said = {
-            "offered_qos_profiles": offered_qos_profiles(topic.qos),
-            "topic_type_hash": topic.type_hash,
-        }
+        profiles = offered_qos_profiles(topic.qos)
+        said = {"offered_qos_profiles": profiles, "topic_type_hash": topic.type_hash}
         return self._writer.register_channel(topic.name, "cdr", self._schema_ids[schema], said)
 
     def write(
@@ -273,10 +270,9 @@ class BagWriter:
         information = bag_information(files, topics.values())
         write_text(self._directory / METADATA_FILE, metadata_yaml(information))
         if self._gone is not None:
-            raise BagError(
-                f"the bag {self._gone} was deleted while it was recorded; what was still open, "
-                f"{files[0].name} and what came after it, is in {self._directory}"
-            )
+            gone = f"the bag {self._gone} was deleted while it was recorded"
+            rest = f"{files[0].name} and what came after it, is in {self._directory}"
+            raise BagError(f"{gone}; what was still open, {rest}")
 
     def _in_files(self, topic: str) -> int:
         """Return how many messages of a topic are in the files that are finished."""
@@ -284,19 +280,15 @@ class BagWriter:
 
     def _finish_file(self) -> None:
         """Finish and rename the file, and close it in any case."""
-        counts = {
-            name: self._counts[c] - self._in_files(name) for name, c in self._channels.items()
-        }
+        counts = {one: self._counts[c] - self._in_files(one) for one, c in self._channels.items()}
         file = FileSummary(self._file_name, counts, self._start_ns, self._end_ns)
         try:
             self._file.check_usable()
             self._writer.flush()
             # rosbag2 stores its information in the file too, and reads it from there if the
             # MCAP file is opened alone.
-            information = bag_information([file], self._topics.values())
-            self._writer.add_metadata(
-                METADATA_RECORD, {"serialized_metadata": yaml_text(information)}
-            )
+            said = yaml_text(bag_information([file], self._topics.values()))
+            self._writer.add_metadata(METADATA_RECORD, {"serialized_metadata": said})
             self._writer.finish()
             self._file.finish()
         finally:

@@ -20,9 +20,8 @@ from sparse_coord_ros.runlog.difference import Difference
 from sparse_coord_ros.runlog.timeline import Rollback, holds
 
 TABLES = wire.TABLES.name
-NAME = re.compile(
-    wire.tables_attachment("(.+)", "(0|[1-9][0-9]{0,17})").replace(".npz", r"\.npz"), re.ASCII
-)
+_PATTERN = wire.tables_attachment("(.+)", "(0|[1-9][0-9]{0,17})").replace(".npz", r"\.npz")
+NAME = re.compile(_PATTERN, re.ASCII)
 
 
 class RecordedTables(NamedTuple):

@@ -41,11 +41,10 @@ def find_run(bag: Bag) -> BagRun:
     """
     named = [one for one in bag.topics.values() if one.name.endswith(f"/{RUN.name}")]
     topics = [one.name for one in named if one.type_name == RUN.type_name]
+    no_run = f"{bag.path}: is not a bag of this package"
     if len(topics) > 1:
-        raise BagError(
-            f"{bag.path}: is not a bag of this package: it has several topics 'run' "
-            f"({', '.join(sorted(topics))}); {REMEDY}"
-        )
+        several = f"it has several topics 'run' ({', '.join(sorted(topics))})"
+        raise BagError(f"{no_run}: {several}; {REMEDY}")
     said = None
     with suppress(ValueError, StopIteration):
         said = str(Decoder(bag.topics)(*next(bag.messages(topics))[:2]).data)
@@ -53,17 +52,15 @@ def find_run(bag: Bag) -> BagRun:
     text = next(attached, None) if said is None else said
     if text is None:
         damage = "" if bag.damage is None else f"; {bag.damage}"
-        raise BagError(
-            f"{bag.path}: is not a bag of this package: it holds no run of this software (neither "
-            f"a {RUN.type_name} on the topic '{RUN.name}' nor the attachment {RUN_FILE}{damage}); "
-            f"{REMEDY}"
-        )
+        none = f"neither a {RUN.type_name} on the topic '{RUN.name}'"
+        why = f"it holds no run of this software ({none} nor the attachment {RUN_FILE}{damage})"
+        raise BagError(f"{no_run}: {why}; {REMEDY}")
     prefix = topics[0].removesuffix(RUN.name) if topics else "/"
     try:
         run = run_config.run_from_yaml(text, where=f"{bag.path} (run)")
     except SparseCoordError as error:
         if not bag.metadata.get(RUN_RECORD):
-            raise BagError(f"{bag.path}: is not a bag of this package: {error}") from None
+            raise BagError(f"{no_run}: {error}") from None
         raise
     return BagRun(run, prefix, said)
 

@@ -108,10 +108,8 @@ class Columns:
             rows, fits = form.rows(content, begins, sizes)
             why = "has another form than the run's"
             altered = np.isin(sizes, [layout.size for layout, _ in form.layouts])
-            odd = {
-                place: (why, COMPLETE if altered[place] else READABLE)
-                for place in np.flatnonzero(~fits).tolist()
-            }
+            due_of = np.where(altered, COMPLETE, READABLE).tolist()
+            odd = {place: (why, due_of[place]) for place in np.flatnonzero(~fits).tolist()}
         else:
             rows, odd = np.empty(len(heads), dtype=object), {}
             ends = (begins + sizes).tolist()

@@ -41,7 +41,5 @@ class Decoder:
             decode: Any = self._factory.decoder_for("cdr", schema)
             return decode(data)
         except Exception as error:  # of a changed file the library raises what comes up
-            raise ValueError(
-                f"cannot be decoded as {schema.name} "
-                f"({type(error).__name__}: {' '.join(str(error).split())})"
-            ) from error
+            why = f"{type(error).__name__}: {' '.join(str(error).split())}"
+            raise ValueError(f"cannot be decoded as {schema.name} ({why})") from error

@@ -8,9 +8,10 @@ from typing import NamedTuple
 from sparse_coord_ros import wire
 from sparse_coord_ros.engine.improve import improve
 from sparse_coord_ros.errors import TablesError
-from sparse_coord_ros.learn.agent import Agent, Tables
+from sparse_coord_ros.learn.agent import Tables
 from sparse_coord_ros.learn.simulation import tables_equal
 from sparse_coord_ros.learn.tables import unpack_saved
+from sparse_coord_ros.runlog.agents import AgentCheck
 from sparse_coord_ros.runlog.difference import MISSING, Difference, first_entry
 from sparse_coord_ros.runlog.log import RunLog
 
@@ -22,15 +23,16 @@ class Plans(NamedTuple):
     kept: int = 0
 
 
-def check_plans(log: RunLog, agents: Sequence[Agent]) -> Plans:
+def check_plans(log: RunLog, team: Sequence[AgentCheck]) -> Plans:
     """Compare the improved tables in a log with those that follow from what was learned.
 
     Args:
-        log: the log of a run that was to improve.
-        agents: the robots' agents as they were at its end.
+        log: the log.
+        team: each robot's, with its agent as it was at the end.
     """
-    statuses = log.tracks.statuses
-    if not statuses or statuses[-1].state != wire.RunState.FINISHED:
+    agents, statuses = [one.agent for one in team if one.agent is not None], log.tracks.statuses
+    finished = statuses and statuses[-1].state == wire.RunState.FINISHED
+    if not (log.run.improve and finished and len(agents) == len(log.names)):
         return Plans()
     due = improve(log.run.scenario, log.run.rule, [agent.memory() for agent in agents]).tables
     odd, kept = [], 0

@@ -64,9 +64,8 @@ class RunLog:
         self.frame = frame = Frame(self.run)
         self.all_tables, self.requests = tuple(tracks.tables), tuple(tracks.requests)
         robots = range(len(self.names))
-        self.step = step = np.unique(
-            np.concatenate([t.step for k in robots for t in tracks.of(k)])
-        )
+        steps = [track.step for k in robots for track in tracks.of(k)]
+        self.step = step = np.unique(np.concatenate(steps))
         self.episode = np.cumsum(np.diff(step, prepend=step[:1]) > 1)
         shape = (len(step), len(robots))
         self.position = np.full((*shape, 2), np.nan)
@@ -168,10 +167,8 @@ class RunLog:
         recorded = any(entry.robot == k for entry in self.all_tables)
         if recorded or len(self.tracks.coordination_maps[k][0]):
             return None
-        return (
-            f"{self.names[k]} shows no tables and no coordination maps: why it acts as it does is "
-            "not computed (a robot of one's own?)"
-        )
+        what = f"{self.names[k]} shows no tables and no coordination maps"
+        return f"{what}: why it acts as it does is not computed (a robot of one's own?)"
 
     def between(self, first: int, last: int) -> "RunLog":
         """Return the time steps from `first` to `last`, both included."""

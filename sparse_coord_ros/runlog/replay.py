@@ -80,9 +80,8 @@ def fresh_agent(log: RunLog, k: int, tables: Tables, stretch: Stretch) -> Agent:
     run = log.run
     if stretch.start is not None:
         return restored(log, stretch.start.recorded[k])
-    return run.rule.agent(
-        run.scenario, k, run.seed, tables=deepcopy(tables), learning=not run.greedy
-    )
+    own = deepcopy(tables)
+    return run.rule.agent(run.scenario, k, run.seed, tables=own, learning=not run.greedy)
 
 
 def restored(log: RunLog, recorded: RecordedTables) -> Agent:

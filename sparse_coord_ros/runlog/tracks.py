@@ -220,10 +220,8 @@ class Tracks:
 
     def _rows(self, topic: wire.Topic, k: int | None) -> tuple[np.ndarray, np.ndarray]:
         """Return the time steps of a topic's rows that hold, and the rows."""
-        checkpoints = topic is wire.COORDINATION_MAP
-        rows = timeline.kept(
-            self._of(topic, k), self._backs, self._period, checkpoints=checkpoints
-        )
+        told = self._of(topic, k), self._backs, self._period
+        rows = timeline.kept(*told, checkpoints=topic is wire.COORDINATION_MAP)
         steps = timeline.steps_of(rows, self._period)
         due = steps * self._period
         right = (rows["ns"] == due) & (rows["ns"] >= 0)

@@ -122,7 +122,8 @@ def verify(path: Path) -> Verification:
             agents += team
     plans = Plans()
     if not (found or parts[-1].lost):  # else the agents do not know what the robots do
-        plans = _of_plans(log, agents, say)
+        with leaving_out("improved tables", say):
+            plans = check_plans(log, agents[-len(log.names) :])
     found += plans.odd
     ordered = sorted(dict.fromkeys(found), key=lambda one: one.rank)
     differences, left_open, lost, broke_off = judge(log, agents, ordered)
@@ -167,15 +168,6 @@ def _of_part(
             else:
                 say(why)
     return [one for one in found if one.step is not None and part.holds(one.step)]
-
-
-def _of_plans(log: RunLog, agents: Sequence[AgentCheck], say: Callable[[str], None]) -> Plans:
-    """Compare what the team made of what it had learned, where that is known of all."""
-    known = [one.agent for one in agents[-len(log.names) :] if one.agent is not None]
-    with leaving_out("improved tables", say):
-        if log.run.improve and len(known) == len(log.names):
-            return check_plans(log, known)
-    return Plans()
 
 
 # What a difference means.
@@ -269,13 +261,11 @@ def _of_its_end(log: RunLog) -> Callable[[Difference], bool]:
     last = max(int(track.step.max(initial=0)) for track in (*tracks.states, tracks.clock))
 
     def explains(odd: Difference) -> bool:
-        missing = odd.logged == MISSING and (odd.step or 0) >= last
-        return (
-            (missing and odd.quantity in (wire.LOCAL_STATE.name, wire.REWARD.name, THE_CLOCK))
-            or (odd.quantity, odd.logged) == (wire.STATUS.name, state)
-            or odd.quantity == wire.TABLES.name
-            and odd.computed.startswith("the log ends at step")
-        )
+        if odd.quantity == wire.TABLES.name:
+            return odd.computed.startswith("the log ends at step")
+        if odd.quantity in (wire.LOCAL_STATE.name, wire.REWARD.name, THE_CLOCK):
+            return odd.logged == MISSING and (odd.step or 0) >= last
+        return (odd.quantity, odd.logged) == (wire.STATUS.name, state)
 
     return explains
 

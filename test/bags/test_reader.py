@@ -168,7 +168,7 @@ def test_files_by_the_mcap_library_are_read(tmp_path, samples, chunked, crcs):
     bag = open_bag(tmp_path / "a.mcap")
     assert (bag.finished, bag.damage, bag.counts) == (True, None, {"/a": 1, "/b": 1})
     assert [tuple(m) for m in bag.messages(["/a"])] == [("/a", samples.cdr(STRING), 9, 8, 77)]
-    profile = QoS("best_effort", "transient_local", "keep_last", 0)
+    profile = QoS("keep_last", 0, "best_effort", "transient_local")
     assert bag.topics["/a"] == BagTopic("/a", STRING, "string data", (profile,), "")
     assert bag.topics["/b"].qos == ()
 

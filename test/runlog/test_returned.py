@@ -41,7 +41,7 @@ def returned(good, tmp_path):
                 one.name: new.add_topic(one.name, one.type_name, one.qos[0])
                 for one in bag.topics.values()
             }
-            latched = QoS("reliable", "transient_local", "keep_last", 1)
+            latched = QoS(durability="transient_local", depth=1)
             own = new.add_topic(
                 "/robot_2/_progress", "diagnostic_msgs/msg/DiagnosticStatus", latched
             )
