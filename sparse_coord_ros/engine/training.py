@@ -14,15 +14,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
 
-from sparse_coord_ros.engine.batch import (
-    LearningRun,
-    begin,
-    is_loaded,
-    is_prepared,
-    prepare,
-    result_of,
-    uses_numba,
-)
+from sparse_coord_ros.engine import batch
 from sparse_coord_ros.engine.trained import Training
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.game.scenario import Scenario, ScenarioLike, loaded
@@ -59,7 +51,7 @@ class Watcher(Protocol):
 
     wants_glimpse: bool
 
-    def look(self, learning: LearningRun, glimpse: Glimpse | None) -> int | None:
+    def look(self, learning: batch.LearningRun, glimpse: Glimpse | None) -> int | None:
         """Look at a run between two transitions.
 
         Args:
@@ -82,15 +74,15 @@ def engine_for(scenario: Scenario, learner: str | Learner, engine: str = "auto")
         SettingError: numba is asked for, and not installed or no help to the learner.
     """
     rule = learner_of(learner)
-    quick = is_loaded(learner=rule, history=True) or worth_compiling(scenario, rule)
+    quick = batch.is_loaded(learner=rule, history=True) or worth_compiling(scenario, rule)
     if engine == "auto" and not quick:
         return "python"
-    return "numba" if uses_numba(engine, rule) else "python"
+    return "numba" if batch.uses_numba(engine, rule) else "python"
 
 
 def worth_compiling(scenario: Scenario, learner: Learner) -> bool:
     """Whether plain Python takes longer for a run than numba takes to begin."""
-    kept = is_prepared(learner=learner, history=True)
+    kept = batch.is_prepared(learner=learner, history=True)
     needed = WORTH_LOADING if kept else WORTH_COMPILING
     return scenario.steps * len(scenario.robots) >= needed
 
@@ -149,10 +141,10 @@ def train(
             evaluate_every, trials = saved.evaluate_every, saved.trials
     used = engine_for(scenario, rule, engine)
     if used == "numba":
-        prepare(rule, history=True)
+        batch.prepare(rule, history=True)
     state = None if saved is None else saved.state
     under_way = _RunUnderWay(
-        begin(scenario, rule, seed, state, compiled=used == "numba"),
+        batch.begin(scenario, rule, seed, state, compiled=used == "numba"),
         evaluate_every or 0,
         trials,
         [] if saved is None else list(saved.evaluations),
@@ -162,7 +154,7 @@ def train(
     )
     learning = under_way.run(scenario.steps if until is None else min(until, scenario.steps))
     return replace(
-        result_of(learning, used),
+        batch.result_of(learning, used),
         evaluations=tuple(under_way.evaluations),
         memories=learning.state().memories,
     )
@@ -172,7 +164,7 @@ def train(
 class _RunUnderWay:
     """A run under way; `evaluations` so far, other arguments as of `train`."""
 
-    learning: LearningRun
+    learning: batch.LearningRun
     evaluate_every: int
     trials: int
     evaluations: list[tuple[int, Evaluation]]
@@ -180,7 +172,7 @@ class _RunUnderWay:
     progress: Progress
     watcher: Watcher | None
 
-    def run(self, until: int) -> LearningRun:
+    def run(self, until: int) -> batch.LearningRun:
         """Learn until so many transitions have been made, or a signal comes."""
         with _held_back(wanted=self.checkpoint is not None) as caught:
             self._learn(until, caught)

@@ -4,9 +4,12 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
+from types import MappingProxyType
 
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.experiments.conditions import Condition, make_condition
+from sparse_coord_ros.game.scenario import PEERS
 from sparse_coord_ros.game.unseen import TEAMS, is_tuning, team_of
 from sparse_coord_ros.solve.shipped import known_best, unseen_buildings
 
@@ -64,27 +67,37 @@ class Experiment:
     conditions: tuple[Condition, ...]
 
 
+def _every(
+    names: Iterable[str],
+    over: Mapping[str, Iterable[object]],
+    same: Mapping[str, object] = MappingProxyType({}),
+) -> list[Condition]:
+    """Return a condition for each scenario and combination of values.
+
+    Args:
+        names: of the scenarios.
+        over: the values of each setting; under `learner`, learners.
+        same: settings of all of them.
+    """
+    found = []
+    for name in names:
+        for values in product(*over.values()):
+            given = {**same, **dict(zip(over, values, strict=True))}
+            found.append(make_condition(name, str(given.pop("learner")), given))
+    return found
+
+
 def _tables(names: Iterable[str]) -> list[Condition]:
-    return [make_condition(n, learner, {"penalty": -20}) for n in names for learner in LEARNERS]
+    return _every(names, {"learner": LEARNERS}, {"penalty": -20})
 
 
 def _figure4() -> list[Condition]:
-    paper = [
-        make_condition(name, learner, {"penalty": penalty})
-        for name in SMALL + LARGE
-        for learner in LEARNERS
-        for penalty in PENALTIES
-    ]
-    return paper + [
-        make_condition(name, learner, {**LONG, "penalty": penalty})
-        for name in SMALL
-        for learner in LEARNERS
-        for penalty in PENALTIES
-    ]
+    over = {"learner": LEARNERS, "penalty": PENALTIES}
+    return _every(SMALL + LARGE, over) + _every(SMALL, over, LONG)
 
 
 def _sweep(setting: str, values: Iterable[object]) -> list[Condition]:
-    return [make_condition(n, "coop", {**LONG, setting: value}) for n in CLOSE for value in values]
+    return _every(CLOSE, {"learner": ["coop"], setting: values}, LONG)
 
 
 def _perception() -> list[Condition]:
@@ -93,23 +106,11 @@ def _perception() -> list[Condition]:
     return _sweep("perception", values)
 
 
-def _uneven() -> list[Condition]:
-    return [
-        make_condition(name, learner, {**LONG, "common_reward": share})
-        for name in CLOSE
-        for share in SHARES
-        for learner in ("noncoop", "coop")
-    ]
-
-
 def _crowd() -> list[Condition]:
     found = []
-    for robots in CROWDS:
-        name = f"crowd-{robots}r"
+    for name in (f"crowd-{robots}r" for robots in CROWDS):
         found.append(make_condition(name, "noncoop", LONG))
-        found += [
-            make_condition(name, "coop", {**LONG, "peers": peers}) for peers in ("one", "all")
-        ]
+        found += _every([name], {"learner": ["coop"], "peers": PEERS}, LONG)
         found.append(make_condition(name, "factored", LONG))
     return found
 
@@ -163,15 +164,18 @@ _EXPERIMENTS: Mapping[str, tuple[str, Callable[[], list[Condition]]]] = {
     "figure4": ("Figure 4: reward against the penalty", _figure4),
     "penalty100": (
         "Penalty -100, 10^5 steps: how much of the gap to the optimum is closed",
-        lambda: [make_condition(name, learner, LONG) for name in CLOSE for learner in LEARNERS],
+        lambda: _every(CLOSE, {"learner": LEARNERS}, LONG),
     ),
     "ask_cost": ("Cost of COORDINATE", lambda: _sweep("ask_cost", ASK_COSTS)),
     "perception": ("Success of the percept", _perception),
-    "uneven": ("r^C that differs between the robots", _uneven),
+    "uneven": (
+        "r^C that differs between the robots",
+        lambda: _every(CLOSE, {"common_reward": SHARES, "learner": ("noncoop", "coop")}, LONG),
+    ),
     "crowd": ("More robots: one random peer, and all peers (footnote 3)", _crowd),
     "where": (
         "Where in the map COORDINATE is chosen",
-        lambda: [make_condition(name, "coop", LONG) for name in SMALL + LARGE],
+        lambda: _every(SMALL + LARGE, {"learner": ["coop"]}, LONG),
     ),
     "unseen": ("Buildings that no search has seen", _unseen),
 }

@@ -20,7 +20,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from sparse_coord_ros.dataframes import data_frame, shown_as
 from sparse_coord_ros.engine.batch import Batch, agent_steps, run_batch, run_batches
 from sparse_coord_ros.engine.cluster import Cluster, SchedulerLike, check_place, cluster_at
-from sparse_coord_ros.engine.trained import Training
 from sparse_coord_ros.errors import (
     ResultsError,
     SettingError,
@@ -48,8 +47,8 @@ from sparse_coord_ros.game.plugins import allow_named
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.learn.evaluation import Trials, play, summary
 from sparse_coord_ros.learn.learners import Learner, learner_of
-from sparse_coord_ros.learn.run_config import RUN_FILE, RUN_SETTINGS, RunConfig, load_run, make_run
-from sparse_coord_ros.learn.tables import load_team, save_team
+from sparse_coord_ros.learn.run_config import RUN_SETTINGS, RunConfig, load_run, make_run
+from sparse_coord_ros.learn.tables import load_team
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -362,13 +361,6 @@ class Computing:
     jobs: int | None = None
     cluster: Cluster | None = None
 
-    def runs(
-        self, condition: Condition, seeds: Sequence[int], trials: int, *, history: bool = False
-    ) -> Iterator[Training]:
-        """Yield learning runs of a condition, as `run_batch` does."""
-        how = {"trials": trials, "history": history, **vars(self)}
-        return run_batch(condition.scenario, condition.learner, seeds, **how)
-
 
 def compute(
     conditions: Iterable[Condition],
@@ -462,24 +454,16 @@ def one_run(results: Results, condition: Condition, number: int, by: Computing) 
         ResultsError: something else is in its place.
     """
     seed, trials = results.plan.seed + number, results.plan.trials
-    folder = results.run_folder(condition, number)
-    run_config = make_run(condition.scenario, {"seed": seed, "learner": condition.learner})
+    folder = results.directory / "runs" / condition.id / str(number)
     if folder.exists():
-        played = _played_again(folder, run_config, trials)
-        return SingleRun(condition, seed, played, folder)
-    [run] = by.runs(condition, [seed], trials, history=True)
+        wanted = make_run(condition.scenario, {"seed": seed, "learner": condition.learner})
+        return SingleRun(condition, seed, _played_again(folder, wanted, trials), folder)
+    how = {"trials": trials, "history": True, **vars(by)}
+    [run] = run_batch(condition.scenario, condition.learner, [seed], **how)
     assert run.trials is not None
-    assert run.history is not None
     partial = folder.with_name(f"{folder.name}.partial")
     shutil.rmtree(partial, ignore_errors=True)  # of an interrupted call
-    try:
-        partial.mkdir(parents=True)
-        (partial / RUN_FILE).write_text(run_config.to_yaml(), encoding="utf-8")
-        save_team(partial, run.tables)
-        run.history.save(partial)
-        os.rename(partial, folder)
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
+    os.rename(run.save(partial), folder)
     return SingleRun(condition, seed, run.trials, folder)
 
 

@@ -29,7 +29,6 @@ from sparse_coord_ros.game.settings import Setting
 from sparse_coord_ros.learn.evaluation import Measure
 from sparse_coord_ros.learn.factors import rows_at_most
 from sparse_coord_ros.learn.learners import Learner, learner_of
-from sparse_coord_ros.learn.sparse import SparseTable
 from sparse_coord_ros.limits import RESULTS, read_file
 from sparse_coord_ros.solve.reference import shortest_path_reference
 from sparse_coord_ros.solve.shipped import known_optimum
@@ -190,10 +189,7 @@ class ConditionResult:
         if self.learner.factors is not None:
             return CORRECTION_BYTES
         perceived = self.scenario.perceived
-        if not self.scenario.sparse:
-            return dense_nbytes(1, perceived)
-        key, row = np.zeros((1, perceived), dtype=np.int32), np.zeros((1, PRIMITIVES))
-        return SparseTable(1, perceived, 0.0, key, row).nbytes
+        return dense_nbytes(1, perceived) + self.scenario.sparse * CELL_BYTES * perceived
 
     @property
     def dense_bytes(self) -> int:
@@ -231,7 +227,10 @@ class ConditionResult:
         }
 
 
-CORRECTION_BYTES = 3 * 4 + PRIMITIVES * 8
+CELL_BYTES = 4
+"""A number of a key: int32."""
+
+CORRECTION_BYTES = 3 * CELL_BYTES + PRIMITIVES * 8
 """A row of rho: own cell, peer and its cell as int32, and four float64."""
 
 
@@ -330,10 +329,6 @@ class Results:
     def path(self, condition: Condition) -> Path:
         """Return where a condition's result is."""
         return self.directory / CONDITIONS / f"{condition.id}.json"
-
-    def run_folder(self, condition: Condition, number: int) -> Path:
-        """Return where a single run of a condition is."""
-        return self.directory / "runs" / condition.id / str(number)
 
     def load(self, condition: Condition) -> ConditionResult | None:
         """Return a condition's result, None where it is not there yet.

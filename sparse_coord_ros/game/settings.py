@@ -30,8 +30,8 @@ class Setting:
         kind: bool, int, float, str, list (of str), or a family of values with a syntax of its own.
         default: the value where none is given.
         help: one line: meaning and unit.
-        low: smallest number allowed; None: no bound.
-        high: largest number allowed; None: no bound.
+        low: smallest number allowed.
+        high: largest number allowed.
         least: smallest number allowed but 0, which turns the thing off; None: no such bound.
         choices: the strings allowed; empty: any.
     """
@@ -40,8 +40,8 @@ class Setting:
     kind: type | SpecFamily
     default: Any
     help: str
-    low: float | None = None
-    high: float | None = None
+    low: float = -math.inf
+    high: float = math.inf
     choices: tuple[str, ...] = ()
     least: float | None = None
 
@@ -72,10 +72,8 @@ class Setting:
             parsed = CONVERTERS[self.kind](value)
             fits = not self.choices or parsed in self.choices
             if self.kind in (int, float):
-                fits = (self.low is None or parsed >= self.low) and (
-                    self.high is None or parsed <= self.high
-                )
-                fits = fits and (self.least is None or parsed == 0 or parsed >= self.least)
+                fits = self.least is None or parsed == 0 or parsed >= self.least
+                fits = fits and self.low <= parsed <= self.high
         except (TypeError, ValueError, OverflowError, KeyError):
             fits = False
         if not fits:

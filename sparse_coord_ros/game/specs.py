@@ -36,14 +36,13 @@ class Number:
         return in_range("a number", self.low, self.high)
 
 
-def in_range(words: str, low: float | None, high: float | None) -> str:
-    """Return which numbers are allowed, in words; None or an infinite number: no bound."""
-    low, high = (None if n is None or math.isinf(n) else n for n in (low, high))
-    if low is not None and high is not None:
-        return f"{words} from {_shown(low)} to {_shown(high)}"
-    if low is not None:
+def in_range(words: str, low: float, high: float) -> str:
+    """Return which numbers are allowed, in words; an infinite one: no bound."""
+    if math.isinf(low):
+        return words if math.isinf(high) else f"{words} of at most {_shown(high)}"
+    if math.isinf(high):
         return f"{words} of at least {_shown(low)}"
-    return words if high is None else f"{words} of at most {_shown(high)}"
+    return f"{words} from {_shown(low)} to {_shown(high)}"
 
 
 def _shown(number: float) -> str:

@@ -8,6 +8,7 @@ All policies are evaluated greedily "in the original problem", all robots moving
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -81,11 +82,9 @@ class Team:
 
     def _perceived(self, world: World, k: int, peers: tuple[int, ...]) -> tuple[int, ...] | None:
         """Ask peers, one after the other; return their cells, None where one is not perceived."""
-        step, here = world.step, world.cells[k]
-        for peer in peers:
-            if not self._percepts.sees(step, k, here, world.cells[peer]):
-                return None
-        return tuple(world.cells[peer] for peer in peers)
+        cells = tuple(world.cells[peer] for peer in peers)
+        sees = partial(self._percepts.sees, world.step, k, world.cells[k])
+        return cells if all(map(sees, cells)) else None
 
 
 TRIALS = Setting("trials", int, 1000, "Monte-Carlo trials", low=1, high=10_000_000)

@@ -6,7 +6,6 @@
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -199,19 +198,6 @@ def history_from(arrays: Mapping[str, np.ndarray], prefix: str = "") -> History:
     )
 
 
-@dataclass
-class _Episode:
-    """One row of a `History`, as plain numbers: quicker to add to than arrays."""
-
-    first_step: int
-    length: int
-    reward: list[float]
-    miscoordinations: int
-    asks: list[int]
-    arrived: list[bool]
-    present: list[bool]
-
-
 class HistoryRecorder:
     """Gathers the history of a run that is fed to it transition by transition.
 
@@ -231,19 +217,12 @@ class HistoryRecorder:
         history: History | None = None,
         under_way: bool = False,
     ) -> None:
-        self._robots = robots
-        self._members = tuple(range(robots) if members is None else members)
-        self._present = [k in self._members for k in range(robots)]
-        self._rows = blank_history(FIRST_EPISODES, robots)
-        self._used = 0
+        self._members = list(range(robots) if members is None else members)
+        begun = blank_history(0, robots) if history is None else history
+        self._rows = concatenated([begun, blank_history(FIRST_EPISODES, robots)])
+        self._used = begun.episodes
         self._episode: int | None = None
         self._goes_on = under_way
-        self._now = self._begun(0)
-        if history is not None:
-            self._used = history.episodes - under_way
-            self._rows = concatenated([history, self._rows])
-            if under_way:
-                self._now = _Episode(*(array[-1].tolist() for array in history))
 
     def add(
         self, episode: int, step: int, actions: Sequence[Action | None], outcome: StepOutcome
@@ -259,32 +238,28 @@ class HistoryRecorder:
         if episode != self._episode:
             self._episode = episode
             if not self._goes_on:
-                self._used += self._write()
-                self._now = self._begun(step)
+                self._begin(step)
             self._goes_on = False
-        now = self._now
-        now.length += 1
-        now.miscoordinations += outcome.miscoordination
+        rows, last = self._rows, self._used - 1
+        rows.length[last] += 1
+        rows.miscoordinations[last] += outcome.miscoordination
         for k in self._members:
             action = actions[k]
             if action is not None:
-                now.reward[k] += outcome.rewards[k].total
-                now.asks[k] += action.asked
+                rows.reward[last, k] += outcome.rewards[k].total
+                rows.asks[last, k] += action.asked
         for k in outcome.arrived:
-            now.arrived[k] = True
+            rows.arrived[last, k] = True
 
-    def _begun(self, step: int) -> _Episode:
-        k = self._robots
-        return _Episode(step, 0, [0.0] * k, 0, [0] * k, [False] * k, self._present)
-
-    def _write(self) -> bool:
-        """Write the episode under way into the next row, if it has had a transition."""
+    def _begin(self, step: int) -> None:
+        """Begin the next row."""
         if self._used == self._rows.episodes:
             # Twice as many; they take memory as they are written to.
-            self._rows = concatenated([self._rows, blank_history(self._used, self._robots)])
-        for name, array in self._rows._asdict().items():
-            array[self._used] = getattr(self._now, name)
-        return self._now.length > 0
+            more = blank_history(self._used, self._rows.robots)
+            self._rows = concatenated([self._rows, more])
+        self._rows.first_step[self._used] = step
+        self._rows.present[self._used, self._members] = True
+        self._used += 1
 
     def history(self) -> History:
         """Return the episodes so far, the one under way included; a copy."""
@@ -292,4 +267,4 @@ class HistoryRecorder:
 
     def look(self) -> History:
         """Return what `history` returns, to be looked at before the next transition: no copy."""
-        return self._rows.first(self._used + self._write())
+        return self._rows.first(self._used)

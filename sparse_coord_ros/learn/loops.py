@@ -270,17 +270,9 @@ class Minds(Protocol):
         rows: the second table.
     """
 
-    @property
-    def q_star(self) -> np.ndarray:
-        """Q* [k, x, action]."""
-
-    @property
-    def star_updates(self) -> np.ndarray:
-        """Updates of each entry of Q*."""
-
-    @property
-    def rows(self) -> Rows:
-        """The second table."""
+    q_star: np.ndarray
+    star_updates: np.ndarray
+    rows: Rows
 
     def _replace(self, **fields: Any) -> "Minds":
         """Return the same with other arrays."""

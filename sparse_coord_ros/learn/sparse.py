@@ -12,9 +12,6 @@ import numpy as np
 
 from sparse_coord_ros.game.actions import PRIMITIVES
 
-FIRST_ROWS = 16
-"""Rows of a table that grows from nothing; it doubles when they are used up."""
-
 
 class SparseTable:
     """A table that reads like an array of shape `shape`, float64, with few rows.
@@ -43,39 +40,33 @@ class SparseTable:
         self._agents = agents
         self._nothing = np.full(PRIMITIVES, self.unseen)
         self._nothing.flags.writeable = False
-        if keys is None or rows is None:
-            keys, rows = np.empty((0, agents), dtype=np.int32), np.empty((0, PRIMITIVES))
-        self._rows = np.array(rows, dtype=np.float64)
-        self._places = {tuple(key): place for place, key in enumerate(keys.tolist())}
+        self._rows: dict[tuple[int, ...], np.ndarray] = {}
+        if keys is not None and rows is not None:
+            self._rows = dict(zip(map(tuple, keys.tolist()), rows.copy(), strict=True))
 
     def __len__(self) -> int:
         """Return the number of joint states that have a row."""
-        return len(self._places)
+        return len(self._rows)
 
     def __getitem__(self, index: tuple[int, ...]) -> Any:
         """Return the row of a joint state (not to be written to), or one entry of it."""
-        place = self._places.get(index[: self._agents])
-        row = self._nothing if place is None else self._rows[place]
+        row = self._rows.get(index[: self._agents], self._nothing)
         return row if len(index) == self._agents else row[index[self._agents]]
 
     def __setitem__(self, entry: tuple[int, ...], value: float) -> None:
         """Set one entry; the others of a new row are `unseen`."""
         *joint_state, action = entry
-        place = self._places.setdefault(tuple(joint_state), len(self._places))
-        if place == len(self._rows):
-            more = np.full((max(FIRST_ROWS, place), PRIMITIVES), self.unseen)
-            self._rows = np.concatenate([self._rows, more])
-        self._rows[place, action] = value
+        self._rows.setdefault(tuple(joint_state), self._nothing.copy())[action] = value
 
     @property
     def keys(self) -> np.ndarray:
         """The joint states that have rows, in ascending order: shape (rows, agents), int32."""
-        return np.array(sorted(self._places), dtype=np.int32).reshape(len(self), self._agents)
+        return np.array(sorted(self._rows), dtype=np.int32).reshape(len(self), self._agents)
 
     @property
     def rows(self) -> np.ndarray:
         """The entries of `keys`, in the same order: shape (rows, 4), float64; a copy."""
-        return self._rows[[place for _, place in sorted(self._places.items())]]
+        return np.array([self._rows[key] for key in sorted(self._rows)]).reshape(-1, PRIMITIVES)
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
         """Return the table as an array of its shape; of few agents, or memory will not do."""
@@ -86,5 +77,4 @@ class SparseTable:
     @property
     def nbytes(self) -> int:
         """Bytes of `keys` and `rows`; what finds a row in memory comes on top."""
-        key = self._agents * np.dtype(np.int32).itemsize
-        return len(self) * (key + PRIMITIVES * self._rows.itemsize)
+        return self.keys.nbytes + self.rows.nbytes

@@ -309,7 +309,7 @@ def suggested_settings(
     found["goal_value"] = found["q_coord_init"] = round(value, 3)
     found["q_star_init"] = round(FIRST_GUESS * value, 3)
     needed = max(_steps_for(way, p) for way in ways)
-    most = SETTINGS["steps"].high or math.inf
+    most = SETTINGS["steps"].high
     found["steps"] = int(min(most, max(20_000, _round_up(needed, 10_000))))
     if found["steps"] == most:
         found["step_size"] = LONG_WAYS

@@ -402,8 +402,7 @@ def acting(scenario: Scenario, robots: Sequence[RobotPolicy]) -> Acting:
             x, z = here[k], here[1 - k]
             if x != game.goals[k] and team.asks[k, x] and game.percept[x, z] > 0.0:
                 seen[k].setdefault(x, []).append(z)
-    ordered = [{x: sorted(others) for x, others in robot.items()} for robot in seen]
-    return Acting(team, space.visited, ordered)
+    return Acting(team, space.visited, seen)
 
 
 def in_words(scenario: Scenario, robots: Sequence[RobotPolicy]) -> list[str]:

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sparse_coord_ros.engine import batch
+from sparse_coord_ros.engine import batch, trained
 from sparse_coord_ros.experiments import runner as module
 from sparse_coord_ros.experiments.store import Plan, open_results
 from sparse_coord_ros.game.scenario import load_scenario
@@ -129,19 +129,19 @@ def test_a_run_that_is_there_is_not_overwritten(sparse_coord, refused, folder):
 @pytest.mark.parametrize("error", [KeyboardInterrupt, OSError(errno.ENOSPC, "No space left")])
 def test_a_single_run_that_is_not_saved_leaves_nothing(sparse_coord, folder, monkeypatch, error):
     target = "env1/indiv/penalty=-20,steps=100/1"
-    real = module.save_team
+    real = trained.save_team
 
     def interrupted(*arguments):
         real(*arguments)
         raise error
 
-    monkeypatch.setattr(module, "save_team", interrupted)
+    monkeypatch.setattr(trained, "save_team", interrupted)
     code, out, err = sparse_coord("reproduce", target, *FEW, "--out", "r")
     assert (out, err.count("\n")) == ("", 1)
     assert code == (130 if error is KeyboardInterrupt else 2)
     assert [path.name for path in files(folder)] == ["results.json"]
     (folder / "r/runs/env1/indiv/penalty=-20,steps=100/1.partial").mkdir()  # a killed one does
-    monkeypatch.setattr(module, "save_team", real)
+    monkeypatch.setattr(trained, "save_team", real)
     assert sparse_coord("reproduce", target, *FEW, "--out", "r")[0] == 0
     assert [path.name for path in (folder / "r/runs").rglob("*.partial")] == []
 

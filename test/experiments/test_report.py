@@ -26,7 +26,7 @@ from sparse_coord_ros.experiments.report.analysis import (
 )
 from sparse_coord_ros.experiments.report.charts import point
 from sparse_coord_ros.experiments.report.rows import paper
-from sparse_coord_ros.experiments.report.sections import reward_claims, section_of
+from sparse_coord_ros.experiments.report.sections import SECTIONS, reward_claims
 from sparse_coord_ros.experiments.report.text import listed, size, to_markdown
 from sparse_coord_ros.experiments.store import SUMS, ConditionResult, Plan
 from sparse_coord_ros.game.grid import parse_map
@@ -259,7 +259,7 @@ def section(name, changes=(), conditions=None):
     conditions = experiment(name).conditions if conditions is None else conditions
     changes = dict(changes)
     assert set(changes) <= {one.id for one in conditions}
-    return section_of(name, [made_up(one, **changes.get(one.id, {})) for one in conditions])
+    return SECTIONS[name]([made_up(one, **changes.get(one.id, {})) for one in conditions])
 
 
 def rewards(*values):

@@ -13,7 +13,7 @@ from sparse_coord_ros.experiments.report.charts import save
 from sparse_coord_ros.experiments.report.drawings import figures_of
 from sparse_coord_ros.experiments.report.reasons import misses, provenances
 from sparse_coord_ros.experiments.report.rows import names, to_csv
-from sparse_coord_ros.experiments.report.sections import JudgedClaim, reward_claims, section_of
+from sparse_coord_ros.experiments.report.sections import SECTIONS, JudgedClaim, reward_claims
 from sparse_coord_ros.experiments.report.text import Row
 from sparse_coord_ros.experiments.store import ConditionResult, Plan, write_result
 from sparse_coord_ros.version import __version__
@@ -61,7 +61,7 @@ def write_report(
     parts = []
     for one in chosen:
         own = results[one.name]
-        section = section_of(one.name, own)
+        section = SECTIONS[one.name](own)
         claims += section.claims
         write_result(directory / f"tables/{one.name}.csv", to_csv(own))
         figures = figures_of(one.name, own)

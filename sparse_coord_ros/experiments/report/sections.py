@@ -106,11 +106,6 @@ def finding(name: str, holds: int, cases: int, **values: Any) -> JudgedClaim:
     return JudgedClaim(text, source, measured, holds, cases)
 
 
-def section_of(name: str, results: Results) -> Section:
-    """Return the section on an experiment."""
-    return SECTIONS[name](results)
-
-
 def failed(results: Iterable[ConditionResult]) -> str:
     """Return how many teams fail, of how many."""
     counts = [(one.failed_teams, one.runs) for one in results]
