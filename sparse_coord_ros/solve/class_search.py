@@ -14,7 +14,7 @@ import json
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -213,28 +213,17 @@ def _climbed(
     return best, top
 
 
-class Climb(NamedTuple):
-    """A team that was made better.
+def climbed(scenario: Scenario, team: ClassTeam) -> tuple[float, float, ClassTeam, np.ndarray]:
+    """Make a team of two robots better, as a restart of `class_bound` does that begins with it.
 
-    Attributes:
-        before: its value before.
-        value: its value now.
-        team: what it does now, in every joint state.
-        visited: whether a robot acts in a cell, shape (2, cells).
+    Returns:
+        Its value before and after; what it does then, in every joint state; and whether a robot
+        acts in a cell, shape (2, cells).
     """
-
-    before: float
-    value: float
-    team: ClassTeam
-    visited: np.ndarray
-
-
-def climbed(scenario: Scenario, team: ClassTeam) -> Climb:
-    """Make a team of two robots better, as a restart of `class_bound` does that begins with it."""
     game, nobody = _game(scenario), np.zeros(2, dtype=np.bool_)
     before = class_loops.compiled().solve(game, team, nobody, _space(game), -np.inf)
     found, value = _climbed(game, ~nobody, _copy(team), np.random.default_rng(0))
-    return Climb(before, value, *_everywhere(game, found))
+    return before, value, *_everywhere(game, found)
 
 
 def _copy(team: ClassTeam) -> ClassTeam:
@@ -373,22 +362,15 @@ def _keep(
     write_whole(file, json.dumps(data, indent=1) + "\n")
 
 
-class Acting(NamedTuple):
-    """What a team does where it gets to.
+def _acting(
+    scenario: Scenario, robots: Sequence[RobotPolicy]
+) -> tuple[ClassTeam, np.ndarray, list[dict[int, list[int]]]]:
+    """Return what a team does where it gets to.
 
-    Attributes:
-        team: its choices.
-        visited: whether a robot acts in a cell, shape (2, cells).
-        seen: of each robot, the peer's cells that it can perceive in each cell where it asks.
+    Returns:
+        Its choices; whether a robot acts in a cell, shape (2, cells); and of each robot, the
+        peer's cells that it can perceive in each cell where it asks.
     """
-
-    team: ClassTeam
-    visited: np.ndarray
-    seen: list[dict[int, list[int]]]
-
-
-def acting(scenario: Scenario, robots: Sequence[RobotPolicy]) -> Acting:
-    """Return what a team does, without the cells and percepts that it never gets to."""
     team = _from_texts(scenario, robots)
     game = _game(scenario)
     space = _space(game)
@@ -402,7 +384,7 @@ def acting(scenario: Scenario, robots: Sequence[RobotPolicy]) -> Acting:
             x, z = here[k], here[1 - k]
             if x != game.goals[k] and team.asks[k, x] and game.percept[x, z] > 0.0:
                 seen[k].setdefault(x, []).append(z)
-    return Acting(team, space.visited, seen)
+    return team, space.visited, seen
 
 
 def in_words(scenario: Scenario, robots: Sequence[RobotPolicy]) -> list[str]:
@@ -410,7 +392,7 @@ def in_words(scenario: Scenario, robots: Sequence[RobotPolicy]) -> list[str]:
 
     Cells that a robot gets to only because it stepped aside follow its way.
     """
-    policy, visited, seen = acting(scenario, robots)
+    policy, visited, seen = _acting(scenario, robots)
     lines = []
     for k, robot in enumerate(scenario.robots):
         peer = scenario.robots[1 - k].name
