@@ -7,12 +7,13 @@ import json
 import math
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import fields, is_dataclass
 from datetime import datetime
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from sparse_coord_ros.errors import RunError, in_line
+from sparse_coord_ros.errors import RunError, in_line, needed
 from sparse_coord_ros.game.scenario import Scenario, load_scenario, scenario_names
 from sparse_coord_ros.game.settings import Setting, parse_assignments
 from sparse_coord_ros.learn.learners import LEARNERS
@@ -26,14 +27,14 @@ FIXED = (
 """What a run that is resumed has already, by the options' names in the namespace."""
 
 
-def ros_missing(error: ImportError, alternative: str | None = None) -> RunError:
-    """Return what to say where ROS 2 cannot be imported, and a command that does without it."""
+def ros_needed(alternative: str | None = None) -> AbstractContextManager[None]:
+    """Import ROS 2; a RunError where it is missing names a command that does without it."""
     ways = [
         "source a ROS 2 Jazzy installation",
         "install this package with the extra 'ros' (pip install '.[ros]')",
     ]
     ways += [] if alternative is None else [f"use '{alternative}'"]
-    return RunError(f"ROS 2 is not there ({error}); {', '.join(ways[:-1])}, or {ways[-1]}")
+    return needed("ROS 2 is not there", f"{', '.join(ways[:-1])}, or {ways[-1]}")
 
 
 class Option(NamedTuple):

@@ -5,7 +5,7 @@
 import argparse
 import re
 
-from sparse_coord_ros.cli.options import BAG, Option, ros_missing
+from sparse_coord_ros.cli.options import BAG, Option, ros_needed
 from sparse_coord_ros.errors import SettingError
 
 NAMES = {"bag": "BAG", "rate": "--rate", "position": "--start", "topics": "--topics"}
@@ -38,11 +38,9 @@ OPTIONS = (
 
 def execute(options: argparse.Namespace) -> int:
     """Run the verb."""
-    try:
+    with ros_needed():
         from sparse_coord_ros.nodes.player import Player
         from sparse_coord_ros.nodes.spin import run_node
-    except ImportError as error:
-        raise ros_missing(error) from None
     values = {
         "bag": str(options.bag),
         "rate": options.rate,

@@ -56,10 +56,8 @@ OPTIONS = (
 
 def execute(options: argparse.Namespace) -> int | None:
     """Run the verb."""
-    try:
+    with shared.ros_needed("sparse_coord train"):
         import rclpy  # noqa: F401
-    except ImportError as error:
-        raise shared.ros_missing(error, "sparse_coord train") from None
     if not options.watch:
         return _run(options, *_begin(options))
     from sparse_coord_ros.cli import page

@@ -7,7 +7,7 @@ import threading
 from contextlib import suppress
 from pathlib import Path
 
-from sparse_coord_ros.cli.options import PAGE, Option, ros_missing
+from sparse_coord_ros.cli.options import PAGE, Option, ros_needed
 from sparse_coord_ros.cli.page import served
 from sparse_coord_ros.game.settings import Setting
 
@@ -54,10 +54,8 @@ def execute(options: argparse.Namespace) -> int | None:
 
 
 def _live(options: argparse.Namespace) -> int:
-    try:
+    with ros_needed("sparse_coord watch BAG"):
         from sparse_coord_ros.nodes.spin import run_node
         from sparse_coord_ros.nodes.watch import WatchNode
-    except ImportError as error:
-        raise ros_missing(error, "sparse_coord watch BAG") from None
     with served(options) as server:
         return run_node(lambda context: WatchNode(context=context, values={}, server=server), [])
