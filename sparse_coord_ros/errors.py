@@ -98,6 +98,25 @@ def needed(what: str, remedy: str) -> Iterator[None]:
         raise RunError(f"{what} ({error}); {remedy}") from None
 
 
+@contextmanager
+def retold(
+    error: type[SparseCoordError], caught: type[Exception], what: str, remedy: str = ""
+) -> Iterator[None]:
+    """Let an exception be an `error` whose line begins with what could not be done, or where.
+
+    Args:
+        error: what to raise.
+        caught: which exceptions; of an OSError only its reason is told.
+        what: how the line begins, before a colon.
+        remedy: how it ends.
+    """
+    try:
+        yield
+    except caught as failure:
+        why = failure.strerror if isinstance(failure, OSError) else failure
+        raise error(f"{what}: {why}{remedy}") from failure
+
+
 def failure_of(error: Exception) -> SparseCoordError:
     """Return an exception as the error that its program is to end with.
 

@@ -38,7 +38,7 @@ from sparse_coord_ros.bags.records import (
     parse,
 )
 from sparse_coord_ros.bags.topics import BagTopic, topic_of
-from sparse_coord_ros.errors import BagError
+from sparse_coord_ros.errors import BagError, retold
 from sparse_coord_ros.limits import CHUNK, CHUNKS, RECORDS
 
 OWN_LIBRARY = "sparse_coord_ros "
@@ -174,12 +174,10 @@ class BagFile:
         self._end: tuple[RecordPlace, int] | None = None  # and the checksum of the data
         self._tried = self._contents = 0
         self._source = Source(path)
-        try:
+        with retold(BagError, BagError, f"{path}"):
             self.extend()
             if checked:
                 self._check()
-        except BagError as error:
-            raise BagError(f"{path}: {error}") from error
 
     @property
     def summary(self) -> FileSummary:

@@ -6,22 +6,16 @@ import contextlib
 import errno
 import os
 import shutil
-from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import BinaryIO
 
-from sparse_coord_ros.errors import BagError
+from sparse_coord_ros.errors import BagError, retold
 from sparse_coord_ros.files import PARTIAL, rescue, sync_directory, take_lock, write_whole
 from sparse_coord_ros.limits import open_regular
 
-
-@contextlib.contextmanager
-def failing(what: str, remedy: str = "") -> Iterator[None]:
-    """Let an OSError be a BagError: what could not be done, why, and what to do."""
-    try:
-        yield
-    except OSError as error:
-        raise BagError(f"{what}: {error.strerror}{remedy}") from error
+failing = partial(retold, BagError, OSError)
+"""What the system refuses is a BagError."""
 
 
 class OutputFile:

@@ -22,7 +22,7 @@ from mcap.opcode import Opcode
 from mcap.records import Chunk
 
 from sparse_coord_ros.bags.layout import open_to_read
-from sparse_coord_ros.errors import BagError
+from sparse_coord_ros.errors import BagError, retold
 from sparse_coord_ros.limits import CHUNK, RECORD
 from sparse_coord_ros.wire.cdr import rows_at
 
@@ -103,10 +103,8 @@ class Source:
         file = open_to_read(path)
         self._descriptor = file.fileno()
         self.close = weakref.finalize(self, file.close)
-        try:
+        with retold(BagError, Damage, f"cannot read {path}"):
             begin = self.read(0, min(self.size, len(MAGIC)))
-        except Damage as damage:
-            raise BagError(f"cannot read {path}: {damage}") from damage
         if begin != MAGIC:
             raise BagError(f"{path} is not an MCAP file: it does not begin like one")
 

@@ -28,6 +28,7 @@ from sparse_coord_ros.errors import (
     SettingError,
     SparseCoordError,
     did_you_mean,
+    retold,
 )
 
 T = TypeVar("T")
@@ -208,10 +209,8 @@ class Registry(Generic[T]):
         Raises:
             SettingError: it is nothing of this kind.
         """
-        try:
+        with retold(SettingError, TypeError, f"{self.kind} {name!r}"):
             return self._check(name, thing)
-        except TypeError as error:
-            raise SettingError(f"{self.kind} {name!r}: {error}") from None
 
 
 def is_path(name: str) -> bool:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from sparse_coord_ros.dataframes import data_frame
-from sparse_coord_ros.errors import RunError
+from sparse_coord_ros.errors import RunError, retold
 from sparse_coord_ros.files import write_whole
 from sparse_coord_ros.game.world import Action, StepOutcome
 from sparse_coord_ros.learn import archive
@@ -176,10 +176,8 @@ def load_history(directory: Path) -> History:
     how: Any = {"error": RunError, "remedy": "use a file that run or train wrote"}
     data = read_file(path, ARRAYS, **how)
     arrays = archive.unpack(data, where=str(path), what="a learning history", **how)
-    try:
+    with retold(RunError, ValueError, f"{path}", f"; {how['remedy']}"):
         return history_from(arrays)
-    except ValueError as error:
-        raise RunError(f"{path}: {error}; {how['remedy']}") from None
 
 
 def history_from(arrays: Mapping[str, np.ndarray], prefix: str = "") -> History:

@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.errors import TablesError
+from sparse_coord_ros.errors import TablesError, retold
 from sparse_coord_ros.files import write_whole
 from sparse_coord_ros.game.actions import ACTIONS, PRIMITIVES
 from sparse_coord_ros.game.scenario import Scenario
@@ -96,7 +96,7 @@ def unpack_saved(
     how: Any = {"what": "tables", "remedy": REMEDY, "error": TablesError}
     arrays = archive.unpack(data, where=where, limit=limit, **how)
     prefix = "count_"
-    try:
+    with retold(TablesError, ValueError, where, f"; {REMEDY}"):
         counts = {
             name.removeprefix(prefix): int(archive.member(arrays, name, np.int64))
             for name in arrays
@@ -110,8 +110,6 @@ def unpack_saved(
             )
             for k in numbers
         ]
-    except ValueError as error:
-        raise TablesError(f"{where}: {error}; {REMEDY}") from None
 
 
 def unpack_robot(data: bytes, number: int, *, where: str) -> tuple[Tables, dict[str, int]]:

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, UnidentifiedImageError
 
-from sparse_coord_ros.errors import MapError, SettingError, in_short
+from sparse_coord_ros.errors import MapError, SettingError, in_short, retold
 from sparse_coord_ros.files import write_whole
 from sparse_coord_ros.game.grid import FURTHEST, RESOLUTIONS, WALL, GridMap, number_of
 from sparse_coord_ros.game.settings import Setting, SettingTable
@@ -91,10 +91,8 @@ def read_floor_plan(path: Path) -> FloorPlan:
         )
     text = read_text(path, MAP_HEADER, MapError, "give the YAML file")
     said = parse_yaml(text, where=str(path), limit=MAP_HEADER, error=MapError)
-    try:
+    with retold(MapError, SettingError, f"{path}"):
         data = {name: one.parse(said.get(name, one.default)) for name, one in FIELDS.items()}
-    except SettingError as error:
-        raise MapError(f"{path}: {error}") from None
     origin = _origin(said.get("origin", [0.0, 0.0, 0.0]), f"{path}: field 'origin'")
     above, below, negate = data["occupied_thresh"], data["free_thresh"], data["negate"]
     if below >= above:

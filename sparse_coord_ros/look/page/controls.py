@@ -6,7 +6,7 @@ import queue
 from collections.abc import Collection, Iterator, Mapping
 from typing import Any, NamedTuple
 
-from sparse_coord_ros.errors import SettingError, SparseCoordError
+from sparse_coord_ros.errors import SettingError, SparseCoordError, retold
 from sparse_coord_ros.game.scenario import load_scenario, scenario_names
 from sparse_coord_ros.game.settings import Setting, SettingTable
 
@@ -118,8 +118,6 @@ def _next(value: Any) -> dict[str, Any]:
         raise _bad("scenario", scenario, f"one of: {', '.join(scenario_names())}")
     if isinstance(penalty, bool) or not isinstance(penalty, int | float):
         raise _bad("penalty", penalty, "a number of at most 0")
-    try:
+    with retold(SettingError, SparseCoordError, "control 'next'"):
         load_scenario(scenario).with_settings({"penalty": penalty})
-    except SparseCoordError as error:
-        raise SettingError(f"control 'next': {error}") from None
     return {"scenario": scenario, "penalty": float(penalty)}
