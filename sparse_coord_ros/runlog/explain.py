@@ -79,8 +79,7 @@ class Coordination(NamedTuple):
 
 def coordinations(log: RunLog, robot: int) -> list[int]:
     """Return the time steps at which a robot chose COORDINATE, ascending."""
-    steps: list[int] = log.step[log.asked[:, robot]].tolist()
-    return steps
+    return [int(step) for step in log.step[log.asked[:, robot]]]
 
 
 def explained(log: RunLog, robot: int, steps: Sequence[int]) -> Iterator[Coordination]:

@@ -134,8 +134,7 @@ class LongLog:
             if size < STRETCH_BYTES and not whole:
                 continue
             last = last_ns // self.period
-            bag = self.bag.between(begin * self.period, last * self.period)
-            log = RunLog(Tracks(bag, self._source, (*MOVES, *also))).between(begin, last)
+            log = self.read(begin, last, (*MOVES, *also))
             history, size, end, open_step = log.history(), 0, last + 1, None
             if not whole and history.episodes < 2:
                 size = -3 * STRETCH_BYTES  # an episode may be longer
