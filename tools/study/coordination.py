@@ -6,7 +6,7 @@ They say what the factored learner is worth, and why.
 """
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
@@ -22,6 +22,7 @@ from sparse_coord_ros.experiments.report.analysis import gap_closed
 from sparse_coord_ros.experiments.report.rows import class_bound
 from sparse_coord_ros.experiments.store import ConditionResult, Plan
 from sparse_coord_ros.game.scenario import Scenario
+from sparse_coord_ros.learn.evaluation import Measure
 from sparse_coord_ros.learn.learners import learner_of
 from sparse_coord_ros.solve.optimum import independent_bound
 from tools.study import improved
@@ -46,6 +47,8 @@ MANY = tuple(ROUTES)
 Found = Callable[[Condition], ConditionResult]
 """Returns the result of a condition."""
 
+Rows = Iterator[text.Row]
+
 
 @dataclass(frozen=True)
 class Study:
@@ -55,7 +58,7 @@ class Study:
         name: what the command line and the marks in the document call it.
         runs: learning runs of a condition of two robots, and of more.
         trials: trials of a run of more than two robots.
-        table: returns the table; beside results it may take the folder where it keeps others.
+        table: yields the rows; beside results it may take the folder where it keeps others.
         seed: seed of the first run.
         page: the document.
         keeps: whether it keeps others.
@@ -64,7 +67,7 @@ class Study:
     name: str
     runs: tuple[int, int]
     trials: int
-    table: Callable[..., str]
+    table: Callable[..., Rows]
     seed: int = SEED
     page: str = "coordination.md"
     keeps: bool = False
@@ -84,7 +87,7 @@ class Study:
             out: the results directory.
         """
         found = cache(lambda condition: compute(condition, self.plan(condition)))
-        return self.table(found, *[out / self.name] * self.keeps)
+        return text.to_markdown(list(self.table(found, *[out / self.name] * self.keeps)))
 
 
 def _factored(name: str, settings: Mapping[str, object]) -> Condition:
@@ -115,48 +118,38 @@ def _mean(result: ConditionResult, measure: str, digits: int = 2) -> str:
     return f"{result.best(measure).mean:.{digits}f}"
 
 
-def _pairs(found: Found) -> str:
-    rows: list[text.Row] = []
+def _pairs(found: Found) -> Rows:
     for name in ONE_PAIR:
         own, base = found(_factored(name, LONG)), found(make_condition(name, "noncoop", LONG))
         bound, share = class_bound(own), None
         if bound is not None and name in CLOSE:
             share = gap_closed(own.run_means("reward"), base.run_means("reward"), bound)
-        rows.append(
-            {
-                "scenario": name,
-                "factored": _reward(own),
-                "worst team": f"{own.run_means('reward').min():.2f}",
-                "asks": _mean(own, "asks"),
-                "failed teams": text.percent(failed_share(own)),
-                "Non-coop.": _reward(base),
-                "class bound": text.bound_of(own),
-                "share of the gap": None
-                if share is None
-                else f"{text.percent(share.mean)} ({100 * share.standard_error:.1f})",
-            }
-        )
-    return text.to_markdown(rows)
+        yield {
+            "scenario": name,
+            "factored": _reward(own),
+            "worst team": f"{own.run_means('reward').min():.2f}",
+            "asks": _mean(own, "asks"),
+            "failed teams": text.percent(failed_share(own)),
+            "Non-coop.": _reward(base),
+            "class bound": text.bound_of(own),
+            "share of the gap": None if share is None else _share(share),
+        }
 
 
-def _many(found: Found) -> str:
-    rows: list[text.Row] = []
+def _many(found: Found) -> Rows:
     for name in MANY:
         own, coop, base = _each(found, name, LONG)
-        rows.append(
-            {
-                "scenario": name,
-                "factored": _reward(own),
-                "asks": _mean(own, "asks"),
-                "miscoordinations": _mean(own, "miscoordinations", 3),
-                "trials in which all arrive": text.percent(own.arrived, 2),
-                "failed teams": text.percent(failed_share(own)),
-                "coop": _reward(coop),
-                "Non-coop.": _reward(base),
-                "planner with routes": f"{ROUTES[name]:.2f}",
-            }
-        )
-    return text.to_markdown(rows)
+        yield {
+            "scenario": name,
+            "factored": _reward(own),
+            "asks": _mean(own, "asks"),
+            "miscoordinations": _mean(own, "miscoordinations", 3),
+            "trials in which all arrive": text.percent(own.arrived, 2),
+            "failed teams": text.percent(failed_share(own)),
+            "coop": _reward(coop),
+            "Non-coop.": _reward(base),
+            "planner with routes": f"{ROUTES[name]:.2f}",
+        }
 
 
 ABLATED: Mapping[str, tuple[str, Mapping[str, object]]] = {
@@ -172,13 +165,11 @@ ABLATED: Mapping[str, tuple[str, Mapping[str, object]]] = {
 ABLATION = (*CLOSE, "cmu", "env2-4r", "crowd-8r")
 
 
-def _ablation(found: Found) -> str:
-    rows: list[text.Row] = []
+def _ablation(found: Found) -> Rows:
     for what, (rule, more) in ABLATED.items():
         made = {name: make_condition(name, rule, {**LONG, **more}) for name in ABLATION}
         told = {name: reward_and_failed(found(one)) for name, one in made.items()}
-        rows.append({"what": what, **told})
-    return text.to_markdown(rows)
+        yield {"what": what, **told}
 
 
 PERCEPTS: Mapping[str, Mapping[str, object]] = {
@@ -195,46 +186,42 @@ PERCEPTS: Mapping[str, Mapping[str, object]] = {
 }
 
 
-def _percepts(found: Found) -> str:
-    rows: list[text.Row] = []
+def _percepts(found: Found) -> Rows:
     for what, settings in PERCEPTS.items():
         told = {name: reward_and_failed(found(_factored(name, settings))) for name in CLOSE}
         coop = _reward(found(make_condition("env1", "coop", settings)))
-        rows.append({"what": what, **told, "env1, coop": coop})
-    return text.to_markdown(rows)
+        yield {"what": what, **told, "env1, coop": coop}
 
 
 ROBOTS = (4, 8, 16)
 BUILDINGS = ("3x2x4-{}r-0", "3x2x4-{}r-1", "3x2x4-{}r-2", "4x2x5-{}r-0")
 
 
-def _scale(found: Found) -> str:
-    """Return how teams of growing size stand in generated buildings."""
-    return text.to_markdown([_scale_row(found, robots) for robots in ROBOTS])
-
-
-def _scale_row(found: Found, robots: int) -> text.Row:
-    names = [f"building-{one.format(robots)}" for one in BUILDINGS]
-    by_name = [_each(found, name, {"penalty": -100}) for name in names]
-    factored, coop, base = (list(own) for own in zip(*by_name, strict=True))
-    scenarios = [one.scenario for one in factored]
-    bound = np.mean([independent_bound(one) for one in scenarios])
-    spent = [learning_seconds(one) for one in scenarios]
-    fixed = [8 * len(one.map.cells) * (2 * 4 + 1) for one in scenarios]
-    held = float(np.mean([one.visited_bytes for one in factored]) + np.mean(fixed))
-    return {
-        "robots": str(robots),
-        "factored": _pooled(factored),
-        "robots alone (bound)": f"{bound:.2f}",
-        "coop": _pooled(coop),
-        "Non-coop.": _pooled(base),
-        "asks": f"{np.mean([one.best('asks').mean for one in factored]):.2f}",
-        "miscoordinations": f"{np.mean([o.best('miscoordinations').mean for o in factored]):.3f}",
-        "trials in which all arrive": _arrived(factored),
-        "of coop's": _arrived(coop),
-        "bytes a robot": text.size(held),
-        "seconds to learn": f"{np.mean(spent):.2f}",
-    }
+def _scale(found: Found) -> Rows:
+    """Yield how teams of growing size stand in generated buildings."""
+    for robots in ROBOTS:
+        names = [f"building-{one.format(robots)}" for one in BUILDINGS]
+        by_name = [_each(found, name, {"penalty": -100}) for name in names]
+        factored, coop, base = (list(own) for own in zip(*by_name, strict=True))
+        scenarios = [one.scenario for one in factored]
+        bound = np.mean([independent_bound(one) for one in scenarios])
+        missed = [one.best("miscoordinations").mean for one in factored]
+        spent = [learning_seconds(one) for one in scenarios]
+        fixed = [8 * len(one.map.cells) * (2 * 4 + 1) for one in scenarios]
+        held = float(np.mean([one.visited_bytes for one in factored]) + np.mean(fixed))
+        yield {
+            "robots": str(robots),
+            "factored": _pooled(factored),
+            "robots alone (bound)": f"{bound:.2f}",
+            "coop": _pooled(coop),
+            "Non-coop.": _pooled(base),
+            "asks": f"{np.mean([one.best('asks').mean for one in factored]):.2f}",
+            "miscoordinations": f"{np.mean(missed):.3f}",
+            "trials in which all arrive": _arrived(factored),
+            "of coop's": _arrived(coop),
+            "bytes a robot": text.size(held),
+            "seconds to learn": f"{np.mean(spent):.2f}",
+        }
 
 
 def _pooled(results: Sequence[ConditionResult]) -> str:
@@ -264,26 +251,22 @@ UNSEEN: Mapping[str, tuple[str, Mapping[str, object]]] = {
 }
 
 
-def _unseen(found: Found) -> str:
-    """Return how teams stand in the buildings for tuning; those for the test stay closed."""
+def _unseen(found: Found) -> Rows:
+    """Yield how teams stand in the buildings for tuning; those for the test stay closed."""
     judged: dict[str, dict[str, Standing]] = {}
     for what, (learner, settings) in UNSEEN.items():
-        own = [found(one) for one in unseen_conditions(learner, "tuning", settings)]
-        judged[what] = standings(own) | standings(own, by_kind=True)
-    factored = judged["factored"]
-    rows: list[text.Row] = [
-        {
-            "teams": where,
-            "shortest paths": f"{own.paths:.2f}",
-            "bound": f"{own.bound:.2f}",
-            "factored": text.with_error(own.reward),
-            **{f"share, {what}": _share(stood[where]) for what, stood in judged.items()},
-            "failed teams": own.of_teams(own.failed),
-        }
-        for where, own in sorted(factored.items())
-        if where in ("2r", "4r", "8r") or "corridor" in where
-    ]
-    return text.to_markdown(rows)
+        results = [found(one) for one in unseen_conditions(learner, "tuning", settings)]
+        judged[what] = standings(results) | standings(results, by_kind=True)
+    for where, own in sorted(judged["factored"].items()):
+        if where in ("2r", "4r", "8r") or "corridor" in where:
+            yield {
+                "teams": where,
+                "shortest paths": f"{own.paths:.2f}",
+                "bound": f"{own.bound:.2f}",
+                "factored": text.with_error(own.reward),
+                **{f"share, {what}": _share(stood[where].share) for what, stood in judged.items()},
+                "failed teams": own.of_teams(own.failed),
+            }
 
 
 PROTOCOL: Mapping[str, Mapping[str, object]] = {
@@ -303,21 +286,19 @@ PROTOCOL: Mapping[str, Mapping[str, object]] = {
 """Settings that were tried against the learner's defaults."""
 
 
-def _protocol(found: Found) -> str:
-    rows: list[text.Row] = []
+def _protocol(found: Found) -> Rows:
     for what, settings in PROTOCOL.items():
         row: dict[str, str | None] = {"what": what}
         for robots, steps in ((2, 10_000), (2, 100_000), (4, 100_000)):
             more = {"steps": steps, **settings}
             own = [found(one) for one in unseen_conditions("factored", "tuning", more, (robots,))]
             (stood,) = standings(own).values()
-            row[f"{robots}r, {steps:,} steps"] = f"{_share(stood)}, {stood.failed} fail"
-        rows.append(row)
-    return text.to_markdown(rows)
+            row[f"{robots}r, {steps:,} steps"] = f"{_share(stood.share)}, {stood.failed} fail"
+        yield row
 
 
-def _share(one: Standing) -> str:
-    return f"{text.percent(one.share.mean)} ({100 * one.share.standard_error:.1f})"
+def _share(one: Measure) -> str:
+    return f"{text.percent(one.mean)} ({100 * one.standard_error:.1f})"
 
 
 CROWDS = Study("many", (200, 100), 300, _many)

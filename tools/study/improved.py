@@ -5,7 +5,7 @@
 import json
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,7 +15,7 @@ from sparse_coord_ros.engine.batch import CompiledTeam, prepare
 from sparse_coord_ros.engine.improve import improve, remembering
 from sparse_coord_ros.experiments.catalogue import CLOSE, unseen_conditions
 from sparse_coord_ros.experiments.conditions import Condition, make_condition
-from sparse_coord_ros.experiments.report.text import Row, percent, to_markdown
+from sparse_coord_ros.experiments.report.text import Row, percent
 from sparse_coord_ros.experiments.store import ConditionResult
 from sparse_coord_ros.files import write_whole
 from sparse_coord_ros.learn.learners import learner_of
@@ -45,29 +45,27 @@ class Team(NamedTuple):
 
 def table(
     planners: Mapping[str, float], found: Callable[[Condition], ConditionResult], kept: Path
-) -> str:
-    """Return the table.
+) -> Iterator[Row]:
+    """Yield the rows.
 
     Args:
         planners: what the planner with routes reaches in the scenarios of more robots.
         found: returns the result of a condition.
         kept: folder of the teams.
     """
-    rows: list[Row] = []
     for *names, steps, count in (*PAIRS, MANY):
         given = {"penalty": -100, "steps": steps}
         for name in names:
             own, base = (make_condition(name, one, given) for one in ("factored", "noncoop"))
             low, bound = found(base).best("reward").mean, known_best(own.scenario)
-            rows.append(_row(name, [(own, low, bound or planners[name])], count, kept))
+            yield _row(name, [(own, low, bound or planners[name])], count, kept)
     for robots, steps, count in BUILDINGS:
         made = unseen_conditions("factored", "tuning", {"steps": steps}, [robots])
         judged = [
             (one, shortest_path_reference(one.scenario).reward, known_best(one.scenario))
             for one in made
         ]
-        rows.append(_row(f"{len(made)} unseen buildings, {robots}r", judged, count, kept))
-    return to_markdown(rows)
+        yield _row(f"{len(made)} unseen buildings, {robots}r", judged, count, kept)
 
 
 def _row(

@@ -10,13 +10,13 @@ import sparse_coord_ros
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.experiments.catalogue import LONG
 from sparse_coord_ros.experiments.conditions import make_condition
-from sparse_coord_ros.experiments.report.text import Row, to_markdown
 from sparse_coord_ros.experiments.store import ConditionResult
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.learners import learner_of
 from sparse_coord_ros.solve.shipped import known_best
 from sparse_coord_ros.solve.simdp import PLANNERS, sparse_plan
-from tools.study.coordination import ROUTES, Found, Study, learning_seconds, reward_and_failed
+from tools.study import coordination
+from tools.study.coordination import Found, Rows, Study, learning_seconds, reward_and_failed
 
 SEED, RUNS, TRIALS = 1_300_000, 100, 200
 """Seeds that no search has seen."""
@@ -49,21 +49,19 @@ def _reward(found: Found, name: str, learner: str, price: int) -> ConditionResul
     return found(condition) if price or learner_of(learner).asks else None
 
 
-def _learners(found: Found) -> str:
-    rows: list[Row] = []
+def _learners(found: Found) -> Rows:
     for name, price in product(SCENARIOS, (1, 0)):
         row: dict[str, str | None] = {"scenario": name, "a question costs": f"{price}"}
         for learner in LEARNERS:
             one = _reward(found, name, learner, price)
             row[learner] = None if one is None else reward_and_failed(one)
-        rows.append(row | _planned(name, price))
-    return to_markdown(rows)
+        yield row | _planned(name, price)
 
 
 def _planned(name: str, price: int) -> dict[str, str | None]:
     """Return what planners that know the model make of a scenario, asking priced or free."""
     scenario = load_scenario(name).with_settings(LONG)
-    bound = (known_best(scenario) or ROUTES.get(name)) if price else None
+    bound = (known_best(scenario) or coordination.ROUTES.get(name)) if price else None
     row: dict[str, str | None] = {}
     for planner in PLANNERS:
         row[planner] = None
@@ -74,21 +72,17 @@ def _planned(name: str, price: int) -> dict[str, str | None]:
     return row | {"best known": None if bound is None else f"{bound:.2f}"}
 
 
-def _costs(_found: Found) -> str:
+def _costs(_found: Found) -> Rows:
     learn = Path(sparse_coord_ros.__file__).parent / "learn"
-    rows: list[Row] = []
     for learner, modules in LEARNERS.items():
         texts = [(learn / f"{module}.py").read_text("utf-8") for module in modules]
         seconds = learning_seconds(load_scenario("env2-2r").with_settings(LONG), learner)
-        rows.append(
-            {
-                "learner": learner,
-                "seconds a run": f"{seconds:.3f}",
-                "lines": str(sum(text.count("\n") for text in texts)),
-                "modules": ", ".join(modules),
-            }
-        )
-    return to_markdown(rows)
+        yield {
+            "learner": learner,
+            "seconds a run": f"{seconds:.3f}",
+            "lines": str(sum(text.count("\n") for text in texts)),
+            "modules": ", ".join(modules),
+        }
 
 
 STUDIES = (
