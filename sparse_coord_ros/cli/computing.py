@@ -27,11 +27,12 @@ COMPUTING = (
 
 
 def computing_of(options: argparse.Namespace) -> dict[str, Any]:
-    """Return what the options say of engine, jobs and scheduler; say so where numba is missing."""
+    """Return what to compute, by what, and where it goes; say so where numba is missing."""
     compiled = options.scheduler is not None or uses_numba(options.engine)
     if options.engine == "auto" and not compiled:
         note_without_numba()
-    return {name: getattr(options, name) for name in ("engine", "jobs", "scheduler")}
+    names = ("out", "runs", "trials", "seed", "engine", "jobs", "scheduler")
+    return {name: getattr(options, name) for name in names}
 
 
 def note_without_numba() -> None:

@@ -162,16 +162,9 @@ def make(options: argparse.Namespace, plan: FloorPlan) -> Made:
     robots = list(zip(options.start, options.goal, strict=False))
     waiting = [(one, one) for one in options.start[len(robots) :]]  # for a goal, on the page
     given = parse_assignments(options.assignments)
-    imported = import_map(
-        plan,
-        cell=options.cell,
-        radius=options.radius,
-        robots=[*robots, *waiting],
-        add=options.doorway,
-        remove=options.no_doorway,
-        longest=options.doorway_length,
-        speck=options.speck,
-    )
+    names = ("cell", "radius", "doorway", "no_doorway", "doorway_length", "speck")
+    chosen = {name: getattr(options, name) for name in names}
+    imported = import_map(plan, robots=[*robots, *waiting], **chosen)
     text, scenario_file, _ = _paths(options)
     notes, files = list(imported.notes), {text: imported.grid.to_text()}
     if not robots:

@@ -8,7 +8,7 @@ import signal
 import threading
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from sparse_coord_ros.cli import train
 from sparse_coord_ros.cli.import_map import CELL, RADIUS, check_free, make, write
@@ -30,13 +30,9 @@ from sparse_coord_ros.look.page.controls import (
     Control,
     Controlled,
 )
-from sparse_coord_ros.maps.image import read_floor_plan
-from sparse_coord_ros.maps.picture import data_url
+from sparse_coord_ros.maps.image import data_url, read_floor_plan
 from sparse_coord_ros.maps.plan import Place
 from sparse_coord_ros.palette import DOORWAY_COLOUR, ROBOT_COLOURS
-
-if TYPE_CHECKING:
-    from sparse_coord_ros.look.page.server import Server
 
 CELL_AT_FIRST, RADIUS_AT_FIRST = 0.5, 0.2
 """Metres, unless the options say otherwise."""
@@ -53,10 +49,10 @@ def serve(options: argparse.Namespace) -> None:
     learning, board = Board(), Board()
     board.source = page = ImportPage(options, board)
     threading.Thread(target=page.work, daemon=True).start()
-    with served(options, learning, board, index="import.html") as server:
+    with served(options, learning, board, index="import.html"):
         while True:
             try:
-                page.do(*page.wanted.get(), server)
+                page.do(*page.wanted.get(), learning)
             except KeyboardInterrupt:
                 if not page.stopped():
                     return
@@ -154,26 +150,26 @@ class ImportPage(Controlled):
         if not busy:  # so that is no problem any more
             self._board.put("problem", text="")
 
-    def do(self, what: str, path: Path, server: "Server") -> None:
+    def do(self, what: str, path: Path, board: Board) -> None:
         """Let a team learn, or bodies drive it, as `wanted` says; KeyboardInterrupt ends it."""
         try:
             if what == TRAIN:
-                self._learn(path, server)
+                self._learn(path, board)
             else:
                 self._drive(path)
         except SparseCoordError as error:
             self._tell(str(error))
 
-    def _learn(self, scenario: Path, server: "Server") -> None:
-        """Let a team learn as `train` does; the server's first board shows it."""
+    def _learn(self, scenario: Path, board: Board) -> None:
+        """Let a team learn as `train` does; the board shows it."""
         options = make_parser("train").parse_args(["train", str(scenario)])
         self._out, run = train.begin(options)
         self._learned = False
         self._tell(f"A team learns: {self._out}", busy=True)
-        train.learn(options, self._out, run, server)
-        show_end(server, self._out)
+        train.learn(options, self._out, run, board)
+        show_end(board, self._out)
         self._learned = True
-        word = (server.board.get("evaluation") or {}).get("last_word", "")
+        word = (board.get("evaluation") or {}).get("last_word", "")
         self._tell(f"Learned: {self._out}. {word}")
 
     def _drive(self, out: Path) -> None:

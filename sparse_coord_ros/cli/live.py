@@ -13,7 +13,7 @@ import time
 from collections.abc import Collection, Mapping
 from contextlib import nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 from rclpy.logging import LoggingSeverity, set_logger_level
 
@@ -21,15 +21,13 @@ from sparse_coord_ros.bags.reader import BAG_DIRECTORY
 from sparse_coord_ros.cli.options import note
 from sparse_coord_ros.errors import EXIT_BAD_INPUT, BagError, RunError
 from sparse_coord_ros.learn.run_config import create_output
+from sparse_coord_ros.look.page.board import Board
 from sparse_coord_ros.nodes.middleware import check_participants, one_host
 from sparse_coord_ros.nodes.outputs import gather
 from sparse_coord_ros.nodes.parameters import TEAM_PARAMETERS, of_node
 from sparse_coord_ros.nodes.spin import STOPPING, Stop, ros_context, signals
 from sparse_coord_ros.nodes.team import run_team, team_run
 from sparse_coord_ros.wire import RECORDER, WORLD
-
-if TYPE_CHECKING:
-    from sparse_coord_ros.look.page.server import Server
 
 Process: TypeAlias = subprocess.Popen[bytes]
 
@@ -45,7 +43,7 @@ def run(
     *,
     processes: bool,
     quiet: bool = False,
-    page: "Server | None" = None,
+    page: Board | None = None,
     stop: Stop | None = None,
 ) -> dict[str, Any]:
     """Run a team and return its summary.
@@ -54,7 +52,7 @@ def run(
         values: some of `TEAM_PARAMETERS`, as texts or typed.
         processes: every node in its own process instead of all in this one.
         quiet: no progress lines.
-        page: the server of a page that shows the team in this process; None: none.
+        page: the board of a page that shows the team in this process; None: none.
         stop: catches the signals that end the run; None: one of its own.
 
     Raises:

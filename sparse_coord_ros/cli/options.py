@@ -226,11 +226,7 @@ def _plain(data: Any) -> Any:
 def format_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Return a text table, first column left, others right; its cells may be strangers' words."""
     table = [list(map(in_line, row)) for row in (head, *rows)]
-    widths = [max(len(row[column]) for row in table) for column in range(len(head))]
-    lines = []
-    for row in table:
-        cells = [row[0].ljust(widths[0])]
-        cells += [cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True)]
-        lines.append("  ".join(cells).rstrip())
-    lines.insert(1, "  ".join("-" * width for width in widths))
-    return "\n".join(lines)
+    widths = [max(map(len, column)) for column in zip(*table, strict=True)]
+    table.insert(1, ["-" * width for width in widths])
+    form = "  ".join(f"{{:{'>' if place else '<'}{n}}}" for place, n in enumerate(widths))
+    return "\n".join(form.format(*row).rstrip() for row in table)

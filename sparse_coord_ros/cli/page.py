@@ -14,10 +14,10 @@ from sparse_coord_ros.cli.options import note
 from sparse_coord_ros.errors import RunError, SparseCoordError
 from sparse_coord_ros.learn.run_config import load_run
 from sparse_coord_ros.learn.tables import load_team
+from sparse_coord_ros.look.page.board import Board
 from sparse_coord_ros.look.page.controls import NEXT, Control, Controlled
 
 if TYPE_CHECKING:
-    from sparse_coord_ros.look.page.board import Board
     from sparse_coord_ros.look.page.server import Server
     from sparse_coord_ros.nodes.spin import Stop
 
@@ -26,7 +26,7 @@ Team = TypeVar("Team")
 
 @contextmanager
 def served(
-    options: argparse.Namespace, *boards: "Board", index: str = "index.html"
+    options: argparse.Namespace, *boards: Board, index: str = "index.html"
 ) -> Iterator["Server"]:
     """Serve the page where the options say, and tell where that is.
 
@@ -38,7 +38,6 @@ def served(
     Raises:
         RunError: aiohttp is missing, the port is taken, or the address cannot be served.
     """
-    from sparse_coord_ros.look.page.board import Board
     from sparse_coord_ros.look.page.server import Server
 
     server = Server(*(boards or [Board()]), host=options.host, port=options.port, index=index)
@@ -72,7 +71,7 @@ class Wishes(Controlled):
 def one_by_one(
     options: argparse.Namespace,
     begin: Callable[[argparse.Namespace], tuple[Path, Team]],
-    play: Callable[[argparse.Namespace, Path, Team, "Server"], int | None],
+    play: Callable[[argparse.Namespace, Path, Team, Board], int | None],
     stop: "Stop | None" = None,
 ) -> int | None:
     """Let teams learn one after the other on a page, as it wants them; return the exit code.
@@ -86,12 +85,12 @@ def one_by_one(
     out, team = begin(options)
     with served(options) as server:
         while True:
-            code = play(options, out, team, server)
+            code = play(options, out, team, server.board)
             if code:
                 return code
             try:
                 with nullcontext() if stop is None else stop.at_once():
-                    show_end(server, out)
+                    show_end(server.board, out)
                     wish = next_wish(server, lambda: bool(stop))
             except KeyboardInterrupt:
                 return None
@@ -100,15 +99,15 @@ def one_by_one(
             out, team = begin(options)
 
 
-def show_end(server: "Server", out: Path) -> None:
+def show_end(board: Board, out: Path) -> None:
     """Show what a finished run has learned."""
     from sparse_coord_ros.look.page.messages import put_end
 
     try:
         run = load_run(out)
-        put_end(server.board, run, load_team(out, run.scenario))
+        put_end(board, run, load_team(out, run.scenario))
     except SparseCoordError as error:
-        server.board.put("notice", text=str(error))
+        board.put("notice", text=str(error))
 
 
 def next_wish(server: "Server", stop: Callable[[], bool]) -> Mapping[str, Any]:
@@ -125,7 +124,7 @@ def next_wish(server: "Server", stop: Callable[[], bool]) -> Mapping[str, Any]:
         KeyboardInterrupt: on Ctrl-C, or where `stop` says so.
     """
     wishes = Wishes()
-    server.show(wishes)
+    server.board.source = wishes
     note(
         f"the run is over; the page stays at {server.address}: start the next run there, or end "
         "with Ctrl-C"
@@ -134,5 +133,5 @@ def next_wish(server: "Server", stop: Callable[[], bool]) -> Mapping[str, Any]:
         if stop():
             raise KeyboardInterrupt
         time.sleep(0.05)
-    server.show(None)
+    server.board.source = None
     return wishes.next

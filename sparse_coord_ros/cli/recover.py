@@ -3,6 +3,7 @@
 """`sparse_coord recover`: a whole bag from one that a crash or a bad disk left behind."""
 
 import argparse
+from collections.abc import Iterator
 
 from sparse_coord_ros.bags.gaps import gap_lines
 from sparse_coord_ros.bags.recover import Recovery, recover
@@ -28,7 +29,7 @@ def execute(options: argparse.Namespace) -> int:
     return 0 if recovery.bag.whole and not recovery.bag.gaps else EXIT_LOST
 
 
-def _lines(recovery: Recovery) -> list[str]:
+def _lines(recovery: Recovery) -> Iterator[str]:
     bag = recovery.bag
     content = (
         f"{bag.message_count} messages of {len(bag.topics)} topics, "
@@ -36,17 +37,16 @@ def _lines(recovery: Recovery) -> list[str]:
     )
     again = " again" if recovery.changed else ""
     now = f"is whole{again}" if bag.whole else "holds what could be read"
-    lines = [f"{recovery.path} {now}: {content}"]
+    yield f"{recovery.path} {now}: {content}"
     if bag.recovered is not None:
-        lines.append(f"{'before, it was ' * recovery.changed}recovered from a broken bag")
-    lines += gap_lines(bag.gaps)
+        yield f"{'before, it was ' * recovery.changed}recovered from a broken bag"
+    yield from gap_lines(bag.gaps)
     if bag.damage is not None and (bag.whole or not bag.lost_bytes):
-        lines.append(f"damage at {bag.damage}")
+        yield f"damage at {bag.damage}"
     if not bag.whole and not bag.gaps:
-        lines.append("every message is there, but metadata may be wrong")
+        yield "every message is there, but metadata may be wrong"
     if recovery.kept is not None:
-        lines.append(f"the original is {recovery.kept}")
-    return lines
+        yield f"the original is {recovery.kept}"
 
 
 def _facts(recovery: Recovery) -> dict:

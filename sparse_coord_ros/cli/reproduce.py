@@ -56,10 +56,6 @@ def execute(options: argparse.Namespace) -> None:
     with Bar("agent-steps") as bar:
         done = run_experiment(
             asked,
-            out=options.out,
-            runs=options.runs,
-            trials=options.trials,
-            seed=options.seed,
             progress=lambda name, done, total: bar.show(done, total, name),
             report=True,
             **by,

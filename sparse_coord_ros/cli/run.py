@@ -16,10 +16,10 @@ from sparse_coord_ros.errors import EXIT_INTERRUPTED, BagError, RunError
 from sparse_coord_ros.learn.run_config import RUN_SETTINGS, load_run
 from sparse_coord_ros.learn.tables import TEAM_FILE, load_team
 from sparse_coord_ros.lockstep.checkpoints import CHECKPOINTS
+from sparse_coord_ros.look.page.board import Board
 from sparse_coord_ros.solve.verdict import last_word
 
 if TYPE_CHECKING:
-    from sparse_coord_ros.look.page.server import Server
     from sparse_coord_ros.nodes.spin import Stop
 
 TRIALS = 200
@@ -77,7 +77,7 @@ def _run(
     options: argparse.Namespace,
     out: Path,
     values: dict[str, Any],
-    page: "Server | None" = None,
+    page: Board | None = None,
     *,
     stop: "Stop | None" = None,
 ) -> int:

@@ -98,9 +98,8 @@ def _setting(one: Setting) -> Entry:
     default = one.default if one.default not in ("", [""]) else "none"
     said = f"{default:g}" if isinstance(default, float) else str(default)
     said = said.lower() if isinstance(default, bool) else said
-    known = () if isinstance(one.kind, type) else one.kind.forms
     lines, facts = [], []
-    for form in known:
+    for form in () if isinstance(one.kind, type) else one.kind.forms:
         ranges = ", ".join(f"{n.name.upper()}: {n.allowed}" for n in form.numbers)
         lines.append(f"{form.text}: {form.meaning}" + (f" ({ranges})" if ranges else ""))
         numbers = [asdict(number) for number in form.numbers]

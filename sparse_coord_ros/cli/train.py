@@ -3,12 +3,11 @@
 """`sparse_coord train`: the same computation without ROS."""
 
 import argparse
-import csv
-import io
 import os
 from contextlib import suppress
+from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli.computing import Bar, note_without_numba
@@ -41,11 +40,9 @@ from sparse_coord_ros.learn.run_config import (
 )
 from sparse_coord_ros.learn.tables import TEAM_FILE, save_team
 from sparse_coord_ros.lockstep.checkpoints import CHECKPOINTS
+from sparse_coord_ros.look.page.board import Board
 from sparse_coord_ros.solve.shipped import known_optimum
 from sparse_coord_ros.solve.verdict import LOST, last_word
-
-if TYPE_CHECKING:
-    from sparse_coord_ros.look.page.server import Server
 
 EVALUATIONS_FILE = "evaluations.csv"
 FILES = (RUN_FILE, CHECKPOINT_FILE, HISTORY_FILE, EVALUATIONS_FILE, TEAM_FILE)
@@ -109,7 +106,7 @@ def begin(options: argparse.Namespace) -> tuple[Path, RunConfig]:
 
 
 def learn(
-    options: argparse.Namespace, out: Path, run: RunConfig, server: "Server | None" = None
+    options: argparse.Namespace, out: Path, run: RunConfig, board: Board | None = None
 ) -> None:
     """Let one team learn, save what it learned, and say so."""
     engine_for(run.scenario, run.rule, options.engine)  # refused before a directory is made
@@ -119,13 +116,13 @@ def learn(
     try:
         if not take_lock(folder):
             raise RunError(f"{out}: another process learns there; wait for its end, or stop it")
-        _learn_there(options, out, run, server)
+        _learn_there(options, out, run, board)
     finally:
         os.close(folder)
 
 
 def _learn_there(
-    options: argparse.Namespace, out: Path, run: RunConfig, server: "Server | None"
+    options: argparse.Namespace, out: Path, run: RunConfig, board: Board | None
 ) -> None:
     checkpoint, resumed = out / CHECKPOINT_FILE, options.resume is not None
     view = None
@@ -133,11 +130,11 @@ def _learn_there(
     try:
         if not resumed:
             write_whole(out / RUN_FILE, run.to_yaml())
-        if server is not None:
+        if board is not None:
             from sparse_coord_ros.look.page.training_source import TrainingView
 
-            view = TrainingView(run, server.board, title=str(out), last=not options.watch)
-            server.show(view)
+            view = TrainingView(run, board, title=str(out), last=not options.watch)
+            board.source = view
         with bar:
             done = train(
                 run.scenario,
@@ -196,15 +193,14 @@ def _ready_engine(options: argparse.Namespace, run: RunConfig) -> str:
 def _save(out: Path, done: Training) -> None:
     done.history.save(out)
     if done.evaluations:
-        file = io.StringIO()
-        writer = csv.writer(file, lineterminator="\n")
-        parts = ("mean", "spread", "standard_error")
-        names = [f"{name}_{part}".removesuffix("_mean") for name in MEASURES for part in parts]
-        writer.writerow(["steps", "trials", *names, "not_arrived"])
+        parts = list(product(MEASURES, ("mean", "spread", "standard_error")))
+        names = [f"{name}_{part}".removesuffix("_mean") for name, part in parts]
+        rows: list[list[Any]] = [["steps", "trials", *names, "not_arrived"]]
         for steps, found in done.evaluations:
-            numbers = [getattr(getattr(found, name), part) for name in MEASURES for part in parts]
-            writer.writerow([steps, found.trials, *numbers, found.not_arrived])
-        write_whole(out / EVALUATIONS_FILE, file.getvalue())
+            numbers = [getattr(getattr(found, name), part) for name, part in parts]
+            rows.append([steps, found.trials, *numbers, found.not_arrived])
+        text = "".join(f"{','.join(map(str, row))}\n" for row in rows)
+        write_whole(out / EVALUATIONS_FILE, text)
     save_team(out, done.tables, done.memories)
     (out / CHECKPOINT_FILE).unlink(missing_ok=True)
 

@@ -16,8 +16,7 @@ from sparse_coord_ros.game.grid import DOORWAY, WALL, GridMap
 from sparse_coord_ros.game.scenario import Robot
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.look.figures import LINES
-from sparse_coord_ros.maps.image import FloorPlan, floor_plan_of
-from sparse_coord_ros.maps.picture import grey
+from sparse_coord_ros.maps.image import FloorPlan, floor_plan_of, grey
 from sparse_coord_ros.palette import DOORWAY_COLOUR, robot_colour
 
 LONGEST = 10.0

@@ -65,9 +65,9 @@ def import_map(
     cell: float,
     radius: float,
     robots: Sequence[tuple[Place, Place]] = (),
-    add: Sequence[Place] = (),
-    remove: Sequence[Place] = (),
-    longest: float | None = None,
+    doorway: Sequence[Place] = (),
+    no_doorway: Sequence[Place] = (),
+    doorway_length: float | None = None,
     speck: float = gridding.SPECK,
 ) -> Imported:
     """Make a map of a floor plan.
@@ -77,9 +77,9 @@ def import_map(
         cell: the side of a cell, in metres.
         radius: the robot's, in metres.
         robots: start and goal of each; parts of the map without any of them become walls.
-        add: places in cells that are to be doorways.
-        remove: places in doorways that are to be none.
-        longest: most metres through a doorway; what is longer is a corridor. Unless one says so:
+        doorway: places in cells that are to be doorways.
+        no_doorway: places in doorways that are to be none.
+        doorway_length: most metres through a doorway; what is longer is a corridor. None: of
             a wall of `WALL_THICKNESS`, the robot's radius on both sides, and a cell.
         speck: spots smaller than this, in metres, are noise.
 
@@ -87,7 +87,8 @@ def import_map(
         MapError: the cells are smaller than pixels, or so large that a wall lies between two
             centres; the map has no free cell; or a place is in no free cell.
     """
-    longest = 2 * radius + WALL_THICKNESS + cell if longest is None else longest
+    if doorway_length is None:
+        doorway_length = 2 * radius + WALL_THICKNESS + cell
     if cell < plan.resolution:
         raise MapError(
             f"cell is {cell:g} m, allowed: at least a pixel of the map, {plan.resolution:g} m"
@@ -114,8 +115,8 @@ def import_map(
         free &= np.isin(
             labels, 1 + np.flatnonzero((sizes >= gridding.CRUMB) | (sizes == sizes.max()))
         )
-    run = max(1, math.floor(longest / cell + 1e-9))
-    doors = _doorways(frame, gridding.across(free, run), add, remove)
+    run = max(1, math.floor(doorway_length / cell + 1e-9))
+    doors = _doorways(frame, gridding.across(free, run), doorway, no_doorway)
     # Nothing but walls around the map is of use: a border of one cell stays.
     rows, columns = (np.flatnonzero(free.any(axis=axis)) for axis in (1, 0))
     top, bottom = max(0, rows[0] - 1), min(free.shape[0], rows[-1] + 2)

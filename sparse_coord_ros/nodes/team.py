@@ -29,7 +29,7 @@ from sparse_coord_ros.nodes.world_simulator import WorldSimulator
 from sparse_coord_ros.wire import RECORDER, WORLD
 
 if TYPE_CHECKING:
-    from sparse_coord_ros.look.page.server import Server
+    from sparse_coord_ros.look.page.board import Board
 
 
 def team_run(values: dict[str, Any]) -> RunConfig:
@@ -60,7 +60,7 @@ def run_team(
     context: Context,
     namespace: str = "",
     stop: Callable[[], bool] = lambda: False,
-    page: "Server | None" = None,
+    page: "Board | None" = None,
 ) -> dict[str, Any]:
     """Run a team until its step budget is used up or `stop` says so.
 
@@ -70,7 +70,7 @@ def run_team(
         context: the ROS context.
         namespace: the team's namespace.
         stop: asked several times a second.
-        page: the server of a page that shows the team; None: none.
+        page: the board of a page that shows the team; None: none.
 
     Returns:
         The summary, as in `summary.yaml`; `interrupted` says whether the run was stopped early,

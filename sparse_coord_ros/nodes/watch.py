@@ -39,6 +39,7 @@ from sparse_coord_ros.wire import WORLD, Account, PerceptEnd, services
 from sparse_coord_ros.wire.status import Said
 
 if TYPE_CHECKING:
+    from sparse_coord_ros.look.page.board import Board
     from sparse_coord_ros.look.page.server import Server
     from sparse_coord_ros.nodes.robot import RobotNode
     from sparse_coord_ros.nodes.world_simulator import WorldSimulator
@@ -121,28 +122,26 @@ class InsideWatch(ParameterNode):
     """Shows a team in this process.
 
     Args:
-        server: the page's server.
+        board: of the page.
         world, robots: the team's nodes.
         place: where the node is made, and with what: see `Place`.
     """
 
     def __init__(
         self,
-        server: "Server",
+        board: "Board",
         world: "WorldSimulator",
         robots: "Sequence[RobotNode]",
         **place: Unpack[Place],
     ) -> None:
         super().__init__("watch", PARAMETERS["watch"], **place)
-        self._server, self._world, self._robots = server, world, robots
+        self._board, self._world, self._robots = board, world, robots
         self._controls = Controls(self)
         title, controls = world.values["out"], (*CONTROLS, NEXT)
-        self._view = LiveView(
-            world.run, server.board, source="live", title=title, controls=controls
-        )
+        self._view = LiveView(world.run, board, source="live", title=title, controls=controls)
         self._controls.view = self._view
         world.lockstep.watcher = self._on_transition
-        server.show(self._controls)
+        board.source = self._controls
         self.create_timer(PAGE_SECONDS, self._tick)
 
     def _on_transition(self, seen: Glimpse) -> None:
@@ -180,7 +179,7 @@ class InsideWatch(ParameterNode):
         self._world.lockstep.watcher = None
         self._show(wire.RunState.STOPPED if interrupted else wire.RunState.FINISHED)
         self._show_learned()
-        self._server.show(None)
+        self._board.source = None
 
 
 class WatchNode(Follower):
@@ -207,7 +206,7 @@ class WatchNode(Follower):
         super().__init__("watch", PARAMETERS["watch"], **place)
         self.controls = Controls(self)
         self._transitions = 0
-        self.server.show(self.controls)
+        self.server.board.source = self.controls
 
     def set_up(self) -> None:
         """Serve the page, where nobody does."""

@@ -111,7 +111,8 @@ def test_the_page_chooses_the_next_team(monkeypatch):
     begun, played = [], []
     options = SimpleNamespace(scenario=None, penalty=None, out="a", resume="a")
     wish = {"scenario": "isr", "penalty": -3.0}
-    monkeypatch.setattr(page, "served", lambda options: nullcontext())
+    server = SimpleNamespace(board=None)
+    monkeypatch.setattr(page, "served", lambda options: nullcontext(server))
     monkeypatch.setattr(page, "show_end", lambda *_: None)
     monkeypatch.setattr(page, "next_wish", lambda *_: wish)
 

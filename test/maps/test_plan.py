@@ -19,8 +19,7 @@ from sparse_coord_ros.learn.run_config import make_run, run_from_yaml
 from sparse_coord_ros.look.paths import floor_figure
 from sparse_coord_ros.maps import plan as plans
 from sparse_coord_ros.maps.gridding import across, grown, without_specks
-from sparse_coord_ros.maps.image import FloorPlan, read_floor_plan
-from sparse_coord_ros.maps.picture import under
+from sparse_coord_ros.maps.image import FloorPlan, read_floor_plan, under
 from sparse_coord_ros.maps.plan import import_map, scenario_of
 from sparse_coord_ros.wire.frame import Frame
 
@@ -98,7 +97,7 @@ def test_a_passage_of_two_cells_is_no_doorway_but_named(north):
     assert done.doorways == 0
     assert math.dist((x, y), (2.3, 3.0) if north else (3.0, 1.7)) < 1.0
     both = [(x, y), (x + 0.5, y) if north else (x, y - 0.5)]
-    again = import_map(plan, cell=0.5, radius=0.2, add=both)
+    again = import_map(plan, cell=0.5, radius=0.2, doorway=both)
     assert len(again.grid.doorways) == 2
 
 
@@ -147,7 +146,7 @@ def test_corridors_and_pockets_are_no_doorways():
     drawing.fill(7.0, 0.9, 8.0, 3.0)
     drawing.fill(7.0, 0, 7.2, 0.9)
     assert import_map(plan_of(drawing), cell=0.5, radius=0.2).doorways == 0
-    assert import_map(plan_of(drawing), cell=0.5, radius=0.2, longest=4.0).doorways == 1
+    assert import_map(plan_of(drawing), cell=0.5, radius=0.2, doorway_length=4.0).doorways == 1
 
 
 @pytest.mark.parametrize(("corner", "doors"), [("#", 0), (".", 1)])
@@ -159,15 +158,15 @@ def test_a_doorway_leads_to_four_cells_at_both_ends(corner, doors):
 
 def test_doorways_by_hand():
     plan = plan_of(rooms(), (10.0, -5.0))
-    none = import_map(plan, cell=0.5, radius=0.2, remove=[(13.0, -3.3)])
+    none = import_map(plan, cell=0.5, radius=0.2, no_doorway=[(13.0, -3.3)])
     assert none.doorways == 0
     assert any("no doorway found" in note for note in none.notes)
-    two = import_map(plan, cell=0.5, radius=0.2, add=[(11.5, -3.3)])
+    two = import_map(plan, cell=0.5, radius=0.2, doorway=[(11.5, -3.3)])
     assert two.doorways == 2
     with pytest.raises(MapError, match="no doorway at 11.5,-3.3: there is none"):
-        import_map(plan, cell=0.5, radius=0.2, remove=[(11.5, -3.3)])
+        import_map(plan, cell=0.5, radius=0.2, no_doorway=[(11.5, -3.3)])
     with pytest.raises(MapError, match="doorway at 0,0 is outside the map of drawn; the nearest"):
-        import_map(plan, cell=0.5, radius=0.2, add=[(0.0, 0.0)])
+        import_map(plan, cell=0.5, radius=0.2, doorway=[(0.0, 0.0)])
 
 
 def test_parts_without_a_robot_are_left_out():

@@ -23,7 +23,7 @@ from sparse_coord_ros.look.page.board import Board, Message
 from sparse_coord_ros.look.policy import entered, policy_of
 from sparse_coord_ros.look.steps import questions_of
 from sparse_coord_ros.look.words import Words
-from sparse_coord_ros.maps.picture import under
+from sparse_coord_ros.maps.image import under
 from sparse_coord_ros.runlog import explain
 from sparse_coord_ros.solve.exact import evaluate_best
 from sparse_coord_ros.solve.shipped import yardsticks

@@ -26,7 +26,7 @@ from urllib.parse import urlsplit
 from sparse_coord_ros.errors import RunError, SettingError, SparseCoordError, needed
 from sparse_coord_ros.game.scenario import scenario_names
 from sparse_coord_ros.look.page.board import Board
-from sparse_coord_ros.look.page.controls import HOST, PORT, Controlled, parse_control
+from sparse_coord_ros.look.page.controls import HOST, PORT, parse_control
 
 _REMEDY = "pip install aiohttp, or sudo apt install python3-aiohttp"
 with needed("the page needs the Python package aiohttp", _REMEDY):
@@ -266,10 +266,6 @@ class Server:
                 f"the page is served on {host}: whoever reaches this machine can watch, and who "
                 "has the whole address can control the run"
             )
-
-    def show(self, source: Controlled | None) -> None:
-        """Let controls go to this source."""
-        self.board.source = source
 
     def close(self) -> None:
         """Say good-bye to the pages and stop."""

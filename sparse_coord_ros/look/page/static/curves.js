@@ -1,7 +1,7 @@
 // Copyright 2026 The sparse_coord_ros authors. SPDX-License-Identifier: Apache-2.0
 // Learning curves: each point is the mean of some episodes, as `run.history` has them.
 
-import { html, svg, tinted } from "/draw.js";
+import { html, svg, ticks, tinted } from "/draw.js";
 
 const WIDTH = 400, HEIGHT = 190, LEFT = 46, RIGHT = 24, TOP = 8, BOTTOM = 22;
 const DASHES = ["", "6 3", "2 3", "8 3 2 3", "12 4", "4 7", "9 3 2 3 2 3", "1 5"];
@@ -14,13 +14,6 @@ const CHARTS = [
 ];
 
 const known = (values) => values.filter((v) => v !== null);
-
-function ticks(low, high) {
-  const power = 10 ** Math.floor(Math.log10((high - low) / 4));
-  const step = [1, 2, 5, 10].find((n) => n * power >= (high - low) / 4) * power;
-  const first = Math.ceil(low / step), count = Math.floor(high / step + 1e-9) - first + 1;
-  return Array.from({ length: count }, (_, i) => Number(((first + i) * step).toPrecision(10)));
-}
 
 const mean = (lines) => lines[0].map((_, i) => {
   const values = known(lines.map((line) => line[i]));
@@ -70,11 +63,11 @@ export class Curves {
     if (!values.length) return;
     const low = Math.min(...values), most = Math.max(...values), high = most > low ? most : low + 1;
     const y = (value) => TOP + (HEIGHT - TOP - BOTTOM) * (1 - (value - low) / (high - low));
-    for (const tick of ticks(low, high)) {
+    for (const tick of ticks(low, high, (high - low) / 4)) {
       path(`M${LEFT - 4},${y(tick)}H${LEFT}`);
       text([LEFT - 7, y(tick)], short(tick), { "text-anchor": "end", "dominant-baseline": "central" });
     }
-    for (const tick of ticks(0, this.right)) {
+    for (const tick of ticks(0, this.right, this.right / 4)) {
       path(`M${this.x(tick)},${HEIGHT - BOTTOM}v4`);
       text([this.x(tick), HEIGHT - 6], short(tick), { "text-anchor": "middle" });
     }

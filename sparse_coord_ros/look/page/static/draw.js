@@ -4,6 +4,16 @@
 export const $ = (id) => document.getElementById(id);
 export const number = (n) => (n === null || n === undefined ? "–" : n.toLocaleString("en"));
 
+// Shows a line; an empty one takes it away.
+export const tell = (id, text) => Object.assign($(id), { textContent: text, hidden: !text });
+
+// The round numbers of an axis, at least so far apart.
+export function ticks(low, high, least) {
+  const power = 10 ** Math.floor(Math.log10(least)), step = [1, 2, 5, 10].find((n) => n * power >= least) * power;
+  const first = Math.ceil(low / step), count = Math.floor(high / step + 1e-9) - first + 1;
+  return Array.from({ length: count }, (_, i) => Number(((first + i) * step).toPrecision(10)));
+}
+
 export function html(name, properties = {}, ...children) {
   const element = Object.assign(document.createElement(name), properties);
   element.append(...children);

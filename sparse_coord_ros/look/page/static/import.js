@@ -1,7 +1,7 @@
 // Copyright 2026 The sparse_coord_ros authors. SPDX-License-Identifier: Apache-2.0
 // The page of import-map: the building's picture, the cells made of it, and what clicks choose.
 
-import { $, html, inkOn, number, svg, tinted } from "/draw.js";
+import { $, html, inkOn, number, svg, tell, ticks, tinted } from "/draw.js";
 import { connect, token } from "/stream.js";
 import { View } from "/view.js";
 
@@ -62,9 +62,7 @@ function crosshair() {
 
 function axes() {
   const { x, y, width, height } = view.seen, { unit } = view, least = (TICKS * unit) / METRE;
-  const power = 10 ** Math.floor(Math.log10(least)), step = [1, 2, 5, 10].map((k) => k * power).find((one) => one >= least);
-  const numbers = (low, size) => Array.from({ length: Math.floor((low + size) / step) - Math.ceil(low / step) + 1 }, (_, k) =>
-    (Math.ceil(low / step) + k) * step).map((one) => [one * METRE, `${Number(one.toFixed(6))} m`]);
+  const numbers = (low, size) => ticks(low, low + size, least).map((one) => [one * METRE, `${one} m`]);
   const line = (x1, y1, x2, y2) => svg("line", { x1, y1, x2, y2, class: "tick-line" });
   const bottom = y + height, long = 6 * unit;
   return [
@@ -120,8 +118,7 @@ const TAKE = {
     show();
   },
   problem({ text: words }) {
-    $("notice").textContent = words;
-    $("notice").hidden = !words;
+    tell("notice", words);
     if (words) waiting = false;
     if (control) $("state").textContent = "ready";
     if (run) view.look();

@@ -2,7 +2,7 @@
 // The page: takes the stream of messages, shows the newest of each, sends what buttons and keys ask.
 
 import { Curves } from "/curves.js";
-import { $, html, inkOn, number, shape, svg, tinted } from "/draw.js";
+import { $, html, inkOn, number, shape, svg, tell, tinted } from "/draw.js";
 import { TeamMap } from "/map.js";
 import { agesPanel, cellPanel, dialoguePanel, evaluationPanel, learnedPanel, marksLine } from "/panels.js";
 import { connect, token } from "/stream.js";
@@ -51,10 +51,7 @@ const TAKE = {
   hello,
   error: ({ text }) => { $("said").textContent = text; },
   done: () => { $("said").textContent = ""; },
-  notice: ({ text }) => {
-    $("notice").textContent = text;
-    $("notice").hidden = !text;
-  },
+  notice: ({ text }) => tell("notice", text),
   run: (message) => {
     newest = { run: message };
     Object.keys(DRAW).forEach(mark);
@@ -102,8 +99,7 @@ function begin() {
   document.title = `${run.scenario} – sparse_coord watch`;
   const team = run.robots.length === 1 ? "1 robot" : `${run.robots.length} robots`;
   $("about").textContent = `${run.scenario}, ${run.learner}${run.greedy ? " (greedy)" : ""}, ${team}, penalty ${run.penalty}, percepts: ${run.perception}, seed ${run.seed}`;
-  $("map-title").textContent = run.map.name;
-  $("map-title").title = run.map.title;
+  Object.assign($("map-title"), { textContent: run.map.name, title: run.map.title });
   map.begin(run);
   $("robots").replaceChildren(...run.robots.map(chip));
   legend();
@@ -249,12 +245,9 @@ const KEYS = {
   "-": ["rate", () => faster(-1)],
   r: ["reset", () => send("reset")],
   l: ["jump", () => jump("learned")],
-  z: [null, () => $("closer").click()],
-  x: [null, () => $("further").click()],
-  f: [null, () => $("fit").click()],
-  t: [null, () => $("theme").click()],
-  "?": [null, () => $("help").click()],
 };
+const CLICKS = { z: "closer", x: "further", f: "fit", t: "theme", "?": "help" };
+for (const [key, id] of Object.entries(CLICKS)) KEYS[key] = [null, () => $(id).click()];
 for (const [kind, [, key]] of Object.entries(JUMPS)) KEYS[key] = ["jump", () => jump(kind)];
 for (const k of "12345678") KEYS[k] = [null, () => toggle(Number(k) - 1)];
 
