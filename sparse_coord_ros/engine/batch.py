@@ -176,10 +176,8 @@ def uses_numba(engine: str, learner: Learner | None = None) -> bool:
             "leave the engine out, or choose 'python'"
         )
     if engine == "numba" and not has_numba():
-        raise SettingError(
-            "setting engine: value is 'numba', which is not installed; pip install numba, or "
-            "leave the engine out: plain Python computes the same bits"
-        )
+        remedy = "pip install numba, or leave the engine out: plain Python computes the same bits"
+        raise SettingError(f"setting engine: value is 'numba', which is not installed; {remedy}")
     return engine != "python" and has_numba() and (learner is None or learner.compiled)
 
 

@@ -43,10 +43,8 @@ def check_place(jobs: int | None, scheduler: SchedulerLike) -> int | None:
     """Return jobs; `SettingError` where they are none, or a cluster is told what to do, too."""
     jobs = None if jobs is None else int(JOBS.parse(jobs))
     if jobs is not None and scheduler is not None:
-        raise SettingError(
-            f"setting jobs: value is {jobs}, allowed with a scheduler: none, as its workers say "
-            "how many threads they have; leave one of the two out"
-        )
+        why = "none, as its workers say how many threads they have; leave one of the two out"
+        raise SettingError(f"setting jobs: value is {jobs}, allowed with a scheduler: {why}")
     return jobs
 
 
@@ -208,10 +206,8 @@ def _connected(scheduler: SchedulerLike) -> "Client":
         if not isinstance(scheduler, Client):
             client = Client(scheduler, timeout=WAIT_SECONDS, set_as_default=False)
     except (ValueError, TypeError) as error:
-        raise SettingError(
-            f"scheduler: value is {scheduler!r} ({error}), allowed: an address such as "
-            "tcp://10.0.0.1:8786, a client, or a Dask cluster"
-        ) from None
+        more = "allowed: an address such as tcp://10.0.0.1:8786, a client, or a Dask cluster"
+        raise SettingError(f"scheduler: value is {scheduler!r} ({error}), {more}") from None
     except OSError:
         raise RunError(
             f"scheduler {scheduler}: does not answer within {WAIT_SECONDS} s; start one with "
@@ -221,10 +217,8 @@ def _connected(scheduler: SchedulerLike) -> "Client":
         client.wait_for_workers(1, timeout=WAIT_SECONDS)
     except TimeoutError:
         client.close()
-        raise RunError(
-            f"scheduler {scheduler}: has no worker after {WAIT_SECONDS} s; start some with "
-            f"'dask worker {scheduler}'"
-        ) from None
+        why = f"has no worker after {WAIT_SECONDS} s; start some with 'dask worker {scheduler}'"
+        raise RunError(f"scheduler {scheduler}: {why}") from None
     except BaseException:
         client.close()
         raise

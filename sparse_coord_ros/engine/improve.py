@@ -105,10 +105,8 @@ def check_memory(scenario: Scenario, learner: Learner, k: int, memory: Memory) -
     try:
         learner.agent(scenario, k, 0).go_on_from(memory)
     except (ValueError, LookupError, TypeError) as error:
-        raise TablesError(
-            f"robot {k + 1} of scenario {scenario.name} cannot have learned that ({error}); use "
-            "what a run of this very scenario wrote"
-        ) from None
+        what = f"robot {k + 1} of scenario {scenario.name} cannot have learned that ({error})"
+        raise TablesError(f"{what}; use what a run of this very scenario wrote") from None
 
 
 def save_improved(directory: Path, run: RunConfig, found: Improvement) -> Path:

@@ -84,9 +84,7 @@ class Training:
         except BaseException as error:
             shutil.rmtree(folder, ignore_errors=True)  # leave no half of a run
             if isinstance(error, OSError):
-                raise RunError(
-                    f"output directory {folder}: cannot be written ({error.strerror}); choose "
-                    "another"
-                ) from None
+                what = f"output directory {folder}: cannot be written ({error.strerror})"
+                raise RunError(f"{what}; choose another") from None
             raise
         return folder

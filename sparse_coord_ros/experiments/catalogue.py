@@ -136,10 +136,8 @@ def unseen_conditions(
         raise SettingError(f"split: value is {split!r}, allowed: {', '.join(SPLITS)}")
     unknown = [team for team in robots if team not in TEAMS]
     if unknown or not robots:
-        raise SettingError(
-            f"robots: value is {', '.join(map(str, unknown)) or 'none'}, allowed: "
-            f"{', '.join(map(str, TEAMS))}"
-        )
+        more = f"allowed: {', '.join(map(str, TEAMS))}"
+        raise SettingError(f"robots: value is {', '.join(map(str, unknown)) or 'none'}, {more}")
     made = tuple(
         make_condition(name, learner, settings)
         for name in unseen_buildings()

@@ -134,17 +134,13 @@ def parse_id(text: str) -> tuple[Condition, int | None]:
     number = None
     if last.isdecimal():
         if not re.fullmatch("[0-9]{1,9}", last):
-            raise SettingError(
-                f"id {in_short(text)}: the number of a run has 1 to 9 digits 0 to 9; "
-                "e.g. env2-4r/coop/penalty=-20/3"
-            )
+            what = f"id {in_short(text)}: the number of a run has 1 to 9 digits 0 to 9"
+            raise SettingError(f"{what}; e.g. env2-4r/coop/penalty=-20/3")
         number = int(last)
         *path, last = path
     if len(path) < 2:
-        raise SettingError(
-            f"id {in_short(text)}: must be scenario/learner/settings, or the same with /run; "
-            "e.g. env2-4r/coop/penalty=-20 or env2-4r/coop/penalty=-20/3"
-        )
+        what = f"id {in_short(text)}: must be scenario/learner/settings, or the same with /run"
+        raise SettingError(f"{what}; e.g. env2-4r/coop/penalty=-20 or env2-4r/coop/penalty=-20/3")
     *name, learner = path
     try:
         assignments = last.split(",")

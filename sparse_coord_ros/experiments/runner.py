@@ -282,10 +282,8 @@ def parse_targets(asked: Sequence[str | Condition], plan: Plan) -> Targets:
         if number is None:
             named[condition.id] = condition
         elif number >= plan.runs:
-            raise SettingError(
-                f"id {condition.id}/{number}: run {number} is not one of {plan.runs}; choose a "
-                f"number below {plan.runs} or more --runs"
-            )
+            what = f"id {condition.id}/{number}: run {number} is not one of {plan.runs}"
+            raise SettingError(f"{what}; choose a number below {plan.runs} or more --runs")
         else:
             runs[f"{condition.id}/{number}"] = condition, number
     conditions = {one.id: one for each in chosen for one in each.conditions} | named

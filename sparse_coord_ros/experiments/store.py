@@ -403,10 +403,8 @@ def read_results(
                 condition, _ = parse_id(str(file.relative_to(folder).with_suffix("")))
                 results.append(_load(file, condition, plan))
         except _MALFORMED:
-            raise ResultsError(
-                f"{file}: cannot be read as a result; remove it, and 'sparse_coord reproduce' "
-                "computes it again"
-            ) from None
+            remedy = "remove it, and 'sparse_coord reproduce' computes it again"
+            raise ResultsError(f"{file}: cannot be read as a result; {remedy}") from None
     return plan, results
 
 
@@ -417,10 +415,8 @@ def _manifest(path: Path) -> dict[str, int]:
         check_format(found["format"], FORMAT, str(path), ResultsError)
         return {field.name: int(found[field.name]) for field in fields(Plan)}
     except _MALFORMED:
-        raise ResultsError(
-            f"{path}: is no results.json of this software; give the directory that "
-            "'sparse_coord reproduce' wrote, or another --out"
-        ) from None
+        remedy = "give the directory that 'sparse_coord reproduce' wrote, or another --out"
+        raise ResultsError(f"{path}: is no results.json of this software; {remedy}") from None
 
 
 @contextmanager
@@ -435,10 +431,8 @@ def open_results(directory: Path, plan: Plan) -> Iterator[Results]:
     lock = os.open(directory, os.O_RDONLY | os.O_DIRECTORY)
     try:
         if not take_lock(lock):
-            raise ResultsError(
-                f"results directory {directory}: another process is writing it; wait for it, or "
-                "choose another --out"
-            )
+            what = f"results directory {directory}: another process is writing it"
+            raise ResultsError(f"{what}; wait for it, or choose another --out")
         _check_manifest(directory, plan)
         yield Results(directory, plan)
     finally:
@@ -452,10 +446,8 @@ def _check_manifest(directory: Path, plan: Plan) -> None:
     if not path.exists():
         # An interruption right at the beginning leaves our own half-written manifest.
         if any(found.name != path.name + PARTIAL for found in directory.iterdir()):
-            raise ResultsError(
-                f"results directory {directory}: holds other files and no {MANIFEST}; choose an "
-                "empty or new directory for --out"
-            )
+            what = f"results directory {directory}: holds other files and no {MANIFEST}"
+            raise ResultsError(f"{what}; choose an empty or new directory for --out")
         said = {"format": FORMAT, "version": __version__, **wanted}
         write_result(path, json.dumps(said, indent=2) + "\n")
     for name, found in _manifest(path).items():

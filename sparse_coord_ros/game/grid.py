@@ -202,20 +202,16 @@ def parse_map(text: str, *, name: str, where: str) -> GridMap:
     """
     lines = text.splitlines()
     if "---" not in lines:
-        raise MapError(
-            f"map {where}: no line '---'; a map is a header (title, source, provenance), "
-            "a line '---', then the grid"
-        )
+        remedy = "a map is a header (title, source, provenance), a line '---', then the grid"
+        raise MapError(f"map {where}: no line '---'; {remedy}")
     first = lines.index("---") + 1
     rows = tuple(line.rstrip() for line in lines[first:])
     while rows and not rows[-1]:
         rows = rows[:-1]
     _check_rows(rows, first + 1, where)
     if len(rows) * len(rows[0]) > MAP.elements:
-        raise MapError(
-            f"map {where}: has {len(rows) * len(rows[0]):,} cells and walls, allowed: "
-            f"{MAP.elements:,}; use larger cells, or a part of it"
-        )
+        more = f"allowed: {MAP.elements:,}; use larger cells, or a part of it"
+        raise MapError(f"map {where}: has {len(rows) * len(rows[0]):,} cells and walls, {more}")
     return GridMap(name=name, rows=rows, **_header("\n".join(lines[: first - 1]), where))
 
 
@@ -281,10 +277,8 @@ def _check_rows(rows: tuple[str, ...], first_line: int, where: str) -> None:
             )
         for column, symbol in enumerate(row if row.strip("#.D") else "", start=1):
             if symbol not in "#.D123456789":
-                raise MapError(
-                    f"map {where}, line {line}, column {column}: unknown symbol {symbol!r}; "
-                    f"allowed: {SYMBOLS}"
-                )
+                what = f"map {where}, line {line}, column {column}: unknown symbol {symbol!r}"
+                raise MapError(f"{what}; allowed: {SYMBOLS}")
             if symbol.isdigit() and symbol in seen:
                 raise MapError(
                     f"map {where}, line {line}: start {symbol} is there twice (first in line "

@@ -71,10 +71,8 @@ class Link(NamedTuple):
 def check_up(link: Spec, what: str) -> None:
     """Raise `SettingError` where links fail by time and `what` knows of no time."""
     if link != UP:
-        raise SettingError(
-            f"{what}: setting link is {str(link)!r}, allowed: up, as a link that fails by time is "
-            "no part of the joint state; evaluate by trials"
-        )
+        why = "up, as a link that fails by time is no part of the joint state; evaluate by trials"
+        raise SettingError(f"{what}: setting link is {str(link)!r}, allowed: {why}")
 
 
 def link_of(link: Spec, seed: int, agent: int, phase: int = LEARNING) -> Link:

@@ -47,10 +47,8 @@ def _model(name: str, thing: object) -> PerceptionModel:
     if not callable(thing):
         raise TypeError("is no function; it must take a map and return a matrix of probabilities")
     if is_path(name) and getattr(thing, MARK, False) is not True:
-        raise TypeError(
-            "is not marked as a perception model and was not called; if it is one, write "
-            "@sc.perception_model above it"
-        )
+        remedy = "if it is one, write @sc.perception_model above it"
+        raise TypeError(f"is not marked as a perception model and was not called; {remedy}")
     return thing
 
 

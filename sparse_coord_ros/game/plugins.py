@@ -156,10 +156,8 @@ class Registry(Generic[T]):
             if point.name == name:
                 return self.register(name, self._imported(name, point.module, point.attr))
         if not is_path(name):
-            raise SettingError(
-                f"unknown {self.kind} {name!r}{did_you_mean(name, self.names)}; allowed: "
-                f"{self.usage}"
-            )
+            what = f"unknown {self.kind} {name!r}{did_you_mean(name, self.names)}"
+            raise SettingError(f"{what}; allowed: {self.usage}")
         module, _, attribute = name.partition(":")
         if self.barred(name):
             raise NotAllowedError(
@@ -185,10 +183,8 @@ class Registry(Generic[T]):
             lost = error.name if isinstance(error, ModuleNotFoundError) else None
             if lost is not None and f"{module}.".startswith(f"{lost}."):
                 raise self._missing(name, error) from None
-            raise PluginError(
-                f"{self.kind} {name!r}: its module failed: {_problem(error)}; mend it, and call "
-                "again"
-            ) from error
+            what = f"{self.kind} {name!r}: its module failed: {_problem(error)}"
+            raise PluginError(f"{what}; mend it, and call again") from error
         try:
             for part in attribute.split("."):
                 found = getattr(found, part)

@@ -354,25 +354,19 @@ def scenario_from_dict(
         MapError: the map is missing or malformed.
     """
     if "image" in data and "map" not in data:
-        raise ScenarioError(
-            f"{where}: is a map of map_server, no scenario; make one of it with: sparse_coord "
-            f"import-map {where}"
-        )
+        remedy = f"make one of it with: sparse_coord import-map {where}"
+        raise ScenarioError(f"{where}: is a map of map_server, no scenario; {remedy}")
     for key in data:
         if key not in FILE_KEYS:
-            raise ScenarioError(
-                f"{where}: unknown field {key!r}{did_you_mean(str(key), FILE_KEYS)}; "
-                f"allowed: {', '.join(FILE_KEYS)}"
-            )
+            what = f"{where}: unknown field {key!r}{did_you_mean(str(key), FILE_KEYS)}"
+            raise ScenarioError(f"{what}; allowed: {', '.join(FILE_KEYS)}")
     if "map" not in data:
         raise ScenarioError(f"{where}: field 'map' is missing; name a shipped map or a map file")
     grid = _map(data["map"], where, beside)
     name = str(data.get("name", name))
     if not re.fullmatch(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}", name):
-        raise ScenarioError(
-            f"{where}: field 'name' is {name!r}, allowed: up to 100 letters, digits, '_', '-' and "
-            "'.'; rename the scenario (or its file)"
-        )
+        allowed = "up to 100 letters, digits, '_', '-' and '.'; rename the scenario (or its file)"
+        raise ScenarioError(f"{where}: field 'name' is {name!r}, allowed: {allowed}")
     robots = _robots(data.get("robots"), grid, where)
     paper = _paper(data.get("paper", {}), where)
     try:
@@ -415,10 +409,8 @@ def _robots(value: object, grid: GridMap, where: str) -> tuple[Robot, ...]:
         start = _cell(entry["start"], grid, f"{where}: robot {name}: start")
         goal = _cell(entry["goal"], grid, f"{where}: robot {name}: goal")
         if start == goal:
-            raise ScenarioError(
-                f"{where}: robot {name}: start and goal are the same cell, "
-                f"{list(grid.cells[start])}; choose another cell for one of them"
-            )
+            more = f"{list(grid.cells[start])}; choose another cell for one of them"
+            raise ScenarioError(f"{where}: robot {name}: start and goal are the same cell, {more}")
         if grid.region[goal] != grid.region[start]:
             raise ScenarioError(
                 f"{where}: robot {name}: its goal {entry['goal']} cannot be reached from its "

@@ -139,10 +139,8 @@ class SettingTable(dict[str, Setting]):
         """
         for name in values:
             if name not in self:
-                raise SettingError(
-                    f"unknown setting {name!r}{did_you_mean(str(name), self)}; "
-                    f"allowed: {', '.join(self)}"
-                )
+                what = f"unknown setting {name!r}{did_you_mean(str(name), self)}"
+                raise SettingError(f"{what}; allowed: {', '.join(self)}")
         return {name: self[name].parse(value) for name, value in values.items()}
 
 

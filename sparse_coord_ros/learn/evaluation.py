@@ -253,10 +253,8 @@ def check_tables(
     cells = len(scenario.map.cells)
     coord_shape = (cells,) * scenario.perceived + (PRIMITIVES,)
     if len(tables) != len(scenario.robots):
-        raise TablesError(
-            f"tables of {len(tables)} robots for scenario {scenario.name}, which has "
-            f"{len(scenario.robots)}; use the tables of a run of this scenario"
-        )
+        more = f"which has {len(scenario.robots)}; use the tables of a run of this scenario"
+        raise TablesError(f"tables of {len(tables)} robots for scenario {scenario.name}, {more}")
     rule = None if learner is None else learner_of(learner)
     for k, table in enumerate(tables, start=1):
         shapes = table.q_star.shape, table.q_coord.shape
@@ -269,10 +267,8 @@ def check_tables(
                 )
         arrays = {**table.arrays(), "q_star": table.q_star[:, :PRIMITIVES]}
         if not all(np.isfinite(array).all() for array in arrays.values()):
-            raise TablesError(
-                f"tables of robot {k} hold values that are no finite numbers; use tables that run "
-                "or train wrote"
-            )
+            what = f"tables of robot {k} hold values that are no finite numbers"
+            raise TablesError(f"{what}; use tables that run or train wrote")
         if rule is not None and acting_on(table) != kind_of(rule):
             raise TablesError(
                 f"tables of robot {k} have the form of learner {acting_on(table)}, learner "

@@ -227,10 +227,8 @@ def _checked_weights(said: str, made: Any) -> Any:
         weights = RewardWeights(*map(float, made))
         if all(map(math.isfinite, weights)):
             return weights
-    raise SettingError(
-        f"{said}: its weights are {made!r}, allowed: three numbers, for the individual reward, "
-        "the common reward and the cost of asking"
-    )
+    allowed = "three numbers, for the individual reward, the common reward and the cost of asking"
+    raise SettingError(f"{said}: its weights are {made!r}, allowed: {allowed}")
 
 
 def _checked_agent(said: str, agent: Any) -> Any:
@@ -401,10 +399,8 @@ def _learner(name: str, thing: object) -> Learner:
         with failing_as(f"learner {name!r}", "being made"):
             made = thing()
     if not isinstance(made, Learner):
-        raise TypeError(
-            "is no learner; it must be a subclass of sparse_coord_ros.Learner, or an instance of "
-            "one"
-        )
+        remedy = "it must be a subclass of sparse_coord_ros.Learner, or an instance of one"
+        raise TypeError(f"is no learner; {remedy}")
     return made
 
 
@@ -456,12 +452,8 @@ def register_learner(learner: "Learner | type[Learner]") -> Learner:
 def check_improvable(scenario: Scenario, learner: Learner) -> None:
     """Raise `SettingError` where robots do not learn what `engine.improve` plans on."""
     if learner.factors is None:
-        raise SettingError(
-            f"improve: learner {learner.label} keeps no model of where moves lead; needs learner "
-            "factored"
-        )
+        what = f"improve: learner {learner.label} keeps no model of where moves lead"
+        raise SettingError(f"{what}; needs learner factored")
     if len(scenario.robots) > 2 and not scenario.referee:
-        raise SettingError(
-            "improve: with more than two robots each must know which r^C is its own; needs "
-            "setting referee=true"
-        )
+        what = "improve: with more than two robots each must know which r^C is its own"
+        raise SettingError(f"{what}; needs setting referee=true")

@@ -119,10 +119,8 @@ class RunConfig:
         if self.resolution == 0.0:
             object.__setattr__(self, "resolution", self.scenario.map.resolution or 1.0)
         if self.resolution < RESOLUTIONS[0]:
-            raise SettingError(
-                f"setting resolution: value is {self.resolution:g}, allowed: 0 or a number from "
-                f"{RESOLUTIONS[0]:g} to {RESOLUTIONS[1]:g}"
-            )
+            why = f"0 or a number from {RESOLUTIONS[0]:g} to {RESOLUTIONS[1]:g}"
+            raise SettingError(f"setting resolution: value is {self.resolution:g}, allowed: {why}")
         if self.percept_timeout >= self.step_timeout:
             raise SettingError(
                 f"setting percept_timeout: value is {self.percept_timeout:g}, allowed: less than "
@@ -248,10 +246,8 @@ def run_from_yaml(text: str, *, where: str) -> RunConfig:
         if not isinstance(data.get(name), dict):
             wrong.append(f"field {name!r} is missing or no mapping")
     if wrong:
-        raise RunError(
-            f"{where}: is not a run.yaml of this software: {wrong[0]}; use the file that run or "
-            "train wrote"
-        )
+        remedy = "use the file that run or train wrote"
+        raise RunError(f"{where}: is not a run.yaml of this software: {wrong[0]}; {remedy}")
     scenario = scenario_from_dict(data["scenario"], where=f"{where} (scenario)", name="scenario")
     settings = RUN_SETTINGS.parse({n: data[n] for n in RUN_SETTINGS if n in data})
     return RunConfig(
@@ -281,8 +277,6 @@ def create_output(directory: Path) -> Path:
     try:
         directory.mkdir(parents=True)
     except FileExistsError:
-        raise RunError(
-            f"output directory {directory}: exists already, nothing is overwritten; choose "
-            "another one or remove it"
-        ) from None
+        what = f"output directory {directory}: exists already, nothing is overwritten"
+        raise RunError(f"{what}; choose another one or remove it") from None
     return directory

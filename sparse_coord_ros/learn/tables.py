@@ -155,10 +155,8 @@ def load_memories(directory: Path, scenario: Scenario) -> list[Memory]:
     found = [saved.memory for saved in load_saved_team(directory, scenario)]
     known = [memory for memory in found if memory is not None]
     if len(known) < len(found):
-        raise TablesError(
-            f"{directory}: holds tables alone, not what they were learned from; give the "
-            "directory of the run itself"
-        )
+        what = f"{directory}: holds tables alone, not what they were learned from"
+        raise TablesError(f"{what}; give the directory of the run itself")
     return known
 
 
@@ -176,10 +174,8 @@ def load_saved_team(directory: Path, scenario: Scenario) -> list[SavedTables]:
     parts = [robot_file(directory, robot.name) for robot in scenario.robots]
     missing = [part.name for part in parts if not part.exists()]
     if missing:
-        raise TablesError(
-            f"{directory}: neither {TEAM_FILE} nor {', '.join(missing)} is there; give the output "
-            "directory of a finished run"
-        )
+        what = f"{directory}: neither {TEAM_FILE} nor {', '.join(missing)} is there"
+        raise TablesError(f"{what}; give the output directory of a finished run")
     return [load_saved(part, [k])[0] for k, part in zip(numbers, parts, strict=True)]
 
 

@@ -341,10 +341,8 @@ def _kept(
     except (ValueError, LookupError, TypeError, AttributeError):
         raise ResultsError(f"{file}: is no search for a class bound; give another file") from None
     if said != (game_digest(scenario), seed) or not values or not fits:
-        raise ResultsError(
-            f"{file}: is the search of another game or seed (seed {data['seed']}); give another "
-            "file, or the same scenario, settings and seed"
-        )
+        what = f"{file}: is the search of another game or seed (seed {data['seed']})"
+        raise ResultsError(f"{what}; give another file, or the same scenario, settings and seed")
     return values, best
 
 

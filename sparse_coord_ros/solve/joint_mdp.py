@@ -64,10 +64,8 @@ def joint_mdp(scenario: ScenarioLike) -> JointMDP:
     cells, team = len(scenario.map.cells), range(len(scenario.robots))
     states = cells ** len(team)
     if states > LARGEST:
-        raise SettingError(
-            f"scenario {scenario.name}: has {states:,} joint states, allowed for a joint MDP: up "
-            f"to {LARGEST:,}; choose fewer robots or a smaller map"
-        )
+        more = f"allowed for a joint MDP: up to {LARGEST:,}; choose fewer robots or a smaller map"
+        raise SettingError(f"scenario {scenario.name}: has {states:,} joint states, {more}")
     p = scenario.move_success
     stays = sparse.identity(cells, format="csr")  # row x is cell x: stays[to] leads to `to`
     own = [[p * stays[to] + (1.0 - p) * stays for to in successors(scenario, k)] for k in team]
