@@ -9,7 +9,7 @@ import threading
 import numpy as np
 import pytest
 
-from sparse_coord_ros.engine import batch, training
+from sparse_coord_ros.engine import batch
 from sparse_coord_ros.engine.batch import CompiledLearning, CompiledTeam
 from sparse_coord_ros.engine.kernels import PLAIN
 from sparse_coord_ros.engine.training import engine_for, train
@@ -208,17 +208,17 @@ def test_what_cannot_be_gone_on_with(tmp_path):
 
 
 def test_auto_compiles_only_what_is_long(monkeypatch):
-    monkeypatch.setattr(training, "is_prepared", lambda **_: False)
-    monkeypatch.setattr(training, "is_loaded", lambda **_: False)
+    monkeypatch.setattr(batch, "is_prepared", lambda **_: False)
+    monkeypatch.setattr(batch, "is_loaded", lambda **_: False)
     short, long = problem("env1", steps=1000), problem("env1", steps=10**6)
     assert engine_for(short, "coop") == "python"
     assert engine_for(long, "coop") == "numba"
     assert engine_for(short, "coop", "numba") == "numba"
     assert engine_for(long, "coop", "python") == "python"
-    monkeypatch.setattr(training, "is_prepared", lambda **_: True)
+    monkeypatch.setattr(batch, "is_prepared", lambda **_: True)
     middle = problem("env1", steps=10**5)
     assert [engine_for(one, "coop") for one in (short, middle)] == ["python", "numba"]
-    monkeypatch.setattr(training, "is_loaded", lambda **_: True)
+    monkeypatch.setattr(batch, "is_loaded", lambda **_: True)
     assert engine_for(short, "coop") == "numba"
 
 
