@@ -48,8 +48,6 @@ def _robots(log, name: str | None) -> list[int]:
     if name is None:
         return list(range(len(log.names)))
     if name not in log.names:
-        raise RunError(
-            f"--robot is {name!r}: the bag has no such robot{did_you_mean(name, log.names)}; its "
-            f"robots are {', '.join(log.names)}"
-        )
+        what = f"--robot is {name!r}: the bag has no such robot{did_you_mean(name, log.names)}"
+        raise RunError(f"{what}; its robots are {', '.join(log.names)}")
     return [log.names.index(name)]

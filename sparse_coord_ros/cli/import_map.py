@@ -112,15 +112,11 @@ def execute(options: argparse.Namespace) -> None:
     """Run the verb."""
     name = options.map.stem
     if not NAME.fullmatch(name):
-        raise MapError(
-            f"name {name[:100]!r}: allowed are up to 100 letters, digits, '_', '-' and '.'; "
-            "rename the file"
-        )
+        what = f"name {name[:100]!r}: allowed are up to 100 letters, digits, '_', '-' and '.'"
+        raise MapError(f"{what}; rename the file")
     if len(options.start) != len(options.goal):
-        raise MapError(
-            f"--start has {len(options.start)} places and --goal {len(options.goal)}; give each "
-            "robot both"
-        )
+        what = f"--start has {len(options.start)} places and --goal {len(options.goal)}"
+        raise MapError(f"{what}; give each robot both")
     if options.page:
         from sparse_coord_ros.cli.import_page import serve
 
@@ -207,10 +203,8 @@ def check_free(options: argparse.Namespace, *, replace: bool) -> None:
     source = options.map
     for path in _paths(options):
         if path.exists() and not replace:
-            raise MapError(
-                f"{path}: exists already, nothing is overwritten; choose another --out, or give "
-                "--replace"
-            )
+            remedy = "choose another --out, or give --replace"
+            raise MapError(f"{path}: exists already, nothing is overwritten; {remedy}")
         if path.exists() and source.exists() and path.samefile(source):
             raise MapError(f"{source} would be overwritten; choose another --out")
 

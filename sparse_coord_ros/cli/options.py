@@ -154,10 +154,8 @@ def nothing_else_given(options: argparse.Namespace) -> None:
         if getattr(options, name, None) != options.parser.get_default(name)
     ]
     if given:
-        raise RunError(
-            f"{', '.join(given)} cannot change a run that is resumed; leave it out: "
-            f"sparse_coord {options.verb} --resume {options.resume}"
-        )
+        remedy = f"leave it out: sparse_coord {options.verb} --resume {options.resume}"
+        raise RunError(f"{', '.join(given)} cannot change a run that is resumed; {remedy}")
 
 
 def settings_of(options: argparse.Namespace) -> dict[str, str]:

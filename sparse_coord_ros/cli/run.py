@@ -64,10 +64,8 @@ def execute(options: argparse.Namespace) -> int | None:
     from sparse_coord_ros.nodes.spin import signals
 
     if options.processes:
-        raise RunError(
-            "--watch shows a team in one process: leave out --processes, or run 'sparse_coord "
-            "watch' beside it"
-        )
+        why = "leave out --processes, or run 'sparse_coord watch' beside it"
+        raise RunError(f"--watch shows a team in one process: {why}")
     # One handler for all runs and what is between them: no signal falls into a gap.
     with signals() as stop:
         return page.one_by_one(options, _begin, partial(_run, stop=stop), stop)
@@ -89,10 +87,8 @@ def _run(
     )
     shared.tell(options, {"directory": out, **summary}, *_lines(options, out, summary))
     if not summary["interrupted"] and not (out / TEAM_FILE).exists():
-        raise RunError(
-            f"{out}: not all tables could be saved there (see above); make room, then: "
-            f"sparse_coord run --resume {out}"
-        )
+        remedy = f"make room, then: sparse_coord run --resume {out}"
+        raise RunError(f"{out}: not all tables could be saved there (see above); {remedy}")
     if "recording_error" in summary:
         raise BagError(summary["recording_error"])
     return EXIT_INTERRUPTED if summary["interrupted"] else 0
@@ -117,11 +113,10 @@ def _begin(options: argparse.Namespace) -> tuple[Path, dict[str, Any]]:
     return out, {**values, "out": str(out)}
 
 
-def _lines(options: argparse.Namespace, out: Path, summary: dict[str, Any]) -> Iterator[str]:
-    pace, interrupted = summary.get("steps_per_second", 0), summary["interrupted"]
-    saved, plan = (out / TEAM_FILE).exists(), out / IMPROVED
+def _counted(options: argparse.Namespace, summary: dict[str, Any]) -> Iterator[str]:
+    pace = summary.get("steps_per_second", 0)
     how = f"in {summary.get('seconds', 0)} s: {pace} steps/s"
-    if options.resume is not None and not pace and not interrupted:
+    if options.resume is not None and not pace and not summary["interrupted"]:
         how = "made before: the run was finished already"
     yield (
         f"\n{summary.get('transitions', 0)} steps {how}, {summary.get('episodes', 0)} episodes, "
@@ -131,6 +126,11 @@ def _lines(options: argparse.Namespace, out: Path, summary: dict[str, Any]) -> I
         yield f"{summary['transitions_dropped']} transitions were not learned from"
     for robot, asks in summary.get("asks", {}).items():
         yield f"{robot} asked: " + ", ".join(f"{count} {how}" for how, count in asks.items())
+
+
+def _lines(options: argparse.Namespace, out: Path, summary: dict[str, Any]) -> Iterator[str]:
+    yield from _counted(options, summary)
+    saved, plan, interrupted = (out / TEAM_FILE).exists(), out / IMPROVED, summary["interrupted"]
     if saved:
         yield f"tables  {out / TEAM_FILE}"
     if (plan / TEAM_FILE).exists():
@@ -140,7 +140,8 @@ def _lines(options: argparse.Namespace, out: Path, summary: dict[str, Any]) -> I
         yield f"not finished; go on with: sparse_coord run --resume {out}"
     if (out / "bag").exists():
         yield f"bag     {out / 'bag'}"
-    if saved and pace and not (interrupted or options.greedy or options.watch or options.json):
+    silent = interrupted or options.greedy or options.watch or options.json
+    if saved and summary.get("steps_per_second", 0) and not silent:
         run = load_run(out)
         tables = load_team(plan if (plan / TEAM_FILE).exists() else out, run.scenario)
         found = evaluation_of(run, tables, TRIALS, 0, exact=None)

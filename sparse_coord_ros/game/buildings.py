@@ -53,11 +53,9 @@ def building(name: str) -> dict[str, Any] | None:
     rooms = b.rooms * b.rows
     fits = max(b[:3]) <= sizes and 1 <= b.robots <= robots and b.size >= 2 and rooms >= 2
     if not fits or 2 * b.robots > rooms * b.size**2:
-        raise ScenarioError(
-            f"scenario {name!r}: allowed: building-ROOMSxROWSxSIZE-ROBOTSr-SEED, numbers up to "
-            f"{sizes}, robots up to {robots}; at least 2 rooms of 2 x 2 cells, and two cells of "
-            "them for each robot"
-        )
+        what = f"scenario {name!r}: allowed: building-ROOMSxROWSxSIZE-ROBOTSr-SEED"
+        remedy = "at least 2 rooms of 2 x 2 cells, and two cells of them for each robot"
+        raise ScenarioError(f"{what}, numbers up to {sizes}, robots up to {robots}; {remedy}")
     return _made(b)
 
 

@@ -105,10 +105,8 @@ def read_floor_plan(path: Path) -> FloorPlan:
     origin = _origin(said.get("origin", [0.0, 0.0, 0.0]), f"{path}: field 'origin'")
     above, below, negate = data["occupied_thresh"], data["free_thresh"], data["negate"]
     if below >= above:
-        raise MapError(
-            f"{path}: setting free_thresh: value is {below:g}, allowed: less than occupied_thresh "
-            f"({above:g})"
-        )
+        allowed = f"less than occupied_thresh ({above:g})"
+        raise MapError(f"{path}: setting free_thresh: value is {below:g}, allowed: {allowed}")
     values, known = _pixels(path.parent / data["image"])
     if data["mode"] == "raw":  # the value is the probability in percent; more is unknown
         occupancy = np.round(values if not negate else 255.0 - values)
@@ -154,15 +152,11 @@ def _pixels(path: Path) -> tuple[np.ndarray, np.ndarray]:
                 image.load()
                 return _values(image)
     except (Image.DecompressionBombError, Image.DecompressionBombWarning):
-        raise MapError(
-            f"{path}: has more than {IMAGE.elements:,} pixels; scale it down, and multiply the "
-            "resolution by as much"
-        ) from None
+        remedy = "scale it down, and multiply the resolution by as much"
+        raise MapError(f"{path}: has more than {IMAGE.elements:,} pixels; {remedy}") from None
     except FileNotFoundError:
-        raise MapError(
-            f"{path}: no such image; the YAML file's field 'image' is to name it, from the YAML "
-            "file's folder"
-        ) from None
+        remedy = "the YAML file's field 'image' is to name it, from the YAML file's folder"
+        raise MapError(f"{path}: no such image; {remedy}") from None
     except Exception as error:  # Pillow raises what a broken file makes its decoders raise
         problem = " ".join(str(error).split())[:200]
         if isinstance(error, UnidentifiedImageError):  # which names Python's object

@@ -95,10 +95,8 @@ def import_map(
         )
     cells = plan.free.size * (plan.resolution / cell) ** 2
     if cells > MAP.elements:
-        raise MapError(
-            f"the grid would have {cells:,.0f} cells, allowed: up to {MAP.elements:,}; choose "
-            "larger cells, or cut the map"
-        )
+        what = f"the grid would have {cells:,.0f} cells, allowed: up to {MAP.elements:,}"
+        raise MapError(f"{what}; choose larger cells, or cut the map")
     layout = _layout_of(plan, cell, radius, speck)
     free = layout.free
     corner = (
@@ -259,10 +257,8 @@ class _Frame:
         x, y = np.array(self.centre(cells))
         near = int(np.hypot(x - place[0], y - place[1]).argmin())
         problem = "is in no free cell" if inside else "is outside the map"
-        raise MapError(
-            f"{what} at {_metres(place)} {problem} of {self._name}; the nearest free cell is at "
-            f"{x[near]:.2f},{y[near]:.2f}"
-        )
+        remedy = f"the nearest free cell is at {x[near]:.2f},{y[near]:.2f}"
+        raise MapError(f"{what} at {_metres(place)} {problem} of {self._name}; {remedy}")
 
 
 def _robot_cells(
