@@ -144,8 +144,7 @@ class LaunchedTeam:
         pushed = context.launch_configurations.get("ros_namespace", "")
         self._namespace = "/".join(filter(None, (pushed, self.get("namespace").strip("/"))))
         # ROS's clocks follow /clock, whatever namespace a node is in.
-        own = self.of_world("clock") == OWN_CLOCK
-        self._remapped = [("/clock", CLOCK.name)] if own else []
+        self._remapped = [("/clock", CLOCK.name)] if self.of_world("clock") == OWN_CLOCK else []
         self._running: dict[int, Node] = {}
         self._own = file in {Path(one).name for one in sys.argv}  # else included by another
         self._failed: list[str] = []
@@ -180,11 +179,7 @@ class LaunchedTeam:
             self.add(RECORDER, {**own, "out": str(Path(self._out) / "bag")})
 
     def add(
-        self,
-        executable: str,
-        values: Mapping[str, Any],
-        name: str = "",
-        remapped: Iterable[tuple[str, str]] = (),
+        self, executable: str, values: Mapping[str, Any], name: str = "", remapped: Iterable = ()
     ) -> list[Any]:
         """Add a node of the team, and return what the launch does for it.
 

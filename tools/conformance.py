@@ -333,8 +333,7 @@ class Stage(WorldTopics):
         self.node.announce(interface.RUN).publish(String(data=another))
         self.node.announce(interface.STATUS).publish(status("x", RunState.FINISHED, values))
         self.wait(lambda: False, QUIET_SECONDS)
-        obeyed = self.progress.obeyed == order.name
-        self.expect(what, not obeyed, "obeyed an order of another run")
+        self.expect(what, self.progress.obeyed != order.name, "obeyed an order of another run")
         self.turn(what)
 
     def calls_the_roll(self, what: str) -> None:
@@ -422,8 +421,7 @@ def main(words: Sequence[str]) -> int:
     parser.add_argument("--robot", default="", help="its name; the scenario's first robot")
     parser.add_argument("--scenario", default="env1")
     parser.add_argument("--namespace", default="")
-    nothing = ["true"]
-    parser.add_argument("command", nargs="*", default=nothing, help="behind --: starts the robot")
+    parser.add_argument("command", nargs="*", default=["true"], help="behind --: starts the robot")
     given = parser.parse_args(words)
     codes = []
 

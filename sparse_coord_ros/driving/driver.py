@@ -93,5 +93,4 @@ class Driver(Mover):
 def _off_line(pose: Pose, start: tuple[float, float], end: tuple[float, float]) -> float:
     """Return the metres from a pose to the line through two places."""
     dx, dy = end[0] - start[0], end[1] - start[1]
-    length = math.hypot(dx, dy)
-    return abs(dx * (pose.y - start[1]) - dy * (pose.x - start[0])) / length
+    return abs(dx * (pose.y - start[1]) - dy * (pose.x - start[0])) / math.hypot(dx, dy)

@@ -53,7 +53,6 @@ class Mover:
     Attributes:
         pose: the newest pose; None: none has come.
         heard: the time of the last pose that came, whatever it was; NaN: none has come.
-        ignored: poses that were no places, or older than one before.
     """
 
     def __init__(self, ground: Ground, robot: int) -> None:
@@ -63,7 +62,7 @@ class Mover:
         self._began: float | None = None
         self._ended: Reached | None = None
         self._stamp = self.heard = math.nan
-        self._repeats = self.ignored = 0
+        self._repeats = 0
         self.pose: Pose | None = None
 
     @property
@@ -87,12 +86,11 @@ class Mover:
         return True
 
     def sees(self, seconds: float, pose: Pose) -> None:
-        """Take in a pose and its time, in seconds of any clock."""
+        """Take in a pose and its time, in seconds of any clock; it may be too old, or no place."""
         self._repeats = self._repeats + 1 if seconds == self.heard else 0
         self.heard = seconds
         late = 0.0 < self._stamp - seconds <= BACK and self._repeats < REPEATS
         if late or not all(map(math.isfinite, (seconds, *pose))):
-            self.ignored += 1
             return
         if seconds < self._stamp:
             self._began = None

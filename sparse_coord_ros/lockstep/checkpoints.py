@@ -91,6 +91,16 @@ class Checkpoints(Store):
                 "one, or choose another directory"
             ) from None
 
+    @staticmethod
+    def remove(out: Path) -> None:
+        """Remove the checkpoints of a run that is finished and saved."""
+        folder = out / CHECKPOINTS
+        with suppress(OSError):
+            for path in folder.iterdir():
+                if path.name.endswith((".npz", f".npz{PARTIAL}", ".lock")):
+                    path.unlink()
+            folder.rmdir()
+
     def close(self) -> None:
         """Let others have the directory; the end of the process does so too."""
         self._lock.close()
@@ -231,13 +241,3 @@ def check_robots(out: Path, scenario: Scenario) -> None:
             "'out'), so the run cannot go on there; begin a new one, or start each of its nodes "
             "with resume:=true"
         )
-
-
-def remove_checkpoints(out: Path) -> None:
-    """Remove the checkpoints of a run that is finished and saved."""
-    folder = out / CHECKPOINTS
-    with suppress(OSError):
-        for path in folder.iterdir():
-            if path.name.endswith((".npz", f".npz{PARTIAL}", ".lock")):
-                path.unlink()
-        folder.rmdir()

@@ -38,8 +38,7 @@ class StepGate:
                 self.newest = step
             self._first = 0  # the world is here, whoever said otherwise
             return True
-        follows = self._last < step <= self._last + NEAR
-        if not follows or self._first == 0:
+        if not self._last < step <= self._last + NEAR or self._first == 0:
             self._first = step
         self._last = step
         return False

@@ -57,18 +57,6 @@ class Answer(NamedTuple):
     cell: int | None
 
 
-class Pending(NamedTuple):
-    """An action whose outcome is still to come.
-
-    Attributes:
-        choice: what was decided, done and perceived.
-        account: what was said beside the action.
-    """
-
-    choice: Choice
-    account: Account
-
-
 class RobotState(NamedTuple):
     """All that a robot needs to go on from a time step with the same bits.
 
@@ -116,7 +104,8 @@ class RobotSide:
         self._max_steps, self._budget = run.scenario.max_steps, run.scenario.steps
         self._states: deque[tuple[int, int]] = deque()
         self._reward: Reward | None = None
-        self._pending: Pending | None = None
+        self._choice: Choice | None = None  # whose outcome is still to come
+        self._account = Account(PerceptEnd.DID_NOT_ASK, False)  # what was said beside it
         self._asked: Decision | None = None  # whose peers are asked, one after the other
         self._seen: tuple[int, ...] = ()  # cells of those that have answered
         self._percepts = Percepts(run.scenario, run.seed)
@@ -130,7 +119,7 @@ class RobotSide:
         """
         if self._asked is not None:
             return ("percept", self._handled)
-        if self._states and self._pending is not None:
+        if self._states and self._choice is not None:
             return ("reward", self._handled)
         return None
 
@@ -165,7 +154,7 @@ class RobotSide:
 
     def reward(self, step: int, reward: Reward) -> None:
         """Take in R_k of the action at a time step."""
-        if self._pending is not None and step == self._handled:
+        if self._choice is not None and step == self._handled:
             self._reward = reward
             self._go_on()
 
@@ -192,7 +181,7 @@ class RobotSide:
             self._act(None, PerceptEnd.LATE)
         elif self.waiting is not None:
             self.dropped += 1
-            self._pending = None
+            self._choice = None
             self._go_on()
 
     def due(self, there: int) -> int | None:
@@ -222,16 +211,15 @@ class RobotSide:
         An agent learns only when it works off a state, so this may be asked for at any time.
         """
         # What it has chosen at this step, it will choose again.
-        chosen = self._asked is not None or self._pending is not None
+        chosen = self._asked is not None or self._choice is not None
         asks = self._asks_before if chosen else self.asks.values()
-        told = self._learned_last if self._pending is None else self._pending.account.learned
+        told = self._learned_last if self._choice is None else self._account.learned
         place = self.handled, self._cell, self.transitions, self._episode_start
         return RobotState(*place, told, (*asks, self.learned, self.dropped), self.agent.memory())
 
     def account_of(self, step: int) -> Account | None:
         """Return what the robot said of itself at a time step; None: it is over, or to come."""
-        pending = self._pending
-        return pending.account if pending is not None and step == self._handled else None
+        return self._account if self._choice is not None and step == self._handled else None
 
     def go_on_from(self, agent: Agent, state: RobotState | None) -> None:
         """Go on where a robot of the same run was, and forget all that is newer.
@@ -244,7 +232,7 @@ class RobotSide:
         """
         self.agent = agent
         self._states.clear()
-        self._reward = self._pending = self._asked = None
+        self._reward = self._choice = self._asked = None
         if state is not None:
             agent.go_on_from(state.memory)
         begin = (BEFORE_ANY_STEP, -1, 0, NO_STEP, False, (0,) * (len(ASKS) + 2))
@@ -261,14 +249,14 @@ class RobotSide:
         """Work off the states that have come, as far as what belongs to them is there."""
         while self._states:
             step, cell = self._states[0]
-            before, pending = self._handled, self._pending
-            if pending is not None and step == before + 1:
+            before, choice = self._handled, self._choice
+            if choice is not None and step == before + 1:
                 if self._reward is None:
                     return
-                self.agent.learn(before, pending.choice, self._reward, cell)
+                self.agent.learn(before, choice, self._reward, cell)
                 self._learned_last = self.agent.learning
                 self.learned += self.agent.learning
-            self._pending = self._reward = None
+            self._choice = self._reward = None
             self._states.popleft()
             if step == before + 1:
                 self.transitions += 1
@@ -284,8 +272,8 @@ class RobotSide:
 
     def _repeat(self, step: int, cell: int) -> None:
         """The world says a state again because it misses the action: say it, or choose it now."""
-        if self._pending is not None and self._handled == step:
-            self._port.act(step, self._pending.choice.action, self._pending.account)
+        if self._choice is not None and self._handled == step:
+            self._port.act(step, self._choice.action, self._account)
         elif self._asked is None and self._handled == step and cell != self.agent.goal:
             self._choose()
 
@@ -315,9 +303,9 @@ class RobotSide:
         if ended in (PerceptEnd.ANSWERED, PerceptEnd.REFUSED, PerceptEnd.LATE):
             self.asks[ended.words] += 1
         action = self.agent.act(step, cell, decision, perceived)
-        account = Account(ended, self._learned_last)
+        account = self._account = Account(ended, self._learned_last)
         self._learned_last = False
-        self._pending = Pending(Choice(self._cell, decision, action, perceived), account)
+        self._choice = Choice(self._cell, decision, action, perceived)
         if action.asked:
             self._port.percept(step, cell, perceived)
         self._port.act(step, action, account)

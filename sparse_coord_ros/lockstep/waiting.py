@@ -108,8 +108,7 @@ class Deadline:
         if waiting is None or waiting != self._waiting:
             self._waiting, self._since = waiting, now
             return False
-        silent = now - max(self._since, heard)
-        if silent < self._silence and now - self._since < self._longest:
+        if now - max(self._since, heard) < self._silence and now - self._since < self._longest:
             return False
         self._waiting = None
         return True

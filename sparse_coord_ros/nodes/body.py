@@ -81,8 +81,7 @@ class BodyNode(Follower):
             report = functools.partial(convert.read_reached, k)
             self.intake.listen(interface.REACHED, self._on_reached, name, read=report)
         if self.values["body_rate"] > 0:
-            seconds = self.values["period"] / self.values["body_rate"]
-            self.create_timer(seconds, self._on_time)
+            self.create_timer(self.values["period"] / self.values["body_rate"], self._on_time)
         self._say(look=True)
 
     def _on_goals(self, goals: Goals) -> None:

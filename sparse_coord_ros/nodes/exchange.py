@@ -31,15 +31,13 @@ class Exchange:
     Args:
         node: the robot's node.
         run: the run.
-        number: the robot's number from 0.
         packed: returns what it has learned, as `learn.tables.pack_tables` does.
     """
 
-    def __init__(
-        self, node: ParameterNode, run: RunConfig, number: int, packed: Callable[[], bytes]
-    ) -> None:
+    def __init__(self, node: ParameterNode, run: RunConfig, packed: Callable[[], bytes]) -> None:
         self._node, self._run, self._packed, self._clients = node, run, packed, node.shared_clients
-        self._names, self._number = run.scenario.names, number
+        self._names = run.scenario.names
+        self._number = self._names.index(node.get_name())
         self._learned: dict[int, bytes] = {}
         self._answered = self._ticks = 0
         node.create_service(Trigger, LEARNED.of("~"), self._answer)

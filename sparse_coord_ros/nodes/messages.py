@@ -104,8 +104,7 @@ def read_run(data: bytes) -> RunConfig:
     Raises:
         SparseCoordError: it is none, or one in another format.
     """
-    message = deserialize_message(data, String)
-    return run_from_yaml(message.data, where=f"topic {RUN.name}")
+    return run_from_yaml(deserialize_message(data, String).data, where=f"topic {RUN.name}")
 
 
 def robot_number(run: RunConfig, name: str, remedy: str) -> int:
@@ -169,10 +168,7 @@ def status(
     name: str, message: str, values: Mapping[str, object], *, warn: bool = False
 ) -> DiagnosticStatus:
     """Return a diagnostic status with its values as texts."""
-    return DiagnosticStatus(
-        level=DiagnosticStatus.WARN if warn else DiagnosticStatus.OK,
-        name=name,
-        message=message,
-        hardware_id="sparse_coord_ros",
-        values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
-    )
+    said = DiagnosticStatus(name=name, message=message, hardware_id="sparse_coord_ros")
+    said.level = DiagnosticStatus.WARN if warn else DiagnosticStatus.OK
+    said.values = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
+    return said

@@ -162,7 +162,7 @@ class Nav2DriverNode(MoverNode):
     def _on_result(self, ticket: int, answer: Future) -> None:
         said = answer.result()
         self._handles.pop(ticket, None)
-        kind, why = "", ""
+        kind = why = ""
         if said.status != GoalStatus.STATUS_SUCCEEDED:
             kind = ENDINGS.get(said.status, "forgotten")
             text = f" {said.result.error_msg}" if said.result.error_msg else ""

@@ -20,12 +20,7 @@ from sparse_coord_ros.learn.evaluation import check_tables
 from sparse_coord_ros.learn.run_config import RUN_FILE, RunConfig, load_run
 from sparse_coord_ros.learn.tables import TEAM_FILE, load_saved, load_team, robot_file, save_team
 from sparse_coord_ros.limits import SCENARIO, read_text, to_yaml, yaml_value
-from sparse_coord_ros.lockstep.checkpoints import (
-    CHECKPOINTS,
-    Checkpoints,
-    Store,
-    remove_checkpoints,
-)
+from sparse_coord_ros.lockstep.checkpoints import CHECKPOINTS, Checkpoints, Store
 from sparse_coord_ros.lockstep.robot_side import ASKS, RobotState
 from sparse_coord_ros.lockstep.world_side import WorldState
 from sparse_coord_ros.nodes.parameters import ParameterNode, run_from_parameters
@@ -61,7 +56,7 @@ def gather(
     write_whole(path, to_yaml(summary))
     finished = summary.get("transitions", 0) >= scenario.steps
     if finished and not interrupted and (out / TEAM_FILE).exists():
-        remove_checkpoints(out)
+        Checkpoints.remove(out)
     return summary
 
 
@@ -74,10 +69,8 @@ def _join_tables(out: Path, scenario: Scenario) -> dict[str, Any]:
     save_team(out, [one.tables for one in saved], [one.memory for one in saved])
     for part in parts:
         part.unlink()
-    asks = {
-        robot.name: {how: one.counts[how] for how in ASKS}
-        for robot, one in zip(scenario.robots, saved, strict=True)
-    }
+    pairs = zip(scenario.names, saved, strict=True)
+    asks = {name: {how: one.counts[how] for how in ASKS} for name, one in pairs}
     return {"transitions_dropped": sum(one.counts["dropped"] for one in saved), "asks": asks}
 
 
@@ -139,6 +132,7 @@ class Output:
         own: names of the files that it is going to write there.
 
     Attributes:
+        node: as above.
         store: its checkpoints.
 
     Raises:
@@ -147,7 +141,7 @@ class Output:
     """
 
     def __init__(self, node: ParameterNode, name: str, run: RunConfig, own: Sequence[str]) -> None:
-        self._node, self._text = node, run.to_yaml()
+        self.node, self._text = node, run.to_yaml()
         self._out = Path(node.values["out"]) if node.values["out"] else None
         self._counted: Counter[str] = Counter()
         self.store = Store()
@@ -195,14 +189,14 @@ class Output:
                 self.save(lambda _: None)
             self.store.save(state)
         except OSError as error:
-            self._node.get_logger().error(
+            self.node.get_logger().error(
                 f"checkpoint not saved: {os_error_text(error)}; the run goes on, the earlier "
                 "checkpoints are kept: make room"
             )
 
     def count(self, events: Mapping[str, int]) -> None:
         """Save what was counted of the run's faults and of messages dropped, where that is new."""
-        now = +Counter({**events, DROPPED: self._node.intake.total})
+        now = +Counter({**events, DROPPED: self.node.intake.total})
         if now != self._counted:
             self._counted = now
             with suppress(OSError):  # the next checkpoint says so
@@ -225,7 +219,7 @@ class Output:
         """
         if self._out is None:
             return None
-        out, say = self._out, self._node.get_logger()
+        out, say = self._out, self.node.get_logger()
 
         def fill(place: Path) -> None:
             self._describe(place)

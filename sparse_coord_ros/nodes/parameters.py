@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Callable, Collection, Mapping
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, TypedDict, Unpack, cast
+from typing import Any, ClassVar, TypedDict, Unpack, cast
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
@@ -81,9 +81,6 @@ each node, which takes its own."""
 ROLES = {WORLD: RUN, RECORDER: RECORDING_TOPIC}
 """The topic by which a node's role is known, whatever the node is called: it publishes it."""
 
-CHANGEABLE = ("rate",)
-"""Parameters of a team's nodes that can be set while they run; all others are read once."""
-
 ROS_PARAMETERS = ("use_sim_time", "start_type_description_service")
 ROS_PARAMETERS_PREFIX = "qos_overrides."
 
@@ -112,10 +109,10 @@ class ParameterNode(Node):
     Args:
         name: the node's name unless it is remapped.
         table: its parameters.
-        changeable: parameters that can be set while the node runs.
         place: where the node is made, and with what.
 
     Attributes:
+        changeable: parameters that can be set while the node runs; all others are read once.
         values: every parameter, typed.
         intake: its subscriptions.
         full_name: its name with its namespace, as diagnostics say it: `team_a/robot_1`.
@@ -131,14 +128,9 @@ class ParameterNode(Node):
         SettingError: an unknown parameter or a bad value.
     """
 
-    def __init__(
-        self,
-        name: str,
-        table: SettingTable,
-        *,
-        changeable: Collection[str] = CHANGEABLE,
-        **place: Unpack[Place],
-    ) -> None:
+    changeable: ClassVar[Collection[str]] = ("rate",)
+
+    def __init__(self, name: str, table: SettingTable, **place: Unpack[Place]) -> None:
         values = place.get("values")
         given = [Parameter(key, value=value) for key, value in (values or {}).items()]
         try:
@@ -160,7 +152,7 @@ class ParameterNode(Node):
         self.failure: SparseCoordError | None = None
         self.done = False
         self.at_end = ExitStack()
-        self._table, self._changeable = table, changeable
+        self._table = table
         self.tap, self.shared_clients = place.get("tap"), place.get("shared_clients", {})
         self.intake = Intake(self)
         try:
@@ -295,8 +287,7 @@ class ParameterNode(Node):
                 return True
             if isinstance(publisher, PackedPublisher):
                 return publisher.line.write is not None
-        matched = publisher.get_subscription_count() > 0
-        return matched and self.is_heard(publisher.topic_name, role)
+        return publisher.get_subscription_count() > 0 and self.is_heard(publisher.topic_name, role)
 
     def is_heard(self, topic: str, role: str) -> bool:
         """Whether a node of a role subscribes to a topic; also a recorder here that gave up.
@@ -327,7 +318,7 @@ class ParameterNode(Node):
         for name in overrides:
             self.undeclare_parameter(name)
         for name, setting in self._table.items():
-            descriptor = _descriptor(setting, read_only=name not in self._changeable)
+            descriptor = _descriptor(setting, read_only=name not in self.changeable)
             self.declare_parameter(name, values[name], descriptor, ignore_override=True)
         return values
 

@@ -203,8 +203,7 @@ class Peers:
             return
         one.fits = self._node.guarded(partial(self._fits, peer))
         then = partial(self._places.__setitem__, peer)
-        unpack = self._convert.unpack_state
-        self._intake.listen(interface.LOCAL_STATE, then, name, unpack=unpack)
+        self._intake.listen(interface.LOCAL_STATE, then, name, unpack=self._convert.unpack_state)
         self._node.get_logger().warning(
             f"{ACTIVE_PERCEPTION.of(name)} has two servers: answers that do not fit where {name} "
             "is are dropped from now on"

@@ -20,8 +20,6 @@ from sparse_coord_ros.nodes.spin import run_node, wait_for_readers
 from sparse_coord_ros.wire import services
 from sparse_coord_ros.wire.frame import SECOND
 
-CHANGEABLE = ("rate", "position")
-
 KEYS_SECONDS = 0.05
 TURN_NS = 100_000
 """The timer's shortest wait, so that services and keys have their turn where messages are late."""
@@ -52,9 +50,11 @@ class Player(ParameterNode):
         SparseCoordError: a bad parameter, or nothing to play.
     """
 
+    changeable = ("rate", "position")
+
     def __init__(self, *, keyboard: bool = False, **place: Unpack[Place]) -> None:
         self._begun = False
-        super().__init__("player", PARAMETERS["player"], changeable=CHANGEABLE, **place)
+        super().__init__("player", PARAMETERS["player"], **place)
         self.offer(services.PAUSE, self._pause)
         self.offer(services.STEP, self._step)
         self.add_post_set_parameters_callback(self.guarded(self._on_change))

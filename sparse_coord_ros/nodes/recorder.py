@@ -239,7 +239,7 @@ class Recording:
 
         A robot cannot tell by itself as long as a killed recorder is in its graph.
         """
-        names = (interface.ACTION.of(robot.name) for robot in self.run.scenario.robots)
+        names = map(interface.ACTION.of, self.run.scenario.names)
         return self._node.tap is not None or all(map(self._node.count_publishers, names))
 
     def all_done(self, now: float) -> bool:
@@ -255,16 +255,12 @@ class Recording:
         Nodes leave when all that they said has arrived. Those in this process stay until the
         recorder has ended; their last words are the robots' tables.
         """
-        node = self._node
-        speakers = [
-            interface.TABLES.of(robot.name)
-            for robot in self.run.scenario.robots
-            if node.tap is None or robot.name not in self.final
-        ]
+        node, names, tables = self._node, self.run.scenario.names, interface.TABLES.of
         if node.tap is None:
-            speakers.append(interface.STATUS.name)
-        names = [node.resolve_topic_name(topic) for topic in speakers]
-        return not any(node.count_publishers(name) for name in names)
+            speakers = [*map(tables, names), interface.STATUS.name]
+        else:
+            speakers = [tables(name) for name in names if name not in self.final]
+        return not any(map(node.count_publishers, map(node.resolve_topic_name, speakers)))
 
     def report(self) -> None:
         """Say on `/diagnostics` how much was recorded."""
@@ -301,8 +297,7 @@ class Recorder(Follower):
 
     def __init__(self, **place: Unpack[Place]) -> None:
         super().__init__(RECORDER, PARAMETERS[RECORDER], **place)
-        out = self.values["out"] or datetime.now().strftime("bag_%Y%m%d_%H%M%S")
-        self.directory = Path(out)
+        self.directory = Path(self.values["out"] or f"bag_{datetime.now():%Y%m%d_%H%M%S}")
         if self.directory.exists() and not self.values["resume"]:
             raise RunError(
                 f"output directory {self.directory}: exists already, nothing is overwritten; "

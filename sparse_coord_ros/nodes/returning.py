@@ -12,7 +12,7 @@ from sparse_coord_ros.lockstep.rollback import WorldRollback
 from sparse_coord_ros.lockstep.world_side import WorldSide
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.outputs import Output
-from sparse_coord_ros.nodes.parameters import ROLL_BACK, ParameterNode
+from sparse_coord_ros.nodes.parameters import ROLL_BACK
 from sparse_coord_ros.wire import RECORDER
 from sparse_coord_ros.wire.status import NO_ORDER, ROLL_CALL, Progress, read_progress
 
@@ -21,25 +21,19 @@ class Returning(WorldRollback):
     """Hears what robots say of their checkpoints, and takes the team back where that is due.
 
     Args:
-        node: the world's node; its parameters `resume` and `returning` say what is due.
         run: the run.
         side: the world's side of the lock step.
-        output: where the world saves.
+        output: where the world saves; its node's `resume` and `returning` say what is due.
         changed: called when an order was given, and when the team goes on.
     """
 
     def __init__(
-        self,
-        node: ParameterNode,
-        run: RunConfig,
-        side: WorldSide,
-        output: Output,
-        changed: Callable[[], None],
+        self, run: RunConfig, side: WorldSide, output: Output, changed: Callable[[], None]
     ) -> None:
         self._names = run.scenario.names
         super().__init__(side, output.store, len(self._names))
-        self._output = output
-        self._node, self._run, self._changed = node, run, changed
+        self._output, self._run, self._changed = output, run, changed
+        node = self._node = output.node
         self._warn = node.get_logger().warning
         self._under_way = False
         self._recorder_obeyed = NO_ORDER

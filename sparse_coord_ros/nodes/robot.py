@@ -83,7 +83,7 @@ class Member:
         self._ears: list[Any] = []
         self._ready_since = 0.0
         self._peers = Peers(node, run, self._convert, self.lockstep)
-        self._exchange = Exchange(node, run, self._number, self._packed) if run.improve else None
+        self._exchange = Exchange(node, run, self._packed) if run.improve else None
         node.offer(services.SAVE, self._on_save)
         self._say_progress()
 
@@ -271,8 +271,7 @@ class Member:
             write_whole(robot_file(out / IMPROVED, self._name), packed)
 
         self.output.save(write)
-        occasion = wire.Occasion.IMPROVED
-        self._tables.publish(tables_message(packed, self.lockstep.handled, occasion))
+        self._tables.publish(tables_message(packed, self.lockstep.handled, wire.Occasion.IMPROVED))
 
     def _packed(self) -> bytes:
         """Return the tables as they are, with what they are of."""

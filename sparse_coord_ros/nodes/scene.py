@@ -59,8 +59,7 @@ class Scene:
     def _marker(
         self, space: str, number: int, kind: int, colour: str = "#000000", alpha: float = 1.0
     ) -> Marker:
-        header = self.convert.header(self.step)
-        marker = Marker(header=header, ns=space, id=number, type=kind)
+        marker = Marker(header=self.convert.header(self.step), ns=space, id=number, type=kind)
         marker.pose.orientation.w = 1.0
         red, green, blue = rgb(colour)
         marker.color = ColorRGBA(r=red, g=green, b=blue, a=alpha)
@@ -77,10 +76,8 @@ class Scene:
     def _question(self, k: int, action: bytes | None) -> list[Marker]:
         asked = None if action is None else self._read(action)
         if asked is None:
-            gone = [self._marker(space, k, 0) for space in (QUESTIONS, WORDS)]
-            for marker in gone:
-                marker.action = Marker.DELETE
-            return gone
+            header, spaces = self.convert.header(self.step), (QUESTIONS, WORDS)
+            return [Marker(header=header, ns=s, id=k, action=Marker.DELETE) for s in spaces]
         peer, outcome = asked
         peers = [peer] if peer >= 0 else [j for j in range(len(self.cells)) if j != k]
         metres = self.convert.resolution

@@ -21,14 +21,7 @@ from rclpy.publisher import Publisher
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
-from sparse_coord_ros.errors import (
-    EXIT_INTERRUPTED,
-    FaultError,
-    NameTakenError,
-    RunError,
-    SparseCoordError,
-    failure_of,
-)
+from sparse_coord_ros import errors
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.middleware import check_domain, check_security, repair_promptly
 from sparse_coord_ros.nodes.parameters import ParameterNode
@@ -121,7 +114,7 @@ def ros_context(args: Sequence[str] | None = None) -> Iterator[Context]:
             args=list(args or ()), context=context, signal_handler_options=SignalHandlerOptions.NO
         )
     except RuntimeError as error:  # of rcl: malformed or unknown ROS arguments
-        raise RunError(f"ROS: {' '.join(str(error).split())}") from None
+        raise errors.RunError(f"ROS: {' '.join(str(error).split())}") from None
     try:
         yield context
     finally:
@@ -159,7 +152,7 @@ def make_executor(kind: str, context: Context) -> Executor:
     try:
         from rclpy.experimental.events_executor import EventsExecutor
     except ImportError:
-        raise RunError(
+        raise errors.RunError(
             "executor 'events': this rclpy has none (it came with 7.1.2); update ROS 2 Jazzy or "
             "use 'single'"
         ) from None
@@ -205,7 +198,7 @@ def wait_for_readers(publishers: Iterable[Publisher]) -> None:
         publisher.wait_for_all_acked(Duration(seconds=max(0.0, deadline - time.monotonic())))
 
 
-def say_on_rosout(node: Node, error: SparseCoordError) -> None:
+def say_on_rosout(node: Node, error: errors.SparseCoordError) -> None:
     """Publish on /rosout why a node ends, for who is not at its terminal, which shows it too.
 
     The text of an unexpected exception is its traceback.
@@ -214,7 +207,7 @@ def say_on_rosout(node: Node, error: SparseCoordError) -> None:
     publisher = node.create_publisher(topic.type, topic.name, interface.LATCHED_QOS)
     message = topic.type(level=LoggingSeverity.FATAL, name=node.get_logger().name, msg=str(error))
     message.stamp = node.get_clock().now().to_msg()
-    if isinstance(error, FaultError) and error.__cause__ is not None:
+    if isinstance(error, errors.FaultError) and error.__cause__ is not None:
         message.msg = "".join(traceback.format_exception(error.__cause__))
     deadline = time.monotonic() + MATCH_SECONDS
     readers = node.count_subscribers(publisher.topic_name)
@@ -229,10 +222,10 @@ def ending(nodes: Sequence[ParameterNode], save: Callable[[], object]) -> Iterat
     """Whatever ends nodes, save what they have, say it on /rosout, and take them down."""
     try:
         yield
-    except NameTakenError:
+    except errors.NameTakenError:
         raise  # the team is another node's: neither save nor tell anybody
     except Exception as error:
-        failure = failure_of(error)
+        failure = errors.failure_of(error)
         with suppress(Exception):  # the first error is the one to tell
             save()
         failed = [node for node in nodes if node.failure is not None] or nodes
@@ -260,11 +253,11 @@ def exit_code_of(run: Callable[[Stop], None]) -> int:
         try:
             run(stop)
         except Exception as error:
-            failure = failure_of(error)
+            failure = errors.failure_of(error)
             print(f"error: {failure}", file=sys.stderr, flush=True)
             return failure.exit_code
         except KeyboardInterrupt:
-            return EXIT_INTERRUPTED
+            return errors.EXIT_INTERRUPTED
     return 0
 
 

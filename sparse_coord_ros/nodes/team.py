@@ -81,8 +81,7 @@ def run_team(
     """
     values = {**TEAM_PARAMETERS.defaults(), **TEAM_PARAMETERS.parse(values)}
     run = team_run(values)
-    now = datetime.now().strftime("%Y%m%d_%H%M%S")
-    out = Path(values["out"] or f"{run.scenario.name}_{now}")
+    out = Path(values["out"] or f"{run.scenario.name}_{datetime.now():%Y%m%d_%H%M%S}")
     if not values["resume"]:
         create_output(out)
     tap = Tap() if values["record"] else None

@@ -8,6 +8,7 @@ begin with the team's namespace, or with what the parameter `frame_prefix` says.
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Any
 
 from geometry_msgs.msg import Point, Quaternion, Transform, TransformStamped, Vector3
@@ -53,12 +54,11 @@ class TransformPublisher:
 
     def __init__(self, node: Node) -> None:
         self._publisher: Any = None
-        try:
+        with suppress(ImportError):
             from tf2_msgs.msg import TFMessage
-        except ImportError:
-            return
-        self._message = TFMessage
-        self._publisher = node.create_publisher(TFMessage, "/tf", QoSProfile(depth=100))
+
+            self._message = TFMessage
+            self._publisher = node.create_publisher(TFMessage, "/tf", QoSProfile(depth=100))
 
     def publish(self, transforms: Sequence[TransformStamped]) -> None:
         """Publish transforms."""

@@ -99,10 +99,8 @@ class Controls(Controlled):
         if control.name == PAUSE:
             request.data = control.value
         elif control.name == RATE:
-            rate = Parameter("rate", value=float(control.value))
-            request.parameters = [rate.to_parameter_msg()]
-        future = client.call_async(request)
-        future.add_done_callback(functools.partial(self._on_answer, control))
+            request.parameters = [Parameter("rate", value=float(control.value)).to_parameter_msg()]
+        client.call_async(request).add_done_callback(functools.partial(self._on_answer, control))
 
     def _on_answer(self, control: Control, future: Any) -> None:
         if self.view is None or future.cancelled() or future.exception() is not None:
@@ -148,8 +146,7 @@ class InsideWatch(ParameterNode):
         """Hear of each transition, from the world's side of the lock step."""
         ends: list[PerceptEnd | None] = []
         if any(one is not None and one.asked and not one.perceived for one in seen.actions):
-            sides = self._sides()
-            said = [None if one is None else one.account_of(seen.step) for one in sides]
+            said = [None if one is None else one.account_of(seen.step) for one in self._sides()]
             ends = [None if one is None else PerceptEnd.said(one.percept) for one in said]
         self._view.take(seen._replace(ends=ends))
 
@@ -228,8 +225,7 @@ class WatchNode(Follower):
         board = self.server.board
         if board.get("notice") is None:
             where = self.resolve_topic_name(interface.RUN.name)
-            text = f"waiting for a team: no world simulator is on {where} yet"
-            board.put("notice", text=text)
+            board.put("notice", text=f"waiting for a team: no world simulator is on {where} yet")
 
     def begin(self, run: RunConfig) -> None:
         """Show the run that is announced."""
@@ -404,8 +400,7 @@ class HeardTeam:
         late = self._ticks - then.since > LATE_TICKS
         if after != step + 1:
             return late or not here.said
-        robots = len(self._goals)
-        known = len(here.cells) == len(then.cells) == robots
+        known = len(here.cells) == len(then.cells) == len(self._goals)
         acting = {k for k, cell in here.cells.items() if cell != self._goals[k]}
         acted = here.said.keys() & here.rewards.keys()
         if not late and not (known and acting <= acted):

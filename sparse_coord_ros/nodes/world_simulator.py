@@ -185,7 +185,7 @@ class WorldSimulator(ParameterNode):
         robots = [robot_file(Path(), name).name for name in self._names]
         own = [RUN_FILE, SUMMARY_FILE, TEAM_FILE, HISTORY_FILE, *robots]
         self._output = Output(self, WORLD, self.run, own)
-        self.returning = Returning(self, self.run, self.lockstep, self._output, self._on_return)
+        self.returning = Returning(self.run, self.lockstep, self._output, self._on_return)
         self.offer(services.PAUSE, self._on_pause)
         self.offer(services.RESET, self._on_reset)
         self.offer(services.STEP, self._on_step)

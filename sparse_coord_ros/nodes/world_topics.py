@@ -52,8 +52,8 @@ class WorldTopics:
         self.clock = node.announce(interface.clock_of(run))
         self._map_publisher = node.announce(interface.MAP)
         self._marker_publisher = node.announce(interface.MARKERS)
-        frames = not node.values["bodies"]  # bodies have transforms of their own
-        self._scene = ScenePublisher(node, self.convert, frames=frames)
+        # Bodies have transforms of their own.
+        self._scene = ScenePublisher(node, self.convert, frames=not node.values["bodies"])
         self.report = node.reporter("run")
         self.states = [node.announce(interface.LOCAL_STATE, name) for name in self._names]
         self.rewards = [node.announce(interface.REWARD, name) for name in self._names]
@@ -120,8 +120,7 @@ class WorldTopics:
     def own(self) -> list[str]:
         """The full names of topics with one publisher: the world, or one robot."""
         said = (self._run_publisher, self._status_publisher, self.clock, self._map_publisher)
-        ends = (*said, *self.states, *self.rewards, *self.actions)
-        return [end.topic_name for end in ends]
+        return [end.topic_name for end in (*said, *self.states, *self.rewards, *self.actions)]
 
     # What else is said.
 

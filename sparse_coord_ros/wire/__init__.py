@@ -115,9 +115,7 @@ class PerceptEnd(IntEnum):
     @classmethod
     def untold(cls, *, perceived: bool, peers: int) -> "PerceptEnd":
         """Return how a percept ended of which nobody says it: in one process none is late."""
-        if perceived:
-            return cls.ANSWERED
-        return cls.REFUSED if peers else cls.NOBODY_TO_ASK
+        return cls.ANSWERED if perceived else cls.REFUSED if peers else cls.NOBODY_TO_ASK
 
 
 class Account(NamedTuple):
@@ -185,12 +183,8 @@ CLAIM = Topic("_claim", "std_msgs/msg/Header", NODE, _LATCHED)
 """Of the world and of every robot: `frame_id` is what the node is called by nobody else, and its
 `ClaimRank`. The stamp (wall clock, since when) is for people only."""
 
-SERVICE_EVENTS = Topic(
-    f"{ACTIVE_PERCEPTION.name}/_service_event",
-    f"{ACTIVE_PERCEPTION.type_name}_Event",
-    ROBOT,
-    _STEP,
-)
+_EVENTS = f"{ACTIVE_PERCEPTION.name}/_service_event", f"{ACTIVE_PERCEPTION.type_name}_Event"
+SERVICE_EVENTS = Topic(*_EVENTS, ROBOT, _STEP)
 """What rclpy publishes of the requests to a robot and of its answers."""
 
 RECORDING = Topic("_recording", _STRING, TEAM, _LATCHED, recorded=False)

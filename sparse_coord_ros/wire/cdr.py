@@ -103,8 +103,7 @@ class Layout:
 
         Arrays of bytes are given as one value.
         """
-        fields = int.from_bytes(self._struct.pack(*values))
-        return (fields | self._expected).to_bytes(self.size)
+        return (int.from_bytes(self._struct.pack(*values)) | self._expected).to_bytes(self.size)
 
     def unpack(self, data: bytes) -> tuple[Any, ...] | None:
         """Return the values of one message, as `pack` takes them; None: of another layout."""

@@ -204,8 +204,7 @@ def grid_form(frame: Frame, due: bytes | None = None) -> MessageForm:
     count = rows * columns
     size = [Fixed("<f4", frame.resolution), Fixed("<u4", columns), Fixed("<u4", rows)]
     data = Free("data", f"({count},)i1") if due is None else Fixed(f"V{count}", due)
-    loaded = nothing("<i4", "<u4")
-    items = [*loaded, *size, *place_at(*frame.origin), Fixed("<u4", count), data]
+    items = [*nothing("<i4", "<u4"), *size, *place_at(*frame.origin), Fixed("<u4", count), data]
     column = [("data", "i1", (count,))] if due is None else []
     return MessageForm(np.dtype([NS, *column]), [(Layout([*header(), *items]), by_name)])
 

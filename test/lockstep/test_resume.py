@@ -15,7 +15,6 @@ from sparse_coord_ros.learn.simulation import Learning, learn, tables_equal
 from sparse_coord_ros.lockstep.checkpoints import (
     Checkpoints,
     Store,
-    remove_checkpoints,
     steps_of,
 )
 from sparse_coord_ros.lockstep.rollback import RobotRollback, WorldRollback
@@ -212,7 +211,7 @@ def test_what_was_counted_outlives_its_process_and_is_never_taken_back(tmp_path,
     path.write_bytes(path.read_bytes()[:-20])
     assert again.counted() == {}
     assert "world_simulator_events.npz: what was counted is lost" in again.broken[0]
-    remove_checkpoints(tmp_path)
+    Checkpoints.remove(tmp_path)
     assert not path.exists()
 
 

@@ -147,7 +147,9 @@ def test_the_team_goes_on_when_all_listen_and_the_recorder_has_obeyed():
     node = SimpleNamespace(intake=intake, get_logger=lambda: logger)
     side = SimpleNamespace(held=True, lost=0, start=lambda: None)
     run = make_run(load_scenario("env1"), {"recorded": True})
-    team = Returning(node, run, side, SimpleNamespace(store=Store()), lambda: gone_on.append(True))
+    team = Returning(
+        run, side, SimpleNamespace(store=Store(), node=node), lambda: gone_on.append(True)
+    )
     team.order = Order("an order", 0, 1)
     team.look(0.0, all_listen=lambda: True)
     team._on_recorder(Progress("life", 0, 0, obeyed="an order"))
