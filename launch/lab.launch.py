@@ -25,9 +25,7 @@ OWN = {
         "namespaces of the robots' Nav2, in the scenario's order, separated by commas; empty: the "
         "robots' names",
     ),
-    "base_frame": Setting(
-        "base_frame", str, "base_link", "of each body, in its own /NAMESPACE/tf"
-    ),
+    "base_frame": Setting("base_frame", str, "base_link", "of each body in its own /NAMESPACE/tf"),
     "clock": replace(WORLD["clock"], default=NO_CLOCK),
     "slips": replace(WORLD["slips"], default=False),
     "epsilon": replace(

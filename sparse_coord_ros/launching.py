@@ -103,7 +103,7 @@ class LaunchedTeam:
     """The nodes of a team as a launch starts them.
 
     Args:
-        arguments: the launch's arguments; one that is given as an empty text is not given.
+        table: the launch's arguments; one that is given as an empty text is not given.
         file: the launch file's name.
         context: of the launch.
 
@@ -116,13 +116,11 @@ class LaunchedTeam:
         SparseCoordError: a bad argument, an output directory that exists.
     """
 
-    def __init__(
-        self, arguments: Mapping[str, Setting], file: str, context: LaunchContext
-    ) -> None:
-        self._arguments = arguments
-        texts = {name: LaunchConfiguration(name).perform(context) for name in arguments}
+    def __init__(self, table: Mapping[str, Setting], file: str, context: LaunchContext) -> None:
+        self._arguments = table
+        texts = {name: LaunchConfiguration(name).perform(context) for name in table}
         try:
-            self.given = _typed(arguments, {name: text for name, text in texts.items() if text})
+            self.given = _typed(table, {name: text for name, text in texts.items() if text})
         except SettingError as error:
             raise SettingError(str(error).replace("setting", "argument", 1)) from None
         allow_modules(self.get("allow").replace(",", " "))  # the nodes inherit it

@@ -137,7 +137,7 @@ class Arena:
 
     Args:
         ground: the floor.
-        robots: how many there are.
+        count: how many there are.
         seed: the run's seed.
         noise: how unsure they are.
         period: seconds a tick.
@@ -148,11 +148,9 @@ class Arena:
         touches: where bodies began to touch each other.
     """
 
-    def __init__(
-        self, ground: Ground, robots: int, seed: int, noise: Noise, period: float
-    ) -> None:
+    def __init__(self, ground: Ground, count: int, seed: int, noise: Noise, period: float) -> None:
         self.ground, self.period = ground, period
-        self.bodies = [Body(ground, noise, seed, k) for k in range(robots)]
+        self.bodies = [Body(ground, noise, seed, k) for k in range(count)]
         self.ticks = self._number = 0
         self.touches: list[Touch] = []
         self._under_way: set[int] = set()

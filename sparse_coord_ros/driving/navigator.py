@@ -274,9 +274,8 @@ class Navigator(Mover):
         if (sent.heard is None or sent.cancelled is not None) and now - since >= ANSWER_SECONDS:
             self._sent = None
             self.counts["unanswered"] += 1
-            self._port.say(
-                f"Nav2 has not answered for {ANSWER_SECONDS:g} s: its goals are cancelled"
-            )
+            why = f"Nav2 has not answered for {ANSWER_SECONDS:g} s: its goals are cancelled"
+            self._port.say(why)
             self._port.cancel_all()
             self._wait(now)
         elif sent.heard is not None and 0 < silence < now - sent.heard:

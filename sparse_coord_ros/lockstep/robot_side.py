@@ -236,12 +236,9 @@ class RobotSide:
         if state is not None:
             agent.go_on_from(state.memory)
         begin = (BEFORE_ANY_STEP, -1, 0, NO_STEP, False, (0,) * (len(ASKS) + 2))
-        step, cell, transitions, episode_start, learned_last, counts = (
-            begin if state is None else state[:-1]
-        )
-        self.newest = (max(step, NO_STEP), cell)
-        self._handled, self._cell, self.transitions = step, cell, transitions
-        self._episode_start, self._learned_last = episode_start, learned_last
+        place = begin if state is None else state[:-1]
+        step, cell, self.transitions, self._episode_start, self._learned_last, counts = place
+        self._handled, self._cell, self.newest = step, cell, (max(step, NO_STEP), cell)
         *asks, self.learned, self.dropped = counts
         self.asks = dict(zip(ASKS, asks, strict=True))
 

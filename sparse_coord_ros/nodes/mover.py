@@ -120,11 +120,10 @@ class MoverNode(Follower, LifecycleNodeMixin):
             self._hear_transforms()
         else:
             kind, inside = TYPES[pose_type]
-            topic, read = interface.POSE, functools.partial(self._read_pose, inside)
+            topic = replace(interface.POSE, type=kind)
+            read = functools.partial(self._read_pose, inside)
             qos = topic.qos if pose_type == "pose" else POSES_QOS
-            self.intake.listen(
-                replace(topic, type=kind), self._see, self.robot, read=read, qos=qos
-            )
+            self.intake.listen(topic, self._see, self.robot, read=read, qos=qos)
 
     def _hear_transforms(self) -> None:
         remedy = "install it, or take a topic of poses"

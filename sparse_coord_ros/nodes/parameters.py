@@ -59,16 +59,14 @@ _MORE: Mapping[str, Mapping[str, Setting]] = {
     "body": BODY_SETTINGS,
     "watch": PAGE_SETTINGS,
 }
-_OF_THE_TEAM = _OWN.pop("team")
+_TEAM = _OWN.pop("team")
 
 PARAMETERS = {
     node: SettingTable({**own, **_MORE.get(node, {})}.values()) for node, own in _OWN.items()
 }
 """Those of each node that runs alone, by the name of its executable."""
 
-TEAM_PARAMETERS = SettingTable(
-    {**PARAMETERS[WORLD], **PARAMETERS["robot"], **_OF_THE_TEAM}.values()
-)
+TEAM_PARAMETERS = SettingTable({**PARAMETERS[WORLD], **PARAMETERS["robot"], **_TEAM}.values())
 
 ALL_NAMES = (
     *TEAM_PARAMETERS,
@@ -143,9 +141,8 @@ class ParameterNode(Node):
                 automatically_declare_parameters_from_overrides=True,
             )
         except (RCLError, RuntimeError) as error:
-            raise RunError(
-                f"node {name}: ROS cannot make it: {' '.join(str(error).split())}"
-            ) from None
+            why = " ".join(str(error).split())
+            raise RunError(f"node {name}: ROS cannot make it: {why}") from None
         self.full_name = self.get_fully_qualified_name().lstrip("/")
         self.born = time.monotonic()
         self.reminder = Reminder()
@@ -343,9 +340,8 @@ class ParameterNode(Node):
         for name, setting in SETTINGS.items():
             value = getattr(scenario, name)
             shown = value if isinstance(value, bool | int | float) else str(value)
-            self.declare_parameter(
-                name, shown, _descriptor(setting, read_only=True), ignore_override=True
-            )
+            descriptor = _descriptor(setting, read_only=True)
+            self.declare_parameter(name, shown, descriptor, ignore_override=True)
 
 
 def _bounded(callback: Callable[..., Any]) -> Callable[..., Any]:

@@ -43,9 +43,8 @@ AGAIN_SECONDS = 0.5
 
 def _introspect(node: Node, endpoint: Client | Service) -> None:
     """Publish the dialogue of a client or service, so that it can be recorded."""
-    endpoint.configure_introspection(
-        node.get_clock(), STEP_QOS, ServiceIntrospectionState.CONTENTS
-    )
+    clock, what = node.get_clock(), ServiceIntrospectionState.CONTENTS
+    endpoint.configure_introspection(clock, STEP_QOS, what)
 
 
 class Peer:

@@ -98,9 +98,8 @@ class WorldTopics:
         A robot of which all but one end is there comes with what it lacks.
         """
         heard_by, missing = self._node.heard_by, []
-        for name, *own, action in zip(
-            self._names, self.states, self.rewards, self.actions, strict=True
-        ):
+        of_each = zip(self._names, self.states, self.rewards, self.actions, strict=True)
+        for name, *own, action in of_each:
             ends = [one.topic_name for one in own if not heard_by(one, name)]
             lacks = [f"a subscription to {topic}" for topic in ends]
             if action.get_publisher_count() == 0:
