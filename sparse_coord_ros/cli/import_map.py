@@ -46,9 +46,8 @@ def _place(text: str) -> Place:
     except ValueError:
         x = y = math.nan
     if not (abs(x) <= FURTHEST and abs(y) <= FURTHEST):
-        raise argparse.ArgumentTypeError(
-            f"{in_short(text)} is no place, allowed: X,Y in metres of the map's frame, e.g. 2,-1"
-        )
+        allowed = "X,Y in metres of the map's frame, e.g. 2,-1"
+        raise argparse.ArgumentTypeError(f"{in_short(text)} is no place, allowed: {allowed}")
     return x, y
 
 

@@ -180,9 +180,8 @@ def scenario_of(options: argparse.Namespace) -> Scenario:
         SettingError: a bad --set, --penalty or --steps.
     """
     if options.scenario is None:
-        raise RunError(
-            f"a SCENARIO is missing, or --resume DIR; see sparse_coord {options.verb} --help"
-        )
+        remedy = f"see sparse_coord {options.verb} --help"
+        raise RunError(f"a SCENARIO is missing, or --resume DIR; {remedy}")
     return load_scenario(options.scenario).with_settings(settings_of(options))
 
 

@@ -329,9 +329,8 @@ def run_experiment(
     """
     asked = [what] if isinstance(what, str | Condition) else list(what)
     if not asked:
-        raise SettingError(
-            "no experiment is asked for; name at least one, or all: experiment_names()"
-        )
+        remedy = "name at least one, or all: experiment_names()"
+        raise SettingError(f"no experiment is asked for; {remedy}")
     seed = RUN_SETTINGS["seed"].parse(seed)
     plan = Plan(seed, RUNS.parse(runs), TRIALS.parse(trials))
     targets = parse_targets(asked, plan)

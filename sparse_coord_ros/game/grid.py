@@ -265,9 +265,8 @@ def number_of(value: object, low: float, high: float, what: str) -> float:
 
 def _check_rows(rows: tuple[str, ...], first_line: int, where: str) -> None:
     if not rows:
-        raise MapError(
-            f"map {where}: no grid after the line '---'; add one line a row ({SYMBOLS})"
-        )
+        remedy = f"add one line a row ({SYMBOLS})"
+        raise MapError(f"map {where}: no grid after the line '---'; {remedy}")
     seen: dict[str, int] = {}
     for line, row in enumerate(rows, start=first_line):
         if len(row) != len(rows[0]):

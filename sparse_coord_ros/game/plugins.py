@@ -57,9 +57,8 @@ def allow_modules(modules: str | Iterable[str]) -> None:
     """
     for module in modules.split() if isinstance(modules, str) else filter(None, modules):
         if not is_path(f"{module}:name"):
-            raise SettingError(
-                f"allow: value is {module!r}, allowed: the name of a module, such as my_team"
-            )
+            named = "the name of a module, such as my_team"
+            raise SettingError(f"allow: value is {module!r}, allowed: {named}")
         os.environ[ALLOW_VARIABLE] = " ".join(dict.fromkeys([*allowed(), module]))
 
 
@@ -100,14 +99,12 @@ class Registry(Generic[T]):
             SettingError: it is nothing of this kind, or the name is none or taken.
         """
         if not (is_path(name) or (name.isidentifier() and name.isascii())):
-            raise SettingError(
-                f"{self.kind} name {name!r}: allowed: letters, digits and '_', not a digit first"
-            )
+            allowed = "letters, digits and '_', not a digit first"
+            raise SettingError(f"{self.kind} name {name!r}: allowed: {allowed}")
         made = self.made(name, thing)
         if is_shipped(self._known.get(name)) and not is_shipped(made):
-            raise SettingError(
-                f"{self.kind} name {name!r}: is taken by this package's own; choose another name"
-            )
+            what = f"{self.kind} name {name!r}: is taken by this package's own"
+            raise SettingError(f"{what}; choose another name")
         self._known[name] = made
         if is_path(name):
             allow_named(name)  # other processes import it
@@ -248,9 +245,8 @@ def failing_as(what: str, doing: str) -> Iterator[None]:
     except SparseCoordError:
         raise
     except (Exception, SystemExit) as error:  # of other people's code, whatever it raises
-        raise PluginError(
-            f"{what} failed while {doing}: {_problem(error)}; mend it, and call again"
-        ) from error
+        remedy = "mend it, and call again"
+        raise PluginError(f"{what} failed while {doing}: {_problem(error)}; {remedy}") from error
 
 
 def _problem(error: BaseException) -> str:

@@ -397,9 +397,8 @@ def _robots(value: object, grid: GridMap, where: str) -> tuple[Robot, ...]:
     robots = []
     for name, entry in value.items():
         if not isinstance(entry, dict) or set(entry) != {"start", "goal"}:
-            raise ScenarioError(
-                f"{where}: robot {name}: is {entry!r}, must be {{start: ..., goal: ...}}"
-            )
+            why = f"is {entry!r}, must be {{start: ..., goal: ...}}"
+            raise ScenarioError(f"{where}: robot {name}: {why}")
         good = str(name).isidentifier() and str(name).isascii() and len(str(name)) <= LONGEST_NAME
         if not good or name in RESERVED_NAMES:
             raise ScenarioError(

@@ -77,9 +77,8 @@ class Setting:
         except (TypeError, ValueError, OverflowError, KeyError):
             fits = False
         if not fits:
-            raise SettingError(
-                f"setting {self.name}: value is {in_short(value)}, allowed: {self.allowed}"
-            )
+            why = f"value is {in_short(value)}, allowed: {self.allowed}"
+            raise SettingError(f"setting {self.name}: {why}")
         return parsed
 
 

@@ -156,9 +156,8 @@ class SpecFamily:
         values = tuple(map(_number, texts))
         for number, value, text in zip(wanted, values, texts, strict=True):
             if not number.low <= value <= number.high:
-                raise SettingError(
-                    f"setting {self.setting}: {number.name} is {text!r}, allowed: {number.allowed}"
-                )
+                why = f"{number.name} is {text!r}, allowed: {number.allowed}"
+                raise SettingError(f"setting {self.setting}: {why}")
         return Spec(form.kind, values)
 
 

@@ -189,9 +189,8 @@ def load_checkpoint(path: Path, scenario: Scenario, learner: Learner, seed: int)
         RunError: there is none, it cannot be read, or it is that of another run.
     """
     if not path.exists():
-        raise RunError(
-            f"{path}: there is no such file; only a run that was interrupted can be resumed"
-        )
+        remedy = "only a run that was interrupted can be resumed"
+        raise RunError(f"{path}: there is no such file; {remedy}")
     said = f"learner {learner.label}, seed {seed}"
     arrays = read(path, _digest(scenario, learner, seed), said=said)
     robots, groups = len(scenario.robots), len(groups_of(scenario, learner))

@@ -107,9 +107,8 @@ def set_mark(values: np.ndarray, marked: bool) -> None:
 def check_pair(scenario: Scenario, learner: str) -> None:
     """Raise `SettingError` unless COORDINATE perceives one peer, and Q^C is dense."""
     if scenario.perceived > 2:
-        raise SettingError(
-            f"setting peers: value is 'all', allowed with learner {learner}: one; leave it out"
-        )
+        what = f"setting peers: value is 'all', allowed with learner {learner}: one"
+        raise SettingError(f"{what}; leave it out")
     if scenario.sparse:
         raise SettingError(
             f"learner {learner}: scenario {scenario.name} has {len(scenario.map.cells)} cells, "

@@ -127,9 +127,8 @@ class RunConfig:
                 f"step_timeout ({self.step_timeout:g})"
             )
         if self.improve and self.greedy:
-            raise SettingError(
-                "setting improve: a greedy run learns nothing; leave one of them out"
-            )
+            remedy = "leave one of them out"
+            raise SettingError(f"setting improve: a greedy run learns nothing; {remedy}")
 
     @property
     def rule(self) -> Learner:

@@ -36,9 +36,8 @@ def results_figure(
     """
     _, results = read_results(directory, say)
     if not results:
-        raise ResultsError(
-            f"{directory}: holds no result yet; 'sparse_coord reproduce' puts some there"
-        )
+        remedy = "'sparse_coord reproduce' puts some there"
+        raise ResultsError(f"{directory}: holds no result yet; {remedy}")
     by_id = {one.id: one for one in results}
     drawn: dict[str, list[ConditionResult]] = {"conditions": list(results)}
     for name in NAMES:
@@ -52,9 +51,8 @@ def results_figure(
         drawn["asks"] = list(asking.values())
     what = what or "conditions"
     if what not in drawn:
-        raise SettingError(
-            f"--what {what!r}: these results have {', '.join(drawn)}{did_you_mean(what, drawn)}"
-        )
+        why = f"these results have {', '.join(drawn)}{did_you_mean(what, drawn)}"
+        raise SettingError(f"--what {what!r}: {why}")
     if what == "asks":
         return what, asked_maps(drawn[what])
     return what, figures_of(what.removesuffix(VARIANCE), drawn[what])[what]

@@ -63,9 +63,8 @@ class Shown:
             BagError: the bag cannot be read.
         """
         if self.bag is None:
-            raise RunError(
-                f"{self.path}: has no bag; 'sparse_coord run' records one, 'train' does not"
-            )
+            remedy = "'sparse_coord run' records one, 'train' does not"
+            raise RunError(f"{self.path}: has no bag; {remedy}")
         return LongLog(self.bag)
 
     @cached_property

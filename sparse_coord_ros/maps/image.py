@@ -161,9 +161,8 @@ def _pixels(path: Path) -> tuple[np.ndarray, np.ndarray]:
         problem = " ".join(str(error).split())[:200]
         if isinstance(error, UnidentifiedImageError):  # which names Python's object
             problem = "its format is unknown"
-        raise MapError(
-            f"{path}: cannot be read as an image ({problem}); save it anew as PGM or PNG"
-        ) from None
+        why = f"cannot be read as an image ({problem}); save it anew as PGM or PNG"
+        raise MapError(f"{path}: {why}") from None
 
 
 def _values(image: Image.Image) -> tuple[np.ndarray, np.ndarray]:

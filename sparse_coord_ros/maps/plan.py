@@ -90,9 +90,8 @@ def import_map(
     if doorway_length is None:
         doorway_length = 2 * radius + WALL_THICKNESS + cell
     if cell < plan.resolution:
-        raise MapError(
-            f"cell is {cell:g} m, allowed: at least a pixel of the map, {plan.resolution:g} m"
-        )
+        allowed = f"at least a pixel of the map, {plan.resolution:g} m"
+        raise MapError(f"cell is {cell:g} m, allowed: {allowed}")
     cells = plan.free.size * (plan.resolution / cell) ** 2
     if cells > MAP.elements:
         what = f"the grid would have {cells:,.0f} cells, allowed: up to {MAP.elements:,}"
@@ -157,9 +156,8 @@ def _layout_of(plan: FloorPlan, cell: float, radius: float, speck: float) -> gri
             f"({layout.slips} times, wherever the grid lies); choose smaller ones"
         )
     if not layout.free.any():
-        raise MapError(
-            f"map {plan.name}: no cell of {cell:g} m has a free centre; choose smaller cells"
-        )
+        remedy = "choose smaller cells"
+        raise MapError(f"map {plan.name}: no cell of {cell:g} m has a free centre; {remedy}")
     return layout
 
 
@@ -171,9 +169,8 @@ def _doorways(
     for place in remove:
         number = doors[frame.cell(place, "no doorway")]
         if not number:
-            raise MapError(
-                f"no doorway at {_metres(place)}: there is none; the picture shows them"
-            )
+            remedy = "the picture shows them"
+            raise MapError(f"no doorway at {_metres(place)}: there is none; {remedy}")
         doors[doors == number] = 0
     for place in add:
         where = frame.cell(place, "doorway")

@@ -386,10 +386,8 @@ def _crowd(results: Results) -> Section:
             }
         )
     one, every, factored = (_surely(found) for found in gains.values())
-    crowded, own = (
-        pick(results, peers="all", learner="coop")[-1],
-        pick(results, learner="factored"),
-    )
+    crowded = pick(results, peers="all", learner="coop")[-1]
+    own = pick(results, learner="factored")
     both = one[0] + every[0], one[1] + every[1]
     claims = [
         finding("crowd", *both, one=of(*one), every=of(*every)),
