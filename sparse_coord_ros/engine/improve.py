@@ -271,23 +271,18 @@ def _changes(
         minds: what the robots do.
         stays: steps that each robot acts in each cell, shape (robots, cells).
     """
-    star, lead = minds.q_star, learned.map.next_cell
-    yield from _routes(learned, minds)
+    star, u, lead = minds.q_star, minds.own.u, learned.map.next_cell
+    for avoided in ((), *((doorway,) for doorway in sorted(learned.map.doorways))):
+        for k, route in enumerate(_on_routes(learned, [avoided] * len(u))):
+            gained = np.column_stack([route, route.max(axis=1)])
+            gained -= np.column_stack([u[k], u[k].max(axis=1)])
+            yield [(star[k], star[k] + gained), (u[k], route)]
     for k, x in np.argwhere(stays > 0).tolist():
         for action in range(len(ACTIONS)):
             waits_for_ever = action < PRIMITIVES and lead[x, action] == x
             if action != star[k, x].argmax() and not waits_for_ever:
                 yield [(star[k, x], preferring(star[k, x], action))]
     yield from _corrections(minds, stays)
-
-
-def _routes(learned: Scenario, minds: Any) -> Iterator[list[tuple[np.ndarray, np.ndarray]]]:
-    star, u = minds.q_star, minds.own.u
-    for avoided in ((), *((doorway,) for doorway in sorted(learned.map.doorways))):
-        for k, route in enumerate(_on_routes(learned, [avoided] * len(u))):
-            gained = np.column_stack([route, route.max(axis=1)])
-            gained -= np.column_stack([u[k], u[k].max(axis=1)])
-            yield [(star[k], star[k] + gained), (u[k], route)]
 
 
 def _on_routes(learned: Scenario, avoided: Sequence[Collection[int]]) -> np.ndarray:

@@ -20,19 +20,7 @@ from sparse_coord_ros.game.streams import EXPLORE, EXPLORED_ACTION, MOTION, POLI
 from sparse_coord_ros.game.world import EPISODE_GAP
 from sparse_coord_ros.learn import loops
 from sparse_coord_ros.learn.history import History
-from sparse_coord_ros.learn.loops import (
-    DONE,
-    END,
-    EPISODE_START,
-    NO_ROW,
-    PLACED,
-    STEP,
-    Draws,
-    GameState,
-    State,
-    drawn,
-    greedy_action,
-)
+from sparse_coord_ros.learn.loops import DONE, END, EPISODE_START, NO_ROW, PLACED, STEP
 from sparse_coord_ros.learn.rows import has_room, rehash
 
 REWARD, TIME, ASKS, CONFLICTS = range(4)
@@ -53,13 +41,13 @@ class Record(NamedTuple):
 
 
 @inner
-def begin_block(game: GameState, draws: Draws) -> None:
+def begin_block(game: loops.GameState, draws: loops.Draws) -> None:
     """Begin the next block of time steps."""
     game.clock[END] += draws.block
 
 
 @inlined
-def place(state: State) -> None:
+def place(state: loops.State) -> None:
     """Begin an episode: every robot at its start, or at an exploring start."""
     problem, game, draws = state.problem, state.game, state.draws
     clock = game.clock
@@ -70,15 +58,15 @@ def place(state: State) -> None:
         game.arrived[k] = 1
     for k in problem.members:
         game.arrived[k] = 0
-        if exploring > 0.0 and drawn(draws, START, k, step, 0) < exploring:
-            pick = int(drawn(draws, START, k, step, 1) * problem.start_counts[k])
+        if exploring > 0.0 and loops.drawn(draws, START, k, step, 0) < exploring:
+            pick = int(loops.drawn(draws, START, k, step, 1) * problem.start_counts[k])
             game.cells[k] = problem.start_cells[k, pick]
     clock[EPISODE_START] = step
     clock[PLACED] = 1
 
 
 @inlined
-def choose(state: State, minds: Any, step: int, epsilon: float) -> None:
+def choose(state: loops.State, minds: Any, step: int, epsilon: float) -> None:
     """Let every robot that has not arrived choose (Algorithm 1, lines 4 to 10)."""
     problem, game, choice, draws = state
     loops.begin_step(state, minds)
@@ -87,10 +75,10 @@ def choose(state: State, minds: Any, step: int, epsilon: float) -> None:
             continue
         x = game.cells[k]
         values = minds.q_star[k, x]
-        if epsilon > 0.0 and drawn(draws, POLICY, k, step, EXPLORE) < epsilon:
-            action = int(drawn(draws, POLICY, k, step, EXPLORED_ACTION) * problem.actions)
+        if epsilon > 0.0 and loops.drawn(draws, POLICY, k, step, EXPLORE) < epsilon:
+            action = int(loops.drawn(draws, POLICY, k, step, EXPLORED_ACTION) * problem.actions)
         else:
-            action = greedy_action(values, len(ACTIONS), draws, k, step, TIE)
+            action = loops.greedy_action(values, len(ACTIONS), draws, k, step, TIE)
         choice.cells[k] = x
         choice.actions[k] = action
         choice.moves[k] = action
@@ -100,12 +88,12 @@ def choose(state: State, minds: Any, step: int, epsilon: float) -> None:
 
 
 @inlined
-def move(state: State, step: int) -> bool:
+def move(state: loops.State, step: int) -> bool:
     """Move every robot that acts; return whether the step ends in a miscoordination."""
     problem, game, choice, draws = state
     cells = game.cells
     for k in problem.members:
-        if not game.arrived[k] and drawn(draws, MOTION, k, step, 0) < problem.move_success:
+        if not game.arrived[k] and loops.drawn(draws, MOTION, k, step, 0) < problem.move_success:
             cells[k] = problem.next_cell[cells[k], choice.moves[k]]
     return meet(problem.places, cells, problem.members)
 
@@ -118,7 +106,7 @@ def has_rows(record: Record | None, block: int) -> bool:
     return bool(record.used[0] + block <= len(record.rows.length))
 
 
-def learn(state: State, minds: Any, record: Record | None) -> None:
+def learn(state: loops.State, minds: Any, record: Record | None) -> None:
     """Learn until the budget is used up, something needs more room, or it is to stop.
 
     What needs room are sparse tables and the record. A run in parts is the unbroken run.
@@ -143,7 +131,7 @@ def learn(state: State, minds: Any, record: Record | None) -> None:
 
 
 @inner
-def learn_block(state: State, minds: Any, record: Record | None) -> None:
+def learn_block(state: loops.State, minds: Any, record: Record | None) -> None:
     """Learn until the block of time steps, or the budget, is used up (Algorithm 1)."""
     problem, game, choice, _ = state
     clock, arrived = game.clock, game.arrived
@@ -193,7 +181,7 @@ def learn_block(state: State, minds: Any, record: Record | None) -> None:
 
 
 def play(
-    state: State, minds: Any, results: np.ndarray, asked: np.ndarray, stays: np.ndarray
+    state: loops.State, minds: Any, results: np.ndarray, asked: np.ndarray, stays: np.ndarray
 ) -> None:
     """Play greedy trials until all are played, or as `learn` does; arguments as `play_block`."""
     problem, game, _, draws = state
@@ -205,7 +193,7 @@ def play(
 
 @inner
 def play_block(
-    state: State, minds: Any, results: np.ndarray, asked: np.ndarray, stays: np.ndarray
+    state: loops.State, minds: Any, results: np.ndarray, asked: np.ndarray, stays: np.ndarray
 ) -> None:
     """Play greedy trials until the block of time steps, or the trials, are used up.
 

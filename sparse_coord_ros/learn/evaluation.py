@@ -252,14 +252,14 @@ def check_tables(
     """
     cells = len(scenario.map.cells)
     coord_shape = (cells,) * scenario.perceived + (PRIMITIVES,)
+    due = {"q_star": (cells, len(ACTIONS)), "q_coord": coord_shape}
     if len(tables) != len(scenario.robots):
         more = f"which has {len(scenario.robots)}; use the tables of a run of this scenario"
         raise TablesError(f"tables of {len(tables)} robots for scenario {scenario.name}, {more}")
     rule = None if learner is None else learner_of(learner)
     for k, table in enumerate(tables, start=1):
-        shapes = table.q_star.shape, table.q_coord.shape
-        due = (cells, len(ACTIONS)), coord_shape
-        for name, shape, needed in zip(("q_star", "q_coord"), shapes, due, strict=True):
+        for name, needed in due.items():
+            shape = getattr(table, name).shape
             if shape != needed:
                 raise TablesError(
                     f"{name}_{k} has shape {shape}, scenario {scenario.name} needs {needed}; use "

@@ -22,18 +22,9 @@ from sparse_coord_ros.game.miscoordination import meeting_places, together
 from sparse_coord_ros.game.perception import percept_probabilities
 from sparse_coord_ros.game.plugins import is_shipped
 from sparse_coord_ros.game.scenario import Scenario
+from sparse_coord_ros.learn import evaluation
 from sparse_coord_ros.learn.agent import Agent, Tables
-from sparse_coord_ros.learn.evaluation import (
-    Evaluation,
-    Measure,
-    Progress,
-    acting_on,
-    check_tables,
-    greedy_agents,
-    play,
-    silent,
-    summary,
-)
+from sparse_coord_ros.learn.evaluation import Evaluation, Measure, Progress
 from sparse_coord_ros.learn.learners import Learner, learner_of
 from sparse_coord_ros.solve.exact_loops import (
     ARRIVED,
@@ -110,7 +101,7 @@ def evaluate_exact(
             or a learner whose agents act by a rule of their own.
     """
     check_exact(scenario)
-    check_tables(scenario, tables, learner)
+    evaluation.check_tables(scenario, tables, learner)
     robots, team = _robots(scenario, tables, learner), len(scenario.robots)
     own = _within_reach(scenario, robots)
     sums = _carried(_pair(scenario, robots, own), spreads=True, most=MOST_OUTCOMES)
@@ -139,7 +130,7 @@ def evaluate_best(
     trials: int,
     seed: int = 0,
     learner: str | Learner | None = None,
-    progress: Progress = silent,
+    progress: Progress = evaluation.silent,
 ) -> ExactEvaluation | Evaluation:
     """Compute what a team is worth where that can be, else play trials.
 
@@ -158,7 +149,7 @@ def evaluate_best(
         return evaluate_exact(scenario, tables, learner=learner)
     except SettingError:  # too many, a link that fails by time, agents with a rule of their own
         how: Any = {"trials": trials, "seed": seed, "learner": learner, "progress": progress}
-        return summary(play(scenario, tables, **how))
+        return evaluation.summary(evaluation.play(scenario, tables, **how))
 
 
 def check_exact(scenario: Scenario) -> None:
@@ -242,9 +233,9 @@ def _robots(
 ) -> list[Greedy]:
     """Return the robots; SettingError where tables do not say how they act."""
     check_up(scenario.link, "exact evaluation")
-    agents = greedy_agents(scenario, tables, 0, learner)
+    agents = evaluation.greedy_agents(scenario, tables, 0, learner)
     if not all(is_shipped(getattr(type(one), name)) for one in agents for name in CHOOSING):
-        rule = learner_of(learner or acting_on(tables[0]))
+        rule = learner_of(learner or evaluation.acting_on(tables[0]))
         raise SettingError(
             f"exact evaluation: learner {rule.label} acts by a rule of its own, allowed: learners "
             "whose agents act as Algorithm 1 does; leave out 'exact' for trials"

@@ -83,13 +83,13 @@ def joint_moves(scenario: Scenario) -> np.ndarray:
 
 def _worth(scenario: Scenario, leads: Sequence[np.ndarray], paid: np.ndarray) -> np.ndarray:
     """Return the worth of joint actions, last robot first, in joint states."""
-    value, every = np.zeros(paid.shape), (slice(None),) * len(leads)
+    value, every, p = np.zeros(paid.shape), (slice(None),) * len(leads), scenario.move_success
     goal = tuple(robot.goal for robot in scenario.robots)
     while True:
         # What the joint state is worth that a step leads to; each robot adds its axis in front.
         worth: np.ndarray = scenario.discount * value + paid
         for k, lead in enumerate(leads):
-            worth = _own_moves(worth, k, lead, scenario.move_success)
+            worth = np.stack([p * worth.take(to, 2 * k) + (1.0 - p) * worth for to in lead])
         # All have arrived: the trial is over, and nobody pays where they stand in one doorway.
         worth[every + goal] = scenario.goal_reward / (1.0 - scenario.discount)
         best = worth.max(axis=tuple(range(len(leads))))
@@ -146,13 +146,3 @@ def payment(scenario: Scenario) -> np.ndarray:
         paid += np.where(states[k] == robot.goal, scenario.goal_reward, 0.0)
     conflict = miscoordinated(meeting_places(scenario)[states])
     return paid / team + np.where(conflict, sum(scenario.penalties) / team, 0.0)
-
-
-def _own_moves(value: np.ndarray, k: int, successors: np.ndarray, p: float) -> np.ndarray:
-    """Add robot k's axis of actions in front: the expected value over its own move.
-
-    `value` has k action axes, then the axes of the joint state.
-    """
-    axis = 2 * k
-    moved = [p * np.take(value, s, axis=axis) + (1.0 - p) * value for s in successors]
-    return np.stack(moved)

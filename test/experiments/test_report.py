@@ -22,7 +22,7 @@ from sparse_coord_ros.experiments.report.analysis import (
     implied_reward,
     near_doorways,
     paired,
-    surely_positive,
+    surely_above,
 )
 from sparse_coord_ros.experiments.report.charts import point
 from sparse_coord_ros.experiments.report.rows import paper
@@ -247,11 +247,11 @@ def test_gap_closed_has_the_error_of_paired_runs():
     assert gap_closed(coop, base + 20, 120.0) is None
 
 
-def test_what_is_surely_positive():
-    assert surely_positive(paired(np.array([1.0, 1.0])))
-    assert not surely_positive(paired(np.array([-1.0, -1.0])))
-    assert not surely_positive(paired(np.array([0.0, 0.0])))
-    assert not surely_positive(paired(np.array([3.0, -1.0])))
+def test_what_is_surely_above():
+    assert surely_above(paired(np.array([1.0, 1.0])))
+    assert not surely_above(paired(np.array([-1.0, -1.0])))
+    assert not surely_above(paired(np.array([0.0, 0.0])))
+    assert not surely_above(paired(np.array([3.0, -1.0])))
 
 
 def section(name, changes=(), conditions=None):

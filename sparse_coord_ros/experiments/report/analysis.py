@@ -113,9 +113,9 @@ def difference(
     return paired(result.run_means(measure) - other.run_means(measure))
 
 
-def surely_positive(measure: Measure) -> bool:
-    """Whether a mean lies more than `AGREE` standard errors above 0."""
-    return errors_from(measure, 0.0) > AGREE
+def surely_above(measure: Measure, exact: float = 0.0) -> bool:
+    """Whether a mean lies more than `AGREE` standard errors above a value."""
+    return errors_from(measure, exact) > AGREE
 
 
 def gap_closed(coop: np.ndarray, baseline: np.ndarray | float, optimum: float) -> Measure | None:

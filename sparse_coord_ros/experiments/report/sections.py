@@ -19,7 +19,7 @@ import yaml
 from sparse_coord_ros.experiments.benchmark import ARRIVE, standings
 from sparse_coord_ros.experiments.catalogue import CLOSED, FALLS, LEARNERS, LONG, REACHED
 from sparse_coord_ros.experiments.report import analysis
-from sparse_coord_ros.experiments.report.analysis import difference, paired, surely_positive
+from sparse_coord_ros.experiments.report.analysis import difference, paired, surely_above
 from sparse_coord_ros.experiments.report.charts import CLASS
 from sparse_coord_ros.experiments.report.drawings import crowd_gains, crowd_line
 from sparse_coord_ros.experiments.report.rows import by_scenario, class_bound, paper, pick
@@ -114,7 +114,7 @@ def failed(results: Iterable[ConditionResult]) -> str:
 
 def _surely(measures: Iterable[Measure]) -> tuple[int, int]:
     """Return how many measures surely exceed 0, and of how many."""
-    found = [surely_positive(one) for one in measures]
+    found = [surely_above(one) for one in measures]
     return sum(found), len(found)
 
 
@@ -241,7 +241,7 @@ def _figure4(results: Results) -> Section:
         )
         coop_falls.append(lost["coop"].mean())
         over = [paired(lost[name] - lost["coop"]) for name in ("indiv", "noncoop")]
-        less += all(map(surely_positive, over))
+        less += all(map(surely_above, over))
     lowest = f"{min(one.scenario.penalty for one in results):g}"
     within = sum(ratio <= FALLS.get(name, math.inf) for name, ratio in ratios.items())
     limits = named({name: f"{limit:g}" for name, limit in FALLS.items()})
@@ -325,8 +325,7 @@ def _ask_cost(results: Results) -> Section:
 
 def _beats_shortest_paths(result: ConditionResult) -> bool:
     """Whether the reward is surely above the exact value of shortest-path policies."""
-    error = analysis.errors_from(result.best("reward"), result.reference["reward"])
-    return error > analysis.AGREE
+    return surely_above(result.best("reward"), result.reference["reward"])
 
 
 def _perception(results: Results) -> Section:
