@@ -188,7 +188,7 @@ class Stage(WorldTopics):
             self._judge(step, note)
 
     def _judge(self, step: int, note: Note) -> None:
-        said, questions = note.said, note.questions
+        said, questions, poses = note.said, note.questions, note.poses
         asked = any(action.asked for _, action, _ in said)
         if said:
             _, action, account = said[0]
@@ -205,11 +205,9 @@ class Stage(WorldTopics):
             self.expect("asks", asked or left_out, f"a question at step {step}, no COORDINATE")
             again = questions > 1 or left_out
             self.expect("asks again", again, f"step {step}: one question, then an action")
-        if asked or note.poses:
+        if asked or poses:
             due = 1 + action.perceived if asked else 0
-            self.expect(
-                "percept", note.poses == due, f"step {step}: {note.poses} poses, not {due}"
-            )
+            self.expect("percept", poses == due, f"step {step}: {poses} poses, not {due}")
 
     def answer(self, step: int) -> tuple[int, Action, Account] | None:
         """Return the robot's first action of a time step; None: it does not come in time.

@@ -239,8 +239,6 @@ class Arena:
 
     def _touching_now(self) -> list[tuple[int, int]]:
         reach = 2 * self.ground.radius
-        return [
-            (j, k)
-            for j, k in itertools.combinations(range(len(self.bodies)), 2)
-            if math.dist(self.bodies[j].pose[:2], self.bodies[k].pose[:2]) < reach
-        ]
+        places = enumerate(body.pose[:2] for body in self.bodies)
+        pairs = itertools.combinations(places, 2)
+        return [(j, k) for (j, here), (k, there) in pairs if math.dist(here, there) < reach]

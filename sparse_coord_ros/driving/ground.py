@@ -74,10 +74,8 @@ class Ground:
             return x, y
         east, north = QUADRANTS[robot % len(QUADRANTS)]
         lane, (west_most, east_most, south_most, north_most) = LANE * self.side, self._lanes[cell]
-        return (
-            x + min(max(east * lane, west_most), east_most),
-            y + min(max(north * lane, south_most), north_most),
-        )
+        x += min(max(east * lane, west_most), east_most)
+        return x, y + min(max(north * lane, south_most), north_most)
 
     @cached_property
     def _lanes(self) -> list[list[float]]:

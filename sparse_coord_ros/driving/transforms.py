@@ -72,8 +72,6 @@ def parent_of(pose: Pose, here: Pose) -> Pose:
 def _within(frame: Pose, pose: Pose) -> Pose:
     """Return a pose of a frame as one of the frame's parent."""
     cos, sin = math.cos(frame.yaw), math.sin(frame.yaw)
-    return Pose(
-        frame.x + cos * pose.x - sin * pose.y,
-        frame.y + sin * pose.x + cos * pose.y,
-        math.remainder(frame.yaw + pose.yaw, math.tau),
-    )
+    x = frame.x + cos * pose.x - sin * pose.y
+    y = frame.y + sin * pose.x + cos * pose.y
+    return Pose(x, y, math.remainder(frame.yaw + pose.yaw, math.tau))

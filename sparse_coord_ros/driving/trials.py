@@ -190,9 +190,8 @@ def drive(
     """
     scenario = run.scenario
     team = greedy_team(scenario, tables, seed, run.learner)
-    world = BodyWorld(
-        scenario, seed, slips=values["slips"], phase=EVALUATION, max_steps=scenario.horizon
-    )
+    horizon, slips = scenario.horizon, values["slips"]
+    world = BodyWorld(scenario, seed, slips=slips, phase=EVALUATION, max_steps=horizon)
     floor = Floor(run, values, seed, world)
     arena, sent = floor.arena, floor.bodies
     found: list[tuple[Any, ...]] = []
@@ -200,7 +199,7 @@ def drive(
         world.begin_episode()
         floor.followed = episode if episode < followed else None
         touched, before = len(arena.touches), sent.seconds
-        times = np.full(len(tables), scenario.horizon)
+        times = np.full(len(tables), horizon)
         asks = np.zeros(len(tables), dtype=np.int64)
         steps = miscoordinations = 0
         while not world.episode_over:

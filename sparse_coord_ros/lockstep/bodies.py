@@ -209,10 +209,8 @@ def waves(goals: Sequence[BodyGoal], doorways: frozenset[int]) -> list[tuple[Bod
     goes, those out of doorways first. Where bodies change places, those out of doorways go first;
     where there are none, all go.
     """
-    ahead = sorted(
-        (goal for goal in goals if goal.end != goal.start),
-        key=lambda goal: (goal.start not in doorways, goal.robot),
-    )
+    moving = (goal for goal in goals if goal.end != goal.start)
+    ahead = sorted(moving, key=lambda goal: (goal.start not in doorways, goal.robot))
     found = []
     while ahead:
         leaving = {goal.start for goal in ahead}

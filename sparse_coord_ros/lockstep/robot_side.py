@@ -276,11 +276,8 @@ class RobotSide:
 
     def _rests(self, step: int, cell: int) -> bool:
         """Whether no action is due: arrived, end of the episode, or end of the run."""
-        return (
-            cell == self.agent.goal
-            or step - self._episode_start >= self._max_steps
-            or self.transitions >= self._budget
-        )
+        ended = self.transitions >= self._budget
+        return ended or cell == self.agent.goal or step - self._episode_start >= self._max_steps
 
     def _choose(self) -> None:
         self._asks_before = tuple(self.asks.values())

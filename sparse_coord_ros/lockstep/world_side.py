@@ -161,10 +161,8 @@ class WorldSide:
         self.began, self.absent = state.began, set(state.absent)
         world.episode, world.miscoordinations, *own = state.counts
         self.timeouts, self.left_out, self.stale, self.lost = own
-        under_way = state.position.under_way
-        self.history = HistoryRecorder(
-            len(self._robots), history=state.history, under_way=under_way
-        )
+        under_way, robots = state.position.under_way, len(self._robots)
+        self.history = HistoryRecorder(robots, history=state.history, under_way=under_way)
         self.held, self._begins = True, not under_way
         self._begin_step()
 

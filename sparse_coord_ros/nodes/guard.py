@@ -144,6 +144,5 @@ class Guard:
             )
         elif self.claim.rank == other.rank == ClaimRank.JOINED and not self._warned:
             self._warned = True
-            self._node.get_logger().warning(
-                f"another node {name} takes part in a run too; stop one of them"
-            )
+            text = f"another node {name} takes part in a run too; stop one of them"
+            self._node.get_logger().warning(text)

@@ -152,11 +152,9 @@ class MoverNode(Follower, LifecycleNodeMixin):
 
     def _read_pose(self, inside: Any, message: Any) -> tuple[float, Pose]:
         """Return when the body was where; ValueError: in another frame, or no pose."""
-        wanted = self.values["map_frame"]
-        if message.header.frame_id.lstrip("/") != wanted:
-            raise ValueError(
-                f"frame_id is {message.header.frame_id!r}, not {wanted!r} (parameter map_frame)"
-            )
+        wanted, frame = self.values["map_frame"], message.header.frame_id
+        if frame.lstrip("/") != wanted:
+            raise ValueError(f"frame_id is {frame!r}, not {wanted!r} (parameter map_frame)")
         pose = inside(message)
         turn = pose.orientation
         yaw = yaw_of(turn.x, turn.y, turn.z, turn.w)

@@ -110,9 +110,8 @@ def ros_context(args: Sequence[str] | None = None) -> Iterator[Context]:
     leftovers(remove=True)  # of killed processes
     context = Context()
     try:
-        rclpy.init(
-            args=list(args or ()), context=context, signal_handler_options=SignalHandlerOptions.NO
-        )
+        none = SignalHandlerOptions.NO
+        rclpy.init(args=list(args or ()), context=context, signal_handler_options=none)
     except RuntimeError as error:  # of rcl: malformed or unknown ROS arguments
         raise errors.RunError(f"ROS: {' '.join(str(error).split())}") from None
     try:

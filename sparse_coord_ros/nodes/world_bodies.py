@@ -49,11 +49,9 @@ class WorldBodies:
 
     def missing(self) -> list[str]:
         """Return the commands that start the drivers that are not there yet."""
-        return [
-            f"driver --ros-args -p robot:={name}"
-            for name, heard in zip(self._names, self._subscriptions, strict=True)
-            if heard.get_publisher_count() == 0
-        ]
+        pairs = zip(self._names, self._subscriptions, strict=True)
+        silent = [name for name, heard in pairs if heard.get_publisher_count() == 0]
+        return [f"driver --ros-args -p robot:={name}" for name in silent]
 
     @property
     def own(self) -> list[str]:
