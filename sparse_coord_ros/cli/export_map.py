@@ -32,12 +32,11 @@ def execute(options: argparse.Namespace) -> None:
     """Run the verb."""
     grid = map_of(options.map)
     resolution = options.resolution or grid.resolution or 1.0
-    pixels = options.pixels
+    pixels, folder = options.pixels, options.out or Path()
     if grid.shape[0] * grid.shape[1] * pixels**2 > IMAGE.elements:
         raise MapError(
             f"--pixels {pixels}: the image would have more than {IMAGE.elements:,} pixels"
         )
-    folder = options.out or Path()
     for path in (folder / f"{grid.name}.yaml", folder / f"{grid.name}.{options.image}"):
         if path.exists():
             raise MapError(f"{path}: exists already, nothing is overwritten; choose another --out")

@@ -53,13 +53,10 @@ def planned(
     ]
     unfelt = sorted(run.scenario.map.doorways - set(found.doorways))
     model = {"before": found.before, "value": found.value, "doorways": found.doorways}
-    lines = [
-        result_table(results, several=True),
-        f"on the learned model: {found.before:.2f} -> {found.value:.2f}",
-        f"tables   {folder}",
-    ]
+    lines = [result_table(results, several=True)]
+    lines.append(f"on the learned model: {found.before:.2f} -> {found.value:.2f}")
     if unfelt:
         where = ", ".join(str(run.scenario.map.cells[x]) for x in unfelt)
-        lines.insert(2, f"no r^C was ever felt in doorway {where}: the plan takes it for a room")
-    runs = [facts_of(one) for one in results]
-    return {"learned_model": {**model, "unfelt": unfelt}, "runs": runs}, "\n".join(lines)
+        lines.append(f"no r^C was ever felt in doorway {where}: the plan takes it for a room")
+    facts = {"learned_model": {**model, "unfelt": unfelt}, "runs": list(map(facts_of, results))}
+    return facts, "\n".join([*lines, f"tables   {folder}"])

@@ -121,10 +121,9 @@ def _run_processes(values: dict[str, Any], stop: Stop, quiet: bool) -> dict[str,
 def _start(module: str, name: str, parameters: Mapping[str, Any], quiet: bool) -> Process:
     """Start a node in a session of its own: a Ctrl-C reaches it once, through this process."""
     command = [sys.executable, "-P", "-m", "sparse_coord_ros.executables", module, "--ros-args"]
-    command += ["-r", f"__node:={name}"]
     for key, value in parameters.items():
         command += ["-p", f"{key}:={json.dumps(value, ensure_ascii=False)}"]
-    command += ["--log-level", "warn"] if quiet else []
+    command += ["-r", f"__node:={name}", *["--log-level", "warn"] * quiet]
     # A signal that comes before the child can hear it waits until it does.
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, STOPPING)
     try:

@@ -58,8 +58,7 @@ def announce(server: "Server", options: argparse.Namespace) -> None:
 class Wishes(Controlled):
     """The source between two runs: hears which run is wanted next."""
 
-    def __init__(self) -> None:
-        self.next: Mapping[str, Any] | None = None
+    next: Mapping[str, Any] | None = None
 
     def control(self, control: Control) -> None:
         """Take note of a wish; called from the server's thread."""

@@ -7,6 +7,7 @@ import textwrap
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import asdict
+from functools import partial
 from typing import Any, NamedTuple
 
 from sparse_coord_ros.cli.options import JSON, Option, tell
@@ -19,6 +20,8 @@ from sparse_coord_ros.learn.run_config import RUN_SETTINGS
 
 WIDEST = 100
 """Characters of a line."""
+
+wrap = partial(textwrap.wrap, width=WIDEST, break_long_words=False, break_on_hyphens=False)
 
 GROUPS = ("scenario", "dialogue", "protocol", "run", "drive", "learners")
 """Groups that there are without ROS 2, too."""
@@ -121,18 +124,8 @@ def lines_of(entries: dict[str, Entry], *, forms: bool) -> Iterator[str]:
     indent = max(len(name) for name in entries) + 2
     for name, one in entries.items():
         first, *more = one.lines
-        yield from _wrapped(f"{name:<{indent}}{first}", indent)
-        for text in more:
-            yield from _wrapped(" " * indent + text, indent)
-        for text in one.forms if forms else []:
-            yield from _wrapped(" " * (indent + 2) + text, indent + 4)
-
-
-def _wrapped(text: str, indent: int) -> list[str]:
-    return textwrap.wrap(
-        text,
-        WIDEST,
-        subsequent_indent=" " * indent,
-        break_long_words=False,
-        break_on_hyphens=False,
-    )
+        texts = [(f"{name:<{indent}}{first}", indent)]
+        texts += [(" " * indent + text, indent) for text in more]
+        texts += [(" " * (indent + 2) + text, indent + 4) for text in one.forms if forms]
+        for text, further in texts:
+            yield from wrap(text, subsequent_indent=" " * further)

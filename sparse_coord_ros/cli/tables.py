@@ -36,10 +36,9 @@ def execute(options: argparse.Namespace) -> None:
     if (options.step is None) != (options.out is None):
         raise RunError("--step N and --out DIR belong together; without both the steps are listed")
     tracks = read_tracks(options.bag)
-    of_each: list[dict[int, Any]] = [
-        {one.step: one.tables for one in tracks.tables if one.robot == k}
-        for k in range(len(tracks.names))
-    ]
+    of_each: list[dict[int, Any]] = [{} for _ in tracks.names]
+    for one in tracks.tables:
+        of_each[one.robot][one.step] = one.tables
     common = sorted(set.intersection(*(set(known) for known in of_each)))
     said: dict[str, Any] = {"bag": options.bag, "steps": common}
     lines = [str(step) for step in common] or ["no tables of all robots of one step"]

@@ -241,23 +241,16 @@ def advice(scenario: Scenario, done: Training) -> list[str]:
     history = done.history
     last = slice(history.episodes // 2, None)
     arrived = history.arrived[last][history.present[last]].mean()
-    left = scenario.discount**moves
-    causes = [
-        (
-            left < FAR,
+    left, tips = scenario.discount**moves, []
+    if left < FAR:
+        tips.append(
             f"The goal is {moves} moves away, and discount {scenario.discount:g} leaves "
-            f"{left:.1%} of its value there",
-            "discount=0.99",
-        ),
-        (
-            str(scenario.starts) == "fixed",
-            "Episodes that always begin at the same cells seldom find a goal far away",
-            f"starts={SETTINGS['starts'].default}",
-        ),
-    ]
-    tips = [f"{why}: --set {remedy}." for holds, why, remedy in causes if holds]
-    return [
-        *tips[:1],
-        f"In the second half of learning {arrived:.0%} of the robots' episodes ended at the goal; "
-        f"learn longer: --steps {10 * scenario.steps}.",
-    ]
+            f"{left:.1%} of its value there: --set discount=0.99."
+        )
+    elif str(scenario.starts) == "fixed":
+        tips.append(
+            "Episodes that always begin at the same cells seldom find a goal far away: "
+            f"--set starts={SETTINGS['starts'].default}."
+        )
+    share = f"In the second half of learning {arrived:.0%} of the robots' episodes ended at the"
+    return [*tips, f"{share} goal; learn longer: --steps {10 * scenario.steps}."]

@@ -148,8 +148,7 @@ def _chosen(wanted: int | str, history: History, own: np.ndarray, where: str) ->
             )
         return wanted
     whole = np.asarray(history.arrived.all(axis=1))
-    if not whole.any():
-        whole = ~whole
+    whole = whole if whole.any() else ~whole
     if wanted == LAST:
         return int(np.flatnonzero(whole)[-1])
     among = np.flatnonzero(whole & own) if (whole & own).any() else np.flatnonzero(whole)

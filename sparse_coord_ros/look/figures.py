@@ -190,10 +190,9 @@ def _names(shown: Shown) -> list[str]:
 
 def _policy(shown: Shown, label: str) -> Iterator[Panel]:
     names = _names(shown)
+    groups = {name: range(k, k + 1) for k, name in enumerate(names)}
     if len(names) <= 2:
         groups = {f"{label}: greedy moves": range(len(names))}
-    else:
-        groups = {name: range(k, k + 1) for k, name in enumerate(names)}
     for title, robots in groups.items():
         last = robots.stop == len(names)
         draw = partial(_draw_policy, shown, robots, title, key=last)
@@ -354,9 +353,8 @@ def _draw_percepts(log: RunLog, label: str, axes: Axes) -> None:
             continue
         asked = np.histogram(np.repeat(log.step, found.sum(axis=1)), ends)[0]
         share = 100 * asked / np.maximum(acted, 1)
-        label_of = f"{name} ({int(found.sum())})"
-        bars = axes.bar(ends[:-1], share, np.diff(ends), below, align="edge", label=label_of)
-        for bar in bars:
+        said = f"{name} ({int(found.sum())})"
+        for bar in axes.bar(ends[:-1], share, np.diff(ends), below, align="edge", label=said):
             bar.set(color=OUTCOME_COLOURS[name], hatch=HATCHES[name], ec="white", lw=0.4)
         below += share
     axes.set(xlabel="time step", ylabel="COORDINATE [% of actions]")

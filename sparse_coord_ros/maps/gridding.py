@@ -118,9 +118,7 @@ def grown(pixels: np.ndarray, radius: float) -> np.ndarray:
 
 
 def _past(pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    along_rows = np.cumsum(pixels, axis=1, dtype=np.uint16)
-    along_columns = np.cumsum(pixels, axis=0, dtype=np.uint16)
-    return along_rows, along_columns
+    return pixels.cumsum(axis=1, dtype=np.uint16), pixels.cumsum(axis=0, dtype=np.uint16)
 
 
 def _neighbours(array: np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray]:
@@ -168,13 +166,11 @@ def _layout(space: Space, pixels: float, down: float, right: float) -> Gridding:
         slips += int((one & beside).sum())
     _close(free, [past[at] for past in space.past_blocked])
     labels, count = ndimage.label(free)
-    sizes = np.bincount(labels.ravel(), minlength=count + 1)
-    sizes[0] = 0
+    sizes = np.bincount(labels[free], minlength=count + 1)
     # Of each part of the space its largest part in the grid is kept; all others are cut off.
     kept = np.zeros(parts.max(initial=0) + 1, dtype=np.int64)
     which = np.zeros(count + 1, dtype=np.int64)
-    which[labels.ravel()] = parts.ravel()
-    which[0] = 0
+    which[labels[free]] = parts[free]
     np.maximum.at(kept, which, sizes)
     large = sizes >= CRUMB
     cut = int(large.sum() - (kept[1:] >= CRUMB).sum())

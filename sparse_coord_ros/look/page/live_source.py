@@ -136,8 +136,8 @@ class LiveView:
         """
         self.board.put("curves", read=1.0, **messages.curve_fields(history))
         self.board.put("tables", robots=messages.table_fields(self.run, tables))
-        counted = self.asked if asked is None else asked.tolist()
-        self.board.put("asked", robots=[list(row) for row in counted])
+        counted = np.array(self.asked) if asked is None else asked
+        self.board.put("asked", robots=counted.tolist())
         spent = time.thread_time() - self._began  # on a busy machine less than has passed
         pause = min(max(SLOW_SECONDS, spent / SLOW_SHARE), LONGEST_SECONDS)
         self._slow = time.monotonic() + pause
