@@ -86,10 +86,8 @@ class Checkpoints(Store):
             self._folder.mkdir(exist_ok=True)
             self._lock = hold(self._folder / f"{node}.lock")
         except HeldError as error:
-            raise RunError(
-                f"output directory {out}: another process runs {node} there ({error}); stop that "
-                "one, or choose another directory"
-            ) from None
+            what = f"output directory {out}: another process runs {node} there ({error})"
+            raise RunError(f"{what}; stop that one, or choose another directory") from None
 
     @staticmethod
     def remove(out: Path) -> None:

@@ -171,10 +171,8 @@ def read_command(message: Twist) -> Command:
     """
     command = Command(message.linear.x, message.angular.z)
     if not all(abs(speed) <= FASTEST for speed in command):
-        raise ValueError(
-            f"linear.x is {command.ahead:g}, angular.z {command.turn:g}; allowed: numbers up to "
-            f"{FASTEST:g}"
-        )
+        most = f"allowed: numbers up to {FASTEST:g}"
+        raise ValueError(f"linear.x is {command.ahead:g}, angular.z {command.turn:g}; {most}")
     return command
 
 

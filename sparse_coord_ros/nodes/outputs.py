@@ -167,10 +167,8 @@ class Output:
             if read_text(out / RUN_FILE, SCENARIO, RunError, remedy) != self._text:
                 held = [f"another run's {RUN_FILE}"]
         if held:
-            raise RunError(
-                f"output directory {out}: exists already and holds {held[0]}, nothing is "
-                "overwritten; choose another one"
-            )
+            why = f"exists already and holds {held[0]}, nothing is overwritten; choose another one"
+            raise RunError(f"output directory {out}: {why}")
 
     def _describe(self, place: Path) -> None:
         """Write `run.yaml` into a directory that has none; of several nodes one does."""

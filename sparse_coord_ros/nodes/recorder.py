@@ -299,10 +299,8 @@ class Recorder(Follower):
         super().__init__(RECORDER, PARAMETERS[RECORDER], **place)
         self.directory = Path(self.values["out"] or f"bag_{datetime.now():%Y%m%d_%H%M%S}")
         if self.directory.exists() and not self.values["resume"]:
-            raise RunError(
-                f"output directory {self.directory}: exists already, nothing is overwritten; "
-                "choose another one for parameter 'out'"
-            )
+            what = f"output directory {self.directory}: exists already, nothing is overwritten"
+            raise RunError(f"{what}; choose another one for parameter 'out'")
         self.error: BagError | None = None
         self._recording_publisher = self.announce(interface.RECORDING)
 
@@ -326,10 +324,8 @@ class Recorder(Follower):
         earlier = continued(self.directory) if self.values["resume"] else None
         before = {} if earlier is None else earlier.metadata.get(RUN_RECORD, {})
         if before.get("id", run.id) != run.id:
-            raise RunError(
-                f"{self.directory}: holds the recording of another run; choose another one "
-                "for parameter 'out'"
-            )
+            remedy = "choose another one for parameter 'out'"
+            raise RunError(f"{self.directory}: holds the recording of another run; {remedy}")
         values, longest = self.values, round(self.values["max_bagfile_duration"] * SECOND)
         options: dict[str, Any] = {"compression": values["compression"], "max_ns": longest}
         options["max_bytes"] = values["max_bagfile_size"]

@@ -251,10 +251,8 @@ class WorldSimulator(ParameterNode):
         names = ", ".join(self._names[k] for k in sorted(missing or side.absent))
         self.remind(self.reminder, f"{names} at step {side.world.step}")
         if 0 < self.values["lost_timeout"] <= stands:
-            raise RunError(
-                f"lost_timeout: step {side.world.step}: the world has stood still for "
-                f"{stands:.0f} s for {names}; everything is saved"
-            )
+            why = f"the world has stood still for {stands:.0f} s for {names}; everything is saved"
+            raise RunError(f"lost_timeout: step {side.world.step}: {why}")
         if silent < self.run.step_timeout and not (missing and self.topics.gone(missing)):
             return
         what = f"step {side.world.step}: {names} gone or silent for {silent:.1f} s"
