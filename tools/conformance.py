@@ -108,10 +108,8 @@ class Stage(WorldTopics):
         self._lost = -1
         self.node.create_timer(STATUS_SECONDS, lambda: self.say(self.doing, self.side, self.order))
         listen = self.node.intake.listen
-        self.actions = [
-            listen(interface.ACTION, self._on_action, name, unpack=self.convert.unpack_account)
-            for name in self.names
-        ]
+        action, read = interface.ACTION, self.convert.unpack_account
+        self.actions = [listen(action, self._on_action, name, unpack=read) for name in self.names]
         listen(interface.PERCEPT, self._on_percept, self.name)
         tell = partial(setattr, self, "progress")
         listen(interface.PROGRESS, tell, self.name, read=read_progress)

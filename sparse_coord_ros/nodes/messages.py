@@ -145,10 +145,8 @@ def tables_message(data: bytes, step: int, occasion: str) -> UInt8MultiArray:
         occasion: one of `wire.Occasion`.
     """
     message = UInt8MultiArray(data=packed("B", data))
-    message.layout.dim = [
-        MultiArrayDimension(label="npz", size=len(data), stride=len(data)),
-        MultiArrayDimension(label=occasion, size=step, stride=1),
-    ]
+    npz = MultiArrayDimension(label="npz", size=len(data), stride=len(data))
+    message.layout.dim = [npz, MultiArrayDimension(label=occasion, size=step, stride=1)]
     return message
 
 

@@ -44,11 +44,8 @@ class Frame:
         self.names = run.scenario.names
         self.robots = len(self.names)
         self.period = round(run.step_period * SECOND)
-        rows = self.grid.shape[0]
-        self.centres = [
-            (x + (column + 0.5) * self.resolution, y + (rows - row - 0.5) * self.resolution)
-            for row, column in self.grid.cells
-        ]
+        rows, side, cells = self.grid.shape[0], self.resolution, self.grid.cells
+        self.centres = [(x + (c + 0.5) * side, y + (rows - r - 0.5) * side) for r, c in cells]
         self._cells = {centre: cell for cell, centre in enumerate(self.centres)}
 
     def stamp(self, step: int) -> tuple[int, int]:
