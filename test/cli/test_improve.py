@@ -12,7 +12,7 @@ from sparse_coord_ros.learn.tables import load_team
 
 pytestmark = pytest.mark.skipif(not has_numba(), reason="minutes in plain Python")
 
-TRAIN = ("train", "env1", "--learner", "factored", "--steps", 1500, "--seed", 2)
+TRAIN = ("train", "env1", "--learner", "factored", "--steps", 1500, "--seed", 4)
 
 
 def test_improve(sparse_coord, refused, folder):
