@@ -264,7 +264,8 @@ def _changes(
     """Yield changes of what one robot does, as arrays and what to write to them.
 
     First another route: U of a robot alone that keeps out of one doorway, or of none. Then in one
-    cell another action. Then, where it asks, another move, or no correction, for one peer's cell.
+    cell another action. Then, where it asks, another move, or no correction, for one peer's cell
+    if that is in the way.
 
     Args:
         learned: the game as the team knows it.
@@ -299,7 +300,8 @@ def _corrections(minds: Any, stays: np.ndarray) -> Iterator[list[tuple[np.ndarra
         keys, _, _ = rows.learned(k)
         for key, (x, j, _) in zip(keys.tolist(), states_of(keys, cells, team), strict=True):
             row = rows.values[k, find_row(rows.keys[k], key) if rows.hashed else key]
-            if j != UNSEEN and stays[k, x] and star[k, x].argmax() == COORDINATE and row.any():
+            in_the_way = j != UNSEEN and row[u[k, x].argmax()] < 0.0
+            if in_the_way and stays[k, x] and star[k, x].argmax() == COORDINATE:
                 yield [(row, np.zeros(PRIMITIVES))]
                 for move in range(PRIMITIVES):
                     yield [(row, preferring(u[k, x] + row, move) - u[k, x])]
