@@ -231,7 +231,7 @@ def test_no_process_goes_on_computing(folder, number):
     if number == signal.SIGKILL:  # Python says that it removes the semaphores of a killed process
         assert err == "" or "leaked semaphore objects to clean up" in err
     else:
-        assert err == "interrupted\n"
+        assert err.splitlines()[-1] == "interrupted"  # on a busy machine it says how far it came
     with open_results(Path("results"), Plan(0, 2, 5)):
         pass
 

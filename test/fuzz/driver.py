@@ -12,6 +12,7 @@ case is computed in a child process, which a case may kill. Exit code 1 where th
 """
 
 import argparse
+import gc
 import json
 import os
 import random
@@ -128,6 +129,7 @@ def begin(name: str, seed: int, first: int, sample: Path, pipe: int) -> None:
     def say(what: list) -> None:
         os.write(pipe, json.dumps(what).encode() + b"\n")
 
+    gc.freeze()  # ROS objects that earlier tests left cannot be collected in a forked process
     try:
         os.setpgid(0, 0)
         compute(name, seed, first, sample, say)
