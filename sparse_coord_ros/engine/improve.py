@@ -11,7 +11,7 @@ planning, on a learned model: what nobody has felt does not exist in it.
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +23,7 @@ from sparse_coord_ros.engine.kernels import PLAIN
 from sparse_coord_ros.errors import TablesError
 from sparse_coord_ros.files import write_whole
 from sparse_coord_ros.game.actions import ACTIONS, COORDINATE, PRIMITIVES
+from sparse_coord_ros.game.grid import GridMap
 from sparse_coord_ros.game.links import UP
 from sparse_coord_ros.game.miscoordination import NOWHERE
 from sparse_coord_ros.game.scenario import Scenario
@@ -69,6 +70,29 @@ class Improvement:
     before: float
     value: float
     doorways: tuple[int, ...]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LearnedMap(GridMap):
+    """A map as a team knows it.
+
+    Attributes:
+        lead: where a successful move leads; the cell itself where none ever led out of it.
+        felt: cells where somebody has felt r^C.
+    """
+
+    lead: np.ndarray
+    felt: frozenset[int]
+
+    @property
+    def next_cell(self) -> np.ndarray:
+        """As of `GridMap`."""
+        return self.lead
+
+    @property
+    def doorways(self) -> frozenset[int]:
+        """As of `GridMap`."""
+        return self.felt
 
 
 def improve(scenario: Scenario, learner: Learner, memories: Sequence[Memory]) -> Improvement:
@@ -137,14 +161,14 @@ def learned_scenario(scenario: Scenario, learner: Learner, memories: Sequence[Me
     most, leads = moved.argmax(axis=0)[None], moved.any(axis=0)
     felt = door.sum(axis=1) / np.maximum(1, (door != 0.0).sum(axis=1))
     paid = felt / (learner.weights(scenario).common or 1.0)
-    known = replace(scenario.map)
-    vars(known).update(  # what a map else finds from its rows
-        next_cell=np.where(leads, np.take_along_axis(successor, most, 0)[0], cells[:, None]),
-        doorways=frozenset(np.flatnonzero(door.any(axis=0)).tolist()),
-    )
+    same = {field.name: getattr(scenario.map, field.name) for field in fields(GridMap)}
     return replace(
         scenario,
-        map=known,
+        map=LearnedMap(
+            **same,
+            lead=np.where(leads, np.take_along_axis(successor, most, 0)[0], cells[:, None]),
+            felt=frozenset(np.flatnonzero(door.any(axis=0)).tolist()),
+        ),
         move_success=float(moved.sum() / max(1, tried[leads].sum())),
         penalty=-1.0,
         common_reward=Spec("each", tuple((-paid).tolist())),
