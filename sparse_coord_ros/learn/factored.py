@@ -360,6 +360,7 @@ class FactoredMinds(NamedTuple):
         partners: as of `game.world.Reward` [k].
         correction: space for Q^C(x, z, .) - U(x, .) [move].
         ruled_out: as of `game.links.ruled_out`.
+        found: where the rows are that it adds up to [robot].
         there, blame: space for those of `factors.Outlook`.
         rule: the parts of the rule; `right_of_way` is False for two robots.
     """
@@ -371,6 +372,7 @@ class FactoredMinds(NamedTuple):
     partners: np.ndarray
     correction: np.ndarray
     ruled_out: np.ndarray
+    found: np.ndarray
     there: np.ndarray
     blame: np.ndarray
     rule: factors.FactorRule
@@ -417,6 +419,7 @@ class FactoredMinds(NamedTuple):
             partners=np.full(team, UNKNOWN_PARTNERS, dtype=np.int64),
             correction=np.zeros(PRIMITIVES),
             ruled_out=ruled_out(scenario),
+            found=np.full(team, loops.NO_ROW, dtype=np.int64),
             there=np.zeros(PRIMITIVES),
             blame=np.zeros((PRIMITIVES, team)),
             rule=learner.factors._replace(right_of_way=learner.factors.right_of_way and team > 2),
@@ -549,7 +552,10 @@ def own_of(team: factors.Own, k: int) -> factors.Own:
 
 @inlined
 def correct(minds: FactoredMinds, k: int, x: int, cells: np.ndarray, seen: int) -> None:
-    """Set `minds.correction` to Q^C(x, z, .) - U(x, .) of what robot k perceived."""
+    """Set `minds.correction` to Q^C(x, z, .) - U(x, .) of what robot k perceived.
+
+    `minds.found` is set to the rows that it adds up to.
+    """
     correction = minds.correction
     for b in range(PRIMITIVES):
         correction[b] = 0.0
@@ -558,8 +564,10 @@ def correct(minds: FactoredMinds, k: int, x: int, cells: np.ndarray, seen: int) 
         add_row(minds.rows, k, factors.unseen_key(x, size, team), correction)
         return
     for peer in range(team):
+        minds.found[peer] = loops.NO_ROW
         if peer != k and factors.counted(k, peer, x, cells[peer], minds.rule.right_of_way):
-            add_row(minds.rows, k, factors.key_of(x, peer, cells[peer], size, team), correction)
+            key = factors.key_of(x, peer, cells[peer], size, team)
+            minds.found[peer] = add_row(minds.rows, k, key, correction)
 
 
 @inlined
@@ -580,9 +588,8 @@ def look_back(
         minds.there[b] = surplus(minds, own, k, s, sight, terms.discount) if known else 0.0
         best = factors.best_of(own.u[s])
         for peer in range(team):
-            rho = 0.0
-            if known and sight.perceived and peer != k:
-                rho = acted_on(minds, k, peer, s, sight.cells[peer], best)
+            row = minds.found[peer] if known and sight.perceived else loops.NO_ROW
+            rho = rows.values[k, row, best] if row != loops.NO_ROW else 0.0
             minds.blame[b, peer] = min(0.0, rho)
     here = surplus(minds, own, k, x, sight, terms.discount)
     outlook = factors.Outlook(here, minds.there, minds.blame)
@@ -613,24 +620,16 @@ def surplus(
 
 
 @inlined
-def acted_on(minds: FactoredMinds, k: int, peer: int, x: int, z: int, move: int) -> float:
-    """Return rho of a move for a peer in z as robot k acts on it; changes `minds.correction`."""
-    size, team = minds.q_star.shape[1], len(minds.q_star)
-    minds.correction[move] = 0.0
-    if factors.counted(k, peer, x, z, minds.rule.right_of_way):
-        add_row(minds.rows, k, factors.key_of(x, peer, z, size, team), minds.correction)
-    return float(minds.correction[move])
-
-
-@inlined
-def add_row(rows: Rows, k: int, key: int, correction: np.ndarray) -> None:
-    """Add a row of rho, if there is one."""
+def add_row(rows: Rows, k: int, key: int, correction: np.ndarray) -> int:
+    """Add a row of rho, if there is one; return where it is, or `loops.NO_ROW`."""
     row, dense = key, rows.keys.shape[1] == 0
     if not dense:
         row = find_row(rows.keys[k], key)
-    if dense or rows.keys[k, row] != FREE_PLACE:
-        for b in range(PRIMITIVES):
-            correction[b] += rows.values[k, row, b]
+    if not dense and rows.keys[k, row] == FREE_PLACE:
+        return loops.NO_ROW
+    for b in range(PRIMITIVES):
+        correction[b] += rows.values[k, row, b]
+    return row
 
 
 @inlined
