@@ -41,7 +41,7 @@ setup(
             f"share/{PACKAGE}/config",
             glob("config/*.yaml")
             + ["config/fastdds.xml", "config/fastdds_one_host.xml", "config/sros2_policy.xml"]
-            + ["config/class_bounds.json", "config/best_teams.json", "config/unseen.json"],
+            + ["config/asking_teams.json", "config/best_teams.json", "config/unseen.json"],
         ),
         (f"share/{PACKAGE}/maps", glob("maps/*.txt")),
         (f"share/{PACKAGE}/launch", glob("launch/*.launch.py")),

@@ -154,9 +154,10 @@ sparse_coord train {name} --penalty -100 --out runs/{name}
 
 {_table(["", "penalty", "reward of a robot"], known)}
 
-Shortest paths mind nobody. The class bound is the best team found whose robots see each other
-only by asking. The joint optimum sees everything, always, for nothing. With more than two robots
-nobody knows it: the bound is what each robot would be worth with no other in the world.
+Robots on shortest paths ignore each other. Best asking team found: the best result of a search
+among robots that learn each other's position only by asking; no upper bound. Joint optimum: one
+controller sees all robots all the time, for free. With more than two robots it is unknown; the
+bound is the value of each robot alone in the world.
 
 ## What was learned
 

@@ -114,8 +114,8 @@ def main(steps=20_000, runs=20, trials=1000):
             error = values.std(ddof=1) / len(values) ** 0.5
             cells.append(f"{values.mean():.2f} ± {error:.2f}")
         print(f"| {title} | {' | '.join(cells)} |")
-    bound, best = sc.shipped_class_bound(scenario), sc.optimum(scenario)
-    print(f"class bound {bound.value:.2f}, joint optimum {best.value:.2f}")
+    bound, best = sc.shipped_asking_team(scenario), sc.optimum(scenario)
+    print(f"best asking team found {bound.value:.2f}, joint optimum {best.value:.2f}")
 
 
 if __name__ == "__main__":

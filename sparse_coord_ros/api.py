@@ -53,12 +53,12 @@ from sparse_coord_ros.learn.learners import Learner, LearnerLike, chosen_learner
 from sparse_coord_ros.learn.run_config import RUN_SETTINGS, RunConfig
 from sparse_coord_ros.learn.tables import load_memories, load_team
 from sparse_coord_ros.solve import exact
-from sparse_coord_ros.solve.class_search import class_bound
+from sparse_coord_ros.solve.asking_search import find_asking_team
 from sparse_coord_ros.solve.exact import ExactEvaluation
 from sparse_coord_ros.solve.joint_mdp import JointMDP, joint_mdp
 from sparse_coord_ros.solve.optimum import joint_optimum as optimum
 from sparse_coord_ros.solve.reference import shortest_path_reference as shortest_paths
-from sparse_coord_ros.solve.shipped import ClassBound, RobotPolicy, shipped_class_bound
+from sparse_coord_ros.solve.shipped import AskingTeam, RobotPolicy, shipped_asking_team
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -74,7 +74,7 @@ __all__ += ["improve", "Improvement"]
 # What it is worth
 __all__ += ["evaluate", "evaluate_exact", "Evaluation", "ExactEvaluation"]
 __all__ += ["optimum", "shortest_paths", "joint_mdp", "JointMDP"]
-__all__ += ["class_bound", "shipped_class_bound", "ClassBound", "RobotPolicy"]
+__all__ += ["find_asking_team", "shipped_asking_team", "AskingTeam", "RobotPolicy"]
 # What is on disk
 __all__ += ["load_run", "SavedRun", "read_log", "RunLog", "verify", "Verification"]
 # Experiments

@@ -17,7 +17,7 @@ import yaml
 from sparse_coord_ros.experiments import store
 from sparse_coord_ros.game.scenario import scenario_names
 from sparse_coord_ros.learn import archive, run_config
-from sparse_coord_ros.solve import class_search
+from sparse_coord_ros.solve import asking_search
 from sparse_coord_ros.version import __version__
 from sparse_coord_ros.wire import BAG_FORMAT
 
@@ -58,7 +58,7 @@ def test_the_formats_numbers_are_said():
     said = re.findall(
         r"^\| (run\.yaml|tables\.npz|bag|results|search) ?[^|]*\| (\d) \|", text, re.M
     )
-    numbers = (run_config.FORMAT, archive.FORMAT, BAG_FORMAT, store.FORMAT, class_search.FORMAT)
+    numbers = (run_config.FORMAT, archive.FORMAT, BAG_FORMAT, store.FORMAT, asking_search.FORMAT)
     assert [int(number) for _, number in said] == list(numbers)
 
 

@@ -2,14 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compute what the package ships to measure teams against: files in config.
 
-python -m tools.shipped bounds [--restarts N] [--keep SEARCHES]
+python -m tools.shipped asking [--restarts N] [--keep SEARCHES]
 python -m tools.shipped teams [--out study]
 python -m tools.shipped unseen
 
-bounds: class_bounds.json, of `SCENARIOS` with `PENALTIES`; every search is kept in the folder
+asking: asking_teams.json, of `SCENARIOS` with `PENALTIES`; every search is kept in the folder
 SEARCHES and goes on from there. teams: best_teams.json, the best of the teams of more than two
 robots that the study `many` of `tools.study` let learn; the best few are learned again and judged
-by fresh trials. unseen: unseen.json, the buildings of the benchmark, and their class bounds. Of
+by fresh trials. unseen: unseen.json, the buildings of the benchmark, and their asking teams. Of
 each kind and team, seeds are looked at from 0 on. The first `COUNTS` even ones with a real
 conflict are for tuning, the first odd ones for the test: what a planner with full sight is worth
 is above shortest paths by more than `CONFLICT`.
@@ -33,11 +33,11 @@ from sparse_coord_ros.experiments.runner import Computing
 from sparse_coord_ros.files import write_whole
 from sparse_coord_ros.game.scenario import Scenario, load_scenario
 from sparse_coord_ros.game.unseen import KINDS, TEAMS, VERSION
-from sparse_coord_ros.solve.class_search import class_bound
+from sparse_coord_ros.solve.asking_search import find_asking_team
 from sparse_coord_ros.solve.optimum import joint_optimum
 from sparse_coord_ros.solve.reference import shortest_path_reference
 from sparse_coord_ros.solve.routes import route_plan
-from sparse_coord_ros.solve.shipped import UNSEEN, BestTeam, ClassBound, game_digest
+from sparse_coord_ros.solve.shipped import UNSEEN, AskingTeam, BestTeam, game_digest
 from sparse_coord_ros.version import __version__
 from tools.study.__main__ import computing
 from tools.study.coordination import CROWDS, MANY, SEED
@@ -74,22 +74,22 @@ def write(file: str, entries: Mapping[str, Any], *, afresh: bool = False) -> Non
     write_whole(CONFIG / file, f"{{{heads}{json.dumps(key)}: {{\n{lines}\n }}}}\n")
 
 
-def add_bound(scenario: Scenario, restarts: int, search: Path | None = None) -> ClassBound:
-    """Search for a class bound and write it."""
-    found = class_bound(scenario, restarts=restarts, seed=1, file=search)
+def add_asking_team(scenario: Scenario, restarts: int, search: Path | None = None) -> AskingTeam:
+    """Search for the best asking team of a scenario, and write it."""
+    found = find_asking_team(scenario, restarts=restarts, seed=1, file=search)
     title = f"{scenario.name}, penalty {scenario.penalty:g}"
     agreed = f"{found.agreed} of {found.restarts}"
     print(f"{title}: {found.value:.6f}, {agreed}, gains {found.gains}", flush=True)
-    write("class_bounds.json", {title: asdict(found)})
+    write("asking_teams.json", {title: asdict(found)})
     return found
 
 
-def find_bounds(options: argparse.Namespace) -> None:
-    """Search for the class bounds of the paper's scenarios."""
+def find_asking_teams(options: argparse.Namespace) -> None:
+    """Search for the best asking teams of the paper's scenarios."""
     options.keep.mkdir(parents=True, exist_ok=True)
     for name, penalty in product(SCENARIOS, PENALTIES):
         scenario = load_scenario(name).with_settings({"penalty": penalty})
-        add_bound(scenario, options.restarts, options.keep / f"{name}_{penalty}.search.json")
+        add_asking_team(scenario, options.restarts, options.keep / f"{name}_{penalty}.search.json")
 
 
 def find_teams(options: argparse.Namespace) -> None:
@@ -122,14 +122,14 @@ def find_teams(options: argparse.Namespace) -> None:
 
 
 def choose_unseen(_: argparse.Namespace) -> None:
-    """Choose the buildings of the benchmark, and search for the class bounds of two robots."""
+    """Choose the buildings of the benchmark; search for the asking teams of two robots."""
     chosen = {}
     for robots, kind in product(TEAMS, KINDS):
         for scenario, facts in _with_conflict(kind, robots):
             print(scenario.name, facts, flush=True)
             chosen[scenario.name] = {"game": game_digest(scenario), **facts}
             if robots == 2:
-                add_bound(scenario, UNSEEN_RESTARTS)
+                add_asking_team(scenario, UNSEEN_RESTARTS)
     write(UNSEEN, chosen, afresh=True)
 
 
@@ -155,7 +155,7 @@ def _with_conflict(kind: str, robots: int) -> Iterator[tuple[Scenario, dict[str,
             yield scenario, facts
 
 
-FINDERS = {"bounds": find_bounds, "teams": find_teams, "unseen": choose_unseen}
+FINDERS = {"asking": find_asking_teams, "teams": find_teams, "unseen": choose_unseen}
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -163,7 +163,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="python -m tools.shipped", description=__doc__)
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument("what", choices=FINDERS)
-    parser.add_argument("--restarts", type=int, default=100, help="of each search for a bound")
+    parser.add_argument("--restarts", type=int, default=100, help="of each search")
     parser.add_argument("--keep", type=Path, default=Path("searches"), metavar="SEARCHES")
     parser.add_argument("--out", type=Path, default=Path("study"), help="results of tools.study")
     options = parser.parse_args(arguments)

@@ -53,13 +53,14 @@ def execute(options: argparse.Namespace) -> None:
     for one in found:
         stood = one.standings() | (one.standings(by_kind=True) if options.kinds else {})
         rows += [[one.learner, *_row(where, standing)] for where, standing in stood.items()]
-    head = ["learner", "teams of", "buildings", "reward (s.e.)", "shortest paths", "bound"]
+    head = ["learner", "teams of", "buildings", "reward (s.e.)", "shortest paths", "best known"]
     head += ["share of the gap", "below the paths", "failed teams", "asks", "miscoord."]
     shared.tell(
         options,
         {"benchmarks": [one.to_dict() for one in found]},
         shared.format_table(head, rows),
-        "bound: the class bound of two robots; with more, a planner that sees all for nothing",
+        "best known: two robots: the best asking team found; more: a planner that sees all robots",
+        "for free. Neither is an upper bound, so a share may exceed 100 %",
         "0 of n (< p): the share of such teams is below p, as sure as 95 %",
     )
 
@@ -83,7 +84,7 @@ def _row(where: str, one: Standing) -> list[str]:
         f"{one.buildings}",
         f"{one.reward.mean:.2f} ({one.reward.standard_error:.2f})",
         f"{one.paths:.2f}",
-        f"{one.bound:.2f}",
+        f"{one.best_known:.2f}",
         f"{share.mean:.1%} ({share.standard_error:.1%})",
         one.of_teams(one.below),
         one.of_teams(one.failed),

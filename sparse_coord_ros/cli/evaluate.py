@@ -104,7 +104,7 @@ def evaluation_of(
 
 
 def by_game(found: list[Evaluated]) -> list[list[Evaluated]]:
-    """Return the runs in groups of the same class bound and optimum, in the order given."""
+    """Return the runs in groups of the same game, in the order given."""
     groups: dict[tuple[str, str], list[Evaluated]] = {}
     for one in found:
         scenario = one.run.scenario
@@ -115,7 +115,7 @@ def by_game(found: list[Evaluated]) -> list[list[Evaluated]]:
 def facts_of(one: Evaluated) -> dict[str, Any]:
     """Return plain data of a run and its value."""
     scenario = one.run.scenario
-    bound, team = shipped.shipped_class_bound(scenario), shipped.shipped_best_team(scenario)
+    bound, team = shipped.shipped_asking_team(scenario), shipped.shipped_best_team(scenario)
     optimum = shipped.known_optimum(scenario)
     return {
         "directory": one.directory,
@@ -128,7 +128,7 @@ def facts_of(one: Evaluated) -> dict[str, Any]:
         "paper": paper_row(one.run),
         "optimum": optimum.value,
         "optimum_exact": optimum.exact,
-        "class_bound": None if bound is None else bound.value,
+        "best_asking_team": None if bound is None else bound.value,
         "best_team": None if team is None else team.value,
     }
 
@@ -140,7 +140,7 @@ def paper_row(run: RunConfig) -> dict:
 
 
 def result_table(found: Sequence[Evaluated], *, several: bool = False) -> str:
-    """Return the table of runs of one game: ours, the paper's, class bound and optimum.
+    """Return the table of runs of one game: ours, the paper's, and what they are measured against.
 
     Args:
         found: the runs.

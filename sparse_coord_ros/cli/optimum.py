@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""`sparse_coord optimum`: the exact joint optimum, fixed shortest paths, and the class bound."""
+"""`sparse_coord optimum`: the joint optimum, fixed shortest paths, the best asking team found."""
 
 import argparse
 from dataclasses import asdict
@@ -10,18 +10,16 @@ from sparse_coord_ros.cli import pictures
 from sparse_coord_ros.cli.options import JSON, SEED, Option, scenario_of, scenario_options, tell
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.game.scenario import Scenario
-from sparse_coord_ros.solve.class_search import (
+from sparse_coord_ros.solve.asking_search import (
     RESTARTS,
     WARNING,
-    check_class,
-    class_bound,
+    check_two_robots,
+    find_asking_team,
     in_words,
 )
 from sparse_coord_ros.solve.optimum import LARGEST, independent_bound, joint_optimum
 from sparse_coord_ros.solve.reference import shortest_path_reference
-from sparse_coord_ros.solve.routes import RoutePlan
-from sparse_coord_ros.solve.shipped import shipped_best_team, shipped_class_bound, shipped_routes
-from sparse_coord_ros.solve.simdp import PLANNERS, SparsePlan, sparse_plan
+from sparse_coord_ros.solve.shipped import shipped_asking_team, shipped_best_team, shipped_routes
 
 OF_THE_SEARCH = ("restarts", "seed", "out")
 
@@ -34,9 +32,8 @@ OPTIONS = (
         "--class",
         bool,
         "search for the best team of two robots that has Algorithm 1's form",
-        {"dest": "class_bound"},
+        {"dest": "asking"},
     ),
-    Option("--simdp", bool, "also plan for two robots that see each other only near doorways"),
     Option("--restarts", RESTARTS.parse, f"with --class (default: {RESTARTS.default})"),
     Option("--seed", SEED.parse, f"with --class: seed of the search (default: {SEED.default})"),
     Option("--out", Path, "with --class: a JSON file to keep the search in, and to go on from"),
@@ -47,53 +44,46 @@ OPTIONS = (
 def execute(options: argparse.Namespace) -> None:
     """Run the verb."""
     scenario = scenario_of(options)
-    if options.class_bound:
-        _class_bound(options, scenario)
+    if options.asking:
+        _search(options, scenario)
         return
     for name in OF_THE_SEARCH:
         if getattr(options, name) is not None:
-            raise SettingError(f"--{name} is of the search for the class bound; add --class")
+            raise SettingError(f"--{name}: allowed with --class only; add --class")
     optimum = joint_optimum(scenario)
     bound = independent_bound(scenario)
     paths = shortest_path_reference(scenario)
-    shipped, team = shipped_class_bound(scenario), shipped_best_team(scenario)
+    shipped, team = shipped_asking_team(scenario), shipped_best_team(scenario)
     routes = shipped_routes(scenario)
-    planned = {one: sparse_plan(scenario, one) for one in PLANNERS if options.simdp}
     facts = {"scenario": scenario.name, **asdict(optimum), "robots_alone": bound}
-    facts |= {"shortest_paths": paths, "class_bound": shipped, "best_team": team}
-    facts |= {"route_planner": routes} | ({"dec_simdp": planned} if planned else {})
+    facts |= {"shortest_paths": paths, "best_asking_team": shipped, "best_team": team}
+    facts |= {"route_planner": routes}
     known = {"exact joint optimum": f"not computed: more than {LARGEST} joint states"}
     if optimum.exact:
         known["exact joint optimum"] = f"{optimum.value:.2f}"
     if shipped is not None:
-        known["class bound"] = f"{shipped.value:.2f}, {WARNING}"
+        known["best asking team found"] = f"{shipped.value:.2f}, {WARNING}"
     if team is not None:
         known["best learned team"] = str(team)
     if routes is not None:
-        known["route planner"] = f"{_estimate(routes)}, sees everything for nothing"
-    for name, plan in planned.items():
-        priced = f"{plan.priced:.2f} if looking costs what asking does"
-        known[f"Dec-SIMDP, {name}"] = f"{_estimate(plan)}, {priced}"
+        estimate = f"{routes.value:.2f} ({routes.standard_error:.2f})"
+        known["route planner"] = f"{estimate}, sees everything for nothing"
     known["bound (robots alone)"] = f"{bound:.2f}"
     missed = f"{paths.miscoordinations:.2f} miscoordinations"
     known["fixed shortest paths"] = f"{paths.reward:.2f}, {missed}"
     head = f"{scenario.name}, penalty {scenario.penalty:g}, {optimum.joint_states} joint states"
-    tell(options, facts, head, *(f"{name:<20} {said}" for name, said in known.items()))
+    tell(options, facts, head, *(f"{name:<22} {said}" for name, said in known.items()))
 
 
-def _estimate(one: RoutePlan | SparsePlan) -> str:
-    return f"{one.value:.2f} ({one.standard_error:.2f})"
-
-
-def _class_bound(options: argparse.Namespace, scenario: Scenario) -> None:
-    """Search for the class bound, and say what was found."""
+def _search(options: argparse.Namespace, scenario: Scenario) -> None:
+    """Search for the best asking team, and print what was found."""
     from sparse_coord_ros.cli.computing import Bar
 
-    check_class(scenario)
+    check_two_robots(scenario)
     if options.out is not None:
         pictures.check_out(options.out)
     with Bar("restarts", quiet=options.json) as bar:
-        found = class_bound(
+        found = find_asking_team(
             scenario,
             restarts=RESTARTS.default if options.restarts is None else options.restarts,
             seed=SEED.default if options.seed is None else options.seed,
@@ -101,11 +91,11 @@ def _class_bound(options: argparse.Namespace, scenario: Scenario) -> None:
             progress=lambda done, of, best: bar.show(done, of, f"best {best:.4f}"),
         )
     lines = [
-        f"{scenario.name}, penalty {scenario.penalty:g}, the best team of Algorithm 1's form",
-        f"class bound  {found.value:.3f}, {WARNING}",
+        f"{scenario.name}, penalty {scenario.penalty:g}, the best asking team found",
+        f"found        {found.value:.3f}, {WARNING}",
         f"{found.agreed} of {found.restarts} restarts agree, seed {found.seed}",
     ]
-    shipped = shipped_class_bound(scenario)
+    shipped = shipped_asking_team(scenario)
     if shipped is not None:
         agreed = f"{shipped.agreed} of {shipped.restarts} restarts"
         lines.append(f"shipped      {shipped.value:.3f}, {agreed}, {shipped.date}")

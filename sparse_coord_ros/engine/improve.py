@@ -5,8 +5,8 @@
 After learning each robot says once what it knows: where its moves led and how often, its doorways
 (cells where it felt r^C), its tables. From that all compute the same: a game as the team knows it,
 and a climb of the *team's* value in it, from the policies learned, by changes of what one robot
-does in one cell. Of two robots the value is exact, and the climb is that of the class bound; of
-more it is that of trials with the same draws. The paper has no such exchange, and this is
+does in one cell. Of two robots the value is exact, and the climb is that of `solve.asking_search`;
+of more it is that of trials with the same draws. The paper has no such exchange, and this is
 planning, on a learned model: what nobody has felt does not exist in it.
 """
 
@@ -36,8 +36,8 @@ from sparse_coord_ros.learn.learners import Learner, check_improvable
 from sparse_coord_ros.learn.rows import find_row
 from sparse_coord_ros.learn.run_config import RUN_FILE, RunConfig, create_output
 from sparse_coord_ros.learn.tables import save_team
-from sparse_coord_ros.solve.class_loops import ClassTeam
-from sparse_coord_ros.solve.class_search import climbed
+from sparse_coord_ros.solve.asking_loops import AskingPolicies
+from sparse_coord_ros.solve.asking_search import climbed
 from sparse_coord_ros.solve.exact import MOST_ROBOTS
 from sparse_coord_ros.solve.routes import alone, passages
 
@@ -189,7 +189,7 @@ def _of_a_pair(
     asks = actions == COORDINATE
     moves = np.where(asks, np.argmax(unseen, axis=2), actions)
     seen = np.array([np.argmax(np.asarray(table.q_coord), axis=-1) for table in tables])
-    before, value, team, visited = climbed(learned, ClassTeam(moves, asks, seen))
+    before, value, team, visited = climbed(learned, AskingPolicies(moves, asks, seen))
     improved = []
     for k, table in enumerate(tables):
         star = table.q_star.copy()

@@ -32,10 +32,10 @@ CLOSED: Mapping[str, float] = {"env1": 0.8, "env2-2r": 0.5, "pentagon": 0.5}
 """Share of the gap between Non-coop. and the optimum that Coop. is to close there."""
 
 REACHED: Mapping[str, float] = {"env1": 0.97, "env2-2r": 0.9, "pentagon": 0.98}
-"""Share of the gap between Non-coop. and the class bound that Factored is to close there."""
+"""Share of the gap from Non-coop. to the best asking team found that Factored is to close."""
 
 FALLS: Mapping[str, float] = {"env1": 1.1, "env2-2r": 1.35}
-"""How many times as much as the class bound Factored may lose from a penalty of 0 to -100."""
+"""From a penalty of 0 to -100 Factored may lose as many times what the best asking team does."""
 
 LONG: Mapping[str, object] = {"penalty": -100, "steps": 100_000}
 """Where the penalty is large and there is time to learn."""

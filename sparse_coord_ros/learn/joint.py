@@ -42,18 +42,11 @@ def check_sight(scenario: Scenario, learner: str) -> None:
 
 
 class JointMinds(NamedTuple):
-    """What two robots know; attributes as of `loops.Minds`, rows as of `TableMinds`.
-
-    Attributes:
-        acts: whether each of them acts in the step under way, [k].
-        error: d of `learn.vdn` so far, its one entry.
-    """
+    """What two robots know; attributes as of `loops.Minds`, rows as of `TableMinds`."""
 
     q_star: np.ndarray
     star_updates: np.ndarray
     rows: Rows
-    acts: np.ndarray
-    error: np.ndarray
 
     @staticmethod
     def roles() -> tuple[int, ...]:
@@ -64,29 +57,27 @@ class JointMinds(NamedTuple):
     def initial(cls, scenario: Scenario, learner: "Learner", block: int) -> "JointMinds":
         """Return what robots know before learning; as of `loops.Minds`."""
         q_star = np.stack([learner.tables(scenario, k).q_star for k in range(2)])
-        updates, acts = np.zeros(q_star.shape, np.int32), np.zeros(2, np.bool_)
-        return cls(q_star, updates, lone_rows(q_star), acts, np.zeros(1))
+        updates = np.zeros(q_star.shape, np.int32)
+        return cls(q_star, updates, lone_rows(q_star))
 
     def tables(self, scenario: Scenario, learner: "Learner") -> list[Tables]:
         """Return what each robot has learned."""
-        return TableMinds(*self[:3]).tables(scenario, learner)
+        return TableMinds(*self).tables(scenario, learner)
 
     def memory(self, k: int, scenario: Scenario) -> Memory:
         """Return what robot k has learned; a copy."""
-        return TableMinds(*self[:3]).memory(k, scenario)
+        return TableMinds(*self).memory(k, scenario)
 
     def remember(self, memories: Sequence[Memory], scenario: Scenario) -> "JointMinds":
         """Return what robots know that remember all this."""
-        TableMinds(*self[:3]).remember(memories, scenario)
+        TableMinds(*self).remember(memories, scenario)
         return self
 
     @staticmethod
     def begin_step(state: loops.State, minds: Any) -> None:
-        """Note where both are, also who has arrived or does not ask but explores; and who acts."""
+        """Note where both are, also a robot that has arrived, or explores and does not ask."""
         for k in range(2):
             state.choice.cells[k] = state.game.cells[k]
-            minds.acts[k] = not state.game.arrived[k]
-        minds.error[0] = 0.0
 
     @staticmethod
     def coordinate(state: loops.State, minds: Any, step: int, k: int, epsilon: float) -> int:

@@ -36,10 +36,8 @@ from sparse_coord_ros.learn.factored import (
     initial_factored,
 )
 from sparse_coord_ros.learn.factors import FactorRule
-from sparse_coord_ros.learn.fcq import FCQAgent, FCQMinds
 from sparse_coord_ros.learn.joint import JointMinds, check_sight
 from sparse_coord_ros.learn.lone import lone_tables
-from sparse_coord_ros.learn.vdn import VDNMinds
 
 
 class Learner:
@@ -352,16 +350,6 @@ class CQ(Learner):
         return lone_tables(scenario, number, above=-MARK)
 
 
-class FCQ(CQ):
-    """FCQ-learning, as `learn.fcq` defines it."""
-
-    name = "fcq"
-    title = "FCQ-learning"
-    summary = "FCQ-learning: marks cells with conflicts ahead (De Hauwere et al., 2011)"
-    agent_class = FCQAgent
-    minds = FCQMinds
-
-
 class Joint(Learner):
     """Joint-state Q-learning, as `learn.joint` defines it."""
 
@@ -384,15 +372,6 @@ class Joint(Learner):
         return lone_tables(scenario, number, above=MARK, price=scenario.ask_cost)
 
 
-class VDN(Joint):
-    """Value decomposition, as `learn.vdn` defines it."""
-
-    name = "vdn"
-    title = "Value decomposition"
-    summary = "The same, learning the team's value as the sum of both (Sunehag et al., 2018)"
-    minds: type[Any] | None = VDNMinds
-
-
 def _learner(name: str, thing: object) -> Learner:
     made = thing
     if isinstance(thing, type) and issubclass(thing, Learner):
@@ -407,7 +386,7 @@ def _learner(name: str, thing: object) -> Learner:
 LEARNERS: Registry[Learner] = Registry("learner", "sparse_coord_ros.learners", _learner)
 """Every learner, by what it is called in files."""
 
-for _own in (Coop(), NonCoop(), Indiv(), Factored(), CQ(), FCQ(), Joint(), VDN()):
+for _own in (Coop(), NonCoop(), Indiv(), Factored(), CQ(), Joint()):
     LEARNERS.register(_own.label, _own)
 
 

@@ -71,16 +71,6 @@ def _solve(scenario: Scenario, leads: Sequence[np.ndarray], paid: np.ndarray) ->
     return float(_worth(scenario, leads, paid).max(axis=tuple(range(len(leads))))[start])
 
 
-def joint_moves(scenario: Scenario) -> np.ndarray:
-    """Return each robot's move of an optimal joint policy, shape (robots,) + (cells,) * robots."""
-    leads = [successors(scenario, k) for k in range(len(scenario.robots))]
-    worth = _worth(scenario, leads, payment(scenario))
-    shape = worth.shape[: len(leads)]
-    best = worth.reshape(-1, *worth.shape[len(leads) :]).argmax(axis=0)
-    # Robot 0's axis of actions is the last one.
-    return np.stack(np.unravel_index(best, shape)[::-1])
-
-
 def _worth(scenario: Scenario, leads: Sequence[np.ndarray], paid: np.ndarray) -> np.ndarray:
     """Return the worth of joint actions, last robot first, in joint states."""
     value, every, p = np.zeros(paid.shape), (slice(None),) * len(leads), scenario.move_success

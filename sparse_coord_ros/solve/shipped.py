@@ -1,18 +1,19 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a team's reward is measured against: the class bound, the best learned team, the optimum.
+"""What a team's reward is measured against: other teams that are known, and the optimum.
 
 The joint optimum sees everything always and pays nothing for it; no team that has to ask reaches
 it. A team of Algorithm 1's form has for each robot a map from its own cell to a move or to
 COORDINATE, and under COORDINATE a map from its own and its peer's cell to a move (where the
-percept fails, from its own cell alone); it pays for every ask. The class bound is the best such
-team of two robots that a search found (`solve.class_search`). Larger teams are too large for the
-search: what is known of them is the best of many learned teams, found again by `train` with the
-same learner, settings and seed. Both are shipped for the paper's scenarios.
+percept fails, from its own cell alone); it pays for every ask. The best asking team found is the
+best such team of two robots that a search found (`solve.asking_search`): a lower bound of what
+such teams can reach. Larger teams are too large for the search: what is known of them is the best
+of many learned teams, found again by `train` with the same learner, settings and seed. Both are
+shipped for the paper's scenarios.
 
 The unseen buildings (`game.unseen`) with a real conflict are shipped too: with two robots their
-joint optimum and class bound, with more what a planner reaches that sees everything for nothing
-(`solve.routes`).
+joint optimum and the best asking team found, with more the team of a planner that sees all robots
+for free (`solve.routes`).
 """
 
 import hashlib
@@ -58,7 +59,7 @@ class RobotPolicy:
 
 
 @dataclass(frozen=True)
-class ClassBound:
+class AskingTeam:
     """The best team of Algorithm 1's form that a search found.
 
     Attributes:
@@ -129,17 +130,17 @@ def game_digest(scenario: Scenario) -> str:
     return hashlib.sha256(json.dumps(kept, sort_keys=True).encode()).hexdigest()[:16]
 
 
-def shipped_class_bound(scenario: str | Path | Scenario) -> ClassBound | None:
-    """Return the class bound that this package ships for the very same game, or None.
+def shipped_asking_team(scenario: str | Path | Scenario) -> AskingTeam | None:
+    """Return the best asking team that this package ships for the very same game, or None.
 
     Args:
         scenario: the problem; settings of learning do not matter.
     """
-    data = _shipped("class_bounds.json", "bounds").get(game_digest(loaded(scenario)))
+    data = _shipped("asking_teams.json", "teams").get(game_digest(loaded(scenario)))
     if data is None:
         return None
     robots = tuple(RobotPolicy(**robot) for robot in data["robots"])
-    return ClassBound(**{**data, "robots": robots, "gains": tuple(data["gains"])})
+    return AskingTeam(**{**data, "robots": robots, "gains": tuple(data["gains"])})
 
 
 def shipped_best_team(scenario: Scenario) -> BestTeam | None:
@@ -171,8 +172,8 @@ def known_optimum(scenario: Scenario) -> Optimum:
 
 
 def known_best(scenario: Scenario) -> float | None:
-    """Return the best known worth of a team: class bound or route planner; None: unknown."""
-    best = shipped_class_bound(scenario) or shipped_routes(scenario)
+    """Return the value of the best known team: asking, or of the route planner; None: unknown."""
+    best = shipped_asking_team(scenario) or shipped_routes(scenario)
     return None if best is None else best.value
 
 
@@ -186,7 +187,7 @@ def yardsticks(scenario: Scenario) -> list[tuple[str, float]]:
     """Return name and total discounted reward of each team or bound that is known, best last."""
     optimum = known_optimum(scenario)
     known = {
-        "class bound": shipped_class_bound(scenario),
+        "best asking team found": shipped_asking_team(scenario),
         "best learned team": shipped_best_team(scenario),
         "route planner": shipped_routes(scenario),
         "exact joint optimum" if optimum.exact else "bound (robots alone)": optimum,

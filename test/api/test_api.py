@@ -129,7 +129,7 @@ def test_scenarios(tmp_path):
         (lambda: sc.load_run("nowhere"), "run.yaml: cannot be read"),
         (lambda: sc.read_log("nowhere"), "nowhere"),
         (lambda: sc.verify("nowhere"), "nowhere"),
-        (lambda: sc.class_bound("env1", restarts=0), "setting restarts: value is 0"),
+        (lambda: sc.find_asking_team("env1", restarts=0), "setting restarts: value is 0"),
         (lambda: sc.evaluate([]), "give evaluate(scenario=...)"),
         (lambda: sc.evaluate([], scenario="env1", trials=0), "setting trials: value is 0"),
         (lambda: sc.evaluate([], scenario="env1"), "tables of 0 robots"),
@@ -208,7 +208,7 @@ def test_what_is_shown_is_short(scenario, training, tmp_path):
     saved = sc.load_run(training.save(tmp_path / "saved"))
     many = sc.train_many(scenario, runs=30, trials=3, history=False)
     result = sc.run_experiment(IDS[0], runs=2, trials=3)[IDS[0]]
-    mdp, bound = sc.joint_mdp(scenario), sc.shipped_class_bound(scenario)
+    mdp, bound = sc.joint_mdp(scenario), sc.shipped_asking_team(scenario)
     for thing in (scenario, training, saved, training.tables, training.history, result, mdp):
         assert "\n" not in repr(thing) and len(repr(thing)) < 200, thing
     assert repr(scenario) == "<Scenario env1, steps=2000, penalty=-100; 2 robots, 21 cells>"
@@ -350,10 +350,10 @@ def test_exact_evaluation_is_what_trials_tend_to(training, scenario):
 
 
 @pytest.mark.long
-def test_class_bounds(scenario, printed, tmp_path):
-    assert sc.shipped_class_bound(scenario).value == pytest.approx(118.5092, abs=1e-4)
+def test_asking_teams(scenario, printed, tmp_path):
+    assert sc.shipped_asking_team(scenario).value == pytest.approx(118.5092, abs=1e-4)
     file = tmp_path / "search.json"
-    found = sc.class_bound("pentagon", restarts=1, seed=2, file=file)
+    found = sc.find_asking_team("pentagon", restarts=1, seed=2, file=file)
     said = printed("optimum", "pentagon", "--class", "--restarts", 1, "--seed", 2)
     assert (said["value"], said["game"]) == (found.value, found.game)
     assert said["robots"] == [vars(robot) for robot in found.robots]

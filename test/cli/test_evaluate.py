@@ -75,7 +75,7 @@ def test_exact(sparse_coord, trained, folder):
     assert (code, err) == (0, "")
     assert "Coop., exact" in out
     assert "trials" not in out
-    assert "class bound    " in out
+    assert "best asking team found    " in out
     assert "118.51" in out
     data = json.loads(sparse_coord("evaluate", "a", "--exact", "--json")[1])
     scenario = load_scenario("env1").with_settings({"penalty": -100})
@@ -83,7 +83,7 @@ def test_exact(sparse_coord, trained, folder):
     assert data["reward"]["mean"] == found.reward.mean
     assert data["reward"]["standard_error"] == 0
     assert data["all_arrived"] == found.all_arrived
-    assert data["class_bound"] == pytest.approx(118.5092, abs=1e-4)
+    assert data["best_asking_team"] == pytest.approx(118.5092, abs=1e-4)
 
 
 def test_exact_is_no_number_of_trials(refused, trained):
@@ -117,7 +117,7 @@ def test_several_runs_side_by_side(sparse_coord, folder, monkeypatch):
     assert [line.split("  ")[0] for line in env1.splitlines()[2:]] == [
         "a: Coop., exact",
         "b: Non-coop., exact",
-        "class bound",
+        "best asking team found",
         "exact joint optimum",
     ]
     assert [line.split("  ")[0] for line in env2.splitlines()[2:4]] == [

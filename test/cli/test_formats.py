@@ -50,7 +50,7 @@ def test_tables_and_history_are_what_is_learned_today(sparse_coord, files):
 
 
 @pytest.mark.parametrize(
-    ("name", "how"), [("planned", ("factored", "--improve")), ("marked", ("fcq",))]
+    ("name", "how"), [("planned", ("factored", "--improve")), ("marked", ("cq",))]
 )
 def test_tables_of_other_learners_are_what_is_learned_today(sparse_coord, files, name, how):
     command = ("train", "doorway.yaml", "--seed", 3, "--out", "today", "--learner", *how)

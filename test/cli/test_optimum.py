@@ -7,37 +7,30 @@ import json
 import pytest
 
 from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.solve.class_search import WARNING
-from sparse_coord_ros.solve.shipped import shipped_class_bound
+from sparse_coord_ros.solve.asking_search import WARNING
+from sparse_coord_ros.solve.shipped import shipped_asking_team
 
 
 def test_exact(sparse_coord):
     code, out, err = sparse_coord("optimum", "env1")
     assert (code, err) == (0, "")
     assert "env1, penalty -20, 441 joint states" in out
-    assert "exact joint optimum  121.89" in out
+    assert "exact joint optimum    121.89" in out
     assert "bound (robots alone) 126.45" in out
     data = json.loads(sparse_coord("optimum", "env1", "--penalty", "-100", "--json")[1])
     assert data["value"] == pytest.approx(120.6, abs=0.1)
     assert (data["scenario"], data["exact"], data["joint_states"]) == ("env1", True, 441)
 
 
-def test_the_shipped_class_bound_stands_beside_the_optimum(sparse_coord):
+def test_the_shipped_asking_team_stands_beside_the_optimum(sparse_coord):
     out = sparse_coord("optimum", "env1")[1]
-    assert f"class bound          121.20, {WARNING}" in out
+    assert f"best asking team found 121.20, {WARNING}" in out
     assert (
-        json.loads(sparse_coord("optimum", "env1", "--json")[1])["class_bound"]["value"] > 121.19
+        json.loads(sparse_coord("optimum", "env1", "--json")[1])["best_asking_team"]["value"]
+        > 121.19
     )
     out = sparse_coord("optimum", "env1", "--penalty", "-21")[1]
-    assert "class bound" not in out
-
-
-def test_planners_with_given_places_of_interaction(sparse_coord):
-    out = sparse_coord("optimum", "env1", "--penalty", "-100", "--simdp")[1]
-    assert "Dec-SIMDP, MPSI      1" in out
-    assert "Dec-SIMDP, LAPSI     119." in out
-    data = json.loads(sparse_coord("optimum", "env1", "--simdp", "--json")[1])
-    assert data["dec_simdp"]["LAPSI"]["value"] > data["dec_simdp"]["LAPSI"]["priced"]
+    assert "best asking team found" not in out
 
 
 @pytest.fixture
@@ -50,7 +43,7 @@ def corridor(folder):
 
 
 @pytest.mark.long
-def test_search_for_the_class_bound(sparse_coord, folder, corridor):
+def test_search_for_the_best_asking_team(sparse_coord, folder, corridor):
     search = ("optimum", corridor, "--class", "--seed", 4, "--out", "search.json")
     code, out, err = sparse_coord(*search, "--restarts", 2)
     assert (code, err) == (0, "")
@@ -66,7 +59,7 @@ def test_search_for_the_class_bound(sparse_coord, folder, corridor):
 
 @pytest.mark.long
 def test_the_shipped_one_stands_beside_a_search(sparse_coord):
-    shipped = shipped_class_bound(load_scenario("pentagon"))
+    shipped = shipped_asking_team(load_scenario("pentagon"))
     out = sparse_coord("optimum", "pentagon", "--class", "--restarts", 1)[1]
     assert f"shipped      160.982, {shipped.agreed} of {shipped.restarts} restarts" in out
     assert "an equilibrium, as far as known" in out
@@ -76,7 +69,6 @@ def test_the_shipped_one_stands_beside_a_search(sparse_coord):
     ("arguments", "words"),
     [
         (["env2-4r", "--class"], ["env2-4r has 4 robots, allowed: 2", "leave out --class"]),
-        (["env2-4r", "--simdp"], ["env2-4r has 4 robots and 36 cells", "leave out --simdp"]),
         (["env1", "--restarts", "3"], ["--restarts", "add --class"]),
         (["env1", "--class", "--restarts", "0"], ["setting restarts: value is '0'", "from 1"]),
         (["missing.yaml"], ["scenario 'missing.yaml'", "give the path"]),

@@ -19,8 +19,8 @@ from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.evaluation import play
 from sparse_coord_ros.learn.learners import learner_of
 from sparse_coord_ros.learn.simulation import tables_equal
-from sparse_coord_ros.solve import class_loops, class_search
-from sparse_coord_ros.solve.class_loops import ClassTeam
+from sparse_coord_ros.solve import asking_loops, asking_search
+from sparse_coord_ros.solve.asking_loops import AskingPolicies
 from sparse_coord_ros.solve.exact import evaluate_exact
 from sparse_coord_ros.solve.routes import alone
 
@@ -76,16 +76,18 @@ def test_the_robot_that_moved_most_says_where_a_move_leads():
 @needs_numba
 def test_the_plan_for_a_corridor_is_the_best_of_all():
     run = trained(drawn("1D.2"), steps=1500, q_coord_init=200)
-    scenario, loops = learned(run), class_loops.compiled()
-    game = class_search._game(scenario)
-    space, both = class_search._space(game), np.ones(2, dtype=bool)
+    scenario, loops = learned(run), asking_loops.compiled()
+    game = asking_search._game(scenario)
+    space, both = asking_search._space(game), np.ones(2, dtype=bool)
     choices = itertools.product((NORTH, EAST, WEST, COORDINATE), repeat=3)
     robots = [np.array(choice) for choice in choices]
     best = -np.inf
     for one, other in itertools.product(robots, repeat=2):
         actions = np.array([[*one, NORTH], [NORTH, *other]])  # nobody acts at its goal
         asks = actions == COORDINATE
-        team = ClassTeam(np.where(asks, 0, actions), asks, np.zeros((2, 4, 4), dtype=np.int64))
+        team = AskingPolicies(
+            np.where(asks, 0, actions), asks, np.zeros((2, 4, 4), dtype=np.int64)
+        )
         best = max(best, loops.solve(game, team, both, space, -np.inf))
     found = improved(run)
     assert found.value == pytest.approx(best, abs=1e-6)

@@ -126,7 +126,7 @@ def test_pettingzoo_learners(said):
         "ours: factored",
     ]
     assert all(line.count("±") == 4 for line in lines[2:-1])
-    assert lines[-1] == "class bound 118.51, joint optimum 120.56"
+    assert lines[-1] == "best asking team found 118.51, joint optimum 120.56"
 
 
 def test_analyse_log(said, good):

@@ -22,7 +22,7 @@ from sparse_coord_ros.solve.reference import shortest_path_reference
 from sparse_coord_ros.solve.shipped import (
     game_digest,
     known_best,
-    shipped_class_bound,
+    shipped_asking_team,
     shipped_routes,
     unseen_buildings,
     yardsticks,
@@ -52,7 +52,7 @@ def test_two_robots_are_in_one_anothers_way(name):
     assert said["shortest_paths"] == pytest.approx(paths, abs=1e-9)
     assert said["optimum"] == pytest.approx(optimum, abs=1e-7)
     assert optimum > paths + 1
-    assert paths + 0.9 < known_best(scenario) == shipped_class_bound(scenario).value
+    assert paths + 0.9 < known_best(scenario) == shipped_asking_team(scenario).value
     assert known_best(scenario) <= optimum + 1e-6
 
 
@@ -106,7 +106,7 @@ def test_a_learner_is_judged(monkeypatch):
     assert (where, one.buildings, one.teams) == ("2r", 2, 4)
     assert list(found.standings(by_kind=True)) == ["2r door"]
     said = found.to_dict()["standings"]["2r"]
-    gap = said["bound"] - said["paths"]
+    gap = said["best_known"] - said["paths"]
     assert said["share"] == pytest.approx((said["reward"] - said["paths"]) / gap)
     assert len(found.to_pandas()) == 2
     json.dumps(found.to_dict())

@@ -282,7 +282,7 @@ def test_numbers_of_a_table_are_those_of_the_runs():
     line = row_of(found.rows, scenario="env1")
     assert line["Indiv."] == f"120.00 ({math.sqrt(4 / 3) / 2:.2f})"
     assert (line["Indiv., paper"], line["shortest paths"]) == ("119.50", "119.68")
-    assert (line["class bound"], line["joint optimum"]) == ("121.20", "121.89")
+    assert (line["best asking team found"], line["joint optimum"]) == ("121.20", "121.89")
     assert row_of(found.rows, scenario="env2-4r")["joint optimum"] == "<= 111.32"
     assert found.values["visited"] == "7.7 % to 22.7 %"
     assert verdicts(found.claims) == [(2, 9)]
@@ -362,14 +362,14 @@ def test_loses_less_means_surely():
     assert verdicts(found.claims)[0] == (1, 2)
     line = row_of(found.rows, scenario="env2-2r", steps="10^4")
     assert (line["Coop."], line["Non-coop."]) == ("2.00 (0.00)", "5.00 (1.73)")
-    assert line["class bound"] == "2.10"
+    assert line["best asking team found"] == "2.10"
 
 
 @pytest.mark.parametrize(
     ("fall", "steps", "verdict"), [(8, 10**5, (1, 1)), (9, 10**5, (0, 1)), (9, 10**4, (0, 0))]
 )
-def test_factored_falls_hardly_more_than_the_class_bound(fall, steps, verdict):
-    """The class bound of env1 falls by 7.95 from penalty 0 to -100; 10^5 steps are judged."""
+def test_factored_falls_hardly_more_than_the_best_asking_team(fall, steps, verdict):
+    """The best asking team of env1 loses 7.95 from penalty 0 to -100; 10^5 steps are judged."""
     ends = {0: rewards(*[120.0] * 4), -100: rewards(*[120.0 - fall] * 4)}
     conditions = [
         make_condition("env1", learner, {"penalty": penalty, "steps": steps})

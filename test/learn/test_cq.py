@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""CQ-learning and FCQ-learning against computations by hand, and where they begin."""
+"""CQ-learning against computations by hand, and where they begin."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,6 @@ from sparse_coord_ros.game.scenario import load_scenario, scenario_from_dict
 from sparse_coord_ros.game.world import Action, Reward
 from sparse_coord_ros.learn.agent import Choice, Decision
 from sparse_coord_ros.learn.cq import COUNT, MARKED, WINDOW, differs, is_marked
-from sparse_coord_ros.learn.fcq import strays
 from sparse_coord_ros.learn.learners import learner_of
 from sparse_coord_ros.learn.lone import lone_values
 from sparse_coord_ros.solve.optimum import independent_bound
@@ -62,30 +61,13 @@ def test_students_test(hits, found):
     assert differs(sample, 0.0) == found, "once found it is known"
 
 
-@pytest.mark.parametrize(
-    ("value", "hits", "found"),
-    [(-1.01, 5, False), (-1.01, 6, True), (1.01, 6, True), (-1.0, 20, False), (1.0, 20, False)],
-)
-def test_kolmogorov_and_smirnovs_test(value, hits, found):
-    sample = np.zeros(3)
-    judged = [strays(sample, value if i < hits else 0.0, 1.0) for i in range(WINDOW)]
-    assert judged == [False] * (WINDOW - 1) + [found]
-    assert sample[COUNT] == (MARKED if found else 0.0)
-
-
-def test_below_and_above_are_not_one_side():
-    sample = np.zeros(3)
-    assert not any(strays(sample, (-3.0, 3.0, 0.0, 0.0)[i % 4], 1.0) for i in range(WINDOW))
-
-
-@pytest.mark.parametrize("learner", ["cq", "fcq"])
-def test_begins_at_the_lone_values_with_no_mark(learner):
+def test_begins_at_the_lone_values_with_no_mark():
     scenario = problem()
     for k in range(2):
-        tables, q = learner_of(learner).tables(scenario, k), lone_values(scenario, k)
+        tables, q = learner_of("cq").tables(scenario, k), lone_values(scenario, k)
         assert (tables.q_star[:, :4] == q).all() and (tables.q_coord == q[:, None]).all()
         assert not any(map(is_marked, tables.q_star))
-    assert not np.array_equal(*(learner_of(learner).tables(scenario, k).q_star for k in range(2)))
+    assert not np.array_equal(*(learner_of("cq").tables(scenario, k).q_star for k in range(2)))
 
 
 def test_cq_marks_asks_and_learns_on_the_lone_values():
@@ -120,33 +102,11 @@ def test_cq_learns_nothing_from_failed_percepts():
     assert agent.asked_in[x] == 3 * WINDOW
 
 
-def test_fcq_sees_a_conflict_a_step_ahead():
-    scenario = problem()
-    agent, q = agent_of("fcq", scenario), lone_values(scenario, 0)
-    x = scenario.robots[0].start
-    y = x + 1
-    for move in range(4):  # whatever it does in y costs 30 more than alone
-        step(agent, y, move, scenario.robots[0].goal, -30.0)
-    assert agent.tables.q_star[y, :4] == pytest.approx(q[y] - 30.0)
-    for n in range(1, WINDOW + 1):
-        assert not is_marked(agent.values(x))
-        step(agent, x, EAST, y, 0.0)
-        assert agent.tables.q_star[x, EAST] == pytest.approx(q[x, EAST] - 0.95 * 30.0), n
-    assert is_marked(agent.values(x)), "no reward differs there, but what it is worth"
-    star = agent.tables.q_star[x]
-    assert star[COORDINATE] == star[:4].max() + 1.0
-    before = agent.tables.q_coord[x, 3].copy()
-    for _ in range(WINDOW):
-        step(agent, x, EAST, y, 0.0, peer=3, asked=True)
-    assert agent.tables.q_coord[x, 3, EAST] == pytest.approx(0.95 * (q[y].max() - 30.0))
-    assert (agent.tables.q_coord[x, 3, :EAST] == before[:EAST]).all()
-
-
-def test_what_they_cannot_learn():
+def test_what_it_cannot_learn():
     with pytest.raises(SettingError, match="setting peers: value is 'all'"):
         learner_of("cq").check(load_scenario("crowd-3r").with_settings(peers="all"))
     hall = {"name": "hall", "text": GridMap("hall", ("." * 27,) * 27).to_text()}
     robots = {"a": {"start": [0, 0], "goal": [5, 5]}, "b": {"start": [5, 5], "goal": [0, 0]}}
     large = scenario_from_dict({"map": hall, "robots": robots}, where="hall", name="hall")
     with pytest.raises(SettingError, match="has 729 cells, allowed: 724"):
-        learner_of("fcq").check(large)
+        learner_of("cq").check(large)

@@ -39,7 +39,7 @@ def test_a_baseline_never_asks_and_its_goal_has_no_move():
     ("name", "learner", "settings"),
     [
         ("env1", "coop", {}),
-        ("env1", "fcq", {}),
+        ("env1", "cq", {}),
         ("crowd-3r", "coop", {"peers": "all"}),
         ("crowd-3r", "factored", {}),
     ],

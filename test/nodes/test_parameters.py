@@ -128,7 +128,11 @@ def test_whole_numbers_do_for_numbers(made):
         ("world_simulator", ["scenario:=env9"], "scenario 'env9': no such scenario"),
         ("world_simulator", ["scenario:=env1", "set:=[steps]"], "write it as key=value"),
         ("world_simulator", ["scenario:=env1", "learner:=indiv"], "learners of a whole team"),
-        ("world_simulator", ["scenario:=env1", "learner:=vdn"], "from what all robots see and do"),
+        (
+            "world_simulator",
+            ["scenario:=env1", "learner:=joint"],
+            "from what all robots see and do",
+        ),
         ("world_simulator", ["scenario:=env1", "percept_timeout:=5"], "less than step_timeout"),
         ("world_simulator", ["scenario:=env1", "penalti:=-3"], "(did you mean 'penalty'?)"),
         ("robot", ["claim_window:=61"], "allowed: a number from 0 to 60"),

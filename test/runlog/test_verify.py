@@ -112,7 +112,7 @@ def test_a_good_log_is_identical(record, name, settings, values):
         assert outcomes == {True, False}
 
 
-@pytest.mark.parametrize("learner", ["coop", "noncoop", "factored", "fcq"])
+@pytest.mark.parametrize("learner", ["coop", "noncoop", "factored", "cq"])
 def test_a_robot_without_peers(record, tmp_path, learner):
     (tmp_path / "one.yaml").write_text("map: env1\nrobots: {x: {start: 1, goal: 2}}\n")
     run = record(str(tmp_path / "one.yaml"), values={"learner": learner})
@@ -121,18 +121,17 @@ def test_a_robot_without_peers(record, tmp_path, learner):
     assert found.tables >= 2
 
 
-@pytest.mark.parametrize("learner", ["cq", "fcq"])
-def test_learners_that_mark_cells(record, tmp_path, learner):
+def test_a_learner_that_marks_cells(record, tmp_path):
     (tmp_path / "door.yaml").write_text(
         'map: {name: door, text: "title: door\\n---\\n1.D.2\\n"}\n'
         "robots: {a: {start: 1, goal: 2}, b: {start: 2, goal: 1}}\n"
     )
     settings = {"steps": 1500, "penalty": -50, "epsilon": "constant:0.3", **HALF}
-    run = record(str(tmp_path / "door.yaml"), settings, values={"learner": learner})
+    run = record(str(tmp_path / "door.yaml"), settings, values={"learner": "cq"})
     assert all(robot.agent.coord_visited for robot in run.recording.robots)
     assert verify(run.bag).differences == ()
     tables = [robot.agent.tables for robot in run.recording.robots]
-    values = {"learner": learner, "tables": "before", "seed": 8}
+    values = {"learner": "cq", "tables": "before", "seed": 8}
     on = record(
         str(tmp_path / "door.yaml"), {**settings, "steps": 300}, values=values, tables=tables
     )

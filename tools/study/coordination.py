@@ -19,7 +19,7 @@ from sparse_coord_ros.experiments.catalogue import CLOSE, LONG, unseen_condition
 from sparse_coord_ros.experiments.conditions import Condition, make_condition
 from sparse_coord_ros.experiments.report import text
 from sparse_coord_ros.experiments.report.analysis import gap_closed
-from sparse_coord_ros.experiments.report.rows import class_bound
+from sparse_coord_ros.experiments.report.rows import best_asking_team
 from sparse_coord_ros.experiments.store import ConditionResult, Plan
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.learn.evaluation import Measure
@@ -121,7 +121,7 @@ def _mean(result: ConditionResult, measure: str, digits: int = 2) -> str:
 def _pairs(found: Found) -> Rows:
     for name in ONE_PAIR:
         own, base = found(_factored(name, LONG)), found(make_condition(name, "noncoop", LONG))
-        bound, share = class_bound(own), None
+        bound, share = best_asking_team(own), None
         if bound is not None and name in CLOSE:
             share = gap_closed(own.run_means("reward"), base.run_means("reward"), bound)
         yield {
@@ -131,7 +131,7 @@ def _pairs(found: Found) -> Rows:
             "asks": _mean(own, "asks"),
             "failed teams": text.percent(failed_share(own)),
             "Non-coop.": _reward(base),
-            "class bound": text.bound_of(own),
+            "best asking team found": text.bound_of(own),
             "share of the gap": None if share is None else _share(share),
         }
 
@@ -262,7 +262,7 @@ def _unseen(found: Found) -> Rows:
             yield {
                 "teams": where,
                 "shortest paths": f"{own.paths:.2f}",
-                "bound": f"{own.bound:.2f}",
+                "best known": f"{own.best_known:.2f}",
                 "factored": text.with_error(own.reward),
                 **{f"share, {what}": _share(stood[where].share) for what, stood in judged.items()},
                 "failed teams": own.of_teams(own.failed),

@@ -14,7 +14,6 @@ from sparse_coord_ros.experiments.store import ConditionResult
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.learners import learner_of
 from sparse_coord_ros.solve.shipped import known_best
-from sparse_coord_ros.solve.simdp import PLANNERS, sparse_plan
 from tools.study import coordination
 from tools.study.coordination import Found, Rows, Study, learning_seconds, reward_and_failed
 
@@ -27,9 +26,7 @@ LEARNERS: Mapping[str, tuple[str, ...]] = {
     "coop": ("agent", "algorithm"),
     "factored": ("factored", "factors"),
     "cq": ("cq", "lone"),
-    "fcq": ("fcq", "cq", "lone"),
     "joint": ("joint", "lone"),
-    "vdn": ("vdn", "joint", "lone"),
 }
 """Learners, and the modules of each."""
 
@@ -55,21 +52,14 @@ def _learners(found: Found) -> Rows:
         for learner in LEARNERS:
             one = _reward(found, name, learner, price)
             row[learner] = None if one is None else reward_and_failed(one)
-        yield row | _planned(name, price)
+        row["best known"] = _best_known(name) if price else None
+        yield row
 
 
-def _planned(name: str, price: int) -> dict[str, str | None]:
-    """Return what planners that know the model make of a scenario, asking priced or free."""
-    scenario = load_scenario(name).with_settings(LONG)
-    bound = (known_best(scenario) or coordination.ROUTES.get(name)) if price else None
-    row: dict[str, str | None] = {}
-    for planner in PLANNERS:
-        row[planner] = None
-        if len(scenario.robots) == 2:
-            plan = sparse_plan(scenario, planner)
-            value = plan.priced if price else plan.value
-            row[planner] = f"{value:.2f} ({plan.standard_error:.2f})"
-    return row | {"best known": None if bound is None else f"{bound:.2f}"}
+def _best_known(name: str) -> str | None:
+    """Return the best known value of a scenario, where asking costs what it costs."""
+    value = known_best(load_scenario(name).with_settings(LONG)) or coordination.ROUTES.get(name)
+    return None if value is None else f"{value:.2f}"
 
 
 def _costs(_found: Found) -> Rows:

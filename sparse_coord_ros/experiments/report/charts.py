@@ -17,7 +17,7 @@ from PIL import Image
 
 from sparse_coord_ros.experiments.catalogue import LEARNERS
 from sparse_coord_ros.experiments.report.analysis import loss_alone
-from sparse_coord_ros.experiments.report.rows import class_bound
+from sparse_coord_ros.experiments.report.rows import best_asking_team
 from sparse_coord_ros.experiments.store import ConditionResult
 from sparse_coord_ros.learn.evaluation import Measure
 from sparse_coord_ros.learn.learners import learner_of
@@ -33,7 +33,7 @@ LABELS = {
     "variance": "variance of the reward",
 }
 OPTIMUM, BOUND, SHORTEST = "exact joint optimum", "bound of the optimum", "shortest paths, exact"
-CLASS = "class bound"
+ASKING = "best asking team found"
 INDIV, NONCOOP, COOP, FACTORED = (learner_of(name).title for name in LEARNERS)
 ONE, ALL, SIGHT = (f"{COOP}, {what}" for what in ("one peer", "all peers", "line of sight"))
 LEARNER_STYLES: Mapping[str, Mapping[str, Any]] = {
@@ -57,7 +57,7 @@ STYLES: Mapping[str, Mapping[str, Any]] = {
     f"{ALL}, dense table": {"color": "black", "marker": "+", "linestyle": "-."},
     OPTIMUM: {"color": "black", "linestyle": (0, (6, 2)), "linewidth": 1.2, "zorder": 1.5},
     BOUND: {"color": "black", "linestyle": (0, (1, 1.5)), "linewidth": 1.2, "zorder": 1.5},
-    CLASS: {"color": "#E69F00", "linestyle": "-", "linewidth": 1.2, "zorder": 1.5},
+    ASKING: {"color": "#E69F00", "linestyle": "-", "linewidth": 1.2, "zorder": 1.5},
     SHORTEST: {"color": "0.8", "linestyle": "-", "linewidth": 4, "zorder": 1},
 }
 """How each line is drawn, in the order of the legend; told apart in greyscale too."""
@@ -119,8 +119,8 @@ def points(
 ) -> list[dict[str, Any]]:
     """Return the points of conditions, with what they are to be compared with.
 
-    Those are the joint optimum, or its bound, the class bound where it is known, and the exact
-    value of shortest-path policies.
+    Those are the joint optimum, or its bound, the best asking team found where there is one, and
+    the exact value of shortest-path policies.
 
     Args:
         results: the conditions.
@@ -139,8 +139,8 @@ def points(
         values = {SHORTEST: one.reference[measure]} if measure in one.reference else {}
         if measure == "reward":
             values[BOUND if place["panel"] in bounded else OPTIMUM] = one.optimum
-            known = class_bound(one) if one.learner.asks else None
-            values |= {} if known is None else {CLASS: known}
+            known = best_asking_team(one) if one.learner.asks else None
+            values |= {} if known is None else {ASKING: known}
         if measure == "loss":
             values[SHORTEST] = independent_bound(one.scenario) - one.reference["reward"]
         for line, value in values.items():

@@ -14,8 +14,8 @@ from sparse_coord_ros.experiments.catalogue import LEARNERS
 from sparse_coord_ros.experiments.report.analysis import difference
 from sparse_coord_ros.experiments.report.charts import (
     ALL,
+    ASKING,
     BYTES,
-    CLASS,
     FACTORED,
     GAIN,
     LABELS,
@@ -171,7 +171,7 @@ def _crowd(name: str, results: Results) -> dict[str, Figure]:
         return {**place, "line": line + end, "xlabel": "robots", "tick": str(x)}
 
     shown = points(results, "reward", where) + points(results, "loss", where)
-    shown = [p for p in shown if p["line"] != CLASS]  # known for two robots only: no line
+    shown = [p for p in shown if p["line"] != ASKING]  # known for two robots only: no line
     own = {line: [one for one in results if crowd_line(one) == line] for line in lines}
     gains = crowd_gains(results)
     for line, gained in gains.items():

@@ -12,7 +12,7 @@ import pandas as pd
 
 from sparse_coord_ros.experiments.store import BY_ROBOT, SUMS, ConditionResult, standard_error
 from sparse_coord_ros.learn.evaluation import Measure
-from sparse_coord_ros.solve.shipped import shipped_best_team, shipped_class_bound
+from sparse_coord_ros.solve.shipped import shipped_asking_team, shipped_best_team
 
 PAPER_SETTINGS = (("penalty", "-20"),)
 """Settings of the conditions that the paper's Tables 1 to 3 show."""
@@ -43,9 +43,9 @@ def paper(result: ConditionResult, measure: str) -> Measure | None:
     return Measure(mean, spread, spread / PAPER_TRIALS**0.5)
 
 
-def class_bound(result: ConditionResult) -> float | None:
+def best_asking_team(result: ConditionResult) -> float | None:
     """Return what the best team of Algorithm 1's form is worth, as far as known."""
-    bound = shipped_class_bound(result.scenario)
+    bound = shipped_asking_team(result.scenario)
     return bound.value if bound else None
 
 
@@ -115,6 +115,6 @@ def _row(result: ConditionResult) -> dict[str, Any]:
             name: {"mean": np.mean(own), "standard_error": standard_error(np.array(own))}
             for name, own in exact.items()
         },
-        "class_bound": class_bound(result),
+        "best_asking_team": best_asking_team(result),
         "best_team": best_team(result),
     }

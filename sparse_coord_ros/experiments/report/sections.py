@@ -20,9 +20,9 @@ from sparse_coord_ros.experiments.benchmark import ARRIVE, standings
 from sparse_coord_ros.experiments.catalogue import CLOSED, FALLS, LEARNERS, LONG, REACHED
 from sparse_coord_ros.experiments.report import analysis
 from sparse_coord_ros.experiments.report.analysis import difference, paired, surely_above
-from sparse_coord_ros.experiments.report.charts import CLASS
+from sparse_coord_ros.experiments.report.charts import ASKING
 from sparse_coord_ros.experiments.report.drawings import crowd_gains, crowd_line
-from sparse_coord_ros.experiments.report.rows import by_scenario, class_bound, paper, pick
+from sparse_coord_ros.experiments.report.rows import best_asking_team, by_scenario, paper, pick
 from sparse_coord_ros.experiments.report.text import (
     Row,
     bound_of,
@@ -152,7 +152,7 @@ def _rewards(table: str, results: Results) -> Section:
     rejected = sum(analysis.above_optimum(e) or analysis.contradicts_itself(e) for e in results)
     coop = pick(results, learner="coop")
     rows = [
-        {**row, "class bound": bound_of(one), "joint optimum": optimum_of(one)}
+        {**row, "best asking team found": bound_of(one), "joint optimum": optimum_of(one)}
         for row, one in zip(_beside_paper(results, "reward", {}), coop, strict=True)
     ]
     claim = finding("rewards", same, shown, table=table, rejected=rejected)
@@ -226,7 +226,7 @@ def _figure4(results: Results) -> Section:
     for own in _by_budget(results):
         dear, free = _ends(own, lambda one: one.scenario.penalty)
         lost = {name: _fall(pick(own, learner=name)) for name in LEARNERS}
-        bound = (class_bound(free) or math.nan) - (class_bound(dear) or math.nan)
+        bound = (best_asking_team(free) or math.nan) - (best_asking_team(dear) or math.nan)
         if bound > 0.0 and free.scenario.steps == LONG["steps"]:
             ratios[free.scenario.name] = lost["factored"].mean() / bound
         exact = fixed(max(0.0, free.optimum - dear.optimum))
@@ -235,7 +235,7 @@ def _figure4(results: Results) -> Section:
                 "scenario": free.scenario.name,
                 "steps": steps(free.scenario),
                 **{learner_of(name).title: with_error(paired(v)) for name, v in lost.items()},
-                CLASS: fixed(bound),
+                ASKING: fixed(bound),
                 "joint optimum": exact if free.optimum_exact else None,
             }
         )
@@ -265,7 +265,7 @@ def _penalty100(results: Results) -> Section:
             if not one.learner.asks:
                 continue
             gap = partial(analysis.gap_closed, one.run_means("reward"))
-            learned, bound = base.run_means("reward"), class_bound(one)
+            learned, bound = base.run_means("reward"), best_asking_team(one)
             whole = gap(learned, optimum=one.optimum)
             harder = whole if better > shortest else gap(shortest, optimum=one.optimum)
             reached = None if bound is None else gap(learned, optimum=bound)
@@ -277,11 +277,11 @@ def _penalty100(results: Results) -> Section:
                     "reward (s.e.)": with_error(one.best("reward")),
                     "Non-coop.": with_error(base.best("reward")),
                     "shortest paths": f"{shortest:.2f}",
-                    "class bound": bound_of(one),
+                    "best asking team found": bound_of(one),
                     "joint optimum": optimum_of(one),
                     "closed": share(whole),
                     "from the better": share(harder),
-                    "to the class bound": None if bound is None else share(reached),
+                    "to the best asking team found": None if bound is None else share(reached),
                     "miscoordinations (s.e.)": with_error(one.best("miscoordinations"), 3),
                     "COORDINATE (s.e.)": with_error(one.best("asks"), 3),
                     "failed teams": failed([one]),
@@ -379,7 +379,7 @@ def _crowd(results: Results) -> Section:
             {
                 "robots": str(robots),
                 **{crowd_line(one): with_error(one.best("reward")) for one in own},
-                "class bound": bound_of(own[-1]),
+                "best asking team found": bound_of(own[-1]),
                 "joint optimum": optimum_of(own[-1]),
                 **{f"gain, {line}": signed(found[number]) for line, found in gains.items()},
             }
@@ -437,7 +437,7 @@ def _unseen(results: Results) -> Section:
                 "teams": where,
                 "buildings": str(factored.buildings),
                 "shortest paths": f"{factored.paths:.2f}",
-                "bound": f"{factored.bound:.2f}",
+                "best known": f"{factored.best_known:.2f}",
                 **{by_learner[name]: share(own[where].share) for name, own in found.items()},
                 "Factored below shortest paths": factored.of_teams(factored.below),
                 "failed teams": factored.of_teams(factored.failed),

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import pandas as pd
 
-from sparse_coord_ros.experiments.report.rows import best_team, class_bound
+from sparse_coord_ros.experiments.report.rows import best_asking_team, best_team
 from sparse_coord_ros.experiments.store import ConditionResult
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.learn.evaluation import Measure
@@ -106,7 +106,7 @@ def bound_of(result: ConditionResult) -> str | None:
 
     Marked where no search found it: the best of many learned teams, of more than two robots.
     """
-    team, bound = best_team(result), class_bound(result)
+    team, bound = best_team(result), best_asking_team(result)
     if team is not None:
         return f">= {team:.2f}"
     return None if bound is None else f"{bound:.2f}"

@@ -134,7 +134,7 @@ class BagSource(controls.Controlled):
             return
         lines = [shown.text]
         if shown.step is None:
-            lines.append("How much asking could be worth, the class bound tells.")
+            lines.append("The best asking team found shows how much asking could be worth.")
         elif read:
             begun, since = self._moments.since(shown.robot, shown.cell)
             if since is None:

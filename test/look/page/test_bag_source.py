@@ -187,7 +187,7 @@ def test_a_team_that_does_not_arrive_yet_is_not_praised(record):
 def test_where_nobody_asks_the_page_says_so(record):
     player = Player(record(values={"learner": "noncoop"}).bag, step=None)
     one, other = player.board.get("learned")["lines"]
-    assert "no robot asks" in one and "class bound" in other
+    assert "no robot asks" in one and "best asking team found" in other
     assert player.board.get("tables")["robots"][1]["step"] > 0  # the newest, at once
     player.source.log.bag.close()
 

@@ -70,7 +70,7 @@ export function dialoguePanel(run, entries) {
 
 // What the yardsticks are, where they stand.
 const YARDSTICKS = {
-  "class bound": "the best team found that must ask to know where the others are",
+  "best asking team found": "the best team found that must ask to know where the others are",
   "exact joint optimum": "the best of all teams, which see each other always and for nothing",
   "bound (robots alone)": "each robot as if it were alone: no team can do better",
 };

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The loops of the class bound's search: what a team of Algorithm 1's form is worth, and climbing.
+"""The loops of the search for the best asking team: the value of a team, and climbing.
 
 Plain Python over NumPy arrays, compiled by numba where it is installed. A joint state is the pair
 (first robot's cell, second robot's cell).
@@ -63,7 +63,7 @@ class WeightedGame(NamedTuple):
     everything: np.ndarray
 
 
-class ClassTeam(NamedTuple):
+class AskingPolicies(NamedTuple):
     """A team of Algorithm 1's form.
 
     Attributes:
@@ -104,7 +104,13 @@ class Workspace(NamedTuple):
 
 @inner
 def can_do(
-    game: WeightedGame, policy: ClassTeam, free: np.ndarray, k: int, x: int, z: int, outcome: int
+    game: WeightedGame,
+    policy: AskingPolicies,
+    free: np.ndarray,
+    k: int,
+    x: int,
+    z: int,
+    outcome: int,
 ) -> bool:
     """Whether robot k in cell x, the peer in z, may end a step by that move (or staying)."""
     if outcome == STAY:
@@ -119,7 +125,7 @@ def can_do(
 
 
 @inner
-def reach(game: WeightedGame, policy: ClassTeam, free: np.ndarray, space: Workspace) -> int:
+def reach(game: WeightedGame, policy: AskingPolicies, free: np.ndarray, space: Workspace) -> int:
     """Write the joint states that the team can get into to `order`, successors first.
 
     Args:
@@ -225,7 +231,7 @@ def expected(
 
 
 @inner
-def asks_at(game: WeightedGame, policy: ClassTeam, k: int, x: int) -> bool:
+def asks_at(game: WeightedGame, policy: AskingPolicies, k: int, x: int) -> bool:
     """Whether robot k asks in cell x."""
     return bool(policy.asks[k, x] and x != game.goals[k])
 
@@ -238,7 +244,7 @@ def tried(chooses: bool, seen: int) -> range:
 
 @inner
 def best_at(
-    game: WeightedGame, policy: ClassTeam, free: np.ndarray, value: np.ndarray, x: int, y: int
+    game: WeightedGame, policy: AskingPolicies, free: np.ndarray, value: np.ndarray, x: int, y: int
 ) -> float:
     """Return the value of a joint state; choose the moves after a percept of who is free.
 
@@ -267,7 +273,7 @@ def best_at(
 
 @inner
 def solve(
-    game: WeightedGame, policy: ClassTeam, free: np.ndarray, space: Workspace, target: float
+    game: WeightedGame, policy: AskingPolicies, free: np.ndarray, space: Workspace, target: float
 ) -> float:
     """Return the team's value from the starts, the moves after percepts chosen at best.
 
@@ -285,7 +291,7 @@ def solve(
 @inner
 def sweep(
     game: WeightedGame,
-    policy: ClassTeam,
+    policy: AskingPolicies,
     free: np.ndarray,
     value: np.ndarray,
     order: np.ndarray,
@@ -310,7 +316,7 @@ def sweep(
 
 
 @inner
-def visit(game: WeightedGame, policy: ClassTeam, space: Workspace) -> None:
+def visit(game: WeightedGame, policy: AskingPolicies, space: Workspace) -> None:
     """Write to `visited` and `inside` where the team gets, its moves after percepts given."""
     cells = game.lead.shape[0]
     space.visited[:] = False
@@ -325,7 +331,9 @@ def visit(game: WeightedGame, policy: ClassTeam, space: Workspace) -> None:
 
 
 @inner
-def surround(game: WeightedGame, policy: ClassTeam, free: np.ndarray, space: Workspace) -> None:
+def surround(
+    game: WeightedGame, policy: AskingPolicies, free: np.ndarray, space: Workspace
+) -> None:
     """Write where the team gets, and what the joint states elsewhere are worth at most."""
     visit(game, policy, space)
     cells = game.lead.shape[0]
@@ -341,7 +349,7 @@ def surround(game: WeightedGame, policy: ClassTeam, free: np.ndarray, space: Wor
 
 @inner
 def promising(
-    game: WeightedGame, policy: ClassTeam, free: np.ndarray, space: Workspace, k: int, x: int
+    game: WeightedGame, policy: AskingPolicies, free: np.ndarray, space: Workspace, k: int, x: int
 ) -> bool:
     """Whether a new choice of robot k in cell x beats the team's value for some peer's cell.
 
@@ -366,7 +374,11 @@ def copy(source: np.ndarray, target: np.ndarray) -> None:
 
 
 def climb(
-    game: WeightedGame, policy: ClassTeam, free: np.ndarray, space: Workspace, trials: np.ndarray
+    game: WeightedGame,
+    policy: AskingPolicies,
+    free: np.ndarray,
+    space: Workspace,
+    trials: np.ndarray,
 ) -> float:
     """Change one robot's choice in one cell as long as that makes the team better.
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The class bound, searched for and shipped, and the other yardsticks of a reward."""
+"""The best asking team found, searched for and shipped, and the other yardsticks of a reward."""
 
 import itertools
 import json
@@ -14,23 +14,23 @@ from sparse_coord_ros.errors import ResultsError, SettingError
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.agent import Tables
 from sparse_coord_ros.share import share_file
-from sparse_coord_ros.solve import class_loops, class_search
-from sparse_coord_ros.solve.class_loops import PLAIN
-from sparse_coord_ros.solve.class_search import LETTERS, class_bound, in_words
+from sparse_coord_ros.solve import asking_loops, asking_search
+from sparse_coord_ros.solve.asking_loops import PLAIN
+from sparse_coord_ros.solve.asking_search import LETTERS, find_asking_team, in_words
 from sparse_coord_ros.solve.exact import evaluate_exact
 from sparse_coord_ros.solve.optimum import independent_bound, joint_optimum
 from sparse_coord_ros.solve.reference import shortest_path_reference
 from sparse_coord_ros.solve.shipped import (
     RobotPolicy,
     game_digest,
+    shipped_asking_team,
     shipped_best_team,
-    shipped_class_bound,
     yardsticks,
 )
 
 TINY = "1D.2"
 SMALL = "1.D.2\n..#.."
-LOOPS = class_loops.compiled()  # plain where numba is missing
+LOOPS = asking_loops.compiled()  # plain where numba is missing
 needs_numba = pytest.mark.skipif(not has_numba(), reason="minutes in plain Python")
 
 
@@ -40,9 +40,9 @@ def made(grid=SMALL, robots=None, **settings):
 
 def class_value(scenario, robots):
     """Return what a team of these policies is worth to infinity, averaged over the robots."""
-    game = class_search._game(scenario)
-    team, nobody = class_search._from_texts(scenario, robots), np.zeros(2, dtype=bool)
-    return LOOPS.solve(game, team, nobody, class_search._space(game), -np.inf)
+    game = asking_search._game(scenario)
+    team, nobody = asking_search._from_texts(scenario, robots), np.zeros(2, dtype=bool)
+    return LOOPS.solve(game, team, nobody, asking_search._space(game), -np.inf)
 
 
 def class_tables(scenario, robots):
@@ -64,26 +64,26 @@ def class_tables(scenario, robots):
 def every_team(scenario):
     """Yield the value of every team of a tiny map, its moves after percepts chosen at best."""
     cells = len(scenario.map.cells)
-    game = class_search._game(scenario)
+    game = asking_search._game(scenario)
     places = [
         (k, x) for k, robot in enumerate(scenario.robots) for x in range(cells) if x != robot.goal
     ]
     for choice in itertools.product((2, 3, 8), repeat=len(places)):
-        policy = class_loops.ClassTeam(
+        policy = asking_loops.AskingPolicies(
             np.zeros((2, cells), dtype=np.int64),
             np.zeros((2, cells), dtype=bool),
             np.zeros((2, cells, cells), dtype=np.int64),
         )
         for (k, x), option in zip(places, choice, strict=True):
             policy.moves[k, x], policy.asks[k, x] = option % 8, option == 8
-        space = class_search._space(game)
+        space = asking_search._space(game)
         yield LOOPS.solve(game, policy, np.ones(2, dtype=bool), space, -np.inf)
 
 
 @pytest.mark.parametrize("ask_cost", [pytest.param(0.01, marks=pytest.mark.long), 3])
 def test_the_search_finds_the_best_of_every_team(ask_cost):
     scenario = made(TINY, ask_cost=ask_cost)
-    found = class_bound(scenario, restarts=5)
+    found = find_asking_team(scenario, restarts=5)
     assert found.value == pytest.approx(max(every_team(scenario)), abs=1e-6)
 
 
@@ -100,7 +100,7 @@ def test_the_search_finds_the_best_of_every_team(ask_cost):
 )
 def test_the_value_is_what_exact_evaluation_says(settings):
     scenario = made("1.D.2\n..D..", **settings, horizon=2000)
-    found = class_bound(scenario, restarts=2)
+    found = find_asking_team(scenario, restarts=2)
     worth = evaluate_exact(scenario, class_tables(scenario, found.robots))
     assert worth.reward.mean == pytest.approx(found.value, abs=1e-6)
     assert class_value(scenario, found.robots) == pytest.approx(found.value, abs=1e-6)
@@ -110,7 +110,7 @@ def test_the_value_is_what_exact_evaluation_says(settings):
 
 def test_no_other_moves_after_percepts_are_better():
     scenario = made(ask_cost=0.1)
-    found = class_bound(scenario, restarts=3)
+    found = find_asking_team(scenario, restarts=3)
     assert any(robot.asks for robot in found.robots)
     rng = np.random.default_rng(0)
     for _ in range(20):
@@ -130,25 +130,25 @@ def test_no_other_moves_after_percepts_are_better():
 @pytest.mark.parametrize("seed", (6, 9))
 def test_no_single_other_choice_is_better_where_climbing_ends(seed):
     scenario = made("1.D.2\n..D..", ask_cost=0.1)
-    game, rng = class_search._game(scenario), np.random.default_rng(seed)
-    team, both = class_search._random(game, rng), np.ones(2, dtype=bool)
-    space, options = class_search._space(game), class_loops.OPTIONS
+    game, rng = asking_search._game(scenario), np.random.default_rng(seed)
+    team, both = asking_search._random(game, rng), np.ones(2, dtype=bool)
+    space, options = asking_search._space(game), asking_loops.OPTIONS
     cells = len(scenario.map.cells)
     best = LOOPS.climb(game, team, both, space, rng.permutation(2 * cells * options))
     for k, x, move, asks in itertools.product(range(2), range(cells), range(4), (False, True)):
-        other = class_loops.ClassTeam(*(array.copy() for array in team))
+        other = asking_loops.AskingPolicies(*(array.copy() for array in team))
         other.moves[k, x], other.asks[k, x] = move, asks
-        fresh = class_search._space(game)
+        fresh = asking_search._space(game)
         value = LOOPS.solve(game, other, both, fresh, -np.inf)
-        assert value <= best + 2 * class_loops.BETTER
+        assert value <= best + 2 * asking_loops.BETTER
 
 
 @needs_numba
 def test_compiled_loops_find_the_same(monkeypatch):
     scenario = made(TINY, ask_cost=0.01)
-    compiled = class_bound(scenario, restarts=1)
-    monkeypatch.setattr(class_loops, "compiled", lambda: PLAIN)
-    plain = class_bound(scenario, restarts=1)
+    compiled = find_asking_team(scenario, restarts=1)
+    monkeypatch.setattr(asking_loops, "compiled", lambda: PLAIN)
+    plain = find_asking_team(scenario, restarts=1)
     assert compiled.value == pytest.approx(plain.value, abs=1e-9)
     assert (compiled.robots, compiled.agreed) == (plain.robots, plain.agreed)
 
@@ -157,20 +157,20 @@ def test_compiled_loops_find_the_same(monkeypatch):
 @pytest.mark.parametrize(("name", "value"), [("env1", 121.1958), ("pentagon", 160.9817)])
 def test_known_values(name, value):
     scenario = load_scenario(name)
-    found = class_bound(scenario, restarts=5, seed=3)
+    found = find_asking_team(scenario, restarts=5, seed=3)
     assert found.value == pytest.approx(value, abs=1e-4)
-    assert found.value == pytest.approx(shipped_class_bound(scenario).value, abs=1e-6)
+    assert found.value == pytest.approx(shipped_asking_team(scenario).value, abs=1e-6)
     assert 1 <= found.agreed <= found.restarts == 5
 
 
 def test_of_equally_good_moves_after_a_percept_the_first_is_chosen():
     scenario = made("1..\n.D.\n..2", {"a": (1, 2), "b": (2, 1)}, penalty=0, ask_cost=0)
-    game = class_search._game(scenario)
+    game = asking_search._game(scenario)
     asking, seen = np.ones((2, 9), dtype=bool), np.full((2, 9, 9), 3)
-    team = class_loops.ClassTeam(np.zeros((2, 9), dtype=np.int64), asking, seen)
+    team = asking_loops.AskingPolicies(np.zeros((2, 9), dtype=np.int64), asking, seen)
     far = [scenario.map.distances_to(robot.goal) for robot in scenario.robots]
     value = np.add.outer(0.9 ** far[0], 0.9 ** far[1])
-    class_loops.best_at(game, team, np.ones(2, dtype=bool), value, 0, 8)
+    asking_loops.best_at(game, team, np.ones(2, dtype=bool), value, 0, 8)
     assert (LETTERS[seen[0, 0, 8]], LETTERS[seen[1, 8, 0]]) == ("s", "n")  # east and west: as good
 
 
@@ -178,7 +178,7 @@ def test_of_equally_good_moves_after_a_percept_the_first_is_chosen():
 def test_who_steps_aside_for_both_would_rather_not():
     """env1 at -20: the robot that asks pays for what both gain."""
     scenario = load_scenario("env1")
-    found = class_bound(scenario, restarts=3)
+    found = find_asking_team(scenario, restarts=3)
     asking = [bool(robot.asks) for robot in found.robots]
     assert sorted(asking) == [False, True]
     k = asking.index(True)
@@ -196,12 +196,12 @@ def test_who_steps_aside_for_both_would_rather_not():
 
 def test_a_search_that_was_cut_off_goes_on(tmp_path):
     scenario = made()
-    whole = class_bound(scenario, restarts=4)
+    whole = find_asking_team(scenario, restarts=4)
     file = tmp_path / "search.json"
-    first = class_bound(scenario, restarts=2, file=file)
+    first = find_asking_team(scenario, restarts=2, file=file)
     assert first.restarts == 2
     done = []
-    found = class_bound(
+    found = find_asking_team(
         scenario,
         restarts=4,
         file=file,
@@ -211,7 +211,7 @@ def test_a_search_that_was_cut_off_goes_on(tmp_path):
     assert (found.value, found.agreed, found.restarts) == (whole.value, whole.agreed, 4)
     assert len(json.loads(file.read_text())["values"]) == 4
     before = file.read_bytes()
-    again = class_bound(scenario, restarts=4, file=file)
+    again = find_asking_team(scenario, restarts=4, file=file)
     assert (again, file.read_bytes()) == (found, before)
 
 
@@ -230,17 +230,17 @@ def test_a_search_that_was_cut_off_goes_on(tmp_path):
 def test_another_file_is_refused(tmp_path, change):
     scenario = made(TINY)
     file = tmp_path / "search.json"
-    class_bound(scenario, restarts=1, file=file)
+    find_asking_team(scenario, restarts=1, file=file)
     file.write_text(json.dumps({**json.loads(file.read_text()), **change}))
     with pytest.raises(
         ResultsError, match="search.json: is .*(give another file|in format 99.*; update)"
     ):
-        class_bound(scenario, restarts=1, file=file)
+        find_asking_team(scenario, restarts=1, file=file)
 
 
 def test_only_two_robots():
     with pytest.raises(SettingError, match="env2-4r has 4 robots, allowed: 2"):
-        class_bound(load_scenario("env2-4r"))
+        find_asking_team(load_scenario("env2-4r"))
 
 
 def test_words_say_what_the_team_does():
@@ -265,15 +265,15 @@ def test_words_say_what_the_team_does():
     ]
 
 
-SHIPPED = json.loads(share_file("config", "class_bounds.json").read_text(encoding="utf-8"))
-DEAREST = [title.split(",")[0] for title in SHIPPED["bounds"] if title.endswith("-100")]
+SHIPPED = json.loads(share_file("config", "asking_teams.json").read_text(encoding="utf-8"))
+DEAREST = [title.split(",")[0] for title in SHIPPED["teams"] if title.endswith("-100")]
 PENALTIES = (0, -0.1, -1, -10, -20, -100)
 
 
 @pytest.mark.parametrize("name", DEAREST)
 def test_a_shipped_team_is_worth_what_is_said(name):
     scenario = load_scenario(name, penalty=-100)
-    bound = shipped_class_bound(scenario)
+    bound = shipped_asking_team(scenario)
     assert bound.game == game_digest(scenario)
     found = evaluate_exact(scenario, class_tables(scenario, bound.robots))
     # Trials end at the horizon; what comes later is worth less than this.
@@ -288,7 +288,7 @@ def test_a_shipped_team_is_worth_what_is_said(name):
 @pytest.mark.parametrize("name", ["env1", "env2-2r", "pentagon", "isr", "cit"])
 def test_every_penalty_of_figure_4_is_there(name):
     scenarios = [load_scenario(name, penalty=penalty) for penalty in PENALTIES]
-    bounds = [shipped_class_bound(scenario) for scenario in scenarios]
+    bounds = [shipped_asking_team(scenario) for scenario in scenarios]
     assert all(bound.restarts >= 30 for bound in bounds)
     values = [bound.value for bound in bounds]
     assert values == sorted(values, reverse=True)
@@ -297,9 +297,9 @@ def test_every_penalty_of_figure_4_is_there(name):
 
 def test_it_is_of_the_game_and_not_of_the_learning():
     scenario = load_scenario("env1")
-    bound = shipped_class_bound(scenario)
+    bound = shipped_asking_team(scenario)
     other = {"steps": 5, "horizon": 7, "epsilon": "constant:0.5", "goal_value": 0, "peers": "all"}
-    assert shipped_class_bound(scenario.with_settings(other)) == bound
+    assert shipped_asking_team(scenario.with_settings(other)) == bound
     for name, value in {
         "penalty": -21,
         "ask_cost": 2,
@@ -310,8 +310,8 @@ def test_it_is_of_the_game_and_not_of_the_learning():
         "perception": "range:2",
         "common_reward": "each:1:2",
     }.items():
-        assert shipped_class_bound(scenario.with_settings({name: value})) is None, name
-    assert shipped_class_bound(load_scenario("env2-4r")) is None
+        assert shipped_asking_team(scenario.with_settings({name: value})) is None, name
+    assert shipped_asking_team(load_scenario("env2-4r")) is None
 
 
 @pytest.mark.parametrize("name", ["env2-4r", "crowd-4r", "crowd-6r", "crowd-8r"])
@@ -328,7 +328,7 @@ def test_the_shipped_teams(name):
 @pytest.mark.parametrize(
     ("name", "names"),
     [
-        ("env1", ["class bound", "exact joint optimum"]),
+        ("env1", ["best asking team found", "exact joint optimum"]),
         ("crowd-4r", ["best learned team", "bound (robots alone)"]),
     ],
 )

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The search for the class bound: iterated local search, every team evaluated exactly.
+"""The search for the best asking team: iterated local search, every team evaluated exactly.
 
 A restart begins with random routes and random cells to ask in. It climbs: one robot's choice in
 one cell is changed as long as that makes the team better. The moves after percepts are never
@@ -28,14 +28,14 @@ from sparse_coord_ros.game.scenario import Scenario, ScenarioLike, loaded
 from sparse_coord_ros.game.settings import Setting
 from sparse_coord_ros.learn.run_config import RUN_SETTINGS
 from sparse_coord_ros.limits import RESULTS, read_text
-from sparse_coord_ros.solve import class_loops
-from sparse_coord_ros.solve.class_loops import OPTIONS, ClassTeam, WeightedGame, Workspace
+from sparse_coord_ros.solve import asking_loops
+from sparse_coord_ros.solve.asking_loops import OPTIONS, AskingPolicies, WeightedGame, Workspace
 from sparse_coord_ros.solve.optimum import worth_alone
-from sparse_coord_ros.solve.shipped import ClassBound, RobotPolicy, game_digest
+from sparse_coord_ros.solve.shipped import AskingTeam, RobotPolicy, game_digest
 from sparse_coord_ros.version import __version__
 
 FORMAT = 1
-WARNING = "a lower bound of what the best team of this form is worth: the search may miss it"
+WARNING = "a lower bound: the search may have missed a better team"
 
 RESTARTS = Setting("restarts", int, 20, "restarts of the search", low=1, high=1_000_000)
 
@@ -64,18 +64,18 @@ Progress = Callable[[int, int, float], None]
 """Called with restarts done, restarts to be done, and the best value so far."""
 
 
-def class_bound(
+def find_asking_team(
     scenario: ScenarioLike,
     *,
     restarts: int = 20,
     seed: int = 0,
     file: str | Path | None = None,
     progress: Progress = lambda done, of, best: None,
-) -> ClassBound:
+) -> AskingTeam:
     """Search for the best team of two robots that has Algorithm 1's form.
 
     Its `value` is a lower bound of what such a team can be worth: the search may miss the best.
-    `shipped_class_bound` returns what was found once for the paper's scenarios.
+    `shipped_asking_team` returns what was found once for the paper's scenarios.
 
     Args:
         scenario: a problem of two robots.
@@ -89,7 +89,7 @@ def class_bound(
         ResultsError: the file is that of another search.
     """
     scenario = loaded(scenario)
-    check_class(scenario)
+    check_two_robots(scenario)
     restarts, seed = RESTARTS.parse(restarts), RUN_SETTINGS["seed"].parse(seed)
     file = None if file is None else Path(file)
     game = _game(scenario)
@@ -98,7 +98,7 @@ def class_bound(
     found = None if best is None else _from_texts(scenario, best)
     for i in range(len(values), restarts):
         policy, value = _restart(game, both, [seed, i])
-        if found is None or value > max(values) + class_loops.BETTER:
+        if found is None or value > max(values) + asking_loops.BETTER:
             found = policy
         values.append(value)
         if file is not None:
@@ -107,7 +107,7 @@ def class_bound(
     assert found is not None
     top = max(values)
     robots = _texts(game, found)
-    return ClassBound(
+    return AskingTeam(
         value=top,
         robots=robots,
         gains=tuple(_gain(scenario, robots, k, seed) for k in range(2)),
@@ -120,14 +120,14 @@ def class_bound(
     )
 
 
-def check_class(scenario: Scenario) -> None:
+def check_two_robots(scenario: Scenario) -> None:
     """Raise `SettingError` unless the scenario has two robots."""
     team = len(scenario.robots)
     if team != 2:
         raise SettingError(
-            f"class bound: scenario {scenario.name} has {team} robot{'s' * (team != 1)}, allowed: "
-            "2; for others there are the bound of robots alone and the joint optimum, leave out "
-            "--class"
+            f"search for the best asking team: scenario {scenario.name} has {team} "
+            f"robot{'s' * (team != 1)}, allowed: 2; for others there are the bound of robots "
+            "alone and the joint optimum, leave out --class"
         )
 
 
@@ -135,7 +135,7 @@ def _game(scenario: Scenario, weights: Sequence[float] = (0.5, 0.5)) -> Weighted
     """Return the game; the weights say how much each robot's reward counts."""
     grid = scenario.map
     cells = len(grid.cells)
-    check_up(scenario.link, "class bound")
+    check_up(scenario.link, "search for the best asking team")
     percept = percept_probabilities(scenario.perception, grid)
     places = meeting_places(scenario)
     paid = sum(w * p for w, p in zip(weights, scenario.penalties, strict=True))
@@ -177,8 +177,8 @@ def _space(game: WeightedGame) -> Workspace:
 
 
 def _restart(
-    game: WeightedGame, free: np.ndarray, seed: list[int], fixed: ClassTeam | None = None
-) -> tuple[ClassTeam, float]:
+    game: WeightedGame, free: np.ndarray, seed: list[int], fixed: AskingPolicies | None = None
+) -> tuple[AskingPolicies, float]:
     """Climb from a random team, and again from where shakes lead.
 
     Args:
@@ -196,10 +196,10 @@ def _restart(
 
 
 def _climbed(
-    game: WeightedGame, free: np.ndarray, best: ClassTeam, rng: np.random.Generator
-) -> tuple[ClassTeam, float]:
+    game: WeightedGame, free: np.ndarray, best: AskingPolicies, rng: np.random.Generator
+) -> tuple[AskingPolicies, float]:
     """Climb from a team, which is changed, and again from where shakes lead; as `_restart`."""
-    loops, space = class_loops.compiled(), _space(game)
+    loops, space = asking_loops.compiled(), _space(game)
     trials = np.arange(2 * len(game.lead) * OPTIONS)
     top = loops.climb(game, best, free, space, rng.permutation(trials))
     vain = 0
@@ -208,29 +208,31 @@ def _climbed(
         loops.visit(game, best, space)
         policy = _shaken(game, best, space.visited & free[:, None], rng)
         value = loops.climb(game, policy, free, space, rng.permutation(trials))
-        if value > top + class_loops.BETTER:
+        if value > top + asking_loops.BETTER:
             best, top, vain = policy, value, 0
     return best, top
 
 
-def climbed(scenario: Scenario, team: ClassTeam) -> tuple[float, float, ClassTeam, np.ndarray]:
-    """Make a team of two robots better, as a restart of `class_bound` does that begins with it.
+def climbed(
+    scenario: Scenario, team: AskingPolicies
+) -> tuple[float, float, AskingPolicies, np.ndarray]:
+    """Make a team of two robots better, as a restart that begins with this team.
 
     Returns:
         Its value before and after; what it does then, in every joint state; and whether a robot
         acts in a cell, shape (2, cells).
     """
     game, nobody = _game(scenario), np.zeros(2, dtype=np.bool_)
-    before = class_loops.compiled().solve(game, team, nobody, _space(game), -np.inf)
+    before = asking_loops.compiled().solve(game, team, nobody, _space(game), -np.inf)
     found, value = _climbed(game, ~nobody, _copy(team), np.random.default_rng(0))
     return before, value, *_everywhere(game, found)
 
 
-def _copy(team: ClassTeam) -> ClassTeam:
-    return ClassTeam(*(array.copy() for array in team))
+def _copy(team: AskingPolicies) -> AskingPolicies:
+    return AskingPolicies(*(array.copy() for array in team))
 
 
-def _random(game: WeightedGame, rng: np.random.Generator) -> ClassTeam:
+def _random(game: WeightedGame, rng: np.random.Generator) -> AskingPolicies:
     """Return a team on random routes that asks in random cells."""
     lead = game.lead[:, :PRIMITIVES]
     cells = len(lead)
@@ -246,12 +248,12 @@ def _random(game: WeightedGame, rng: np.random.Generator) -> ClassTeam:
             far = new
         moves[k] = (toll + far)[lead].argmin(axis=1)
     asks = rng.random((2, cells)) < rng.choice(ASKED, size=(2, 1))
-    return ClassTeam(moves, asks, np.zeros((2, cells, cells), dtype=np.int64))
+    return AskingPolicies(moves, asks, np.zeros((2, cells, cells), dtype=np.int64))
 
 
 def _shaken(
-    game: WeightedGame, policy: ClassTeam, visited: np.ndarray, rng: np.random.Generator
-) -> ClassTeam:
+    game: WeightedGame, policy: AskingPolicies, visited: np.ndarray, rng: np.random.Generator
+) -> AskingPolicies:
     """Return a copy with a few choices changed, where the robots act or next to that."""
     new = _copy(policy)
     near = visited.copy()
@@ -266,12 +268,12 @@ def _shaken(
     return new
 
 
-def _everywhere(game: WeightedGame, policy: ClassTeam) -> tuple[ClassTeam, np.ndarray]:
+def _everywhere(game: WeightedGame, policy: AskingPolicies) -> tuple[AskingPolicies, np.ndarray]:
     """Return the team with the best moves after every percept, and where its robots act.
 
     A robot that never gets to a cell does not ask there.
     """
-    loops, new = class_loops.compiled(), _copy(policy)
+    loops, new = asking_loops.compiled(), _copy(policy)
     space = _space(game)
     both = np.ones(2, dtype=np.bool_)
     loops.solve(game, new, both, space, -np.inf)
@@ -282,7 +284,7 @@ def _everywhere(game: WeightedGame, policy: ClassTeam) -> tuple[ClassTeam, np.nd
     return new, space.visited
 
 
-def _texts(game: WeightedGame, policy: ClassTeam) -> tuple[RobotPolicy, RobotPolicy]:
+def _texts(game: WeightedGame, policy: AskingPolicies) -> tuple[RobotPolicy, RobotPolicy]:
     """Return the team as texts."""
     new, _ = _everywhere(game, policy)
 
@@ -296,9 +298,9 @@ def _texts(game: WeightedGame, policy: ClassTeam) -> tuple[RobotPolicy, RobotPol
     return robot(0), robot(1)
 
 
-def _from_texts(scenario: Scenario, robots: Sequence[RobotPolicy]) -> ClassTeam:
+def _from_texts(scenario: Scenario, robots: Sequence[RobotPolicy]) -> AskingPolicies:
     cells = len(scenario.map.cells)
-    policy = ClassTeam(
+    policy = AskingPolicies(
         np.array([[LETTERS.index(letter) for letter in robot.moves] for robot in robots]),
         np.zeros((2, cells), dtype=np.bool_),
         np.zeros((2, cells, cells), dtype=np.int64),
@@ -312,7 +314,7 @@ def _from_texts(scenario: Scenario, robots: Sequence[RobotPolicy]) -> ClassTeam:
 
 def _gain(scenario: Scenario, robots: Sequence[RobotPolicy], k: int, seed: int) -> float:
     """Return the most that robot k was found to gain for itself, the other staying as it is."""
-    loops, alone = class_loops.compiled(), np.arange(2) == k
+    loops, alone = asking_loops.compiled(), np.arange(2) == k
     game = _game(scenario, alone)
     fixed = _from_texts(scenario, robots)
     now = loops.solve(game, fixed, np.zeros(2, dtype=np.bool_), _space(game), -np.inf)
@@ -321,7 +323,7 @@ def _gain(scenario: Scenario, robots: Sequence[RobotPolicy], k: int, seed: int) 
     best = loops.climb(game, own, alone, _space(game), trials)
     for i in range(DEVIATIONS):
         best = max(best, _restart(game, alone, [seed, k, i], fixed)[1])
-    return best - now if best > now + class_loops.BETTER else 0.0
+    return best - now if best > now + asking_loops.BETTER else 0.0
 
 
 def _kept(
@@ -339,7 +341,9 @@ def _kept(
         said = (data["game"], data["seed"])
         fits = _from_texts(scenario, best).moves.shape == (2, len(scenario.map.cells))
     except (ValueError, LookupError, TypeError, AttributeError):
-        raise ResultsError(f"{file}: is no search for a class bound; give another file") from None
+        raise ResultsError(
+            f"{file}: is no search for the best asking team; give another file"
+        ) from None
     if said != (game_digest(scenario), seed) or not values or not fits:
         what = f"{file}: is the search of another game or seed (seed {data['seed']})"
         raise ResultsError(f"{what}; give another file, or the same scenario, settings and seed")
@@ -362,7 +366,7 @@ def _keep(
 
 def _acting(
     scenario: Scenario, robots: Sequence[RobotPolicy]
-) -> tuple[ClassTeam, np.ndarray, list[dict[int, list[int]]]]:
+) -> tuple[AskingPolicies, np.ndarray, list[dict[int, list[int]]]]:
     """Return what a team does where it gets to.
 
     Returns:
@@ -373,9 +377,9 @@ def _acting(
     game = _game(scenario)
     space = _space(game)
     cells = len(scenario.map.cells)
-    class_loops.visit(game, team, space)
+    asking_loops.visit(game, team, space)
     seen: list[dict[int, list[int]]] = [{}, {}]
-    count = class_loops.reach(game, team, space.nobody, space)
+    count = asking_loops.reach(game, team, space.nobody, space)
     for state in np.sort(space.order[:count]):
         here = (int(state // cells), int(state % cells))
         for k in range(2):
