@@ -16,7 +16,7 @@ def test_exact(sparse_coord):
     assert (code, err) == (0, "")
     assert "env1, penalty -20, 441 joint states" in out
     assert "exact joint optimum    121.89" in out
-    assert "bound (robots alone) 126.45" in out
+    assert "bound (robots alone)   126.45" in out
     data = json.loads(sparse_coord("optimum", "env1", "--penalty", "-100", "--json")[1])
     assert data["value"] == pytest.approx(120.6, abs=0.1)
     assert (data["scenario"], data["exact"], data["joint_states"]) == ("env1", True, 441)
