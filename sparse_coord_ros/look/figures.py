@@ -12,9 +12,10 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, SubFigure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Patch
+from matplotlib.ticker import MaxNLocator
 
 from sparse_coord_ros.errors import SettingError, did_you_mean
 from sparse_coord_ros.experiments.report.charts import embedded
@@ -31,11 +32,17 @@ from sparse_coord_ros.runlog.log import RunLog
 LINE_WIDTH = 11.0
 """Inches that a line of panels may take."""
 
-CURVE, LONE_CURVE = (2.75, 2.5), (4.6, 3.4)
-"""Width and height of a panel with a curve, in inches: one of several, and one alone."""
+LEAST_WIDTH = 4.0
+"""Inches of the narrowest figure."""
+
+CURVE = (2.75, 2.5)
+"""Width and height of a panel with a curve, in inches."""
 
 POLICY_MAP, SHADED_MAP, SMALLEST_CELL = 3.4, 2.8, 0.3
 """Inches of the longer side of a small map, and of a cell of a large one."""
+
+SCALE_WIDTH = 0.8
+"""Inches of a scale of colours with its label, beside a map."""
 
 MOST_POINTS = 1000
 """Points of a curve; of longer ones some are left out, evenly."""
@@ -54,7 +61,14 @@ CURVES: Mapping[str, str] = {
 }
 """The learning curves, and how their axes are called."""
 
-WHATS = ("policy", "asks", "sparsity", "curves", "percepts", "length")
+SOME_CURVES: Mapping[str, Sequence[str]] = {
+    "curves": tuple(CURVES),
+    "coordination": ("miscoordinations", "asks"),
+    "length": ("length",),
+}
+"""Which learning curves each name draws."""
+
+WHATS = ("policy", "asks", "sparsity", "curves", "percepts", "coordination", "length")
 """What can be drawn of a run."""
 
 
@@ -65,11 +79,19 @@ ARROW |= {"headwidth": 4, "headlength": 3.4, "headaxislength": 3}
 
 
 class Panel(NamedTuple):
-    """One panel: its size in inches, and what draws it."""
+    """One panel.
+
+    Attributes:
+        width: least width in inches.
+        height: in inches.
+        draw: draws it.
+        stretches: whether it may be wider; maps may not.
+    """
 
     width: float
     height: float
     draw: Callable[[Axes], None]
+    stretches: bool = False
 
 
 def literal(text: str) -> str:
@@ -87,20 +109,28 @@ def runs_figure(runs: Sequence[Shown], whats: Sequence[str]) -> Figure:
     Raises:
         SparseCoordError: a run lacks what is to be drawn.
     """
-    lines = [line for what in whats for line in _lines(_panels(what, runs))]
+    lines = _balanced([group for what in whats for group in _groups(what, runs)])
     heights = [max(panel.height for panel in line) for line in lines]
-    width = max(sum(panel.width for panel in line) for line in lines)
+    width = max(LEAST_WIDTH, *map(_width, lines))
     figure = Figure(figsize=(width, sum(heights)), layout="constrained")
     parts = figure.subfigures(len(lines), 1, height_ratios=heights, squeeze=False)[:, 0]
     for part, line in zip(parts, lines, strict=True):
-        widths = [panel.width for panel in line]
-        *axes, rest = part.subplots(
-            1, len(line) + 1, width_ratios=[*widths, max(0.01, width - sum(widths))]
-        )
-        for panel, one in zip(line, axes, strict=True):
-            panel.draw(one)
-        rest.set_axis_off()
+        _draw_line(part, line, width)
     return figure
+
+
+def _draw_line(part: SubFigure, line: Sequence[Panel], width: float) -> None:
+    """Draw a line of panels: those that stretch fill the width, else the line is centred."""
+    rest = width - _width(line)
+    stretching = sum(panel.stretches for panel in line)
+    more = rest / stretching if stretching else 0.0
+    margin = 0.01 if stretching else max(0.01, rest / 2)
+    widths = [panel.width + more * panel.stretches for panel in line]
+    left, *axes, right = part.subplots(1, len(line) + 2, width_ratios=[margin, *widths, margin])
+    for panel, one in zip(line, axes, strict=True):
+        panel.draw(one)
+    left.set_axis_off()
+    right.set_axis_off()
 
 
 def available(shown: Shown) -> list[str]:
@@ -148,29 +178,59 @@ def parse_whats(text: str | None, runs: Sequence[Shown]) -> list[str]:
     return whats
 
 
-def _panels(what: str, runs: Sequence[Shown]) -> Iterator[Panel]:
-    """Yield the panels of one thing to be drawn: curves show all runs in one panel."""
+def _groups(what: str, runs: Sequence[Shown]) -> Iterator[list[Panel]]:
+    """Yield the panels of one thing to be drawn, in groups that share a line where they fit.
+
+    Curves show all runs in one panel; of maps there is a group a run.
+    """
     labels = names_of(runs)
-    if what == "length":
-        yield Panel(*LONE_CURVE, partial(_draw_curve, runs, labels, what))
-    elif what == "curves":
-        for name in CURVES:
-            yield Panel(*CURVE, partial(_draw_curve, runs, labels, name))
-    else:
-        panels = {"policy": _policy, "asks": _asks, "sparsity": _sparsity, "percepts": _percepts}
-        for shown, label in zip(runs, labels, strict=True):
-            yield from panels[what](shown, label)
+    if what in SOME_CURVES:
+        for name in SOME_CURVES[what]:
+            yield [Panel(*CURVE, partial(_draw_curve, runs, labels, name), stretches=True)]
+        return
+    most_asked = 0.0
+    if what == "asks":
+        most_asked = max(float(_asked_by_cell(shown).max()) for shown in runs)
+    for shown, label in zip(runs, labels, strict=True):
+        if what == "policy":
+            yield list(_policy(shown, label))
+        elif what == "asks":
+            yield list(_asks(shown, label, most_asked))
+        elif what == "sparsity":
+            yield list(_sparsity(shown, label))
+        else:
+            yield list(_percepts(shown, label))
 
 
-def _lines(panels: Iterable[Panel]) -> Iterator[list[Panel]]:
-    """Break panels into lines."""
-    line: list[Panel] = []
-    for panel in panels:
-        if line and sum(one.width for one in line) + panel.width > LINE_WIDTH:
-            yield line
-            line = []
-        line.append(panel)
-    yield line
+def _balanced(groups: Sequence[list[Panel]]) -> list[list[Panel]]:
+    """Break panels into as few lines as possible, and these into lines of similar widths."""
+    lines = _lines(groups, LINE_WIDTH)
+    while True:
+        widest = max(map(_width, lines))
+        narrower = _lines(groups, 0.99 * widest)
+        if len(narrower) > len(lines) or max(map(_width, narrower)) >= widest:
+            return lines
+        lines = narrower
+
+
+def _lines(groups: Iterable[list[Panel]], width: float) -> list[list[Panel]]:
+    """Break panels into lines that are no wider, if no panel is.
+
+    A group stays together unless it is wider than a line.
+    """
+    lines: list[list[Panel]] = []
+    for group in groups:
+        if lines and _width([*lines[-1], *group]) <= width:
+            lines[-1] += group
+        elif _width(group) <= width:
+            lines.append(list(group))
+        else:
+            lines += _lines([[panel] for panel in group], width) if len(group) > 1 else [group]
+    return lines
+
+
+def _width(line: Iterable[Panel]) -> float:
+    return sum(panel.width for panel in line)
 
 
 # Maps.
@@ -252,36 +312,45 @@ def _policy_key(shown: Shown, robots: Sequence[int], axes: Axes) -> None:
 
 
 def _shaded(
-    shown: Shown, label: str, values: np.ndarray, titles: Sequence[str], scale: str
+    shown: Shown, label: str, values: np.ndarray, titles: Sequence[str], scale: str, most: float
 ) -> Iterator[Panel]:
     """Yield a map for each row of values, shape (maps, cells), that shade its cells.
 
-    All have one scale, which stands beside the last of them.
+    All have one scale, from 0 to `most`, which stands beside the last of them.
     """
-    norm = Normalize(0, float(values.max()) or 1.0)
+    norm = Normalize(0, most or 1.0)
     for own, title in zip(values, titles, strict=True):
         bar = scale if title == titles[-1] else ""
         draw = partial(_draw_shades, shown, f"{label}: {title}", np.asarray(norm(own)), norm, bar)
-        yield _map_panel(shown, SHADED_MAP, draw)
+        panel = _map_panel(shown, SHADED_MAP, draw)
+        yield panel._replace(width=panel.width + SCALE_WIDTH) if bar else panel
 
 
 def _draw_shades(
     shown: Shown, title: str, dark: np.ndarray, norm: Normalize, bar: str, axes: Axes
 ) -> None:
     draw_map(axes, shown.config.scenario, dark, label_height=0.2)
-    axes.set_title(title, fontsize=9)
+    axes.set_title(title, fontsize=8)
     if bar:
+        axes.set_anchor("W")
         beside = axes.inset_axes((1.03, 0.0, 0.035, 1.0))
         axes.figure.colorbar(ScalarMappable(norm, COLOUR_MAP), cax=beside, label=bar)
 
 
-def _asks(shown: Shown, label: str) -> Iterator[Panel]:
-    asked, names = shown.trials.asked / PLAYED_EPISODES, _names(shown)
-    titles = [f"{name} asks {asked[k].sum():.2f} times" for k, name in enumerate(names)]
-    if len(names) > 2:
-        asked = asked.sum(axis=0, keepdims=True)
-        titles = [f"{len(names)} robots ask {asked.sum():.2f} times"]
-    return _shaded(shown, label, asked, titles, "COORDINATE in a greedy episode")
+def _asked_by_cell(shown: Shown) -> np.ndarray:
+    """Return COORDINATE in a greedy episode, shape (maps, cells): a map a robot, or one of all."""
+    asked: np.ndarray = shown.trials.asked / PLAYED_EPISODES
+    return asked if len(asked) <= 2 else asked.sum(axis=0, keepdims=True)
+
+
+def _asks(shown: Shown, label: str, most: float) -> Iterator[Panel]:
+    asked, names = _asked_by_cell(shown), _names(shown)
+    titles = [f"{len(names)} robots ask {asked.sum():.2f} times"]
+    if len(asked) == len(names):
+        titles = [
+            f"{name} asks {own.sum():.2f} times" for name, own in zip(names, asked, strict=True)
+        ]
+    return _shaded(shown, label, asked, titles, "COORDINATE in a greedy episode", most)
 
 
 def _sparsity(shown: Shown, label: str) -> Iterator[Panel]:
@@ -297,7 +366,7 @@ def _sparsity(shown: Shown, label: str) -> Iterator[Panel]:
         titles = [f"$Q^C$, {share:.2%} learned, mean of {len(found)} robots"]
     factored = shown.tables[0].factors is not None
     scale = "corrections that are not 0" if factored else "joint states learned"
-    return _shaded(shown, label, counts, titles, scale)
+    return _shaded(shown, label, counts, titles, scale, float(counts.max()))
 
 
 # Curves.
@@ -314,7 +383,7 @@ def _draw_curve(runs: Sequence[Shown], labels: Sequence[str], name: str, axes: A
             labels = _names(runs[0])
             lines = [(runs[0], k) for k in range(1, len(labels) + 1)]
         else:
-            labels = [f"mean of {_window(runs[0])}"]
+            labels = [f"mean of {_window(runs[0])} episodes"]
             points = _thinned(*runs[0].history.curve(name))
             axes.plot(*points, ".", color="0.72", markersize=3, label="one episode")
     for number, (shown, robot) in enumerate(lines):
@@ -323,6 +392,7 @@ def _draw_curve(runs: Sequence[Shown], labels: Sequence[str], name: str, axes: A
         axes.plot(*points, color=colour, linestyle=style, linewidth=1.6, label=labels[number])
     axes.set(yscale="log" if name == "length" else "linear", xlabel="time step")
     axes.set_ylabel(CURVES[name])
+    axes.xaxis.set_major_locator(MaxNLocator(4))
     axes.grid(alpha=0.3)
     axes.legend(fontsize=6, ncols=2 if len(lines) > 4 else 1)
 
@@ -339,7 +409,7 @@ def _thinned(steps: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 def _percepts(shown: Shown, label: str) -> Iterator[Panel]:
-    yield Panel(*LONE_CURVE, partial(_draw_percepts, shown.log, label))
+    yield Panel(*CURVE, partial(_draw_percepts, shown.log, label), stretches=True)
 
 
 def _draw_percepts(log: RunLog, label: str, axes: Axes) -> None:

@@ -9,6 +9,7 @@ import xml.etree.ElementTree as ElementTree
 
 import numpy as np
 import pytest
+from made_up_results import PLAN, made_up, result_of
 from matplotlib.figure import Figure
 
 from sparse_coord_ros.experiments.catalogue import LEARNERS, LONG, NAMES, Experiment, experiment
@@ -28,65 +29,11 @@ from sparse_coord_ros.experiments.report.charts import point
 from sparse_coord_ros.experiments.report.rows import paper
 from sparse_coord_ros.experiments.report.sections import SECTIONS, reward_claims
 from sparse_coord_ros.experiments.report.text import listed, size, to_markdown
-from sparse_coord_ros.experiments.store import SUMS, ConditionResult, Plan
+from sparse_coord_ros.experiments.store import SUMS, Plan
 from sparse_coord_ros.game.grid import parse_map
 from sparse_coord_ros.game.scenario import SETTINGS
 from sparse_coord_ros.learn.evaluation import Measure
 from sparse_coord_ros.solve.optimum import independent_bound
-
-PLAN = Plan(seed=5, runs=4, trials=50)
-
-OPTIMA = {
-    "env1": 121.89,
-    "env2-2r": 111.02,
-    "env2-4r": 111.32,
-    "cit": 111.21,
-    "cmu": 28.36,
-    "isr": 143.56,
-    "mit": 66.87,
-    "pentagon": 161.31,
-    "suny": 111.32,
-}
-"""Exact joint optima at penalty -20; for env2-4r an upper bound."""
-
-REFERENCES = {
-    "env1": (119.68, 10.0, 0.4115),
-    "env2-2r": (107.51, 12.5, 0.2461),
-    "env2-4r": (94.45, 12.5, 1.1006),
-}
-"""Exact reward, time to goal and miscoordinations of shortest-path policies."""
-
-
-def made_up(condition, **changes):
-    """Return a result of a condition with random numbers that depend on its id only."""
-    draw = np.random.default_rng(list(condition.id.encode()))
-    scenario = condition.scenario
-    robots, cells = len(scenario.robots), len(scenario.map.cells)
-    optimum = OPTIMA.get(scenario.name, 110.0)
-    reference = REFERENCES.get(scenario.name, (optimum - 1, 12.5, 0.2))
-    centre = {"reward": optimum - 2, "time_to_goal": 12, "asks": 0.5, "miscoordinations": 0.3}
-    asked = np.zeros((robots, cells))
-    asked[:, draw.integers(cells, size=4)] = 0.2
-    values = {
-        "trials": PLAN.trials,
-        "optimum": optimum,
-        "optimum_exact": robots == 2,
-        "reference": dict(
-            zip(("reward", "time_to_goal", "miscoordinations"), reference, strict=True)
-        ),
-        "means": {name: list(centre[name] + draw.normal(0, 0.1, PLAN.runs)) for name in SUMS},
-        "variances": {name: [1.0] * PLAN.runs for name in SUMS},
-        "robot_means": {"reward": [optimum - k for k in range(robots)], "asks": [0.25] * robots},
-        "not_arrived": [0] * PLAN.runs,
-        "visited": [100.0] * PLAN.runs,
-        "asked": asked.tolist(),
-        "stays": np.full((robots, cells), 0.5).tolist(),
-    }
-    return ConditionResult(condition, **(values | changes))
-
-
-def result_of(name, learner="coop", settings=None, **changes):
-    return made_up(make_condition(name, learner, settings or {"penalty": -20}), **changes)
 
 
 def some_of_figure4():
@@ -115,9 +62,9 @@ def everything(tmp_path_factory):
     chosen = [some_of_figure4() if name == "figure4" else experiment(name) for name in NAMES]
     folder = tmp_path_factory.mktemp("report")
 
-    def plot(shown, *size):
+    def plot(shown, *size, **how):
         saved = any(one["panel"] == "" for one in shown)  # of a crowd
-        return charts.plot(shown, *size) if saved else Figure()
+        return charts.plot(shown, *size, **how) if saved else Figure()
 
     def save(figure, stem):
         if stem.name in SAVED:

@@ -27,7 +27,8 @@ from sparse_coord_ros.palette import OUTCOME_COLOURS
 
 
 def all_axes(figure):
-    return [one for part in figure.subfigs for one in part.axes]
+    """Return the panels; what is left of a line is an axes that is off."""
+    return [one for part in figure.subfigs for one in part.axes if one.axison]
 
 
 def test_arrows_and_rings_are_the_policy(trained):
@@ -56,10 +57,42 @@ def test_curves_are_the_history(trained):
     length, reward, *_ = all_axes(figure)
     dots, mean = length.lines
     np.testing.assert_array_equal(dots.get_ydata(), shown.history.length)
-    window = int(mean.get_label().removeprefix("mean of "))
+    window = int(mean.get_label().removeprefix("mean of ").removesuffix(" episodes"))
     np.testing.assert_array_equal(mean.get_ydata(), shown.history.curve("length", window)[1])
     assert [line.get_label() for line in reward.lines] == ["robot_1", "robot_2"]
     assert len({line.get_linestyle() for line in reward.lines}) == 2
+
+
+def test_the_panels_fill_the_canvas(trained):
+    runs = [open_shown(trained)]
+    for whats in (figures.available(runs[0]), ["policy", "coordination"], ["policy"], ["length"]):
+        figure = figures.runs_figure(runs, whats)
+        figure.canvas.draw()
+        width, height = figure.get_size_inches()
+        assert width >= figures.LEAST_WIDTH
+        for part in figure.subfigs:
+            boxes = [axes.get_position() for axes in part.axes if axes.axison]
+            left = min(box.x0 for box in boxes)
+            right = 1.0 - max(box.x1 for box in boxes)
+            assert left < 0.25 and right < 0.25, (whats, left, right)
+
+
+def test_coordination_is_drawn_by_miscoordinations_and_questions(trained):
+    shown = open_shown(trained)
+    axes = all_axes(figures.runs_figure([shown], ["coordination"]))
+    assert [one.get_ylabel() for one in axes] == [
+        figures.CURVES[name] for name in ("miscoordinations", "asks")
+    ]
+    dots = axes[0].lines[0].get_ydata()
+    np.testing.assert_array_equal(dots, shown.history.miscoordinations)
+
+
+def test_maps_of_runs_share_one_scale_of_asks(trained, bag):
+    runs = [open_shown(trained), open_shown(bag)]
+    axes = all_axes(figures.runs_figure(runs, ["asks"]))
+    scales = [beside.get_ylim() for one in axes for beside in one.child_axes]
+    most = max(float(run.trials.asked.max()) for run in runs) / figures.PLAYED_EPISODES
+    assert scales == [(0.0, most)] * 2
 
 
 def test_long_curves_are_thinned():

@@ -5,14 +5,17 @@
 import base64
 import io
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import matplotlib
+import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator, ScalarFormatter
+from matplotlib.transforms import ScaledTranslation
 from PIL import Image
 
 from sparse_coord_ros.experiments.catalogue import LEARNERS
@@ -35,7 +38,7 @@ LABELS = {
 OPTIMUM, BOUND, SHORTEST = "exact joint optimum", "bound of the optimum", "shortest paths, exact"
 ASKING = "best asking team found"
 INDIV, NONCOOP, COOP, FACTORED = (learner_of(name).title for name in LEARNERS)
-ONE, ALL, SIGHT = (f"{COOP}, {what}" for what in ("one peer", "all peers", "line of sight"))
+ONE, ALL = (f"{COOP}, {what}" for what in ("one peer", "all peers"))
 LEARNER_STYLES: Mapping[str, Mapping[str, Any]] = {
     INDIV: {"color": "#D55E00", "marker": "s", "linestyle": ":"},
     NONCOOP: {"color": "#0072B2", "marker": "^", "linestyle": "--"},
@@ -50,7 +53,6 @@ STYLES: Mapping[str, Mapping[str, Any]] = {
         for name, style in LEARNER_STYLES.items()
         for whose, fill in (("ours", {}), ("paper", HOLLOW))
     },
-    SIGHT: {**LEARNER_STYLES[COOP], **ALONE, **HOLLOW, "marker": "D"},
     ONE: LEARNER_STYLES[COOP],
     ALL: {"color": "#AA4499", "marker": "D", "linestyle": "-.", **HOLLOW},
     f"{ONE}, dense table": {"color": "0.35", "marker": "x", "linestyle": "-"},
@@ -78,6 +80,27 @@ UNDATED: Mapping[str, Mapping[str, Any]] = {
 Where = Callable[[ConditionResult], Mapping[str, Any]]
 """What `point` needs of a condition; scenario and learner where panel and line are missing."""
 
+MOST_TICKS = 7
+"""Numbers that an axis names one by one."""
+
+NEXT_NAME = 4.0
+"""Ratio of neighbouring numbers that are both named on a logarithmic axis."""
+
+NARROWEST = 6.0
+"""Inches of the narrowest figure: room for the legend and the labels of the axes."""
+
+STEEP = 100.0
+"""An axis is logarithmic if its largest value is more than this many times its smallest."""
+
+DODGE = 3.0
+"""Points (1/72 inch) between the marks of learners at one place, so that all are seen."""
+
+BARS = {
+    "standard_error": "one standard error of the mean over {runs} learning runs",
+    "spread": "spread (standard deviation) over robots and trials of {runs} learning runs",
+}
+"""What the bars of a figure mean."""
+
 
 def measured(result: ConditionResult, name: str) -> Measure:
     """Return a measure of a condition; also `loss` and `variance`, which has no error."""
@@ -97,15 +120,23 @@ def point(
         measure: its height.
         label: what the axis shows; one of `LABELS` or a text.
         bars: which of the measure's fields is drawn as bars.
-        where: `panel`, `line`, `x` and, where they differ from none, `tick`, `shift`, `xlabel`.
+        where: `panel`, `line` and `x`. Optional: `tick`, the name of a place that is no number;
+            `shift`, how many marks it stands beside its place; `xlabel`; `runs`, the learning
+            runs behind it; `reference`, whether it is what others are compared with.
     """
     error = getattr(measure, bars)
     negative = label not in LABELS or label in ("reward", "loss")  # others cannot fall below 0
     low = error if negative else min(error, measure.mean)
-    return {"y": measure.mean, "low": low, "high": error, "ylabel": LABELS.get(label, label)} | {
+    return {
+        "y": measure.mean,
+        "low": low,
+        "high": error,
+        "ylabel": LABELS.get(label, label),
         "shift": 0.0,
         "tick": None,
         "xlabel": "",
+        "runs": None,
+        "reference": False,
         **where,
     }
 
@@ -115,7 +146,6 @@ def points(
     measure: str,
     where: Where,
     bars: str = "standard_error",
-    span: float = 0.0,
 ) -> list[dict[str, Any]]:
     """Return the points of conditions, with what they are to be compared with.
 
@@ -127,27 +157,43 @@ def points(
         measure: one of `LABELS`.
         where: returns the place of a condition.
         bars: see `point`.
-        span: by how much the lines to compare with reach beyond a condition, to both sides.
     """
-    places = [
-        (one, {"panel": one.scenario.name, "line": one.learner.title, **where(one)})
-        for one in results
-    ]
-    found = [point(measured(one, measure), measure, bars, **place) for one, place in places]
+    found = []
+    places = []
+    for one in results:
+        place = {"panel": one.scenario.name, "line": one.learner.title, **where(one)}
+        places.append((one, place))
+        found.append(point(measured(one, measure), measure, bars, runs=one.runs, **place))
     bounded = {place["panel"] for one, place in places if not one.optimum_exact}
     for one, place in places:
-        values = {SHORTEST: one.reference[measure]} if measure in one.reference else {}
-        if measure == "reward":
-            values[BOUND if place["panel"] in bounded else OPTIMUM] = one.optimum
-            known = best_asking_team(one) if one.learner.asks else None
-            values |= {} if known is None else {ASKING: known}
-        if measure == "loss":
-            values[SHORTEST] = independent_bound(one.scenario) - one.reference["reward"]
-        for line, value in values.items():
-            for shift in {-span, span}:
-                here = {**place, "line": line, "shift": shift}
-                found.append(point(Measure(value, 0, 0), measure, **here))
+        optimum = BOUND if place["panel"] in bounded else OPTIMUM
+        for line, value in compared_with(one, measure, optimum).items():
+            here = {**place, "line": line, "shift": 0.0, "reference": True}
+            found.append(point(Measure(value, 0, 0), measure, **here))
     return found
+
+
+def compared_with(one: ConditionResult, measure: str, optimum: str) -> dict[str, float]:
+    """Return what a condition's measure is compared with, by the names of the lines.
+
+    Args:
+        one: the condition.
+        measure: one of `LABELS`.
+        optimum: what the line of the joint optimum is called.
+    """
+    values: dict[str, float] = {}
+    if measure in one.reference:
+        values[SHORTEST] = one.reference[measure]
+    if measure in ("reward", "loss"):
+        values[SHORTEST] = one.reference["reward"]
+        values[optimum] = one.optimum
+        asking = best_asking_team(one) if one.learner.asks else None
+        if asking is not None:
+            values[ASKING] = asking
+    if measure == "loss":
+        alone = independent_bound(one.scenario)
+        values = {line: alone - value for line, value in values.items()}
+    return values
 
 
 class Drawing(Figure):
@@ -158,52 +204,179 @@ class Drawing(Figure):
 
 
 def plot(
-    shown: Iterable[dict[str, Any]], columns: int, width: float = 3.4, height: float = 2.5
+    shown: Iterable[dict[str, Any]],
+    columns: int,
+    width: float = 3.4,
+    height: float = 2.5,
+    *,
+    bars: str = "standard_error",
+    steep: bool = False,
 ) -> Figure:
-    """Draw points: a panel for each title and measure, `columns` a row, of that size in inches."""
-    panels = list(pd.DataFrame(shown).groupby(["ylabel", "panel"], sort=False, dropna=False))
+    """Draw points: a panel for each title and measure.
+
+    Numbers stand on an axis with their true distances, joined by lines; names stand side by side,
+    each learner a point. The panels of one measure share their vertical axis, so that a small
+    difference looks small; those of the reward share its length only, as its level depends on the
+    scenario.
+
+    Args:
+        shown: the points, as of `point`.
+        columns: panels of a row.
+        width: of a panel, in inches.
+        height: of a panel, in inches.
+        bars: what the bars are, one of `BARS`.
+        steep: whether the vertical axis is logarithmic above 1.
+    """
+    data = pd.DataFrame(shown)
+    panels = list(data.groupby(["ylabel", "panel"], sort=False, dropna=False))
     rows = math.ceil(len(panels) / columns)
-    figure = Drawing(figsize=(columns * width, rows * height + 0.7), layout="constrained")
+    size = max(NARROWEST, columns * width)
+    figure = Drawing(figsize=(size, rows * height + 0.9), layout="constrained")
     grid = figure.subplots(rows, columns, squeeze=False).flatten().tolist()
     handles: dict[str, Any] = {}
-    for number, (((ylabel, title), data), axes) in enumerate(zip(panels, grid, strict=False)):
-        handles |= _panel(axes, data)
+    drawn: dict[Any, list[Axes]] = {}
+    for number, (((ylabel, title), own), axes) in enumerate(zip(panels, grid, strict=False)):
+        handles |= _panel(axes, own)
         axes.set_title(title, fontsize=11)
         if number % columns == 0 or panels[number - 1][0][0] != ylabel:
-            axes.set_ylabel(ylabel)
-        xlabel = data["xlabel"].iloc[0]
+            axes.set_ylabel(f"{ylabel}\n(log scale)" if steep else ylabel)
+        xlabel = own["xlabel"].iloc[0]
         below = panels[number + columns :][:1]
         if not below or below[0][1]["xlabel"].iloc[0] != xlabel:
-            axes.set_xlabel(xlabel)
+            axes.set_xlabel(xlabel if axes.get_xscale() == "linear" else f"{xlabel} (log scale)")
+        drawn.setdefault(ylabel, []).append(axes)
     for axes in grid[len(panels) :]:
         axes.remove()
+    for ylabel, own_axes in drawn.items():
+        if steep:
+            _steepen(own_axes)
+        _share(own_axes, level=ylabel != LABELS["reward"])
     named = sorted(handles, key=[*STYLES, *handles].index)
     figure.legend(
         [handles[name] for name in named],
         named,
+        title=_bars_text(data, bars),
         loc="outside lower center",
-        ncols=min(math.ceil(len(named) / 2), int(columns * width / 2)),
+        ncols=max(2, min(math.ceil(len(named) / 2), int(size / 2.2))),
         frameon=False,
     )
     return figure
 
 
+def _bars_text(data: pd.DataFrame, bars: str) -> str | None:
+    """Return how many runs a figure shows, and what its bars are."""
+    runs = data["runs"].dropna()
+    if runs.empty:
+        return None
+    if not data["high"].any():
+        return f"Each point: {int(runs.iloc[0])} learning runs"
+    return "Bars: " + BARS[bars].format(runs=int(runs.iloc[0]))
+
+
+def _share(panels: Sequence[Axes], *, level: bool) -> None:
+    """Give panels vertical axes of the same length; `level`: and of the same level."""
+    lows, highs = zip(*(axes.get_ylim() for axes in panels), strict=True)
+    length = max(high - low for low, high in zip(lows, highs, strict=True))
+    for axes, low, high in zip(panels, lows, highs, strict=True):
+        if level:
+            axes.set_ylim(min(lows), max(highs))
+        else:
+            middle = (low + high) / 2
+            axes.set_ylim(middle - length / 2, middle + length / 2)
+
+
+def _steepen(panels: Sequence[Axes]) -> None:
+    """Give panels a logarithmic vertical axis; where there are values below 1, from 1 on only."""
+    linear = min(axes.dataLim.y0 for axes in panels) < 1.0
+    for axes in panels:
+        if linear:
+            axes.set_yscale("symlog", linthresh=1.0)
+        else:
+            axes.set_yscale("log")
+        axes.yaxis.set_major_formatter(ScalarFormatter())
+        axes.autoscale_view(scalex=False)
+        if linear and axes.dataLim.y0 >= 0.0:
+            axes.set_ylim(bottom=-0.2)
+
+
 def _panel(axes: Axes, data: pd.DataFrame) -> dict[str, Any]:
     """Draw a panel and return the handle of each line for the legend."""
     handles = {}
-    data = data.assign(place=data["x"] + data["shift"]).sort_values("place", kind="stable")
-    for line, own in data.drop_duplicates(["line", "place"]).groupby("line", sort=False):
+    data = data.sort_values("x", kind="stable")
+    names = data.dropna(subset="tick").drop_duplicates("x")
+    joined = names.empty
+    for line, own in data.drop_duplicates(["line", "x"]).groupby("line", sort=False):
         style = {"linewidth": 1.3, "markersize": 4.5, "capsize": 2, **STYLES.get(str(line), OTHER)}
+        if own["reference"].any():
+            handles[str(line)] = _reference(axes, own, style, joined=joined)
+            continue
+        if not joined:
+            style["linestyle"] = "none"
         bars = [own["low"], own["high"]] if own["high"].any() else None
-        handles[str(line)] = axes.errorbar(own["place"], own["y"], bars, **style)
-    ticks = data.dropna(subset="tick").drop_duplicates("x")
-    if len(ticks):
-        axes.set_xticks(ticks["x"], ticks["tick"])
+        beside = ScaledTranslation(
+            own["shift"].iloc[0] * DODGE / 72, 0, axes.figure.dpi_scale_trans
+        )
+        moved = axes.transData + beside
+        for end in (own["y"] - own["low"], own["y"] + own["high"]):
+            axes.update_datalim(np.column_stack([own["x"], end]))  # `moved` hides the data
+        handles[str(line)] = axes.errorbar(own["x"], own["y"], bars, transform=moved, **style)
+    axes.autoscale_view()
+    if joined:
+        _number_axis(axes, data["x"].unique().tolist())
+    else:
+        axes.set_xticks(names["x"], names["tick"])
+        axes.set_xlim(names["x"].min() - 0.5, names["x"].max() + 0.5)
     if data["ylabel"].iloc[0] == BYTES:
         axes.set_yscale("log")
-    axes.ticklabel_format(axis="y", useOffset=False) if axes.get_yscale() == "linear" else None
+    else:
+        axes.ticklabel_format(axis="y", useOffset=False)
     axes.grid(alpha=0.3)
     return handles
+
+
+def _reference(axes: Axes, own: pd.DataFrame, style: Mapping[str, Any], *, joined: bool) -> Any:
+    """Draw what learners are compared with: a line, or a dash at each place that has a name."""
+    line = {key: value for key, value in style.items() if key not in ("capsize", "markersize")}
+    if joined and len(own) > 1:
+        return axes.plot(own["x"], own["y"], **line)[0]
+    if joined:
+        return axes.axhline(own["y"].iloc[0], **line)
+    return axes.hlines(
+        own["y"],
+        own["x"] - 0.4,
+        own["x"] + 0.4,
+        colors=line["color"],
+        linestyles=line["linestyle"],
+        linewidths=line["linewidth"],
+        zorder=line["zorder"],
+    )
+
+
+def _number_axis(axes: Axes, values: Sequence[float]) -> None:
+    """Scale the horizontal axis of numbers: logarithmic where they differ by orders of magnitude.
+
+    Penalties grow to the right.
+    """
+    sizes = [abs(value) for value in values if value]
+    if sizes and max(sizes) > STEEP * min(sizes):
+        axes.set_xscale("symlog", linthresh=min(sizes))
+        named = _far_apart(values)
+        axes.set_xticks(named, [f"{value:g}" for value in named])
+        axes.xaxis.set_minor_locator(FixedLocator(values))
+        axes.autoscale_view(scaley=False)
+    elif len(values) <= MOST_TICKS:
+        axes.set_xticks(values, [f"{value:g}" for value in values])
+    if min(values) < 0 and max(values) <= 0:
+        axes.invert_xaxis()
+
+
+def _far_apart(values: Sequence[float]) -> list[float]:
+    """Return the numbers whose names do not overlap on a logarithmic axis, the largest first."""
+    found: list[float] = []
+    for value in sorted(values, key=abs, reverse=True):
+        if not found or abs(found[-1]) >= NEXT_NAME * abs(value):
+            found.append(value)
+    return found
 
 
 def rendered(figure: Figure, kind: str, dpi: float = 110, *, few: bool = False) -> bytes:

@@ -21,7 +21,6 @@ from sparse_coord_ros.experiments.report.charts import (
     LABELS,
     NONCOOP,
     ONE,
-    SIGHT,
     Where,
     plot,
     point,
@@ -52,9 +51,7 @@ def figures_of(name: str, results: Results) -> dict[str, Figure]:
 def _comparison(bars: str, *measures: str) -> Draw:
     """Draw learners side by side, ours and the paper's, a panel a scenario and measure."""
 
-    def where(
-        result: ConditionResult, whose: str = "ours", shift: float = -0.13
-    ) -> dict[str, Any]:
+    def where(result: ConditionResult, whose: str = "ours", shift: float = -1.0) -> dict[str, Any]:
         place = {"x": LEARNERS.index(result.condition.learner), "tick": result.learner.title}
         line = f"{result.learner.title}, {whose}"
         return {"panel": result.scenario.name, "line": line, "shift": shift, **place}
@@ -62,10 +59,12 @@ def _comparison(bars: str, *measures: str) -> Draw:
     def draw(name: str, results: Results) -> dict[str, Figure]:
         shown = []
         for measure in measures:
-            shown += points(results, measure, where, bars, span=0.3)
-            theirs = [(where(one, "paper", 0.13), paper(one, measure)) for one in results]
-            shown += [point(mean, measure, bars, **place) for place, mean in theirs if mean]
-        return {name: plot(shown, 3)}
+            shown += points(results, measure, where, bars)
+            for one in results:
+                printed = paper(one, measure)
+                if printed:
+                    shown.append(point(printed, measure, bars, **where(one, "paper", 1.0)))
+        return {name: plot(shown, 3, bars=bars)}
 
     return draw
 
@@ -75,8 +74,17 @@ def _swept(x: str = "", *measures: str) -> Draw:
     return lambda name, results: {name: swept_figure(results, x, measures or MEASURES)}
 
 
-def swept_figure(results: Results, x: str = "", measures: Sequence[str] = MEASURES) -> Figure:
-    """Draw any conditions against a setting in which they differ; as `ExperimentResults.plot`."""
+def swept_figure(
+    results: Results, x: str = "", measures: Sequence[str] = MEASURES, *, steep: bool = False
+) -> Figure:
+    """Draw any conditions against a setting in which they differ; as `ExperimentResults.plot`.
+
+    Args:
+        results: the conditions.
+        x: the setting; empty: the first in which they differ.
+        measures: of `LABELS`.
+        steep: see `plot`.
+    """
     results = [one for own in by_scenario(results) for one in own]
     plain = {one.id: one.scenario.plain_settings for one in results}
     own = _varied(results)
@@ -84,16 +92,24 @@ def swept_figure(results: Results, x: str = "", measures: Sequence[str] = MEASUR
     _check("x", [x], own)
     _check("measure", measures, LABELS)
     order = list(dict.fromkeys(values[x] for values in plain.values()))
+    numbers = all(_is_number(value) for value in order)
 
     def where(one: ConditionResult) -> dict[str, Any]:
         values = plain[one.id]
         others = [one.scenario.name, *(f"{n}={as_text(values[n])}" for n in own if n != x)]
-        tick = {"x": order.index(values[x]), "tick": as_text(values[x]), "xlabel": x}
-        return {"panel": ", ".join(others), "shift": shift_of(one), **tick}
+        place = {"panel": ", ".join(others), "shift": shift_of(one), "xlabel": x}
+        if numbers:
+            return {**place, "x": values[x]}
+        return {**place, "x": order.index(values[x]), "tick": as_text(values[x])}
 
     shown = [p for measure in measures for p in points(results, measure, where)]
     panels = len({p["panel"] for p in shown})
-    return plot(shown, min(MOST_PANELS, panels if panels > 1 else len(measures)))
+    columns = min(MOST_PANELS, panels if panels > 1 else len(measures))
+    return plot(shown, columns, steep=steep)
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def _varied(results: Results) -> list[str]:
@@ -110,9 +126,9 @@ def _check(kind: str, names: Iterable[str], known: Collection[str]) -> None:
 
 
 def shift_of(result: ConditionResult) -> float:
-    """Return by how much a learner's points are moved, so that equal ones are all seen."""
+    """Return by how many marks a learner's points stand aside, so that equal ones are all seen."""
     learner = result.condition.learner
-    return 0.1 * (LEARNERS.index(learner) - 1.5) if learner in LEARNERS else 0.0
+    return LEARNERS.index(learner) - 1.5 if learner in LEARNERS else 0.0
 
 
 def _perception(name: str, results: Results) -> dict[str, Figure]:
@@ -122,16 +138,19 @@ def _perception(name: str, results: Results) -> dict[str, Figure]:
     order = sorted(specs, key=lambda spec: spec.numbers or (math.inf,))
 
     def chance(result: ConditionResult) -> dict[str, Any]:
-        return {"x": result.scenario.perception.numbers[0], "xlabel": "probability of a percept"}
+        return {
+            "x": result.scenario.perception.numbers[0],
+            "xlabel": "probability of a percept",
+            "shift": shift_of(result),
+        }
 
     def place(result: ConditionResult) -> dict[str, Any]:
         numbers = result.scenario.perception.numbers
         return {
             "panel": f"{result.scenario.name}, by place",
             "x": order.index(result.scenario.perception),
-            "tick": f"{numbers[0]:g}" if numbers else "los",
-            "line": result.learner.title if numbers else SIGHT,
-            "xlabel": "range [cells], or line of sight",
+            "tick": f"{numbers[0]:g}" if numbers else "sight",
+            "xlabel": "range [cells]; sight: line of sight",
         }
 
     groups: list[tuple[Results, Where]] = [(drawn, chance), (placed, place)]
@@ -167,8 +186,8 @@ def _crowd(name: str, results: Results) -> dict[str, Figure]:
 
     def where(result: ConditionResult, end: str = "") -> dict[str, Any]:
         x, line = len(result.scenario.robots), crowd_line(result)
-        place = {"panel": "", "x": x, "shift": 0.12 * lines.index(line) - 0.18}
-        return {**place, "line": line + end, "xlabel": "robots", "tick": str(x)}
+        place = {"panel": "", "x": x, "shift": lines.index(line) - 1.5}
+        return {**place, "line": line + end, "xlabel": "robots"}
 
     shown = points(results, "reward", where) + points(results, "loss", where)
     shown = [p for p in shown if p["line"] != ASKING]  # known for two robots only: no line
@@ -187,8 +206,11 @@ def _crowd(name: str, results: Results) -> dict[str, Figure]:
 
 
 def _figure4(name: str, results: Results) -> dict[str, Figure]:
-    drawn = {name: "reward", f"{name}_variance": "variance"}
-    return {file: swept_figure(results, "penalty", [measure]) for file, measure in drawn.items()}
+    """Draw losses, not rewards: those of different scenarios can share an axis."""
+    return {
+        name: swept_figure(results, "penalty", ["loss"], steep=True),
+        f"{name}_variance": swept_figure(results, "penalty", ["variance"], steep=True),
+    }
 
 
 def _unseen(name: str, results: Results) -> dict[str, Figure]:
@@ -206,6 +228,7 @@ def _unseen(name: str, results: Results) -> dict[str, Figure]:
                     x=kinds.index(kind),
                     tick=kind,
                     shift=shift_of(own[0]),
+                    runs=own[0].runs,
                 )
             )
     return {name: plot(shown, 3, 4.2)}

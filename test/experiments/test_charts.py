@@ -1,0 +1,153 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Figures of results: what stands where, and what they say of it."""
+
+import numpy as np
+import pytest
+from made_up_results import PLAN, result_of
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import LineCollection
+from matplotlib.container import ErrorbarContainer
+
+from sparse_coord_ros.experiments.report.drawings import figures_of, swept_figure
+from sparse_coord_ros.experiments.store import SUMS
+
+AS_TEXT = ("-0.1", "-1", "-10", "-100", "-20", "0")
+"""Penalties in the order of the names of their files."""
+
+
+def with_reward(name, reward, **settings):
+    """Return a result of a condition with this reward in every run."""
+    learner = settings.pop("learner", "coop")
+    means = {measure: [1.0] * PLAN.runs for measure in SUMS}
+    means["reward"] = [reward + 0.01 * run for run in range(PLAN.runs)]
+    return result_of(name, learner, settings, means=means)
+
+
+def drawn(axes):
+    """Return the points of each learner in a panel, by its colour, shape (points, 2)."""
+    found = {}
+    for container in axes.containers:
+        assert isinstance(container, ErrorbarContainer)
+        line = container.lines[0]
+        found[line.get_color()] = np.column_stack([line.get_xdata(), line.get_ydata()])
+    return found
+
+
+def joined(axes):
+    """Return whether lines join the points of the learners of a panel."""
+    styles = {container.lines[0].get_linestyle() for container in axes.containers}
+    assert len(styles) == 1
+    return styles != {"None"}
+
+
+def test_penalties_stand_in_numeric_order_with_true_distances():
+    rewards = dict(zip(AS_TEXT, (119.0, 118.0, 115.0, 100.0, 112.0, 120.0), strict=True))
+    results = [with_reward("env1", reward, penalty=text) for text, reward in rewards.items()]
+    [panel, *_] = swept_figure(results).axes
+    [points] = drawn(panel).values()
+    assert points[:, 0].tolist() == sorted(float(text) for text in AS_TEXT)
+    assert np.all(np.diff(points[:, 1]) > 0), "the reward falls with the penalty: no V"
+    places = panel.transData.transform([(float(text), 0.0) for text in AS_TEXT])[:, 0]
+    order = [AS_TEXT[i] for i in np.argsort(places)]
+    assert order == ["0", "-0.1", "-1", "-10", "-20", "-100"], "penalties grow to the right"
+    assert joined(panel)
+    assert panel.get_xlabel() == "penalty (log scale)"
+
+
+def test_numbers_of_one_size_stand_on_a_linear_axis():
+    results = [with_reward("env1", 100.0 + c, ask_cost=c) for c in (10, 0, 0.5, 7, 2)]
+    [panel, *_] = swept_figure(results).axes
+    [points] = drawn(panel).values()
+    assert points.tolist() == sorted(points.tolist())
+    assert (panel.get_xscale(), panel.get_xlabel()) == ("linear", "ask_cost")
+    left, right = panel.get_xlim()
+    assert left < 0 < 10 < right
+
+
+def test_names_are_points_that_no_line_joins():
+    shares = ("same", "each:1:0.5", "each:2:0")
+    results = [with_reward("env1", 100.0, common_reward=share) for share in shares]
+    [panel, *_] = swept_figure(results).axes
+    assert not joined(panel)
+    assert [label.get_text() for label in panel.get_xticklabels()] == list(shares)
+
+
+@pytest.mark.parametrize("penalties", [("-20", "-100"), ("-20",)])
+def test_every_line_of_the_legend_can_be_seen(penalties):
+    """A line of one point has no length, and a reference no mark: it is drawn across."""
+    settings = [{"penalty": penalty} for penalty in penalties]
+    results = [
+        with_reward("env1", 118.0, learner=learner, **each)
+        for each in settings
+        for learner in ("coop", "noncoop")
+    ]
+    if len(penalties) == 1:
+        results += [with_reward("env1", 117.0, penalty="-20", steps=300)]
+    figure = swept_figure(results, "steps" if len(penalties) == 1 else "penalty", ["reward"])
+    [legend] = figure.legends
+    said = [text.get_text() for text in legend.get_texts()]
+    assert said[:2] == ["Non-coop.", "Coop."]
+    assert "exact joint optimum" in said and "best asking team found" in said
+    [panel] = figure.axes
+    for line in panel.lines:
+        if line.get_label().startswith("_"):
+            continue
+        assert len(set(line.get_xdata())) > 1 or line.get_marker() not in (None, "None", "")
+    low, high = panel.get_ylim()
+    for line in panel.lines:
+        values = np.asarray(line.get_ydata(), dtype=float)
+        assert np.all((low <= values) & (values <= high))
+
+
+def test_a_reference_at_a_name_is_a_dash():
+    results = [with_reward("env1", 100.0, common_reward=share) for share in ("same", "each:2:0")]
+    [panel] = swept_figure(results, "common_reward", ["reward"]).axes
+    dashes = [one for one in panel.collections if isinstance(one, LineCollection)]
+    lengths = {float(np.ptp(path[:, 0])) for one in dashes for path in one.get_segments()}
+    assert 0.8 in {round(length, 6) for length in lengths}
+
+
+def test_panels_share_the_length_of_the_axis_so_that_small_differences_look_small():
+    results = [
+        with_reward(name, reward, penalty=penalty)
+        for name, falls in (("env1", (120.0, 30.0)), ("suny", (111.32, 111.30)))
+        for penalty, reward in zip(("0", "-100"), falls, strict=True)
+    ]
+    panels = swept_figure(results, "penalty", ["reward"]).axes
+    lengths = [high - low for low, high in (axes.get_ylim() for axes in panels)]
+    assert lengths[0] == pytest.approx(lengths[1]) and lengths[0] > 80
+    panels = swept_figure(results, "penalty", ["miscoordinations"]).axes
+    assert panels[0].get_ylim() == panels[1].get_ylim()
+
+
+def test_figure4_says_what_its_bars_are_and_how_many_runs_it_shows():
+    results = [
+        with_reward(name, reward, penalty=penalty, learner="noncoop")
+        for name in ("env1", "suny")
+        for penalty, reward in (("0", 100.0), ("-100", 90.0))
+    ]
+    figures = figures_of("figure4", results)
+    said = figures["figure4"].legends[0].get_title().get_text()
+    assert said == f"Bars: one standard error of the mean over {PLAN.runs} learning runs"
+    assert len({axes.get_ylim() for axes in figures["figure4"].axes}) == 1
+    said = figures["figure4_variance"].legends[0].get_title().get_text()
+    assert said == f"Each point: {PLAN.runs} learning runs"
+
+
+def test_bars_of_the_papers_tables_are_spreads():
+    [figure] = figures_of("table1", [result_of("env1", "coop")]).values()
+    said = figure.legends[0].get_title().get_text()
+    assert said.startswith("Bars: spread (standard deviation) over robots and trials")
+
+
+def test_one_panel_is_wide_enough_for_its_legend():
+    results = [with_reward("env1", 100.0, penalty=p) for p in ("-1", "-2")]
+    figure = swept_figure(results, "penalty", ["asks"])
+    renderer = FigureCanvasAgg(figure).get_renderer()
+    figure.draw(renderer)
+    [panel] = figure.axes
+    for part in (figure.legends[0], panel.yaxis.label, panel.xaxis.label):
+        box = part.get_window_extent(renderer)
+        assert box.x0 >= 0 and box.x1 <= figure.bbox.x1
+        assert box.y0 >= 0 and box.y1 <= figure.bbox.y1
