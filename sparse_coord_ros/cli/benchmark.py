@@ -54,13 +54,15 @@ def execute(options: argparse.Namespace) -> None:
         stood = one.standings() | (one.standings(by_kind=True) if options.kinds else {})
         rows += [[one.learner, *_row(where, standing)] for where, standing in stood.items()]
     head = ["learner", "teams of", "buildings", "reward (s.e.)", "shortest paths", "best known"]
-    head += ["share of the gap", "below the paths", "failed teams", "asks", "miscoord."]
+    head += ["share of the gap", "worst", "below the paths", "failed teams"]
+    head += ["asks", "miscoord."]
     shared.tell(
         options,
         {"benchmarks": [one.to_dict() for one in found]},
         shared.format_table(head, rows),
         "best known: two robots: the best asking team found; more: a planner that sees all robots",
         "for free. Neither is an upper bound, so a share may exceed 100 %",
+        "share: of the pooled gap (a bootstrap over buildings and teams); worst: of one building",
         "0 of n (< p): the share of such teams is below p, as sure as 95 %",
     )
 
@@ -86,6 +88,7 @@ def _row(where: str, one: Standing) -> list[str]:
         f"{one.paths:.2f}",
         f"{one.best_known:.2f}",
         f"{share.mean:.1%} ({share.standard_error:.1%})",
+        f"{one.worst:.1%}",
         one.of_teams(one.below),
         one.of_teams(one.failed),
         f"{one.asks:.2f}",

@@ -8,7 +8,7 @@ all robots for free. Neither is an upper bound: a share may exceed 1. Rules and 
 on the buildings for tuning. Those for the test are opened once, for the closing figures.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -40,6 +40,9 @@ TEAM_TRIALS = Setting(
     "trials", int, 500, "trials of a team of more than two robots", low=2, high=1_000_000
 )
 
+RESAMPLES = 2000
+"""Of a bootstrap."""
+
 ARRIVE = 0.999
 """Share of trials in which every robot is to arrive."""
 
@@ -53,7 +56,12 @@ class Standing:
         teams: teams that learned there.
         paths: worth of fixed shortest paths.
         best_known: value of the best asking team found, or of the route planner.
-        reward: total discounted reward; its standard error is that of the teams.
+        reward: total discounted reward; its standard error is that of the teams in just these
+            buildings.
+        share: share of the pooled gap that is closed: (reward - paths) / (best_known - paths). Its
+            standard error is a bootstrap over buildings, and over the teams in each: what other
+            buildings of these kinds would change. Of a single building it is that of its teams.
+        worst: share of the gap in the building where it is least.
         asks, miscoordinations: of a robot, and of a team, in a trial.
         below: teams that are worth less than shortest paths.
         failed: teams in which some robot fails to arrive in more than one trial of a thousand.
@@ -64,17 +72,18 @@ class Standing:
     paths: float
     best_known: float
     reward: Measure
+    share: Measure
+    worst: float
     asks: float
     miscoordinations: float
     below: int
     failed: int
 
-    @property
-    def share(self) -> Measure:
-        """Share of the gap that is closed; nothing is known of its spread."""
-        gap = self.best_known - self.paths
-        error = self.reward.standard_error / gap
-        return Measure((self.reward.mean - self.paths) / gap, float("nan"), error)
+    def share_and_failed(self) -> str:
+        """Return the share of the gap with its error in percent, and how many teams fail."""
+        share = self.share
+        percent = f"{100 * share.mean:.1f} % ({100 * share.standard_error:.1f})"
+        return f"{percent}; {self.of_teams(self.failed)} fail"
 
     def of_teams(self, count: int) -> str:
         """Return a number of teams; where it is none, what their share is surely below (95 %)."""
@@ -84,10 +93,12 @@ class Standing:
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain data."""
-        said = {k: v for k, v in vars(self).items() if k != "reward"}
-        said |= {"reward": self.reward.mean, "reward_standard_error": self.reward.standard_error}
-        share = self.share
-        return {**said, "share": share.mean, "share_standard_error": share.standard_error}
+        said = dict(vars(self))
+        for name in ("reward", "share"):
+            measure = said[name]
+            said[name] = measure.mean
+            said[f"{name}_standard_error"] = measure.standard_error
+        return said
 
 
 @dataclass(frozen=True)
@@ -202,12 +213,23 @@ def standings(results: Iterable[ConditionResult], *, by_kind: bool = False) -> d
     return {name: standing(own) for name, own in groups.items()}
 
 
-def standing(results: Sequence[ConditionResult]) -> Standing:
-    """Return how teams of one learner stand in these buildings."""
+def standing(
+    results: Sequence[ConditionResult],
+    best_of: Callable[[Scenario], float | None] = known_best,
+) -> Standing:
+    """Return how teams of one learner stand in these buildings.
+
+    Args:
+        results: of the buildings.
+        best_of: returns the value of the best known team of a building.
+    """
     rewards = [one.best("reward") for one in results]
     error = float(np.sqrt(sum(one.standard_error**2 for one in rewards))) / len(rewards)
-    known = [known_best(one.scenario) or np.nan for one in results]
+    values = [best_of(one.scenario) for one in results]
+    known = np.array([np.nan if value is None else value for value in values])
     paths = [one.reference["reward"] for one in results]
+    learned = [one.run_means("reward") for one in results]
+    gained = np.array([own.mean() for own in learned]) - paths
 
     def mean(values: Iterable[float]) -> float:
         return float(np.mean(list(values)))
@@ -218,14 +240,41 @@ def standing(results: Sequence[ConditionResult]) -> Standing:
         paths=mean(paths),
         best_known=mean(known),
         reward=Measure(mean(one.mean for one in rewards), float("nan"), error),
+        share=pooled_share(learned, np.array(paths), known),
+        worst=float((gained / (known - paths)).min()),
         asks=mean(one.best("asks").mean for one in results),
         miscoordinations=mean(one.best("miscoordinations").mean for one in results),
-        below=sum(
-            int((one.run_means("reward") < low - 1e-9).sum())
-            for one, low in zip(results, paths, strict=True)
-        ),
+        below=sum(int((own < low - 1e-9).sum()) for own, low in zip(learned, paths, strict=True)),
         failed=sum(map(failed_teams, results)),
     )
+
+
+def pooled_share(learned: Sequence[np.ndarray], low: np.ndarray, high: np.ndarray) -> Measure:
+    """Return the share of the pooled gap that teams close, with a bootstrap standard error.
+
+    A resample draws as many buildings with replacement, and in each as many teams. Its draws are
+    the same in every call.
+
+    Args:
+        learned: the teams' rewards in each building, shape (teams,) each.
+        low: where the gap begins in each building, shape (buildings,).
+        high: where it ends, shape (buildings,).
+
+    Returns:
+        A measure without a spread (NaN).
+    """
+    rng = np.random.default_rng(0)
+    count = len(learned)
+    chosen = rng.integers(count, size=(RESAMPLES, count))
+    gained = np.zeros((RESAMPLES, count))
+    for building, rewards in enumerate(learned):
+        places = chosen == building
+        teams = rng.integers(len(rewards), size=(int(places.sum()), len(rewards)))
+        gained[places] = rewards[teams].mean(axis=1) - low[building]
+    shares = gained.sum(axis=1) / (high - low)[chosen].sum(axis=1)
+    means = np.array([rewards.mean() for rewards in learned])
+    share = float((means - low).sum() / (high - low).sum())
+    return Measure(share, float("nan"), float(shares.std(ddof=1)))
 
 
 def failed_teams(result: ConditionResult) -> int:

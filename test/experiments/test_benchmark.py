@@ -5,13 +5,14 @@
 import json
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 import sparse_coord_ros as sc
 from sparse_coord_ros.compiling import has_numba
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.experiments import benchmark as module
-from sparse_coord_ros.experiments.benchmark import Standing, failed_teams, standing
+from sparse_coord_ros.experiments.benchmark import Standing, failed_teams, pooled_share, standing
 from sparse_coord_ros.experiments.catalogue import experiment, unseen_conditions
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.game.unseen import KINDS, TEAMS, is_tuning, team_of
@@ -113,10 +114,34 @@ def test_a_learner_is_judged(monkeypatch):
 
 
 def test_how_teams_stand():
-    one = Standing(2, 60, 100.0, 120.0, Measure(115.0, 1.0, 0.5), 1.0, 0.0, 0, 3)
-    assert (one.share.mean, one.share.standard_error) == (0.75, 0.025)
+    reward, share = Measure(115.0, 1.0, 0.5), Measure(0.75, float("nan"), 0.025)
+    one = Standing(2, 60, 100.0, 120.0, reward, share, 0.5, 1.0, 0.0, 0, 3)
     assert one.of_teams(one.failed) == "3 of 60"
     assert one.of_teams(one.below) == "0 of 60 (< 4.9 %)"
+    assert one.share_and_failed() == "75.0 % (2.5); 3 of 60 fail"
+
+
+def test_the_error_of_a_share_is_that_of_other_buildings_and_teams():
+    """Alike teams: of the buildings. One building, or alike ones: of the teams."""
+    low, high = np.zeros(40), np.full(40, 10.0)
+    shares = np.linspace(0.2, 1.0, 40)
+    alike = [np.full(5, 10.0 * one) for one in shares]
+    found = pooled_share(alike, low, high)
+    assert found.mean == pytest.approx(0.6)
+    assert found.standard_error == pytest.approx(shares.std() / 40**0.5, rel=0.05)
+    teams = np.linspace(0.0, 10.0, 25)
+    one = pooled_share([teams], low[:1], high[:1])
+    assert one.mean == pytest.approx(0.5)
+    assert one.standard_error == pytest.approx(teams.std() / 10 / 25**0.5, rel=0.05)
+    many = pooled_share([teams] * 40, low, high)
+    assert many.standard_error == pytest.approx(one.standard_error / 40**0.5, rel=0.05)
+
+
+def test_a_share_is_of_the_pooled_gap():
+    """A building with hardly a gap does not count as much as another."""
+    learned = [np.array([5.0, 7.0]), np.array([-1.0, -3.0])]
+    found = pooled_share(learned, np.array([0.0, 0.0]), np.array([10.0, 0.1]))
+    assert found.mean == pytest.approx((6.0 - 2.0) / 10.1)
 
 
 def test_teams_below_shortest_paths_and_failed_ones_are_counted(result_in):
@@ -125,6 +150,7 @@ def test_teams_below_shortest_paths_and_failed_ones_are_counted(result_in):
     one = standing([result, result])
     assert (one.buildings, one.teams, one.below, one.failed) == (2, 6, 2, 2)
     assert one.reward.mean == pytest.approx(low + 7.0 / 3.0)
+    assert one.worst == pytest.approx(one.share.mean)
     assert one.reward.standard_error == pytest.approx(
         result.best("reward").standard_error / 2**0.5
     )

@@ -25,10 +25,13 @@ from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.learn.evaluation import Measure
 from sparse_coord_ros.learn.learners import learner_of
 from sparse_coord_ros.solve.optimum import independent_bound
-from tools.study import improved
+from tools.study import fresh, improved
 
 SEED = 950_000
 """Seed of the first run: no search has seen these."""
+
+FRESH = 7_100_000
+"""Seed of the first team in fresh buildings."""
 
 RULES = "tools.study.rules:"
 LEARNERS = ("factored", "coop", "noncoop")
@@ -264,8 +267,10 @@ def _unseen(found: Found) -> Rows:
                 "shortest paths": f"{own.paths:.2f}",
                 "best known": f"{own.best_known:.2f}",
                 "factored": text.with_error(own.reward),
-                **{f"share, {what}": _share(stood[where].share) for what, stood in judged.items()},
-                "failed teams": own.of_teams(own.failed),
+                **{
+                    f"share, {what}": stood[where].share_and_failed()
+                    for what, stood in judged.items()
+                },
             }
 
 
@@ -293,7 +298,7 @@ def _protocol(found: Found) -> Rows:
             more = {"steps": steps, **settings}
             own = [found(one) for one in unseen_conditions("factored", "tuning", more, (robots,))]
             (stood,) = standings(own).values()
-            row[f"{robots}r, {steps:,} steps"] = f"{_share(stood.share)}, {stood.failed} fail"
+            row[f"{robots}r, {steps:,} steps"] = stood.share_and_failed()
         yield row
 
 
@@ -309,6 +314,7 @@ STUDIES: tuple[Study, ...] = (
     Study("percepts", (40, 16), 200, _percepts),
     Study("scale", (10, 10), 300, _scale),
     Study("unseen", (20, 10), 500, _unseen),
+    Study("fresh", (20, 20), 500, fresh.table, seed=FRESH, keeps=True),
     Study("protocol", (40, 6), 200, _protocol, seed=5_000),
     Study("improved", (20, 10), 300, partial(improved.table, ROUTES), keeps=True),
 )

@@ -97,6 +97,7 @@ DODGE = 3.0
 
 BARS = {
     "standard_error": "one standard error of the mean over {runs} learning runs",
+    "bootstrap": "one standard error, a bootstrap over buildings and {runs} teams in each",
     "spread": "spread (standard deviation) over robots and trials of {runs} learning runs",
 }
 """What the bars of a figure mean."""

@@ -231,7 +231,7 @@ def _unseen(name: str, results: Results) -> dict[str, Figure]:
                     runs=own[0].runs,
                 )
             )
-    return {name: plot(shown, 3, 4.2)}
+    return {name: plot(shown, 3, 4.2, bars="bootstrap")}
 
 
 DRAWN: Mapping[str, Draw] = {

@@ -438,9 +438,9 @@ def _unseen(results: Results) -> Section:
                 "buildings": str(factored.buildings),
                 "shortest paths": f"{factored.paths:.2f}",
                 "best known": f"{factored.best_known:.2f}",
-                **{by_learner[name]: share(own[where].share) for name, own in found.items()},
+                **{by_learner[n]: own[where].share_and_failed() for n, own in found.items()},
+                "Factored, worst building": percent(factored.worst),
                 "Factored below shortest paths": factored.of_teams(factored.below),
-                "failed teams": factored.of_teams(factored.failed),
             }
         )
     return Section(rows, values={"sure": percent(SURE, 0)})
