@@ -26,6 +26,7 @@ from sparse_coord_ros.experiments.runner import (
     run_experiment,
 )
 from sparse_coord_ros.experiments.store import ConditionResult
+from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.settings import Setting
 from sparse_coord_ros.game.unseen import TEAMS
 from sparse_coord_ros.learn.evaluation import Measure

@@ -7,7 +7,8 @@ known of them (the best asking team found, or the route planner's) is kept in th
 """
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from itertools import count, islice
 from pathlib import Path
 
@@ -52,7 +53,7 @@ def table(found: Callable[[Condition], ConditionResult], kept: Path) -> Iterator
         for steps in budgets:
             settings = {**LONG, "steps": steps}
             results = [found(make_condition(name, "factored", settings)) for name in best]
-            stood = standing(results, lambda one, known=best: known[one.name])
+            stood = standing(results, partial(_value_in, best))
             yield {
                 "robots": f"{robots}",
                 "steps": f"{steps:,}",
@@ -62,6 +63,10 @@ def table(found: Callable[[Condition], ConditionResult], kept: Path) -> Iterator
                 "share of the gap": stood.share_and_failed(),
                 "worst building": percent(stood.worst),
             }
+
+
+def _value_in(best: Mapping[str, float], scenario: Scenario) -> float:
+    return best[scenario.name]
 
 
 def _chosen(robots: int, kept: Path) -> dict[str, float]:
