@@ -7,6 +7,7 @@ and once without. It needs: pip install '.[examples]'
 """
 
 import sys
+from collections import defaultdict
 
 import numpy as np
 from open_spiel.python import rl_tools
@@ -19,6 +20,7 @@ from sparse_coord_ros.pettingzoo_env import parallel_env
 
 MEASURES = ("reward", "miscoordinations", "asks", "arrived")
 STEP_SIZE = 0.1
+FIRST_VALUE = 20.0  # of each entry; from 0 most teams never learn to ask
 EPSILON = (0.15, 0.02, 0.8)  # from, to, over which part of the steps: as our learners
 
 
@@ -29,7 +31,9 @@ class Robot(QLearner):
         first, last, part = EPSILON
         schedule = rl_tools.LinearSchedule(first, last, int(part * steps))
         super().__init__(0, 5, step_size=STEP_SIZE, epsilon_schedule=schedule)
-        self.discount, self.asks = discount, asks
+        self._q_values = defaultdict(lambda: defaultdict(lambda: FIRST_VALUE))
+        self.discount = discount
+        self.asks = asks
 
     def choose(self, seen, reward=0.0, *, half=False, learns=True):
         """Learn from the step before, and choose an action."""
@@ -54,7 +58,7 @@ class Robot(QLearner):
 def learn(scenario, asks, seed):
     """Return the robots of one run, which have learned for the scenario's steps."""
     np.random.seed(seed)  # OpenSpiel's learners draw from NumPy's global generator
-    env = parallel_env(scenario, starts="protocol", goal_value=True)
+    env = parallel_env(scenario, starts="protocol")
     robots = {n: Robot(scenario.steps, scenario.discount, asks) for n in env.possible_agents}
     done = 0
     seen, _ = env.reset(seed=seed)
@@ -76,7 +80,7 @@ def learn(scenario, asks, seed):
 
 def play(scenario, robots, trials):
     """Return the means of greedy trials: the measures of `sc.evaluate`."""
-    env = parallel_env(scenario, starts="fixed", goal_value=True)
+    env = parallel_env(scenario, starts="fixed")
     sums = dict.fromkeys(MEASURES, 0.0)
     seen, _ = env.reset(seed=0)
     for _ in range(trials):

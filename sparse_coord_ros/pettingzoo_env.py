@@ -49,7 +49,8 @@ class SparseCoordEnv(ParallelEnv):
             "protocol": as learning episodes do here, with exploring starts and `max_steps`.
         goal_value: whether arriving also pays the value of being at the goal from then on:
             discount * the scenario's `goal_value`. A learner whose episodes end there then solves
-            the same problem as ours.
+            the same problem as ours, and its discounted return is the reward that `evaluate`
+            gives. False: arriving pays the goal's reward once.
         render_mode: None or "rgb_array".
 
     Observations are a dict. `observation` holds: the own cell; whether it is the second half of a
@@ -78,7 +79,7 @@ class SparseCoordEnv(ParallelEnv):
         scenario: str | Path | Scenario,
         *,
         starts: str = "fixed",
-        goal_value: bool = False,
+        goal_value: bool = True,
         render_mode: str | None = None,
     ) -> None:
         if starts not in STARTS:

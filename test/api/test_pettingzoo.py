@@ -15,6 +15,7 @@ from sparse_coord_ros.learn.agent import Choice
 from sparse_coord_ros.learn.learners import learner_of
 from sparse_coord_ros.learn.simulation import Learning, tables_equal
 from sparse_coord_ros.pettingzoo_env import parallel_env
+from sparse_coord_ros.solve.optimum import independent_bound
 
 
 @pytest.mark.filterwarnings("ignore")
@@ -65,7 +66,7 @@ def test_our_learner_learns_the_same_bits_through_it(name, settings):
     scenario = load_scenario(name, steps=1200, **settings)
     due = Learning(scenario, "coop", 3)
     due.advance(1200)
-    env = parallel_env(scenario, starts="protocol")
+    env = parallel_env(scenario, starts="protocol", goal_value=False)
     rule = learner_of("coop")
     agents = {name: rule.agent(scenario, k, 3) for k, name in enumerate(env.possible_agents)}
     seen, _ = env.reset(seed=3)
@@ -108,8 +109,38 @@ def test_our_learner_learns_the_same_bits_through_it(name, settings):
     assert tables_equal([agent.tables for agent in agents.values()], due.tables)
 
 
+@pytest.mark.parametrize("goal_value", [True, False])
+def test_discounted_returns_are_the_rewards_of_evaluate(goal_value):
+    """Robots on shortest paths, without a penalty: a robot alone in the world earns as much."""
+    scenario = load_scenario("env1", penalty=0)
+    grid = scenario.map
+    env = parallel_env(scenario, goal_value=goal_value)
+    moves = []
+    for robot in scenario.robots:
+        moves.append(grid.distances_to(robot.goal)[grid.next_cell].argmin(axis=1))
+    seen, _ = env.reset(seed=5)
+    returns = []
+    for _ in range(400):
+        total, discount = 0.0, 1.0
+        while env.agents:
+            acts = {}
+            for name in env.agents:
+                cell = seen[name]["observation"][0]
+                acts[name] = int(moves[env.possible_agents.index(name)][cell])
+            seen, rewards, *_ = env.step(acts)
+            total += discount * sum(rewards.values()) / len(scenario.robots)
+            discount *= scenario.discount
+        returns.append(total)
+        seen, _ = env.reset()
+    if goal_value:
+        error = np.std(returns) / len(returns) ** 0.5
+        assert abs(np.mean(returns) - independent_bound(scenario)) < 5 * error
+    else:
+        assert np.max(returns) < scenario.goal_reward
+
+
 def test_masks_worth_and_bad_input():
-    env = parallel_env("env1", goal_value=True, render_mode="rgb_array")
+    env = parallel_env("env1", render_mode="rgb_array")
     with pytest.raises(RunError, match="call reset first"):
         env.state()
     for seed in ("x", -1, 1.5, [1]):

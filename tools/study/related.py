@@ -75,7 +75,28 @@ def _costs(_found: Found) -> Rows:
         }
 
 
+PAIRS = ("env1", "env2-2r", "pentagon")
+
+SHARED = ("credit", "epsilon", "starts", "step_size")
+"""Settings whose defaults are factored's own."""
+
+
+def _settings(found: Found) -> Rows:
+    """Yield what other learners earn with the settings of factored."""
+    defaults = learner_of("factored").defaults
+    shared = {name: defaults[name] for name in SHARED}
+    for learner in ("coop", "cq"):
+        for what, more in (("its own", {}), ("those of factored", shared)):
+            row: dict[str, str | None] = {"learner": learner, "settings": what}
+            for name in PAIRS:
+                row[name] = reward_and_failed(
+                    found(make_condition(name, learner, {**LONG, **more}))
+                )
+            yield row
+
+
 STUDIES = (
     Study("learners", (RUNS, RUNS), TRIALS, _learners, SEED, "related.md"),
+    Study("settings", (RUNS, RUNS), TRIALS, _settings, SEED, "related.md"),
     Study("costs", (RUNS, RUNS), TRIALS, _costs, SEED, "related.md"),
 )
