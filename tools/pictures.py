@@ -34,6 +34,7 @@ def make(page: str) -> None:
     beside = Path(sys.executable).parent
     environment = {**os.environ, "PATH": f"{beside}{os.pathsep}{os.environ['PATH']}"}
     with tempfile.TemporaryDirectory() as folder:
+        Path(folder, "examples").symlink_to(TUTORIALS.parents[1] / "examples")
         script = ["bash", "-ec", commands(page)]
         subprocess.run(script, cwd=folder, env=environment, check=True)
         for picture in sorted(Path(folder, "pictures").iterdir()):

@@ -59,7 +59,7 @@ def execute(options: argparse.Namespace) -> None:
     exact = True if options.exact else None if several and options.trials is None else False
     found = [evaluated(path, trials, options.seed, exact=exact) for path in options.directories]
     facts = [facts_of(one) for one in found]
-    tables = [result_table(runs, several=several) for runs in by_game(found)]
+    tables = [result_table(runs) for runs in by_game(found)]
     tell(options, {"runs": facts} if several else facts[0], "\n\n".join(tables))
 
 
@@ -139,17 +139,17 @@ def paper_row(run: RunConfig) -> dict:
     return dict(run.scenario.paper.get(run.learner, {})) if same else {}
 
 
-def result_table(found: Sequence[Evaluated], *, several: bool = False) -> str:
+def result_table(found: Sequence[Evaluated]) -> str:
     """Return the table of runs of one game: ours, the paper's, and what they are measured against.
 
-    Args:
-        found: the runs.
-        several: whether the rows name the runs' directories.
+    Runs of one learner are told apart by their directories.
     """
     scenario, rows = found[0].run.scenario, []
+    titles = [run.title for _, run, _ in found]
     papers: dict[str, dict] = {}
     for directory, run, result in found:
         title = run.title
+        named = title if titles.count(title) == 1 else f"{directory}: {title}"
         papers[title] = paper_row(run)
         arrived = f"{100 * result.all_arrived:.2f} %"
         if isinstance(result, Evaluation):
@@ -157,7 +157,7 @@ def result_table(found: Sequence[Evaluated], *, several: bool = False) -> str:
         measures = (getattr(result, name) for name in PAPER_MEASURES)
         rows.append(
             [
-                f"{f'{directory}: ' * several}{title}, {result.how}",
+                f"{named}, {result.how}",
                 *(f"{one.mean:.2f} ± {one.spread:.2f}" for one in measures),
                 f"{result.asks.mean:.2f}",
                 arrived,

@@ -53,7 +53,7 @@ def planned(
     ]
     unfelt = sorted(run.scenario.map.doorways - set(found.doorways))
     model = {"before": found.before, "value": found.value, "doorways": found.doorways}
-    lines = [result_table(results, several=True)]
+    lines = [result_table(results)]
     lines.append(f"on the learned model: {found.before:.2f} -> {found.value:.2f}")
     if unfelt:
         where = ", ".join(str(run.scenario.map.cells[x]) for x in unfelt)

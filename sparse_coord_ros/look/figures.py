@@ -392,7 +392,7 @@ def _draw_curve(runs: Sequence[Shown], labels: Sequence[str], name: str, axes: A
         axes.plot(*points, color=colour, linestyle=style, linewidth=1.6, label=labels[number])
     axes.set(yscale="log" if name == "length" else "linear", xlabel="time step")
     axes.set_ylabel(CURVES[name])
-    axes.xaxis.set_major_locator(MaxNLocator(4))
+    axes.xaxis.set_major_locator(MaxNLocator(3))
     axes.grid(alpha=0.3)
     axes.legend(fontsize=6, ncols=2 if len(lines) > 4 else 1)
 

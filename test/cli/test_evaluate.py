@@ -113,15 +113,18 @@ def test_several_runs_side_by_side(sparse_coord, folder, monkeypatch):
         runs[1]["reward"]
         == json.loads(sparse_coord("evaluate", "b", "--exact", "--json")[1])["reward"]
     )
+    alike = sparse_coord("evaluate", "a", "b", "a")[1].splitlines()[2:5]
+    named = [line.split("  ")[0] for line in alike]
+    assert named == ["a: Coop., exact", "Non-coop., exact", "a: Coop., exact"]
     env1, env2 = sparse_coord("evaluate", "a", "b", "c")[1].split("\n\n")
     assert [line.split("  ")[0] for line in env1.splitlines()[2:]] == [
-        "a: Coop., exact",
-        "b: Non-coop., exact",
+        "Coop., exact",
+        "Non-coop., exact",
         "best asking team found",
         "exact joint optimum",
     ]
     assert [line.split("  ")[0] for line in env2.splitlines()[2:4]] == [
-        "c: Coop., 30 trials",
+        "Coop., 30 trials",
         "Coop., paper",
     ]
     assert env2.count("bound (robots alone)") == 1

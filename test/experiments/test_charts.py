@@ -9,6 +9,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.container import ErrorbarContainer
 
+from sparse_coord_ros.experiments.report.charts import ASKING, STYLES
 from sparse_coord_ros.experiments.report.drawings import figures_of, swept_figure
 from sparse_coord_ros.experiments.store import SUMS
 
@@ -98,6 +99,14 @@ def test_every_line_of_the_legend_can_be_seen(penalties):
     for line in panel.lines:
         values = np.asarray(line.get_ydata(), dtype=float)
         assert np.all((low <= values) & (values <= high))
+
+
+def test_a_reference_that_is_known_at_one_place_is_not_drawn_at_others():
+    """The best asking team of env1 is known at a cost of 1."""
+    results = [with_reward("env1", 100.0, penalty="-100", ask_cost=cost) for cost in (0, 1, 10)]
+    [panel] = swept_figure(results, "ask_cost", ["reward"]).axes
+    known = [line for line in panel.lines if line.get_color() == STYLES[ASKING]["color"]]
+    assert [(line.get_xdata().tolist(), line.get_marker()) for line in known] == [([1], "_")]
 
 
 def test_a_reference_at_a_name_is_a_dash():

@@ -309,7 +309,8 @@ def _panel(axes: Axes, data: pd.DataFrame) -> dict[str, Any]:
     for line, own in data.drop_duplicates(["line", "x"]).groupby("line", sort=False):
         style = {"linewidth": 1.3, "markersize": 4.5, "capsize": 2, **STYLES.get(str(line), OTHER)}
         if own["reference"].any():
-            handles[str(line)] = _reference(axes, own, style, joined=joined)
+            alone = data["x"].nunique() == 1
+            handles[str(line)] = _reference(axes, own, style, joined=joined, alone=alone)
             continue
         if not joined:
             style["linestyle"] = "none"
@@ -335,13 +336,25 @@ def _panel(axes: Axes, data: pd.DataFrame) -> dict[str, Any]:
     return handles
 
 
-def _reference(axes: Axes, own: pd.DataFrame, style: Mapping[str, Any], *, joined: bool) -> Any:
-    """Draw what learners are compared with: a line, or a dash at each place that has a name."""
+def _reference(
+    axes: Axes, own: pd.DataFrame, style: Mapping[str, Any], *, joined: bool, alone: bool
+) -> Any:
+    """Draw what learners are compared with.
+
+    Args:
+        axes: the panel.
+        own: its points.
+        style: of its line.
+        joined: whether places are numbers, joined by a line; else each place gets a dash.
+        alone: whether the panel has one place only, so that the line may go all across.
+    """
     line = {key: value for key, value in style.items() if key not in ("capsize", "markersize")}
     if joined and len(own) > 1:
         return axes.plot(own["x"], own["y"], **line)[0]
-    if joined:
+    if joined and alone:
         return axes.axhline(own["y"].iloc[0], **line)
+    if joined:
+        return axes.plot(own["x"], own["y"], **line, marker="_", markersize=12)[0]
     return axes.hlines(
         own["y"],
         own["x"] - 0.4,
