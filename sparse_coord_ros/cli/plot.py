@@ -11,7 +11,7 @@ from sparse_coord_ros.game.settings import Setting
 
 DPI = Setting("dpi", int, 110, "dots an inch of a PNG", low=20, high=600)
 
-EXAMPLE = "sparse_coord plot runs/demo --what policy,length --out demo.png"
+EXAMPLE = "sparse_coord plot runs/demo --what policy,coordination --out demo.png"
 
 
 OPTIONS = (
