@@ -113,7 +113,7 @@ def _end_without(future: Future[Any]) -> None:
 # What compiled loops may call.
 
 _inner: dict[Callable[..., Any], bool] = {}
-_delegated: list[Callable[..., Any]] = []
+_overloads: dict[Callable[..., Any], Callable[..., Any]] = {}
 _before: list[Callable[[dict[str, Any]], None]] = []
 
 
@@ -132,18 +132,43 @@ def inlined(function: F) -> F:
     return function
 
 
-def delegated(function: F) -> F:
-    """Let compiled loops call a static method of the class of a function's second argument.
+def compiled_as(body: Callable[..., Any]) -> Callable[[F], F]:
+    """Let compiled loops call another body in place of a function, of the same results.
 
-    It is the method that has the function's name. Its argument is a named tuple of arrays; a
-    class of its own has its own code compiled into the loops.
+    For what is done otherwise with lists than with arrays.
     """
-    _delegated.append(function)
-    return function
+
+    def noted(function: F) -> F:
+        _overloads[function] = lambda *args: body
+        return function
+
+    return noted
 
 
-def nothing(state: Any, minds: Any) -> None:
-    """Do nothing in a step, as a class without such a method does."""
+def made_for_types(make: Callable[..., Callable[..., Any]]) -> Callable[[F], F]:
+    """Let compiled loops call what `make` returns for the numba types of the arguments."""
+
+    def noted(function: F) -> F:
+        _overloads[function] = make
+        return function
+
+    return noted
+
+
+def of_learner(function: F) -> F:
+    """Let a function be that of the learner whose mind is its first argument.
+
+    The function itself says what it means; a class that is a learner has a static method of the
+    same name, and its minds, named tuples, name the learner (`learners.mind`).
+    """
+    name = function.__name__
+
+    @functools.wraps(function)
+    def chosen(mind: Any, *args: Any) -> Any:
+        return getattr(mind.learner, name)(mind, *args)
+
+    _overloads[chosen] = lambda *args: getattr(args[0].instance_class.learner, name)
+    return chosen  # type: ignore[return-value]
 
 
 def before_compiling(function: Callable[[dict[str, Any]], None]) -> Callable[..., None]:
@@ -163,11 +188,8 @@ def _registered(function: Callable[..., Any]) -> None:
     elif function in _inner:
         extending.register_jitable(**options, **(inline if _inner[function] else {}))(function)
     else:
-
-        def chosen(*args: Any) -> Any:
-            return getattr(args[1].instance_class, function.__name__, nothing)
-
-        extending.overload(function, jit_options={**options, **inline}, strict=False)(chosen)
+        choose = _overloads[function]
+        extending.overload(function, jit_options={**options, **inline}, strict=False)(choose)
 
 
 @functools.cache
@@ -192,9 +214,9 @@ def jit(loops: Sequence[Callable[..., Any]], rule: type | None = None) -> list[C
 
     Args:
         loops: the loops.
-        rule: the class whose static methods `delegated` functions call; None: there is none.
+        rule: the learner whose functions are compiled in; None: there is none.
     """
-    for function in (*_before, *_inner, *_delegated):
+    for function in (*_before, *_inner, *_overloads):
         _registered(function)
     place, config = folder(rule), vars(numba().config)
     before = config["CACHE_DIR"]

@@ -1,0 +1,347 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What one robot has learned and remembers: a named tuple of tables, in two forms.
+
+A learner says what a robot remembers by a named tuple, its `Mind`, and by NumPy arrays that fill
+it before learning. A robot node and the loops in plain Python turn these into lists (`as_lists`),
+which are two to three times as fast there. The compiled loops stack the arrays of all robots
+(`stacked`). The functions of a learner read and write both forms: `mind.q_star[x][b]`.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from sparse_coord_ros.compiling import compiled_as, inlined, inner, made_for_types
+from sparse_coord_ros.game.actions import PRIMITIVES
+
+if TYPE_CHECKING:
+    from sparse_coord_ros.learners.learner import Learner
+
+NO_ROW = -1
+"""In place of a row: there is none."""
+
+FREE = -1
+"""In place of a key: a free place of a hashed table."""
+
+DENSE_ROWS = 2**19
+"""Keys up to which the compiled loops keep a row for each: 16 MiB a robot."""
+
+
+class Rows(NamedTuple):
+    """A table with a row [move] for each key that was met, such as Q^C with its joint states.
+
+    Before learning it is empty, and says how large it can get. In plain Python its rows are
+    lists, and a dictionary says where they are. The compiled loops have two forms: a dense table
+    has a row for each key, a hashed one only for keys that were met (open addressing with linear
+    probing; the number of places is a power of two).
+
+    Attributes:
+        values: the entries [row][move].
+        updates: how often each of them was updated [row][move].
+        keys: the key of each row of a hashed table, or `FREE`; of a dense table shape (0,).
+        used: how many rows of a hashed table are in use [0].
+        places: in plain Python the row of each key.
+        first: what rows begin with: that of a key is row `key // (most // len(first))`.
+        most: how many keys there can be.
+        a_step: how many rows a time step can add.
+    """
+
+    values: Any
+    updates: Any
+    keys: Any
+    used: Any
+    places: Any
+    first: Any
+    most: int
+    a_step: int
+
+
+def empty_rows(most: int, first: np.ndarray, a_step: int = 1) -> Rows:
+    """Return a table before learning.
+
+    Args:
+        most: how many keys there can be: keys are from 0 to `most` - 1.
+        first: what rows begin with, shape (n, 4): the first `most / n` keys with its first row,
+            the next ones with the second and so on.
+    """
+    values = np.zeros((0, PRIMITIVES))
+    updates = np.zeros((0, PRIMITIVES), dtype=np.int32)
+    none = np.zeros(0, dtype=np.int64)
+    return Rows(values, updates, none, np.zeros(1, dtype=np.int64), None, first, most, a_step)
+
+
+@inner
+def _hashed(key: int, mask: int) -> int:
+    return (key ^ key >> 7 ^ key >> 17) & mask
+
+
+@inner
+def _found(rows: Rows, key: int) -> int:
+    """As `find`, of arrays."""
+    keys = rows.keys
+    if len(keys) == 0:
+        return key
+    mask = len(keys) - 1
+    row = _hashed(key, mask)
+    while keys[row] != key:
+        if keys[row] == FREE:
+            return NO_ROW
+        row = (row + 1) & mask
+    return row
+
+
+@compiled_as(_found)
+def find(rows: Rows, key: int) -> int:
+    """Return the row of a key; `NO_ROW`: it was not met."""
+    row: int = rows.places.get(key, NO_ROW)
+    return row
+
+
+@inner
+def _placed(rows: Rows, key: int) -> int:
+    """As `place`, of arrays; a hashed table has a free place."""
+    keys = rows.keys
+    if len(keys) == 0:
+        return key
+    mask = len(keys) - 1
+    row = _hashed(key, mask)
+    while keys[row] != key:
+        if keys[row] == FREE:
+            keys[row] = key
+            rows.used[0] += 1
+            begun = rows.first[key // (rows.most // len(rows.first))]
+            for b in range(PRIMITIVES):
+                rows.values[row][b] = begun[b]
+            return row
+        row = (row + 1) & mask
+    return row
+
+
+@compiled_as(_placed)
+def place(rows: Rows, key: int) -> int:
+    """Return the row of a key: a new one if it was not met."""
+    row: int | None = rows.places.get(key)
+    if row is None:
+        row = len(rows.values)
+        rows.places[key] = row
+        rows.values.append(list(rows.first[key // (rows.most // len(rows.first))]))
+        rows.updates.append([0] * PRIMITIVES)
+    return row
+
+
+@inlined
+def read(rows: Rows, key: int, values: Any) -> None:
+    """Set `values` [move] to the row of a key, or to what it would begin with."""
+    row = find(rows, key)
+    if row == NO_ROW:
+        begun = key // (rows.most // len(rows.first))
+        for b in range(PRIMITIVES):
+            values[b] = rows.first[begun][b]
+    else:
+        for b in range(PRIMITIVES):
+            values[b] = rows.values[row][b]
+
+
+# The class of a learner's minds.
+
+
+def mind_class(learner: "type[Learner]", fields: Sequence[str]) -> type[Any]:
+    """Return the class of a learner's minds: a named tuple that names its learner.
+
+    By it `compiling.of_learner` finds the learner's functions, in plain Python and compiled.
+    """
+    base = NamedTuple("Mind", [(name, Any) for name in fields])  # type: ignore[misc]
+    names = {
+        "__slots__": (),
+        "__module__": learner.__module__,
+        "__qualname__": f"{learner.__qualname__}.Mind",
+        "learner": learner,
+    }
+    return type("Mind", (base,), names)
+
+
+# One robot's mind of those of all robots.
+
+
+def _mind_of_arrays(minds: Any, k: Any) -> Any:
+    """Return a function that takes one robot's part of stacked arrays, for numba to compile.
+
+    It is written out field by field: numba has no loop over the fields of a named tuple.
+    """
+    parts = []
+    for name, kind in zip(minds.fields, minds.types, strict=True):
+        if getattr(kind, "instance_class", None) is Rows:
+            own = [f"minds.{name}.{field}[k]" for field in ("values", "updates", "keys", "used")]
+            parts.append(f"Rows({', '.join(own)}, None, minds.{name}.first[k], minds.{name}.most, minds.{name}.a_step)")
+        else:
+            parts.append(f"minds.{name}[k]")
+    found: dict[str, Any] = {"Mind": minds.instance_class, "Rows": Rows}
+    exec(f"def part(minds, k):\n    return Mind({', '.join(parts)})", found)  # noqa: S102
+    return found["part"]
+
+
+@made_for_types(_mind_of_arrays)
+def mind_of(minds: Any, k: int) -> Any:
+    """Return robot k's mind: of a list of minds, or of stacked arrays its part of them."""
+    return minds[k]
+
+
+# Forms, and what is kept of a mind.
+
+Memory = Mapping[str, np.ndarray]
+"""All that a robot remembers, by the names of the fields of its mind. A table of rows `name` is
+`name_keys` (ascending), `name_values` and `name_updates`: the rows with an update."""
+
+
+def as_lists(mind: Any, memory: Memory | None = None) -> Any:
+    """Return a mind as lists, for plain Python.
+
+    Args:
+        mind: before learning, as arrays.
+        memory: what the robot remembers; None: nothing yet.
+    """
+    found = {}
+    for name, value in _fields(mind):
+        known = memory or {}
+        if isinstance(value, Rows):
+            found[name] = _listed(value, known, name)
+        else:
+            found[name] = np.asarray(known.get(name, value)).tolist()
+    return mind._replace(**found)
+
+
+def _listed(rows: Rows, memory: Memory, name: str) -> Rows:
+    first = rows.first.tolist()
+    keys = memory.get(f"{name}_keys", np.zeros(0, dtype=np.int64)).tolist()
+    places = {key: row for row, key in enumerate(keys)}
+    values = memory[f"{name}_values"].tolist() if keys else []
+    updates = memory[f"{name}_updates"].tolist() if keys else []
+    return rows._replace(
+        values=values, updates=updates, keys=None, used=None, places=places, first=first
+    )
+
+
+def stacked(minds: Sequence[Any], room: int, memories: Sequence[Memory] = ()) -> Any:
+    """Return the minds of all robots as one, each array with the robot as its first axis.
+
+    Args:
+        minds: of each robot before learning, as arrays.
+        room: time steps for which hashed tables need room.
+        memories: what each robot remembers; none: nothing yet.
+    """
+    [kind] = {type(mind) for mind in minds}
+    found = []
+    for name, values in zip(kind._fields, zip(*minds, strict=True), strict=True):
+        if isinstance(values[0], Rows):
+            found.append(_stacked_rows(values, room, memories, name))
+            continue
+        array = np.stack(values)
+        for k, memory in enumerate(memories):
+            if name in memory:
+                array[k] = memory[name]
+        found.append(array)
+    return kind(*found)
+
+
+def _stacked_rows(
+    tables: Sequence[Rows], room: int, memories: Sequence[Memory], name: str
+) -> Rows:
+    first = np.stack([rows.first for rows in tables])
+    table, team = tables[0], len(tables)
+    if table.most <= DENSE_ROWS:
+        values = np.zeros((team, table.most, PRIMITIVES))  # no memory until it is written to
+        if first.any():
+            values[:] = np.repeat(first, table.most // first.shape[1], axis=1)
+        keys = np.zeros((team, 0), dtype=np.int64)
+    else:
+        known = max((len(memory[f"{name}_keys"]) for memory in memories), default=0)
+        places = places_for(table, known, room)
+        values = np.zeros((team, places, PRIMITIVES))
+        keys = np.full((team, places), FREE, dtype=np.int64)
+    updates = np.zeros(values.shape, dtype=np.int32)
+    used = np.zeros((team, 1), dtype=np.int64)
+    found = table._replace(values=values, updates=updates, keys=keys, used=used, first=first)
+    for k, memory in enumerate(memories):
+        own = part(found, k)
+        for key, row, counts in zip(*(memory[f"{name}_{what}"] for what in ("keys", "values", "updates")), strict=True):
+            at = _placed(own, int(key))
+            own.values[at] = row
+            own.updates[at] = counts
+    return found
+
+
+def places_for(table: Rows, used: int, room: int) -> int:
+    """Return the places of a hashed table that stays half empty, a power of two.
+
+    Args:
+        table: the table.
+        used: rows in use.
+        room: time steps that are to come.
+    """
+    needed = min(used + room * table.a_step, table.most)
+    return 1 << (2 * needed - 1).bit_length()
+
+
+def part(minds: Any, k: int) -> Any:
+    """Return robot k's part of stacked minds, or of a stacked table: views of its arrays."""
+    found = {}
+    for name, value in _fields(minds):
+        if isinstance(value, Rows):
+            found[name] = part(value, k)
+        elif isinstance(value, np.ndarray):
+            found[name] = value[k]
+    return minds._replace(**found)
+
+
+def memory_of(mind: Any) -> dict[str, np.ndarray]:
+    """Return all that a robot remembers, of a mind as lists or arrays; a copy.
+
+    Counts and cells are int64, values float64.
+    """
+    left_out = (*mind.learner.given, *mind.learner.scratch)
+    found: dict[str, np.ndarray] = {}
+    for name, value in _fields(mind):
+        if name in left_out:
+            continue
+        if isinstance(value, Rows):
+            learned = learned_rows(value)
+            found |= {f"{name}_{what}": array for what, array in learned._asdict().items()}
+        else:
+            array = np.array(value)
+            found[name] = array.astype(np.int64) if array.dtype.kind == "i" else array
+    return found
+
+
+class LearnedRows(NamedTuple):
+    """The rows of a table that have an update, in the order of their keys; a copy.
+
+    Attributes:
+        keys: shape (rows,), int64.
+        values: shape (rows, 4), float64.
+        updates: how often each was updated, shape (rows, 4), int64.
+    """
+
+    keys: np.ndarray
+    values: np.ndarray
+    updates: np.ndarray
+
+
+def learned_rows(rows: Rows) -> LearnedRows:
+    """Return the rows of one robot's table that have an update."""
+    values = np.array(rows.values, dtype=np.float64).reshape(-1, PRIMITIVES)
+    updates = np.array(rows.updates, dtype=np.int64).reshape(-1, PRIMITIVES)
+    learned = np.flatnonzero(updates.any(axis=1))
+    if rows.places is not None:
+        keys = np.fromiter(rows.places, dtype=np.int64, count=len(rows.places))
+    elif len(rows.keys):
+        keys = rows.keys
+    else:
+        keys = np.arange(len(values))
+    learned = learned[np.argsort(keys[learned])]
+    return LearnedRows(keys[learned], values[learned], updates[learned])
+
+
+def _fields(mind: Any) -> list[tuple[str, Any]]:
+    return list(zip(mind._fields, mind, strict=True))
