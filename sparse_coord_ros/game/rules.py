@@ -123,6 +123,10 @@ def led(problem: Problem, draws: Any, k: int, step: int, cell: int, move: int) -
 def perceive(problem: Problem, draws: Any, k: int, step: int, cells: Any) -> int:
     """Return the peers that robot k perceives by COORDINATE, the sum of 2^j; 0: it fails."""
     team = len(cells)
+    if team == 2:
+        if succeeds(percept_draw(draws, k, step), problem.percept[cells[k], cells[1 - k]]):
+            return 2 - k
+        return 0
     first, end = 0, team
     if not problem.all_peers and team > 1:
         which = drawn(draws, POLICY, k, step, PEER) if team > 2 else 0.0

@@ -57,6 +57,7 @@ class Factored(Learner):
 
         Attributes:
             q_star: Q* [x][action], kept up to date.
+            value: max_b Q*(x, b) over all five actions [x], kept up to date.
             updates: how often a move was tried [x][b], and COORDINATE [x][4].
             u: U [x][b].
             r_bar: r^C to be expected without knowing where the peers are [x][b].
@@ -77,6 +78,7 @@ class Factored(Learner):
         """
 
         q_star: Any
+        value: Any
         updates: Any
         u: Any
         r_bar: Any
@@ -129,6 +131,7 @@ class Factored(Learner):
         keys = failed_key(cells, cells, team)
         return Factored.Mind(
             q_star=q_star,
+            value=q_star.max(axis=1),
             updates=np.zeros(q_star.shape, dtype=np.int32),
             u=u,
             r_bar=np.zeros(moves),
@@ -219,8 +222,8 @@ class Factored(Learner):
         if s == task.goal:
             there = task.goal_reward + task.discount * task.goal_value
         else:
-            there = task.discount * value_of(mind, s)
-        here = task.discount * value_of(mind, x)
+            there = task.discount * mind.value[s]
+        here = task.discount * mind.value[x]
         mind.u[x][b] = share * there + (1.0 - share) * here
         refresh(mind, task, x)
 
@@ -261,18 +264,13 @@ def failed_key(cell: int, cells: int, robots: int) -> int:
 
 
 @inlined
-def value_of(mind: Any, cell: int) -> float:
-    """Return max_b Q*(cell, b) over all five actions."""
-    return greatest(mind.q_star[cell], len(ACTIONS))
-
-
-@inlined
 def refresh(mind: Any, task: Task, cell: int) -> None:
     """Set Q*(cell, .) from the factors."""
     u, r_bar, q_star = mind.u[cell], mind.r_bar[cell], mind.q_star[cell]
     for b in range(PRIMITIVES):
         q_star[b] = u[b] + r_bar[b]
     q_star[COORDINATE] = greatest(u, PRIMITIVES) - task.ask_cost + mind.w[cell]
+    mind.value[cell] = greatest(q_star, len(ACTIONS))
 
 
 @inlined
@@ -343,7 +341,7 @@ def learn_move(mind: Any, task: Task, now: Transition) -> None:
         mind.successor[x][b] = y
     if common != 0.0:
         mind.door[y] = common
-    after = task.goal_value if y == task.goal else value_of(mind, y)
+    after = task.goal_value if y == task.goal else mind.value[y]
     alpha = step_size(task, count, now.floor)
     mind.u[x][b] = toward(mind.u[x][b], alpha, now.individual + task.discount * after)
     if now.action != COORDINATE:

@@ -185,6 +185,8 @@ def ql_update(
 @inlined
 def joint_state(task: Task, cell: int, seen: int, cells: Any) -> int:
     """Return the number of a joint state: its digits are the own cell, then the seen peers'."""
+    if task.robots == 2:
+        return cell * task.cells + cells[1 - task.number]
     key = cell
     for j in range(task.robots):
         if (seen >> j) & 1:
