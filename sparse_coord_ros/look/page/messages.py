@@ -187,7 +187,7 @@ def put_end(board: Board, run: RunConfig, tables: Sequence[Tables]) -> tuple[Gli
     Raises:
         TablesError: the tables do not fit the run.
     """
-    board.put("evaluation", **evaluation_fields(run, tables, None))
+    value = evaluation_fields(run, tables, None)
     episode = played_episode(run.scenario, tables, BUSIEST, seed=0, learner=run.rule)
     first = episode.steps[0].step if episode.steps else 0
     steps = tuple(seen._replace(step=seen.step - first) for seen in episode.steps)
@@ -200,6 +200,7 @@ def put_end(board: Board, run: RunConfig, tables: Sequence[Tables]) -> tuple[Gli
     if asked:
         text = f"In a greedy episode: {asked[-1][1]}"
     board.put("learned", lines=[text], first=None, step=None)
+    board.put("evaluation", **value)
     return steps
 
 

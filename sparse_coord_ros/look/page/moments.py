@@ -146,7 +146,8 @@ def highlight(log: RunLog, tables: Sequence[Tables], moments: Moments, words: Wo
         text = f"In the last episodes {what}."
         return Highlight(first, last, None, 0, 0, text)
     cell = int(log.cells[row, k])
-    text = _told(log, row, k, words, learned=greedy.holds(log, row, k))
+    learned = bool(policies[k].asks[cell]) and greedy.holds(log, row, k)
+    text = _told(log, row, k, words, learned=learned)
     if not good[number]:
         text = f"Here not all robots arrive without a miscoordination. {text}"
     return Highlight(first, last, int(log.step[row]), k, cell, text)

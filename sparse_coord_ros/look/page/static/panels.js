@@ -28,14 +28,14 @@ export function cellPanel(run, tables, cell) {
 // How old what the robots learned is: tables come now and then, and a log is read bit by bit.
 export function agesPanel(run, tables, frame) {
   const ages = (tables?.robots ?? []).map((own) => {
-    if (!own) return "no tables";
-    if (own.step === null) return "the end of learning";
+    if (!own) return "not known";
+    if (own.step === null) return "at the end of learning";
     const age = frame ? frame.step - own.step : 0;
-    return age > 0 ? `step ${number(own.step)}, ${number(age)} ago` : `step ${number(own.step)}`;
+    return age > 0 ? `of step ${number(own.step)}, ${number(age)} ago` : `of step ${number(own.step)}`;
   });
   const same = new Set(ages).size === 1;
   const words = same ? ages[0] : ages.map((age, k) => `${run.robots[k].name}: ${age}`).join("; ");
-  const lines = ages.length ? [`Tables of ${words}.`] : [];
+  const lines = ages.length ? [`Tables ${words}.`] : [];
   if (frame?.counted_to < frame?.step) {
     lines.push(`Episodes and questions are counted up to step ${number(Math.max(0, frame.counted_to))}.`);
   }
@@ -62,13 +62,16 @@ export function marksLine(marks, first, last) {
 
 export function dialoguePanel(run, { entries = [], since = null }) {
   $("silence").hidden = entries.length > 0;
-  $("silence").textContent = since === null ? "No question so far." : `No question since step ${number(since)}.`;
+  const shown = run.source === "bag" ? "" : " shown"; // a live page shows some of them
+  $("silence").textContent = since === null ? `No question${shown} so far.` : `No question since step ${number(since)}.`;
+  const opened = new Set([...$("dialogue").children].filter((item) => item.querySelector("details").open).map((item) => item.dataset.key));
   $("dialogue").replaceChildren(...entries.toReversed().map((entry) => {
     const { sign, colour } = run.outcomes[entry.outcome];
     const mark = html("span", { className: "sign" }, `${sign} `);
     mark.style.color = tinted(colour);
     const item = html("li", {}, mark, html("span", { className: "at" }, `step ${entry.step}: `), entry.text,
-      html("details", {}, html("summary", {}, "details"), entry.lines.join("; ")));
+      html("details", { open: opened.has(`${entry.step} ${entry.robot}`) }, html("summary", {}, "details"), entry.lines.join("; ")));
+    item.dataset.key = `${entry.step} ${entry.robot}`;
     item.style.borderColor = tinted(run.robots[entry.robot].colour);
     return item;
   }));
