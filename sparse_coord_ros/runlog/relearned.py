@@ -96,10 +96,17 @@ class Relearned:
             return {one.robot: (one.step, one.tables) for one in recorded}
         return {one.agent.number: (step, one.agent.tables) for one in part.replays}
 
-    @property
-    def reached(self) -> int:
-        """The time step from which learning goes on without a look back; 0: there is none."""
-        return 0 if self._part is None else self._at
+    def begin(self, step: int) -> int:
+        """Return from which time step on is learned again what leads to a time step."""
+        first = self._first(step)
+        if first is None:
+            return step
+        return self._at if self._part is not None and first <= self._at <= step else first
+
+    def _first(self, step: int) -> int | None:
+        """Return the newest time step up to one of which all robots' tables are known."""
+        common = set.intersection(*map(set, self._log.table_steps()))
+        return max((at for at in {*common, *self._kept} if at <= step), default=None)
 
     def values(
         self, step: int, asked: Sequence[Asked], still: Callable[[], bool] = lambda: True
@@ -144,8 +151,7 @@ class Relearned:
 
     def _reached(self, step: int, still: Callable[[], bool]) -> _Part | None:
         """Return a part that has been learned again up to a step; None where that cannot be."""
-        common = set.intersection(*map(set, self._log.table_steps()))
-        first = max((at for at in {*common, *self._kept} if at <= step), default=None)
+        first = self._first(step)
         if first is None:
             return None
         part, self._part, sought = self._part, None, False

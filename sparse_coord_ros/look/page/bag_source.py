@@ -408,7 +408,7 @@ class BagSource(controls.Controlled):
                     self._find_rows(0, step, lambda: still() and int(self.position) == step)
                 return
             if not following:  # on the way to the time step
-                self._find_rows(self._relearned.reached, step, still)
+                self._find_rows(self._relearned.begin(step), step, still)
             found = self._relearned.tables(step, still)
         except SparseCoordError as error:
             self.board.put("notice", text=f"damaged: {error}")

@@ -18,6 +18,7 @@ from sparse_coord_ros.game.actions import COORDINATE
 from sparse_coord_ros.game.miscoordination import miscoordinations
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.tables import save_team
+from sparse_coord_ros.look.page import moments
 from sparse_coord_ros.look.page.bag_source import BagSource
 from sparse_coord_ros.look.page.board import Board
 from sparse_coord_ros.look.page.controls import (
@@ -32,6 +33,7 @@ from sparse_coord_ros.look.page.controls import (
 )
 from sparse_coord_ros.look.page.counts import Counts
 from sparse_coord_ros.look.page.moments import GreedyMoves
+from sparse_coord_ros.look.policy import policy_of
 from sparse_coord_ros.look.words import Words
 from sparse_coord_ros.runlog import read_run
 from sparse_coord_ros.runlog.explain import explained, in_words
@@ -341,9 +343,14 @@ def test_where_nobody_asks_the_best_asking_team_found_is_named(record):
     player.source.log.bag.close()
 
 
-def test_what_its_tables_do_not_confirm_is_told_as_what_happened(learned, monkeypatch):
+@pytest.mark.parametrize("what", ["its move", "that it asks"])
+def test_what_its_tables_do_not_confirm_is_told_as_what_happened(learned, monkeypatch, what):
     """Not as what it has learned."""
-    monkeypatch.setattr(GreedyMoves, "holds", lambda *_: False)
+    if what == "its move":
+        monkeypatch.setattr(GreedyMoves, "holds", lambda *_: False)
+    else:
+        without = lambda *given: (p := policy_of(*given))._replace(asks=p.asks & False)  # noqa: E731
+        monkeypatch.setattr(moments, "policy_of", without)
     player, log = Player(learned, step=None), read_run(learned)
     said = player.board.get("learned")
     [text] = said["lines"]
