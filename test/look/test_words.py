@@ -180,9 +180,10 @@ def test_a_doorway_that_is_not_on_the_way(make):
 
 
 def test_rooms_without_a_way_between_them(make):
-    told = Told(make("1.D.2\n#####\n...D."))
+    told = Told(make("1..D.2\n######\n...D.."))
     assert told.where(1, (2, 2)) == "next to a doorway"
-    assert told.peer(1, (0, 1), 2, (2, 0)) == "in cell 5 [2, 0], to which there is no way"
+    assert told.peer(1, (0, 1), 2, (2, 0)) == "in cell 6 [2, 0], to which there is no way"
+    assert told.peer(1, (0, 0), 2, (0, 2)) == "on this side, past the doorway, 2 moves away"
     alone = Told(make("1.D.2\n#####\n....."))
     assert alone.where(1, (2, 2)) == "in cell 7 [2, 2]"
 

@@ -17,6 +17,7 @@ from sparse_coord_ros.errors import BagError
 from sparse_coord_ros.game.actions import COORDINATE
 from sparse_coord_ros.game.miscoordination import miscoordinations
 from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.learn.tables import save_team
 from sparse_coord_ros.look.page import moments
 from sparse_coord_ros.look.page.bag_source import BagSource
@@ -204,6 +205,17 @@ def test_sums_of_many_questions_are_the_questions(bag, monkeypatch):
         asked = log.asked[: row + 1]
         assert found.asked.sum(axis=1).tolist() == asked.sum(axis=0).tolist()
         assert found.questions == asked.sum() and found.read_to == log.step[row]
+    part = next(long.episodes())
+    counts = Counts(2, len(log.run.scenario.map.cells)).with_part(0, part)
+    assert 0 < counts.read_to < 500
+    step = int(log.step[np.searchsorted(log.step, counts.read_to + 60)])
+    found = counts.up_to(step, long.around(step))  # reading has not come so far
+    asked = log.asked[log.step <= step]
+    assert found.asked.sum(axis=1).tolist() == asked.sum(axis=0).tolist()
+    assert found.questions == asked.sum() and found.read_to == step
+    assert found.episodes == (log.history().first_step <= step).sum()
+    late = counts.up_to(step, long.read(step, step))  # nor does that go back to it
+    assert late.read_to == counts.read_to and late.questions < found.questions
     long.bag.close()
 
 
@@ -357,6 +369,15 @@ def test_what_its_tables_do_not_confirm_is_told_as_what_happened(learned, monkey
     assert re.match(r"Here robot_[12] asks .*\. Answer: robot_[12] is .*\. robot_[12] .*\.$", text)
     assert " if " not in text and log.asked[np.searchsorted(log.step, said["step"])].any()
     player.source.log.bag.close()
+
+
+def test_robots_without_a_way_to_a_doorway_do_not_meet_at_it(make):
+    run = make_run(make("1.D.2\n#####\n....."), {})
+    found = moments.Moments(run, Words(run.scenario))
+    number = run.scenario.map.number
+    cells = [[(0, 1), (0, 3)], [(0, 1), (2, 0)], [(2, 1), (2, 0)], [(0, 2), (0, 4)]]
+    places = np.array([[number[place] for place in joint] for joint in cells])
+    assert found.meetings(places).tolist() == [True, False, False, False]
 
 
 def test_jumps_lead_to_what_matters(learned):
