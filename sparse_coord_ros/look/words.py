@@ -175,7 +175,7 @@ class Words:
             peer, at = min(seen, key=lambda one: moves[one[1]])
             said = self.seen_from(robot, cell, door, peer, at)
             return f"the closest robot, {self.names[peer]}, is {said}"
-        return " and ".join(
+        return "; ".join(
             f"{self.names[peer]} is {self.seen_from(robot, cell, door, peer, at)}"
             for peer, at in (close if len(seen) > 1 else seen)
         )

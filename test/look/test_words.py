@@ -193,7 +193,7 @@ def test_rooms_without_a_way_between_them(make):
     [
         ([(2, 3)], "robot_2 is on the other side, 2 moves away"),
         ([(2, 3), (4, 4)], "robot_2 is on the other side, 2 moves away"),
-        ([(2, 2), (1, 1)], "robot_2 is in the doorway and robot_3 is beside robot_1"),
+        ([(2, 2), (1, 1)], "robot_2 is in the doorway; robot_3 is beside robot_1"),
         ([(4, 4), (4, 0)], "the closest robot, robot_3, is on this side, 3 moves away"),
     ],
 )

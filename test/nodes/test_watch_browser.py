@@ -64,7 +64,7 @@ def test_a_bag_is_played_and_every_value_is_the_log_s(browser, start, bag):
     process = start("cli.main", "watch", str(bag), "--port", "0", "--rate", "20")
     browser.open(address_of(process))
     browser.wait_for(f"{STEP} > 20")
-    browser.wait_for("document.querySelector('.ask')")  # drawn while it plays
+    browser.wait_for("document.querySelector('#map .ask')")  # drawn while it plays
     browser.press(" ", "Space")
     browser.wait_for(f"{STATE} === 'paused'")
     step = browser.value(STEP)
@@ -82,7 +82,9 @@ def test_a_bag_is_played_and_every_value_is_the_log_s(browser, start, bag):
         f"s.value = {wanted}; s.dispatchEvent(new Event('input')); }})()"
     )
     browser.wait_for(f"{STEP} === {wanted}")
-    browser.wait_for('document.querySelector(\'.ask[data-robot="2"][data-outcome="refused"]\')')
+    browser.wait_for(
+        'document.querySelector(\'#map .ask[data-robot="2"][data-outcome="refused"]\')'
+    )
     said = f"document.querySelector('#dialogue li').innerText.includes('step {wanted}: ')"
     browser.wait_for(said)
     assert "refused" in browser.value("document.querySelector('#dialogue li').innerText")
@@ -297,7 +299,7 @@ def test_a_run_on_its_own_page_then_the_next_one(browser, start, tmp_path):
     click(browser, "pause")
     browser.wait_for(f"{STATE} === 'finished'")
     browser.wait_for("!document.getElementById('evaluation-panel').hidden")
-    browser.wait_for("document.querySelector('.ask, #dialogue li')")
+    browser.wait_for("document.querySelector('#map .ask, #dialogue li')")
     history = load_history(out)
     browser.wait_for(f"document.getElementById('episodes').textContent === '{history.episodes}'")
     assert browser.value("document.getElementById('transitions').textContent").startswith("1,500")

@@ -165,11 +165,10 @@ class BagSource(controls.Controlled):
         begun, since = self._moments.since(shown.robot, shown.cell)
         name = self._words.names[shown.robot]
         if since is None:
-            return f"{name} explored: its tables do not tell it to ask there."
+            return f"{name} explored: by its tables it would not ask there."
         if since == begun:
-            return f"The tables of {name} have told it to ask there from the start."
-        about = float(f"{since:.3g}")
-        return f"The tables of {name} have told it to ask there since about step {about:,.0f}."
+            return f"By its tables {name} would have asked there from the start."
+        return f"{name} learned to ask there at about step {float(f'{since:.3g}'):,.0f}."
 
     def _show_again(self) -> None:
         """Play the episode that shows what was learned, again and again."""

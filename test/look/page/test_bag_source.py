@@ -318,8 +318,8 @@ def test_a_bag_opens_on_what_was_learned(learned):
     assert player.do(JUMP, LEARNED)["step"] == said["first"]
     player.source._read_through()
     line = player.board.get("learned")["lines"][1]
-    assert line.startswith(f"The tables of robot_{k + 1} have told it to ask there since about ")
-    since = int(re.search(r"since about step ([\d,]+)\.", line)[1].replace(",", ""))
+    assert line.startswith(f"robot_{k + 1} learned to ask there at about step ")
+    since = int(re.search(r"at about step ([\d,]+)\.$", line)[1].replace(",", ""))
     steps, rows = log.tracks.coordination_maps[k]
     place = OccupancyData(log.frame).places[log.cells[row, k]]
     asks = np.frombuffer(rows["data"].tobytes(), np.int8).reshape(len(steps), -1)[:, place] == 100
