@@ -13,8 +13,11 @@ from floor_plans import write
 from sparse_coord_ros.game.actions import COORDINATE
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.history import load_history
-from sparse_coord_ros.learn.run_config import load_run
+from sparse_coord_ros.learn.run_config import load_run, make_run
 from sparse_coord_ros.learn.tables import load_saved_team, load_team
+from sparse_coord_ros.look.page import messages
+from sparse_coord_ros.look.page.board import Board
+from sparse_coord_ros.look.page.server import Server
 from sparse_coord_ros.runlog import read_run
 from sparse_coord_ros.runlog.relearned import Relearned
 from sparse_coord_ros.runlog.window import LongLog
@@ -141,6 +144,63 @@ def test_trails_follow_the_cells_though_frames_are_skipped(browser, start, bag):
     assert max(np.diff(sorted(steps))) > 3, "some frames were skipped"
     browser.wait_for(f"{STATE} === 'ended' && {longest} > 3")
     assert browser.value(CUT) == 0
+
+
+@pytest.fixture
+def shown(browser):
+    """Return a function that shows frames of a run, made up, and one that gives a frame."""
+    scenario = load_scenario("crowd-4r")
+    board, number = Board(), scenario.map.number
+    fields = messages.run_fields(make_run(scenario, {}))
+    board.put("run", source="live", title="made up", controls=(), **fields)
+    server = Server(board, port=0)
+    browser.open(server.address)
+
+    def show(step, places, asks=(), after=None, **more):
+        places, after = ([number[one] for one in cells] for cells in (places, after or places))
+        said = {"robot": 0, "peers": [1], "outcome": "answered", "ended": "answered"}
+        board.put(
+            "frame",
+            step=step,
+            cells=places,
+            trails=[[cell] for cell in places],
+            asks=[{**said, "robot": k} for k in asks],
+            after=after,
+            **{"state": "learning", "rate": 0, "speed": None, "transitions": step, "episode": 0},
+            **{"miscoordination": False, **more},
+        )
+        browser.wait_for(f"{STEP} === {step}")
+
+    yield show
+    server.close()
+
+
+def test_a_question_is_drawn_where_it_was_asked_and_a_miscoordination_where_it_was(browser, shown):
+    places = [(1, 3), (3, 3), (5, 5), (6, 6)]
+    drawn = "[...document.querySelectorAll('#map {}')].map(({{{}: x, {}: y}}) => "
+    drawn += "[x.baseVal.value, y.baseVal.value])"
+    lines = drawn.format(".ask line", "x1", "y1")
+    for step in (1, 3, 5):
+        shown(step, places, asks=[0])
+        asked = browser.value(lines)
+        shown(step + 1, [(0, 3), *places[1:]])
+        late = browser.value(lines)  # it is still seen, or gone
+        assert asked == [[3.5 * 48, 1.5 * 48]] and late in (asked, [])
+    rings = drawn.format(".met", "cx", "cy")
+    doors = [(1, 4), (1, 4), (3, 4), (6, 6)]
+    shown(7, places, after=doors, miscoordination=True)
+    assert browser.value(rings) == [[4.5 * 48, 1.5 * 48]], "where two robots are"
+    apart = [(1, 4), (5, 4), (3, 3), (6, 6)]
+    shown(8, places, after=apart, miscoordination=True)
+    both = [[4.5 * 48, 1.5 * 48], [4.5 * 48, 5.5 * 48]]
+    assert browser.value(rings) == both, "all doorways are one meeting place"
+    shown(9, places, after=apart)
+    assert browser.value(rings) == []
+    assert browser.value("document.getElementById('speed').textContent") == "–"
+    assert (
+        browser.value("document.getElementById('silence').textContent")
+        == "No question shown so far."
+    )
 
 
 WIDE = "document.documentElement.scrollWidth <= window.innerWidth"

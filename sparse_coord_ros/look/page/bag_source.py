@@ -165,7 +165,7 @@ class BagSource(controls.Controlled):
         begun, since = self._moments.since(shown.robot, shown.cell)
         name = self._words.names[shown.robot]
         if since is None:
-            return f"{name} explored: by its tables it would not ask there."
+            return f"By its newest tables {name} would not ask there."
         if since == begun:
             return f"By its tables {name} would have asked there from the start."
         return f"{name} learned to ask there at about step {float(f'{since:.3g}'):,.0f}."

@@ -367,6 +367,18 @@ def test_what_its_tables_do_not_confirm_is_told_as_what_happened(learned, monkey
     said = player.board.get("learned")
     [text] = said["lines"]
     assert re.match(r"Here robot_[12] asks .*\. Answer: robot_[12] is .*\. robot_[12] .*\.$", text)
+    player.source._read_through()
+    [_, line] = player.board.get("learned")["lines"]
+    assert line.startswith("robot_") and " learned to ask there at about step " in line
+    name = text.split()[1]
+    monkeypatch.setattr(player.source._moments, "since", lambda *_: (1, None))
+    player.source._tell_learned(read=True)
+    line = player.board.get("learned")["lines"][1]
+    assert line == f"By its newest tables {name} would not ask there."
+    monkeypatch.setattr(player.source._moments, "since", lambda *_: (1, 1))
+    player.source._tell_learned(read=True)
+    line = player.board.get("learned")["lines"][1]
+    assert line == f"By its tables {name} would have asked there from the start."
     assert " if " not in text and log.asked[np.searchsorted(log.step, said["step"])].any()
     player.source.log.bag.close()
 

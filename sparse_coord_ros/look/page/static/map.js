@@ -5,7 +5,7 @@ import { inkOn, shape, svg, tinted } from "/draw.js";
 import { View } from "/view.js";
 
 const UNIT = 48;
-const LINGER_MS = 600; // how long a question stays visible while steps rush by
+const LINGER_MS = 600; // how long a question stays visible, where it was asked, while steps rush by
 const SMALLEST = 9; // pixels: a robot's radius
 const LAYERS = ["ground", "heat", "marks", "policy", "trails", "asks", "robots", "met"];
 
@@ -118,10 +118,12 @@ export class TeamMap extends View {
     const now = performance.now();
     const asked = new Set(frame.asks.map((ask) => ask.robot));
     const old = held ? [] : this.lingering.filter((one) => one.until > now && !asked.has(one.ask.robot) && one.step !== frame.step);
-    this.lingering = [...old, ...frame.asks.map((ask) => ({ ask, until: now + LINGER_MS, step: frame.step }))];
-    this.layer.asks.replaceChildren(...this.lingering.filter(({ ask }) => places[ask.robot]).map(({ ask }) => this.question(ask, places)));
+    this.lingering = [...old, ...frame.asks.map((ask) => ({ ask, places, until: now + LINGER_MS, step: frame.step }))];
+    this.layer.asks.replaceChildren(...this.lingering.filter(({ ask, places }) => places[ask.robot]).map(({ ask, places }) => this.question(ask, places)));
     const doors = new Set(this.run.map.doorways);
-    const met = frame.miscoordination ? (frame.after ?? frame.cells).filter((cell) => doors.has(cell)) : [];
+    const inside = frame.miscoordination ? (frame.after ?? frame.cells).filter((cell) => doors.has(cell)) : [];
+    const shared = inside.filter((cell, k) => inside.indexOf(cell) !== k);
+    const met = shared.length ? shared : inside; // or all doorways are one meeting place
     this.layer.met.replaceChildren(...[...new Set(met)].flatMap((cell) => {
       const [x, y] = this.centre(cell);
       return [svg("circle", { cx: x, cy: y, r: UNIT * 0.6 * this.grown, class: "met" }),
