@@ -40,6 +40,12 @@ def browser():
         assert opened.problems == []
 
 
+@pytest.fixture(autouse=True)
+def runs_in_a_folder_of_its_own(tmp_path, monkeypatch):
+    """Leave no runs behind: a page names no directory for the run that it starts."""
+    monkeypatch.chdir(tmp_path)
+
+
 @pytest.fixture(scope="module")
 def bag(record):
     settings = {"steps": 1500, "perception": "probability:0.6"}
