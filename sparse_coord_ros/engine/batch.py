@@ -471,6 +471,11 @@ class CompiledLearning:
         return action_of(decision, int(chosen.moves[k]), perceived=perceived)
 
     @property
+    def step(self) -> int:
+        """The time step of the next transition (of robots that learn alone: of the first one)."""
+        return int(self._states[0].game.clock[loops.STEP])
+
+    @property
     def asked(self) -> np.ndarray:
         """How often each robot has learned from COORDINATE in each cell, shape (robots, cells)."""
         counts: np.ndarray = self.minds.star_updates[:, :, COORDINATE].copy()

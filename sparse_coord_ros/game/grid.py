@@ -111,15 +111,7 @@ class GridMap:
     @cached_property
     def region(self) -> np.ndarray:
         """Shape (cells,), int64: a number for each cell; two with the same have a way between."""
-        region = np.arange(len(self.cells))
-        while True:  # each region joins the one with the least number beside it
-            joined = region.copy()
-            np.minimum.at(joined, region, region[self.next_cell].min(axis=1))
-            while (joined != joined[joined]).any():
-                joined = joined[joined]
-            if np.array_equal(joined, region):
-                return region
-            region = joined
+        return regions(self.next_cell)
 
     def distances_to(self, goal: int) -> np.ndarray:
         """Shape (cells,): moves on a shortest path to `goal`; -1 where there is none."""
@@ -160,6 +152,26 @@ def moves_to(lead: np.ndarray, goal: int, avoided: Collection[int] = ()) -> np.n
         front = front[lead].any(axis=1) & (far == UNREACHABLE)
         moves += 1
     return far
+
+
+def regions(lead: np.ndarray) -> np.ndarray:
+    """Return the region of each cell: two cells with a way between them have the same number.
+
+    Args:
+        lead: where a successful move leads, shape (cells, moves); every move has its way back.
+
+    Returns:
+        Shape (cells,), int64.
+    """
+    region = np.arange(len(lead))
+    while True:  # each region joins the one with the least number beside it
+        joined = region.copy()
+        np.minimum.at(joined, region, region[lead].min(axis=1))
+        while (joined != joined[joined]).any():
+            joined = joined[joined]
+        if np.array_equal(joined, region):
+            return region
+        region = joined
 
 
 def map_names() -> list[str]:

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a robot's tables say it does: its greedy moves, where it asks, what Q^C holds."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from sparse_coord_ros.game.actions import COORDINATE, PRIMITIVES
 from sparse_coord_ros.game.grid import GridMap
 from sparse_coord_ros.learn.agent import Tables
+from sparse_coord_ros.learn.factors import UNSEEN
 from sparse_coord_ros.learn.sparse import SparseTable
 
 
@@ -48,6 +50,25 @@ def entered(policy: Policy, grid: GridMap, start: int) -> np.ndarray:
         led = np.unique(after[new][follows[new]])
         new = led[~reached[led]]
     return np.flatnonzero(reached)
+
+
+def row_asking(tables: Tables, cell: int, perceived: Sequence[int] | None) -> np.ndarray | None:
+    """Return the row by which COORDINATE chooses a move: shape (4,), or None: there is none.
+
+    Args:
+        tables: of the robot.
+        cell: where it is.
+        perceived: the cells of the peers that it perceived; None: the percept failed.
+    """
+    cells, factors = len(tables.q_star), tables.factors
+    if perceived is not None:
+        fits = tables.q_coord.shape == (*(cells,) * (1 + len(perceived)), PRIMITIVES)
+        return np.asarray(tables.q_coord[cell, *perceived]) if fits else None
+    if factors is None:
+        return tables.q_star[cell, :PRIMITIVES]
+    failed = (factors.states == (cell, UNSEEN, UNSEEN)).all(axis=1)
+    row: np.ndarray = factors.individual[cell] + factors.corrections[failed].sum(axis=0)
+    return row
 
 
 class Sparsity(NamedTuple):

@@ -5,9 +5,10 @@ import pytest
 
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.agent import Tables, initial_tables
+from sparse_coord_ros.learn.evaluation import greedy_agents
 from sparse_coord_ros.learn.learners import learner_of
 from sparse_coord_ros.learn.simulation import learn
-from sparse_coord_ros.look.policy import policy_of, sparsity_of
+from sparse_coord_ros.look.policy import policy_of, row_asking, sparsity_of
 from sparse_coord_ros.palette import ROBOT_COLOURS, ink_on, rgb
 
 ENV1 = load_scenario("env1")
@@ -54,6 +55,31 @@ def test_learned_joint_states(name, learner, settings):
     after = sparsity_of(learn(scenario, learner, 1)[0], begun)
     assert 0 < after.share < 0.6
     assert after.by_cell.shape == (len(scenario.map.cells),)
+
+
+@pytest.mark.parametrize(
+    ("name", "learner", "peers"),
+    [("env1", "coop", "one"), ("env1", "factored", "one"), ("crowd-3r", "factored", "all"),
+     ("crowd-3r", "coop", "all")],
+)  # fmt: skip
+def test_the_row_that_decides_after_a_question(name, learner, peers):
+    """The one by which the robot's agent chooses, after a failed percept, too."""
+    rule = learner_of(learner)
+    asking = {"q_star_init": 100, "ask_cost": 0, "penalty": -100, "perception": "probability:0.5"}
+    scenario = load_scenario(name).with_settings({**asking, "steps": 3000, "peers": peers})
+    scenario = rule.with_defaults(scenario)
+    tables = learn(scenario, learner, 1)
+    others = scenario.perceived - 1
+    draws, differ = np.random.default_rng(0), set()
+    for k, agent in enumerate(greedy_agents(scenario, tables, 0, learner)):
+        for cell in range(len(scenario.map.cells)):
+            for perceived in (None, tuple(draws.integers(0, cell + 1, others).tolist())):
+                due = agent.values_asking(cell, perceived)[:4]
+                row = row_asking(tables[k], cell, perceived)
+                assert row.tolist() == pytest.approx(due, abs=1e-9)
+                differ.add(bool((row != tables[k].q_star[cell, :4]).any()))
+        assert row_asking(tables[k], 0, (0,) * (others + 1)) is None
+    assert True in differ
 
 
 def test_eight_colours_each_with_a_legible_number():
