@@ -73,6 +73,10 @@ class ExactEvaluation:
     asked: np.ndarray
     stays: np.ndarray
 
+    def __repr__(self) -> str:
+        """Return what was computed, on one line."""
+        return f"<ExactEvaluation: {evaluation.measured_in_words(self)}>"
+
     @property
     def how(self) -> str:
         """How it was found, in words."""

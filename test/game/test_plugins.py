@@ -2,15 +2,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """Learners and perception models of the user's own: how they are found, named and blamed."""
 
+import math
 import sys
 
+import numpy as np
 import pytest
 
 import sparse_coord_ros as sc
 from sparse_coord_ros.engine.batch import run_batch
-from sparse_coord_ros.errors import PluginError
+from sparse_coord_ros.errors import PluginError, in_short
 from sparse_coord_ros.game import plugins
 from sparse_coord_ros.game.perception import MODELS
+from sparse_coord_ros.game.world import Action
+from sparse_coord_ros.learn.agent import Decision
 from sparse_coord_ros.learn.learners import LEARNERS, learner_of
 from sparse_coord_ros.learn.run_config import make_run, run_from_yaml
 from sparse_coord_ros.learn.simulation import learn
@@ -64,6 +68,29 @@ class Odd(sc.Learner):
 class Needy(sc.Learner):
     def __init__(self, more):
         self.more = more
+
+class Silent(sc.Agent):
+    def decide(self, step, cell):
+        return None
+
+class Mute(sc.Learner):
+    def agent(self, scenario, number, seed, **more):
+        return Silent(scenario, number, seed, **more)
+
+class Still(sc.Learner):
+    agent_class = Silent
+
+class Empty(sc.Learner):
+    def agent(self, scenario, number, seed, **more):
+        pass
+
+class Tableless(sc.Learner):
+    def tables(self, scenario, number=0):
+        pass
+
+class Unchecked(sc.Learner):
+    def check(self, scenario):
+        return scenario["steps"]
 
 class NoLearner:
     def __init__(self):
@@ -302,7 +329,14 @@ def test_names_that_collide(module):
     [
         ("Broken", ["failed while learning: KeyError: 'learned'", line('["learned"]')]),
         ("Weightless", ["its weights are {'common': 2}, allowed: three numbers"]),
-        ("Nobody", ["'an agent' is no agent, must be a sparse_coord_ros.Agent"]),
+        ("Nobody", ["returned 'an agent', which is no agent, must be a sparse_coord_ros.Agent"]),
+        (
+            "Empty",
+            ["its agent returned None, which is no agent, must be a sparse_coord_ros.Agent"],
+        ),
+        ("Mute", ["its agent's decide returned None, allowed: a Decision", "from 0 to 4"]),
+        ("Still", ["its agent's decide returned None, allowed: a Decision"]),
+        ("Tableless", ["its tables returned None, allowed: a sparse_coord_ros.Tables"]),
         ("Needy", ["failed while being made: TypeError", "'more'"]),
         ("Odd", ["failed while making its tables: AttributeError", line("no_such")]),
     ],
@@ -311,6 +345,75 @@ def test_a_learner_that_fails_is_blamed(module, small, name, words):
     message = refusal(learn, small, f"their_code:{name}", 1)
     assert f"learner 'their_code:{name}'" in message
     assert [word for word in words if word not in message] == []
+
+
+WRONG = {
+    "decide": [
+        None,
+        3,
+        Decision(5),
+        Decision(-1),
+        Decision(2.0),
+        Decision(4, None),
+        Decision(4, (0,)),
+    ],
+    "explored": [None, 5, -1, "north", True],
+    "epsilon": [None, 1.5, math.nan, "0"],
+    "values": [None, [1.0, 2.0], [math.nan] * 5, 7.0],
+    "act": [None, 3, (1, False, -1, False), Action(4, False, -1, False)],
+    "coordinate": [None, 4, -1, 1.0],
+    "values_asking": [None, [1.0, 2.0, 3.0], [1.0, math.nan, 1.0, 1.0]],
+    "bootstrap": [None, math.nan, math.inf, "much"],
+    "memory": [None, {}],
+}
+
+
+@pytest.mark.parametrize(
+    ("name", "made"), [(name, made) for name, every in WRONG.items() for made in every]
+)
+def test_what_an_agent_may_not_return_is_one_line(monkeypatch, name, made):
+    """It names the learner, the method, what it returned, and what is allowed."""
+    monkeypatch.setattr(LEARNERS, "_known", LEARNERS.registered)
+    theirs = type("Theirs", (sc.Agent,), {name: lambda self, *args, **more: made})
+
+    class Odd(sc.Learner):
+        name = "odd_of_tests"
+        agent_class = theirs
+
+    # COORDINATE is chosen first everywhere, and its percepts fail.
+    scenario = sc.load_scenario("env1", steps=60, q_star_init=0, epsilon="constant:0.9")
+    message = refusal(sc.train, scenario, Odd)
+    assert message.startswith("learner 'odd_of_tests': its agent's " + name + " returned ")
+    assert " returned " + " ".join(in_short(made).split()) + ", allowed: " in message
+
+
+def test_what_an_agent_may_return(monkeypatch, small):
+    """NumPy's numbers, and whatever `learn` returns."""
+    monkeypatch.setattr(LEARNERS, "_known", LEARNERS.registered)
+
+    class Fine(sc.Agent):
+        def decide(self, step, cell):
+            return Decision(np.int64(4), tuple(self.peers))
+
+        def values_asking(self, cell, perceived):
+            return np.array([1.0, 0.0, -np.inf, 2.0])
+
+        def coordinate(self, step, cell, perceived):
+            return np.int64(super().coordinate(step, cell, perceived))
+
+        def learn(self, *args):
+            return "learned"
+
+    class Good(sc.Learner):
+        name = "good_of_tests"
+        agent_class = Fine
+
+    assert sc.train(small, Good).transitions == 60
+
+
+def test_a_check_that_fails_is_blamed(module, small):
+    message = refusal(make_run, small, {"learner": "their_code:Unchecked"})
+    assert "learner 'their_code:Unchecked' failed while making its check: TypeError" in message
 
 
 def test_the_traceback_stays_available(module, small):
