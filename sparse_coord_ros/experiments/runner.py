@@ -45,6 +45,7 @@ from sparse_coord_ros.experiments.store import (
     sample,
 )
 from sparse_coord_ros.files import import_apart
+from sparse_coord_ros.game.perception import check_found_elsewhere
 from sparse_coord_ros.game.plugins import allow_named
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.learn.evaluation import Trials, play, summary
@@ -348,6 +349,9 @@ def run_experiment(
     jobs = check_place(jobs, scheduler)
     if out is None and (targets.runs or report):
         raise SettingError("single runs and reports are files: name a results directory")
+    if out is not None or scheduler is not None:
+        for one in (*targets.conditions, *(one for one, _ in targets.runs)):
+            check_found_elsewhere(one.scenario.perception)
     write_report = _report_writer() if report and targets.experiments else None
     with ExitStack() as stack:
         results = None if out is None else stack.enter_context(open_results(Path(out), plan, say))
