@@ -13,7 +13,7 @@ import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 from sparse_coord_ros.errors import ResultsError, check_format, in_short
 from sparse_coord_ros.game.specs import in_range
@@ -62,7 +62,7 @@ def read_checked(path: Path) -> dict[str, Any]:
     """
     text = read_file(path, RESULTS, ResultsError, "give a directory of results")
     try:
-        content = json.loads(text, parse_constant=_refuse_constant, object_pairs_hook=_unique)
+        content = json.loads(text, object_pairs_hook=_unique)
     except (ValueError, RecursionError) as error:
         raise DamagedError(f"it is not readable as JSON ({error})") from None
     if not isinstance(content, dict) or "format" not in content:
@@ -71,16 +71,12 @@ def read_checked(path: Path) -> dict[str, Any]:
     said = content.pop("digest", None)
     try:
         fits = said == digest_of(content)
-    except ValueError:  # a number so large that it was read as infinite
+    except ValueError:  # a number is NaN, or so large that it was read as infinite
         fits = False
     if not fits:
         raise DamagedError("its content does not fit its digest: it was damaged or edited")
     del content["format"]
     return content
-
-
-def _refuse_constant(text: str) -> NoReturn:
-    raise ValueError(f"{text} is no number")
 
 
 def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
