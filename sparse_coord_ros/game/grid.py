@@ -86,8 +86,34 @@ class GridMap:
 
     @cached_property
     def doorways(self) -> frozenset[int]:
-        """Cell numbers of the doorways."""
+        """The cells that are doorways, by their numbers; a doorway may have several cells."""
         return frozenset(x for x, (r, c) in enumerate(self.cells) if self.rows[r][c] == DOORWAY)
+
+    @property
+    def doorway_count(self) -> int:
+        """How many doorways there are: doorway cells side by side, or in a row, are one."""
+        left, count = set(self.doorways), 0
+        while left:
+            count += 1
+            reached = [left.pop()]
+            while reached:
+                beside = left.intersection(self.next_cell[reached.pop()].tolist())
+                reached += beside
+                left -= beside
+        return count
+
+    @property
+    def doorway_facts(self) -> dict[str, Any]:
+        """How many doorways there are, and the row and column of each of their cells."""
+        cells = [self.cells[x] for x in sorted(self.doorways)]
+        return {"doorways": self.doorway_count, "doorway_cells": cells}
+
+    @property
+    def doorways_in_words(self) -> str:
+        """How many doorways there are, and of how many cells where these are more."""
+        doorways, cells = self.doorway_count, len(self.doorways)
+        more = f" ({cells} cells)" if cells > doorways else ""
+        return f"{doorways} doorway{'s' * (doorways != 1)}{more}"
 
     @cached_property
     def starts(self) -> dict[int, int]:
