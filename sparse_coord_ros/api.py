@@ -33,8 +33,9 @@ from sparse_coord_ros.experiments.runner import (
     Progress,
     no_progress,
     run_experiment,
+    warn,
 )
-from sparse_coord_ros.experiments.store import RUNS, SUMS, TRIALS_OR_NONE, Plan
+from sparse_coord_ros.experiments.store import RUNS, SUMS, TRIALS_OR_NONE, Plan, Say
 from sparse_coord_ros.game.perception import perception_model, register_perception
 from sparse_coord_ros.game.plugins import allow_modules, allow_named
 from sparse_coord_ros.game.scenario import (
@@ -440,6 +441,7 @@ def sweep(
     jobs: int | None = None,
     scheduler: SchedulerLike = None,
     progress: Progress = no_progress,
+    say: Say = warn,
 ) -> ExperimentResults:
     """Learn with every combination of some settings, a condition each; on all cores.
 
@@ -461,6 +463,7 @@ def sweep(
         jobs: threads (or processes) at once; all cores that this process may use where None.
         scheduler: as of `run_experiment`.
         progress: called with a condition's id, the agent-steps done and those of the whole call.
+        say: as of `run_experiment`.
 
     Raises:
         ScenarioError, SettingError: no such scenario, setting or learner, or a bad value.
@@ -492,6 +495,7 @@ def sweep(
         jobs=jobs,
         scheduler=scheduler,
         progress=progress,
+        say=say,
     )
     return replace(found, swept=tuple(name for name in values if name != "learner"))
 

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from sparse_coord_ros.experiments import store
+from sparse_coord_ros.experiments.checked_json import FORMAT as RESULTS_FORMAT
 from sparse_coord_ros.game.scenario import scenario_names
 from sparse_coord_ros.learn import archive, run_config
 from sparse_coord_ros.solve import asking_search
@@ -58,7 +58,7 @@ def test_the_formats_numbers_are_said():
     said = re.findall(
         r"^\| (run\.yaml|tables\.npz|bag|results|search) ?[^|]*\| (\d) \|", text, re.M
     )
-    numbers = (run_config.FORMAT, archive.FORMAT, BAG_FORMAT, store.FORMAT, asking_search.FORMAT)
+    numbers = (run_config.FORMAT, archive.FORMAT, BAG_FORMAT, RESULTS_FORMAT, asking_search.FORMAT)
     assert [int(number) for _, number in said] == list(numbers)
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli.computing import COMPUTING, Bar, computing_of
-from sparse_coord_ros.cli.options import Option
+from sparse_coord_ros.cli.options import Option, note
 from sparse_coord_ros.experiments.benchmark import (
     TEAM_RUNS,
     TEAM_TRIALS,
@@ -74,6 +74,7 @@ def _judge(options: argparse.Namespace, learner: str, by: dict[str, Any]) -> Ben
             split=options.split,
             robots=options.robots,
             progress=lambda name, done, total: bar.show(done, total, name),
+            say=note,
             **by,
             **SETTINGS.parse(shared.settings_of(options)),
         )

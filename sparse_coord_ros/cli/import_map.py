@@ -99,7 +99,7 @@ class Made(NamedTuple):
         grid = self.imported.grid
         return {
             "cells": len(grid.cells),
-            "doorways": self.imported.doorways,
+            **grid.doorway_facts,
             "resolution": grid.resolution,
             "origin": grid.origin,
             "suggested": self.suggested,
@@ -138,8 +138,10 @@ def execute(options: argparse.Namespace) -> None:
     facts = {"name": name, "rows": rows, "columns": columns, **made.facts}
     facts |= {"parts": made.imported.parts, "files": [*made.files, picture]}
     lines = [
-        "{name}: {rows} x {columns}, {cells} cells of {resolution:g} m, {doorways} doorways; "
-        "lower left corner at {origin[0]:g},{origin[1]:g}".format(**facts)
+        "{name}: {rows} x {columns}, {cells} cells of {resolution:g} m, {0}; "
+        "lower left corner at {origin[0]:g},{origin[1]:g}".format(
+            made.imported.grid.doorways_in_words, **facts
+        )
     ]
     if made.suggested:
         said = ", ".join(f"{name}={value}" for name, value in made.suggested.items())

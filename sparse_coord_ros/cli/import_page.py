@@ -127,7 +127,9 @@ class ImportPage(Controlled):
             return
         options = argparse.Namespace(**{**vars(self._options), **wish.value})
         made = make(options, self._plan)
-        self._board.put("imported", chosen=wish.value, rows=made.imported.grid.rows, **made.facts)
+        grid = made.imported.grid
+        shown = {"rows": grid.rows, "doorways_in_words": grid.doorways_in_words}
+        self._board.put("imported", chosen=wish.value, **shown, **made.facts)
         if wish.name != IMPORT:
             if wish.name == TRAIN and made.scenario is None:
                 raise RunError("no robot is there: click its places")

@@ -22,7 +22,7 @@ from sparse_coord_ros.cli.options import note
 from sparse_coord_ros.errors import EXIT_BAD_INPUT, BagError, RunError
 from sparse_coord_ros.learn.run_config import create_output
 from sparse_coord_ros.look.page.board import Board
-from sparse_coord_ros.nodes.middleware import check_participants, one_host
+from sparse_coord_ros.nodes.middleware import DOMAIN, check_participants, one_host, ros_domain
 from sparse_coord_ros.nodes.outputs import gather
 from sparse_coord_ros.nodes.parameters import TEAM_PARAMETERS, of_node
 from sparse_coord_ros.nodes.spin import STOPPING, Stop, ros_context, signals
@@ -75,9 +75,9 @@ def sole_team() -> socket.socket:
     each of them some of the names.
 
     Raises:
-        RunError: another `sparse_coord run` of this user has it.
+        RunError: another `sparse_coord run` of this user has it, or there is no such domain.
     """
-    domain = os.environ.get("ROS_DOMAIN_ID", "0")
+    domain = ros_domain()
     holder = socket.socket(socket.AF_UNIX)
     try:  # an abstract address: it leaves no file, and is gone with its process
         holder.bind(f"\0sparse_coord_{os.getuid()}_domain_{domain}")
@@ -86,7 +86,7 @@ def sole_team() -> socket.socket:
             holder.close()
             raise RunError(
                 f"ROS domain {domain}: another process runs a team in it; wait for its end, or "
-                "choose another ROS_DOMAIN_ID"
+                f"choose another {DOMAIN}"
             ) from None
     return holder
 

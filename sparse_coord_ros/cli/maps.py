@@ -25,7 +25,7 @@ def execute(options: argparse.Namespace) -> None:
         text = _in_words(grids[0])
     else:
         rows = [
-            [g.name, str(len(g.cells)), str(len(g.doorways)), str(len(g.starts)), g.title]
+            [g.name, str(len(g.cells)), str(g.doorway_count), str(len(g.starts)), g.title]
             for g in grids
         ]
         text = format_table(["map", "cells", "doorways", "starts", "title"], rows)
@@ -36,7 +36,7 @@ def _in_words(grid: GridMap) -> str:
     (height, width), (x, y) = grid.shape, grid.origin
     lines = [f"{grid.name}: {grid.title}", f"source: {grid.source}"]
     lines.append(f"provenance: {grid.provenance}")
-    lines.append(f"{height} x {width}, {len(grid.cells)} cells, {len(grid.doorways)} doorways")
+    lines.append(f"{height} x {width}, {len(grid.cells)} cells, {grid.doorways_in_words}")
     if grid.resolution is not None:
         lines.append(f"{grid.resolution:g} m a cell, lower left corner at {x:g},{y:g} m")
     return "\n".join([*lines, "", *grid.rows])
@@ -54,6 +54,6 @@ def _facts(grid: GridMap) -> dict:
     return {
         **{name: getattr(grid, name) for name in names},
         "cells": len(grid.cells),
-        "doorways": [grid.cells[x] for x in sorted(grid.doorways)],
+        **grid.doorway_facts,
         "starts": {digit: grid.cells[x] for digit, x in sorted(grid.starts.items())},
     }

@@ -1,12 +1,13 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""`sparse_coord report`: all that there is to tell of a run, as one page."""
+"""`sparse_coord report`: all that there is to tell of a run or of results, as one page."""
 
 import argparse
 from pathlib import Path
 
 from sparse_coord_ros.cli import pictures
 from sparse_coord_ros.cli.options import JSON, Option, note
+from sparse_coord_ros.errors import SettingError
 
 KINDS = (".html", ".htm")
 
@@ -14,7 +15,7 @@ EXAMPLE = "sparse_coord report runs/demo --out demo.html"
 
 
 OPTIONS = (
-    Option("source RUN|BAG", Path, "a run's directory; a bag's, or its file"),
+    Option("source RUN|BAG|RESULTS", Path, "a run's directory; a bag's, or its file; results"),
     Option("--no-baselines", bool, "do not let Indiv. and Non-coop. learn the same, to compare"),
     pictures.out_option(KINDS),
     JSON,
@@ -25,9 +26,17 @@ def execute(options: argparse.Namespace) -> None:
     """Run the verb."""
     pictures.check_out(options.out, KINDS)
     with pictures.drawing():
-        from sparse_coord_ros.look.report import run_report
-        from sparse_coord_ros.look.sources import open_shown
+        from sparse_coord_ros.look.sources import is_results, open_shown
 
-        shown = open_shown(options.source, note)
-        page = run_report(shown, baselines=not options.no_baselines)
+        if is_results(options.source):
+            if options.no_baselines:
+                raise SettingError("--no-baselines is for runs, these are results; leave it out")
+            from sparse_coord_ros.look.results_report import results_report
+
+            page = results_report(options.source, note)
+        else:
+            from sparse_coord_ros.look.report import run_report
+
+            shown = open_shown(options.source, note)
+            page = run_report(shown, baselines=not options.no_baselines)
     pictures.write(options, page)

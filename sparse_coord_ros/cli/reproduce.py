@@ -8,7 +8,7 @@ from pathlib import Path
 
 from sparse_coord_ros.cli.computing import COMPUTING, Bar, computing_of
 from sparse_coord_ros.cli.evaluate import Evaluated, result_table
-from sparse_coord_ros.cli.options import JSON, SEED, Option, format_table, tell
+from sparse_coord_ros.cli.options import JSON, SEED, Option, format_table, note, tell
 from sparse_coord_ros.experiments.catalogue import NAMES
 from sparse_coord_ros.experiments.runner import ExperimentResults, parse_targets, run_experiment
 from sparse_coord_ros.experiments.store import RUNS, TRIALS, Plan
@@ -57,6 +57,7 @@ def execute(options: argparse.Namespace) -> None:
         done = run_experiment(
             asked,
             progress=lambda name, done, total: bar.show(done, total, name),
+            say=note,
             report=True,
             **by,
         )

@@ -43,6 +43,7 @@ from sparse_coord_ros.lockstep.checkpoints import CHECKPOINTS
 from sparse_coord_ros.look.page.board import Board
 from sparse_coord_ros.solve.shipped import known_optimum
 from sparse_coord_ros.solve.verdict import LOST, last_word
+from sparse_coord_ros.wire import RunState
 
 EVALUATIONS_FILE = "evaluations.csv"
 FILES = (RUN_FILE, CHECKPOINT_FILE, HISTORY_FILE, EVALUATIONS_FILE, TEAM_FILE)
@@ -152,6 +153,8 @@ def _learn_there(
     except RunError:  # of the checkpoint; it says itself what to do
         raise
     except BaseException as error:
+        if view is not None:
+            view.end(RunState.STOPPED)
         left = ""
         if checkpoint.exists():
             left = f"what was learned is saved; go on with: sparse_coord train --resume {out}"
@@ -164,7 +167,7 @@ def _learn_there(
             shared.note(left)
         raise
     if view is not None:
-        view.end(done)
+        view.end()
     _say(options, out, run, done)
 
 

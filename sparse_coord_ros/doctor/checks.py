@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from sparse_coord_ros import compiling
 from sparse_coord_ros.errors import RunError
-from sparse_coord_ros.nodes.middleware import DOMAIN, PROFILES, RANGE, check_domain
+from sparse_coord_ros.nodes.middleware import DOMAIN, PROFILES, RANGE, ros_domain
 from sparse_coord_ros.share import PACKAGE, share_folder
 from sparse_coord_ros.version import __version__
 
@@ -83,7 +83,7 @@ def compiler() -> Finding:
 def discovery(variables: Mapping[str, str] = os.environ) -> Iterator[Finding]:
     """Look at ROS's environment variables."""
     try:
-        yield Finding(FINE, "discovery", f"{DOMAIN} {check_domain(variables)}")
+        yield Finding(FINE, "discovery", f"{DOMAIN} {ros_domain(variables)}")
     except RunError as error:
         remedy = f"export {DOMAIN}=0, the same for all robots of a team"
         yield Finding(WRONG, "discovery", str(error), remedy)

@@ -29,7 +29,12 @@ from sparse_coord_ros.game.actions import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.game.generator import jump_table, source_of
 from sparse_coord_ros.game.links import UP, link_of
 from sparse_coord_ros.game.miscoordination import meeting_places, miscoordinated
-from sparse_coord_ros.game.perception import asked_peers, percept_probabilities
+from sparse_coord_ros.game.perception import (
+    asked_peers,
+    check_found_elsewhere,
+    is_found_elsewhere,
+    percept_probabilities,
+)
 from sparse_coord_ros.game.plugins import path_of
 from sparse_coord_ros.game.scenario import Scenario, load_scenario
 from sparse_coord_ros.game.schedules import probabilities, step_sizes
@@ -81,6 +86,7 @@ def run_batch(
     if cluster is None:
         yield from run_batches([Batch(scenario, rule, seeds)], **how)
         return
+    check_found_elsewhere(scenario.perception)
     shares = cluster.shares(seeds, agent_steps(scenario), len(seeds))
     asked = [(scenario, rule, share, {**how, "jobs": 1}) for share in shares]
     for _, runs in cluster.results(_runs_of, asked, in_order=True):
@@ -122,11 +128,17 @@ def run_batches(
             yield from _in_threads(same, trials, jobs, history)
             continue
         work = [(one.scenario, one.learner, s, trials, history) for one in same for s in one.seeds]
-        found = all(path_of(type(one.learner)) is not None for one in same)  # not of a notebook
+        found = all(map(_is_found_elsewhere, same))
         if jobs == 1 or len(work) == 1 or not found:
             yield from (_run_plain(*one) for one in work)
         else:
             yield from in_processes(_run_plain, work, jobs)
+
+
+def _is_found_elsewhere(batch: Batch) -> bool:
+    """Whether other processes find the learner and the perception model: not of a notebook."""
+    learner = path_of(type(batch.learner)) is not None
+    return learner and is_found_elsewhere(batch.scenario.perception)
 
 
 def _in_threads(
@@ -469,6 +481,11 @@ class CompiledLearning:
         decision = Decision(int(chosen.actions[k]), peers)
         perceived = int(chosen.rows[k]) != loops.NO_ROW
         return action_of(decision, int(chosen.moves[k]), perceived=perceived)
+
+    @property
+    def step(self) -> int:
+        """The time step of the next transition (of robots that learn alone: of the first one)."""
+        return int(self._states[0].game.clock[loops.STEP])
 
     @property
     def asked(self) -> np.ndarray:

@@ -29,6 +29,7 @@ from sparse_coord_ros.game.miscoordination import NOWHERE
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.specs import Spec
 from sparse_coord_ros.learn.agent import Memory, Tables
+from sparse_coord_ros.learn.algorithm import asks_surely
 from sparse_coord_ros.learn.evaluation import Trials
 from sparse_coord_ros.learn.factored import factored_tables
 from sparse_coord_ros.learn.factors import UNSEEN, Factors, coordination_table, states_of
@@ -184,10 +185,10 @@ def _of_a_pair(
         for k, table in enumerate(tables)
     ]
     cells = range(len(learned.map.cells))
-    actions = np.array([table.q_star.argmax(axis=1) for table in tables])
+    asks = np.array([asks_surely(table.q_star.T) for table in tables])
+    best = np.array([table.q_star[:, :PRIMITIVES].argmax(axis=1) for table in tables])
     unseen = [[agent.values_asking(x, None)[:PRIMITIVES] for x in cells] for agent in agents]
-    asks = actions == COORDINATE
-    moves = np.where(asks, np.argmax(unseen, axis=2), actions)
+    moves = np.where(asks, np.argmax(unseen, axis=2), best)
     seen = np.array([np.argmax(np.asarray(table.q_coord), axis=-1) for table in tables])
     before, value, team, visited = climbed(learned, AskingPolicies(moves, asks, seen))
     improved = []
@@ -325,7 +326,7 @@ def _corrections(minds: Any, stays: np.ndarray) -> Iterator[list[tuple[np.ndarra
         for key, (x, j, _) in zip(keys.tolist(), states_of(keys, cells, team), strict=True):
             row = rows.values[k, find_row(rows.keys[k], key) if rows.hashed else key]
             in_the_way = j != UNSEEN and row[u[k, x].argmax()] < 0.0
-            if in_the_way and stays[k, x] and star[k, x].argmax() == COORDINATE:
+            if in_the_way and stays[k, x] and asks_surely(star[k, x]):
                 yield [(row, np.zeros(PRIMITIVES))]
                 for move in range(PRIMITIVES):
                     yield [(row, preferring(u[k, x] + row, move) - u[k, x])]

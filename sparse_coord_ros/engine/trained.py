@@ -74,11 +74,13 @@ class Training:
 
         Raises:
             RunError: it exists already, or cannot be written.
+            SettingError: its perception model is a function that nobody else can find.
         """
         run = make_run(self.scenario, {"seed": self.seed, "learner": self.learner})
+        said = run.to_yaml()
         folder = create_output(Path(directory))
         try:
-            write_whole(folder / RUN_FILE, run.to_yaml())
+            write_whole(folder / RUN_FILE, said)
             save_team(folder, self.tables, self.memories)
             self.history.save(folder)
         except BaseException as error:

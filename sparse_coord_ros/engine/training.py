@@ -45,6 +45,8 @@ SAVE_SECONDS = 30.0
 class Watcher(Protocol):
     """Who looks at a run while it goes on; it may hold it, or slow it down.
 
+    It is asked once more before the last transition.
+
     Attributes:
         wants_glimpse: whether it wants a transition to be made and shown when it looks next.
     """
@@ -188,9 +190,11 @@ class _RunUnderWay:
         self.progress(learning.done, budget)
         while learning.done < until and not caught:
             wanted = self._look(until)
-            if wanted == 0:
+            if wanted == 0 and learning.done < until:
                 continue
             target = min(until, learning.done + min(part, wanted or part))
+            if self.watcher is not None and learning.done < until - 1:
+                target = min(target, until - 1)
             if every:
                 target = min(target, (learning.done // every + 1) * every)
             began = time.monotonic()
@@ -213,8 +217,9 @@ class _RunUnderWay:
         if watcher is None:
             return None
         following = learning.done + 1
-        apart = watcher.wants_glimpse and following < until and (not every or following % every)
-        return watcher.look(learning, learning.glimpse() if apart else None)
+        apart = following == until or not every or following % every != 0
+        glimpse = learning.glimpse() if apart and watcher.wants_glimpse else None
+        return watcher.look(learning, glimpse)
 
     def _save(self) -> None:
         """Write the checkpoint, where one is wanted."""

@@ -24,8 +24,9 @@ from sparse_coord_ros.experiments.runner import (
     Progress,
     no_progress,
     run_experiment,
+    warn,
 )
-from sparse_coord_ros.experiments.store import ConditionResult
+from sparse_coord_ros.experiments.store import ConditionResult, Say
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.settings import Setting
 from sparse_coord_ros.game.unseen import TEAMS
@@ -160,6 +161,7 @@ def benchmark(
     jobs: int | None = None,
     scheduler: SchedulerLike = None,
     progress: Progress = no_progress,
+    say: Say = warn,
     **settings: object,
 ) -> Benchmark:
     """Judge a learner on generated buildings that no search has seen, at a penalty of -100.
@@ -182,6 +184,7 @@ def benchmark(
         jobs: threads (or processes) at once; all cores that this process may use where None.
         scheduler: as of `run_experiment`.
         progress: called with a condition's id, the agent-steps done and those of the whole call.
+        say: as of `run_experiment`.
         **settings: settings of learning to change, as of `load_scenario`.
 
     Raises:
@@ -201,6 +204,7 @@ def benchmark(
         jobs=jobs,
         scheduler=scheduler,
         progress=progress,
+        say=say,
     )
     return Benchmark(name, split, results)
 

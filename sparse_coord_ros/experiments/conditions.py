@@ -43,13 +43,23 @@ class Condition:
     def id(self) -> str:
         """`scenario/learner/key=value,key=value`, penalty first: of plain names, never a path."""
         changes = ",".join(f"{key}={value}" for key, value in self.settings)
-        return f"{(self.given or _load(self.name)).name}/{self.learner}/{changes}"
+        return f"{self._base.name}/{self.learner}/{changes}"
 
     @cached_property
     def scenario(self) -> Scenario:
         """The scenario with the condition's settings, and its learner's defaults."""
-        scenario = (self.given or _load(self.name)).changed(dict(self.settings))
+        scenario = self._base.changed(dict(self.settings))
         return learner_of(self.learner).with_defaults(scenario)
+
+    @property
+    def own_scenario(self) -> Scenario | None:
+        """The user's own scenario without the condition's settings; None: it comes with us."""
+        base = self._base
+        return None if _is_known(base.name) else base
+
+    @property
+    def _base(self) -> Scenario:
+        return self.given or _load(self.name)
 
 
 def _load(name: str) -> Scenario:
@@ -73,6 +83,11 @@ def _read(path: str, *, shipped: bool) -> Scenario:
     return scenario
 
 
+def _is_known(name: str) -> bool:
+    """Whether a name is that of a shipped scenario or a generated building."""
+    return name in _shipped_names() or building(name) is not None
+
+
 def _misnamed(where: str, scenario: Scenario) -> ScenarioError:
     return ScenarioError(
         f"{where}: its name {scenario.name!r} is that of a shipped scenario, and results are "
@@ -82,7 +97,7 @@ def _misnamed(where: str, scenario: Scenario) -> ScenarioError:
 
 def _changed(scenario: Scenario) -> dict[str, object] | None:
     """Return what was changed of a shipped scenario or building; None: it is none of these."""
-    if scenario.name not in _shipped_names() and building(scenario.name) is None:
+    if not _is_known(scenario.name):
         return None
     shipped, plain = _load(scenario.name), scenario.plain_settings
     if (shipped.map, shipped.robots) != (scenario.map, scenario.robots):
@@ -123,8 +138,12 @@ def make_condition(
     return Condition(name, rule.label, (("penalty", as_text(changed.penalty)), *kept), given)
 
 
-def parse_id(text: str) -> tuple[Condition, int | None]:
+def parse_id(text: str, given: Scenario | None = None) -> tuple[Condition, int | None]:
     """Read an id; the number is that of a run, None for the whole condition.
+
+    Args:
+        text: the id.
+        given: the scenario that it names; None: it is looked up.
 
     Raises:
         ScenarioError: no such scenario.
@@ -147,7 +166,7 @@ def parse_id(text: str) -> tuple[Condition, int | None]:
         settings = parse_assignments(assignments)
         if len(settings) < len(assignments):
             raise SettingError("a setting is there twice; give each once")
-        condition = make_condition("/".join(name), learner, settings)
+        condition = make_condition(given or "/".join(name), learner, settings)
     except SettingError as error:
         raise type(error)(f"id {in_short(text)}: {error}") from None
     return condition, number

@@ -10,6 +10,7 @@ import math
 import os
 import re
 import shutil
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -37,12 +38,14 @@ from sparse_coord_ros.experiments.store import (
     Plan,
     Results,
     Sample,
+    Say,
     collect,
-    digest,
+    computation_digest,
     open_results,
     sample,
 )
 from sparse_coord_ros.files import import_apart
+from sparse_coord_ros.game.perception import check_found_elsewhere
 from sparse_coord_ros.game.plugins import allow_named
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.learn.evaluation import Trials, play, summary
@@ -64,6 +67,11 @@ begins, and after each run; on a cluster, after each task."""
 
 def no_progress(name: str, done: int, total: int) -> None:
     """Show nothing."""
+
+
+def warn(line: str) -> None:
+    """Say a line as a Python warning."""
+    warnings.warn(line, stacklevel=2)
 
 
 @dataclass(frozen=True)
@@ -273,7 +281,8 @@ def parse_targets(asked: Sequence[str | Condition], plan: Plan) -> Targets:
             for word in re.split("[/,=]", target):  # the user names them, and so allows them
                 allow_named(word)
             condition, number = parse_id(target)
-        if digests.setdefault(condition.id, digest(condition)) != digest(condition):
+        digest = computation_digest(condition)
+        if digests.setdefault(condition.id, digest) != digest:
             raise SettingError(
                 f"id {condition.id!r}: another scenario file of the name "
                 f"{condition.scenario.name!r} is asked for too; give one of them another with "
@@ -302,6 +311,7 @@ def run_experiment(
     jobs: int | None = None,
     scheduler: SchedulerLike = None,
     progress: Progress = no_progress,
+    say: Say = warn,
 ) -> ExperimentResults:
     """Compute experiments or single conditions; with `out`, save them and go on where it stopped.
 
@@ -318,6 +328,8 @@ def run_experiment(
         scheduler: Dask cluster that computes: the address of its scheduler, a `Client` or, say, a
             `LocalCluster`; None: this machine.
         progress: called with a condition's id, the agent-steps done and those of the whole call.
+        say: called with one line for each file of `out` that is damaged, was edited or belongs
+            elsewhere: it is put aside, and its condition is computed again.
 
     Raises:
         ScenarioError, SettingError: no such experiment, scenario or learner, or a bad setting.
@@ -337,9 +349,12 @@ def run_experiment(
     jobs = check_place(jobs, scheduler)
     if out is None and (targets.runs or report):
         raise SettingError("single runs and reports are files: name a results directory")
+    if out is not None or scheduler is not None:
+        for one in (*targets.conditions, *(one for one, _ in targets.runs)):
+            check_found_elsewhere(one.scenario.perception)
     write_report = _report_writer() if report and targets.experiments else None
     with ExitStack() as stack:
-        results = None if out is None else stack.enter_context(open_results(Path(out), plan))
+        results = None if out is None else stack.enter_context(open_results(Path(out), plan, say))
         by = Computing(engine, jobs, stack.enter_context(cluster_at(scheduler)))
         found = compute(targets.conditions, plan, by, results=results, progress=progress)
         played = []

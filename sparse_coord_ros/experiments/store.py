@@ -3,14 +3,16 @@
 """Results on disk: one JSON file a condition, in a directory that never mixes seeds or versions.
 
 `results.json` says what the directory holds; `conditions/<id>.json` is written whole when its
-condition is done, so an interrupted experiment goes on where it stopped.
+condition is done, so an interrupted experiment goes on where it stopped. Every file carries a
+digest of its content (`experiments.checked_json`), and a condition's file also says of which
+condition, scenario and plan it is: a file that was damaged, edited or moved is never shown.
 """
 
 import hashlib
 import json
 import math
 import os
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
@@ -19,23 +21,34 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sparse_coord_ros.engine.trained import Training
-from sparse_coord_ros.errors import ResultsError, SettingError, check_format
+from sparse_coord_ros.errors import ResultsError, SettingError, SparseCoordError, in_short
+from sparse_coord_ros.experiments.checked_json import (
+    DamagedError,
+    Form,
+    Numbers,
+    OrNull,
+    check_form,
+    read_checked,
+    to_text,
+)
 from sparse_coord_ros.experiments.conditions import Condition, parse_id
-from sparse_coord_ros.files import PARTIAL, take_lock, write_whole
+from sparse_coord_ros.files import PARTIAL, free_name, take_lock, write_whole
 from sparse_coord_ros.game.actions import PRIMITIVES
 from sparse_coord_ros.game.plugins import leaving_out
-from sparse_coord_ros.game.scenario import Scenario, dense_nbytes
+from sparse_coord_ros.game.scenario import (
+    SETTINGS,
+    Scenario,
+    dense_nbytes,
+    scenario_from_dict,
+)
 from sparse_coord_ros.game.settings import Setting
 from sparse_coord_ros.learn.evaluation import Measure
 from sparse_coord_ros.learn.factors import rows_at_most
 from sparse_coord_ros.learn.learners import Learner, learner_of
-from sparse_coord_ros.limits import RESULTS, read_file
-from sparse_coord_ros.solve.reference import shortest_path_reference
+from sparse_coord_ros.learn.run_config import RUN_SETTINGS
+from sparse_coord_ros.solve.reference import Reference, shortest_path_reference
 from sparse_coord_ros.solve.shipped import known_optimum
 from sparse_coord_ros.version import __version__
-
-FORMAT = 1
-"""Number of the format of a results directory and its files."""
 
 MANIFEST = "results.json"
 CONDITIONS = "conditions"
@@ -47,6 +60,9 @@ TRIALS_OR_NONE = replace(TRIALS, low=0, least=1)
 
 SUMS = ("reward", "time_to_goal", "asks", "miscoordinations")
 BY_ROBOT = ("reward", "asks")
+
+Say = Callable[[str], None]
+"""Hears one line on what is left out, or put aside."""
 
 
 @dataclass(frozen=True)
@@ -308,7 +324,7 @@ def collect(condition: Condition, trials: int, samples: Iterable[Sample]) -> Con
     )
 
 
-def digest(condition: Condition) -> str:
+def computation_digest(condition: Condition) -> str:
     """Return a digest of everything that a result depends on besides seed and counts."""
     said = [condition.learner, condition.scenario.computation()]
     return hashlib.sha256(json.dumps(said, sort_keys=True).encode()).hexdigest()[:16]
@@ -320,11 +336,13 @@ class Results:
     Args:
         directory: where it is.
         plan: seed, runs and trials of every condition in it.
+        say: hears which file is put aside.
     """
 
-    def __init__(self, directory: Path, plan: Plan) -> None:
+    def __init__(self, directory: Path, plan: Plan, say: Say = lambda _: None) -> None:
         self.directory = directory
         self.plan = plan
+        self._say = say
 
     def path(self, condition: Condition) -> Path:
         """Return where a condition's result is."""
@@ -333,58 +351,126 @@ class Results:
     def load(self, condition: Condition) -> ConditionResult | None:
         """Return a condition's result, None where it is not there yet.
 
-        A file that cannot be read is put aside as `<file>.broken`; its condition is open again.
+        A file that is damaged, or belongs elsewhere, is put aside as `<file>.broken`, and its
+        condition is open again.
 
         Raises:
-            ResultsError: the result is of another scenario, protocol or plan.
+            ResultsError: the result is of another scenario or protocol, or in another format.
         """
         path = self.path(condition)
         if not path.exists():
             return None
         try:
-            return _load(path, condition, self.plan)
-        except _MALFORMED:
-            os.replace(path, path.with_name(path.name + ".broken"))
+            data = _read(path)
+            _condition_at(path, self.directory / CONDITIONS, data["scenario"])
+            return _result(path, condition, self.plan, data)
+        except DamagedError as damage:
+            aside = free_name(path.with_name(f"{path.name}.broken"))
+            os.replace(path, aside)
+            self._say(f"{path}: {damage}; it is now {aside.name}, and is computed again")
             return None
 
     def save(self, condition: Condition, result: ConditionResult) -> None:
         """Write a condition's result, whole or not at all."""
-        data = {field.name: getattr(result, field.name) for field in fields(result)}
-        said = {"format": FORMAT, "digest": digest(condition)}
-        write_result(self.path(condition), json.dumps({**said, **data, "condition": result.id}))
+        own = condition.own_scenario
+        data = {
+            "condition": condition.id,
+            "computation": computation_digest(condition),
+            "plan": asdict(self.plan),
+            "scenario": None if own is None else _scenario_data(own),
+            "result": {name: getattr(result, name) for name in MEASURED},
+        }
+        write_result(self.path(condition), to_text(data))
 
 
-_MALFORMED = (AttributeError, KeyError, ValueError, TypeError, OverflowError, RecursionError)
-"""What a file raises that is none of ours."""
+MEASURED = tuple(
+    field.name for field in fields(ConditionResult) if field.name not in ("condition", "trials")
+)
+"""What a file says of a condition's runs, as named in `ConditionResult`."""
+
+PLAN_FORM: Mapping[str, Form] = {
+    setting.name: Numbers(low=setting.low, high=setting.high, whole=True)
+    for setting in (RUN_SETTINGS["seed"], RUNS, TRIALS)
+}
+MANIFEST_FORM: Mapping[str, Form] = {"version": str, **PLAN_FORM}
+CONDITION_FORM: Mapping[str, Form] = {
+    "condition": str,
+    "computation": str,
+    "plan": PLAN_FORM,
+    "scenario": OrNull(dict),
+    "result": dict,
+}
+"""The form of a condition's file; that of `result` depends on the scenario and the plan."""
+
+MOST_ARRIVED = 1.0 + 1e-9
+"""A probability that is a sum of floats may exceed 1 by a rounding error."""
 
 
-def _load(path: Path, condition: Condition, plan: Plan) -> ConditionResult:
-    """Read a condition's result.
+def _result_form(scenario: Scenario, plan: Plan) -> Mapping[str, Form]:
+    """Return the form of what a file says of a condition's runs, by the names of `MEASURED`."""
+    of_run = (plan.runs,)
+    of_robot = (len(scenario.robots),)
+    of_cell = (*of_robot, len(scenario.map.cells))
+    means: dict[str, Form] = {name: Numbers(of_run, low=0.0) for name in SUMS}
+    means["reward"] = Numbers(of_run)
+    return {
+        "optimum": Numbers(),
+        "optimum_exact": bool,
+        "reference": {field.name: Numbers() for field in fields(Reference)},
+        "means": means,
+        "variances": {name: Numbers(of_run, low=0.0) for name in SUMS},
+        "robot_means": {name: Numbers(of_robot) for name in BY_ROBOT},
+        "not_arrived": Numbers(of_run, low=0, high=plan.trials, whole=True),
+        "visited": Numbers(of_run, low=0.0),
+        "asked": Numbers(of_cell, low=0.0),
+        "stays": Numbers(of_cell, low=0.0),
+        "exact": OrNull({**means, "arrived": Numbers(of_run, low=0.0, high=MOST_ARRIVED)}),
+    }
+
+
+def _scenario_data(scenario: Scenario) -> dict[str, Any]:
+    """Return plain data of a scenario; settings that nobody chose are left to the learner."""
+    data = scenario.to_dict()
+    return {k: v for k, v in data.items() if k not in SETTINGS or k in scenario.given}
+
+
+def _read(path: Path) -> dict[str, Any]:
+    """Return what a condition's file says; errors as of `read_checked`."""
+    data = read_checked(path)
+    check_form(data, CONDITION_FORM)
+    return data
+
+
+def _result(path: Path, condition: Condition, plan: Plan, data: dict[str, Any]) -> ConditionResult:
+    """Return the result in a condition's file.
+
+    Args:
+        path: the file, for messages.
+        condition: the condition that the file's place says.
+        plan: the plan of its directory.
+        data: what `_read` returned.
 
     Raises:
-        ResultsError: the result is of another scenario, protocol or plan.
-        Exception: whatever a malformed file raises, see `_MALFORMED`.
+        DamagedError: it is of another condition or plan, or has not the form of a result.
+        ResultsError: it is of another scenario or learning protocol.
     """
-    data = _json(path)
-    check_format(data.pop("format"), FORMAT, str(path), ResultsError)
-    named, computed = data.pop("condition"), data.pop("digest")
-    result = ConditionResult(condition=condition, **data)
-    same = named == condition.id and computed == digest(condition)
-    if not same or result.runs != plan.runs or result.trials != plan.trials:
+    if data["condition"] != condition.id:
+        raise DamagedError(f"it holds the result of {in_short(data['condition'])}")
+    for name, wanted in asdict(plan).items():
+        found = data["plan"][name]
+        if found != wanted:
+            what = f"it was computed with {name} {found}"
+            raise DamagedError(f"{what}, this directory has {name} {wanted}")
+    if data["computation"] != computation_digest(condition):
         raise ResultsError(
-            f"{path}: was computed for another scenario, learning protocol or plan than "
-            f"{condition.id} has now; nothing is mixed: choose another --out, or remove this file"
+            f"{path}: was computed for another scenario or learning protocol than {condition.id} "
+            "has now; nothing is mixed: choose another --out, or remove this file"
         )
-    return result
+    check_form(data["result"], _result_form(condition.scenario, plan), "result")
+    return ConditionResult(condition=condition, trials=plan.trials, **data["result"])
 
 
-def _json(path: Path) -> Any:
-    return json.loads(read_file(path, RESULTS, ResultsError, "give a directory of results"))
-
-
-def read_results(
-    directory: Path, say: Callable[[str], None] = lambda _: None
-) -> tuple[Plan, list[ConditionResult]]:
+def read_results(directory: Path, say: Say = lambda _: None) -> tuple[Plan, list[ConditionResult]]:
     """Read all that a results directory holds, without writing there.
 
     Args:
@@ -392,36 +478,78 @@ def read_results(
         say: hears which result is left out, as its learner's code may not be imported.
 
     Raises:
-        ResultsError: it is no results directory, or a file cannot be read as one of its own.
+        ResultsError: it is no results directory, or one of its files is damaged, was edited, is
+            of another condition, scenario or plan, or in another format.
     """
-    plan = Plan(**_manifest(directory / MANIFEST))
+    plan = _manifest(directory / MANIFEST)
     results = []
     folder = directory / CONDITIONS
     for file in sorted(folder.rglob("*.json")):
         try:
+            data = _read(file)
             with leaving_out(f"results of {file.parent.name}", say):
-                condition, _ = parse_id(str(file.relative_to(folder).with_suffix("")))
-                results.append(_load(file, condition, plan))
-        except _MALFORMED:
-            remedy = "remove it, and 'sparse_coord reproduce' computes it again"
-            raise ResultsError(f"{file}: cannot be read as a result; {remedy}") from None
+                condition = _condition_at(file, folder, data["scenario"])
+                results.append(_result(file, condition, plan, data))
+        except DamagedError as damage:
+            remedy = "remove it, and the command that made this directory computes it again"
+            raise ResultsError(f"{file}: {damage}; {remedy}") from None
     return plan, results
 
 
-def _manifest(path: Path) -> dict[str, int]:
-    """Return the plan that a results.json says, by the names of its fields."""
+def _condition_at(file: Path, folder: Path, given: dict[str, Any] | None) -> Condition:
+    """Return the condition whose file has this place.
+
+    Args:
+        file: the file.
+        folder: the folder of the conditions.
+        given: plain data of the scenario, where it is the user's own.
+
+    Raises:
+        DamagedError: the data are no scenario, or the condition's place is another one.
+        SparseCoordError: the place is no condition's, or there is no such scenario or learner.
+    """
+    place = str(file.relative_to(folder))
+    scenario = None if given is None else _scenario_of(given)
+    condition, _ = parse_id(place.removesuffix(".json"), scenario)
+    if place != f"{condition.id}.json":
+        raise DamagedError(f"its place is {condition.id}.json")
+    return condition
+
+
+def _scenario_of(data: dict[str, Any]) -> Scenario:
+    """Return the scenario of `_scenario_data`; raise `DamagedError` where it is none."""
+    if not isinstance(data.get("map"), dict):
+        raise DamagedError("the scenario in it has no map")
     try:
-        found = _json(path)
-        check_format(found["format"], FORMAT, str(path), ResultsError)
-        return {field.name: int(found[field.name]) for field in fields(Plan)}
-    except _MALFORMED:
+        return scenario_from_dict(data, where="the scenario in it", name="unnamed")
+    except SparseCoordError as error:
+        raise DamagedError(str(error)) from None
+
+
+def _manifest(path: Path) -> Plan:
+    """Return the plan that a results.json says.
+
+    Raises:
+        ResultsError: it is none, is damaged or was edited, or is in another format.
+    """
+    try:
+        said = read_checked(path)
+        check_form(said, MANIFEST_FORM)
+    except DamagedError as damage:
         remedy = "give the directory that 'sparse_coord reproduce' wrote, or another --out"
-        raise ResultsError(f"{path}: is no results.json of this software; {remedy}") from None
+        what = f"is no {MANIFEST} of this software: {damage}"
+        raise ResultsError(f"{path}: {what}; {remedy}") from None
+    return Plan(said["seed"], said["runs"], said["trials"])
 
 
 @contextmanager
-def open_results(directory: Path, plan: Plan) -> Iterator[Results]:
+def open_results(directory: Path, plan: Plan, say: Say = lambda _: None) -> Iterator[Results]:
     """Create a results directory or go on with one, for this process alone.
+
+    Args:
+        directory: where it is.
+        plan: seed, runs and trials of every condition in it.
+        say: hears which file is put aside, because it is damaged or belongs elsewhere.
 
     Raises:
         ResultsError: it is no results directory, has another format or plan, or another process
@@ -434,7 +562,7 @@ def open_results(directory: Path, plan: Plan) -> Iterator[Results]:
             what = f"results directory {directory}: another process is writing it"
             raise ResultsError(f"{what}; wait for it, or choose another --out")
         _check_manifest(directory, plan)
-        yield Results(directory, plan)
+        yield Results(directory, plan, say)
     finally:
         os.close(lock)
 
@@ -448,9 +576,8 @@ def _check_manifest(directory: Path, plan: Plan) -> None:
         if any(found.name != path.name + PARTIAL for found in directory.iterdir()):
             what = f"results directory {directory}: holds other files and no {MANIFEST}"
             raise ResultsError(f"{what}; choose an empty or new directory for --out")
-        said = {"format": FORMAT, "version": __version__, **wanted}
-        write_result(path, json.dumps(said, indent=2) + "\n")
-    for name, found in _manifest(path).items():
+        write_result(path, to_text({"version": __version__, **wanted}))
+    for name, found in asdict(_manifest(path)).items():
         if found != wanted[name]:
             raise ResultsError(
                 f"results directory {directory}: was made with {name} {found}, this is {name} "

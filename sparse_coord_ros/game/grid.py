@@ -86,8 +86,34 @@ class GridMap:
 
     @cached_property
     def doorways(self) -> frozenset[int]:
-        """Cell numbers of the doorways."""
+        """The cells that are doorways, by their numbers; a doorway may have several cells."""
         return frozenset(x for x, (r, c) in enumerate(self.cells) if self.rows[r][c] == DOORWAY)
+
+    @property
+    def doorway_count(self) -> int:
+        """How many doorways there are: doorway cells side by side, or in a row, are one."""
+        left, count = set(self.doorways), 0
+        while left:
+            count += 1
+            reached = [left.pop()]
+            while reached:
+                beside = left.intersection(self.next_cell[reached.pop()].tolist())
+                reached += beside
+                left -= beside
+        return count
+
+    @property
+    def doorway_facts(self) -> dict[str, Any]:
+        """How many doorways there are, and the row and column of each of their cells."""
+        cells = [self.cells[x] for x in sorted(self.doorways)]
+        return {"doorways": self.doorway_count, "doorway_cells": cells}
+
+    @property
+    def doorways_in_words(self) -> str:
+        """How many doorways there are, and of how many cells where these are more."""
+        doorways, cells = self.doorway_count, len(self.doorways)
+        more = f" ({cells} cells)" if cells > doorways else ""
+        return f"{doorways} doorway{'s' * (doorways != 1)}{more}"
 
     @cached_property
     def starts(self) -> dict[int, int]:
@@ -111,15 +137,7 @@ class GridMap:
     @cached_property
     def region(self) -> np.ndarray:
         """Shape (cells,), int64: a number for each cell; two with the same have a way between."""
-        region = np.arange(len(self.cells))
-        while True:  # each region joins the one with the least number beside it
-            joined = region.copy()
-            np.minimum.at(joined, region, region[self.next_cell].min(axis=1))
-            while (joined != joined[joined]).any():
-                joined = joined[joined]
-            if np.array_equal(joined, region):
-                return region
-            region = joined
+        return regions(self.next_cell)
 
     def distances_to(self, goal: int) -> np.ndarray:
         """Shape (cells,): moves on a shortest path to `goal`; -1 where there is none."""
@@ -160,6 +178,26 @@ def moves_to(lead: np.ndarray, goal: int, avoided: Collection[int] = ()) -> np.n
         front = front[lead].any(axis=1) & (far == UNREACHABLE)
         moves += 1
     return far
+
+
+def regions(lead: np.ndarray) -> np.ndarray:
+    """Return the region of each cell: two cells with a way between them have the same number.
+
+    Args:
+        lead: where a successful move leads, shape (cells, moves); every move has its way back.
+
+    Returns:
+        Shape (cells,), int64.
+    """
+    region = np.arange(len(lead))
+    while True:  # each region joins the one with the least number beside it
+        joined = region.copy()
+        np.minimum.at(joined, region, region[lead].min(axis=1))
+        while (joined != joined[joined]).any():
+            joined = joined[joined]
+        if np.array_equal(joined, region):
+            return region
+        region = joined
 
 
 def map_names() -> list[str]:

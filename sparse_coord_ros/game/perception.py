@@ -9,7 +9,9 @@ under a name; one of the user's own may also be named as `module:function`.
 """
 
 import inspect
+import itertools
 import math
+import sys
 from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
@@ -77,6 +79,59 @@ def register_perception(name: str, model: PerceptionModel) -> PerceptionModel:
     return MODELS.register(name, model)
 
 
+def named_model(model: PerceptionModel) -> str:
+    """Return the name of a function that is handed over as a model, in this process.
+
+    It is the name that the function is registered under, if it is; else `module:function`, which
+    other processes find; else, of a function made within another one or typed in, a name that
+    this process alone knows (`check_found_elsewhere`): no other function ever gets it.
+    """
+    for name, known in MODELS.registered.items():
+        if known is model:
+            return _portable(name, known)
+    path = path_of(model)
+    if path is not None and _lies_at(model, path):
+        with suppress(AttributeError, TypeError):  # of what takes no mark: it is refused then
+            perception_model(model)
+        MODELS.register(path, model)
+        return path
+    own = str(getattr(model, "__name__", ""))
+    own = own if own.isidentifier() and own.isascii() else "model"
+    numbered = (f"{own}_{number}" for number in itertools.count(2))
+    name = next(one for one in itertools.chain([own], numbered) if one not in MODELS.names)
+    MODELS.register(name, model)
+    _HERE_ALONE.add(name)
+    return name
+
+
+_HERE_ALONE: set[str] = set()
+"""Names of models that no other process can find."""
+
+
+def _lies_at(model: PerceptionModel, path: str) -> bool:
+    """Whether `module:function` leads to this very function."""
+    found: object = sys.modules.get(model.__module__)
+    for part in path.partition(":")[2].split("."):
+        found = getattr(found, part, None)
+    return found is model
+
+
+def check_found_elsewhere(model: Spec) -> None:
+    """Raise `SettingError` where no other process can find a model, nor a later call."""
+    if model.kind in _HERE_ALONE:
+        raise SettingError(
+            f"perception model {model.kind!r}: other processes, and later calls, cannot find this "
+            "function; define it in a module (a file)"
+        )
+
+
+def is_found_elsewhere(model: Spec) -> bool:
+    """Whether processes that this one starts find a model by its name."""
+    if is_path(model.kind) or is_shipped(MODELS.registered.get(model.kind)):
+        return True
+    return model.kind in MODELS.installed
+
+
 class PerceptionFamily(SpecFamily):
     """The setting `perception`: the models of this package, and those of the user's own."""
 
@@ -94,9 +149,17 @@ class PerceptionFamily(SpecFamily):
         """Read a model with its numbers; errors as of `SpecFamily.parse`.
 
         A model whose code nobody allowed is only named: looking it up says so, where it is used.
+
+        Args:
+            value: the text of a spec; or a function of one's own, or a tuple of it and its
+                numbers, such as `(fog, 4)`.
         """
         if isinstance(value, Spec):
             return value
+        function, *given = value if isinstance(value, tuple) and value else (value,)
+        if callable(function) and not isinstance(function, type):
+            name = named_model(function)
+            return self.numbered(_form(name, function), list(map(str, given)))
         parts = str(value).split(":")
         known = parts[0] in MODELS.names
         words = 1 if known or not is_path(":".join(parts[:2])) else 2

@@ -206,7 +206,8 @@ class Scenario:
     ) -> "Scenario":
         """Return a copy with some settings changed, e.g. `with_settings(penalty=-100)`.
 
-        Who names a perception model of their own here allows its module to be imported.
+        Who names a perception model of their own here allows its module to be imported. It may
+        also be handed over: `perception=fog`, or `perception=(fog, 4)` with its numbers.
 
         Args:
             values: settings by name; values may be texts, as on the command line.

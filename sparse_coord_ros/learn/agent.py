@@ -187,6 +187,7 @@ class Agent:
 
     Attributes:
         actions: how many actions it chooses between.
+        peers: the numbers of the other robots.
         discount: gamma.
         weights: as of the argument.
         star_updates: updates of each entry of Q*, shape (cells, actions), int64.
@@ -212,7 +213,7 @@ class Agent:
         self._tables = initial_tables(scenario, asks=asks) if tables is None else tables
         self._coord: Any = self._tables.q_coord  # written to like an array, whatever it is
         self.weights = weights
-        self._peers = tuple(k for k in range(len(scenario.robots)) if k != number)
+        self.peers = tuple(k for k in range(len(scenario.robots)) if k != number)
         self._asks_whom = scenario.peers
         self._draws = streams.Stream(seed, number, streams.POLICY, phase)
         budget = scenario.steps if learning else 0
@@ -255,7 +256,7 @@ class Agent:
         action = self.explored(step, self.values(cell), self.actions, streams.TIE)
         if action != COORDINATE:
             return Decision(action)
-        draw, robots = self._draws.at(step)[streams.PEER], len(self._peers) + 1
+        draw, robots = self._draws.at(step)[streams.PEER], len(self.peers) + 1
         return Decision(action, asked_peers(self._asks_whom, self.number, robots, draw))
 
     def explored(self, step: int, values: Values, count: int, tie: int) -> int:

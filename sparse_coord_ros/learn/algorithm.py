@@ -8,11 +8,12 @@ baselines, which know no COORDINATE, Q* uses the columns of the moves only.
 """
 
 from collections.abc import Sequence
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from sparse_coord_ros.compiling import inner
+from sparse_coord_ros.game.actions import COORDINATE, PRIMITIVES
 
 Values: TypeAlias = Sequence[float] | np.ndarray
 """One row of a table: the values of the actions, in their order."""
@@ -53,6 +54,38 @@ def greatest(values: Values, count: int) -> float:
         if values[action] > best:
             best = values[action]
     return best
+
+
+@inner
+def asks_surely(values: Any) -> Any:
+    """Return whether a greedy robot asks here, whatever it draws: what "asks here" means.
+
+    That is where COORDINATE is worth more than every move. Where it is worth as much as the best
+    move, pi_g breaks the tie by a draw: the robot asks there at times, and is not said to ask. One
+    that knows no COORDINATE (NaN) never asks.
+
+    Args:
+        values: a row of Q*; or Q* transposed, shape (5, cells).
+
+    Returns:
+        A bool; or bools of shape (cells,).
+    """
+    asks = values[COORDINATE] > values[0]
+    for move in range(1, PRIMITIVES):
+        asks = asks & (values[COORDINATE] > values[move])
+    return asks
+
+
+@inner
+def asks_at_times(values: Any) -> Any:
+    """Return whether a greedy robot may ask here: COORDINATE is worth as much as any move.
+
+    Arguments and what is returned as of `asks_surely`.
+    """
+    asks = values[COORDINATE] >= values[0]
+    for move in range(1, PRIMITIVES):
+        asks = asks & (values[COORDINATE] >= values[move])
+    return asks
 
 
 @inner

@@ -38,7 +38,7 @@ from sparse_coord_ros.learn.agent import (
     learn_entry,
     move_by_rows,
 )
-from sparse_coord_ros.learn.algorithm import Values, greatest, weighed
+from sparse_coord_ros.learn.algorithm import Values, asks_surely, greatest, weighed
 from sparse_coord_ros.learn.archive import member
 from sparse_coord_ros.learn.lone import lone_rows, lone_tables
 from sparse_coord_ros.learn.rows import Rows
@@ -94,8 +94,8 @@ def clear(sample: np.ndarray, found: bool) -> None:
 
 @inner
 def is_marked(values: Values) -> bool:
-    """Whether a row of Q* says that its cell is marked."""
-    return bool(values[COORDINATE] > greatest(values, PRIMITIVES))
+    """Whether a row of Q* says that its cell is marked: the robot asks there."""
+    return bool(asks_surely(values))
 
 
 @inner

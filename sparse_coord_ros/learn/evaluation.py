@@ -154,6 +154,10 @@ class Evaluation:
     asks: Measure
     not_arrived: int
 
+    def __repr__(self) -> str:
+        """Return what was measured, on one line; in parentheses the standard error."""
+        return f"<Evaluation: {self.how}; {measured_in_words(self)}>"
+
     @property
     def all_arrived(self) -> float:
         """Share of the trials in which all robots arrived."""
@@ -167,6 +171,17 @@ class Evaluation:
     def to_dict(self) -> dict[str, Any]:
         """Return plain data."""
         return asdict(self)
+
+
+def measured_in_words(found: Any) -> str:
+    """Return the means of an `Evaluation` or `ExactEvaluation`, on one line."""
+    error = found.reward.standard_error
+    shown = "" if error == 0.0 or math.isnan(error) else f" ({error:.2f})"
+    return (
+        f"reward {found.reward.mean:.2f}{shown}, time to goal {found.time_to_goal.mean:.2f}, "
+        f"miscoordinations {found.miscoordinations.mean:.2f}, asks {found.asks.mean:.2f}, "
+        f"all arrive in {found.all_arrived:.2%}"
+    )
 
 
 def summary(trials: Trials) -> Evaluation:

@@ -156,7 +156,7 @@ class FactoredAgent(Agent):
         """Return the rows of rho that a percept adds up to, and whose each is: the sum of 2^j."""
         rows = self._rows(cell, perceived)
         if perceived is not None:
-            seen = zip(rows, self._peers, perceived, strict=True)
+            seen = zip(rows, self.peers, perceived, strict=True)
             right = self._right_of_way
             rows = [row for row, j, z in seen if factors.counted(self.number, j, cell, z, right)]
         return [(self._rho[key], peers) for key, peers in rows if key in self._rho]
@@ -172,7 +172,7 @@ class FactoredAgent(Agent):
             move: the primitive action.
         """
         unseen = [(factors.UNSEEN, factors.UNSEEN)]
-        places = unseen if perceived is None else zip(self._peers, perceived, strict=True)
+        places = unseen if perceived is None else zip(self.peers, perceived, strict=True)
         rows = self._rows(cell, perceived)
         nothing = [0.0] * PRIMITIVES
         return {
@@ -217,8 +217,8 @@ class FactoredAgent(Agent):
             if rule.look_back and own.last[0] == step:
                 self._look_back(perceived, ruled_out, floor)
             own.last[:2] = step + 1, action.move
-            seen = perceived or (factors.UNSEEN,) * len(self._peers)
-            for robot, place in zip((self.number, *self._peers), (cell, *seen), strict=True):
+            seen = perceived or (factors.UNSEEN,) * len(self.peers)
+            for robot, place in zip((self.number, *self.peers), (cell, *seen), strict=True):
                 own.last[2 + robot] = place
             correction = self.correction(cell, perceived)
             factors.learn_asking(own, cell, correction, rule.percept_update, by_count, floor)
@@ -231,7 +231,7 @@ class FactoredAgent(Agent):
         """Learn from two questions in a row what each move would have brought at the first."""
         own, before = self._own, self._own.last[2:]
         x = before[self.number]
-        cells = list(perceived or self._peers)
+        cells = list(perceived or self.peers)
         cells.insert(self.number, x)
         sight = factors.Sight(perceived is not None, cells, ruled_out)
         there, blame = [0.0] * PRIMITIVES, [[0.0] * self._robots for _ in range(PRIMITIVES)]
@@ -243,7 +243,7 @@ class FactoredAgent(Agent):
                 for rho, peers in self._acted_on(s, perceived) if perceived else ():
                     blame[b][peers.bit_length() - 1] = min(0.0, rho[best])
         outlook = factors.Outlook(self._surplus(x, perceived), there, blame)
-        first = tuple(before[peer] for peer in self._peers)
+        first = tuple(before[peer] for peer in self.peers)
         for key, peers in self._rows(x, None if factors.UNSEEN in first else first):
             rho, counts = self._row(key)
             factors.look_back(own, x, rho, counts, peers, sight, outlook, self._by_count, floor)
@@ -259,7 +259,7 @@ class FactoredAgent(Agent):
             return [(factors.unseen_key(cell, cells, robots), ~(1 << self.number))]
         return [
             (factors.key_of(cell, peer, place, cells, robots), 1 << peer)
-            for peer, place in zip(self._peers, perceived, strict=True)
+            for peer, place in zip(self.peers, perceived, strict=True)
         ]
 
     def _row(self, key: int) -> tuple[list[float], list[int]]:

@@ -19,7 +19,7 @@ from typing import Any
 
 from sparse_coord_ros.errors import RunError, SettingError, check_format, did_you_mean
 from sparse_coord_ros.game.grid import RESOLUTIONS
-from sparse_coord_ros.game.perception import MODELS, check_percepts
+from sparse_coord_ros.game.perception import MODELS, check_found_elsewhere, check_percepts
 from sparse_coord_ros.game.scenario import Scenario, scenario_from_dict
 from sparse_coord_ros.game.settings import setting, settings_of
 from sparse_coord_ros.game.specs import Form, SpecFamily
@@ -167,7 +167,12 @@ class RunConfig:
         return hashlib.sha256(json.dumps(said, sort_keys=True).encode()).hexdigest()[:16]
 
     def to_yaml(self) -> str:
-        """Return the text of `run.yaml`; `run_from_yaml` reads it back."""
+        """Return the text of `run.yaml`; `run_from_yaml` reads it back.
+
+        Raises:
+            SettingError: its perception model is a function that nobody else can find.
+        """
+        check_found_elsewhere(self.scenario.perception)
         data: dict[str, Any] = {"id": self.id, "format": FORMAT}
         data |= {f.name: getattr(self, f.name) for f in fields(self)}
         data["scenario"] = self.scenario.to_dict()

@@ -148,6 +148,11 @@ class Learning:
         return play(self.scenario, self.tables, trials=trials, seed=seed, learner=learner)
 
     @property
+    def step(self) -> int:
+        """The time step of the next transition (of robots that learn alone: of the first one)."""
+        return self._groups[0][0].step
+
+    @property
     def asked(self) -> np.ndarray:
         """How often each robot has learned from COORDINATE in each cell, shape (robots, cells)."""
         return np.array([agent.asked_in for agent in self.agents])

@@ -1,32 +1,23 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A page that tells all of a run: what was learned, its value, what went wrong.
+"""A page that tells all of a run: what was learned, its value, what went wrong."""
 
-It is one HTML file without scripts, made by `templates/report.html.j2` of sections; a section is a
-heading and parts: what `text`, `table`, `code` and `picture` return. Whatever text comes from
-outside is escaped.
-"""
-
-import base64
 import contextlib
 import shlex
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
-from typing import Any
+from collections.abc import Iterable, Iterator
 
 import numpy as np
-from jinja2 import Environment, PackageLoader
-from matplotlib.figure import Figure
 
 from sparse_coord_ros.engine.training import train
 from sparse_coord_ros.errors import SparseCoordError
-from sparse_coord_ros.experiments.report.charts import rendered
 from sparse_coord_ros.game.plugins import leaving_out
 from sparse_coord_ros.game.scenario import SETTINGS, Scenario, load_scenario
 from sparse_coord_ros.learn.evaluation import Evaluation
 from sparse_coord_ros.learn.learners import learner_of
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.look import figures
+from sparse_coord_ros.look.html import Part, code, page, picture, table, text
 from sparse_coord_ros.look.sources import PLAYED_EPISODES, Shown
 from sparse_coord_ros.look.steps import ended
 from sparse_coord_ros.palette import ANSWERED
@@ -44,7 +35,6 @@ MOST_WARNINGS = 20
 WARNING_LEVEL = 30
 """Of a rcl_interfaces/Log; what is below is no warning."""
 
-Part = dict[str, Any]
 CAPTIONS = {
     "policy": "Greedy moves of the learned tables. A ring: the robot asks there before it moves. "
     "Pale: it never gets there in greedy episodes.",
@@ -74,11 +64,7 @@ def run_report(shown: Shown, *, baselines: bool = True) -> str:
         sections["Faults and diagnostics"] = _faults(shown)
     sections["Scenario"] = _scenario(scenario)
     sections["How to reproduce it"] = _again(shown)
-    loader = PackageLoader("sparse_coord_ros.look")
-    template = Environment(loader=loader, autoescape=True, keep_trailing_newline=True)
-    title = f"{scenario.name}: {config.title}, seed {config.seed}"
-    found = template.get_template("report.html.j2")
-    return found.render(title=title, sections=sections.items())
+    return page(f"{scenario.name}: {config.title}, seed {config.seed}", sections)
 
 
 def _begin(shown: Shown) -> Iterator[Part]:
@@ -220,27 +206,3 @@ def _command(config: RunConfig) -> str:
         words += [] if value == getattr(base, name, None) else ["--set", f"{name}={value}"]
     comment = "# scenario and map: see run.yaml below\n" if base is None else ""
     return comment + shlex.join(words)
-
-
-# What the page is made of.
-
-
-def text(words: str, *, warn: bool = False) -> Part:
-    """Return a paragraph; `warn` marks it."""
-    return {"kind": "text", "text": words, "warn": warn}
-
-
-def table(head: Sequence[str], rows: Sequence[Sequence[object]], *, words: bool = False) -> Part:
-    """Return a table; `words`: all its columns are aligned to the left."""
-    return {"kind": "table", "head": head, "rows": rows, "words": words}
-
-
-def code(lines: str, *, summary: str = "") -> Part:
-    """Return a text as it is, folded away below a summary where there is one."""
-    return {"kind": "code", "text": lines, "summary": summary}
-
-
-def picture(figure: Figure, caption: str) -> Part:
-    """Return a picture."""
-    data = base64.b64encode(rendered(figure, "svg")).decode()
-    return {"kind": "picture", "data": data, "caption": caption}

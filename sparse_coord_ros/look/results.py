@@ -2,22 +2,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pictures of results: those of the report, and one of whatever conditions there are."""
 
-from collections.abc import Callable
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from matplotlib.figure import Figure
 
 from sparse_coord_ros.errors import ResultsError, SettingError, did_you_mean
-from sparse_coord_ros.experiments.catalogue import NAMES, experiment
+from sparse_coord_ros.experiments.catalogue import NAMES, Experiment, experiment
 from sparse_coord_ros.experiments.report.drawings import figures_of
 from sparse_coord_ros.experiments.report.map_pictures import asked_maps
-from sparse_coord_ros.experiments.store import ConditionResult, read_results
+from sparse_coord_ros.experiments.store import ConditionResult, Plan, Say, read_results
 
 VARIANCE = "_variance"
 
 
 def results_figure(
-    directory: Path, what: str | None = None, say: Callable[[str], None] = lambda _: None
+    directory: Path, what: str | None = None, say: Say = lambda _: None
 ) -> tuple[str, Figure]:
     """Draw something of a results directory.
 
@@ -31,28 +31,50 @@ def results_figure(
         What is drawn, and the figure.
 
     Raises:
-        ResultsError: it is no results directory, or holds no result yet, or a broken one.
+        ResultsError: it is no results directory, or holds no result yet, or a damaged one.
         SettingError: there is no such thing to draw.
     """
-    _, results = read_results(directory, say)
+    _, results = some_results(directory, say)
+    known = drawn(results)
+    what = what or "conditions"
+    if what not in known:
+        why = f"these results have {', '.join(known)}{did_you_mean(what, known)}"
+        raise SettingError(f"--what {what!r}: {why}")
+    return what, figure_of(what, known[what])
+
+
+def some_results(directory: Path, say: Say) -> tuple[Plan, list[ConditionResult]]:
+    """Return what a results directory holds; errors as of `results_figure`."""
+    plan, results = read_results(directory, say)
     if not results:
         remedy = "'sparse_coord reproduce' puts some there"
         raise ResultsError(f"{directory}: holds no result yet; {remedy}")
+    return plan, results
+
+
+def complete_experiments(results: Sequence[ConditionResult]) -> list[Experiment]:
+    """Return the experiments of which every condition is there."""
+    ids = {one.id for one in results}
+    known = [experiment(name) for name in NAMES]
+    return [one for one in known if ids.issuperset(each.id for each in one.conditions)]
+
+
+def drawn(results: Sequence[ConditionResult]) -> Mapping[str, list[ConditionResult]]:
+    """Return what can be drawn of results, and of which of them."""
     by_id = {one.id: one for one in results}
-    drawn: dict[str, list[ConditionResult]] = {"conditions": list(results)}
-    for name in NAMES:
-        ids = [condition.id for condition in experiment(name).conditions]
-        if by_id.keys() >= set(ids):
-            drawn[name] = [by_id[one] for one in ids]
-    if "figure4" in drawn:
-        drawn[f"figure4{VARIANCE}"] = drawn["figure4"]
+    found = {"conditions": list(results)}
+    for one in complete_experiments(results):
+        found[one.name] = [by_id[each.id] for each in one.conditions]
+    if "figure4" in found:
+        found[f"figure4{VARIANCE}"] = found["figure4"]
     asking = {one.scenario.name: one for one in results if one.learner.asks}
     if asking:
-        drawn["asks"] = list(asking.values())
-    what = what or "conditions"
-    if what not in drawn:
-        why = f"these results have {', '.join(drawn)}{did_you_mean(what, drawn)}"
-        raise SettingError(f"--what {what!r}: {why}")
+        found["asks"] = list(asking.values())
+    return found
+
+
+def figure_of(what: str, results: Sequence[ConditionResult]) -> Figure:
+    """Return the figure of one of the things that `drawn` returns."""
     if what == "asks":
-        return what, asked_maps(drawn[what])
-    return what, figures_of(what.removesuffix(VARIANCE), drawn[what])[what]
+        return asked_maps(results)
+    return figures_of(what.removesuffix(VARIANCE), results)[what]

@@ -170,8 +170,8 @@ def open_shown(path: Path, say: Say = lambda _: None) -> Shown:
     """
     if is_results(path):
         raise SettingError(
-            f"{path} holds results, not a run: 'reproduce' writes their report, 'plot' draws them "
-            "alone; give a run's directory or a bag"
+            f"{path} holds results, not a run: 'report' shows them, 'plot' draws them alone; give "
+            "a run's directory or a bag"
         )
     if (path / RUN_FILE).is_file():
         bag = path / BAG_DIRECTORY

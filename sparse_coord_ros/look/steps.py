@@ -16,6 +16,9 @@ from sparse_coord_ros.palette import ANSWERED, FAILED, REFUSED
 from sparse_coord_ros.runlog.log import NONE, RunLog
 from sparse_coord_ros.wire import PerceptEnd
 
+TRAIL = 60
+"""Time steps of which a trail tells where a robot came from."""
+
 
 class Question(NamedTuple):
     """One COORDINATE.
@@ -85,11 +88,39 @@ def logged_step(log: RunLog, row: int) -> Glimpse:
     return Glimpse(step, cells, actions, after, met, rewards, ends)
 
 
+def trails_of(passed: Sequence[Sequence[int | None]], next_cell: np.ndarray) -> list[list[int]]:
+    """Return through which cells each robot has come, the oldest first, the one where it is last.
+
+    A trail begins behind the last place that is not known, or not beside the next one.
+
+    Args:
+        passed: where the robots were at time steps that follow each other, the newest last.
+        next_cell: where each move leads, as of `GridMap`.
+    """
+    trails = []
+    for places in zip(*passed, strict=True):
+        trail: list[int] = []
+        for cell in reversed(places):
+            if cell is None or (trail and cell != trail[0] and cell not in next_cell[trail[0]]):
+                break
+            if not trail or cell != trail[0]:
+                trail.insert(0, cell)
+        trails.append(trail)
+    return trails
+
+
 def ended(log: RunLog) -> dict[str, np.ndarray]:
     """Return where in a log, shape (T, K), bool, questions ended so, by each outcome."""
     answered = log.asked & log.perceived
     refused = log.asked & (log.ended == PerceptEnd.REFUSED) & ~answered
     return {ANSWERED: answered, REFUSED: refused, FAILED: log.asked & ~answered & ~refused}
+
+
+def logged_trails(log: RunLog, row: int) -> list[list[int]]:
+    """Return the trails of the robots at a time step of a log, given by its row."""
+    begin = int(np.searchsorted(log.episode, log.episode[row]))
+    cells = log.cells[max(begin, row + 1 - TRAIL) : row + 1]
+    return trails_of([_known(one) for one in cells], log.run.scenario.map.next_cell)
 
 
 def _known(cells: np.ndarray) -> tuple[int | None, ...]:

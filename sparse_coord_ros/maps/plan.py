@@ -47,14 +47,12 @@ class Imported:
 
     Attributes:
         grid: the map.
-        doorways: how many doorways it has; one may be several cells long.
         parts: cells of each part of the free space, largest first; those without a robot are left
             out of the map where there are robots.
         notes: what is odd, one line each.
     """
 
     grid: GridMap
-    doorways: int
     parts: tuple[int, ...]
     notes: tuple[str, ...]
 
@@ -132,12 +130,11 @@ def import_map(
         ),
         radius=radius,
     )
-    number = len(np.unique(doors[doors > 0]))
     parts = tuple(sorted((int(size) for size in sizes if size >= gridding.CRUMB), reverse=True))
     wide = [frame.centre(place) for place in gridding.two_wide(free, run) if not doors[place]]
-    notes = tuple(_notes(layout.cut, number, parts, bool(robots), wide))
+    notes = tuple(_notes(layout.cut, grid.doorway_count, parts, bool(robots), wide))
     notes += tuple(_pixel_notes(plan, cell, radius))
-    return Imported(grid, number, parts, notes)
+    return Imported(grid, parts, notes)
 
 
 def _layout_of(plan: FloorPlan, cell: float, radius: float, speck: float) -> gridding.Gridding:

@@ -3,6 +3,7 @@
 """What the middleware is told before ROS starts."""
 
 import os
+import re
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -36,16 +37,18 @@ LAST_DOMAIN = 232
 """The ports of DDS end there."""
 
 
-def check_domain(variables: Mapping[str, str] = os.environ) -> str:
-    """Return the ROS domain; refuse one that DDS does not have.
+def ros_domain(variables: Mapping[str, str] = os.environ) -> int:
+    """Return the ROS domain that these environment variables choose; unset or empty: 0.
 
     Raises:
-        RunError: ROS_DOMAIN_ID is none.
+        RunError: DDS has no such domain. Leading zeros are refused, as ROS would read the rest as
+            an octal number.
     """
     domain = variables.get(DOMAIN, "").strip() or "0"
-    if not domain.isdecimal() or int(domain) > LAST_DOMAIN:
-        raise RunError(f"{DOMAIN} is {domain!r}, allowed: a whole number from 0 to {LAST_DOMAIN}")
-    return domain
+    if not re.fullmatch("0|[1-9][0-9]{0,2}", domain) or int(domain) > LAST_DOMAIN:
+        allowed = f"a whole number from 0 to {LAST_DOMAIN}, without leading zeros"
+        raise RunError(f"{DOMAIN} is {domain!r}, allowed: {allowed}")
+    return int(domain)
 
 
 SECURITY = "ROS_SECURITY_ENABLE"

@@ -23,7 +23,7 @@ from rclpy.task import Future
 
 from sparse_coord_ros import errors
 from sparse_coord_ros.nodes import interface
-from sparse_coord_ros.nodes.middleware import check_domain, check_security, repair_promptly
+from sparse_coord_ros.nodes.middleware import check_security, repair_promptly, ros_domain
 from sparse_coord_ros.nodes.parameters import ParameterNode
 from sparse_coord_ros.nodes.shared_memory import leftovers
 
@@ -106,7 +106,7 @@ def ros_context(args: Sequence[str] | None = None) -> Iterator[Context]:
     """
     repair_promptly()
     check_security()
-    check_domain()
+    ros_domain()  # an error now, in one line
     leftovers(remove=True)  # of killed processes
     context = Context()
     try:

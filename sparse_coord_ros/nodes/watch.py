@@ -13,6 +13,7 @@ from collections.abc import Sequence, Set
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Unpack
 
+import numpy as np
 from rcl_interfaces.srv import SetParameters
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -68,13 +69,13 @@ class Controls(Controlled):
 
     Attributes:
         view: says how it went; None: no run is shown.
-        rate: the world's rate as far as it is known.
+        rate: the world's rate; None: it is not known.
     """
 
     def __init__(self, node: Node) -> None:
         super().__init__()
         self.view: LiveView | None = None
-        self.rate = 0.0
+        self.rate: float | None = None
         self._clients = {
             PAUSE: node.create_client(SetBool, services.PAUSE.of(WORLD)),
             RESET: node.create_client(Trigger, services.RESET.of(WORLD)),
@@ -163,13 +164,17 @@ class InsideWatch(ParameterNode):
     def _show(self, state: str) -> None:
         world, self._view.state = self._world.lockstep.world, state
         made, rate = world.transitions, self._world.values["rate"]
-        still = list(world.cells)
+        still = world.step, list(world.cells)
         self._view.show(transitions=made, episode=world.episode, rate=rate, still=still)
 
     def _show_learned(self) -> None:
         sides = enumerate(self._sides())
         tables = {k: (side.handled, side.agent.tables) for k, side in sides if side}
-        self._view.show_learned(self._world.lockstep.history.look(), tables)
+        asked = np.array(self._view.asked)
+        for k, side in enumerate(self._sides()):
+            if side is not None:  # it counts on where a run was resumed
+                asked[k] = np.maximum(asked[k], side.agent.asked_in)
+        self._view.show_learned(self._world.lockstep.history.look(), tables, asked=asked)
 
     def finish(self, *, interrupted: bool) -> None:
         """Show the end."""
@@ -323,7 +328,7 @@ class HeardTeam:
         self.seen = self.episode = self.without = self._ticks = 0
         self.whole = True
         self.tables: dict[int, tuple[int, Tables]] = {}
-        view.known = self.tables
+        view.known = view.newest = self.tables
         self._steps: defaultdict[int, _Heard] = defaultdict(_Heard)
         self._newest: int | None = None
         self._last_made: int | None = None

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Each COORDINATE traced: who asked whom, what was answered, and what was learned from it."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -193,6 +193,11 @@ def move_in_words(
     return f"goes {ACTIONS[move]} by {row}"
 
 
+def row_in_words(values: Iterable[float]) -> str:
+    """Return the values of the moves, with their names."""
+    return ", ".join(f"{a} {v:.6g}" for a, v in zip(ACTIONS, values, strict=False))
+
+
 def reward_in_words(run: RunConfig, reward: float, next_cell: int | None) -> str:
     """Return what a robot got, and where its move led."""
     return f"reward {reward:g}, to {cell_in_words(run, next_cell)}"
@@ -218,8 +223,7 @@ def in_words(log: RunLog, one: Coordination) -> Iterator[str]:
     if not one.q_values:
         yield f"  {moves}" + ("" if one.doubt is None else f"; {one.doubt}")
         return
-    values = ", ".join(f"{a} {v:.6g}" for a, v in zip(ACTIONS, one.q_values, strict=False))
-    yield f"  {moves}: {values}"
+    yield f"  {moves}: {row_in_words(one.q_values)}"
     if not one.agrees:
         yield "  (the log says another action; see 'sparse_coord verify')"
     yield from _learned(log, one)

@@ -4,13 +4,15 @@
 
 from collections.abc import Callable, Sequence
 from copy import deepcopy
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from sparse_coord_ros import wire
+from sparse_coord_ros.game.actions import PRIMITIVES
 from sparse_coord_ros.game.world import EPISODE_GAP
-from sparse_coord_ros.learn.agent import Tables
+from sparse_coord_ros.learn.agent import Agent, Tables
 from sparse_coord_ros.runlog.attached import RecordedTables
 from sparse_coord_ros.runlog.replay import UNFIT, Replay, Stretch, restored, trajectory_of
 from sparse_coord_ros.runlog.window import MOVES, LongLog
@@ -24,6 +26,20 @@ MOST_BYTES = 100_000_000
 
 TablesThen = dict[int, tuple[int, Tables]]
 """By robot up to which time step it had learned, and its tables then."""
+
+
+class Asked(NamedTuple):
+    """A question, and what came of it.
+
+    Attributes:
+        robot: who asks, from 0.
+        cell: where it is.
+        perceived: the cells of the peers that it perceived; None: the percept failed.
+    """
+
+    robot: int
+    cell: int
+    perceived: tuple[int, ...] | None
 
 
 class _Part(NamedTuple):
@@ -80,10 +96,62 @@ class Relearned:
             return {one.robot: (one.step, one.tables) for one in recorded}
         return {one.agent.number: (step, one.agent.tables) for one in part.replays}
 
+    def begin(self, step: int) -> int:
+        """Return from which time step on is learned again what leads to a time step."""
+        first = self._first(step)
+        if first is None:
+            return step
+        return self._at if self._part is not None and first <= self._at <= step else first
+
+    def _first(self, step: int) -> int | None:
+        """Return the newest time step up to one of which all robots' tables are known."""
+        common = set.intersection(*map(set, self._log.table_steps()))
+        return max((at for at in {*common, *self._kept} if at <= step), default=None)
+
+    def values(
+        self, step: int, asked: Sequence[Asked], still: Callable[[], bool] = lambda: True
+    ) -> list[tuple[float, ...]] | None:
+        """Return the values by which robots that ask at a time step choose their moves.
+
+        Args:
+            step: the time step.
+            asked: who asked then, and what came of it.
+            still: as of `tables`.
+
+        Returns:
+            Of each question the values of the four moves, as `explain` has them; None where the
+            tables of that time step cannot be learned again.
+
+        Raises:
+            BagError, TablesError: the log or its tables cannot be read.
+        """
+        if self._log.run.known_rule is None:
+            return None
+        agents = self._standing if self._log.run.greedy else self._agents(step, still)
+        if any(one.robot not in agents for one in asked):
+            return None
+        rows = [agents[one.robot].values_asking(one.cell, one.perceived) for one in asked]
+        return [tuple(row[:PRIMITIVES]) for row in rows]
+
+    def _agents(self, step: int, still: Callable[[], bool]) -> dict[int, Agent]:
+        """Return the robots' agents as they were at a time step; none where that is not known."""
+        part = self._reached(step, still)
+        return {} if part is None else {one.agent.number: one.agent for one in part.replays}
+
+    @cached_property
+    def _standing(self) -> dict[int, Agent]:
+        """Agents that go by the tables of a run in which no robot learns."""
+        run = self._log.run
+        return {
+            one.robot: run.rule.agent(
+                run.scenario, one.robot, run.seed, tables=one.tables, learning=False
+            )
+            for one in self._recorded(self._log.last_step)
+        }
+
     def _reached(self, step: int, still: Callable[[], bool]) -> _Part | None:
         """Return a part that has been learned again up to a step; None where that cannot be."""
-        common = set.intersection(*map(set, self._log.table_steps()))
-        first = max((at for at in {*common, *self._kept} if at <= step), default=None)
+        first = self._first(step)
         if first is None:
             return None
         part, self._part, sought = self._part, None, False

@@ -32,22 +32,45 @@ STRETCH_BYTES = 500_000
 """Bytes of the file of which the history is computed at once."""
 
 
+class Questions(NamedTuple):
+    """Each COORDINATE of a part of a log, in the order of the time steps; n of them.
+
+    Attributes:
+        step: the time step, shape (n,), int64.
+        robot: who asks, from 0, shape (n,), int64.
+        cell: where it is, shape (n,), int64.
+    """
+
+    step: np.ndarray
+    robot: np.ndarray
+    cell: np.ndarray
+
+
+def questions_in(log: RunLog, first: int, last: int) -> Questions:
+    """Return each COORDINATE from one time step of a log to another where the cell is known."""
+    begin, end = np.searchsorted(log.step, [first, last + 1])
+    cells = log.cells[begin:end]
+    rows, robots = np.nonzero(log.asked[begin:end] & (cells >= 0))
+    return Questions(log.step[begin + rows], robots, cells[rows, robots].astype(np.int64))
+
+
 class Episodes(NamedTuple):
     """What a stretch of a log brought to the learning history.
 
     Attributes:
         history: its episodes.
-        log: its time steps.
-        asked: how often each robot chose COORDINATE in each cell, shape (K, cells), int64; in the
-            last episode only if it is whole.
+        questions: its questions, those of the last episode included.
+        read_to: up to which time step these two go.
+        log: its time steps, but those of a last episode that may go on.
         last_step: up to which time step that is.
         open_step: where the last episode begins if it may go on, so that it has to be read again;
             None: all are whole.
     """
 
     history: History
+    questions: Questions
+    read_to: int
     log: RunLog
-    asked: np.ndarray
     last_step: int
     open_step: int | None
 
@@ -136,19 +159,19 @@ class LongLog:
             last = last_ns // self.period
             log = self.read(begin, last, (*MOVES, *also))
             history, size, end, open_step = log.history(), 0, last + 1, None
+            read_to = last
             if not whole and history.episodes < 2:
                 size = -3 * STRETCH_BYTES  # an episode may be longer
                 continue
             if not whole:
                 end = int(history.first_step[-1])
+                read_to = end - 1
                 history = history.first(-1)
             elif not finished and history.episodes:
                 end = open_step = int(history.first_step[-1])
+            questions = questions_in(log, begin, read_to)
             log = log.between(begin, end - 1)
-            asked = np.zeros((len(log.names), len(self.run.scenario.map.cells)), dtype=np.int64)
-            rows, who = np.nonzero(log.asked & (log.cells >= 0))
-            np.add.at(asked, (who, log.cells[rows, who]), 1)
-            yield Episodes(history, log, asked, end - 1, open_step)
+            yield Episodes(history, questions, read_to, log, end - 1, open_step)
             begin = end
 
     def tables_before(self, robot: int, step: int | None = None) -> RecordedTables | None:

@@ -73,6 +73,10 @@ class ExactEvaluation:
     asked: np.ndarray
     stays: np.ndarray
 
+    def __repr__(self) -> str:
+        """Return what was computed, on one line."""
+        return f"<ExactEvaluation: {evaluation.measured_in_words(self)}>"
+
     @property
     def how(self) -> str:
         """How it was found, in words."""
@@ -216,7 +220,8 @@ class Greedy(NamedTuple):
     """How likely a greedy robot does what in each cell, before it perceives anything.
 
     Attributes:
-        asks: that it asks; (cells,).
+        asks: that it asks, (cells,): 1 where it `asks_surely`, less where a draw breaks a tie
+            with a move.
         moves: each move without asking; (cells, moves).
         blind: each move after a percept that failed, 0 where it never asks; (cells, moves).
         coord: its Q^C, by which it acts after others.

@@ -4,8 +4,8 @@
 
 import numpy as np
 
-from sparse_coord_ros.game.actions import COORDINATE
 from sparse_coord_ros.learn.agent import Tables
+from sparse_coord_ros.learn.algorithm import asks_surely
 from sparse_coord_ros.wire.frame import Frame
 
 UNKNOWN, EMPTY, OCCUPIED = -1, 0, 100
@@ -30,7 +30,7 @@ class OccupancyData:
         self.places = np.array([(rows - 1 - r) * columns + c for r, c in frame.grid.cells])
 
     def coordination(self, tables: Tables) -> bytes:
-        """Return where a robot with these tables chooses COORDINATE."""
-        moves, asking = tables.q_star[:, :COORDINATE], tables.q_star[:, COORDINATE]
-        self._grid[self.places] = np.where(asking > moves.max(axis=1), OCCUPIED, EMPTY)
+        """Return where a greedy robot with these tables asks, as `asks_surely` says."""
+        asks = asks_surely(tables.q_star.T)
+        self._grid[self.places] = np.where(asks, OCCUPIED, EMPTY)
         return self._grid.tobytes()

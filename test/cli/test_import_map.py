@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """`sparse_coord import-map` and `export-map`: there and back, files, notes, and bad input."""
 
+import json
+
 import numpy as np
 import pytest
 import yaml
@@ -37,7 +39,7 @@ def test_there_and_back(sparse_coord, folder, name):
 def test_a_scenario_that_learns_as_the_original(sparse_coord, folder, exported):
     code, out, _ = sparse_coord("import-map", exported, *ENV1, *GOALS, "--out", "i")
     assert code == 0
-    assert "1 doorways; lower left corner at 0,0" in out
+    assert "1 doorway; lower left corner at 0,0" in out
     made, original = load_scenario(folder / "i" / "env1.yaml"), load_scenario("env1")
     assert made.map.doorways == original.map.doorways
     assert [(r.start, r.goal) for r in made.robots] == [(r.start, r.goal) for r in original.robots]
@@ -46,6 +48,21 @@ def test_a_scenario_that_learns_as_the_original(sparse_coord, folder, exported):
         "1 m a cell, lower left corner at 0,0 m",
         "",
     ]
+
+
+def test_it_counts_the_doorways_that_maps_counts(sparse_coord, folder):
+    """A doorway through a thick wall has several cells."""
+    (folder / "thick.txt").write_text("---\n1.##.2\n..DD..\n..##..\n..##..\n..##..\n")
+    assert sparse_coord("export-map", "thick.txt", "--out", "e")[0] == 0
+    thick = ("e/thick.yaml", "--cell", "1", "--radius", "0.1", "--doorway-length", "2")
+    code, out, _ = sparse_coord("import-map", *thick, "--out", "i")
+    assert code == 0 and " cells of 1 m, 1 doorway (2 cells); " in out
+    assert " cells, 1 doorway (2 cells)\n" in sparse_coord("maps", "i/thick.txt")[1]
+    told = [
+        json.loads(sparse_coord(*words, "--json")[1])
+        for words in (("import-map", *thick, "--out", "j"), ("maps", "j/thick.txt"))
+    ]
+    assert told[0]["doorways"] == told[1][0]["doorways"] == 1
 
 
 def test_places_west_and_south_of_the_origin(sparse_coord, folder, exported):

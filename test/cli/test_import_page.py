@@ -67,7 +67,7 @@ def test_what_is_saved_is_what_the_command_line_saves(page, sparse_coord, folder
     shown = told(page, IMPORT, start=[], goal=[], doorway=[])
     assert (shown["cells"], shown["doorways"], shown["resolution"]) == (21, 1, 1)
     for _ in range(2):  # its own files are replaced
-        assert told(page, SAVE)["doorways"] == 2
+        assert told(page, SAVE)["doorways_in_words"] == "1 doorway (2 cells)"
     files = [f"clicked/env1.{end}" for end in ("txt", "yaml", "png")]
     assert page[1].get("saved")["files"] == files
     assert sparse_coord("import-map", "e/env1.yaml", *OPTIONS, "typed")[0] == 0

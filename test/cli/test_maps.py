@@ -14,14 +14,14 @@ def test_list(sparse_coord):
     rows = {line.split()[0]: line.split()[1:4] for line in out.splitlines()[2:]}
     assert list(rows) == map_names()
     assert rows["env1"] == ["21", "1", "2"]
-    assert rows["cmu"] == ["133", "2", "2"]
+    assert rows["cmu"] == ["133", "1", "2"]
 
 
 def test_one_map(sparse_coord):
     code, out, err = sparse_coord("maps", "env1")
     assert (code, err) == (0, "")
     assert "\n".join(load_map("env1").rows) in out
-    words = ("env1: Two rooms", "source: Melo", "provenance: ", "5 x 5, 21 cells, 1 doorways")
+    words = ("env1: Two rooms", "source: Melo", "provenance: ", "5 x 5, 21 cells, 1 doorway")
     assert [one for one in words if one not in out] == []
 
 
@@ -32,7 +32,7 @@ def test_the_map_of_a_scenario_file(sparse_coord, folder):
 
 def test_json(sparse_coord):
     (env1,) = json.loads(sparse_coord("maps", "env1", "--json")[1])
-    assert (env1["cells"], env1["doorways"]) == (21, [[2, 2]])
+    assert (env1["cells"], env1["doorways"], env1["doorway_cells"]) == (21, 1, [[2, 2]])
     assert env1["starts"] == {"1": [0, 0], "2": [0, 4]}
     assert tuple(env1["rows"]) == load_map("env1").rows
     assert [m["name"] for m in json.loads(sparse_coord("maps", "--json")[1])] == map_names()

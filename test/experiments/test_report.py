@@ -6,6 +6,7 @@ import csv
 import math
 import re
 import xml.etree.ElementTree as ElementTree
+from html import unescape
 
 import numpy as np
 import pytest
@@ -29,10 +30,11 @@ from sparse_coord_ros.experiments.report.charts import point
 from sparse_coord_ros.experiments.report.rows import paper
 from sparse_coord_ros.experiments.report.sections import SECTIONS, reward_claims
 from sparse_coord_ros.experiments.report.text import listed, size, to_markdown
-from sparse_coord_ros.experiments.store import SUMS, Plan
+from sparse_coord_ros.experiments.store import SUMS, Plan, open_results
 from sparse_coord_ros.game.grid import parse_map
 from sparse_coord_ros.game.scenario import SETTINGS
 from sparse_coord_ros.learn.evaluation import Measure
+from sparse_coord_ros.look.results_report import results_report
 from sparse_coord_ros.solve.optimum import independent_bound
 
 
@@ -416,6 +418,55 @@ def test_a_single_run_has_no_errors(tmp_path, monkeypatch):
     text = (tmp_path / "reproduction.md").read_text(encoding="utf-8")
     assert [line for line in text.split("\n") if re.search(r"\bnan\b", line)] == []
     assert row(text, "Indiv. learns shortest paths")[3] == "-"
+
+
+@pytest.fixture
+def results(tmp_path):
+    """Return a directory with two whole experiments, and two conditions that belong to none."""
+    conditions = [
+        each for name in ("table1", "penalty100") for each in experiment(name).conditions
+    ]
+    more = [make_condition("env1", learner, {"penalty": -3}) for learner in ("coop", "noncoop")]
+    with open_results(tmp_path / "r", PLAN) as opened:
+        for one in [*conditions, *more]:
+            opened.save(one, made_up(one))
+    return tmp_path / "r"
+
+
+def test_the_page_of_results_tells_all_of_them(results):
+    page = unescape(results_report(results))
+    titles = [experiment(name).title for name in ("table1", "table2", "penalty100")]
+    headings = re.findall("<h2>(.*?)</h2>", page)
+    assert headings == [
+        *("Findings", *titles, "Other conditions", "Every condition"),
+        "Rows of the paper that are not reproduced, or are inconsistent",
+        *("How to read the tables", "How to reproduce it"),
+    ]
+    for name in ("table1", "penalty100"):  # the numbers of the document
+        for line in section(name).rows:
+            cells = "".join(f"<td>{cell or '-'}</td>" for cell in line.values())
+            assert cells in page
+    parts = page.split("<h2>")
+    assert [part.count("<img") for part in parts] == [0, 0, 1, 1, 1, 2, 0, 0, 0, 0]
+    assert "<td>Indiv. learns shortest paths</td>" in parts[1]
+    assert "Steps until a robot arrives, and steps of an episode" in parts[3]
+    assert all(f"<td>env1/{name}/penalty=-3</td>" in parts[5] for name in ("coop", "noncoop"))
+    assert "<td>env1/coop/penalty=-20</td>" not in parts[5]
+    assert parts[6].count("<tr>") == 1 + 12 + 12 + 2
+    assert "no policy can reach it" in parts[7]
+    asked = "table1 table2 penalty100 env1/coop/penalty=-3 env1/noncoop/penalty=-3"
+    command = f"sparse_coord reproduce {asked} --runs 4 --trials 50 --seed 5 --out results"
+    assert command in parts[-1]
+
+
+def test_conditions_that_make_no_experiment_are_told_too(tmp_path):
+    one = make_condition("env1", "coop", {"penalty": -3})
+    with open_results(tmp_path / "r", PLAN) as opened:
+        opened.save(one, made_up(one))
+    page = unescape(results_report(tmp_path / "r"))
+    headings = re.findall("<h2>(.*?)</h2>", page)
+    assert headings == ["Conditions", "How to read the tables", "How to reproduce it"]
+    assert "1 condition of env1; of each 4 learning runs (seeds 5 to 8) of 50 trials" in page
 
 
 def test_bars_end_at_zero_where_nothing_is_below():

@@ -9,6 +9,7 @@ returns who reads it.
 
 import contextlib
 import io
+import json
 import os
 import random
 import re
@@ -27,6 +28,7 @@ from sparse_coord_ros.bags import BagWriter, open_bag
 from sparse_coord_ros.cli import main as cli
 from sparse_coord_ros.engine.training import train
 from sparse_coord_ros.errors import SparseCoordError, TablesError
+from sparse_coord_ros.experiments.checked_json import digest_of
 from sparse_coord_ros.experiments.store import read_results
 from sparse_coord_ros.game.grid import load_map
 from sparse_coord_ros.game.scenario import load_scenario
@@ -283,16 +285,30 @@ def _forge_bag(chance: random.Random, source: Any, messages: Sequence[Any], plac
 def results(sample: Path, folder: Path) -> Cases:
     """Return the cases of a results directory: JSON files."""
     place = Path(shutil.copytree(sample / "reproduce", folder / "results"))
-    texts = {path: path.read_text() for path in sorted(place.rglob("*.json"))}
+    texts = {
+        path: json.dumps(json.loads(path.read_text()), indent=1)  # a value a line, to change
+        for path in sorted(place.rglob("*.json"))
+    }
 
     def cases(chance: random.Random) -> Read:
         for path, text in texts.items():
             path.write_text(text)
         path = chance.choice(list(texts))
-        path.write_bytes(changed_text(chance, texts[path]))
+        path.write_bytes(_signed(chance, changed_text(chance, texts[path])))
         return lambda: read_results(place)
 
     return cases
+
+
+def _signed(chance: random.Random, text: bytes) -> bytes:
+    """Return a changed file of results; of some the digest is computed again, as a forger does."""
+    if chance.random() < 0.3:
+        return text
+    with contextlib.suppress(ValueError, RecursionError, AttributeError, TypeError):
+        content = json.loads(text)
+        content.pop("digest", None)
+        return json.dumps({"digest": digest_of(content), **content}).encode()
+    return text
 
 
 STALL = 0.1

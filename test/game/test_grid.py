@@ -64,6 +64,23 @@ def test_cells_are_numbered_row_by_row():
     assert grid.starts == {1: 0}
 
 
+@pytest.mark.parametrize(
+    ("text", "count", "words"),
+    [
+        ("1.#.2\n..#..\n", 0, "0 doorways"),
+        ("1.#.2\n..D..\n", 1, "1 doorway"),
+        ("1.##.2\n..DD..\n..##..\n", 1, "1 doorway (2 cells)"),  # through a thick wall
+        ("1.#.2\n..D..\n..D..\n", 1, "1 doorway (2 cells)"),  # two cells wide
+        ("1D#.2\n.#D..\n..#..\n", 2, "2 doorways"),  # at a corner nobody passes
+        ("1.#.2\n..DD.\n#D###\n", 2, "2 doorways (3 cells)"),
+    ],
+)
+def test_doorway_cells_beside_each_other_are_one_doorway(text, count, words):
+    grid = parse_map(f"---\n{text}", name="m", where="m.txt")
+    assert (grid.doorway_count, grid.doorways_in_words) == (count, words)
+    assert len(grid.doorways) == text.count("D")
+
+
 def test_moves_are_north_south_east_west_and_walls_and_borders_stop_them():
     grid = parse_map("---\n..#\n...\n", name="m", where="m.txt")
     # Cells: 0 (0,0), 1 (0,1), 2 (1,0), 3 (1,1), 4 (1,2).

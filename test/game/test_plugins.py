@@ -2,18 +2,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """Learners and perception models of the user's own: how they are found, named and blamed."""
 
+import math
 import sys
 
+import numpy as np
 import pytest
 
 import sparse_coord_ros as sc
 from sparse_coord_ros.engine.batch import run_batch
-from sparse_coord_ros.errors import PluginError
-from sparse_coord_ros.game import plugins
+from sparse_coord_ros.errors import PluginError, in_short
+from sparse_coord_ros.game import perception, plugins
 from sparse_coord_ros.game.perception import MODELS
+from sparse_coord_ros.game.world import Action
+from sparse_coord_ros.learn.agent import Decision
 from sparse_coord_ros.learn.learners import LEARNERS, learner_of
 from sparse_coord_ros.learn.run_config import make_run, run_from_yaml
-from sparse_coord_ros.learn.simulation import learn
+from sparse_coord_ros.learn.simulation import learn, tables_equal
 
 MODULE = """
 import numpy as np
@@ -64,6 +68,29 @@ class Odd(sc.Learner):
 class Needy(sc.Learner):
     def __init__(self, more):
         self.more = more
+
+class Silent(sc.Agent):
+    def decide(self, step, cell):
+        return None
+
+class Mute(sc.Learner):
+    def agent(self, scenario, number, seed, **more):
+        return Silent(scenario, number, seed, **more)
+
+class Still(sc.Learner):
+    agent_class = Silent
+
+class Empty(sc.Learner):
+    def agent(self, scenario, number, seed, **more):
+        pass
+
+class Tableless(sc.Learner):
+    def tables(self, scenario, number=0):
+        pass
+
+class Unchecked(sc.Learner):
+    def check(self, scenario):
+        return scenario["steps"]
 
 class NoLearner:
     def __init__(self):
@@ -260,6 +287,107 @@ def test_who_hands_over_a_class_allows_its_module_in_other_processes(monkeypatch
     assert plugins.allowed() == (__name__,)
 
 
+def haze(grid):
+    """Let half of the questions be answered."""
+    return np.full((len(grid.cells),) * 2, 0.5)
+
+
+def mist(grid, p, q=1.0):
+    return np.full((len(grid.cells),) * 2, p * q)
+
+
+@pytest.fixture
+def models(monkeypatch):
+    """Forget the models that a test hands over."""
+    monkeypatch.setattr(MODELS, "_known", MODELS.registered)
+    monkeypatch.setattr(perception, "_HERE_ALONE", set())
+
+
+def same(one, other):
+    return tables_equal(learn(one, "coop", 1), learn(other, "coop", 1))
+
+
+def test_a_function_is_a_perception_model(small, models, tmp_path):
+    """Its name in files is that of its module, as of a learner's class."""
+    scenario = small.with_settings(perception=haze)
+    assert str(scenario.perception) == f"{__name__}:haze"
+    assert plugins.allowed() == (__name__,)
+    assert same(scenario, small.with_settings(perception="probability:0.5"))
+    assert sc.load_scenario("env1", perception=haze, steps=60) == scenario
+    assert f"perception: {__name__}:haze\n" in make_run(scenario, {}).to_yaml()
+    run = sc.train(scenario)
+    assert sc.load_run(run.save(tmp_path / "run")).scenario == scenario
+    assert sc.evaluate(run, trials=2).trials == 2
+
+
+def test_a_function_has_its_numbers_beside_it(small, models):
+    scenario = small.with_settings(perception=(mist, 0.5, 1))
+    assert str(scenario.perception) == f"{__name__}:mist:0.5:1"
+    assert same(scenario, small.with_settings(perception="probability:0.5"))
+    swept = sc.sweep(small, {"perception": [(mist, 0.5, 1), (mist, 1, 1)]}, runs=1, trials=1)
+    assert len(swept) == 2
+    message = refusal(small.with_settings, perception=mist)
+    assert f"'{__name__}:mist' has 0 numbers, '{__name__}:mist' takes 2" in message
+    assert "p is 'x', allowed: a number from 0 to 1" in refusal(
+        small.with_settings, perception=(MODELS.find("probability"), "x")
+    )
+
+
+def made_here(p):
+    """Return a function that no other process can find."""
+
+    def fog(grid):
+        return np.full((len(grid.cells),) * 2, p)
+
+    return fog
+
+
+def test_a_function_of_this_process_alone_learns_here_and_never_goes_elsewhere(
+    small, models, tmp_path
+):
+    often, never = (small.with_settings(perception=made_here(p)) for p in (0.5, 0.0))
+    assert [str(one.perception) for one in (often, never)] == ["fog", "fog_2"]  # two games
+    assert same(often, small.with_settings(perception="probability:0.5"))
+    assert same(never, small.with_settings(perception="never"))
+    again = make_run(often, {}).scenario
+    assert again == often and same(again, often)
+    lone = small.with_settings(perception=lambda grid: haze(grid))
+    assert str(lone.perception) == "model"
+    assert same(lone, often)
+    # Runs of plain Python stay in this process, as those of a notebook's learner do.
+    runs = sc.train_many(often, runs=2, trials=2, engine="python", jobs=2)
+    assert tables_equal(runs[0].tables, learn(often, "coop", 0))
+    swept = sc.sweep(often, {"penalty": [-1, -2]}, runs=1, trials=1, engine="python", jobs=2)
+    assert len(swept) == 2
+    words = "perception model 'fog': other processes, and later calls, cannot find this function"
+    assert words in refusal(runs[0].save, tmp_path / "run")
+    assert words in refusal(sc.sweep, often, {"penalty": [-1]}, out=tmp_path / "r")
+    assert words in refusal(make_run(often, {}).to_yaml)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_function_that_is_no_longer_where_it_was_has_a_name_of_its_own(
+    small, models, monkeypatch
+):
+    """Other processes would find the new one by its path."""
+    old = haze
+    monkeypatch.setattr(sys.modules[__name__], "haze", lambda grid: None)
+    assert str(small.with_settings(perception=old).perception) == "haze"
+
+
+def test_a_registered_function_keeps_its_name(small, models):
+    sc.register_perception("dusk", lambda grid: haze(grid))
+    known = MODELS.registered["dusk"]
+    assert str(small.with_settings(perception=known).perception) == "dusk"
+    always = MODELS.registered["always"]
+    assert str(small.with_settings(perception=always).perception) == "always"
+
+
+@pytest.mark.parametrize("value", [print, int, 7, None, (), (3, 4), ("fog", 4), object()])
+def test_what_is_no_function_of_ones_own_is_refused(small, models, value):
+    assert "perception" in refusal(small.with_settings, perception=value)
+
+
 def test_what_is_no_model_is_never_called(module, small):
     plugins.allow_modules("builtins os sparse_coord_ros unittest")
     ours = "sparse_coord_ros.cli.main:main"
@@ -302,7 +430,14 @@ def test_names_that_collide(module):
     [
         ("Broken", ["failed while learning: KeyError: 'learned'", line('["learned"]')]),
         ("Weightless", ["its weights are {'common': 2}, allowed: three numbers"]),
-        ("Nobody", ["'an agent' is no agent, must be a sparse_coord_ros.Agent"]),
+        ("Nobody", ["returned 'an agent', which is no agent, must be a sparse_coord_ros.Agent"]),
+        (
+            "Empty",
+            ["its agent returned None, which is no agent, must be a sparse_coord_ros.Agent"],
+        ),
+        ("Mute", ["its agent's decide returned None, allowed: a Decision", "from 0 to 4"]),
+        ("Still", ["its agent's decide returned None, allowed: a Decision"]),
+        ("Tableless", ["its tables returned None, allowed: a sparse_coord_ros.Tables"]),
         ("Needy", ["failed while being made: TypeError", "'more'"]),
         ("Odd", ["failed while making its tables: AttributeError", line("no_such")]),
     ],
@@ -311,6 +446,75 @@ def test_a_learner_that_fails_is_blamed(module, small, name, words):
     message = refusal(learn, small, f"their_code:{name}", 1)
     assert f"learner 'their_code:{name}'" in message
     assert [word for word in words if word not in message] == []
+
+
+WRONG = {
+    "decide": [
+        None,
+        3,
+        Decision(5),
+        Decision(-1),
+        Decision(2.0),
+        Decision(4, None),
+        Decision(4, (0,)),
+    ],
+    "explored": [None, 5, -1, "north", True],
+    "epsilon": [None, 1.5, math.nan, "0"],
+    "values": [None, [1.0, 2.0], [math.nan] * 5, 7.0],
+    "act": [None, 3, (1, False, -1, False), Action(4, False, -1, False)],
+    "coordinate": [None, 4, -1, 1.0],
+    "values_asking": [None, [1.0, 2.0, 3.0], [1.0, math.nan, 1.0, 1.0]],
+    "bootstrap": [None, math.nan, math.inf, "much"],
+    "memory": [None, {}],
+}
+
+
+@pytest.mark.parametrize(
+    ("name", "made"), [(name, made) for name, every in WRONG.items() for made in every]
+)
+def test_what_an_agent_may_not_return_is_one_line(monkeypatch, name, made):
+    """It names the learner, the method, what it returned, and what is allowed."""
+    monkeypatch.setattr(LEARNERS, "_known", LEARNERS.registered)
+    theirs = type("Theirs", (sc.Agent,), {name: lambda self, *args, **more: made})
+
+    class Odd(sc.Learner):
+        name = "odd_of_tests"
+        agent_class = theirs
+
+    # COORDINATE is chosen first everywhere, and its percepts fail.
+    scenario = sc.load_scenario("env1", steps=60, q_star_init=0, epsilon="constant:0.9")
+    message = refusal(sc.train, scenario, Odd)
+    assert message.startswith("learner 'odd_of_tests': its agent's " + name + " returned ")
+    assert " returned " + " ".join(in_short(made).split()) + ", allowed: " in message
+
+
+def test_what_an_agent_may_return(monkeypatch, small):
+    """NumPy's numbers, and whatever `learn` returns."""
+    monkeypatch.setattr(LEARNERS, "_known", LEARNERS.registered)
+
+    class Fine(sc.Agent):
+        def decide(self, step, cell):
+            return Decision(np.int64(4), tuple(self.peers))
+
+        def values_asking(self, cell, perceived):
+            return np.array([1.0, 0.0, -np.inf, 2.0])
+
+        def coordinate(self, step, cell, perceived):
+            return np.int64(super().coordinate(step, cell, perceived))
+
+        def learn(self, *args):
+            return "learned"
+
+    class Good(sc.Learner):
+        name = "good_of_tests"
+        agent_class = Fine
+
+    assert sc.train(small, Good).transitions == 60
+
+
+def test_a_check_that_fails_is_blamed(module, small):
+    message = refusal(make_run, small, {"learner": "their_code:Unchecked"})
+    assert "learner 'their_code:Unchecked' failed while making its check: TypeError" in message
 
 
 def test_the_traceback_stays_available(module, small):

@@ -5,10 +5,17 @@
 import math
 from collections import Counter
 
+import numpy as np
 import pytest
 
 from sparse_coord_ros.game.actions import ACTIONS, COORDINATE, PRIMITIVES
-from sparse_coord_ros.learn.algorithm import greatest, greedy, updated
+from sparse_coord_ros.learn.algorithm import (
+    asks_at_times,
+    asks_surely,
+    greatest,
+    greedy,
+    updated,
+)
 
 N = 60
 DRAWS = [(i + 0.5) / N for i in range(N)]
@@ -45,6 +52,32 @@ def test_actions():
 def test_greedy_is_uniform_among_the_exact_maxima(values, count, maxima):
     expected = {action: 1 / len(maxima) for action in maxima}
     assert frequencies(lambda tie: greedy(values, count, tie)) == expected
+
+
+ROWS = [
+    [1, 2, 3, 4, 5],
+    [1, 2, 3, 4, 4],
+    [4, 4, 3, 4, 4],
+    [2, 2, 2, 2, 2],
+    [1, 2, 3, 4, 3],
+    [5, 2, 3, 4, 4],
+    [1, 2, 3, 4, math.nan],
+    [0.3, 0, 0, 0, 0.1 + 0.2],
+]
+
+
+@pytest.mark.parametrize("row", ROWS)
+def test_a_robot_surely_asks_where_it_asks_whatever_it_draws(row):
+    count = PRIMITIVES if math.isnan(row[COORDINATE]) else len(ACTIONS)
+    asks = frequencies(lambda tie: greedy(row, count, tie)).get(COORDINATE, 0.0)
+    assert asks_surely(row) == (asks == 1.0)
+    assert asks_at_times(row) == (asks > 0.0)
+
+
+def test_of_all_cells_at_once_as_of_each_row():
+    q_star = np.array(ROWS, dtype=float)
+    for rule in (asks_surely, asks_at_times):
+        assert rule(q_star.T).tolist() == [rule(row) for row in q_star]
 
 
 @pytest.mark.parametrize("ties", [1, 2, 3, 4, 5])

@@ -98,7 +98,7 @@ def test_with_defaults_of_ones_own_that_fails():
             return 1 / 0 if scenario.penalty < -50 else None
 
     scenario = load_scenario("env1")
-    with pytest.raises(SettingError, match="its with_defaults returns None, no Scenario"):
+    with pytest.raises(SettingError, match="its with_defaults returned None, allowed: a Scenario"):
         Wrong().with_defaults(scenario)
     with pytest.raises(PluginError, match="failed while making its with_defaults: ZeroDivision"):
         Wrong().with_defaults(scenario.with_settings(penalty=-100))

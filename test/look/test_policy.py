@@ -5,10 +5,15 @@ import pytest
 
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.agent import Tables, initial_tables
+from sparse_coord_ros.learn.evaluation import greedy_agents
 from sparse_coord_ros.learn.learners import learner_of
+from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.learn.simulation import learn
-from sparse_coord_ros.look.policy import policy_of, sparsity_of
+from sparse_coord_ros.look.policy import entered, policy_of, row_asking, sparsity_of
 from sparse_coord_ros.palette import ROBOT_COLOURS, ink_on, rgb
+from sparse_coord_ros.solve.exact import _robots
+from sparse_coord_ros.wire.frame import Frame
+from sparse_coord_ros.wire.occupancy import OCCUPIED, OccupancyData
 
 ENV1 = load_scenario("env1")
 
@@ -24,7 +29,45 @@ def test_greedy_moves_and_asks():
     assert policy.moves[3].tolist() == [False, True, True, False]
     assert policy.moves[4].tolist() == [False, False, False, True]
     assert not policy.moves[[5, 7]].any()
-    assert np.flatnonzero(policy.asks).tolist() == [4, 6]
+    assert np.flatnonzero(policy.asks).tolist() == [4]
+    assert np.flatnonzero(policy.may_ask).tolist() == [4, 6]
+
+
+def at_a_tie():
+    """Return a scenario in which asking is free and brings nothing, and a team that knows it."""
+    scenario = learner_of("factored").with_defaults(
+        ENV1.with_settings(ask_cost=0, penalty=0, steps=2000)
+    )
+    return scenario, learn(scenario, "factored", 1)
+
+
+def test_pictures_map_topic_and_exact_evaluation_agree_on_who_asks_where():
+    """At a tie a robot asks at times, and none of them says that it asks."""
+    scenario, tables = at_a_tie()
+    frame = Frame(make_run(scenario, {"learner": "factored"}))
+    exact = _robots(scenario, tables, "factored")
+    ties = 0
+    for robot, table, chosen in zip(scenario.robots, tables, exact, strict=True):
+        policy = policy_of(table, robot.goal)
+        data = OccupancyData(frame)
+        published = np.frombuffer(data.coordination(table), dtype=np.int8)[data.places] == OCCUPIED
+        here = np.arange(len(published)) != robot.goal
+        np.testing.assert_array_equal(policy.asks[here], published[here])
+        np.testing.assert_array_equal(policy.asks[here], (chosen.asks == 1.0)[here])
+        np.testing.assert_array_equal(policy.may_ask[here], (chosen.asks > 0.0)[here])
+        ties += (policy.may_ask & ~policy.asks).sum()
+    assert ties > 20
+
+
+def test_a_robot_may_enter_what_lies_behind_a_tie():
+    q_star, q_coord = initial_tables(ENV1)[:2]
+    for x in range(len(q_star)):  # everywhere to the north, but for a tie in cell 8
+        q_star[x] = [5, 1, 1, 1, 0]
+    q_star[8] = [5, 1, 1, 1, 5]
+    policy = policy_of(Tables(q_star, q_coord), goal=0)
+    south = int(ENV1.map.next_cell[8, 1])
+    assert south in entered(policy, ENV1.map, 8)
+    assert south not in entered(policy._replace(may_ask=policy.asks), ENV1.map, 8)
 
 
 def test_a_baseline_never_asks_and_its_goal_has_no_move():
@@ -54,6 +97,31 @@ def test_learned_joint_states(name, learner, settings):
     after = sparsity_of(learn(scenario, learner, 1)[0], begun)
     assert 0 < after.share < 0.6
     assert after.by_cell.shape == (len(scenario.map.cells),)
+
+
+@pytest.mark.parametrize(
+    ("name", "learner", "peers"),
+    [("env1", "coop", "one"), ("env1", "factored", "one"), ("crowd-3r", "factored", "all"),
+     ("crowd-3r", "coop", "all")],
+)  # fmt: skip
+def test_the_row_that_decides_after_a_question(name, learner, peers):
+    """The one by which the robot's agent chooses, after a failed percept, too."""
+    rule = learner_of(learner)
+    asking = {"q_star_init": 100, "ask_cost": 0, "penalty": -100, "perception": "probability:0.5"}
+    scenario = load_scenario(name).with_settings({**asking, "steps": 3000, "peers": peers})
+    scenario = rule.with_defaults(scenario)
+    tables = learn(scenario, learner, 1)
+    others = scenario.perceived - 1
+    draws, differ = np.random.default_rng(0), set()
+    for k, agent in enumerate(greedy_agents(scenario, tables, 0, learner)):
+        for cell in range(len(scenario.map.cells)):
+            for perceived in (None, tuple(draws.integers(0, cell + 1, others).tolist())):
+                due = agent.values_asking(cell, perceived)[:4]
+                row = row_asking(tables[k], cell, perceived)
+                assert row.tolist() == pytest.approx(due, abs=1e-9)
+                differ.add(bool((row != tables[k].q_star[cell, :4]).any()))
+        assert row_asking(tables[k], 0, (0,) * (others + 1)) is None
+    assert True in differ
 
 
 def test_eight_colours_each_with_a_legible_number():

@@ -123,3 +123,24 @@ def test_report_writes_the_file_and_says_what_is_wrong(bag, tmp_path, capsys, qu
         assert main(["report", str(source), "--out", str(out)]) == 2
         error = capsys.readouterr().err.splitlines()[-1]
         assert error.startswith("error: ") and words in error
+
+
+def test_the_page_of_results_is_whole_and_self_contained(results, tmp_path, capsys):
+    out = tmp_path / "r.html"
+    assert main(["report", str(results), "--out", str(out)]) == 0
+    tags = tags_of(out.read_text())
+    assert tags.count("img") == 2 and "script" not in tags
+    assert "<td>env1/coop/penalty=-20,steps=300</td>" in out.read_text()
+    out.unlink()
+    assert main(["report", str(results), "--no-baselines", "--out", str(out)]) == 2
+    assert "--no-baselines is for runs" in capsys.readouterr().err
+    assert not out.exists()
+
+
+def test_results_whose_learner_may_not_be_imported_are_left_out(results, tmp_path, capsys):
+    """The page says so, too."""
+    folder = shutil.copytree(results, tmp_path / "r")
+    (folder / "conditions/env1/coop").rename(folder / "conditions/env1/theirs:Team")
+    assert main(["report", str(folder), "--out", str(tmp_path / "r.html")]) == 0
+    words = "left out results of theirs:Team: "
+    assert words in capsys.readouterr().err and words in (tmp_path / "r.html").read_text()

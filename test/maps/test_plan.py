@@ -94,7 +94,7 @@ def test_a_passage_of_two_cells_is_no_doorway_but_named(north):
     done = import_map(plan, cell=0.5, radius=0.2)
     (note,) = [note for note in done.notes if "two cells wide" in note]
     x, y = map(float, note.partition(" at ")[2].partition(";")[0].split(","))
-    assert done.doorways == 0
+    assert done.grid.doorway_count == 0
     assert math.dist((x, y), (2.3, 3.0) if north else (3.0, 1.7)) < 1.0
     both = [(x, y), (x + 0.5, y) if north else (x, y - 0.5)]
     again = import_map(plan, cell=0.5, radius=0.2, doorway=both)
@@ -145,8 +145,11 @@ def test_corridors_and_pockets_are_no_doorways():
     drawing.fill(2.5, 2.5, 5.5, 4.0)  # between them a way of 3 m, one cell wide
     drawing.fill(7.0, 0.9, 8.0, 3.0)
     drawing.fill(7.0, 0, 7.2, 0.9)
-    assert import_map(plan_of(drawing), cell=0.5, radius=0.2).doorways == 0
-    assert import_map(plan_of(drawing), cell=0.5, radius=0.2, doorway_length=4.0).doorways == 1
+    assert import_map(plan_of(drawing), cell=0.5, radius=0.2).grid.doorway_count == 0
+    assert (
+        import_map(plan_of(drawing), cell=0.5, radius=0.2, doorway_length=4.0).grid.doorway_count
+        == 1
+    )
 
 
 @pytest.mark.parametrize(("corner", "doors"), [("#", 0), (".", 1)])
@@ -159,10 +162,10 @@ def test_a_doorway_leads_to_four_cells_at_both_ends(corner, doors):
 def test_doorways_by_hand():
     plan = plan_of(rooms(), (10.0, -5.0))
     none = import_map(plan, cell=0.5, radius=0.2, no_doorway=[(13.0, -3.3)])
-    assert none.doorways == 0
+    assert none.grid.doorway_count == 0
     assert any("no doorway found" in note for note in none.notes)
     two = import_map(plan, cell=0.5, radius=0.2, doorway=[(11.5, -3.3)])
-    assert two.doorways == 2
+    assert two.grid.doorway_count == 2
     with pytest.raises(MapError, match="no doorway at 11.5,-3.3: there is none"):
         import_map(plan, cell=0.5, radius=0.2, no_doorway=[(11.5, -3.3)])
     with pytest.raises(MapError, match="doorway at 0,0 is outside the map of drawn; the nearest"):

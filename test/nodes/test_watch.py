@@ -11,14 +11,20 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sparse_coord_ros.bags.reader import open_bag
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.game.world import Reward
+from sparse_coord_ros.learn.history import load_history
 from sparse_coord_ros.learn.run_config import make_run
+from sparse_coord_ros.learn.tables import load_team, unpack_robot
+from sparse_coord_ros.look.page import messages
 from sparse_coord_ros.look.page.board import Board
 from sparse_coord_ros.look.page.controls import PAUSE, RATE, RESET, STEP, Control
 from sparse_coord_ros.look.page.live_source import LiveView
+from sparse_coord_ros.look.steps import logged_trails
 from sparse_coord_ros.nodes import interface, team, watch
 from sparse_coord_ros.nodes.messages import Converter, tables_message
+from sparse_coord_ros.nodes.spin import ros_context
 from sparse_coord_ros.nodes.watch import HeardTeam, WatchNode
 from sparse_coord_ros.runlog import read_run
+from sparse_coord_ros.runlog.explain import row_in_words
 from sparse_coord_ros.wire.status import Said, read_status
 
 
@@ -108,6 +114,43 @@ def test_a_run_that_goes_back_is_shown_on(good):
     assert team.seen == seen + good.run.scenario.steps and not waiting & set(team._steps)
 
 
+def test_details_have_the_row_of_the_newest_tables(good):
+    """As it was announced; it may have changed since the robot asked."""
+    _, takes, view = heard_of(good.run)
+    tables = {}
+    for one in open_bag(good.bag).attachments:
+        for k in range(2):
+            if f"robot_{k + 1}_0" in one.name:
+                takes[f"/robot_{k + 1}/tables"](serialize_message(tables_message(one.data, 0, "")))
+                tables[k], _ = unpack_robot(one.data, k + 1, where=one.name)
+    log, told = read_run(good.bag), 0
+    for message in open_bag(good.bag).messages(set(takes)):
+        takes[message.topic](message.data)
+        view.show(transitions=0, episode=0)
+    for entry in view.board.get("dialogue")["entries"]:
+        k, row = entry["robot"], int(np.searchsorted(log.step, entry["step"]))
+        cell, peer = log.cells[row, [k, 1 - k]].tolist()
+        known = entry["outcome"] == "answered"
+        due = tables[k].q_coord[cell, peer] if known else tables[k].q_star[cell, :4]
+        assert entry["lines"][2].endswith(f", in the newest tables {row_in_words(due)}")
+        told += known
+    assert 3 < told < len(view.board.get("dialogue")["entries"])
+
+
+def test_trails_are_those_of_the_episode(good):
+    _, takes, view = heard_of(good.run)
+    log, seen = read_run(good.bag), 0
+    for message in open_bag(good.bag).messages(set(takes)):
+        takes[message.topic](message.data)
+        view.show(transitions=0, episode=0)
+        frame = view.board.get("frame")
+        if view.last is not None:
+            row = int(np.searchsorted(log.step, frame["step"]))
+            assert frame["trails"] == logged_trails(log, row)
+            seen += max(map(len, frame["trails"])) > 3
+    assert seen > 10
+
+
 def test_reasons_are_told_of_robots_whose_tables_were_heard(good):
     _, takes, view = heard_of(good.run)
     for one in open_bag(good.bag).attachments:
@@ -188,6 +231,8 @@ def test_a_page_beside_a_live_team(bench, monkeypatch):
     bench.spin_until(lambda: board.get("frame") is not None, "a frame")
     assert board.get("run")["scenario"] == "env1" and board.get("run")["source"] == "live"
     board.pages += 1
+    bench.spin_until(lambda: board.get("frame")["step"] > 0, "the first step")
+    assert board.get("frame")["rate"] is None, "nobody has said it"
     node.controls.control(Control(PAUSE, True))
     bench.spin_until(lambda: board.get("frame")["state"] == "paused", "it holds")
     bench.spin_until(lambda: world.lockstep.complete, "all have acted")
@@ -197,6 +242,7 @@ def test_a_page_beside_a_live_team(bench, monkeypatch):
     assert board.get("frame")["cells"] == node.team.view.last.cells
     node.controls.control(Control(RATE, 500.0))
     bench.spin_until(lambda: world.values["rate"] == 500.0, "the rate")
+    bench.spin_until(lambda: board.get("frame")["rate"] == 500.0, "it is known now")
     episode = world.lockstep.world.episode
     node.controls.control(Control(RESET))
     bench.spin_until(lambda: world.lockstep.world.episode > episode, "a new episode")
@@ -229,6 +275,26 @@ def test_a_team_in_one_process_with_a_page(bench, tmp_path):
         assert curves["asks"] == history.asks.T.tolist()
         assert np.array(board.get("asked")["robots"]).sum() == log.asked.sum()
         assert frame["step"] == log.step[np.flatnonzero(log.move.max(axis=1) >= 0)[-1]]
-        assert board.get("tables")["robots"][0]["step"] > 0
+        saved = load_team(tmp_path / "run", log.run.scenario)
+        for shown, own in zip(board.get("tables")["robots"], saved, strict=True):
+            assert shown["step"] > frame["step"] and shown["q_star"] == messages._plain(own.q_star)
     finally:
         page.close()
+
+
+def test_a_team_that_goes_on_with_a_page_has_asked_before(tmp_path):
+    """How often it asked in each cell is counted from the run's beginning, as its curves are."""
+    out, board = tmp_path / "run", Board()
+    values = {"scenario": "env1", "set": ["steps=600", "ask_cost=0", "epsilon=constant:0.5"]}
+    values |= {"claim_window": 0.0, "seed": 3, "checkpoint": 150, "out": str(out)}
+    folder = out / "checkpoint"
+    with ros_context() as context:
+        stop = lambda: len(list(folder.glob("*_[0-9]*.npz"))) >= 3  # noqa: E731
+        assert team.run_team(values, context=context, stop=stop)["interrupted"]
+    again = {"resume": True, "out": str(out), "claim_window": 0.0}
+    with ros_context() as context:
+        made = team.run_team(again, context=context, page=board)["transitions"]
+    asks = load_history(out).asks.sum(axis=0)
+    asked = np.array(board.get("asked")["robots"]).sum(axis=1)
+    assert made == 600 and asks.min() > 20
+    assert np.array_equal(asked, asks)

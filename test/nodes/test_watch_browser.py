@@ -10,8 +10,14 @@ import pytest
 from browser import REMEDY, Browser, find_browser
 from floor_plans import write
 
+from sparse_coord_ros.game.actions import COORDINATE
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.history import load_history
+from sparse_coord_ros.learn.run_config import load_run, make_run
+from sparse_coord_ros.learn.tables import load_saved_team, load_team
+from sparse_coord_ros.look.page import messages
+from sparse_coord_ros.look.page.board import Board
+from sparse_coord_ros.look.page.server import Server
 from sparse_coord_ros.runlog import read_run
 from sparse_coord_ros.runlog.relearned import Relearned
 from sparse_coord_ros.runlog.window import LongLog
@@ -32,6 +38,12 @@ def browser():
         opened.size(1440, 960)
         yield opened
         assert opened.problems == []
+
+
+@pytest.fixture(autouse=True)
+def runs_in_a_folder_of_its_own(tmp_path, monkeypatch):
+    """Leave no runs behind: a page names no directory for the run that it starts."""
+    monkeypatch.chdir(tmp_path)
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +73,7 @@ def test_a_bag_is_played_and_every_value_is_the_log_s(browser, start, bag):
     process = start("cli.main", "watch", str(bag), "--port", "0", "--rate", "20")
     browser.open(address_of(process))
     browser.wait_for(f"{STEP} > 20")
-    browser.wait_for("document.querySelector('.ask')")  # drawn while it plays
+    browser.wait_for("document.querySelector('#map .ask')")  # drawn while it plays
     browser.press(" ", "Space")
     browser.wait_for(f"{STATE} === 'paused'")
     step = browser.value(STEP)
@@ -79,14 +91,22 @@ def test_a_bag_is_played_and_every_value_is_the_log_s(browser, start, bag):
         f"s.value = {wanted}; s.dispatchEvent(new Event('input')); }})()"
     )
     browser.wait_for(f"{STEP} === {wanted}")
-    browser.wait_for('document.querySelector(\'.ask[data-robot="2"][data-outcome="refused"]\')')
+    browser.wait_for(
+        'document.querySelector(\'#map .ask[data-robot="2"][data-outcome="refused"]\')'
+    )
     said = f"document.querySelector('#dialogue li').innerText.includes('step {wanted}: ')"
     browser.wait_for(said)
     assert "refused" in browser.value("document.querySelector('#dialogue li').innerText")
     browser.wait_for("document.getElementById('foot').dataset.read === '1'")
-    history = log.history()
-    episodes = browser.value("document.getElementById('episodes').textContent")
-    assert int(episodes.replace(",", "")) == history.episodes
+    due = (log.history().first_step <= wanted).sum()
+    browser.wait_for(f"document.getElementById('episodes').textContent === '{due}'")
+    moved = f"{DETAILS}.find((text) => /goes \\w+ by Q\\*\\[\\d+\\]: north /.test(text))"
+    browser.wait_for(moved)  # the row of the table that decided
+    browser.value("document.querySelector('#dialogue details').open = true")
+    click(browser, "back")
+    browser.wait_for(f"{STEP} < {wanted}")
+    click(browser, "next-step")
+    browser.wait_for(f"{STEP} === {wanted}")
     browser.wait_for("document.querySelectorAll('#curves .curve').length === 6")
     browser.wait_for("!document.getElementById('evaluation-panel').hidden")
     browser.value("document.getElementById('map').focus()")
@@ -104,6 +124,89 @@ def test_a_bag_is_played_and_every_value_is_the_log_s(browser, start, bag):
     assert at == wanted and shown[1:] == [f"{value:.2f}" for value in tables.q_star[cell]]
     ages = browser.value("document.getElementById('ages').textContent")
     assert ages == f"Tables of step {at:,}."
+
+
+DETAILS = "[...document.querySelectorAll('#dialogue details')].map((one) => one.textContent)"
+
+CUT = """[...document.querySelectorAll('.trail')].flatMap((line) => {
+  const at = [...line.points];
+  return at.slice(1).map((p, i) => Math.abs(p.x - at[i].x) + Math.abs(p.y - at[i].y));
+}).filter((far) => far !== 48).length"""
+"""How many parts of trails do not lead from a cell to the one beside it."""
+
+
+def test_trails_follow_the_cells_though_frames_are_skipped(browser, start, bag):
+    process = start("cli.main", "watch", str(bag), "--port", "0", "--rate", "300", "--step", "1")
+    browser.open(address_of(process))
+    longest = (
+        "Math.max(...[...document.querySelectorAll('.trail')].map((one) => one.points.length))"
+    )
+    browser.wait_for(f"{STEP} > 0 && document.querySelector('.trail')")
+    steps = set()
+    for _ in range(20):
+        steps.add(browser.value(STEP))
+        browser.wait_for(f"{STEP} > {max(steps)} || {STATE} === 'ended'")
+        assert browser.value(CUT) == 0
+    assert max(np.diff(sorted(steps))) > 3, "some frames were skipped"
+    browser.wait_for(f"{STATE} === 'ended' && {longest} > 3")
+    assert browser.value(CUT) == 0
+
+
+@pytest.fixture
+def shown(browser):
+    """Return a function that shows frames of a run, made up, and one that gives a frame."""
+    scenario = load_scenario("crowd-4r")
+    board, number = Board(), scenario.map.number
+    fields = messages.run_fields(make_run(scenario, {}))
+    board.put("run", source="live", title="made up", controls=(), **fields)
+    server = Server(board, port=0)
+    browser.open(server.address)
+
+    def show(step, places, asks=(), after=None, **more):
+        places, after = ([number[one] for one in cells] for cells in (places, after or places))
+        said = {"robot": 0, "peers": [1], "outcome": "answered", "ended": "answered"}
+        board.put(
+            "frame",
+            step=step,
+            cells=places,
+            trails=[[cell] for cell in places],
+            asks=[{**said, "robot": k} for k in asks],
+            after=after,
+            **{"state": "learning", "rate": 0, "speed": None, "transitions": step, "episode": 0},
+            **{"miscoordination": False, **more},
+        )
+        browser.wait_for(f"{STEP} === {step}")
+
+    yield show
+    server.close()
+
+
+def test_a_question_is_drawn_where_it_was_asked_and_a_miscoordination_where_it_was(browser, shown):
+    places = [(1, 3), (3, 3), (5, 5), (6, 6)]
+    drawn = "[...document.querySelectorAll('#map {}')].map(({{{}: x, {}: y}}) => "
+    drawn += "[x.baseVal.value, y.baseVal.value])"
+    lines = drawn.format(".ask line", "x1", "y1")
+    for step in (1, 3, 5):
+        shown(step, places, asks=[0])
+        asked = browser.value(lines)
+        shown(step + 1, [(0, 3), *places[1:]])
+        late = browser.value(lines)  # it is still seen, or gone
+        assert asked == [[3.5 * 48, 1.5 * 48]] and late in (asked, [])
+    rings = drawn.format(".met", "cx", "cy")
+    doors = [(1, 4), (1, 4), (3, 4), (6, 6)]
+    shown(7, places, after=doors, miscoordination=True)
+    assert browser.value(rings) == [[4.5 * 48, 1.5 * 48]], "where two robots are"
+    apart = [(1, 4), (5, 4), (3, 3), (6, 6)]
+    shown(8, places, after=apart, miscoordination=True)
+    both = [[4.5 * 48, 1.5 * 48], [4.5 * 48, 5.5 * 48]]
+    assert browser.value(rings) == both, "all doorways are one meeting place"
+    shown(9, places, after=apart)
+    assert browser.value(rings) == []
+    assert browser.value("document.getElementById('speed').textContent") == "–"
+    assert (
+        browser.value("document.getElementById('silence').textContent")
+        == "No question shown so far."
+    )
 
 
 WIDE = "document.documentElement.scrollWidth <= window.innerWidth"
@@ -133,6 +236,15 @@ def test_a_bag_opens_on_what_was_learned_and_keys_lead_on(browser, start, learne
             step = browser.value(STEP)
             browser.press(key)
             browser.wait_for(f"{STEP} > {step} && {STATE} === 'paused'")
+    browser.press("End")
+    browser.wait_for(f"{STATE} === 'ended'")
+    last = browser.value(STEP)
+    browser.press("m")
+    told = "document.getElementById('said').textContent"
+    browser.wait_for(f"{told} === 'No miscoordination after time step {last:,}.'")
+    assert browser.value(STEP) == last
+    browser.press("c")
+    browser.wait_for(f"{STEP} < {last} && {told} === ''")
     whole = browser.value("document.getElementById('map').getAttribute('viewBox')")
     browser.press("z")
     browser.wait_for(f"document.getElementById('map').getAttribute('viewBox') !== '{whole}'")
@@ -149,6 +261,58 @@ def test_a_bag_opens_on_what_was_learned_and_keys_lead_on(browser, start, learne
         "document.querySelector('#evaluation tr:nth-child(4) td:last-child')"
         ".getBoundingClientRect().right < 400"
     )
+
+
+def q_star_shown(browser, page="document"):
+    """Return the row of robot 1 of Q* of the map's first cell, as it is shown, by arrow keys."""
+    browser.value(f"{page}.getElementById('map').focus()")
+    down = "new KeyboardEvent('keydown', {key: 'ArrowDown', bubbles: true})"
+    browser.value(f"{page}.getElementById('map').dispatchEvent({down})")
+    shown = (
+        f"[...{page}.querySelectorAll('#cell tr[data-robot=\"1\"] td')].map((c) => c.textContent)"
+    )
+    title = f"{page}.getElementById('cell-title').textContent"
+    return browser.wait_for(f"{title}.includes(' cell 0 ') && {shown}")[1:]
+
+
+AGES = "getElementById('ages').textContent"
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_a_run_without_ros_ends_on_its_final_tables_then_acts_greedily(
+    browser, start, tmp_path, scheme
+):
+    """The page has them beside the value of the team; robots that move are not said to stand."""
+    out = tmp_path / "run"
+    browser.prefer(scheme)
+    options = ("--steps", "60000", "--engine", "python", "--penalty", "-100", "--seed", "4")
+    process = start(
+        "cli.main", "train", "env1", *options, "--watch", "--port", "0", "--out", str(out)
+    )
+    browser.open(address_of(process))
+    browser.wait_for("!document.getElementById('evaluation-panel').hidden", 90)
+    assert browser.value(STATE) == "finished"
+    browser.wait_for(f"document.{AGES} === 'Tables at the end of learning.'")
+    assert browser.value("document.getElementById('speed').textContent") == "0"
+    scenario = load_run(out).scenario
+    due = [f"{value:.2f}" for value in load_team(out, scenario)[0].q_star[0]]
+    assert q_star_shown(browser) == due
+    [asked, _] = load_saved_team(out, scenario)
+    cells = (asked.memory.star_updates[:, COORDINATE] > 0).sum()
+    shown = "document.querySelectorAll('#map rect[fill-opacity]').length"
+    assert browser.value(shown) >= cells > 5
+    again = start("cli.main", "watch", str(out), "--port", "0")
+    browser.open(address_of(again))
+    browser.wait_for(f"{STATE} === 'acting greedily' && {STEP} > 2")
+    assert browser.value("document.getElementById('speed').textContent") == "2"
+    assert browser.value(STEP) < 40, "it is a step of the episode"
+    assert browser.value("document.getElementById('transitions').textContent").startswith("60,000")
+    played = "document.getElementById('asked-where').textContent"
+    assert browser.value(played) == "asked here in 200 greedy episodes"
+    assert q_star_shown(browser) == due
+    for width in (1280, 400):
+        browser.size(width, 800)
+        browser.wait_for(WIDE)
 
 
 def test_two_runs_are_beside_each_other(browser, start, learned, bag):
@@ -201,7 +365,7 @@ def test_a_run_on_its_own_page_then_the_next_one(browser, start, tmp_path):
     click(browser, "pause")
     browser.wait_for(f"{STATE} === 'finished'")
     browser.wait_for("!document.getElementById('evaluation-panel').hidden")
-    browser.wait_for("document.querySelector('.ask, #dialogue li')")
+    browser.wait_for("document.querySelector('#map .ask, #dialogue li')")
     history = load_history(out)
     browser.wait_for(f"document.getElementById('episodes').textContent === '{history.episodes}'")
     assert browser.value("document.getElementById('transitions').textContent").startswith("1,500")
@@ -348,6 +512,10 @@ def test_a_building_becomes_a_team_by_clicks(browser, start, tmp_path):
     browser.wait_for(f"{TEAM}.startsWith('Learned: runs/office_')", 120)
     frame = "document.getElementById('learning').contentDocument"
     browser.wait_for(f"{frame}.querySelector('#state').dataset.state === 'finished'")
+    browser.wait_for(f"{frame}.{AGES} === 'Tables at the end of learning.'")
+    made = Path(re.search(r"Learned: (runs/office_\S+?)\. ", browser.value(TEAM))[1])
+    tables = load_team(made, load_scenario(out / "office.yaml"))
+    assert q_star_shown(browser, frame) == [f"{value:.2f}" for value in tables[0].q_star[0]]
     made = load_scenario(out / "office.yaml")
     grid = made.map
     for k, robot in enumerate(made.robots):

@@ -72,8 +72,11 @@ def test_the_history_stretch_by_stretch_is_that_of_the_log(bag, monkeypatch, siz
     parts = list(log.episodes())
     assert len(parts) >= 3 or size > 1
     assert concatenated([part.history for part in parts]).same_bits(whole.history())
-    asked = sum(part.asked for part in parts)
-    assert np.array_equal(asked.sum(axis=1), whole.asked.sum(axis=0))
+    rows, robots = np.nonzero(whole.asked)
+    due = whole.step[rows], robots, whole.cells[rows, robots]
+    found = [np.concatenate(column) for column in zip(*(p.questions for p in parts), strict=True)]
+    assert all(np.array_equal(*pair) for pair in zip(found, due, strict=True))
+    assert [part.read_to for part in parts] == [part.last_step for part in parts]
     log.bag.close()
 
 

@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from sparse_coord_ros.cli.computing import COMPUTING
-from sparse_coord_ros.cli.options import add_options
+from sparse_coord_ros.cli.options import add_options, note
 from sparse_coord_ros.cli.verbs import Parser
 from sparse_coord_ros.engine.cluster import cluster_at
 from sparse_coord_ros.errors import EXIT_BAD_INPUT, SparseCoordError
@@ -63,7 +63,7 @@ def computing(out: Path, by: Computing) -> Callable[[Condition, Plan], Condition
 
     def computed(condition: Condition, plan: Plan) -> ConditionResult:
         folder = f"{plan.runs}-runs-{plan.trials}-trials-from-{plan.seed}"
-        with open_results(out / folder, plan) as results:
+        with open_results(out / folder, plan, note) as results:
             return compute([condition], plan, by, results=results, progress=_say)[condition.id]
 
     return computed

@@ -85,7 +85,7 @@ def _row(
         "learned": f"{means[0]:.2f} ({errors[0]:.2f})",
         "**then improved**": f"{means[1]:.2f} ({errors[1]:.2f})",
         "worst team": f"{values[..., 1].min():.2f}" if len(teams) == 1 else "-",
-        "bound": f"{bound:.2f}",
+        "best known": f"{bound:.2f}",
         "of the gap, learned": shares[0],
         "improved": shares[1],
         "seconds": f"{np.mean([one.seconds for one in every]):.2f}",

@@ -5,8 +5,6 @@
 import math
 from collections.abc import Mapping, Sequence
 
-import pandas as pd
-
 from sparse_coord_ros.experiments.report.rows import best_asking_team, best_team
 from sparse_coord_ros.experiments.store import ConditionResult
 from sparse_coord_ros.game.scenario import Scenario
@@ -21,14 +19,17 @@ Row = Mapping[str, str | None]
 """Column -> text; None and missing columns are shown as a dash."""
 
 
+def as_table(rows: Sequence[Row]) -> tuple[list[str], list[list[str]]]:
+    """Return a table's columns, in the order in which rows name them, and its lines."""
+    head = list(dict.fromkeys(column for row in rows for column in row))
+    return head, [[row.get(column) or "-" for column in head] for row in rows]
+
+
 def to_markdown(rows: Sequence[Row]) -> str:
     """Return a table."""
-    data = pd.DataFrame(rows, dtype=object)
-    data = data.where(data.notna(), "-")
-    head = [str(column) for column in data.columns]
+    head, body = as_table(rows)
     rule = [":--" if column in WORDS or not i else "--:" for i, column in enumerate(head)]
-    lines = [head, rule, *data.to_numpy().tolist()]
-    return "".join("| " + " | ".join(line) + " |\n" for line in lines)
+    return "".join("| " + " | ".join(line) + " |\n" for line in (head, rule, *body))
 
 
 def fixed(value: float, digits: int = 2) -> str:

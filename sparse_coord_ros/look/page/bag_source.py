@@ -2,9 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """A bag on the page: played, held, stepped, sought in; followed while it grows."""
 
-import bisect
 import threading
 import time
+from collections.abc import Callable
+from itertools import groupby
 from pathlib import Path
 
 import numpy as np
@@ -15,13 +16,17 @@ from sparse_coord_ros.game.plugins import leaving_out
 from sparse_coord_ros.learn.history import blank_history, concatenated
 from sparse_coord_ros.look.page import controls, messages
 from sparse_coord_ros.look.page.board import Board, Message
+from sparse_coord_ros.look.page.counts import Counts
+from sparse_coord_ros.look.page.live_source import ASKED_SO_FAR
 from sparse_coord_ros.look.page.moments import Highlight, Moments, highlight
-from sparse_coord_ros.look.steps import logged_step
+from sparse_coord_ros.look.steps import logged_step, logged_trails, questions_of
 from sparse_coord_ros.look.words import Words
+from sparse_coord_ros.runlog import explain
 from sparse_coord_ros.runlog.attached import RecordedTables
 from sparse_coord_ros.runlog.log import NONE, RunLog
-from sparse_coord_ros.runlog.relearned import Relearned
+from sparse_coord_ros.runlog.relearned import Asked, Relearned
 from sparse_coord_ros.runlog.window import LongLog
+from sparse_coord_ros.solve.shipped import shipped_asking_team
 from sparse_coord_ros.wire import COORDINATION_MAP
 
 CONTROLS = (controls.PAUSE, controls.STEP, controls.RATE, controls.SEEK, controls.JUMP)
@@ -40,6 +45,14 @@ SHOWN_STEPS = 3000
 
 MARKS = 300
 """Marks of a kind on the time line at most."""
+
+WORDS = {
+    controls.QUESTION: "question",
+    controls.MISCOORDINATION: "miscoordination",
+    controls.POLICY: "change of where a robot would ask",
+    controls.CROSSING: "crossing",
+}
+"""What a page can go to, in words."""
 
 STILL_STEPS = 10_000
 """Of a time step that so many others have followed nobody wants to know any more."""
@@ -93,7 +106,11 @@ class BagSource(controls.Controlled):
         self._window: RunLog | None = None
         self._shown: dict[str, object] = {}
         self._relearned = Relearned(self.log)
-        self._asked: list[tuple[int, np.ndarray]] = []
+        scenario = self.run.scenario
+        self._counts = Counts(len(scenario.robots), len(scenario.map.cells))
+        self._questions: list[tuple[int, Asked]] = []
+        self._rows: dict[tuple[int, int], str] = {}
+        self._rows_known = 0
         self._stop = threading.Event()
         place, fields = self.log.bag.path, messages.run_fields(self.run)
         title = str(place if place.is_dir() else place.parent)
@@ -113,11 +130,13 @@ class BagSource(controls.Controlled):
             log = self.log.read(max(0, last - most), last)
             whole = log.history().first_step[int(last > most) :]  # the first one may be cut
             found = self._newest()
+            tables = [one.tables for one in found]
+            if len(whole) and found:
+                log = log.between(int(whole[0]), last)
+                self._highlight = highlight(log, tables, self._moments, self._words)
         except SparseCoordError:  # that it is damaged is said where all of it is read
             return
-        if len(whole) and found:
-            log, tables = log.between(int(whole[0]), last), [one.tables for one in found]
-            self._highlight = highlight(log, tables, self._moments, self._words)
+        if self._highlight is not None:
             newest = {one.robot: (one.step, one.tables) for one in found}
             self.board.put("tables", robots=messages.table_fields(self.run, newest))
             self._tell_learned()
@@ -134,16 +153,22 @@ class BagSource(controls.Controlled):
             return
         lines = [shown.text]
         if shown.step is None:
-            lines.append("The best asking team found shows how much asking could be worth.")
+            best = shipped_asking_team(self.run.scenario)
+            if best is not None:
+                lines.append(f"The best asking team found is worth {best.value:.2f} a robot.")
         elif read:
-            begun, since = self._moments.since(shown.robot, shown.cell)
-            if since is None:
-                lines.append("It explores: by what it learned it would not ask there.")
-            elif since == begun:
-                lines.append("It knew that from the start.")
-            else:
-                lines.append(f"It learned that after about {float(f'{since:.3g}'):,.0f} steps.")
+            lines.append(self._since(shown))
         self.board.put("learned", lines=lines, first=shown.first, step=shown.step)
+
+    def _since(self, shown: Highlight) -> str:
+        """Say since when a robot would ask where it does; the whole log has been read."""
+        begun, since = self._moments.since(shown.robot, shown.cell)
+        name = self._words.names[shown.robot]
+        if since is None:
+            return f"By its newest tables {name} would not ask there."
+        if since == begun:
+            return f"By its tables {name} would have asked there from the start."
+        return f"{name} learned to ask there at about step {float(f'{since:.3g}'):,.0f}."
 
     def _show_again(self) -> None:
         """Play the episode that shows what was learned, again and again."""
@@ -226,6 +251,7 @@ class BagSource(controls.Controlled):
 
     def _do(self, control: controls.Control) -> None:
         last = self.log.last_step
+        self._say("")
         if control.name == controls.PAUSE:
             self.paused = control.value
             if not self.paused and self.position >= last and not self.growing:
@@ -238,14 +264,32 @@ class BagSource(controls.Controlled):
                 self.paused = False
         elif control.name == controls.JUMP and control.value == controls.LEARNED:
             self._show_again()
-        elif control.name == controls.JUMP:  # the next one; after the last comes the first
-            steps = self._moments.steps[control.value]
-            if len(steps):
-                self._go(int(steps[np.searchsorted(steps, int(self.position) + 1) % len(steps)]))
-                self.paused = True
+        elif control.name == controls.JUMP:
+            self._jump(control.value)
         elif control.name == controls.STEP:
             self.paused = True
             self._go(self._beside(control.value))
+
+    def _jump(self, kind: str) -> None:
+        """Go to the first crossing, or to the next moment of another kind; say where none is."""
+        steps = self._moments.steps[kind]
+        step = 0 if kind == controls.CROSSING else int(self.position) + 1
+        place = int(np.searchsorted(steps, step))
+        if place < len(steps):
+            self._go(int(steps[place]))
+            self.paused = True
+            return
+        what = f"No {WORDS[kind]}"
+        if kind != controls.CROSSING:
+            what = f"{what} after time step {step - 1:,}"
+        read = self._counts.read_to
+        so_far = "" if read >= self.log.last_step else f"; the log is read to time step {read:,}"
+        self._say(f"{what}{so_far}.")
+
+    def _say(self, text: str) -> None:
+        """Show what came of a control; empty: nothing is to be said."""
+        if self._new("said", text):
+            self.board.put("said", text=text)
 
     def _beside(self, count: int) -> int:
         """Return the time step so many steps on in the log, or back."""
@@ -295,29 +339,36 @@ class BagSource(controls.Controlled):
 
     def _show(self, log: RunLog, row: int) -> None:
         step = int(log.step[row])
+        so_far = self._counts.up_to(step, log)
         around = {"rate": self._pace, "first": self.first, "last": self.log.last_step}
+        around |= {"episodes": so_far.episodes, "counted_to": so_far.read_to}
         if self._new("frame", (step, self.state, around)):
-            fields = messages.frame_fields(logged_step(log, row))
+            fields = messages.frame_fields(logged_step(log, row), logged_trails(log, row))
             self.board.put("frame", state=self.state, **around, **fields)
-            self._tell(log, row)
-        self._show_asked(step)
+        self._tell(log, row)
+        if self._new("asked", so_far.questions):
+            self.board.put("asked", robots=so_far.asked.tolist(), where=ASKED_SO_FAR)
 
     def _tell(self, log: RunLog, row: int) -> None:
-        """Show the last questions up to a row, where there are others than before."""
-        asking = np.flatnonzero(log.asked[: row + 1].any(axis=1))[-messages.DIALOGUE :]
-        if self._new("dialogue", log.step[asking[-1:]].tolist()):
-            known = {k for k, at in enumerate(self.log.table_steps()) if at}
-            told: list[Message] = []
-            for place in asking.tolist():
-                seen = logged_step(log, place)
-                told += messages.in_words(self.run, seen, known, self._words)
-            self.board.put("dialogue", entries=told[-messages.DIALOGUE :])
+        """Show the last questions up to a row, where there are others than before.
 
-    def _show_asked(self, step: int) -> None:
-        """Show how often was asked in each cell, as far as that was counted up to a time step."""
-        place = bisect.bisect(self._asked, step, key=lambda counted: counted[0]) - 1
-        if place >= 0 and self._new("asked", place):
-            self.board.put("asked", robots=self._asked[place][1].tolist())
+        Their details have the rows of the tables that decided, once these were learned again.
+        """
+        asking = np.flatnonzero(log.asked[: row + 1].any(axis=1))[-messages.DIALOGUE :]
+        since = int(log.step[0]) if log.step[0] > self.first else None
+        if not self._new("dialogue", (log.step[asking[-1:]].tolist(), since, self._rows_known)):
+            return
+        known = {k for k, at in enumerate(self.log.table_steps()) if at}
+        told: list[Message] = []
+        questions: list[tuple[int, Asked]] = []
+        for place in asking.tolist():
+            seen = logged_step(log, place)
+            rows = {k: text for (step, k), text in self._rows.items() if step == seen.step}
+            told += messages.in_words(self.run, seen, known, self._words, rows)
+            found = (messages.asked_of(seen, one) for one in questions_of(seen))
+            questions += [(seen.step, one) for one in found if one is not None]
+        self._questions = questions[-messages.DIALOGUE :]
+        self.board.put("dialogue", entries=told[-messages.DIALOGUE :], since=since)
 
     def _notice(self) -> None:
         """Say what state the file is in."""
@@ -345,14 +396,18 @@ class BagSource(controls.Controlled):
         """
         step, following = int(self.position), self.following
         steps = self.log.table_steps() if following else None
-        if not self._new("tables", steps or step):
-            return
 
         def still() -> bool:
             here = 0 <= self.position - step < STILL_STEPS
             return here and not (following or self._stop.is_set())
 
         try:
+            if not self._new("tables", steps or step):
+                if not following:
+                    self._find_rows(0, step, lambda: still() and int(self.position) == step)
+                return
+            if not following:  # on the way to the time step
+                self._find_rows(self._relearned.begin(step), step, still)
             found = self._relearned.tables(step, still)
         except SparseCoordError as error:
             self.board.put("notice", text=f"damaged: {error}")
@@ -360,11 +415,34 @@ class BagSource(controls.Controlled):
         if still() or following:
             self.board.put("tables", robots=messages.table_fields(self.run, found))
 
+    def _find_rows(self, first: int, last: int, still: Callable[[], bool]) -> None:
+        """Find the rows of the tables that decided after the questions that are shown.
+
+        Args:
+            first: of which time step on.
+            last: up to which time step.
+            still: whether they are still wanted.
+        """
+        shown = self._questions
+        keys = {(step, one.robot) for step, one in shown}
+        rows = {key: row for key, row in self._rows.items() if key in keys}
+        for step, group in groupby(shown, key=lambda question: question[0]):
+            asked = [one for _, one in group if (step, one.robot) not in rows]
+            if not asked or not first <= step <= last:
+                continue
+            found = self._relearned.values(step, asked, still)
+            if not still():
+                break
+            for one, row in zip(asked, found or [()] * len(asked), strict=True):
+                rows[step, one.robot] = f": {explain.row_in_words(row)}" if row else ""
+        if rows != self._rows:
+            self._rows = rows
+            self._rows_known += 1
+
     def _read_through(self) -> None:
         """Compute the learning curves from the log, stretch by stretch, and go on as it grows."""
         scenario = self.run.scenario
         history = whole = blank_history(0, len(scenario.robots))
-        asked = np.zeros((len(scenario.robots), len(scenario.map.cells)), dtype=np.int64)
         begin = 0
         try:
             while True:
@@ -374,12 +452,11 @@ class BagSource(controls.Controlled):
                     if self._stop.is_set():
                         return
                     history = whole = concatenated([whole, part.history])
+                    self._counts = self._counts.with_part(begin, part)
                     begin = part.last_step + 1
                     if part.open_step is not None:  # its last episode may go on
                         whole = history.first(-1)
                         begin = part.open_step
-                    asked = asked + part.asked
-                    self._asked.append((begin - 1, asked))
                     self._moments.add(part)
                     self._mark()
                     share = begin / max(1, self.log.last_step)

@@ -21,10 +21,11 @@ from sparse_coord_ros.learn.simulation import Glimpse
 from sparse_coord_ros.look.episodes import BUSIEST, played_episode
 from sparse_coord_ros.look.page.board import Board, Message
 from sparse_coord_ros.look.policy import entered, policy_of
-from sparse_coord_ros.look.steps import questions_of
+from sparse_coord_ros.look.steps import Question, questions_of
 from sparse_coord_ros.look.words import Words
 from sparse_coord_ros.maps.image import under
 from sparse_coord_ros.runlog import explain
+from sparse_coord_ros.runlog.relearned import Asked
 from sparse_coord_ros.solve.exact import evaluate_best
 from sparse_coord_ros.solve.shipped import yardsticks
 from sparse_coord_ros.solve.verdict import last_word
@@ -76,11 +77,17 @@ def run_fields(run: RunConfig) -> Message:
     }
 
 
-def frame_fields(seen: Glimpse) -> Message:
-    """Return a time step: where the robots are, who asks whom, where it leads."""
+def frame_fields(seen: Glimpse, trails: Sequence[Sequence[int]]) -> Message:
+    """Return a time step: where the robots are, who asks whom, where it leads.
+
+    Args:
+        seen: the time step.
+        trails: as of `look.steps.trails_of`.
+    """
     return {
         "step": seen.step,
         "cells": seen.cells,
+        "trails": trails,
         "asks": [
             {"robot": q.asker, "peers": q.peers, "outcome": q.outcome, "ended": q.end.words}
             for q in questions_of(seen)
@@ -90,13 +97,13 @@ def frame_fields(seen: Glimpse) -> Message:
     }
 
 
-def table_fields(run: RunConfig, tables: Mapping[int, tuple[int, Tables]]) -> list[Message | None]:
-    """Return what each robot's tables say; None of a robot without any.
+TablesThen = Mapping[int, tuple[int | None, Tables]]
+"""By robot, the time step whose earlier transitions are learned, and the tables; None: those of
+the run's end."""
 
-    Args:
-        run: the run.
-        tables: by robot, the time step whose earlier transitions are learned, and the tables.
-    """
+
+def table_fields(run: RunConfig, tables: TablesThen) -> list[Message | None]:
+    """Return what each robot's tables say; None of a robot without any."""
     robots: list[Message | None] = [None] * len(run.scenario.robots)
     for k, (step, own) in tables.items():
         robot = run.scenario.robots[k]
@@ -175,23 +182,44 @@ def put_end(board: Board, run: RunConfig, tables: Sequence[Tables]) -> tuple[Gli
     """Show the value of a finished run's tables, and in words what they do in a greedy episode.
 
     Returns:
-        The episode's transitions.
+        The episode's transitions, with time steps from 0.
 
     Raises:
         TablesError: the tables do not fit the run.
     """
-    board.put("evaluation", **evaluation_fields(run, tables, None))
-    steps = played_episode(run.scenario, tables, BUSIEST, seed=0, learner=run.rule).steps
+    value = evaluation_fields(run, tables, None)
+    episode = played_episode(run.scenario, tables, BUSIEST, seed=0, learner=run.rule)
+    first = episode.steps[0].step if episode.steps else 0
+    steps = tuple(seen._replace(step=seen.step - first) for seen in episode.steps)
     words = Words(run.scenario)
     asked = [(one.end, words.question(seen, one)) for seen in steps for one in questions_of(seen)]
     asked.sort(key=lambda told: told[0].outcome == palette.ANSWERED)
-    text = asked[-1][1] if asked else "In greedy episodes no robot asks another one."
+    text = "In greedy episodes no robot asks another one, and not all robots arrive."
+    if episode.arrived:
+        text = "In greedy episodes in which all robots arrive no robot asks another one."
+    if asked:
+        text = f"In a greedy episode: {asked[-1][1]}"
     board.put("learned", lines=[text], first=None, step=None)
+    board.put("evaluation", **value)
     return steps
 
 
+def asked_of(seen: Glimpse, question: Question) -> Asked | None:
+    """Return what a question of a time step brought; None where the asker's cell is not known."""
+    cell = seen.cells[question.asker]
+    if cell is None:
+        return None
+    cells = tuple(at for peer in question.peers if (at := seen.cells[peer]) is not None)
+    whole = question.end == PerceptEnd.ANSWERED and len(cells) == len(question.peers) > 0
+    return Asked(question.asker, cell, cells if whole else None)
+
+
 def in_words(
-    run: RunConfig, seen: Glimpse, known: Container[int], words: Words
+    run: RunConfig,
+    seen: Glimpse,
+    known: Container[int],
+    words: Words,
+    rows: Mapping[int, str],
 ) -> Iterator[Message]:
     """Yield the questions of a time step: as a sentence, and as `explain` begins to tell them.
 
@@ -200,20 +228,22 @@ def in_words(
         seen: the time step.
         known: the robots, from 0, whose tables are known; of others only what happened is told.
         words: of the scenario.
+        rows: by robot, what to say of the row of its tables that decided.
     """
     for question in questions_of(seen):
         k, peers, end, move = question
         cell, after = seen.cells[k], None if seen.after is None else seen.after[k]
         whom = ", ".join(words.names[peer] for peer in peers) or "nobody"
-        told, perceived = end.words, None
-        cells = [at for peer in peers if (at := seen.cells[peer]) is not None]
-        if end == PerceptEnd.ANSWERED and cells and len(cells) == len(peers):
-            places = ", ".join(explain.cell_in_words(run, one) for one in cells)
-            told, perceived = f"answers {places}", cells
+        asked = asked_of(seen, question)
+        told, perceived = end.words, None if asked is None else asked.perceived
+        if perceived is not None:
+            places = ", ".join(explain.cell_in_words(run, one) for one in perceived)
+            told = f"answers {places}"
+        by = explain.move_in_words(run, cell if k in known else None, perceived, move)
         lines = [
             explain.choice_in_words(run, k, cell),
             f"asks {whom}: {told}",
-            explain.move_in_words(run, cell if k in known else None, perceived, move),
+            by + rows.get(k, ""),
         ]
         reward = seen.rewards[k] if seen.rewards else None
         if reward is not None:

@@ -3,15 +3,19 @@
 """What matters in a recorded run: where robots ask, meet and change their minds, and what for."""
 
 from collections.abc import Sequence
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 
+from sparse_coord_ros.game.actions import PRIMITIVES
 from sparse_coord_ros.game.miscoordination import miscoordinations
-from sparse_coord_ros.learn.agent import NOBODY, Tables
+from sparse_coord_ros.learn.agent import NOBODY, Agent, Tables
+from sparse_coord_ros.learn.evaluation import check_tables, greedy_agents
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.look.page.controls import CROSSING, KINDS, MISCOORDINATION, POLICY, QUESTION
 from sparse_coord_ros.look.policy import policy_of
+from sparse_coord_ros.look.steps import logged_step, questions_of
 from sparse_coord_ros.look.words import Words
 from sparse_coord_ros.runlog.log import RunLog
 from sparse_coord_ros.runlog.window import Episodes
@@ -34,7 +38,9 @@ class Moments:
     def __init__(self, run: RunConfig, words: Words) -> None:
         self.steps: dict[str, np.ndarray] = {kind: np.empty(0, np.int64) for kind in KINDS}
         self.changes: list[list[tuple[int, np.ndarray]]] = [[] for _ in run.scenario.robots]
-        self._run, self._near = run, words.ways <= 1
+        self._run = run
+        ways = words.doorways.ways
+        self._near = (ways >= 0) & (ways <= 1)
         self._places = OccupancyData(Frame(run)).places
 
     def add(self, part: Episodes) -> None:
@@ -99,28 +105,34 @@ class Highlight(NamedTuple):
 def highlight(log: RunLog, tables: Sequence[Tables], moments: Moments, words: Words) -> Highlight:
     """Return the latest episode of a part of a log in which what was learned matters most.
 
-    That is where a robot asks, as its tables say that it would; goes where it would not go without
-    an answer; in front of a doorway at which the other one is, too; and all arrive unharmed.
+    That is where a robot asks, as its tables say that it would; goes where they say that it would
+    go after this answer, and where it would not go without one; at a doorway at which the other
+    one is, too; and all arrive without a miscoordination.
 
     Args:
         log: the part, with at least one episode.
         tables: of every robot, what was learned there.
         moments: of the run.
         words: of its scenario.
+
+    Raises:
+        TablesError: the tables do not fit the run.
     """
     history, robots = log.history(), range(len(log.names))
     begins = np.searchsorted(log.step, history.first_step)
     good = history.arrived.all(axis=1) & (history.miscoordinations == 0)
     policies = [policy_of(tables[k], log.run.scenario.robots[k].goal) for k in robots]
+    greedy = GreedyMoves(log.run, tables)
     rank = np.zeros(log.asked.shape, dtype=np.int64)
     close = moments.meetings(log.cells)
     for k in robots:
         at = np.flatnonzero(log.asked[:, k] & log.perceived[:, k])
         cells, moves = log.cells[at, k], log.move[at, k]
-        by_rule, other = policies[k].asks[cells], ~policies[k].moves[cells, moves]
-        rank[at, k] = 1 + 4 * by_rule + 2 * other + close[at]
+        asks, other = policies[k].asks[cells], ~policies[k].moves[cells, moves]
+        by_answer = np.array([greedy.holds(log, row, k) for row in at.tolist()], dtype=bool)
+        rank[at, k] = 1 + 8 * by_answer + 4 * asks + 2 * other + close[at]
     best = [
-        (8 * fine + most) * bool(most) + 0.5 * fine
+        (16 * fine + most) * bool(most) + 0.5 * fine
         for begin, length, fine in zip(begins, history.length, good, strict=True)
         for most in [int(rank[begin : begin + length].max())]
     ]
@@ -133,13 +145,75 @@ def highlight(log: RunLog, tables: Sequence[Tables], moments: Moments, words: Wo
         what = "no question is answered" if log.asked.any() else "no robot asks another one"
         text = f"In the last episodes {what}."
         return Highlight(first, last, None, 0, 0, text)
-    cell, after = int(log.cells[row, k]), int(log.cells[row + 1, k])
-    peer = int(log.peer[row, k])
-    peers = [one for one in robots if one != k] if peer == NOBODY else [peer]
-    place, door = words.where(cell)
-    seen = [(one, int(log.cells[row, one])) for one in peers]
-    does = words.goes(k, cell, int(log.move[row, k]), after)
-    text = f"{words.names[k]} asks {place}, and {does} if {words.there(door, seen)}."
+    cell = int(log.cells[row, k])
+    learned = bool(policies[k].asks[cell]) and greedy.holds(log, row, k)
+    text = _told(log, row, k, words, learned=learned)
     if not good[number]:
         text = f"Here not all robots arrive without a miscoordination. {text}"
     return Highlight(first, last, int(log.step[row]), k, cell, text)
+
+
+def _told(log: RunLog, row: int, k: int, words: Words, *, learned: bool) -> str:
+    """Return an answered question in words.
+
+    Args:
+        log: the log.
+        row: of the question's time step.
+        k: who asks.
+        words: of the scenario.
+        learned: whether its tables say that it would do the same again; if not, or if it asks
+            several robots, only what happened is told.
+    """
+    step = logged_step(log, row)
+    [question] = [one for one in questions_of(step) if one.asker == k]
+    if not learned or len(question.peers) != 1:
+        return f"Here {words.question(step, question)}"
+    [peer] = question.peers
+    cell, move = int(log.cells[row, k]), question.move
+    led = int(log.run.scenario.map.next_cell[cell, move])
+    place, door = words.where(k, cell, led)
+    answer = words.answer(k, cell, door, [(peer, int(log.cells[row, peer]))])
+    return f"{words.names[k]} asks {place}, and {words.does(k, cell, move, led)} if {answer}."
+
+
+class GreedyMoves:
+    """What the tables of a team say that robots do after an answer.
+
+    Args:
+        run: the run.
+        tables: of every robot.
+
+    Raises:
+        TablesError: the tables do not fit the run.
+    """
+
+    def __init__(self, run: RunConfig, tables: Sequence[Tables]) -> None:
+        self._agents: list[Agent] = []
+        if run.known_rule is not None:
+            check_tables(run.scenario, tables, run.rule)
+            self._agents = greedy_agents(run.scenario, tables, run.seed, run.rule)
+        self._next_cell = run.scenario.map.next_cell
+        self._led = cache(self._greatest)
+
+    def _greatest(self, k: int, cell: int, perceived: tuple[int, ...]) -> frozenset[int]:
+        """Return to which cells the moves lead that are greatest in a robot's row of Q^C."""
+        values = self._agents[k].values_asking(cell, perceived)[:PRIMITIVES]
+        greatest = np.equal(values, max(values))
+        return frozenset(self._next_cell[cell][greatest].tolist())
+
+    def holds(self, log: RunLog, row: int, k: int) -> bool:
+        """Whether a robot that got an answer chose what its tables say that it would choose now.
+
+        False where its learner's code may not be imported, as then that is not known, and where
+        its tables leave open to which cell it goes.
+        """
+        if not self._agents:
+            return False
+        peer = int(log.peer[row, k])
+        robots = range(len(log.names))
+        peers = [one for one in robots if one != k] if peer == NOBODY else [peer]
+        perceived = tuple(log.cells[row, peers].tolist())
+        if min(perceived) < 0:
+            return False
+        cell = int(log.cells[row, k])
+        return self._led(k, cell, perceived) == {int(self._next_cell[cell, log.move[row, k]])}

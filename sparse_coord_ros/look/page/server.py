@@ -208,8 +208,9 @@ class Page:
             return self._hello(control=True)
         shown = board.get("run")
         control = parse_control(data, () if shown is None else shown["controls"])
-        if board.source is not None:
-            board.source.control(control)
+        if board.source is None:
+            raise SettingError(f"control {control.name!r}: cannot be done yet; try again soon")
+        board.source.control(control)
         return {"type": "done", "do": control.name}
 
     def _hello(self, *, control: bool) -> dict[str, Any]:

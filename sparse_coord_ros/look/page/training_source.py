@@ -4,18 +4,15 @@
 
 import time
 
-import numpy as np
-
 from sparse_coord_ros.engine.batch import LearningRun
-from sparse_coord_ros.engine.trained import Training
 from sparse_coord_ros.learn.run_config import RunConfig
-from sparse_coord_ros.learn.simulation import Glimpse
+from sparse_coord_ros.learn.simulation import Glimpse, groups_of
 from sparse_coord_ros.look.page import messages
 from sparse_coord_ros.look.page.bag_source import SHOWN_RATE
 from sparse_coord_ros.look.page.board import Board
 from sparse_coord_ros.look.page.controls import NEXT, PAUSE, RATE, STEP, Control, Controlled
 from sparse_coord_ros.look.page.live_source import LiveView
-from sparse_coord_ros.look.sources import Shown
+from sparse_coord_ros.look.sources import PLAYED_EPISODES, Shown
 from sparse_coord_ros.wire import RunState
 
 LOOKS_A_SECOND = 30
@@ -38,12 +35,16 @@ class TrainingView(LiveView, Controlled):
         super().__init__(run, board, source="train", title=title, controls=controls)
         self.wants_glimpse = True
         self._held = self._stepping = False
-        self._counts: np.ndarray | None = None
+        self._learning: LearningRun | None = None
         self._rate = 0.0
         self._due = time.monotonic()
 
     def look(self, learning: LearningRun, glimpse: Glimpse | None) -> int | None:
-        """Look at the run; as of `engine.training.Watcher`."""
+        """Look at the run; as of `engine.training.Watcher`.
+
+        The last transition is made apart, so that the last frame shows it.
+        """
+        self._learning = learning
         stepping, self._stepping = self._stepping, False
         if glimpse is not None:
             self.take(glimpse)
@@ -54,12 +55,14 @@ class TrainingView(LiveView, Controlled):
         self.state = RunState.PAUSED if self._held else RunState.LEARNING
         self.show(transitions=learning.done, episode=0, rate=self._rate)
         if self.slow_due():
-            self._counts = learning.asked
             self._show_learned(learning)
         if self._held:
             self.wants_glimpse = self._stepping
             if not self._stepping:
                 time.sleep(1 / LOOKS_A_SECOND)
+            return 0
+        if learning.done == learning.scenario.steps - 1:
+            self.wants_glimpse = True
             return 0
         self.wants_glimpse = self.board.pages > 0
         if not self._rate:
@@ -81,16 +84,18 @@ class TrainingView(LiveView, Controlled):
         elif control.name == STEP:
             self._held = self._stepping = True
 
-    def _show_learned(self, learning: LearningRun | Training) -> None:
-        step = 0 if self.last is None else self.last.step
+    def _show_learned(self, learning: LearningRun, *, over: bool = False) -> None:
+        """Show what was learned so far, or `over`: at the end."""
+        step = None if over else learning.step
         tables = {k: (step, own) for k, own in enumerate(learning.tables)}
-        self.show_learned(learning.history, tables, asked=self._counts)
+        self.show_learned(learning.history, tables, asked=learning.asked)
 
-    def end(self, done: Training) -> None:
-        """Show what was learned at the end."""
-        self.state = RunState.FINISHED
-        self.show(transitions=done.transitions, episode=0, rate=self._rate)
-        self._show_learned(done)
+    def end(self, state: str = RunState.FINISHED) -> None:
+        """Show what was learned at the end, or where the run was stopped."""
+        self.state = state
+        if self._learning is not None:
+            self.show(transitions=self._learning.done, episode=0, rate=self._rate)
+            self._show_learned(self._learning, over=state == RunState.FINISHED)
 
 
 class TrainedView(LiveView):
@@ -107,9 +112,12 @@ class TrainedView(LiveView):
     def __init__(self, shown: Shown, board: Board) -> None:
         run, tables = shown.config, shown.tables
         super().__init__(run, board, source="train", title=str(shown.path), controls=())
-        self.state, self._made = RunState.FINISHED, int(shown.history.length.sum())
-        newest = {k: (self._made, own) for k, own in enumerate(tables)}
-        self.show_learned(shown.history, newest, asked=shown.trials.asked)
+        self.state = RunState.GREEDY
+        groups = len(groups_of(run.scenario, run.rule))
+        self._made = int(shown.history.length.sum()) // groups
+        newest = {k: (None, own) for k, own in enumerate(tables)}
+        played = f"asked here in {PLAYED_EPISODES} greedy episodes"
+        self.show_learned(shown.history, newest, asked=shown.trials.asked, where=played)
         self._steps = messages.put_end(board, run, tables)
 
     def play(self) -> None:
@@ -118,5 +126,5 @@ class TrainedView(LiveView):
             self._told.clear()
             for seen in self._steps:
                 self.take(seen)
-                self.show(transitions=self._made, episode=0, rate=SHOWN_RATE)
+                self.show(transitions=self._made, episode=0, rate=SHOWN_RATE, speed=SHOWN_RATE)
                 time.sleep(1 / SHOWN_RATE)

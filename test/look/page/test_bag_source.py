@@ -14,7 +14,12 @@ import pytest
 
 from sparse_coord_ros.bags.reader import bag_files
 from sparse_coord_ros.errors import BagError
+from sparse_coord_ros.game.actions import COORDINATE
 from sparse_coord_ros.game.miscoordination import miscoordinations
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn.run_config import make_run
+from sparse_coord_ros.learn.tables import save_team
+from sparse_coord_ros.look.page import moments
 from sparse_coord_ros.look.page.bag_source import BagSource
 from sparse_coord_ros.look.page.board import Board
 from sparse_coord_ros.look.page.controls import (
@@ -27,8 +32,14 @@ from sparse_coord_ros.look.page.controls import (
     STEP,
     Control,
 )
+from sparse_coord_ros.look.page.counts import Counts
+from sparse_coord_ros.look.page.moments import GreedyMoves
+from sparse_coord_ros.look.policy import policy_of
+from sparse_coord_ros.look.words import Words
 from sparse_coord_ros.runlog import read_run
 from sparse_coord_ros.runlog.explain import explained, in_words
+from sparse_coord_ros.runlog.window import LongLog
+from sparse_coord_ros.solve.shipped import yardsticks
 from sparse_coord_ros.wire.occupancy import OccupancyData
 
 
@@ -97,6 +108,139 @@ def test_the_words_begin_as_explain_tells_them(player, bag):
     assert "answers cell" in told["answered"] and told["refused"].endswith(": refused")
 
 
+TEAMS = {
+    "coop": ("env1", {"perception": "probability:0.6", "steps": 600}, {}),
+    "factored": ("env1", {"perception": "probability:0.6", "steps": 600}, {"learner": "factored"}),
+    "all peers": ("crowd-3r", {"steps": 300, "peers": "all"}, {"learner": "factored"}),
+}
+
+
+@pytest.mark.parametrize("team", TEAMS)
+def test_details_have_the_row_that_decided(team, record):
+    """Of every question that is shown, as `explain` has it; found when nothing else is to do."""
+    name, settings, values = TEAMS[team]
+    recorded = record(name, settings=settings, values={"checkpoint": 100, **values})
+    player, log = Player(recorded.bag), read_run(recorded.bag)
+    steps = log.step[log.asked.any(axis=1)]
+    for step in (int(steps[len(steps) // 2]), int(log.step[-1])):
+        player.do(SEEK, step)
+        player.source.learn()  # the tables first
+        player.source.learn()
+        player.source.tick()
+        check_rows(player, log)
+    again = int(steps[len(steps) // 2])
+    player.do(SEEK, again)
+    player.do(PAUSE, True)
+    for _ in range(60):  # on the way, step by step
+        player.do(STEP, 1)
+        player.source.learn()
+    player.source.tick()
+    newest = player.board.get("dialogue")["entries"][-1]
+    assert newest["step"] > again and ": north " in newest["lines"][2]
+    player.source.learn()
+    player.source.tick()
+    check_rows(player, log)
+    player.source.log.bag.close()
+
+
+def check_rows(player, log):
+    """Check the details of all questions that are shown."""
+    entries = player.board.get("dialogue")["entries"]
+    assert len(entries) > 3
+    for entry in entries:
+        due = in_words(log, *explained(log, entry["robot"], [entry["step"]]))
+        [moved] = [line.strip() for line in due if line.startswith("  goes ")]
+        assert entry["lines"][2] == moved and ": north " in moved
+
+
+def test_a_run_in_which_nobody_learns_has_its_rows_too(record, tmp_path):
+    tables = record(settings={"steps": 600}).bag
+    load = Player(tables)
+    own = [load.source.log.tables_before(k).tables for k in range(2)]
+    load.source.log.bag.close()
+    save_team(tmp_path, own)
+    values = {"greedy": True, "tables": str(tmp_path)}
+    player = Player(record(settings={"steps": 200}, values=values).bag)
+    player.do(SEEK, 10**6)
+    for _ in range(2):
+        player.source.learn()
+    player.source.tick()
+    entries = player.board.get("dialogue")["entries"]
+    assert entries and all(": north " in entry["lines"][2] for entry in entries)
+    player.source.log.bag.close()
+
+
+def test_counts_are_those_up_to_the_time_step_that_is_shown(player, bag):
+    """The number of episodes, and how often was asked in each cell: forward and back."""
+    log = read_run(bag)
+    history = log.history()
+    frame = player.do(SEEK, int(log.step[300]))
+    assert frame["counted_to"] < frame["step"] and frame["episodes"] == 0  # nothing is read yet
+    player.source._read_through()
+    for row in (300, len(log.step) - 2, 30, 301, 0):
+        frame = player.do(SEEK, int(log.step[row]))
+        assert frame["counted_to"] == frame["step"] == log.step[row]
+        assert frame["episodes"] == (history.first_step <= log.step[row]).sum()
+        due = np.zeros((2, len(log.run.scenario.map.cells)), dtype=int)
+        rows, robots = np.nonzero(log.asked[: row + 1])
+        np.add.at(due, (robots, log.cells[rows, robots]), 1)
+        assert player.board.get("asked")["robots"] == due.tolist()
+    assert player.do(SEEK, 10**9)["episodes"] == history.episodes
+
+
+def test_sums_of_many_questions_are_the_questions(bag, monkeypatch):
+    """However many are summed up at once, and whatever is read again."""
+    monkeypatch.setattr("sparse_coord_ros.look.page.counts.SUM_EVERY", 7)
+    log, long = read_run(bag), LongLog(bag)
+    monkeypatch.setattr("sparse_coord_ros.runlog.window.STRETCH_BYTES", 1)
+    counts, begin = Counts(2, len(log.run.scenario.map.cells)), 0
+    for part in long.episodes():
+        for _ in range(2):
+            counts = counts.with_part(begin, part)
+        begin = part.last_step + 1
+    assert begin > log.step[-1] and counts.read_to >= log.step[-1]
+    nothing = long.read(0, 0)
+    for row in range(0, len(log.step), 17):
+        found = counts.up_to(int(log.step[row]), nothing)
+        asked = log.asked[: row + 1]
+        assert found.asked.sum(axis=1).tolist() == asked.sum(axis=0).tolist()
+        assert found.questions == asked.sum() and found.read_to == log.step[row]
+    part = next(long.episodes())
+    counts = Counts(2, len(log.run.scenario.map.cells)).with_part(0, part)
+    assert 0 < counts.read_to < 500
+    step = int(log.step[np.searchsorted(log.step, counts.read_to + 60)])
+    found = counts.up_to(step, long.around(step))  # reading has not come so far
+    asked = log.asked[log.step <= step]
+    assert found.asked.sum(axis=1).tolist() == asked.sum(axis=0).tolist()
+    assert found.questions == asked.sum() and found.read_to == step
+    assert found.episodes == (log.history().first_step <= step).sum()
+    late = counts.up_to(step, long.read(step, step))  # nor does that go back to it
+    assert late.read_to == counts.read_to and late.questions < found.questions
+    long.bag.close()
+
+
+def test_trails_lead_through_the_cells_that_the_log_has(player, bag):
+    log, lead = read_run(bag), read_run(bag).run.scenario.map.next_cell
+    for row in (0, 50, 51, 200, 333):
+        frame = player.do(SEEK, int(log.step[row]))
+        for k, trail in enumerate(frame["trails"]):
+            assert trail[-1] == log.cells[row, k]
+            assert all(b in lead[a] and a != b for a, b in zip(trail, trail[1:], strict=False))
+            same = np.flatnonzero((log.episode == log.episode[row]) & (log.step <= log.step[row]))
+            cells = log.cells[same[-60:], k]
+            assert trail == cells[np.insert(np.diff(cells) != 0, 0, True)].tolist()
+
+
+def test_where_no_question_was_heard_of_the_page_says_since_when(record):
+    player = Player(record(values={"learner": "noncoop"}, settings={"steps": 3000}).bag)
+    player.do(SEEK, 1)
+    assert player.board.get("dialogue") == {"type": "dialogue", "entries": [], "since": None}
+    last = player.do(SEEK, 10**9)["step"]
+    since = player.board.get("dialogue")["since"]
+    assert 1 < since < last and since == player.source.log.around(last).step[0]
+    player.source.log.bag.close()
+
+
 def test_of_a_robot_without_tables_it_is_told_what_happened(bag, tmp_path, rewritten):
     def ours(attached):
         return [one for one in attached if "robot_1" not in one.name]
@@ -158,8 +302,14 @@ def test_a_bag_opens_on_what_was_learned(learned):
     k = int(re.match(r"robot_(\d) asks before the doorway, and ", text)[1]) - 1
     assert log.asked[row, k] and log.perceived[row, k]
     home = log.run.scenario.map.distances_to(log.run.scenario.robots[k].goal)
-    back = home[log.cells[row + 1, k]] - home[log.cells[row, k]]
-    assert f" {('goes on', 'waits', 'steps back')[back + 1]} if robot_{2 - k} is in " in text
+    cell, peer = log.cells[row, [k, 1 - k]].tolist()
+    newest = player.source.log.tables_before(k).tables
+    move = newest.q_coord[cell, peer].argmax()
+    assert move == log.move[row, k] and newest.q_star[cell].argmax() == COORDINATE
+    back = home[log.run.scenario.map.next_cell[cell, move]] - home[cell]
+    assert f" {('goes on', 'waits', 'steps back')[back + 1]} if robot_{2 - k} is " in text
+    words = Words(log.run.scenario)
+    assert text.endswith(f" is {words.seen_from(k, cell, 0, 1 - k, peer)}.")
     seen = [player.after(0.5)["step"] for _ in range(60)]
     assert seen.count(said["step"]) > 1 and min(seen) == said["first"]
     assert player.do(RATE, 20.0)["rate"] == 20.0
@@ -168,7 +318,8 @@ def test_a_bag_opens_on_what_was_learned(learned):
     assert player.do(JUMP, LEARNED)["step"] == said["first"]
     player.source._read_through()
     line = player.board.get("learned")["lines"][1]
-    since = int(re.search(r"after about ([\d,]+) steps", line)[1].replace(",", ""))
+    assert line.startswith(f"robot_{k + 1} learned to ask there at about step ")
+    since = int(re.search(r"at about step ([\d,]+)\.$", line)[1].replace(",", ""))
     steps, rows = log.tracks.coordination_maps[k]
     place = OccupancyData(log.frame).places[log.cells[row, k]]
     asks = np.frombuffer(rows["data"].tobytes(), np.int8).reshape(len(steps), -1)[:, place] == 100
@@ -180,16 +331,65 @@ def test_a_team_that_does_not_arrive_yet_is_not_praised(record):
     settings = {"steps": 60, "max_steps": 2}
     player = Player(record(settings=settings).bag, step=None)
     text = player.board.get("learned")["lines"][0]
-    assert text.startswith("Here not all robots arrive without a miscoordination. robot_")
+    begun = r"Here not all robots arrive without a miscoordination\. (Here )?robot_[12] asks "
+    assert re.match(begun, text)
     player.source.log.bag.close()
 
 
 def test_where_nobody_asks_the_page_says_so(record):
     player = Player(record(values={"learner": "noncoop"}).bag, step=None)
-    one, other = player.board.get("learned")["lines"]
-    assert "no robot asks" in one and "best asking team found" in other
+    [line] = player.board.get("learned")["lines"]
+    assert line == "In the last episodes no robot asks another one."
     assert player.board.get("tables")["robots"][1]["step"] > 0  # the newest, at once
     player.source.log.bag.close()
+
+
+def test_where_nobody_asks_the_best_asking_team_found_is_named(record):
+    """Where it is known: it is no bound of what asking could be worth."""
+    env1 = load_scenario("env1")
+    settings = {"ask_cost": env1.ask_cost, "penalty": -100}
+    player = Player(record(settings=settings, values={"learner": "noncoop"}).bag, step=None)
+    best = dict(yardsticks(env1.with_settings({"penalty": -100})))["best asking team found"]
+    line = player.board.get("learned")["lines"][1]
+    assert line == f"The best asking team found is worth {best:.2f} a robot."
+    player.source.log.bag.close()
+
+
+@pytest.mark.parametrize("what", ["its move", "that it asks"])
+def test_what_its_tables_do_not_confirm_is_told_as_what_happened(learned, monkeypatch, what):
+    """Not as what it has learned."""
+    if what == "its move":
+        monkeypatch.setattr(GreedyMoves, "holds", lambda *_: False)
+    else:
+        without = lambda *given: (p := policy_of(*given))._replace(asks=p.asks & False)  # noqa: E731
+        monkeypatch.setattr(moments, "policy_of", without)
+    player, log = Player(learned, step=None), read_run(learned)
+    said = player.board.get("learned")
+    [text] = said["lines"]
+    assert re.match(r"Here robot_[12] asks .*\. Answer: robot_[12] is .*\. robot_[12] .*\.$", text)
+    player.source._read_through()
+    [_, line] = player.board.get("learned")["lines"]
+    assert line.startswith("robot_") and " learned to ask there at about step " in line
+    name = text.split()[1]
+    monkeypatch.setattr(player.source._moments, "since", lambda *_: (1, None))
+    player.source._tell_learned(read=True)
+    line = player.board.get("learned")["lines"][1]
+    assert line == f"By its newest tables {name} would not ask there."
+    monkeypatch.setattr(player.source._moments, "since", lambda *_: (1, 1))
+    player.source._tell_learned(read=True)
+    line = player.board.get("learned")["lines"][1]
+    assert line == f"By its tables {name} would have asked there from the start."
+    assert " if " not in text and log.asked[np.searchsorted(log.step, said["step"])].any()
+    player.source.log.bag.close()
+
+
+def test_robots_without_a_way_to_a_doorway_do_not_meet_at_it(make):
+    run = make_run(make("1.D.2\n#####\n....."), {})
+    found = moments.Moments(run, Words(run.scenario))
+    number = run.scenario.map.number
+    cells = [[(0, 1), (0, 3)], [(0, 1), (2, 0)], [(2, 1), (2, 0)], [(0, 2), (0, 4)]]
+    places = np.array([[number[place] for place in joint] for joint in cells])
+    assert found.meetings(places).tolist() == [True, False, False, False]
 
 
 def test_jumps_lead_to_what_matters(learned):
@@ -204,10 +404,14 @@ def test_jumps_lead_to_what_matters(learned):
         frame = player.do(JUMP, kind)
         assert (frame["step"], frame["state"]) == (steps[5], "paused")
         assert bool(frame["asks"]) if kind == "question" else frame["miscoordination"]
-        player.do(SEEK, log.step[-1].item())
-        assert player.do(JUMP, kind)["step"] == steps[0]
+        last = player.do(SEEK, log.step[-1].item())["step"]
+        assert player.do(JUMP, kind)["step"] == last, "it does not begin again"
+        assert player.board.get("said")["text"] == f"No {kind} after time step {last:,}."
+        assert player.do(SEEK, 1) and player.board.get("said")["text"] == ""
     history = log.history()
+    player.do(SEEK, 10**9)
     crossing = player.do(JUMP, "crossing")["step"]
+    assert player.do(JUMP, "crossing")["step"] == crossing
     number = int(np.searchsorted(history.first_step, crossing, side="right")) - 1
     assert history.arrived[number].all() and not history.miscoordinations[number]
     for step in marks["policy"]:
@@ -234,10 +438,20 @@ def test_a_bag_that_grows_is_followed(bag, tmp_path, monkeypatch):
     assert player.do(SEEK, 10**6)["state"] == "following"  # and now it does
     assert player.do(STEP, 1)["state"] == "ended"
     assert player.do(PAUSE, False)["state"] == "following"
+    nothing_read = player.do(JUMP, "policy")
+    assert nothing_read["step"] == before["step"]
+    said = player.board.get("said")["text"]
+    assert said.startswith("No change of where a robot would ask after time step ")
+    assert "; the log is read to time step " in said
     reading = threading.Thread(target=player.source._read_through)
     reading.start()
     while player.board.get("curves") is None:
         time.sleep(0.01)
+    frame = player.do(SEEK, 10**6)
+    half = read_run(bag).between(0, frame["step"])
+    assert frame["counted_to"] == frame["step"]  # the episode that goes on is counted, too
+    assert np.sum(player.board.get("asked")["robots"]) == half.asked.sum()
+    assert frame["episodes"] == len(np.unique(half.episode))
     with path.open("ab") as file:
         file.write(data[len(data) // 2 :])
     player.source.look()

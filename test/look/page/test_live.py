@@ -42,6 +42,20 @@ def test_the_newest_questions_are_told_once(view):
     assert told == list(range(50 - messages.DIALOGUE, 50))
 
 
+def test_a_trail_is_of_one_episode_and_leads_from_cell_to_cell(view):
+    quiet = (Action(0, False, -1, False),) * 2
+    for step, cells in enumerate([(0, 20), (1, 20), (1, None), (5, 2), (5, 3)], start=4):
+        view.take(Glimpse(step, cells, quiet, cells, False))
+    view.show(transitions=5, episode=0)
+    assert view.board.get("frame")["trails"] == [[0, 1, 5], [2, 3]]  # not from 20 on
+    view.take(Glimpse(9, (5, 20), quiet, (5, 20), False))  # a jump, as in a damaged log
+    view.show(transitions=6, episode=0)
+    assert view.board.get("frame")["trails"] == [[0, 1, 5], [20]]
+    view.take(Glimpse(12, (1, 2), quiet, (1, 2), False))  # another episode
+    view.show(transitions=7, episode=1)
+    assert view.board.get("frame")["trails"] == [[1], [2]]
+
+
 @pytest.mark.parametrize(("took", "pause"), [(0.001, 1.0), (0.03, 3.0), (9.0, 5.0)])
 def test_what_takes_long_comes_seldom(view, monkeypatch, took, pause):
     """What is long because the machine is busy with something else does not count."""

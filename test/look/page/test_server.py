@@ -9,6 +9,7 @@ import socket
 import sys
 import time
 from contextlib import ExitStack, suppress
+from importlib import resources
 
 import aiohttp
 import pytest
@@ -16,7 +17,7 @@ from aiohttp.test_utils import TestClient, TestServer
 
 from sparse_coord_ros.cli.main import main
 from sparse_coord_ros.errors import RunError, SettingError
-from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.game.scenario import load_scenario, scenario_names
 from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.look.page import messages
 from sparse_coord_ros.look.page.board import Board
@@ -38,6 +39,7 @@ from sparse_coord_ros.look.page.server import (
     Page,
     Server,
 )
+from sparse_coord_ros.solve.shipped import unseen_buildings, yardsticks
 
 ALL = (PAUSE, STEP, RATE, SEEK, NEXT)
 
@@ -83,6 +85,21 @@ async def next_of(stream, *kinds):
         message = json.loads((await stream.receive(timeout=5)).data)
         if message["type"] in kinds:
             return message
+
+
+def test_every_yardstick_is_explained_and_only_bounds_are_called_so():
+    """The names of the table beside a team's value, as the page explains them."""
+    script = (resources.files("sparse_coord_ros.look.page") / "static/panels.js").read_text()
+    table = re.search(r"const YARDSTICKS = {(.*?)};", script, re.DOTALL)[1]
+    told = dict(re.findall(r'"(.+?)": "(.+?)"', table))
+    scenarios = [load_scenario(name) for name in (*scenario_names(), *unseen_buildings())]
+    scenarios += [one.with_settings({"penalty": -100}) for one in scenarios]
+    names = {name for one in scenarios for name, _ in yardsticks(one)}
+    assert names == set(told) and len(names) == 5
+    for name, words in told.items():
+        is_bound = name in ("exact joint optimum", "bound (robots alone)")
+        assert ("no team is worth more" in words) == is_bound
+        assert ("better ones may exist" in words) == (not is_bound)
 
 
 def test_a_board_gives_what_is_newer_the_oldest_first():
@@ -163,6 +180,9 @@ async def test_controls_need_the_token_and_make_sense(client, page):
             said = await say({**own, "do": control.name, "value": control.value})
             assert said["type"] == "done"
             assert page.boards[0].source.controls[-1] == control
+        page.boards[0].source = None  # between two runs: it is not said to be done
+        said = await say({**own, "do": PAUSE, "value": True})
+        assert said["type"] == "error" and "try again soon" in said["text"]
 
 
 def test_several_runs_have_a_stream_each():

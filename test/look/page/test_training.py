@@ -6,6 +6,9 @@ import numpy as np
 import pytest
 from teams import walking
 
+from sparse_coord_ros.cli import train as train_verb
+from sparse_coord_ros.cli.main import make_parser
+from sparse_coord_ros.engine import batch, training
 from sparse_coord_ros.engine.batch import CompiledLearning, CompiledTeam
 from sparse_coord_ros.engine.kernels import PLAIN
 from sparse_coord_ros.engine.training import train
@@ -15,6 +18,7 @@ from sparse_coord_ros.game.world import Action
 from sparse_coord_ros.learn.history import blank_history
 from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.learn.simulation import Learning, tables_equal
+from sparse_coord_ros.look.page import messages
 from sparse_coord_ros.look.page.board import Board
 from sparse_coord_ros.look.page.controls import PAUSE, RATE, STEP, Control
 from sparse_coord_ros.look.page.training_source import TrainedView, TrainingView
@@ -99,7 +103,7 @@ def test_looking_changes_no_bit_and_shows_what_there_is(every, clock):
         watcher=view,
         progress=progress,
     )
-    view.end(done)
+    view.end()
     alone = train(problem, "coop", 0, engine="python", evaluate_every=every, trials=2)
     assert tables_equal(done.tables, alone.tables) and done.history.same_bits(alone.history)
     assert [n for n, _ in done.evaluations] == [n for n, _ in alone.evaluations]
@@ -110,6 +114,95 @@ def test_looking_changes_no_bit_and_shows_what_there_is(every, clock):
     assert curves["length"] == alone.history.length.tolist()
     assert board.get("tables")["robots"][1]["q_star"][0][COORDINATE] is not None
     assert np.array(board.get("asked")["robots"]).sum() > 0
+
+
+@pytest.mark.parametrize("engine", ["python", "compiled"])
+@pytest.mark.parametrize(("learner", "every"), [("coop", 0), ("coop", 50), ("indiv", 0)])
+def test_the_last_frame_shows_what_was_learned_at_the_end(
+    engine, learner, every, clock, monkeypatch
+):
+    """Tables, questions and curves are the final ones, and the frame is the last transition.
+
+    Whether a page was open, and though hardly a transition was shown on the way.
+    """
+    if engine == "compiled":
+        monkeypatch.setattr(training, "engine_for", lambda *_: "python")
+        monkeypatch.setattr(batch, "begin", compiled_in_python)
+    for pages in (0, 1):
+        problem, board = scenario(steps=5000), Board()
+        board.pages = pages
+        view = TrainingView(make_run(problem, {"learner": learner}), board, title="")
+        done = train(problem, learner, 0, evaluate_every=every, trials=2, watcher=view)
+        view.end()
+        frame, tables = board.get("frame"), board.get("tables")["robots"]
+        assert (frame["state"], frame["transitions"]) == ("finished", 5000)
+        alone = Learning(problem, learner, 0)
+        alone.advance(4999)
+        assert (frame["step"], frame["cells"]) == alone.glimpse()[:2]
+        assert [one["step"] for one in tables] == [None, None]
+        for one, own in zip(tables, done.tables, strict=True):
+            assert one["q_star"] == messages._plain(own.q_star)
+        asked = np.array(board.get("asked")["robots"])
+        assert np.array_equal(asked, alone.asked) and (asked.sum() > 0) == (learner == "coop")
+        assert board.get("curves")["episodes"] == done.history.episodes
+        assert len(done.evaluations) == (100 if every else 0)
+
+
+def compiled_in_python(scenario, learner, seed, state=None, **_):
+    """Begin a run of the compiled form, without numba."""
+    return CompiledLearning(CompiledTeam(scenario, learner, loops=PLAIN), seed, state)
+
+
+def test_tables_on_the_way_are_of_the_time_step_that_is_reached(clock, monkeypatch):
+    """Not of the transition that was shown last."""
+    monkeypatch.setattr(training, "FIRST_PART", 100)
+    monkeypatch.setattr(training, "PART_SECONDS", (0.0, 100.0))
+    problem, board = scenario(steps=3000), Board()
+    view = TrainingView(make_run(problem, {}), board, title="")
+    found = []
+
+    def progress(done, budget):
+        clock.now += 2.0
+        if done >= 1000:
+            board.pages = 1  # a page is opened
+        if board.get("tables"):
+            found.append((done, board.get("tables")["robots"][0]))
+
+    train(problem, "coop", 0, engine="python", watcher=view, progress=progress)
+    made, tables = found[0]
+    again = Learning(problem, "coop", 0)
+    while again.step < tables["step"]:
+        again.advance(again.done + 1)
+    assert tables["q_star"] == messages._plain(again.tables[0].q_star)
+    assert 1000 <= again.done <= made
+
+
+def test_a_run_that_is_stopped_is_not_said_to_learn(tmp_path, clock, monkeypatch):
+    """The page of `import-map` shows on what was learned so far."""
+    board = Board()
+    board.pages = 1
+    command = f"train env1 --steps 100000 --engine python --out {tmp_path / 'run'}"
+    options = make_parser("train").parse_args(command.split())
+    out, run = train_verb.begin(options)
+    monkeypatch.setattr(TrainingView, "look", interrupted(TrainingView.look))
+    with pytest.raises(KeyboardInterrupt):
+        train_verb.learn(options, out, run, board)
+    frame, tables = board.get("frame"), board.get("tables")["robots"][0]
+    assert frame["state"] == "stopped" and 0 < frame["transitions"] < 100_000
+    assert tables["step"] > frame["step"]
+
+
+def interrupted(look):
+    """Return a look at a run that is interrupted at the fifth time."""
+    times = []
+
+    def looked(view, learning, glimpse):
+        times.append(learning.done)
+        if len(times) == 5:
+            raise KeyboardInterrupt
+        return look(view, learning, glimpse)
+
+    return looked
 
 
 def test_holding_and_stepping(clock):
@@ -144,7 +237,7 @@ def test_the_last_step_is_made_though_it_cannot_be_shown_apart(clock):
 
 @pytest.mark.parametrize(
     ("asking", "said"),
-    [(0.0, " moves from the doorway. Answer: "), (-99.0, "no robot asks another")],
+    [(0.0, " past the doorway. Answer: "), (-99.0, "arrive no robot asks another")],
 )
 def test_a_run_without_a_bag_is_shown_by_a_greedy_episode(asking, said, clock):
     board, run = Board(), make_run(scenario(), {})
@@ -161,6 +254,15 @@ def test_a_run_without_a_bag_is_shown_by_a_greedy_episode(asking, said, clock):
     clock.then[20.0] = stop
     with pytest.raises(KeyboardInterrupt):
         view.play()
+    assert {frame["state"] for frame in frames} == {"acting greedily"}
+    assert {frame["speed"] for frame in frames} == {frame["rate"] for frame in frames} == {2.0}
+    steps = [frame["step"] for frame in frames]
+    assert steps[0] == 0 and max(steps) < 20 and steps.count(0) > 1, "they are those of an episode"
+    assert all(len(frame["trails"][0]) <= frame["step"] + 1 for frame in frames)
+    assert board.get("tables")["robots"][0]["step"] is None
+    assert board.get("asked")["where"] == "asked here in 200 greedy episodes"
+    entries = (board.get("dialogue") or {"entries": []})["entries"]
+    assert {entry["step"] for entry in entries} <= set(steps)
     cells = [tuple(frame["cells"]) for frame in frames]
     first = tuple(robot.start for robot in run.scenario.robots)
     assert cells[0] == first and cells.count(first) > 1, "it is played again"

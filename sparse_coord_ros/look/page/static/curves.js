@@ -8,7 +8,7 @@ const DASHES = ["", "6 3", "2 3", "8 3 2 3", "12 4", "4 7", "9 3 2 3 2 3", "1 5"
 
 const CHARTS = [
   { key: "length", title: "Steps of an episode", range: [0, 1] }, // at least
-  { key: "reward", title: "Reward of a robot", range: [] },
+  { key: "reward", title: "Undiscounted return", range: [] },
   { key: "miscoordinations", title: "Miscoordinations", range: [0, 1] },
   { key: "asks", title: "Questions of a robot", range: [0, 1] },
 ];

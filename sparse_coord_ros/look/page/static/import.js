@@ -106,12 +106,12 @@ const TAKE = {
     imported = message;
     if (JSON.stringify(imported.chosen) === JSON.stringify(chosen)) waiting = false;
     if (!waiting) chosen = imported.chosen; // another page has chosen it
-    const { rows, resolution: side, cells, doorways, suggested } = imported, [x, y] = at(imported.origin), a = side * METRE;
+    const { rows, resolution: side, cells, doorways_in_words: doorways, suggested } = imported, [x, y] = at(imported.origin), a = side * METRE;
     const path = (sign, margin) => rows.flatMap((row, r) => [...row].map((one, c) => (one !== sign ? "" :
       `M${x + (c + margin) * a},${y - (rows.length - r - margin) * a}h${(1 - 2 * margin) * a}v${(1 - 2 * margin) * a}h${-(1 - 2 * margin) * a}z`))).join("");
     free.setAttribute("d", path(".", 0.08));
     doors.setAttribute("d", path("D", 0.03));
-    $("facts").textContent = `${number(cells)} cells of ${side} m, ${doorways} ${doorways === 1 ? "doorway" : "doorways"}`;
+    $("facts").textContent = `${number(cells)} cells of ${side} m, ${doorways}`;
     $("notes").replaceChildren(...imported.notes.map((note) => html("li", {}, note)));
     const settings = Object.entries(suggested).map(([key, value]) => `${key}=${value}`).join(", ");
     $("suggested").textContent = settings && `Settings by distance: ${settings}`;

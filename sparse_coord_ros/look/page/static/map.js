@@ -5,8 +5,7 @@ import { inkOn, shape, svg, tinted } from "/draw.js";
 import { View } from "/view.js";
 
 const UNIT = 48;
-const LINGER_MS = 600; // how long a question stays visible while steps rush by
-const TRAIL = 60; // cells
+const LINGER_MS = 600; // how long a question stays visible, where it was asked, while steps rush by
 const SMALLEST = 9; // pixels: a robot's radius
 const LAYERS = ["ground", "heat", "marks", "policy", "trails", "asks", "robots", "met"];
 
@@ -28,7 +27,6 @@ export class TeamMap extends View {
     this.tables = this.asked = null;
     this.cell = null;
     this.colours = run.robots.map((robot) => tinted(robot.colour));
-    this.trails = run.robots.map(() => []);
     const width = run.map.rows[0].length * UNIT + 6, height = run.map.rows.length * UNIT + 6;
     this.layer = Object.fromEntries(LAYERS.map((name) => [name, svg("g")]));
     this.cursor = svg("rect", { width: UNIT, height: UNIT, class: "cursor", visibility: "hidden" });
@@ -97,20 +95,11 @@ export class TeamMap extends View {
     });
   }
 
-  // Where each robot came from, as far as the steps before were seen.
+  // Where each robot came from: through which cells, as the source knows them.
   trail(frame) {
-    this.trails.forEach((trail, k) => {
-      const cell = frame.cells[k], last = trail.at(-1);
-      const [r, c] = this.run.map.cells[cell] ?? [], [r0, c0] = this.run.map.cells[last?.cell] ?? [];
-      const passed = frame.step - last?.step;
-      if (!(passed >= 0 && passed <= 3 && Math.abs(r - r0) + Math.abs(c - c0) <= passed)) trail.length = 0;
-      if (cell !== null && cell !== trail.at(-1)?.cell) trail.push({ cell, step: frame.step });
-      else if (trail.length) trail.at(-1).step = frame.step;
-      trail.splice(0, trail.length - TRAIL);
-    });
-    this.layer.trails.replaceChildren(...this.trails.map((trail, k) => svg("polyline", {
-      class: "trail", stroke: this.colours[k], "data-robot": k + 1,
-      points: this.layers.trails ? trail.map(({ cell }) => this.centre(cell).map((at) => at + (k % 3 - 1) * 4)).join(" ") : "" })));
+    const points = (trail, k) => trail.map((cell) => this.centre(cell).map((at) => at + (k % 3 - 1) * 4)).join(" ");
+    this.layer.trails.replaceChildren(...frame.trails.map((trail, k) => svg("polyline", {
+      class: "trail", stroke: this.colours[k], "data-robot": k + 1, points: this.layers.trails ? points(trail, k) : "" })));
   }
 
   move(frame, held) {
@@ -129,10 +118,12 @@ export class TeamMap extends View {
     const now = performance.now();
     const asked = new Set(frame.asks.map((ask) => ask.robot));
     const old = held ? [] : this.lingering.filter((one) => one.until > now && !asked.has(one.ask.robot) && one.step !== frame.step);
-    this.lingering = [...old, ...frame.asks.map((ask) => ({ ask, until: now + LINGER_MS, step: frame.step }))];
-    this.layer.asks.replaceChildren(...this.lingering.filter(({ ask }) => places[ask.robot]).map(({ ask }) => this.question(ask, places)));
+    this.lingering = [...old, ...frame.asks.map((ask) => ({ ask, places, until: now + LINGER_MS, step: frame.step }))];
+    this.layer.asks.replaceChildren(...this.lingering.filter(({ ask, places }) => places[ask.robot]).map(({ ask, places }) => this.question(ask, places)));
     const doors = new Set(this.run.map.doorways);
-    const met = frame.miscoordination ? (frame.after ?? frame.cells).filter((cell) => doors.has(cell)) : [];
+    const inside = frame.miscoordination ? (frame.after ?? frame.cells).filter((cell) => doors.has(cell)) : [];
+    const shared = inside.filter((cell, k) => inside.indexOf(cell) !== k);
+    const met = shared.length ? shared : inside; // or all doorways are one meeting place
     this.layer.met.replaceChildren(...[...new Set(met)].flatMap((cell) => {
       const [x, y] = this.centre(cell);
       return [svg("circle", { cx: x, cy: y, r: UNIT * 0.6 * this.grown, class: "met" }),

@@ -7,11 +7,13 @@ import { TeamMap } from "/map.js";
 import { agesPanel, cellPanel, dialoguePanel, evaluationPanel, learnedPanel, marksLine } from "/panels.js";
 import { connect, token } from "/stream.js";
 
+const UNKNOWN = "not known";
 const RATES = [0.5, 1, 2, 5, 10, 20, 50, 100, 500, 1000, 10000];
-// What one can jump to: its button, its key.
+// What one can jump to: its button, its key, what it does.
 const JUMPS = {
-  question: ["question", "q"], miscoordination: ["miscoordination", "m"],
-  policy: ["change of policy", "p"], crossing: ["first crossing", "c"],
+  question: ["question", "q", "the next question"], miscoordination: ["miscoordination", "m", "the next miscoordination"],
+  policy: ["change of asking", "p", "the next change of where a robot would ask"],
+  crossing: ["First crossing", "c", "the first time that robots meet at a doorway, and all arrive without a miscoordination"],
 };
 const HELD = ["paused", "ended", "finished", "stopped"];
 
@@ -27,12 +29,12 @@ const DRAW = {
   run: begin,
   frame: showFrame,
   tables: () => { map.policy(newest.tables); showCell(); },
-  asked: () => map.heat(newest.asked),
+  asked: () => { map.heat(newest.asked); $("asked-where").textContent = newest.asked?.where ?? "asked here so far"; },
   curves: showCurves,
   evaluation: () => evaluationPanel(newest.evaluation),
   learned: () => learnedPanel(newest.learned, mayControl && jump),
   marks: showMarks,
-  dialogue: () => dialoguePanel(newest.run, newest.dialogue?.entries ?? []),
+  dialogue: () => dialoguePanel(newest.run, newest.dialogue ?? {}),
   cell: showCell,
 };
 
@@ -51,6 +53,7 @@ const TAKE = {
   hello,
   error: ({ text }) => { $("said").textContent = text; },
   done: () => { $("said").textContent = ""; },
+  said: ({ text }) => { if (mayControl) $("said").textContent = text; },
   notice: ({ text }) => tell("notice", text),
   run: (message) => {
     newest = { run: message };
@@ -141,8 +144,8 @@ function legend() {
     ask("answered", "asks, is answered"), ask("refused", "is refused"), ask("failed", "no answer"),
     item("doorway", svg("rect", { x: 19, y: 2, width: 20, height: 18, class: "doorway", stroke: run.doorway_colour })),
     item("would ask here", svg("circle", { cx: 30, cy: 11, r: 9, class: "ring", stroke: first })),
-    item("asked here so far", svg("rect", { x: 10, y: 2, width: 40, height: 18, fill: first, "fill-opacity": 0.4 })),
-    item("no greedy robot gets here", svg("path", { d: "M14,11H46", class: "arrow pale", stroke: first })),
+    item(html("span", { id: "asked-where" }), svg("rect", { x: 10, y: 2, width: 40, height: 18, fill: first, "fill-opacity": 0.4 })),
+    item("a greedy robot never gets here", svg("path", { d: "M14,11H46", class: "arrow pale", stroke: first })),
     item("start, goal", svg("text", { x: 30, y: 12, class: "label", fill: "currentColor" }, "S1 G1")),
     item("miscoordination", svg("text", { x: 30, y: 12, class: "met-sign" }, "✖")));
 }
@@ -154,15 +157,17 @@ function showFrame() {
   $("step").textContent = number(frame.step);
   $("transitions-of").hidden = frame.transitions === undefined;
   $("transitions").textContent = `${number(frame.transitions)} of ${number(run.budget)}`;
-  $("speed").textContent = number(frame.speed ?? (held ? 0 : frame.rate || null));
-  if (!curves) showEpisodes(frame.episode === undefined ? null : frame.episode + 1);
+  $("speed").textContent = number(held ? 0 : frame.speed === undefined ? frame.rate || null : frame.speed);
+  if (frame.episodes !== undefined) showEpisodes(frame.episodes, frame.counted_to < frame.step);
+  else if (!curves) showEpisodes(frame.episode + 1);
   setState(frame.state);
   $("pause").textContent = frame.state === "ended" ? "Play again" : held ? "Go on" : "Hold";
   $("start").disabled = !["finished", "stopped"].includes(frame.state);
   if (document.activeElement !== $("rate")) {
-    const options = [...$("rate").options].map((one) => Number(one.value));
-    if (!options.includes(frame.rate)) $("rate").add(new Option(`${number(frame.rate)} steps/s`, frame.rate));
-    $("rate").value = frame.rate;
+    const options = [...$("rate").options].map((one) => one.value);
+    const rate = frame.rate ?? UNKNOWN;
+    if (!options.includes(String(rate))) $("rate").add(new Option(rate === UNKNOWN ? UNKNOWN : `${number(rate)} steps/s`, rate));
+    $("rate").value = rate;
   }
   if (frame.last !== undefined) {
     $("seek").min = frame.first;
@@ -174,8 +179,9 @@ function showFrame() {
   agesPanel(run, newest.tables, frame);
 }
 
-function showEpisodes(count) {
-  $("episodes").textContent = number(count);
+// The number of episodes; not `whole`: there are at least so many.
+function showEpisodes(count, atLeast = false) {
+  $("episodes").textContent = `${atLeast ? "≥ " : ""}${number(count)}`;
   $("episodes").nextSibling.textContent = count === 1 ? " episode" : " episodes";
 }
 
@@ -184,7 +190,7 @@ function showCurves() {
   charts.show(curves, run, map.shown);
   if (frame?.last !== undefined) charts.place(frame.step);
   if (!curves) return;
-  showEpisodes(curves.episodes);
+  if (frame?.episodes === undefined) showEpisodes(curves.episodes);
   const how = curves.window > 1 ? `the mean of ${curves.window} episodes` : "an episode";
   const read = curves.read < 1 ? ` · reading the log: ${Math.round(100 * curves.read)} %` : "";
   $("foot").textContent = `each point of the curves: ${how}${read} · sparse_coord_ros ${run.version}`;
@@ -193,7 +199,7 @@ function showCurves() {
 
 function showMarks() {
   const { marks, frame } = newest;
-  for (const button of $("jumps").children) button.disabled = !marks?.[button.dataset.kind].length;
+  for (const button of $("jumps").querySelectorAll("button")) button.disabled = !marks?.[button.dataset.kind].length;
   if (marks && frame) marksLine(marks, frame.first, frame.last);
 }
 
@@ -208,13 +214,18 @@ $("pause").onclick = pause;
 $("next-step").onclick = () => send("step", 1);
 $("back").onclick = () => send("step", -1);
 $("reset").onclick = () => send("reset");
-$("rate").onchange = () => { send("rate", Number($("rate").value)); $("rate").blur(); };
+$("rate").onchange = () => {
+  if ($("rate").value !== UNKNOWN) send("rate", Number($("rate").value));
+  $("rate").blur();
+};
 $("seek").oninput = () => { sliding = performance.now(); send("seek", Number($("seek").value)); };
 $("start").onclick = () => send("next", { scenario: $("scenario").value, penalty: Number($("penalty").value) });
 const jump = (kind) => send("jump", kind);
-$("jumps").append(...Object.entries(JUMPS).map(([kind, [words, key]]) =>
-  html("button", { type: "button", className: kind, title: `the next one (${key})`, disabled: true, onclick: () => jump(kind) }, words)));
-[...$("jumps").children].forEach((button, k) => { button.dataset.kind = Object.keys(JUMPS)[k]; });
+for (const [kind, [words, key, what]] of Object.entries(JUMPS)) {
+  const button = html("button", { type: "button", className: kind, title: `${what} (${key})`, disabled: true, onclick: () => jump(kind) }, words);
+  button.dataset.kind = kind;
+  $("jumps").append(button);
+}
 for (const name of ["arrows", "rings", "heat", "trails"]) {
   $(`show-${name}`).onchange = (event) => { map.layers[name] = event.target.checked; map.redraw(); };
 }

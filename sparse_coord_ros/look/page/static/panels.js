@@ -25,16 +25,21 @@ export function cellPanel(run, tables, cell) {
   $("cell").tBodies[0].replaceChildren(...rows);
 }
 
-// How old what the robots learned is: tables come now and then.
+// How old what the robots learned is: tables come now and then, and a log is read bit by bit.
 export function agesPanel(run, tables, frame) {
   const ages = (tables?.robots ?? []).map((own) => {
-    if (!own) return "no tables";
+    if (!own) return "not known";
+    if (own.step === null) return "at the end of learning";
     const age = frame ? frame.step - own.step : 0;
-    return age > 0 ? `step ${number(own.step)}, ${number(age)} ago` : `step ${number(own.step)}`;
+    return age > 0 ? `of step ${number(own.step)}, ${number(age)} ago` : `of step ${number(own.step)}`;
   });
   const same = new Set(ages).size === 1;
   const words = same ? ages[0] : ages.map((age, k) => `${run.robots[k].name}: ${age}`).join("; ");
-  $("ages").textContent = ages.length ? `Tables of ${words}.` : "";
+  const lines = ages.length ? [`Tables ${words}.`] : [];
+  if (frame?.counted_to < frame?.step) {
+    lines.push(`Episodes and questions are counted up to step ${number(Math.max(0, frame.counted_to))}.`);
+  }
+  $("ages").textContent = lines.join(" ");
 }
 
 // What was learned, in two sentences; where one may, buttons to see it again, or all from the start.
@@ -44,7 +49,7 @@ export function learnedPanel(learned, jump) {
   const button = (words, what) => html("button", { type: "button", onclick: what }, words);
   const seek = (at) => { $("seek").value = at; $("seek").dispatchEvent(new Event("input")); };
   $("learned").replaceChildren(html("b", {}, learned.lines.join(" ")), ...(jump && learned.first !== null ? [
-    button("See it again", () => jump("learned")), button("From step 0", () => seek(0))] : []));
+    button("See it again", () => jump("learned")), button("From the start", () => seek(0))] : []));
 }
 
 // Marks on the time line: a row of ticks for each kind.
@@ -55,24 +60,30 @@ export function marksLine(marks, first, last) {
     class: `mark ${kind}`, d: marks[kind].map((step) => `M${x(step)},${row * 3.5 + 0.5}v2.6`).join("") })));
 }
 
-export function dialoguePanel(run, entries) {
+export function dialoguePanel(run, { entries = [], since = null }) {
   $("silence").hidden = entries.length > 0;
+  const shown = run.source === "bag" ? "" : " shown"; // a live page shows some of them
+  $("silence").textContent = since === null ? `No question${shown} so far.` : `No question since step ${number(since)}.`;
+  const opened = new Set([...$("dialogue").children].filter((item) => item.querySelector("details").open).map((item) => item.dataset.key));
   $("dialogue").replaceChildren(...entries.toReversed().map((entry) => {
     const { sign, colour } = run.outcomes[entry.outcome];
     const mark = html("span", { className: "sign" }, `${sign} `);
     mark.style.color = tinted(colour);
     const item = html("li", {}, mark, html("span", { className: "at" }, `step ${entry.step}: `), entry.text,
-      html("details", {}, html("summary", {}, "details"), entry.lines.join("; ")));
+      html("details", { open: opened.has(`${entry.step} ${entry.robot}`) }, html("summary", {}, "details"), entry.lines.join("; ")));
+    item.dataset.key = `${entry.step} ${entry.robot}`;
     item.style.borderColor = tinted(run.robots[entry.robot].colour);
     return item;
   }));
 }
 
-// What the yardsticks are, where they stand.
+// What the yardsticks are, where they stand: teams that were found, and what no team can exceed.
 const YARDSTICKS = {
-  "best asking team found": "the best team found that must ask to know where the others are",
-  "exact joint optimum": "the best of all teams, which see each other always and for nothing",
-  "bound (robots alone)": "each robot as if it were alone: no team can do better",
+  "best asking team found": "the best found by a search whose robots see each other only by asking; better ones may exist",
+  "best learned team": "the best of many teams that learned; better ones may exist",
+  "route planner": "the team of a planner that sees all robots for free; better ones may exist",
+  "exact joint optimum": "every robot sees all others for free: no team is worth more",
+  "bound (robots alone)": "each robot alone in the world: no team is worth more",
 };
 
 export function evaluationPanel(e) {
@@ -86,12 +97,12 @@ export function evaluationPanel(e) {
   });
   $("evaluation").replaceChildren(
     row("th", ["", `${e.learner}, ${e.how}`]),
-    row("td", ["reward of a robot", pair(e.reward)]),
+    row("td", ["discounted return of a robot", pair(e.reward)]),
     ...known,
     row("td", ["time to goal", pair(e.time_to_goal)]),
     row("td", ["miscoordinations", pair(e.miscoordinations)]),
-    row("td", ["questions", pair(e.asks)]),
+    row("td", ["questions of a robot", pair(e.asks)]),
     row("td", ["all arrive", `${(100 * e.all_arrived).toFixed(2)} %`]),
     html("caption", {}, e.last_word));
-  $("evaluation").title = `of the tables ${e.step === null ? "at the end" : `of step ${e.step}`}`;
+  $("evaluation-of").textContent = e.step === null ? "at the end of learning" : `by the tables of step ${number(e.step)}`;
 }
