@@ -79,7 +79,7 @@ class Rule(NamedTuple):
     tasks: Any
 
 
-def _made_task(rule: Rule, k: int) -> Task:
+def made_task(rule: Rule, k: int) -> Task:
     """As `task_of`, of arrays."""
     problem = rule.problem
     return Task(
@@ -98,7 +98,7 @@ def _made_task(rule: Rule, k: int) -> Task:
     )
 
 
-@compiled_as(_made_task)
+@compiled_as(made_task)
 def task_of(rule: Rule, k: int) -> Task:
     """Return the task of robot k."""
     task: Task = rule.tasks[k]

@@ -264,11 +264,8 @@ def _stacked_rows(
     used = np.zeros((team, 1), dtype=np.int64)
     found = table._replace(values=values, updates=updates, keys=keys, used=used, first=first)
     for k, memory in enumerate(memories):
-        own = part(found, k)
-        for key, row, counts in zip(*(memory[f"{name}_{what}"] for what in ("keys", "values", "updates")), strict=True):
-            at = _placed(own, int(key))
-            own.values[at] = row
-            own.updates[at] = counts
+        learned = (memory[f"{name}_{what}"] for what in LearnedRows._fields)
+        insert(part(found, k), *learned)
     return found
 
 
@@ -282,6 +279,53 @@ def places_for(table: Rows, used: int, room: int) -> int:
     """
     needed = min(used + room * table.a_step, table.most)
     return 1 << (2 * needed - 1).bit_length()
+
+
+def tables_of_rows(minds: Any) -> dict[str, Rows]:
+    """Return the tables of rows of a mind, or of stacked minds."""
+    return {name: value for name, value in _fields(minds) if isinstance(value, Rows)}
+
+
+def has_room(minds: Any, room: int) -> bool:
+    """Return whether hashed tables of stacked minds stay half empty for so many time steps."""
+    for rows in tables_of_rows(minds).values():
+        places = rows.keys.shape[1]
+        if places and places < places_for(rows, int(rows.used.max()), room):
+            return False
+    return True
+
+
+def with_room(minds: Any, room: int) -> Any:
+    """Return stacked minds whose hashed tables stay half empty for so many time steps."""
+    larger = {}
+    for name, old in tables_of_rows(minds).items():
+        if not old.keys.shape[1]:
+            continue
+        team = len(old.keys)
+        places = places_for(old, int(old.used.max()), room)
+        values = np.zeros((team, places, PRIMITIVES))
+        new = old._replace(
+            values=values,
+            updates=np.zeros(values.shape, dtype=np.int32),
+            keys=np.full((team, places), FREE, dtype=np.int64),
+            used=np.zeros((team, 1), dtype=np.int64),
+        )
+        for k in range(team):
+            met = np.flatnonzero(old.keys[k] != FREE)
+            insert(part(new, k), old.keys[k, met], old.values[k, met], old.updates[k, met])
+        larger[name] = new
+    return minds._replace(**larger)
+
+
+def insert(rows: Rows, keys: np.ndarray, values: np.ndarray, updates: np.ndarray) -> None:
+    """Put rows into one robot's table of arrays, which has room for them."""
+    if not len(rows.keys):
+        rows.values[keys] = values
+        rows.updates[keys] = updates
+        return
+    places = np.array([_placed(rows, key) for key in keys.tolist()], dtype=np.int64)
+    rows.values[places] = values
+    rows.updates[places] = updates
 
 
 def part(minds: Any, k: int) -> Any:
