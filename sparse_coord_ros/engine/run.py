@@ -5,6 +5,7 @@
 Both forms run the loops of `engine.loop`: in plain Python on lists, compiled on arrays.
 """
 
+from array import array
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -142,8 +143,10 @@ class Team:
         """Return a rule for the loops: as it is, or for plain Python with lists."""
         if self.compiled:
             return rule
-        names = ("members", "exploring", "epsilon", "floors", "weights", "step_sizes")
-        listed = rule._replace(**{name: getattr(rule, name).tolist() for name in names})
+        names = ("exploring", "epsilon", "floors", "step_sizes")
+        tables = {name: array("d", getattr(rule, name).tobytes()) for name in names}
+        members, weights = rule.members.tolist(), rule.weights.tolist()
+        listed = rule._replace(members=members, weights=weights, **tables)
         robots = range(len(self.scenario.robots))
         return listed._replace(tasks=[loop.made_task(listed, k) for k in robots])
 
@@ -213,7 +216,7 @@ class Team:
         if self.compiled:
             self.loops.play(state, minds, results, asked, stays, trials, paired)
         else:
-            lists = [array.tolist() for array in (results, asked, stays)]
+            lists = [table.tolist() for table in (results, asked, stays)]
             self.loops.play(state, minds, *lists, trials, paired)
             results, asked, stays = map(np.array, lists)
         self.check_wanted()
@@ -392,7 +395,7 @@ def record_of(history: History, *, compiled: bool) -> loop.Record:
     fields = {name: getattr(rows, name) for name in loop.Record._fields[1:]}
     if compiled:
         return loop.Record(np.array(used), **fields)
-    return loop.Record(used, **{name: array.tolist() for name, array in fields.items()})
+    return loop.Record(used, **{name: table.tolist() for name, table in fields.items()})
 
 
 def history_of(record: loop.Record, robots: int, members: Any) -> History:

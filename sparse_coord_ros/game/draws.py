@@ -6,6 +6,7 @@ What nothing looks at is never drawn by compiled loops: a jump of the generator 
 without those before it (`game.generator`). The bits are those of `game.streams`.
 """
 
+import functools
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -59,8 +60,14 @@ class PlainDraws:
 
     def __init__(self, scenario: Scenario, seed: int, phase: int = LEARNING) -> None:
         team = range(len(scenario.robots))
-        self.links = links_of(scenario, seed, phase)
+        self._key = scenario, seed, phase
         self.streams = [[Stream(seed, k, role, phase) for k in team] for role in DRAWS]
+
+
+    @functools.cached_property
+    def links(self) -> Links:
+        """When robots get no answer."""
+        return links_of(*self._key)
 
 
 class CompiledDraws(NamedTuple):

@@ -139,9 +139,10 @@ class Learner:
 
     def minds(self, scenario: Scenario) -> list[Any]:
         """Return the minds of all robots before learning, as arrays, with their own memory."""
-        return [self._mind(scenario, k) for k in range(len(scenario.robots))]
+        return [self.mind(scenario, k) for k in range(len(scenario.robots))]
 
-    def _mind(self, scenario: Scenario, robot: int) -> Any:
+    def mind(self, scenario: Scenario, robot: int) -> Any:
+        """Return a robot's mind (from 0) before learning, as arrays, with its own memory."""
         base = type(self).initial(scenario, robot)
         more = {}
         for one in reversed(type(self).__mro__):
