@@ -15,7 +15,7 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import Any
 
-from sparse_coord_ros.errors import SettingError
+from sparse_coord_ros.errors import SettingError, TablesError
 from sparse_coord_ros.game.plugins import Registry, allow_named, failing_as, is_shipped, path_of
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.specs import Spec
@@ -23,6 +23,7 @@ from sparse_coord_ros.game.streams import LEARNING
 from sparse_coord_ros.game.world import RewardWeights
 from sparse_coord_ros.learn.agent import (
     Agent,
+    Memory,
     TableMinds,
     Tables,
     check_joint_states,
@@ -426,6 +427,28 @@ def register_learner(learner: "Learner | type[Learner]") -> Learner:
     """
     made = LEARNERS.made(repr(learner), learner)
     return LEARNERS.register(made.name or made.label, made)
+
+
+def check_memory(scenario: Scenario, learner: Learner, k: int, memory: Memory) -> None:
+    """Check what a robot is said to remember, wherever it comes from: a file or a message.
+
+    The rules are those of the learner's agents: `Agent.check`, which `go_on_from` begins with.
+
+    Args:
+        scenario: the problem.
+        learner: who learned it.
+        k: the robot, from 0.
+        memory: what it is said to remember.
+
+    Raises:
+        TablesError: no robot of this scenario and learner can have learned that.
+    """
+    agent = learner.agent(scenario, k, seed=0)
+    try:
+        agent.go_on_from(memory)
+    except (ValueError, LookupError, TypeError) as error:
+        what = f"robot {k + 1} of scenario {scenario.name} cannot have learned that ({error})"
+        raise TablesError(f"{what}; use what a run of this very scenario wrote") from None
 
 
 def check_improvable(scenario: Scenario, learner: Learner) -> None:
