@@ -12,22 +12,17 @@ import math
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import replace
-from functools import partial
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any
 
-import numpy as np
-
-from sparse_coord_ros.errors import SettingError, in_short
-from sparse_coord_ros.game.actions import PRIMITIVES
+from sparse_coord_ros.errors import SettingError, TablesError
 from sparse_coord_ros.game.plugins import Registry, allow_named, failing_as, is_shipped, path_of
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.specs import Spec
 from sparse_coord_ros.game.streams import LEARNING
-from sparse_coord_ros.game.world import Action, RewardWeights
+from sparse_coord_ros.game.world import RewardWeights
 from sparse_coord_ros.learn.agent import (
     Agent,
-    Decision,
     Memory,
     TableMinds,
     Tables,
@@ -91,11 +86,9 @@ class Learner:
                 setattr(cls, attribute, getattr(Learner, attribute))
         if is_shipped(cls):
             return
-        own = {name: vars(cls)[name] for name in CHECKS if name in vars(cls)}
-        if "agent_class" in vars(cls):
-            own.setdefault("agent", cls.agent)  # inherited, but of a class of the user's own
-        for name, method in own.items():
-            setattr(cls, name, _guarded(method, f"making its {name}", CHECKS[name]))
+        for name, check in CHECKS.items():
+            if name in vars(cls):
+                setattr(cls, name, _guarded(vars(cls)[name], f"making its {name}", check))
 
     def with_defaults(self, scenario: Scenario) -> Scenario:
         """Return the scenario with this learner's defaults for settings that nobody chose.
@@ -224,9 +217,7 @@ def _guarded(
 
 def _checked_scenario(said: str, made: Any) -> Any:
     if not isinstance(made, Scenario):
-        raise SettingError(
-            f"{said}: its with_defaults returned {in_short(made)}, allowed: a Scenario"
-        )
+        raise SettingError(f"{said}: its with_defaults returns {made!r}, no Scenario")
     return made
 
 
@@ -242,125 +233,19 @@ def _checked_weights(said: str, made: Any) -> Any:
 def _checked_agent(said: str, agent: Any) -> Any:
     """Let the agent of a learner of the user's own say in one line where it fails."""
     if not isinstance(agent, Agent):
-        raise SettingError(
-            f"{said}: its agent returned {in_short(agent)}, which is no agent, must be a "
-            "sparse_coord_ros.Agent"
-        )
-    for name, due in RETURNED.items():
+        raise SettingError(f"{said}: {agent!r} is no agent, must be a sparse_coord_ros.Agent")
+    doings = {"decide": "deciding", "act": "acting", "learn": "learning", "bootstrap": "learning"}
+    for name, doing in doings.items():
         method = getattr(agent, name)
         if not is_shipped(getattr(method, "__func__", method)):
-            check = partial(_checked_return, agent, name, due)
-            setattr(agent, name, _guarded(method, due.doing, check, said))
+            setattr(agent, name, _guarded(method, doing, said=said))
     return agent
-
-
-def _checked_return(agent: Agent, name: str, due: "Returned", said: str, made: Any) -> Any:
-    """Return what a method of an agent of the user's own returned, where that is allowed."""
-    fits = False
-    with suppress(TypeError, ValueError, AttributeError):
-        fits = due.fits(agent, made)
-    if not fits:
-        allowed = due.allowed.format(actions=agent.actions, last=agent.actions - 1)
-        found = " ".join(in_short(made).split())
-        raise SettingError(f"{said}: its agent's {name} returned {found}, allowed: {allowed}")
-    return made
-
-
-class Returned(NamedTuple):
-    """What a method of an agent returns.
-
-    Attributes:
-        doing: what it is called for.
-        fits: whether an agent's method may have returned something.
-        allowed: what may be returned, in words; may name the agent's number of `actions`, and the
-            `last` of them.
-    """
-
-    doing: str
-    fits: Callable[[Agent, Any], bool]
-    allowed: str
-
-
-def _is_number_below(value: Any, count: int) -> bool:
-    whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
-    return whole and 0 <= value < count
-
-
-def _are_values(values: Any, count: int) -> bool:
-    """Whether there is a value for each of so many actions; none of them is NaN."""
-    return len(values) >= count and not any(math.isnan(values[i]) for i in range(count))
-
-
-def _is_decision(agent: Agent, made: Any) -> bool:
-    if not isinstance(made, Decision) or not _is_number_below(made.action, agent.actions):
-        return False
-    return set(made.peers) <= set(agent.peers)
-
-
-def _is_action(agent: Agent, made: Any) -> bool:
-    return isinstance(made, Action) and _is_number_below(made.move, PRIMITIVES)
-
-
-def _anything(agent: Agent, made: Any) -> bool:
-    return True
-
-
-_A_MOVE = f"the number of a move, from 0 to {PRIMITIVES - 1}"
-_MOVE_VALUES = f"a number for each of the {PRIMITIVES} moves, none of them NaN"
-
-RETURNED: Mapping[str, Returned] = {
-    "decide": Returned(
-        "deciding",
-        _is_decision,
-        "a Decision, as Agent.decide makes it: the number of an action, from 0 to {last}, and the "
-        "numbers of the peers to ask",
-    ),
-    "explored": Returned(
-        "deciding",
-        lambda agent, made: _is_number_below(made, agent.actions),
-        "the number of an action, from 0 to {last}",
-    ),
-    "epsilon": Returned(
-        "deciding", lambda agent, made: 0.0 <= made <= 1.0, "a number from 0 to 1"
-    ),
-    "values": Returned(
-        "deciding",
-        lambda agent, made: _are_values(made, agent.actions),
-        "a number for each of the {actions} actions, none of them NaN",
-    ),
-    "act": Returned(
-        "acting", _is_action, f"an Action, as Agent.act makes it, whose move is {_A_MOVE}"
-    ),
-    "coordinate": Returned(
-        "acting", lambda agent, made: _is_number_below(made, PRIMITIVES), _A_MOVE
-    ),
-    "values_asking": Returned(
-        "acting", lambda agent, made: _are_values(made, PRIMITIVES), _MOVE_VALUES
-    ),
-    "learn": Returned("learning", _anything, ""),
-    "update": Returned("learning", _anything, ""),
-    "bootstrap": Returned("learning", lambda agent, made: math.isfinite(made), "a finite number"),
-    "memory": Returned(
-        "remembering", lambda agent, made: isinstance(made, Memory), "a Memory, as of Agent.memory"
-    ),
-    "go_on_from": Returned("going on", _anything, ""),
-}
-"""The methods of an agent of the user's own that are checked."""
-
-
-def _checked_tables(said: str, made: Any) -> Any:
-    if not isinstance(made, Tables):
-        raise SettingError(
-            f"{said}: its tables returned {in_short(made)}, allowed: a sparse_coord_ros.Tables"
-        )
-    return made
 
 
 CHECKS: Mapping[str, Callable[[str, Any], Any]] = {
     "with_defaults": _checked_scenario,
-    "check": lambda said, made: made,
     "weights": _checked_weights,
-    "tables": _checked_tables,
+    "tables": lambda said, made: made,
     "agent": _checked_agent,
 }
 """The methods of a learner of the user's own that are checked."""
@@ -542,6 +427,28 @@ def register_learner(learner: "Learner | type[Learner]") -> Learner:
     """
     made = LEARNERS.made(repr(learner), learner)
     return LEARNERS.register(made.name or made.label, made)
+
+
+def check_memory(scenario: Scenario, learner: Learner, k: int, memory: Memory) -> None:
+    """Check what a robot is said to remember, wherever it comes from: a file or a message.
+
+    The rules are those of the learner's agents: `Agent.check`, which `go_on_from` begins with.
+
+    Args:
+        scenario: the problem.
+        learner: who learned it.
+        k: the robot, from 0.
+        memory: what it is said to remember.
+
+    Raises:
+        TablesError: no robot of this scenario and learner can have learned that.
+    """
+    agent = learner.agent(scenario, k, seed=0)
+    try:
+        agent.go_on_from(memory)
+    except (ValueError, LookupError, TypeError) as error:
+        what = f"robot {k + 1} of scenario {scenario.name} cannot have learned that ({error})"
+        raise TablesError(f"{what}; use what a run of this very scenario wrote") from None
 
 
 def check_improvable(scenario: Scenario, learner: Learner) -> None:

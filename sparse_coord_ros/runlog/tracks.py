@@ -18,8 +18,8 @@ from sparse_coord_ros.runlog import timeline
 from sparse_coord_ros.runlog.attached import RecordedTables, read_tables
 from sparse_coord_ros.runlog.bag_run import BagRun, check_bag_run, find_run
 from sparse_coord_ros.runlog.columns import OFTEN, Columns, Forms, Only, Reading
-from sparse_coord_ros.runlog.dialogue import NO_REQUEST, Request, put_together
-from sparse_coord_ros.runlog.difference import MISSING, Difference
+from sparse_coord_ros.runlog.dialogue import Request, put_together
+from sparse_coord_ros.runlog.difference import MISSING, NO_REQUEST, Difference
 from sparse_coord_ros.wire import RunState, messages
 from sparse_coord_ros.wire.events import event_form
 from sparse_coord_ros.wire.frame import Frame
@@ -82,6 +82,7 @@ class Tracks:
         requests: the dialogue.
         rosout: what nodes logged, decoded, where it was asked for.
         tables: of each attachment.
+        stalls: where the recorder stood still.
         rollbacks: where the run went back to a checkpoint; what they superseded is left out.
         gaps: what is not in the log, but for its end; in no order.
         problems: what is odd.
@@ -99,6 +100,7 @@ class Tracks:
             forms[wire.ROSOUT.name] = wire.ROSOUT, lambda message: message
         self._period = Frame(self.run).period
         self._backs = timeline.rollbacks(bag)
+        self.stalls = timeline.stalls(bag)
         begins = {back.file: (back.first - 1) * self._period for back in self._backs}
         columns = Columns(bag, forms, only, self._period, begins)
         self.problems, self.suspects = columns.problems, columns.suspects
@@ -146,8 +148,8 @@ class Tracks:
 
     @property
     def lossy(self) -> bool:
-        """Whether a part of the bag may be lost."""
-        return self.broken_off or bool(self.bag.gaps or self.gaps)
+        """Whether a part of the bag may be lost, or never came."""
+        return self.broken_off or bool(self.bag.gaps or self.gaps or self.stalls)
 
     @property
     def broken_off(self) -> bool:

@@ -3,6 +3,7 @@
 """Every 1.x reads and goes on with the files of 1.0.0 (made by test/fixtures/make.py)."""
 
 import io
+import json
 import lzma
 import shutil
 from pathlib import Path
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 
 FIXTURES = Path(__file__).parents[1] / "fixtures/1.0.0"
-CONDITION, OWN = "env1/coop/penalty=-20,steps=300", "doorway/coop/penalty=-50"
+CONDITION = "env1/coop/penalty=-20,steps=300"
 FEW = ("--runs", 2, "--trials", 5)
 SEARCH = ("optimum", "doorway.yaml", "--class", "--restarts", 3, "--out")
 
@@ -78,23 +79,13 @@ def test_a_bag_is_computed_again(sparse_coord, files):
 
 
 def test_results_are_what_is_computed_today(sparse_coord, files):
-    asked = (CONDITION, OWN.replace("doorway", "doorway.yaml"))
-    kept = [files / "results/conditions" / f"{name}.json" for name in (CONDITION, OWN)]
-    before = [path.stat().st_mtime_ns for path in kept]
+    kept = files / "results/conditions" / f"{CONDITION}.json"
+    before = kept.stat().st_mtime_ns
     for name in ("results", "today"):
-        assert sparse_coord("reproduce", *asked, *FEW, "--out", name)[0] == 0
-    assert [path.stat().st_mtime_ns for path in kept] == before
-    for path in kept:
-        today = files / "today" / path.relative_to(files / "results")
-        assert today.read_bytes() == path.read_bytes()
-
-
-def test_results_of_a_scenario_of_one_s_own_need_no_file_of_it(sparse_coord, files):
-    (files / "doorway.yaml").unlink()
-    (files / "doorway.txt").unlink()
-    for verb, out in (("plot", "x.png"), ("report", "x.html")):
-        assert sparse_coord(verb, "results", "--out", out)[0] == 0
-    assert OWN in (files / "x.html").read_text()
+        assert sparse_coord("reproduce", CONDITION, *FEW, "--out", name)[0] == 0
+    assert kept.stat().st_mtime_ns == before
+    today = files / "today/conditions" / f"{CONDITION}.json"
+    assert json.loads(today.read_text()) == json.loads(kept.read_text())
 
 
 def test_a_search_is_what_is_found_today(sparse_coord, files):
@@ -118,34 +109,39 @@ READ = {
 """A verb that reads each file."""
 
 
-NUMBERS = {name: 2 if name.startswith("results/") else 1 for name in READ}
-"""The number of each file's format."""
+def number_of(name):
+    """Return the number of a file's format."""
+    return 2 if name.endswith(("run.yaml", ".mcap")) else 1
 
 
 def renumbered(path, number):
-    """Give a file the next number of its format."""
-    data = path.read_bytes()
+    """Give a file another number of its format."""
+    data, known = path.read_bytes(), number_of(path.name)
     if path.suffix == ".npz":
         with np.load(io.BytesIO(data)) as file:
             found = dict(file)
-        found["format"][0] = str(number + 1)
+        found["format"][0] = f"{number}"
         np.savez(path, **found)
     elif path.suffix == ".mcap":
-        first = b"format\x01\0\0\x001"
+        head = b"format\x01\0\0\x00"
+        first, other = (head + b"%d" % one for one in (known, number))
         assert data.count(first) == 1
-        path.write_bytes(data.replace(first, first[:-1] + b"2"))
+        path.write_bytes(data.replace(first, other))
     else:
         text = data.decode()
-        first = f'format": {number}' if path.suffix == ".json" else f"format: {number}"
-        assert first in text
-        path.write_text(text.replace(first, first[:-1] + str(number + 1), 1))
+        key = 'format": ' if path.suffix == ".json" else "format: "
+        assert f"{key}{known}" in text
+        path.write_text(text.replace(f"{key}{known}", f"{key}{number}", 1))
 
 
 @pytest.mark.parametrize("name", READ)
-def test_a_newer_number_is_one_line(files, refused, name):
-    number = NUMBERS[name]
-    renumbered(files / name, number)
-    said = f"{name}: is in format {number + 1}, this version reads format {number}; update"
+@pytest.mark.parametrize(
+    ("more", "remedy"), [(1, "update sparse_coord_ros"), (-1, "make it anew")]
+)
+def test_another_number_is_one_line(files, refused, name, more, remedy):
+    known = number_of(name)
+    renumbered(files / name, known + more)
+    said = f"{name}: is in format {known + more}, this version reads format {known}; {remedy}"
     assert said in refused(*READ[name])
 
 

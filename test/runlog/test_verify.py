@@ -11,6 +11,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from recordings import with_tables
 from visualization_msgs.msg import MarkerArray
 
+import sparse_coord_ros as sc
 from sparse_coord_ros.game.actions import ACTIONS
 from sparse_coord_ros.game.world import Action, Reward
 from sparse_coord_ros.learn.tables import pack_tables
@@ -412,7 +413,8 @@ def test_a_world_whose_markers_are_its_own(alter, other):
         shown = [m._replace(data=other) if m.topic == "/markers" else own(m) for m in messages]
         return [one for one in shown if one.data]
 
-    found = alter(change, lambda attached: list(map(own, attached)))
+    record = {"version_sparse_coord_own": sc.__version__}
+    found = alter(change, lambda attached: list(map(own, attached)), record=record)
     assert (found.differences, found.open, found.foreign) == ((), (), 0)
     [sentence] = found.not_computed
     assert sentence.endswith("a world of one's own, whose markers are not compared")
@@ -479,7 +481,9 @@ def test_tables_that_are_changed_or_not_there(alter, which, how):
         return found
 
     quantity = "tables q_coord[3, 4, 1]" if how == "off by a bit" else "tables"
-    is_first(alter(attach=attach), step, "robot_2", quantity)
+    found = alter(attach=attach)
+    # That the last ones are missing is an open question: a robot may have been killed.
+    is_first(found, step + (how == "of another step"), "robot_2", quantity)
 
 
 @pytest.mark.parametrize(
