@@ -13,8 +13,8 @@ import sys
 
 import sparse_coord_ros as sc
 from sparse_coord_ros.compiling import inner
-from sparse_coord_ros.learn.agent import TableMinds
-from sparse_coord_ros.learn.algorithm import greatest
+from sparse_coord_ros.learners.agent import TableMinds
+from sparse_coord_ros.learners.policy import greatest
 from sparse_coord_ros.learn.loops import epsilon_at
 
 

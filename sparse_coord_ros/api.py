@@ -20,6 +20,7 @@ import numpy as np
 from sparse_coord_ros.dataframes import data_frame, shown_as
 from sparse_coord_ros.engine.batch import run_batch
 from sparse_coord_ros.engine.cluster import SchedulerLike, check_place, cluster_at
+from sparse_coord_ros.engine.evaluation import Evaluation
 from sparse_coord_ros.engine.improve import Improvement
 from sparse_coord_ros.engine.improve import improve as plan
 from sparse_coord_ros.engine.trained import Training
@@ -47,12 +48,13 @@ from sparse_coord_ros.game.scenario import (
 )
 from sparse_coord_ros.game.world import Reward, RewardWeights
 from sparse_coord_ros.learn import evaluation, run_config
-from sparse_coord_ros.learn.agent import Agent, Choice, Tables
-from sparse_coord_ros.learn.evaluation import Evaluation
 from sparse_coord_ros.learn.history import History, load_history
-from sparse_coord_ros.learn.learners import Learner, LearnerLike, chosen_learner, register_learner
 from sparse_coord_ros.learn.run_config import RUN_SETTINGS, RunConfig
 from sparse_coord_ros.learn.tables import load_memories, load_team
+from sparse_coord_ros.learners.agent import Agent, Choice
+from sparse_coord_ros.learners.learner import Learner
+from sparse_coord_ros.learners.registry import LearnerLike, chosen_learner, register_learner
+from sparse_coord_ros.learners.tables import Tables
 from sparse_coord_ros.solve import exact
 from sparse_coord_ros.solve.asking_search import find_asking_team
 from sparse_coord_ros.solve.exact import ExactEvaluation

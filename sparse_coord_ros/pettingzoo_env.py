@@ -26,8 +26,8 @@ from sparse_coord_ros.game.perception import asked_peers
 from sparse_coord_ros.game.scenario import Scenario, loaded
 from sparse_coord_ros.game.streams import EVALUATION, LEARNING, PEER, POLICY, Stream
 from sparse_coord_ros.game.world import Action, Reward, StepOutcome, World
-from sparse_coord_ros.learn.agent import NOBODY
 from sparse_coord_ros.learn.run_config import RUN_SETTINGS
+from sparse_coord_ros.learners.agent import NOBODY
 from sparse_coord_ros.palette import DOORWAY_COLOUR, WALL_COLOUR, rgb, robot_colour
 
 with needed("the environment needs pettingzoo and gymnasium", "pip install '.[pettingzoo]'"):

@@ -19,7 +19,7 @@ from sparse_coord_ros.experiments.benchmark import (
 from sparse_coord_ros.experiments.catalogue import SPLITS
 from sparse_coord_ros.game.scenario import SETTINGS
 from sparse_coord_ros.game.unseen import TEAMS
-from sparse_coord_ros.learn.learners import LEARNERS
+from sparse_coord_ros.learners.registry import LEARNERS
 
 EXAMPLE = "sparse_coord benchmark coop factored --robots 2 --runs 2 --steps 2000"
 

@@ -15,9 +15,9 @@ from sparse_coord_ros.cli.import_map import CELL, RADIUS, check_free, make, writ
 from sparse_coord_ros.cli.main import make_parser
 from sparse_coord_ros.cli.page import served, show_end
 from sparse_coord_ros.driving.trials import DRIVE_SETTINGS, drive
+from sparse_coord_ros.engine.checkpoint import CHECKPOINT_FILE
 from sparse_coord_ros.errors import RunError, SettingError, SparseCoordError, failure_of
 from sparse_coord_ros.game.grid import FURTHEST, number_of
-from sparse_coord_ros.learn.checkpoint import CHECKPOINT_FILE
 from sparse_coord_ros.learn.run_config import load_run
 from sparse_coord_ros.learn.tables import load_team
 from sparse_coord_ros.look.page.board import Board

@@ -9,11 +9,12 @@ from typing import Any
 
 from sparse_coord_ros.cli.evaluate import Evaluated, evaluation_of, facts_of, result_table
 from sparse_coord_ros.cli.options import JSON, Option, tell
+from sparse_coord_ros.engine.evaluation import TRIALS
 from sparse_coord_ros.engine.improve import IMPROVED, improve, save_improved
-from sparse_coord_ros.learn.agent import Memory, Tables
-from sparse_coord_ros.learn.evaluation import TRIALS
 from sparse_coord_ros.learn.run_config import RunConfig, load_run
 from sparse_coord_ros.learn.tables import load_memories, load_team
+from sparse_coord_ros.learners.mind import Memory
+from sparse_coord_ros.learners.tables import Tables
 
 EXAMPLE = (
     "sparse_coord train env2-2r --learner factored --penalty -100 --out runs/f\n"

@@ -16,8 +16,8 @@ from typing import Any, NamedTuple
 from sparse_coord_ros.errors import RunError, in_line, needed
 from sparse_coord_ros.game.scenario import Scenario, load_scenario, scenario_names
 from sparse_coord_ros.game.settings import Setting, parse_assignments
-from sparse_coord_ros.learn.learners import LEARNERS
 from sparse_coord_ros.learn.run_config import RUN_SETTINGS
+from sparse_coord_ros.learners.registry import LEARNERS
 from sparse_coord_ros.look.page.controls import PAGE_SETTINGS
 
 FIXED = (

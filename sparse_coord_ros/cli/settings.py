@@ -15,8 +15,9 @@ from sparse_coord_ros.driving.trials import DRIVE_SETTINGS
 from sparse_coord_ros.errors import SettingError, did_you_mean
 from sparse_coord_ros.game.scenario import DIALOGUE, PROTOCOL, SETTINGS
 from sparse_coord_ros.game.settings import Setting
-from sparse_coord_ros.learn.learners import LEARNERS, Learner
 from sparse_coord_ros.learn.run_config import RUN_SETTINGS
+from sparse_coord_ros.learners.learner import Learner
+from sparse_coord_ros.learners.registry import LEARNERS
 
 WIDEST = 100
 """Characters of a line."""

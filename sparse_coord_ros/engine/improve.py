@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 
 from sparse_coord_ros.compiling import has_numba
-from sparse_coord_ros.engine.batch import CompiledTeam
-from sparse_coord_ros.engine.kernels import PLAIN
+from sparse_coord_ros.engine.run import Team
+from sparse_coord_ros.engine.trials import Trials
 from sparse_coord_ros.files import write_whole
 from sparse_coord_ros.game.actions import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.game.grid import GridMap
@@ -27,15 +27,15 @@ from sparse_coord_ros.game.links import UP
 from sparse_coord_ros.game.miscoordination import NOWHERE
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.specs import Spec
-from sparse_coord_ros.learn.agent import Memory, Tables
-from sparse_coord_ros.learn.algorithm import asks_surely
-from sparse_coord_ros.learn.evaluation import Trials
-from sparse_coord_ros.learn.factored import factored_tables
-from sparse_coord_ros.learn.factors import UNSEEN, Factors, coordination_table, states_of
-from sparse_coord_ros.learn.learners import Learner, check_improvable, check_memory
-from sparse_coord_ros.learn.rows import find_row
 from sparse_coord_ros.learn.run_config import RUN_FILE, RunConfig, create_output
 from sparse_coord_ros.learn.tables import save_team
+from sparse_coord_ros.learners.factored import UNKNOWN, key_of, states_of
+from sparse_coord_ros.learners.learner import Learner
+from sparse_coord_ros.learners.memory import check_memory
+from sparse_coord_ros.learners.mind import Memory, learned_rows, memory_of, row_of
+from sparse_coord_ros.learners.policy import asks_surely
+from sparse_coord_ros.learners.registry import check_improvable
+from sparse_coord_ros.learners.tables import Tables
 from sparse_coord_ros.solve.asking_loops import AskingPolicies
 from sparse_coord_ros.solve.asking_search import climbed
 from sparse_coord_ros.solve.exact import MOST_ROBOTS
@@ -113,15 +113,13 @@ def improve(scenario: Scenario, learner: Learner, memories: Sequence[Memory]) ->
     check_improvable(scenario, learner)
     for k, memory in enumerate(memories):
         check_memory(scenario, learner, k, memory)
-    team = len(memories)
     learned = learned_scenario(scenario, learner, memories)
-    tables = [factored_tables(memory, k, team) for k, memory in enumerate(memories)]
-    dense = all(isinstance(table.q_coord, np.ndarray) for table in tables)
-    if team == MOST_ROBOTS and dense and scenario.link == UP:
-        before, value, found = _of_a_pair(learned, learner, tables)
+    if len(memories) == MOST_ROBOTS and not scenario.sparse and scenario.link == UP:
+        before, value, found = _of_a_pair(learned, learner, memories)
     else:
         before, value, found = _by_trials(learned, learner, memories)
-    return Improvement(tuple(found), before, value, tuple(sorted(learned.map.doorways)))
+    tables = tuple(Tables(scenario, learner, k, memory) for k, memory in enumerate(found))
+    return Improvement(tables, before, value, tuple(sorted(learned.map.doorways)))
 
 
 def save_improved(directory: Path, run: RunConfig, found: Improvement) -> Path:
@@ -133,7 +131,7 @@ def save_improved(directory: Path, run: RunConfig, found: Improvement) -> Path:
     """
     folder = create_output(directory / IMPROVED)
     write_whole(folder / RUN_FILE, run.to_yaml())
-    save_team(folder, found.tables)
+    save_team(folder, [table.memory for table in found.tables])
     return folder
 
 
@@ -144,10 +142,9 @@ def learned_scenario(scenario: Scenario, learner: Learner, memories: Sequence[Me
     that ever led anywhere; the others are walls. r^C is for each robot what it felt, on average.
     """
     cells = np.arange(len(scenario.map.cells))
-    tried = np.array([memory.star_updates[:, :PRIMITIVES] for memory in memories]).sum(axis=0)
+    tried = np.array([memory["updates"][:, :PRIMITIVES] for memory in memories]).sum(axis=0)
     moved, successor, door = (
-        np.array([memory.more[name] for memory in memories])
-        for name in ("moved", "successor", "door")
+        np.array([memory[name] for memory in memories]) for name in ("moved", "successor", "door")
     )
     most, leads = moved.argmax(axis=0)[None], moved.any(axis=0)
     felt = door.sum(axis=1) / np.maximum(1, (door != 0.0).sum(axis=1))
@@ -167,43 +164,39 @@ def learned_scenario(scenario: Scenario, learner: Learner, memories: Sequence[Me
 
 
 def _of_a_pair(
-    learned: Scenario, learner: Learner, tables: Sequence[Tables]
-) -> tuple[float, float, list[Tables]]:
-    """Climb by exact values: the value before and after, and the improved tables."""
-    agents = [
-        learner.agent(learned, k, 0, tables=table, learning=False)
-        for k, table in enumerate(tables)
-    ]
+    learned: Scenario, learner: Learner, memories: Sequence[Memory]
+) -> tuple[float, float, list[Memory]]:
+    """Climb by exact values: the value before and after, and what the robots then remember."""
+    tables = [Tables(learned, learner, k, memory) for k, memory in enumerate(memories)]
     cells = range(len(learned.map.cells))
     asks = np.array([asks_surely(table.q_star.T) for table in tables])
     best = np.array([table.q_star[:, :PRIMITIVES].argmax(axis=1) for table in tables])
-    unseen = [[agent.values_asking(x, None)[:PRIMITIVES] for x in cells] for agent in agents]
+    unseen = [[table.values_asking(x, 0, ()) for x in cells] for table in tables]
     moves = np.where(asks, np.argmax(unseen, axis=2), best)
     seen = np.array([np.argmax(np.asarray(table.q_coord), axis=-1) for table in tables])
     before, value, team, visited = climbed(learned, AskingPolicies(moves, asks, seen))
     improved = []
-    for k, table in enumerate(tables):
-        star = table.q_star.copy()
+    for k, memory in enumerate(memories):
+        star = memory["q_star"].copy()
         chosen = np.where(team.asks[k], COORDINATE, team.moves[k])
         for x in np.flatnonzero(visited[k]).tolist():
             star[x] = preferring(star[x], chosen[x])
         after: dict[tuple[int, int, int], int] = {}
         for x in np.flatnonzero(team.asks[k]).tolist():
             after |= {(x, 1 - k, z): team.seen[k, x, z] for z in cells}
-            after[x, UNSEEN, UNSEEN] = team.moves[k, x]
-        assert table.factors is not None
-        improved.append(_acting(learned, learner, k, table.factors, star, after))
+            after[x, UNKNOWN, UNKNOWN] = team.moves[k, x]
+        improved.append(_acting(learned, learner, memory, star, after))
     return before, value, improved
 
 
 def _by_trials(
     learned: Scenario, learner: Learner, memories: Sequence[Memory]
-) -> tuple[float, float, list[Tables]]:
+) -> tuple[float, float, list[Memory]]:
     """Climb from what was learned, and from `one_at_a_time`: the better; as `_of_a_pair`."""
     starts = memories, one_at_a_time(learned, learner, memories)
     climbs = [_climb(learned, learner, start) for start in starts]
-    _, value, tables = max(climbs, key=lambda climb: climb[1])
-    return climbs[0][0], value, tables
+    _, value, improved = max(climbs, key=lambda climb: climb[1])
+    return climbs[0][0], value, improved
 
 
 def one_at_a_time(learned: Scenario, learner: Learner, memories: Sequence[Memory]) -> list[Memory]:
@@ -230,40 +223,40 @@ def one_at_a_time(learned: Scenario, learner: Learner, memories: Sequence[Memory
                 first = inside | before & (j < k)
                 first[goals[j]] = False
                 after |= {(x, j, z): waits for z in np.flatnonzero(first).tolist() if j != k}
-        nothing = np.empty((0, 3), dtype=np.int32), np.empty((0, PRIMITIVES))
-        begun = Factors(u, np.zeros_like(u), np.zeros(len(u)), *nothing)
-        acting = _acting(learned, learner, k, begun, star, after)
-        starts.append(remembering(memories[k], acting))
+        alone = {**memories[k], "u": u, **rows_as_learned({}, len(u), len(goals))}
+        starts.append(_acting(learned, learner, alone, star, after))
     return starts
 
 
 def _climb(
     learned: Scenario, learner: Learner, memories: Sequence[Memory]
-) -> tuple[float, float, list[Tables]]:
+) -> tuple[float, float, list[Memory]]:
     """Climb by trials with the same draws; as `_of_a_pair`."""
-    team = CompiledTeam(learned, learner, loops=None if has_numba() else PLAIN)
-    minds: Any = team.remembered(memories)
+    team = Team(learned, learner, compiled=has_numba())
+    minds = team.initial(memories)
     best = team.play(minds, 0, TRIALS, paired=True)
     before, better = float(best.reward.mean()), True
     while better:
         better = False
-        for change in _changes(learned, minds, best.stays):
-            old = [place.copy() for place, _ in change]
-            for place, new in change:
-                place[:] = new
+        for change in _changes(learned, team, minds, best.stays):
+            old = [list(row) for row, _ in change]
+            for row, new in change:
+                row[:] = new
             found = _better(team, minds, best)
             if found is not None:
                 best, better = found, True
                 continue
-            for (place, _), value in zip(change, old, strict=True):
-                place[:] = value
-    own, star, highest = minds.own, minds.q_star, minds.own.u.max(axis=2)
-    own.r_bar[:] = star[:, :, :PRIMITIVES] - own.u
-    own.w[:] = star[:, :, COORDINATE] - highest + _cost(learned, learner)
-    return before, float(best.reward.mean()), team.tables(minds)
+            for (row, _), value in zip(change, old, strict=True):
+                row[:] = value
+    improved = []
+    for k in range(len(memories)):
+        memory = memory_of(team.mind(minds, k))
+        star, u = memory["q_star"], memory["u"]
+        improved.append(_with_values(learned, learner, memory, star, u))
+    return before, float(best.reward.mean()), improved
 
 
-def _better(team: CompiledTeam, minds: Any, best: Trials) -> Trials | None:
+def _better(team: Team, minds: Any, best: Trials) -> Trials | None:
     """Return trials of what the robots would do now, where that is better; else None."""
     few = team.play(minds, 0, LOOKED_AT, paired=True)
     if few.reward.mean() <= best.reward[:LOOKED_AT].mean():
@@ -273,10 +266,12 @@ def _better(team: CompiledTeam, minds: Any, best: Trials) -> Trials | None:
     return found if gain.mean() > SURE * gain.std() / TRIALS**0.5 else None
 
 
-def _changes(
-    learned: Scenario, minds: Any, stays: np.ndarray
-) -> Iterator[list[tuple[np.ndarray, np.ndarray]]]:
-    """Yield changes of what one robot does, as arrays and what to write to them.
+Change = list[tuple[Any, np.ndarray]]
+"""Rows of minds, lists or arrays, and what to write to them."""
+
+
+def _changes(learned: Scenario, team: Team, minds: Any, stays: np.ndarray) -> Iterator[Change]:
+    """Yield changes of what one robot does.
 
     First another route: U of a robot alone that keeps out of one doorway, or of none. Then in one
     cell another action. Then, where it asks, another move, or no correction, for one peer's cell
@@ -284,21 +279,32 @@ def _changes(
 
     Args:
         learned: the game as the team knows it.
+        team: scenario, learner and form.
         minds: what the robots do.
         stays: steps that each robot acts in each cell, shape (robots, cells).
     """
-    star, u, lead = minds.q_star, minds.own.u, learned.map.next_cell
+    each = [team.mind(minds, k) for k in range(len(stays))]
     for avoided in ((), *((doorway,) for doorway in sorted(learned.map.doorways))):
-        for k, route in enumerate(_on_routes(learned, [avoided] * len(u))):
-            gained = np.column_stack([route, route.max(axis=1)])
-            gained -= np.column_stack([u[k], u[k].max(axis=1)])
-            yield [(star[k], star[k] + gained), (u[k], route)]
+        routes = _on_routes(learned, [avoided] * len(each))
+        for mind, route in zip(each, routes, strict=True):
+            yield _other_route(mind, route)
+    lead = learned.map.next_cell
     for k, x in np.argwhere(stays > 0).tolist():
+        row = each[k].q_star[x]
         for action in range(len(ACTIONS)):
             waits_for_ever = action < PRIMITIVES and lead[x, action] == x
-            if action != star[k, x].argmax() and not waits_for_ever:
-                yield [(star[k, x], preferring(star[k, x], action))]
-    yield from _corrections(minds, stays)
+            if action != np.argmax(row) and not waits_for_ever:
+                yield [(row, preferring(np.array(row), action))]
+    for k, mind in enumerate(each):
+        yield from _corrections(mind, stays[k], len(each))
+
+
+def _other_route(mind: Any, route: np.ndarray) -> Change:
+    """Return the change of a robot that takes another route, with U of that, [cell, move]."""
+    u, star = np.array(mind.u), np.array(mind.q_star)
+    star += np.column_stack([route, route.max(axis=1)]) - np.column_stack([u, u.max(axis=1)])
+    change = [(mind.q_star[x], row) for x, row in enumerate(star)]
+    return change + [(mind.u[x], row) for x, row in enumerate(route)]
 
 
 def _on_routes(learned: Scenario, avoided: Sequence[Collection[int]]) -> np.ndarray:
@@ -308,18 +314,16 @@ def _on_routes(learned: Scenario, avoided: Sequence[Collection[int]]) -> np.ndar
     return routes
 
 
-def _corrections(minds: Any, stays: np.ndarray) -> Iterator[list[tuple[np.ndarray, np.ndarray]]]:
-    star, u, rows = minds.q_star, minds.own.u, minds.rows
-    team, cells = stays.shape
-    for k in range(team):
-        keys, _, _ = rows.learned(k)
-        for key, (x, j, _) in zip(keys.tolist(), states_of(keys, cells, team), strict=True):
-            row = rows.values[k, find_row(rows.keys[k], key) if rows.hashed else key]
-            in_the_way = j != UNSEEN and row[u[k, x].argmax()] < 0.0
-            if in_the_way and stays[k, x] and asks_surely(star[k, x]):
-                yield [(row, np.zeros(PRIMITIVES))]
-                for move in range(PRIMITIVES):
-                    yield [(row, preferring(u[k, x] + row, move) - u[k, x])]
+def _corrections(mind: Any, stays: np.ndarray, robots: int) -> Iterator[Change]:
+    keys = learned_rows(mind.rho).keys
+    for key, (x, peer, _) in zip(keys.tolist(), states_of(keys, len(stays), robots), strict=True):
+        row = mind.rho.values[row_of(mind.rho, key)]
+        u = np.array(mind.u[x])
+        in_the_way = peer != UNKNOWN and row[u.argmax()] < 0.0
+        if in_the_way and stays[x] and asks_surely(mind.q_star[x]):
+            yield [(row, np.zeros(PRIMITIVES))]
+            for move in range(PRIMITIVES):
+                yield [(row, preferring(u + np.array(row), move) - u)]
 
 
 def preferring(values: np.ndarray, chosen: int) -> np.ndarray:
@@ -332,48 +336,56 @@ def preferring(values: np.ndarray, chosen: int) -> np.ndarray:
 def _acting(
     scenario: Scenario,
     learner: Learner,
-    k: int,
-    learned: Factors,
+    memory: Memory,
     star: np.ndarray,
     after: Mapping[tuple[int, int, int], int],
-) -> Tables:
-    """Return the tables of robot k that acts by other values.
+) -> Memory:
+    """Return what a robot remembers that acts by other values.
 
     Args:
         scenario: the game.
         learner: who learned.
-        k: the robot, from 0.
-        learned: the factors that it changes.
+        memory: what it remembers.
         star: its new Q*, shape (cells, 5).
-        after: its move by own cell, peer and the peer's cell, as of `Factors.states`.
+        after: its move by own cell, peer and the peer's cell, as of `states_of`.
     """
-    u, _, _, states, rho = learned
-    rows = dict(zip(map(tuple, states.tolist()), rho, strict=True))
+    u, cells, robots = memory["u"], len(memory["u"]), len(scenario.robots)
+    states = states_of(memory["rho_keys"], cells, robots)
+    rows = dict(zip(map(tuple, states.tolist()), memory["rho_values"], strict=True))
     for state, move in after.items():
         lone = u[state[0]]
         row = rows.get(state, np.zeros(PRIMITIVES))
         rows[state] = preferring(lone + row, move) - lone
-    cost = _cost(scenario, learner)
-    kept = sorted(state for state, row in rows.items() if row.any())
-    factors = Factors(
-        individual=u,
-        common=star[:, :PRIMITIVES] - u,
-        asking=star[:, COORDINATE] - u.max(axis=1) + cost,
-        states=np.array(kept, dtype=np.int32).reshape(len(kept), 3),
-        corrections=np.array([rows[state] for state in kept]).reshape(len(kept), PRIMITIVES),
+    return _with_values(
+        scenario, learner, {**memory, **rows_as_learned(rows, cells, robots)}, star, u
     )
-    return Tables(star, coordination_table(factors, k, len(scenario.robots)), factors)
 
 
-def remembering(memory: Memory, table: Tables) -> Memory:
-    """Return what a robot remembers, but other tables."""
-    assert table.factors is not None
-    u, r_bar, w, states, rho = table.factors
-    more = {**memory.more, "u": u, "r_bar": r_bar, "w": w}
-    counts = np.ones(rho.shape, dtype=np.int64)
-    return memory._replace(
-        q_star=table.q_star, states=states, values=rho, updates=counts, more=more
-    )
+def rows_as_learned(
+    rows: Mapping[tuple[int, int, int], np.ndarray], cells: int, robots: int
+) -> dict[str, np.ndarray]:
+    """Return rows of rho, by what `states_of` says, as fields of a memory; without rows of 0."""
+    known = {key_of(state, cells, robots): row for state, row in rows.items() if row.any()}
+    keys = sorted(known)
+    values = np.array([known[key] for key in keys]).reshape(-1, PRIMITIVES)
+    return {
+        "rho_keys": np.array(keys, dtype=np.int64),
+        "rho_values": values,
+        "rho_updates": np.ones(values.shape, dtype=np.int64),
+    }
+
+
+def _with_values(
+    scenario: Scenario, learner: Learner, memory: Memory, star: np.ndarray, u: np.ndarray
+) -> Memory:
+    """Return a memory with another Q*, and factors that give it."""
+    changed = {
+        "q_star": star,
+        "value": star.max(axis=1),
+        "r_bar": star[:, :PRIMITIVES] - u,
+        "w": star[:, COORDINATE] - u.max(axis=1) + _cost(scenario, learner),
+    }
+    return {**memory, **changed}
 
 
 def _cost(scenario: Scenario, learner: Learner) -> float:

@@ -14,6 +14,7 @@ import numpy as np
 
 from sparse_coord_ros.compiling import compiled_as, inlined, inner, jit
 from sparse_coord_ros.game.actions import COORDINATE
+from sparse_coord_ros.game.draws import drawn
 from sparse_coord_ros.game.rules import (
     EPISODE_GAP,
     UNKNOWN_PARTNERS,
@@ -29,9 +30,8 @@ from sparse_coord_ros.game.rules import (
     start_of,
 )
 from sparse_coord_ros.game.streams import REPLAY
-from sparse_coord_ros.game.draws import drawn
 from sparse_coord_ros.learners.mind import mind_of
-from sparse_coord_ros.learners.policy import choose, choose_move
+from sparse_coord_ros.learners.policy import choose, choose_move, tabulate
 from sparse_coord_ros.learners.rules import Task, Transition, begin_episode, learn
 
 STEP, EPISODE_START, DONE, PLACED, END = range(5)
@@ -399,9 +399,10 @@ class Loops(NamedTuple):
 
     learn: Callable[..., None]
     play: Callable[..., None]
+    tabulate: Callable[..., None]
 
 
-PLAIN = Loops(learn_until, play_until)
+PLAIN = Loops(learn_until, play_until, tabulate)
 """The loops as plain Python, on lists."""
 
 

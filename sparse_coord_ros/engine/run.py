@@ -6,7 +6,7 @@ Both forms run the loops of `engine.loop`: in plain Python on lists, compiled on
 """
 
 from array import array
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -35,6 +35,7 @@ from sparse_coord_ros.learners.mind import (
     stacked,
     with_room,
 )
+from sparse_coord_ros.learners.tables import Tables
 
 BLOCK = 2048
 """Time steps for which tables and the history get room at once."""
@@ -114,7 +115,7 @@ class Team:
         self.scenario = scenario
         self.learner = learner
         self.compiled = compiled
-        self.loops = loop.compiled(type(learner)) if compiled else loop.PLAIN
+        self.loops = loop.compiled(learner.Mind.learner) if compiled else loop.PLAIN
         self._stop = np.zeros(1, dtype=np.bool_) if stop is None else stop
         sizes = step_sizes(scenario.step_size, scenario.steps)
         everyone = np.arange(len(scenario.robots))
@@ -147,8 +148,11 @@ class Team:
         tables = {name: array("d", getattr(rule, name).tobytes()) for name in names}
         members, weights = rule.members.tolist(), rule.weights.tolist()
         listed = rule._replace(members=members, weights=weights, **tables)
-        robots = range(len(self.scenario.robots))
-        return listed._replace(tasks=[loop.made_task(listed, k) for k in robots])
+        tasks = [
+            self.learner.task(self.scenario, k, listed.step_sizes)
+            for k in range(len(self.scenario.robots))
+        ]
+        return listed._replace(tasks=tasks)
 
     def initial(self, memories: Sequence[Memory] = ()) -> Any:
         """Return what robots know that remember this; nothing: before learning."""
@@ -195,7 +199,15 @@ class Team:
             streams.BLIND: learning and self.learner.asks,
         }
 
-    def play(self, minds: Any, seed: int, trials: int, *, paired: bool = False) -> Trials:
+    def play(
+        self,
+        minds: Any,
+        seed: int,
+        trials: int,
+        *,
+        paired: bool = False,
+        progress: Callable[[int, int], None] | None = None,
+    ) -> Trials:
         """Play greedy trials.
 
         Args:
@@ -203,6 +215,7 @@ class Team:
             seed: seed of the trials.
             trials: how many there are.
             paired: whether a trial has the same draws whatever happened in those before it.
+            progress: called with the trials played and all of them, before each one.
 
         Raises:
             Stopped: the run is not wanted any more.
@@ -213,12 +226,15 @@ class Team:
         state = self.state(self._trying, seed, streams.EVALUATION, position)
         results = np.zeros((trials, team, 4))
         asked, stays = np.zeros((2, team, cells), dtype=np.int64)
-        if self.compiled:
-            self.loops.play(state, minds, results, asked, stays, trials, paired)
-        else:
-            lists = [table.tolist() for table in (results, asked, stays)]
-            self.loops.play(state, minds, *lists, trials, paired)
-            results, asked, stays = map(np.array, lists)
+        filled: Any = (results, asked, stays)
+        if not self.compiled:
+            filled = [table.tolist() for table in filled]
+        if progress is not None:
+            for played in range(trials):
+                progress(played, trials)
+                self.loops.play(state, minds, *filled, played + 1, paired)
+        self.loops.play(state, minds, *filled, trials, paired)
+        results, asked, stays = map(np.asarray, filled)
         self.check_wanted()
         times = results[:, :, loop.TIME]
         return Trials(
@@ -230,6 +246,30 @@ class Team:
             asked=asked,
             stays=stays,
         )
+
+    def tables(self, minds: Any) -> list[Tables]:
+        """Return what each robot has learned; a copy."""
+        found = []
+        for k in range(len(self.scenario.robots)):
+            mind = self.mind(minds, k)
+            memory = memory_of(mind)
+            found.append(Tables(self.scenario, self.learner, k, memory, self._q_coord(mind, k)))
+        return found
+
+    def _q_coord(self, mind: Any, k: int) -> np.ndarray | None:
+        """Return Q^C of a pair by the compiled loop; None where there is no such loop."""
+        team, cells = len(self.scenario.robots), len(self.scenario.map.cells)
+        if not self.compiled or self.scenario.sparse or team == 1:
+            return None
+        peer = 1 if k == 0 else 0
+        table = np.zeros((cells, cells, PRIMITIVES))
+        task = self.learner.task(self.scenario, k, np.zeros(1))
+        self.loops.tabulate(mind, task, peer, np.zeros(team, dtype=np.int64), table)
+        return table
+
+    def mind(self, minds: Any, k: int) -> Any:
+        """Return what robot k (from 0) knows: it goes on learning in it."""
+        return part(minds, k) if self.compiled else minds[k]
 
     def check_wanted(self) -> None:
         """Raise `Stopped` where the run is not wanted any more."""
@@ -334,7 +374,17 @@ class LearningRun:
 
     def mind(self, k: int) -> Any:
         """Return what robot k (from 0) knows: it goes on learning in it."""
-        return part(self.minds, k) if self.team.compiled else self.minds[k]
+        return self.team.mind(self.minds, k)
+
+    @property
+    def tables(self) -> list[Tables]:
+        """What every robot has learned so far; a copy."""
+        return self.team.tables(self.minds)
+
+    @property
+    def step(self) -> int:
+        """The time step of the next transition (of robots that learn alone: of the first one)."""
+        return int(self._states[0].game.clock[STEP])
 
     @property
     def asked(self) -> np.ndarray:

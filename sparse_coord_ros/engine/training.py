@@ -15,15 +15,16 @@ from pathlib import Path
 from typing import Protocol
 
 from sparse_coord_ros.engine import batch
+from sparse_coord_ros.engine.checkpoint import Checkpoint, load_checkpoint
+from sparse_coord_ros.engine.evaluation import Evaluation, Progress, silent, summary
+from sparse_coord_ros.engine.run import Glimpse, LearningRun, Team
 from sparse_coord_ros.engine.trained import Training
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.game.scenario import Scenario, ScenarioLike, loaded
 from sparse_coord_ros.game.settings import Setting
-from sparse_coord_ros.learn.checkpoint import Checkpoint, load_checkpoint
-from sparse_coord_ros.learn.evaluation import Evaluation, Progress, silent, summary
-from sparse_coord_ros.learn.learners import Learner, LearnerLike, chosen_learner, learner_of
 from sparse_coord_ros.learn.run_config import RUN_SETTINGS
-from sparse_coord_ros.learn.simulation import Glimpse
+from sparse_coord_ros.learners.learner import Learner
+from sparse_coord_ros.learners.registry import LearnerLike, chosen_learner, learner_of
 
 EVERY = Setting("evaluate-every", int, 0, "steps between evaluations", low=0, high=10_000_000)
 EVERY_TRIALS = Setting("trials", int, 200, "trials of each of them", low=2, high=10_000_000)
@@ -53,7 +54,7 @@ class Watcher(Protocol):
 
     wants_glimpse: bool
 
-    def look(self, learning: batch.LearningRun, glimpse: Glimpse | None) -> int | None:
+    def look(self, learning: LearningRun, glimpse: Glimpse | None) -> int | None:
         """Look at a run between two transitions.
 
         Args:
@@ -146,7 +147,7 @@ def train(
         batch.prepare(rule, history=True)
     state = None if saved is None else saved.state
     under_way = _RunUnderWay(
-        batch.begin(scenario, rule, seed, state, compiled=used == "numba"),
+        LearningRun(Team(scenario, rule, compiled=used == "numba"), seed, state),
         evaluate_every or 0,
         trials,
         [] if saved is None else list(saved.evaluations),
@@ -156,9 +157,8 @@ def train(
     )
     learning = under_way.run(scenario.steps if until is None else min(until, scenario.steps))
     return replace(
-        batch.result_of(learning, used),
+        batch.result_of(learning),
         evaluations=tuple(under_way.evaluations),
-        memories=learning.state().memories,
     )
 
 
@@ -166,7 +166,7 @@ def train(
 class _RunUnderWay:
     """A run under way; `evaluations` so far, other arguments as of `train`."""
 
-    learning: batch.LearningRun
+    learning: LearningRun
     evaluate_every: int
     trials: int
     evaluations: list[tuple[int, Evaluation]]
@@ -174,7 +174,7 @@ class _RunUnderWay:
     progress: Progress
     watcher: Watcher | None
 
-    def run(self, until: int) -> batch.LearningRun:
+    def run(self, until: int) -> LearningRun:
         """Learn until so many transitions have been made, or a signal comes."""
         with _held_back(wanted=self.checkpoint is not None) as caught:
             self._learn(until, caught)

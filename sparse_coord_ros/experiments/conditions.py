@@ -19,7 +19,7 @@ from sparse_coord_ros.errors import ScenarioError, SettingError, in_short
 from sparse_coord_ros.game.buildings import building
 from sparse_coord_ros.game.scenario import Scenario, load_scenario, scenario_names
 from sparse_coord_ros.game.settings import as_text, parse_assignments
-from sparse_coord_ros.learn.learners import learner_of
+from sparse_coord_ros.learners.registry import learner_of
 from sparse_coord_ros.share import share_file
 
 

@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sparse_coord_ros.engine.evaluation import Measure
 from sparse_coord_ros.engine.trained import Training
 from sparse_coord_ros.errors import ResultsError, SettingError, SparseCoordError, in_short
 from sparse_coord_ros.experiments.checked_json import (
@@ -35,17 +36,12 @@ from sparse_coord_ros.experiments.conditions import Condition, parse_id
 from sparse_coord_ros.files import PARTIAL, free_name, take_lock, write_whole
 from sparse_coord_ros.game.actions import PRIMITIVES
 from sparse_coord_ros.game.plugins import leaving_out
-from sparse_coord_ros.game.scenario import (
-    SETTINGS,
-    Scenario,
-    dense_nbytes,
-    scenario_from_dict,
-)
+from sparse_coord_ros.game.scenario import SETTINGS, Scenario, dense_nbytes, scenario_from_dict
 from sparse_coord_ros.game.settings import Setting
-from sparse_coord_ros.learn.evaluation import Measure
 from sparse_coord_ros.learn.factors import rows_at_most
-from sparse_coord_ros.learn.learners import Learner, learner_of
 from sparse_coord_ros.learn.run_config import RUN_SETTINGS
+from sparse_coord_ros.learners.learner import Learner
+from sparse_coord_ros.learners.registry import learner_of
 from sparse_coord_ros.solve.reference import Reference, shortest_path_reference
 from sparse_coord_ros.solve.shipped import known_optimum
 from sparse_coord_ros.version import __version__

@@ -23,7 +23,8 @@ from sparse_coord_ros.game.perception import MODELS, check_found_elsewhere, chec
 from sparse_coord_ros.game.scenario import Scenario, scenario_from_dict
 from sparse_coord_ros.game.settings import setting, settings_of
 from sparse_coord_ros.game.specs import Form, SpecFamily
-from sparse_coord_ros.learn.learners import LEARNERS, Learner, check_improvable, learner_of
+from sparse_coord_ros.learners.learner import Learner
+from sparse_coord_ros.learners.registry import LEARNERS, check_improvable, learner_of
 from sparse_coord_ros.limits import SCENARIO, parse_yaml, read_text, to_yaml
 from sparse_coord_ros.version import __version__
 

@@ -13,9 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sparse_coord_ros.game import streams
-from sparse_coord_ros.game.actions import ACTIONS, COORDINATE, PRIMITIVES
+from sparse_coord_ros.game.actions import COORDINATE, PRIMITIVES
 from sparse_coord_ros.game.draws import PlainDraws, drawn
-from sparse_coord_ros.game.links import ruled_out
 from sparse_coord_ros.game.perception import asked_peers
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.schedules import probabilities, step_sizes
@@ -25,7 +24,8 @@ from sparse_coord_ros.learners import rules
 from sparse_coord_ros.learners.learner import Learner
 from sparse_coord_ros.learners.mind import Memory, as_lists, memory_of
 from sparse_coord_ros.learners.policy import choose, choose_move
-from sparse_coord_ros.learners.rules import Task, Transition
+from sparse_coord_ros.learners.rules import Transition
+from sparse_coord_ros.learners.tables import Tables
 
 NOBODY = -1
 """In place of a peer: the robot asked none, or several."""
@@ -99,7 +99,7 @@ class Agent:
         phase: LEARNING or EVALUATION: which random draws the agent uses.
 
     Attributes:
-        learner, number, learning: as of the arguments.
+        learner, scenario, number, learning: as of the arguments.
         goal: the cell that ends its episodes.
         task: what it knows of its task.
         mind: what it has learned, as lists; it goes on learning in it.
@@ -118,6 +118,7 @@ class Agent:
         phase: int = streams.LEARNING,
     ) -> None:
         self.learner = learner
+        self.scenario = scenario
         self.number = number
         self.learning = learning
         self.goal = scenario.robots[number].goal
@@ -128,20 +129,7 @@ class Agent:
         self._draws = PlainDraws(scenario, seed, phase)
         self._values = [0.0] * PRIMITIVES
         self._initial = learner.mind(scenario, number)
-        self.task = Task(
-            number=number,
-            robots=len(scenario.robots),
-            cells=len(scenario.map.cells),
-            goal=self.goal,
-            actions=len(ACTIONS) if learner.asks else PRIMITIVES,
-            discount=scenario.discount,
-            goal_value=scenario.goal_value,
-            goal_reward=self._weights.individual * scenario.goal_reward,
-            ask_cost=self._weights.ask_cost * scenario.ask_cost,
-            credit=self._weights.common,
-            step_sizes=self._schedules.step_sizes,
-            ruled_out=ruled_out(scenario),
-        )
+        self.task = learner.task(scenario, number, self._schedules.step_sizes)
         self.mind = as_lists(self._initial, memory)
 
     def begin_episode(self) -> None:
@@ -231,16 +219,15 @@ class Agent:
         """Return Q*(cell, .)."""
         return list(self.mind.q_star[cell])
 
-    def values_asking(
-        self, cell: int, peers: tuple[int, ...], perceived: tuple[int, ...] | None
-    ) -> list[float]:
+    def values_asking(self, cell: int, perceived: tuple[int, ...] | None) -> list[float]:
         """Return the values by which COORDINATE chooses a move: Q^C, or Q* after a failed percept.
 
         Args:
             cell: X_k(t).
-            peers: the peers that are asked, in ascending order.
-            perceived: their local states; None where ActivePercept is FALSE.
+            perceived: the local states of the asked peers, in their order (of one peer of several
+                it does not matter which it is); None where ActivePercept is FALSE.
         """
+        peers = () if perceived is None else self.peers[: len(perceived)]
         seen, cells = self._percept(cell, peers, perceived)
         rules.asking_values(self.mind, self.task, cell, seen, cells, self._values)
         return list(self._values)
@@ -249,6 +236,11 @@ class Agent:
     def asked_in(self) -> np.ndarray:
         """How often it has learned from COORDINATE in each cell, shape (cells,), int64."""
         return np.array([row[COORDINATE] for row in self.mind.updates], dtype=np.int64)
+
+    @property
+    def tables(self) -> Tables:
+        """What it has learned so far; a copy."""
+        return Tables(self.scenario, self.learner, self.number, self.memory())
 
     def memory(self) -> dict[str, np.ndarray]:
         """Return all that it remembers; a copy."""

@@ -27,6 +27,7 @@ class NonCoop(Learner):
     title = "Non-coop."
     summary = "Q-learning of all robots at once"
     asks = False
+    values = ("q_star",)
 
     class Mind(NamedTuple):
         """What a robot has learned.

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.game.actions import ACTIONS, PRIMITIVES
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.learners.learner import Learner
@@ -25,6 +26,9 @@ from sparse_coord_ros.learners.rules import (
     reward_of,
     row_of_state,
 )
+
+MOST_JOINT_STATES = 2**63
+"""Joint states are numbered by 64-bit integers."""
 
 
 class Coop(Learner):
@@ -46,6 +50,16 @@ class Coop(Learner):
         q_star: Any
         updates: Any
         q_coord: Rows
+
+    def check(self, scenario: Scenario) -> None:
+        """Raise `SettingError` where joint states are more than can be numbered."""
+        cells = len(scenario.map.cells)
+        if cells**scenario.perceived >= MOST_JOINT_STATES:
+            raise SettingError(
+                "setting peers: value is 'all', allowed with this learner below 2^63 joint "
+                f"states; scenario {scenario.name} has {cells}^{scenario.perceived}; use 'one', "
+                "fewer robots, or learner factored"
+            )
 
     @staticmethod
     def initial(scenario: Scenario, robot: int) -> Mind:

@@ -28,7 +28,7 @@ from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.world import RewardWeights
 from sparse_coord_ros.learners.learner import Learner
 from sparse_coord_ros.learners.lone import lone_values
-from sparse_coord_ros.learners.mind import Rows, empty_rows, place, read
+from sparse_coord_ros.learners.mind import Memory, Rows, empty_rows, place, read
 from sparse_coord_ros.learners.rules import (
     Task,
     Transition,
@@ -89,6 +89,15 @@ class CQ(Learner):
                 f"learner {self.label}: scenario {scenario.name} has {len(scenario.map.cells)} "
                 "cells, allowed: 724; use a smaller map, or learner coop or factored"
             )
+
+    def check_memory(self, scenario: Scenario, robot: int, memory: Memory) -> None:
+        """Check the windows of samples."""
+        samples = memory["samples"]
+        if not np.isin(samples[..., COUNT], [MARKED, *range(WINDOW)]).all():
+            allowed = f"{MARKED:g}, 0 to {WINDOW - 1}"
+            raise ValueError(f"samples has counts out of range, allowed: {allowed}")
+        if (samples[..., SQUARES] < 0.0).any():
+            raise ValueError("samples has sums of squares below 0")
 
     def weights(self, scenario: Scenario) -> RewardWeights:
         """Return how much each part of R_k(t) counts: the price of asking does not."""

@@ -11,6 +11,7 @@ depend on where the peers are; the second, rho, is 0 in nearly all joint states.
 has a row of rho of its own. docs/coordination.md has the rule and its reasons.
 """
 
+from collections.abc import Mapping
 from dataclasses import replace
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -21,9 +22,11 @@ from sparse_coord_ros.compiling import inlined, inner, of_learner
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.game.actions import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.game.scenario import Scenario
+from sparse_coord_ros.game.settings import LARGEST_WHOLE
 from sparse_coord_ros.game.specs import Spec
-from sparse_coord_ros.learners.learner import Learner
-from sparse_coord_ros.learners.mind import NO_ROW, Rows, empty_rows, find, place
+from sparse_coord_ros.learn.archive import MOST_UPDATES, check_range
+from sparse_coord_ros.learners.learner import Coordinated, Learner
+from sparse_coord_ros.learners.mind import NO_ROW, Memory, Rows, empty_rows, find, place
 from sparse_coord_ros.learners.rules import Task, Transition, Values, greatest, step_size
 
 MOST_CREDIT = 8
@@ -50,6 +53,7 @@ class Factored(Learner):
             "step_size": "floored:0.6:0.1:0.01",
         }
     )
+    values = ("q_star", "value", "u", "r_bar", "w", "rho")
     scratch = ("correction", "found", "there", "blame")
 
     class Mind(NamedTuple):
@@ -117,6 +121,37 @@ class Factored(Learner):
                 f"setting peers: value is {scenario.peers!r}, allowed with learner factored and "
                 "more than two robots: all; set peers=all, or leave it out"
             )
+
+    def coordinated(self, scenario: Scenario, memory: Memory) -> Coordinated:
+        """As of `Learner`: corrections that are not 0."""
+        cells, robots = len(scenario.map.cells), len(scenario.robots)
+        keys = memory["rho_keys"][memory["rho_values"].any(axis=1)]
+        own = states_of(keys, cells, robots)[:, 0]
+        return Coordinated(np.bincount(own, minlength=cells), (robots - 1) * cells + 1)
+
+    def check_memory(self, scenario: Scenario, robot: int, memory: Memory) -> None:
+        """Check where moves led and how often, where r^C was felt, and the last question."""
+        cells = len(scenario.map.cells)
+        felt = self.weights(scenario).common * scenario.penalties[robot]
+        if not np.isin(memory["door"], [0.0, felt]).all():
+            raise ValueError(f"door has an r^C that is neither 0 nor {felt:g}")
+        if not np.array_equal(memory["value"], memory["q_star"].max(axis=1)):
+            raise ValueError("value is not the maximum of q_star")
+        made = memory["updates"][:, :PRIMITIVES]
+        for name in ("commons", "moved"):
+            check_range(memory[name], 0, MOST_UPDATES, name)
+            if (memory[name] > made).any():
+                raise ValueError(f"{name} counts a move more often than it was tried")
+        check_range(memory["used"], 0, len(memory["tried"]) + 1, "used")
+        used = int(memory["used"][0])
+        known = np.array_equal(np.sort(memory["tried"][:used]), np.flatnonzero(made))
+        if not known or memory["tried"][used:].any():
+            raise ValueError("tried are not the moves that were counted")
+        successor, left = memory["successor"], memory["moved"] > 0
+        check_range(successor, 0, cells, "successor")
+        if successor[~left].any() or (successor == np.arange(cells)[:, None])[left].any():
+            raise ValueError("successor is not another cell just where a move led out of its own")
+        _check_last(memory["last"], robot, cells)
 
     # One robot.
 
@@ -228,6 +263,17 @@ class Factored(Learner):
         refresh(mind, task, x)
 
 
+def _check_last(last: np.ndarray, robot: int, cells: int) -> None:
+    """Check what is kept of the last step with COORDINATE."""
+    step, move, *_ = last
+    peers = np.delete(last[2:], robot)
+    failed = bool(np.all(peers == UNKNOWN))
+    check_range(step, 0, LARGEST_WHOLE, "last")
+    check_range(move, 0, PRIMITIVES, "last")
+    check_range(last[2 + robot], 0, cells, "last")
+    check_range(peers, UNKNOWN if failed else 0, cells, "last")
+
+
 @of_learner
 def counts(mind: Any, task: Task, peer: int, cell: int, peer_cell: int) -> bool:
     """As `Factored.counts`."""
@@ -261,6 +307,60 @@ def rho_key(cell: int, peer: int, peer_cell: int, cells: int, robots: int) -> in
 def failed_key(cell: int, cells: int, robots: int) -> int:
     """Return the key of the row of failed percepts of a cell; of cell number `cells` the end."""
     return cells * robots * cells + cell
+
+
+def states_of(keys: np.ndarray, cells: int, robots: int) -> np.ndarray:
+    """Return what the keys of rho mean: shape (rows, 3), int64.
+
+    Args:
+        keys: of rows, shape (rows,).
+        cells: of the map.
+        robots: how many there are.
+
+    Returns:
+        The own cell, the peer (from 0) and its cell; twice `UNKNOWN` for a failed percept.
+    """
+    seen = keys < failed_key(0, cells, robots)
+    own, rest = np.divmod(keys, robots * cells)
+    peer, place = np.divmod(rest, cells)
+    columns = [
+        np.where(seen, own, keys - failed_key(0, cells, robots)),
+        np.where(seen, peer, UNKNOWN),
+        np.where(seen, place, UNKNOWN),
+    ]
+    return np.stack(columns, axis=1)
+
+
+def key_of(state: tuple[int, int, int], cells: int, robots: int) -> int:
+    """Return the key of a row of rho that `states_of` says."""
+    cell, peer, place = state
+    if peer == UNKNOWN:
+        return failed_key(cell, cells, robots)
+    return rho_key(cell, peer, place, cells, robots)
+
+
+def corrections_of(
+    mind: Any, task: Task, cell: int, perceived: Mapping[int, int] | None, move: int
+) -> dict[tuple[int, int], float]:
+    """Return rho of a move, by (peer, its cell); by twice `UNKNOWN` if the percept failed.
+
+    Args:
+        mind: what the robot remembers, as lists.
+        task: its task.
+        cell: the own cell.
+        perceived: the cells of the peers, by peer; None: the percept failed.
+        move: the primitive action.
+    """
+    keys = {(UNKNOWN, UNKNOWN): failed_key(cell, task.cells, task.robots)}
+    if perceived is not None:
+        keys = {
+            (peer, place): rho_key(cell, peer, place, task.cells, task.robots)
+            for peer, place in perceived.items()
+        }
+    rows = {place: find(mind.rho, key) for place, key in keys.items()}
+    return {
+        place: 0.0 if row == NO_ROW else mind.rho.values[row][move] for place, row in rows.items()
+    }
 
 
 @inlined

@@ -11,18 +11,38 @@ entry of `memory`. See examples/own_learner.py and docs/tutorials/own_learner.md
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from sparse_coord_ros.errors import SettingError
+from sparse_coord_ros.game.actions import ACTIONS, PRIMITIVES
+from sparse_coord_ros.game.links import ruled_out
+from sparse_coord_ros.game.plugins import is_shipped, path_of
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.world import RewardWeights
-from sparse_coord_ros.learners.mind import mind_class
+from sparse_coord_ros.learners.mind import Memory, mind_class
 from sparse_coord_ros.learners.rules import Task, Transition
 
 Made = Callable[[Scenario, int], np.ndarray]
 """Makes an array of a mind before learning, of a scenario and a robot (from 0)."""
+
+class Coordinated(NamedTuple):
+    """How much of what depends on peers a robot has learned.
+
+    Attributes:
+        by_cell: rows that were learned, by the own cell, shape (cells,), int64: joint states of
+            Q^C; of the learner factored corrections that are not 0.
+        possible: how many there could be in each cell.
+    """
+
+    by_cell: np.ndarray
+    possible: int
+
+    @property
+    def share(self) -> float:
+        """Share of the rows that were learned."""
+        return float(self.by_cell.sum()) / (self.possible * len(self.by_cell))
 
 
 class Learner:
@@ -42,8 +62,10 @@ class Learner:
             `run.yaml` says each value that held.
         Mind: the named tuple of what a robot remembers; `initial` fills it.
         memory: further fields of it, each with what makes its array before learning.
+        values: fields with what it has learned, but for counts: what another run can begin with.
         given: fields that `initial` computes again: they are no part of files and logs.
         scratch: fields that mean nothing between two calls; likewise.
+        entry_point: what an installed package calls it; None: none does. The registry sets it.
     """
 
     name: str | None = None
@@ -56,8 +78,10 @@ class Learner:
     defaults: Mapping[str, object] = MappingProxyType({})
     Mind: type[Any]
     memory: Mapping[str, Made] = MappingProxyType({})
+    values: tuple[str, ...] = ("q_star", "q_coord")
     given: tuple[str, ...] = ()
     scratch: tuple[str, ...] = ()
+    entry_point: str | None = None
 
     def __init_subclass__(cls, **more: object) -> None:
         """Give the class its own names, and the class of its minds."""
@@ -66,7 +90,9 @@ class Learner:
             if attribute not in vars(cls):
                 setattr(cls, attribute, getattr(Learner, attribute))
         own = vars(cls).get("memory", {})
-        cls.Mind = mind_class(cls, (*cls.Mind._fields, *own))
+        functions = any(isinstance(one, staticmethod) for one in vars(cls).values())
+        if own or functions:  # else compiled loops of its base class are its own, too
+            cls.Mind = mind_class(cls, (*cls.Mind._fields, *own))
 
     # One robot.
 
@@ -110,9 +136,36 @@ class Learner:
         """Learn from a transition (Algorithm 1, lines 12 to 14 and 18)."""
         raise NotImplementedError
 
+    # Its name.
+
     @property
     def label(self) -> str:
-        return self.name or type(self).__qualname__
+        """What it is called in files, so that other processes find it.
+
+        The name of a learner of this package, or of one that an installed package registers as an
+        entry point; else `module:Class`; else its name, under which each process must register it.
+
+        Raises:
+            SettingError: there is none.
+        """
+        if is_shipped(self):
+            label = self.name
+        elif self.entry_point is not None:
+            label = self.entry_point
+        elif vars(self):  # others could make one of its class, and not with these attributes
+            label = self.name
+        else:
+            label = path_of(type(self)) or self.name
+        if label is None:
+            raise SettingError(
+                f"learner {type(self).__qualname__}: other processes cannot find it; define its "
+                "class in a module (a file), or give it an attribute 'name' and register it"
+            )
+        return label
+
+    def __repr__(self) -> str:
+        """Return what the learner is called in files."""
+        return f"<learner {self.label}>"
 
     # A team.
 
@@ -130,12 +183,49 @@ class Learner:
     def check(self, scenario: Scenario) -> None:
         """Raise `SettingError` where it cannot learn a scenario; called before a run begins."""
 
+    def check_memory(self, scenario: Scenario, robot: int, memory: Memory) -> None:
+        """Raise `ValueError` unless a robot (from 0) can have learned that.
+
+        Types, shapes and counts are right already, and values are finite.
+        """
+
+    def coordinated(self, scenario: Scenario, memory: Memory) -> Coordinated:
+        """Return how much of what depends on peers a robot has learned."""
+        cells = len(scenario.map.cells)
+        keys = memory.get("q_coord_keys", np.zeros(0, dtype=np.int64))
+        possible = cells ** (scenario.perceived - 1)
+        return Coordinated(np.bincount(keys // possible, minlength=cells), possible)
+
     def weights(self, scenario: Scenario) -> RewardWeights:
         """Return how much each part of R_k(t) counts while it learns.
 
         Unless changed it is their sum, with r^C as often as the setting `credit` says.
         """
         return RewardWeights(1.0, scenario.common_weight, 1.0)
+
+    def task(self, scenario: Scenario, robot: int, step_sizes: Any = ()) -> Task:
+        """Return what a robot (from 0) knows of its task.
+
+        Args:
+            scenario: the problem.
+            robot: the robot.
+            step_sizes: as of `Task`; of a robot that does not learn there are none.
+        """
+        weights = self.weights(scenario)
+        return Task(
+            number=robot,
+            robots=len(scenario.robots),
+            cells=len(scenario.map.cells),
+            goal=scenario.robots[robot].goal,
+            actions=len(ACTIONS) if self.asks else PRIMITIVES,
+            discount=scenario.discount,
+            goal_value=scenario.goal_value,
+            goal_reward=weights.individual * scenario.goal_reward,
+            ask_cost=weights.ask_cost * scenario.ask_cost,
+            credit=weights.common,
+            step_sizes=step_sizes,
+            ruled_out=ruled_out(scenario),
+        )
 
     def minds(self, scenario: Scenario) -> list[Any]:
         """Return the minds of all robots before learning, as arrays, with their own memory."""

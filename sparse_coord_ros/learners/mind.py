@@ -192,7 +192,7 @@ def mind_of(minds: Any, k: int) -> Any:
 
 Memory = Mapping[str, np.ndarray]
 """All that a robot remembers, by the names of the fields of its mind. A table of rows `name` is
-`name_keys` (ascending), `name_values` and `name_updates`: the rows with an update."""
+`name_keys` (ascending), `name_values` and `name_updates`: the rows that were learned."""
 
 
 def as_lists(mind: Any, memory: Memory | None = None) -> Any:
@@ -344,11 +344,8 @@ def memory_of(mind: Any) -> dict[str, np.ndarray]:
 
     Counts and cells are int64, values float64.
     """
-    left_out = (*mind.learner.given, *mind.learner.scratch)
     found: dict[str, np.ndarray] = {}
-    for name, value in _fields(mind):
-        if name in left_out:
-            continue
+    for name, value in remembered_fields(mind):
         if isinstance(value, Rows):
             learned = learned_rows(value)
             found |= {f"{name}_{what}": array for what, array in learned._asdict().items()}
@@ -358,13 +355,26 @@ def memory_of(mind: Any) -> dict[str, np.ndarray]:
     return found
 
 
+def remembered_fields(mind: Any) -> list[tuple[str, Any]]:
+    """Return the names and values of the fields of a mind that files and logs keep."""
+    left_out = (*mind.learner.given, *mind.learner.scratch)
+    return [(name, value) for name, value in _fields(mind) if name not in left_out]
+
+
+def row_of(rows: Rows, key: int) -> int:
+    """Return the row of a key in one robot's table, of either form; `NO_ROW`: it was not met."""
+    return find(rows, key) if rows.places is not None else _found(rows, key)
+
+
 class LearnedRows(NamedTuple):
-    """The rows of a table that have an update, in the order of their keys; a copy.
+    """The rows of a table that were learned, in the order of their keys; a copy.
+
+    Those are rows with an update, and rows that are not what they began with.
 
     Attributes:
         keys: shape (rows,), int64.
         values: shape (rows, 4), float64.
-        updates: how often each was updated, shape (rows, 4), int64.
+        updates: how often each entry was updated, shape (rows, 4), int64.
     """
 
     keys: np.ndarray
@@ -373,16 +383,19 @@ class LearnedRows(NamedTuple):
 
 
 def learned_rows(rows: Rows) -> LearnedRows:
-    """Return the rows of one robot's table that have an update."""
+    """Return the rows of one robot's table that were learned."""
     values = np.array(rows.values, dtype=np.float64).reshape(-1, PRIMITIVES)
     updates = np.array(rows.updates, dtype=np.int64).reshape(-1, PRIMITIVES)
-    learned = np.flatnonzero(updates.any(axis=1))
     if rows.places is not None:
         keys = np.fromiter(rows.places, dtype=np.int64, count=len(rows.places))
     elif len(rows.keys):
         keys = rows.keys
     else:
         keys = np.arange(len(values))
+    first = np.asarray(rows.first)
+    begun = first[np.maximum(keys, 0) // (rows.most // len(first))]
+    changed = (keys != FREE) & (values != begun).any(axis=1)
+    learned = np.flatnonzero(updates.any(axis=1) | changed)
     learned = learned[np.argsort(keys[learned])]
     return LearnedRows(keys[learned], values[learned], updates[learned])
 

@@ -5,7 +5,7 @@
 from typing import Any
 
 from sparse_coord_ros.compiling import inlined, inner
-from sparse_coord_ros.game.actions import PRIMITIVES
+from sparse_coord_ros.game.actions import COORDINATE, PRIMITIVES
 from sparse_coord_ros.game.draws import drawn
 from sparse_coord_ros.game.streams import (
     BLIND,
@@ -93,3 +93,52 @@ def choose_move(
             return int(drawn(draws, BLIND, k, step, BLIND_ACTION) * PRIMITIVES)
     asking_values(mind, task, cell, seen, cells, values)
     return greedy_action(values, PRIMITIVES, draws, k, step, PRIMITIVE_TIE)
+
+
+@inner
+def asks_surely(values: Any) -> Any:
+    """Return whether a greedy robot asks here, whatever it draws: what "asks here" means.
+
+    That is where COORDINATE is worth more than every move. Where it is worth as much as the best
+    move, pi_g breaks the tie by a draw: the robot asks there at times, and is not said to ask. One
+    that knows no COORDINATE (NaN) never asks.
+
+    Args:
+        values: a row of Q*; or Q* transposed, shape (5, cells).
+
+    Returns:
+        A bool; or bools of shape (cells,).
+    """
+    asks = values[COORDINATE] > values[0]
+    for move in range(1, PRIMITIVES):
+        asks = asks & (values[COORDINATE] > values[move])
+    return asks
+
+
+@inner
+def asks_at_times(values: Any) -> Any:
+    """Return whether a greedy robot may ask here: COORDINATE is worth as much as any move.
+
+    Arguments and what is returned as of `asks_surely`.
+    """
+    asks = values[COORDINATE] >= values[0]
+    for move in range(1, PRIMITIVES):
+        asks = asks & (values[COORDINATE] >= values[move])
+    return asks
+
+
+def tabulate(mind: Any, task: Task, peer: int, cells: Any, table: Any) -> None:
+    """Fill in Q^C of pairs: the values by which COORDINATE chooses a move.
+
+    Args:
+        mind: what the robot remembers.
+        task: its task.
+        peer: who is perceived.
+        cells: space for the cells of all robots.
+        table: filled, [own cell][cell of the peer][move].
+    """
+    for x in range(task.cells):
+        cells[task.number] = x
+        for z in range(task.cells):
+            cells[peer] = z
+            asking_values(mind, task, x, 1 << peer, cells, table[x][z])

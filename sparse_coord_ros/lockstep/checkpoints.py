@@ -21,8 +21,8 @@ from sparse_coord_ros.files import PARTIAL, HeldError, hold, write_whole
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.learn import checkpoint
 from sparse_coord_ros.learn.history import history_from
-from sparse_coord_ros.learn.learners import check_memory
 from sparse_coord_ros.learn.run_config import RunConfig
+from sparse_coord_ros.learners.memory import check_memory
 from sparse_coord_ros.lockstep.robot_side import RobotState
 from sparse_coord_ros.lockstep.world_side import WorldState
 from sparse_coord_ros.wire import WORLD

@@ -13,8 +13,9 @@ from typing import NamedTuple, Protocol
 from sparse_coord_ros.game.actions import COORDINATE
 from sparse_coord_ros.game.links import Percepts
 from sparse_coord_ros.game.world import Action, Reward
-from sparse_coord_ros.learn.agent import Agent, Choice, Decision, Memory
 from sparse_coord_ros.learn.run_config import RunConfig
+from sparse_coord_ros.learners.agent import Agent, Choice, Decision
+from sparse_coord_ros.learners.mind import Memory
 from sparse_coord_ros.wire import COUNTS, Account, PerceptEnd
 
 NO_STEP = 0

@@ -8,15 +8,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sparse_coord_ros.engine.evaluation import Team, greedy_team
+from sparse_coord_ros.engine.run import Glimpse
 from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.streams import EVALUATION
 from sparse_coord_ros.game.world import World
-from sparse_coord_ros.learn.agent import Tables
-from sparse_coord_ros.learn.evaluation import Team, greedy_team
 from sparse_coord_ros.learn.history import History, HistoryRecorder
-from sparse_coord_ros.learn.learners import Learner
-from sparse_coord_ros.learn.simulation import Glimpse
+from sparse_coord_ros.learners.learner import Learner
+from sparse_coord_ros.learners.tables import Tables
 from sparse_coord_ros.look.steps import logged_step
 from sparse_coord_ros.runlog.log import RunLog
 

@@ -21,9 +21,7 @@ from sparse_coord_ros.errors import SettingError, did_you_mean
 from sparse_coord_ros.experiments.report.charts import embedded
 from sparse_coord_ros.experiments.report.map_pictures import COLOUR_MAP, draw_map
 from sparse_coord_ros.game.actions import DIRECTIONS
-from sparse_coord_ros.learn.evaluation import acting_on
-from sparse_coord_ros.learn.learners import learner_of
-from sparse_coord_ros.look.policy import policy_of, sparsity_of
+from sparse_coord_ros.look.policy import policy_of
 from sparse_coord_ros.look.sources import PLAYED_EPISODES, Shown
 from sparse_coord_ros.look.steps import ended
 from sparse_coord_ros.palette import OUTCOME_COLOURS, robot_colour
@@ -354,9 +352,8 @@ def _asks(shown: Shown, label: str, most: float) -> Iterator[Panel]:
 
 
 def _sparsity(shown: Shown, label: str) -> Iterator[Panel]:
-    rule = shown.config.known_rule or learner_of(acting_on(shown.tables[0]))
-    scenario = shown.config.scenario
-    found = [sparsity_of(one, rule.tables(scenario, k)) for k, one in enumerate(shown.tables)]
+    rule, scenario = shown.config.rule, shown.config.scenario
+    found = [rule.coordinated(scenario, one.memory) for one in shown.tables]
     named = zip(_names(shown), found, strict=True)
     titles = [f"$Q^C$ of {name}, {one.share:.2%} learned" for name, one in named]
     counts = np.array([one.by_cell for one in found], dtype=np.float64)
@@ -364,7 +361,7 @@ def _sparsity(shown: Shown, label: str) -> Iterator[Panel]:
         counts = counts.mean(axis=0, keepdims=True)
         share = sum(one.share for one in found) / len(found)
         titles = [f"$Q^C$, {share:.2%} learned, mean of {len(found)} robots"]
-    factored = shown.tables[0].factors is not None
+    factored = isinstance(rule, Factored)
     scale = "corrections that are not 0" if factored else "joint states learned"
     return _shaded(shown, label, counts, titles, scale, float(counts.max()))
 

@@ -9,10 +9,8 @@ import numpy as np
 
 from sparse_coord_ros.game.actions import PRIMITIVES
 from sparse_coord_ros.game.grid import GridMap
-from sparse_coord_ros.learn.agent import Tables
-from sparse_coord_ros.learn.algorithm import asks_at_times, asks_surely
-from sparse_coord_ros.learn.factors import UNSEEN
-from sparse_coord_ros.learn.sparse import SparseTable
+from sparse_coord_ros.learners.policy import asks_at_times, asks_surely
+from sparse_coord_ros.learners.tables import Tables
 
 
 class Policy(NamedTuple):
@@ -65,45 +63,10 @@ def row_asking(tables: Tables, cell: int, perceived: Sequence[int] | None) -> np
         cell: where it is.
         perceived: the cells of the peers that it perceived; None: the percept failed.
     """
-    cells, factors = len(tables.q_star), tables.factors
-    if perceived is not None:
-        fits = tables.q_coord.shape == (*(cells,) * (1 + len(perceived)), PRIMITIVES)
-        return np.asarray(tables.q_coord[cell, *perceived]) if fits else None
-    if factors is None:
-        return tables.q_star[cell, :PRIMITIVES]
-    failed = (factors.states == (cell, UNSEEN, UNSEEN)).all(axis=1)
-    row: np.ndarray = factors.individual[cell] + factors.corrections[failed].sum(axis=0)
-    return row
-
-
-class Sparsity(NamedTuple):
-    """How much of one robot's Q^C was ever learned.
-
-    Attributes:
-        by_cell: joint states with a learned entry, by the own cell, shape (cells,), int64. Of a
-            learner that learns in factors: corrections that are not 0.
-        possible: how many there could be in each cell.
-    """
-
-    by_cell: np.ndarray
-    possible: int
-
-    @property
-    def share(self) -> float:
-        """Share of the joint states."""
-        return float(self.by_cell.sum()) / (self.possible * len(self.by_cell))
-
-
-def sparsity_of(tables: Tables, begun: Tables) -> Sparsity:
-    """Return how much of a robot's Q^C was learned: entries that are not what they began with."""
-    cells, table = len(tables.q_star), tables.q_coord
-    if tables.factors is not None:
-        states = tables.factors.states
-        peers = len(table.shape) - 2
-        return Sparsity(np.bincount(states[:, 0], minlength=cells), peers * cells + 1)
-    possible = cells ** (len(table.shape) - 2)
-    if isinstance(table, SparseTable):
-        learned = (table.rows != table.unseen).any(axis=1)
-        return Sparsity(np.bincount(table.keys[learned, 0], minlength=cells), possible)
-    learned = (np.asarray(table) != begun.q_coord).any(axis=-1)
-    return Sparsity(learned.reshape(cells, -1).sum(axis=1), possible)
+    if tables.learner is None:
+        return None
+    if perceived is None:
+        return np.array(tables.values_asking(cell, 0, ()))
+    if len(perceived) != tables.scenario.perceived - 1:
+        return None
+    return np.asarray(tables.q_coord[cell, *perceived])

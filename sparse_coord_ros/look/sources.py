@@ -8,14 +8,15 @@ from functools import cached_property
 from pathlib import Path
 
 from sparse_coord_ros.bags.reader import BAG_DIRECTORY
+from sparse_coord_ros.engine.evaluation import check_tables, play
+from sparse_coord_ros.engine.trials import Trials
 from sparse_coord_ros.errors import RunError, SettingError, SparseCoordError, TablesError
 from sparse_coord_ros.experiments.store import MANIFEST
 from sparse_coord_ros.game.plugins import leaving_out
-from sparse_coord_ros.learn.agent import Tables
-from sparse_coord_ros.learn.evaluation import Trials, acting_on, check_tables, play
 from sparse_coord_ros.learn.history import HISTORY_FILE, History, load_history
 from sparse_coord_ros.learn.run_config import RUN_FILE, RunConfig, load_run
 from sparse_coord_ros.learn.tables import load_team
+from sparse_coord_ros.learners.tables import Tables
 from sparse_coord_ros.runlog.log import RunLog
 from sparse_coord_ros.runlog.window import MOVES, LongLog
 from sparse_coord_ros.wire import PERCEPT, ROSOUT, STATUS
@@ -94,14 +95,15 @@ class Shown:
             TablesError: some are missing, malformed or do not fit the scenario.
         """
         scenario = self.config.scenario
-        tables = [] if self.directory is None else load_team(self.directory, scenario)
+        tables = [] if self.directory is None else load_team(self.directory, scenario, self.config.rule)
         for k, robot in enumerate(scenario.robots if self.directory is None else ()):
             entry = self.recording.tables_before(k)
             if entry is None:
                 said = f"holds no tables of {robot.name}; see 'sparse_coord info'"
                 raise TablesError(f"{self.path}: {said}")
             tables.append(entry.tables)
-        check_tables(scenario, tables, self.config.known_rule)
+        if self.config.known_rule is not None:
+            check_tables(scenario, tables, self.config.rule)
         return tables
 
     @cached_property
@@ -133,7 +135,7 @@ class Shown:
     @property
     def asks(self) -> bool:
         """Whether its robots can ask; errors as of `tables`."""
-        return acting_on(self.tables[0]) != "noncoop"
+        return not np.isnan(self.tables[0].q_star[:, COORDINATE]).any()
 
     def has(self, what: str) -> bool:
         """Return whether `log`, `tables` or `history` can be read, and say why where not."""

@@ -7,11 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sparse_coord_ros.engine.run import Glimpse
 from sparse_coord_ros.game.actions import ACTIONS
 from sparse_coord_ros.game.miscoordination import miscoordinations
 from sparse_coord_ros.game.world import Action, Reward
-from sparse_coord_ros.learn.agent import NOBODY
-from sparse_coord_ros.learn.simulation import Glimpse
+from sparse_coord_ros.learners.agent import NOBODY
 from sparse_coord_ros.palette import ANSWERED, FAILED, REFUSED
 from sparse_coord_ros.runlog.log import NONE, RunLog
 from sparse_coord_ros.wire import PerceptEnd

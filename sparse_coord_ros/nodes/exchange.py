@@ -11,9 +11,9 @@ from std_srvs.srv import Trigger
 
 from sparse_coord_ros.engine.improve import Improvement, improve
 from sparse_coord_ros.errors import TablesError, in_short
-from sparse_coord_ros.learn.learners import check_memory
 from sparse_coord_ros.learn.run_config import RunConfig, run_from_yaml
 from sparse_coord_ros.learn.tables import unpack_saved
+from sparse_coord_ros.learners.memory import check_memory
 from sparse_coord_ros.limits import TABLES
 from sparse_coord_ros.nodes.follower import TICK_SECONDS
 from sparse_coord_ros.nodes.parameters import ParameterNode

@@ -13,9 +13,9 @@ from sparse_coord_ros.engine.improve import IMPROVED
 from sparse_coord_ros.errors import TablesError, in_short, os_error_text
 from sparse_coord_ros.files import write_whole
 from sparse_coord_ros.game.world import Action, Reward
-from sparse_coord_ros.learn.agent import Agent
 from sparse_coord_ros.learn.run_config import RUN_FILE, RunConfig
 from sparse_coord_ros.learn.tables import TEAM_FILE, pack_tables, robot_file
+from sparse_coord_ros.learners.agent import Agent
 from sparse_coord_ros.lockstep.gate import StepGate
 from sparse_coord_ros.lockstep.robot_side import NO_STEP, RobotSide
 from sparse_coord_ros.lockstep.rollback import RobotRollback

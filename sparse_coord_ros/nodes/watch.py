@@ -20,14 +20,14 @@ from rclpy.parameter import Parameter
 from std_srvs.srv import SetBool, Trigger
 
 from sparse_coord_ros import wire
+from sparse_coord_ros.engine.run import Glimpse
 from sparse_coord_ros.game.actions import ACTIONS
 from sparse_coord_ros.game.miscoordination import meeting_places, miscoordinated
 from sparse_coord_ros.game.world import FIRST_STEP, Action, Reward, StepOutcome
-from sparse_coord_ros.learn.agent import Tables
 from sparse_coord_ros.learn.history import HistoryRecorder
 from sparse_coord_ros.learn.run_config import RunConfig
-from sparse_coord_ros.learn.simulation import Glimpse
 from sparse_coord_ros.learn.tables import unpack_robot
+from sparse_coord_ros.learners.tables import Tables
 from sparse_coord_ros.lockstep.robot_side import RobotSide
 from sparse_coord_ros.look.page.controls import NEXT, PAUSE, RATE, RESET, STEP, Control, Controlled
 from sparse_coord_ros.look.page.live_source import LiveView

@@ -9,16 +9,12 @@ import numpy as np
 
 from sparse_coord_ros import wire
 from sparse_coord_ros.game.world import Action
-from sparse_coord_ros.learn.agent import Agent, Tables
 from sparse_coord_ros.learn.tables import saved_arrays
+from sparse_coord_ros.learners.agent import Agent
+from sparse_coord_ros.learners.tables import Tables
 from sparse_coord_ros.runlog.attached import RecordedTables
 from sparse_coord_ros.runlog.dialogue import heard, times_asked_again
-from sparse_coord_ros.runlog.difference import (
-    MISSING,
-    NOTHING_TO_LEARN,
-    Difference,
-    first_entry,
-)
+from sparse_coord_ros.runlog.difference import MISSING, NOTHING_TO_LEARN, Difference, first_entry
 from sparse_coord_ros.runlog.log import RunLog
 from sparse_coord_ros.runlog.replay import Replay, Stretch, fresh_agent, trajectory_of
 from sparse_coord_ros.wire.messages import action_numbers

@@ -15,9 +15,10 @@ from sparse_coord_ros.bags.metadata import RESTARTED
 from sparse_coord_ros.bags.reader import Bag
 from sparse_coord_ros.errors import TablesError
 from sparse_coord_ros.game.actions import ACTIONS, PRIMITIVES
-from sparse_coord_ros.learn.agent import Memory, Tables
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.learn.tables import SavedTables, unpack_saved
+from sparse_coord_ros.learners.mind import Memory
+from sparse_coord_ros.learners.tables import Tables
 from sparse_coord_ros.runlog.difference import Difference
 from sparse_coord_ros.runlog.timeline import Rollback, holds
 

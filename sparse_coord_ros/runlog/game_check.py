@@ -16,7 +16,7 @@ import numpy as np
 from sparse_coord_ros import wire
 from sparse_coord_ros.bags.metadata import SPLIT
 from sparse_coord_ros.game.world import EPISODE_GAP, Action, World
-from sparse_coord_ros.learn.agent import NOBODY
+from sparse_coord_ros.learners.agent import NOBODY
 from sparse_coord_ros.lockstep.bodies import BodyWorld
 from sparse_coord_ros.runlog.difference import MISSING, Difference
 from sparse_coord_ros.runlog.log import NONE, RunLog, cell_numbers

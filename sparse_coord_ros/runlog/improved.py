@@ -8,8 +8,8 @@ import numpy as np
 
 from sparse_coord_ros import wire
 from sparse_coord_ros.engine.improve import improve
-from sparse_coord_ros.learn.agent import Tables
 from sparse_coord_ros.learn.tables import COUNT, saved_arrays
+from sparse_coord_ros.learners.tables import Tables
 from sparse_coord_ros.runlog.agents import AgentCheck
 from sparse_coord_ros.runlog.attached import read_plans
 from sparse_coord_ros.runlog.difference import MISSING, Difference, first_entry

@@ -13,8 +13,9 @@ import numpy as np
 from sparse_coord_ros.dataframes import data_frame
 from sparse_coord_ros.game.actions import ACTIONS, COORDINATE
 from sparse_coord_ros.game.miscoordination import miscoordinations
-from sparse_coord_ros.learn.agent import NOBODY, Tables
 from sparse_coord_ros.learn.history import History
+from sparse_coord_ros.learners.agent import NOBODY
+from sparse_coord_ros.learners.tables import Tables
 from sparse_coord_ros.runlog.difference import Difference
 from sparse_coord_ros.runlog.timeline import LostSteps, gap_in_words
 from sparse_coord_ros.runlog.tracks import Tracks, read_tracks

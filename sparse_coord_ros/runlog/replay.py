@@ -19,8 +19,8 @@ import numpy as np
 from sparse_coord_ros.game.perception import asked_peers
 from sparse_coord_ros.game.streams import PEER, POLICY, Stream
 from sparse_coord_ros.game.world import EPISODE_GAP, UNKNOWN_PARTNERS, Action, Position, Reward
-from sparse_coord_ros.learn.agent import Agent, Choice, Tables
-from sparse_coord_ros.learn.simulation import tables_equal
+from sparse_coord_ros.learners.agent import Agent, Choice
+from sparse_coord_ros.learners.tables import Tables, tables_equal
 from sparse_coord_ros.runlog.attached import RecordedTables
 from sparse_coord_ros.runlog.log import NONE, RunLog
 from sparse_coord_ros.runlog.timeline import MARGIN

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sparse_coord_ros.engine.evaluation import Evaluation, Measure, Progress
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.game.actions import COORDINATE, OUTCOMES, PRIMITIVES, STAY
 from sparse_coord_ros.game.links import check_up
@@ -23,9 +24,10 @@ from sparse_coord_ros.game.perception import percept_probabilities
 from sparse_coord_ros.game.plugins import is_shipped
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.learn import evaluation
-from sparse_coord_ros.learn.agent import Agent, Tables
-from sparse_coord_ros.learn.evaluation import Evaluation, Measure, Progress
-from sparse_coord_ros.learn.learners import Learner, learner_of
+from sparse_coord_ros.learners.agent import Agent
+from sparse_coord_ros.learners.learner import Learner
+from sparse_coord_ros.learners.registry import learner_of
+from sparse_coord_ros.learners.tables import Tables
 from sparse_coord_ros.solve.exact_loops import (
     ARRIVED,
     CONFLICTS,

@@ -4,9 +4,9 @@
 
 from typing import NamedTuple
 
+from sparse_coord_ros.engine.evaluation import Evaluation
 from sparse_coord_ros.game.scenario import Scenario
-from sparse_coord_ros.learn.evaluation import Evaluation
-from sparse_coord_ros.learn.learners import Learner
+from sparse_coord_ros.learners.learner import Learner
 from sparse_coord_ros.solve.exact import ExactEvaluation
 from sparse_coord_ros.solve.optimum import independent_bound
 from sparse_coord_ros.solve.reference import shortest_path_reference

@@ -19,8 +19,8 @@ import numpy as np
 from sparse_coord_ros import wire
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.world import Action, Reward
-from sparse_coord_ros.learn.agent import Tables
 from sparse_coord_ros.learn.run_config import RunConfig
+from sparse_coord_ros.learners.tables import Tables
 from sparse_coord_ros.palette import DOORWAY_COLOUR, rgb, robot_colour
 from sparse_coord_ros.wire.cdr import Fixed, Free, Item, Layout, nothing, place, place_at, stamp
 from sparse_coord_ros.wire.frame import EAST_NORTH, MOVE_OF, SECOND, Frame

@@ -4,8 +4,8 @@
 
 import numpy as np
 
-from sparse_coord_ros.learn.agent import Tables
-from sparse_coord_ros.learn.algorithm import asks_surely
+from sparse_coord_ros.learners.policy import asks_surely
+from sparse_coord_ros.learners.tables import Tables
 from sparse_coord_ros.wire.frame import Frame
 
 UNKNOWN, EMPTY, OCCUPIED = -1, 0, 100

@@ -18,7 +18,7 @@ from sparse_coord_ros.experiments.conditions import Condition, make_condition
 from sparse_coord_ros.experiments.report.text import Row, percent
 from sparse_coord_ros.experiments.store import ConditionResult
 from sparse_coord_ros.files import write_whole
-from sparse_coord_ros.learn.learners import learner_of
+from sparse_coord_ros.learners.registry import learner_of
 from sparse_coord_ros.solve.exact import exact_means
 from sparse_coord_ros.solve.reference import shortest_path_reference
 from sparse_coord_ros.solve.shipped import known_best

@@ -12,7 +12,7 @@ from sparse_coord_ros.experiments.catalogue import LONG
 from sparse_coord_ros.experiments.conditions import make_condition
 from sparse_coord_ros.experiments.store import ConditionResult
 from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learn.learners import learner_of
+from sparse_coord_ros.learners.registry import learner_of
 from sparse_coord_ros.solve.shipped import known_best
 from tools.study import coordination
 from tools.study.coordination import Found, Rows, Study, learning_seconds, reward_and_failed

@@ -2,29 +2,37 @@
 # SPDX-License-Identifier: Apache-2.0
 """The factored learner with one part of its rule turned off."""
 
-from sparse_coord_ros.learn.factors import FactorRule
-from sparse_coord_ros.learn.learners import Factored
+from sparse_coord_ros.learners.factored import Factored
 
 
 class NoPerceptUpdate(Factored):
     """Learns r_bar from its own moves alone."""
 
-    factors = FactorRule(percept_update=False)
+    @staticmethod
+    def update_by_percept(mind, task, cell, floor):
+        """Correct nothing."""
 
 
 class NoReplay(Factored):
     """Does not learn from its own model."""
 
-    factors = FactorRule(replays=0)
+    @staticmethod
+    def replay(mind, task, now):
+        """Replay nothing."""
 
 
 class NoLookingBack(Factored):
     """Learns of no move what it would have brought."""
 
-    factors = FactorRule(look_back=False)
+    @staticmethod
+    def look_back(mind, task, now):
+        """Learn nothing."""
 
 
 class NoRightOfWay(Factored):
     """Several robots in one cell wait for one another."""
 
-    factors = FactorRule(right_of_way=False)
+    @staticmethod
+    def counts(mind, task, peer, cell, peer_cell):
+        """Return that each correction counts."""
+        return True

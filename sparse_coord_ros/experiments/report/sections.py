@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import yaml
 
+from sparse_coord_ros.engine.evaluation import Measure
 from sparse_coord_ros.experiments.benchmark import ARRIVE, standings
 from sparse_coord_ros.experiments.catalogue import CLOSED, FALLS, LEARNERS, LONG, REACHED
 from sparse_coord_ros.experiments.report import analysis
@@ -40,8 +41,7 @@ from sparse_coord_ros.experiments.report.text import (
 )
 from sparse_coord_ros.experiments.runner import SURE
 from sparse_coord_ros.experiments.store import ConditionResult
-from sparse_coord_ros.learn.evaluation import Measure
-from sparse_coord_ros.learn.learners import learner_of
+from sparse_coord_ros.learners.registry import learner_of
 
 Results = Sequence[ConditionResult]
 

@@ -8,11 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sparse_coord_ros.engine.evaluation import check_tables, greedy_agents
 from sparse_coord_ros.game.actions import PRIMITIVES
 from sparse_coord_ros.game.miscoordination import miscoordinations
-from sparse_coord_ros.learn.agent import NOBODY, Agent, Tables
-from sparse_coord_ros.learn.evaluation import check_tables, greedy_agents
 from sparse_coord_ros.learn.run_config import RunConfig
+from sparse_coord_ros.learners.agent import NOBODY, Agent
+from sparse_coord_ros.learners.tables import Tables
 from sparse_coord_ros.look.page.controls import CROSSING, KINDS, MISCOORDINATION, POLICY, QUESTION
 from sparse_coord_ros.look.policy import policy_of
 from sparse_coord_ros.look.steps import logged_step, questions_of

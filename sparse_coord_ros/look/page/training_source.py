@@ -4,9 +4,8 @@
 
 import time
 
-from sparse_coord_ros.engine.batch import LearningRun
+from sparse_coord_ros.engine.run import Glimpse, LearningRun, groups_of
 from sparse_coord_ros.learn.run_config import RunConfig
-from sparse_coord_ros.learn.simulation import Glimpse, groups_of
 from sparse_coord_ros.look.page import messages
 from sparse_coord_ros.look.page.bag_source import SHOWN_RATE
 from sparse_coord_ros.look.page.board import Board

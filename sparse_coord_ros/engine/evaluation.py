@@ -13,15 +13,19 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from sparse_coord_ros.engine.run import Team
+from sparse_coord_ros.engine.trials import Trials
 from sparse_coord_ros.errors import TablesError
-from sparse_coord_ros.game.actions import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.game.links import Percepts
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.settings import Setting
-from sparse_coord_ros.game.streams import EVALUATION, LEARNING
-from sparse_coord_ros.game.world import Action, StepOutcome, World
-from sparse_coord_ros.learn.agent import Agent, Choice, Tables
-from sparse_coord_ros.learn.learners import Learner, learner_of
+from sparse_coord_ros.game.streams import EVALUATION
+from sparse_coord_ros.game.world import Action, World
+from sparse_coord_ros.learners.agent import Agent
+from sparse_coord_ros.learners.learner import Learner
+from sparse_coord_ros.learners.memory import check_memory
+from sparse_coord_ros.learners.registry import learner_of
+from sparse_coord_ros.learners.tables import Tables
 
 MEASURES = ("reward", "time_to_goal", "miscoordinations", "asks")
 """The measures of an `Evaluation`."""
@@ -34,30 +38,21 @@ def silent(done: int, total: int) -> None:
     """Tell nobody."""
 
 
-class Team:
+class GreedyTeam:
     """Agents that act in one process: active perception is a look at the world's joint state.
 
     Args:
         scenario: the problem.
         seed: the run's seed.
         agents: the agents, one for each robot of the scenario.
-        phase: LEARNING or EVALUATION.
     """
 
-    def __init__(
-        self, scenario: Scenario, seed: int, agents: list[Agent], *, phase: int = LEARNING
-    ) -> None:
+    def __init__(self, scenario: Scenario, seed: int, agents: list[Agent]) -> None:
         self.agents = agents
-        self._percepts = Percepts(scenario, seed, phase)
+        self._percepts = Percepts(scenario, seed, EVALUATION)
 
-    def act(self, world: World) -> tuple[list[Choice | None], list[Action | None]]:
-        """Let every agent that has not arrived choose.
-
-        Returns:
-            What each agent decided and perceived, and the joint action; None in both for agents
-            that do not act.
-        """
-        choices: list[Choice | None] = [None] * len(world.cells)
+    def act(self, world: World) -> list[Action | None]:
+        """Let every agent that has not arrived choose; None for agents that do not act."""
         actions: list[Action | None] = [None] * len(world.cells)
         for agent in self.agents:
             k = agent.number
@@ -67,18 +62,8 @@ class Team:
             decision = agent.decide(world.step, cell)
             peers = decision.peers
             perceived = self._perceived(world, k, peers) if peers else None
-            action = agent.act(world.step, cell, decision, perceived)
-            choices[k] = Choice(cell, decision, action, perceived)
-            actions[k] = action
-        return choices, actions
-
-    def learn(self, choices: Sequence[Choice | None], world: World, outcome: StepOutcome) -> None:
-        """Let every agent that acted learn from the step that the world just made."""
-        for agent in self.agents:
-            choice = choices[agent.number]
-            if choice is not None:
-                reward = outcome.rewards[agent.number]
-                agent.learn(world.step - 1, choice, reward, world.cells[agent.number])
+            actions[k] = agent.act(world.step, cell, decision, perceived)
+        return actions
 
     def _perceived(self, world: World, k: int, peers: tuple[int, ...]) -> tuple[int, ...] | None:
         """Ask peers, one after the other; return their cells, None where one is not perceived."""
@@ -102,35 +87,6 @@ class Measure:
     mean: float
     spread: float
     standard_error: float
-
-
-@dataclass(frozen=True)
-class Trials:
-    """Greedy trials from the scenario's starts.
-
-    Attributes:
-        reward: total discounted reward, shape (trials, robots).
-        time_to_goal: steps until arrival; the horizon for a robot that does not arrive; same
-            shape.
-        asks: how often COORDINATE was chosen; same shape.
-        arrived: whether the robot arrived; same shape.
-        miscoordinations: steps that end in a miscoordination, shape (trials,).
-        asked: how often COORDINATE was chosen in each cell in all trials, shape (robots, cells).
-        stays: how often the robot acted in each cell in all trials, same shape: the steps until
-            it has arrived.
-    """
-
-    reward: np.ndarray
-    time_to_goal: np.ndarray
-    asks: np.ndarray
-    arrived: np.ndarray
-    miscoordinations: np.ndarray
-    asked: np.ndarray
-    stays: np.ndarray
-
-    def __repr__(self) -> str:
-        """Return what they are, on one line."""
-        return "<Trials: {} of {} robots>".format(*self.reward.shape)
 
 
 @dataclass(frozen=True)
@@ -219,111 +175,54 @@ def play(
     Raises:
         TablesError: the tables do not fit the scenario.
     """
-    team = greedy_team(scenario, tables, seed, learner)
-    world = World(scenario, seed, phase=EVALUATION, max_steps=scenario.horizon)
-    shape = (trials, len(tables))
-    reward, asks, arrived = np.zeros(shape), np.zeros(shape), np.zeros(shape, dtype=bool)
-    times = np.full(shape, float(scenario.horizon))
-    conflicts = np.zeros(trials)
-    asked = np.zeros((len(tables), len(scenario.map.cells)), dtype=np.int64)
-    stays = np.zeros_like(asked)
-    for trial in range(trials):
-        progress(trial, trials)
-        world.begin_episode()
-        discount, elapsed = 1.0, 0
-        while not world.episode_over:
-            cells = list(world.cells)
-            _, actions = team.act(world)
-            outcome = world.advance(actions)
-            elapsed += 1
-            for k, parts in enumerate(outcome.rewards):
-                reward[trial, k] += discount * (parts.common + parts.ask_cost)
-                action = actions[k]
-                if action is None:
-                    continue
-                stays[k, cells[k]] += 1
-                if action.asked:
-                    asks[trial, k] += 1
-                    asked[k, cells[k]] += 1
-            for k in outcome.arrived:
-                times[trial, k] = elapsed
-                reward[trial, k] += discount * scenario.goal_reward / (1.0 - scenario.discount)
-            conflicts[trial] += outcome.miscoordination
-            discount *= scenario.discount
-        arrived[trial] = world.arrived
-    return Trials(reward, times, asks, arrived, conflicts, asked, stays)
+    check_tables(scenario, tables, learner)
+    team = Team(scenario, tables[0].learner, compiled=False)
+    minds = team.initial([table.memory for table in tables])
+    return team.play(minds, seed, trials, progress=progress)
 
 
 def check_tables(
     scenario: Scenario, tables: Sequence[Tables], learner: str | Learner | None = None
 ) -> None:
-    """Raise `TablesError` unless each robot has one pair of tables that fits.
+    """Raise `TablesError` unless each robot has tables that fit.
 
     Args:
         scenario: the problem.
         tables: the tables of every robot.
-        learner: who is to use them: the column of COORDINATE is NaN for one that does not ask;
-            None: whoever learned them.
+        learner: who is to act on them; None: the learner of the tables.
     """
-    cells = len(scenario.map.cells)
-    coord_shape = (cells,) * scenario.perceived + (PRIMITIVES,)
-    due = {"q_star": (cells, len(ACTIONS)), "q_coord": coord_shape}
     if len(tables) != len(scenario.robots):
         more = f"which has {len(scenario.robots)}; use the tables of a run of this scenario"
         raise TablesError(f"tables of {len(tables)} robots for scenario {scenario.name}, {more}")
-    rule = None if learner is None else learner_of(learner)
-    for k, table in enumerate(tables, start=1):
-        for name, needed in due.items():
-            shape = getattr(table, name).shape
-            if shape != needed:
-                raise TablesError(
-                    f"{name}_{k} has shape {shape}, scenario {scenario.name} needs {needed}; use "
-                    "the tables of a run on the same map and with the same setting peers"
-                )
-        arrays = {**table.arrays(), "q_star": table.q_star[:, :PRIMITIVES]}
-        if not all(np.isfinite(array).all() for array in arrays.values()):
-            what = f"tables of robot {k} hold values that are no finite numbers"
-            raise TablesError(f"{what}; use tables that run or train wrote")
-        if rule is not None and acting_on(table) != kind_of(rule):
-            raise TablesError(
-                f"tables of robot {k} have the form of learner {acting_on(table)}, learner "
-                f"{rule.label} needs that of {kind_of(rule)}; use the tables of a run with that "
-                "learner, or choose the other one"
-            )
+    for k, table in enumerate(tables):
+        check_memory(scenario, learner_of(learner or table.learner), k, table.memory)
 
 
 def greedy_team(
     scenario: Scenario, tables: Sequence[Tables], seed: int, learner: str | Learner | None = None
-) -> Team:
+) -> GreedyTeam:
     """Return a team that acts greedily on learned tables; arguments and errors as of `play`."""
     check_tables(scenario, tables, learner)
     agents = greedy_agents(scenario, tables, seed, learner)
-    return Team(scenario, seed, agents, phase=EVALUATION)
+    return GreedyTeam(scenario, seed, agents)
 
 
 def greedy_agents(
-    scenario: Scenario, tables: Sequence[Tables], seed: int, learner: str | Learner | None
+    scenario: Scenario, tables: Sequence[Tables], seed: int, learner: str | Learner | None = None
 ) -> list[Agent]:
     """Return the agents of `greedy_team`; the tables fit."""
-    how: Any = {"learning": False, "phase": EVALUATION}
     return [
-        learner_of(learner or acting_on(table)).agent(scenario, k, seed, tables=table, **how)
+        Agent(
+            learner_of(learner or table.learner),
+            scenario,
+            k,
+            seed,
+            memory=table.memory,
+            learning=False,
+            phase=EVALUATION,
+        )
         for k, table in enumerate(tables)
     ]
-
-
-def acting_on(table: Tables) -> str:
-    """Return the learner whose greedy policy the tables are for."""
-    if table.factors is not None:
-        return "factored"
-    return "noncoop" if np.isnan(table.q_star[:, COORDINATE]).any() else "coop"
-
-
-def kind_of(learner: Learner) -> str:
-    """Return the learner of this package whose tables are made as those of a learner."""
-    if learner.factors is not None:
-        return "factored"
-    return "coop" if learner.asks else "noncoop"
 
 
 def _measure(values: np.ndarray) -> Measure:

@@ -1,0 +1,62 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Whether a learner of one's own computes the same compiled as in plain Python."""
+
+import sys
+
+from sparse_coord_ros.engine.run import LearningRun, Team
+from sparse_coord_ros.errors import SparseCoordError
+from sparse_coord_ros.game.plugins import is_shipped
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learners.learner import Learner
+from sparse_coord_ros.learners.tables import memories_equal
+
+STEPS = 1000
+"""Time steps that a learner of one's own makes in both forms before it is used compiled."""
+
+TRIED_ON = "env1"
+
+_tried: dict[type[Learner], bool] = {}
+
+
+def agrees(learner: Learner) -> bool:
+    """Return whether the compiled form of a learner can be used.
+
+    That of this package's learners can; tests see to it. One of one's own learns for `STEPS` steps
+    in both forms, once a process. If numba cannot compile it, or a bit differs (powers and
+    exponentials do differ), it is said once, and the learner runs in plain Python.
+    """
+    rule = learner.Mind.learner
+    if is_shipped(rule):
+        return True
+    if rule not in _tried:
+        problem = _problem(learner)
+        _tried[rule] = problem is None
+        if problem is not None:
+            said = f"learner {learner.label}: runs in plain Python, not compiled: {problem}"
+            print(said, file=sys.stderr)
+    return _tried[rule]
+
+
+def _problem(learner: Learner) -> str | None:
+    """Return why a learner cannot run compiled; None: it can."""
+    scenario = learner.with_defaults(load_scenario(TRIED_ON).with_settings({"steps": STEPS}))
+    plain = LearningRun(Team(scenario, learner, compiled=False), seed=0, gathering=False)
+    plain.advance(STEPS)
+    try:
+        compiled = LearningRun(Team(scenario, learner, compiled=True), seed=0, gathering=False)
+        compiled.advance(STEPS)
+    except SparseCoordError:
+        raise
+    except Exception as error:  # whatever numba raises about code that it cannot compile
+        return f"numba cannot compile it ({_first_line(error)})"
+    pairs = zip(plain.memories, compiled.memories, strict=True)
+    if all(memories_equal(one, other) for one, other in pairs):
+        return None
+    return "what it learns differs in its last bits"
+
+
+def _first_line(error: Exception) -> str:
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    telling = [line for line in lines if not line.startswith(("Failed in", "-", "During"))]
+    return (telling or [type(error).__name__])[0]
