@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sparse_coord_ros.dataframes import data_frame, shown_as
+from sparse_coord_ros.engine import evaluation
 from sparse_coord_ros.engine.batch import run_batch
 from sparse_coord_ros.engine.cluster import SchedulerLike, check_place, cluster_at
 from sparse_coord_ros.engine.evaluation import Evaluation
@@ -47,10 +48,10 @@ from sparse_coord_ros.game.scenario import (
     scenario_names,
 )
 from sparse_coord_ros.game.world import Reward, RewardWeights
-from sparse_coord_ros.learn import evaluation, run_config
+from sparse_coord_ros.learn import run_config
 from sparse_coord_ros.learn.history import History, load_history
 from sparse_coord_ros.learn.run_config import RUN_SETTINGS, RunConfig
-from sparse_coord_ros.learn.tables import load_memories, load_team
+from sparse_coord_ros.learn.tables import load_team
 from sparse_coord_ros.learners.agent import Agent, Choice
 from sparse_coord_ros.learners.learner import Learner
 from sparse_coord_ros.learners.registry import LearnerLike, chosen_learner, register_learner
@@ -198,9 +199,7 @@ class SavedRun:
         Raises:
             TablesError: they are missing or malformed, or do not fit the scenario.
         """
-        tables = load_team(self.directory, self.scenario)
-        evaluation.check_tables(self.scenario, tables, self.learner)
-        return tables
+        return load_team(self.directory, self.scenario, self.learner)
 
     @cached_property
     def history(self) -> History:
@@ -314,12 +313,10 @@ def improve(learned: "str | Path | Training | SavedRun") -> Improvement:
 
     Raises:
         SettingError: the robots did not learn what it needs.
-        TablesError: there are tables alone, not what they were learned from.
+        TablesError: the tables are missing or malformed.
     """
     run = load_run(learned) if isinstance(learned, str | Path) else learned
-    if isinstance(run, Training):
-        return plan(run.scenario, run.learner, run.memories)
-    return plan(run.scenario, run.learner, load_memories(run.directory, run.scenario))
+    return plan(run.scenario, run.learner, [table.memory for table in run.tables])
 
 
 def evaluate(

@@ -26,13 +26,15 @@ from typing import Any
 
 import numpy as np
 
-from sparse_coord_ros.engine.batch import CompiledTeam, prepare
+from sparse_coord_ros.engine.batch import prepare
+from sparse_coord_ros.engine.run import LearningRun, Team
 from sparse_coord_ros.experiments.catalogue import LONG
 from sparse_coord_ros.experiments.conditions import make_condition
 from sparse_coord_ros.experiments.runner import Computing
 from sparse_coord_ros.files import write_whole
 from sparse_coord_ros.game.scenario import Scenario, load_scenario
 from sparse_coord_ros.game.unseen import KINDS, TEAMS, VERSION
+from sparse_coord_ros.learners.registry import learner_of
 from sparse_coord_ros.solve.asking_search import find_asking_team
 from sparse_coord_ros.solve.optimum import joint_optimum
 from sparse_coord_ros.solve.reference import shortest_path_reference
@@ -100,9 +102,11 @@ def find_teams(options: argparse.Namespace) -> None:
         rewards = computed(condition, CROWDS.plan(condition)).run_means("reward")
         scenario, judged = condition.scenario, []
         prepare("factored")
-        team = CompiledTeam(scenario, "factored")
+        team = Team(scenario, learner_of("factored"), compiled=True)
         for seed in (SEED + np.argsort(rewards)[-FEW:]).tolist():
-            means = team.play(team.learn(seed), seed + FRESH, TRIALS).reward.mean(axis=1)
+            learning = LearningRun(team, seed, gathering=False)
+            learning.advance(scenario.steps)
+            means = team.play(learning.minds, seed + FRESH, TRIALS).reward.mean(axis=1)
             judged.append((float(means.mean()), float(means.std(ddof=1) / TRIALS**0.5), seed))
         value, error, seed = max(judged)
         best = BestTeam(

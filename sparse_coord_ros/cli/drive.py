@@ -69,7 +69,7 @@ def execute(options: argparse.Namespace) -> None:
     values = {**DRIVE_SETTINGS.defaults(), **given}
     run = load_run(options.directory)
     run.check_code()
-    tables = load_team(options.directory, run.scenario)
+    tables = load_team(options.directory, run.scenario, run.rule)
     with Bar("episodes") as bar:
         driven = drive(
             run,

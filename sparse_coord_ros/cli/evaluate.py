@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from sparse_coord_ros.cli.computing import Bar
 from sparse_coord_ros.cli.options import JSON, SEED, Option, format_table, note, tell
 from sparse_coord_ros.engine.checkpoint import CHECKPOINT_FILE
-from sparse_coord_ros.engine.evaluation import TRIALS, Evaluation, check_tables, play, summary
+from sparse_coord_ros.engine.evaluation import TRIALS, Evaluation, play, summary
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.game.scenario import PAPER_MEASURES
 from sparse_coord_ros.learn.run_config import RunConfig, load_run
@@ -82,8 +82,7 @@ def evaluated(directory: Path, trials: int, seed: int, *, exact: bool | None) ->
                 f"{directory}: the run is not finished, its tables are those of the way there; go "
                 f"on with: sparse_coord {verb} --resume {directory}"
             )
-    tables = load_team(directory, run.scenario)
-    check_tables(run.scenario, tables, run.learner)
+    tables = load_team(directory, run.scenario, run.rule)
     return Evaluated(directory, run, evaluation_of(run, tables, trials, seed, exact=exact))
 
 

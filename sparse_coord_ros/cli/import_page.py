@@ -179,7 +179,7 @@ class ImportPage(Controlled):
         run = load_run(out)
         driven = drive(
             run,
-            load_team(out, run.scenario),
+            load_team(out, run.scenario, run.rule),
             episodes=EPISODES,
             seed=0,
             values=DRIVE_SETTINGS.defaults(),

@@ -12,8 +12,7 @@ from sparse_coord_ros.cli.options import JSON, Option, tell
 from sparse_coord_ros.engine.evaluation import TRIALS
 from sparse_coord_ros.engine.improve import IMPROVED, improve, save_improved
 from sparse_coord_ros.learn.run_config import RunConfig, load_run
-from sparse_coord_ros.learn.tables import load_memories, load_team
-from sparse_coord_ros.learners.mind import Memory
+from sparse_coord_ros.learn.tables import load_team
 from sparse_coord_ros.learners.tables import Tables
 
 EXAMPLE = (
@@ -33,12 +32,11 @@ def execute(options: argparse.Namespace) -> None:
     """Run the verb."""
     out, run = options.directory, load_run(options.directory)
     run.check_code()
-    tables = load_team(out, run.scenario)
-    tell(options, *planned(out, run, load_memories(out, run.scenario), tables))
+    tell(options, *planned(out, run, load_team(out, run.scenario, run.rule)))
 
 
 def planned(
-    out: Path, run: RunConfig, memories: Sequence[Memory], tables: Sequence[Tables]
+    out: Path, run: RunConfig, tables: Sequence[Tables]
 ) -> tuple[dict[str, Any], str]:
     """Plan on what a run's robots learned, and save that; return what it is worth, and in words.
 
@@ -46,7 +44,7 @@ def planned(
         SettingError: they do not learn what it needs.
         RunError: there is a plan already.
     """
-    found = improve(run.scenario, run.rule, memories)
+    found = improve(run.scenario, run.rule, [table.memory for table in tables])
     folder = save_improved(out, run, found)
     results = [
         Evaluated(where, run, evaluation_of(run, one, TRIALS.default, 0, exact=None))

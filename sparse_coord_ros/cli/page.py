@@ -104,7 +104,7 @@ def show_end(board: Board, out: Path) -> None:
 
     try:
         run = load_run(out)
-        put_end(board, run, load_team(out, run.scenario))
+        put_end(board, run, load_team(out, run.scenario, run.rule))
     except SparseCoordError as error:
         board.put("notice", text=str(error))
 

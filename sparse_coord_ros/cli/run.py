@@ -143,6 +143,6 @@ def _lines(options: argparse.Namespace, out: Path, summary: dict[str, Any]) -> I
     silent = interrupted or options.greedy or options.watch or options.json
     if saved and summary.get("steps_per_second", 0) and not silent:
         run = load_run(out)
-        tables = load_team(plan if (plan / TEAM_FILE).exists() else out, run.scenario)
+        tables = load_team(plan if (plan / TEAM_FILE).exists() else out, run.scenario, run.rule)
         found = evaluation_of(run, tables, TRIALS, 0, exact=None)
         yield last_word(run.scenario, run.rule, found).text

@@ -51,7 +51,7 @@ def execute(options: argparse.Namespace) -> None:
                 f"those of: {known}"
             )
         out = create_output(options.out)
-        save_team(out, [known[step] for known in of_each])
+        save_team(out, [known[step].memory for known in of_each])
         write_whole(out / RUN_FILE, tracks.run.to_yaml())
         said |= {"step": step, "directory": out}
         lines = [f"tables  {out / TEAM_FILE}", f"run     {out / RUN_FILE}"]

@@ -187,7 +187,7 @@ def _ready_engine(options: argparse.Namespace, run: RunConfig) -> str:
     if engine == "numba" and not is_prepared(learner=run.rule, history=True):
         shared.note("compiling the learning loop (some 10 s, once) ...")
         prepare(run.rule, engine=engine, history=True)
-    missed = options.engine == "auto" and run.rule.compiled and not has_numba()
+    missed = options.engine == "auto" and not has_numba()
     if missed and worth_compiling(run.scenario, run.rule):
         note_without_numba()
     return engine
@@ -204,7 +204,7 @@ def _save(out: Path, done: Training) -> None:
             rows.append([steps, found.trials, *numbers, found.not_arrived])
         text = "".join(f"{','.join(map(str, row))}\n" for row in rows)
         write_whole(out / EVALUATIONS_FILE, text)
-    save_team(out, done.tables, done.memories)
+    save_team(out, [table.memory for table in done.tables])
     (out / CHECKPOINT_FILE).unlink(missing_ok=True)
 
 
@@ -213,7 +213,7 @@ def _say(options: argparse.Namespace, out: Path, run: RunConfig, done: Training)
     scenario, trials, lines = run.scenario, options.trials, []
     facts: dict[str, Any] = {"directory": out, "learner": run.learner, "seed": run.seed}
     facts |= {"engine": done.engine, "episodes": done.history.episodes}
-    plan, text = planned(out, run, done.memories, done.tables) if run.improve else ({}, "")
+    plan, text = planned(out, run, done.tables) if run.improve else ({}, "")
     if trials != 0:
         exact = None if trials is None else False
         result = evaluation_of(run, done.tables, trials or TRIALS.default, 0, exact=exact)

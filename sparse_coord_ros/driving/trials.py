@@ -203,7 +203,7 @@ def drive(
         asks = np.zeros(len(tables), dtype=np.int64)
         steps = miscoordinations = 0
         while not world.episode_over:
-            _, actions = team.act(world)
+            actions = team.act(world)
             while not sent.made(actions):
                 floor.drive()
             outcome = world.advance(actions)

@@ -176,7 +176,8 @@ def play(
         TablesError: the tables do not fit the scenario.
     """
     check_tables(scenario, tables, learner)
-    team = Team(scenario, tables[0].learner, compiled=False)
+    rule = learner_of(learner or tables[0].rule)
+    team = Team(scenario, rule, compiled=False)
     minds = team.initial([table.memory for table in tables])
     return team.play(minds, seed, trials, progress=progress)
 
@@ -195,7 +196,7 @@ def check_tables(
         more = f"which has {len(scenario.robots)}; use the tables of a run of this scenario"
         raise TablesError(f"tables of {len(tables)} robots for scenario {scenario.name}, {more}")
     for k, table in enumerate(tables):
-        check_memory(scenario, learner_of(learner or table.learner), k, table.memory)
+        check_memory(scenario, learner_of(learner or table.rule), k, table.memory)
 
 
 def greedy_team(
@@ -213,7 +214,7 @@ def greedy_agents(
     """Return the agents of `greedy_team`; the tables fit."""
     return [
         Agent(
-            learner_of(learner or table.learner),
+            learner_of(learner or table.rule),
             scenario,
             k,
             seed,

@@ -19,7 +19,7 @@ from sparse_coord_ros.game.actions import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.game.draws import PlainDraws, compiled_draws
 from sparse_coord_ros.game.links import ruled_out
 from sparse_coord_ros.game.perception import asked_peers
-from sparse_coord_ros.game.rules import EPISODE_GAP, problem_of
+from sparse_coord_ros.game.rules import EPISODE_GAP, miscoordination, problem_of
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.schedules import probabilities, step_sizes
 from sparse_coord_ros.game.world import FIRST_STEP, Action, Position, before_episode
@@ -35,6 +35,7 @@ from sparse_coord_ros.learners.mind import (
     stacked,
     with_room,
 )
+from sparse_coord_ros.learners.registry import learner_of
 from sparse_coord_ros.learners.tables import Tables
 
 BLOCK = 2048
@@ -137,7 +138,7 @@ class Team:
         )
         groups = groups_of(scenario, learner)
         self.rules = [self._formed(rule._replace(members=np.array(own))) for own in groups]
-        greedy = {"max_steps": scenario.horizon, "exploring": np.zeros(1), "epsilon": np.zeros(1)}
+        greedy: dict[str, Any] = {"max_steps": scenario.horizon, "exploring": np.zeros(1), "epsilon": np.zeros(1)}
         self._trying = self._formed(rule._replace(**greedy))
 
     def _formed(self, rule: loop.Rule) -> loop.Rule:
@@ -145,7 +146,7 @@ class Team:
         if self.compiled:
             return rule
         names = ("exploring", "epsilon", "floors", "step_sizes")
-        tables = {name: array("d", getattr(rule, name).tobytes()) for name in names}
+        tables: dict[str, Any] = {name: array("d", getattr(rule, name).tobytes()) for name in names}
         members, weights = rule.members.tolist(), rule.weights.tolist()
         listed = rule._replace(members=members, weights=weights, **tables)
         tasks = [
@@ -175,16 +176,17 @@ class Team:
         arrived = [int(home) for home in position.arrived]
         if self.compiled:
             members = rule.members
+            cells, actions, moves, seen = np.zeros((4, team), dtype=np.int64)
             draws: Any = compiled_draws(
                 self.scenario, seed, phase, self._looked_at(rule, phase), members, position.step
             )
             game = loop.Game(np.array(clock), np.array(position.cells), np.array(arrived))
-            choice = loop.Choices(*np.zeros((4, team), dtype=np.int64), np.zeros(PRIMITIVES))
+            choice = loop.Choices(cells, actions, moves, seen, np.zeros(PRIMITIVES))
         else:
             draws = PlainDraws(self.scenario, seed, phase)
             game = loop.Game(clock, list(position.cells), arrived)
-            nothing = [[0] * team for _ in range(4)]
-            choice = loop.Choices(*nothing, [0.0] * PRIMITIVES)
+            cells, actions, moves, seen = ([0] * team for _ in range(4))
+            choice = loop.Choices(cells, actions, moves, seen, [0.0] * PRIMITIVES)
         return loop.State(rule, game, choice, draws, self._stop)
 
     def _looked_at(self, rule: loop.Rule, phase: int) -> dict[int, bool]:
@@ -357,7 +359,7 @@ class LearningRun:
                 if not (before.under_way and before.arrived[k]):
                     cell, action = int(state.choice.cells[k]), self._action(state, k, before.step)
                 rows.append((cell, action, int(state.game.cells[k])))
-            met |= bool(loop.miscoordination(state.rule.problem, state.game.cells, members))
+            met |= bool(miscoordination(state.rule.problem, state.game.cells, members))
         cells, actions, after = zip(*rows, strict=True)
         return Glimpse(positions[0].step, cells, actions, after, met)
 
@@ -425,6 +427,15 @@ class LearningRun:
         """Return where the run is."""
         positions = tuple(_position(state.game) for state in self._states)
         return LearningState(positions, self.memories, self._histories())
+
+
+def learn(
+    scenario: Scenario, learner: str | Learner, seed: int, *, compiled: bool = False
+) -> list[Tables]:
+    """Return what robots learn in the scenario's budget, by default in plain Python."""
+    run = LearningRun(Team(scenario, learner_of(learner), compiled=compiled), seed)
+    run.advance(scenario.steps)
+    return run.tables
 
 
 def rows_updated(mind: Any) -> int:

@@ -17,7 +17,6 @@ from sparse_coord_ros.learn.history import History
 from sparse_coord_ros.learn.run_config import RUN_FILE, create_output, make_run
 from sparse_coord_ros.learn.tables import save_team
 from sparse_coord_ros.learners.learner import Learner
-from sparse_coord_ros.learners.mind import Memory
 from sparse_coord_ros.learners.tables import Tables
 from sparse_coord_ros.solve.exact import ExactMeans
 
@@ -36,7 +35,6 @@ class Training:
         visited: joint states of Q^C that each robot has updated, shape (robots,), int64.
         transitions: transitions learned from; of a learner that learns `alone`, by each robot.
         evaluations: evaluations of the team on the way, as (transitions, evaluation).
-        memories: what each robot's agent remembers, to learn on from there.
         trials: greedy trials afterwards, arrays of shape (trials, robots), as `train_many` plays
             them, seeded by the run's seed; None where none were played.
         exact: what such a trial brings on average; None without trials, and where nobody knows.
@@ -51,7 +49,6 @@ class Training:
     visited: np.ndarray
     transitions: int
     evaluations: tuple[tuple[int, Evaluation], ...] = ()
-    memories: tuple[Memory, ...] = ()
     trials: Trials | None = None
     exact: ExactMeans | None = None
 
@@ -83,7 +80,7 @@ class Training:
         folder = create_output(Path(directory))
         try:
             write_whole(folder / RUN_FILE, said)
-            save_team(folder, self.tables, self.memories)
+            save_team(folder, [table.memory for table in self.tables])
             self.history.save(folder)
         except BaseException as error:
             shutil.rmtree(folder, ignore_errors=True)  # leave no half of a run

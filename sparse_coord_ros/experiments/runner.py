@@ -492,5 +492,5 @@ def _played_again(folder: Path, wanted: RunConfig, trials: int) -> Trials:
             "protocol or seed); nothing is overwritten: remove it, or choose another --out"
         )
     scenario = wanted.scenario
-    tables = load_team(folder, scenario)
+    tables = load_team(folder, scenario, wanted.rule)
     return play(scenario, tables, trials=trials, seed=wanted.seed, learner=wanted.rule)

@@ -38,8 +38,8 @@ from sparse_coord_ros.game.actions import PRIMITIVES
 from sparse_coord_ros.game.plugins import leaving_out
 from sparse_coord_ros.game.scenario import SETTINGS, Scenario, dense_nbytes, scenario_from_dict
 from sparse_coord_ros.game.settings import Setting
-from sparse_coord_ros.learn.factors import rows_at_most
 from sparse_coord_ros.learn.run_config import RUN_SETTINGS
+from sparse_coord_ros.learners.factored import Factored
 from sparse_coord_ros.learners.learner import Learner
 from sparse_coord_ros.learners.registry import learner_of
 from sparse_coord_ros.solve.reference import Reference, shortest_path_reference
@@ -190,15 +190,12 @@ class ConditionResult:
     @property
     def joint_states(self) -> int:
         """Rows that Q^C of one robot could have: joint states, or pairs of cells in factors."""
-        cells = len(self.scenario.map.cells)
-        if self.learner.factors is not None:
-            return rows_at_most(cells, len(self.scenario.robots))
-        return int(cells**self.scenario.perceived)
+        return self.learner.rows_of_a_cell(self.scenario) * len(self.scenario.map.cells)
 
     @property
     def row_bytes(self) -> int:
         """Bytes of one such row: four float64, and its key where it has one."""
-        if self.learner.factors is not None:
+        if isinstance(self.learner, Factored):
             return CORRECTION_BYTES
         perceived = self.scenario.perceived
         return dense_nbytes(1, perceived) + self.scenario.sparse * CELL_BYTES * perceived

@@ -21,7 +21,7 @@ from sparse_coord_ros.errors import SparseCoordError, check_format, in_short
 from sparse_coord_ros.limits import ARRAYS, Limit
 from sparse_coord_ros.version import __version__
 
-FORMAT = 1
+FORMAT = 2
 """Number of the format. It changes where the arrays of any of these files change."""
 
 ENTRY, MOST_ARRAYS = b"PK\x01\x02", 2**16

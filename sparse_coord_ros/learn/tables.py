@@ -154,9 +154,25 @@ def load_team(directory: Path, scenario: Scenario, learner: Learner) -> list[Tab
             what = f"{directory}: neither {TEAM_FILE} nor {', '.join(missing)} is there"
             raise TablesError(f"{what}; give the output directory of a finished run")
         saved = [load_saved(part, [k])[0] for k, part in zip(numbers, parts, strict=True)]
-    found = []
     with retold(TablesError, TablesError, str(directory)):
-        for k, one in enumerate(saved):
-            memory = check_memory(scenario, learner, k, one.memory)
-            found.append(Tables(scenario, learner, k, memory))
-    return found
+        return [tables_of(scenario, learner, k, one.memory) for k, one in enumerate(saved)]
+
+
+def tables_of(scenario: Scenario, learner: Learner | None, k: int, memory: Memory) -> Tables:
+    """Return the tables of a robot that is said to remember something.
+
+    Args:
+        scenario: the problem.
+        learner: who learned it; None: its code may not be imported.
+        k: the robot, from 0.
+        memory: what the robot is said to remember.
+
+    Raises:
+        TablesError: no robot of this scenario and learner can have learned that.
+    """
+    if learner is not None:
+        memory = check_memory(scenario, learner, k, memory)
+    cells = len(scenario.map.cells)
+    if len(memory["q_star"]) != cells:
+        raise TablesError(f"q_star has {len(memory['q_star'])} cells, the map has {cells}")
+    return Tables(scenario, learner, k, memory)

@@ -25,7 +25,7 @@ from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.settings import LARGEST_WHOLE
 from sparse_coord_ros.game.specs import Spec
 from sparse_coord_ros.learn.archive import MOST_UPDATES, check_range
-from sparse_coord_ros.learners.learner import Coordinated, Learner
+from sparse_coord_ros.learners.learner import Learner
 from sparse_coord_ros.learners.mind import NO_ROW, Memory, Rows, empty_rows, find, place
 from sparse_coord_ros.learners.rules import Task, Transition, Values, greatest, step_size
 
@@ -122,12 +122,15 @@ class Factored(Learner):
                 "more than two robots: all; set peers=all, or leave it out"
             )
 
-    def coordinated(self, scenario: Scenario, memory: Memory) -> Coordinated:
+    def rows_of_a_cell(self, scenario: Scenario) -> int:
+        """As of `Learner`: one for each peer's cell, and one for failed percepts."""
+        return (len(scenario.robots) - 1) * len(scenario.map.cells) + 1
+
+    def learned_rows(self, scenario: Scenario, memory: Memory) -> np.ndarray:
         """As of `Learner`: corrections that are not 0."""
         cells, robots = len(scenario.map.cells), len(scenario.robots)
         keys = memory["rho_keys"][memory["rho_values"].any(axis=1)]
-        own = states_of(keys, cells, robots)[:, 0]
-        return Coordinated(np.bincount(own, minlength=cells), (robots - 1) * cells + 1)
+        return np.bincount(states_of(keys, cells, robots)[:, 0], minlength=cells)
 
     def check_memory(self, scenario: Scenario, robot: int, memory: Memory) -> None:
         """Check where moves led and how often, where r^C was felt, and the last question."""
@@ -277,6 +280,7 @@ def _check_last(last: np.ndarray, robot: int, cells: int) -> None:
 @of_learner
 def counts(mind: Any, task: Task, peer: int, cell: int, peer_cell: int) -> bool:
     """As `Factored.counts`."""
+    raise NotImplementedError
 
 
 @of_learner

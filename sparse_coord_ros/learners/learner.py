@@ -11,7 +11,7 @@ entry of `memory`. See examples/own_learner.py and docs/tutorials/own_learner.md
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -26,24 +26,6 @@ from sparse_coord_ros.learners.rules import Task, Transition
 
 Made = Callable[[Scenario, int], np.ndarray]
 """Makes an array of a mind before learning, of a scenario and a robot (from 0)."""
-
-class Coordinated(NamedTuple):
-    """How much of what depends on peers a robot has learned.
-
-    Attributes:
-        by_cell: rows that were learned, by the own cell, shape (cells,), int64: joint states of
-            Q^C; of the learner factored corrections that are not 0.
-        possible: how many there could be in each cell.
-    """
-
-    by_cell: np.ndarray
-    possible: int
-
-    @property
-    def share(self) -> float:
-        """Share of the rows that were learned."""
-        return float(self.by_cell.sum()) / (self.possible * len(self.by_cell))
-
 
 class Learner:
     """One learner: its names, what it needs, and how its robots choose and learn.
@@ -189,12 +171,15 @@ class Learner:
         Types, shapes and counts are right already, and values are finite.
         """
 
-    def coordinated(self, scenario: Scenario, memory: Memory) -> Coordinated:
-        """Return how much of what depends on peers a robot has learned."""
-        cells = len(scenario.map.cells)
+    def rows_of_a_cell(self, scenario: Scenario) -> int:
+        """Return how many rows of what depends on peers there can be for each own cell."""
+        return int(len(scenario.map.cells) ** (scenario.perceived - 1))
+
+    def learned_rows(self, scenario: Scenario, memory: Memory) -> np.ndarray:
+        """Return how many such rows a robot has learned, by the own cell, (cells,), int64."""
         keys = memory.get("q_coord_keys", np.zeros(0, dtype=np.int64))
-        possible = cells ** (scenario.perceived - 1)
-        return Coordinated(np.bincount(keys // possible, minlength=cells), possible)
+        own = keys // self.rows_of_a_cell(scenario)
+        return np.bincount(own, minlength=len(scenario.map.cells))
 
     def weights(self, scenario: Scenario) -> RewardWeights:
         """Return how much each part of R_k(t) counts while it learns.

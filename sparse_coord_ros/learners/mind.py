@@ -232,7 +232,7 @@ def stacked(minds: Sequence[Any], room: int, memories: Sequence[Memory] = ()) ->
         memories: what each robot remembers; none: nothing yet.
     """
     [kind] = {type(mind) for mind in minds}
-    found = []
+    found: list[Any] = []
     for name, values in zip(kind._fields, zip(*minds, strict=True), strict=True):
         if isinstance(values[0], Rows):
             found.append(_stacked_rows(values, room, memories, name))

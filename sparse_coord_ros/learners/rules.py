@@ -111,11 +111,13 @@ def asking_values(mind: Any, task: Task, cell: int, seen: int, cells: Any, value
 @of_learner
 def explores(mind: Any, task: Task, seen: int) -> bool:
     """Return whether the move after COORDINATE is explored as any other."""
+    raise NotImplementedError
 
 
 @of_learner
 def bootstrap(mind: Any, task: Task, cell: int, now: Transition) -> float:
     """Return what is expected from a cell on that is not the goal: max_b Q*(cell, b)."""
+    raise NotImplementedError
 
 
 @of_learner

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sparse_coord_ros.errors import NotAllowedError
 from sparse_coord_ros.game.actions import PRIMITIVES
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.learners import rules
@@ -79,15 +80,26 @@ class Tables:
         rules.asking_values(self.mind, self.task, cell, seen, cells, values)
         return values
 
+    @property
+    def rule(self) -> "Learner":
+        """Who learned.
+
+        Raises:
+            NotAllowedError: its code may not be imported.
+        """
+        if self.learner is None:
+            raise NotAllowedError("tables: the code of their learner may not be imported")
+        return self.learner
+
     @cached_property
     def task(self) -> Task:
         """What the robot knows of its task."""
-        return self.learner.task(self.scenario, self.number)
+        return self.rule.task(self.scenario, self.number)
 
     @cached_property
     def mind(self) -> Any:
         """What the robot remembers, as lists; not to be written to."""
-        return as_lists(self.learner.mind(self.scenario, self.number), self.memory)
+        return as_lists(self.rule.mind(self.scenario, self.number), self.memory)
 
 
 class JointTable:

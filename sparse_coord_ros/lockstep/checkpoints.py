@@ -22,6 +22,7 @@ from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.learn import checkpoint
 from sparse_coord_ros.learn.history import history_from
 from sparse_coord_ros.learn.run_config import RunConfig
+from sparse_coord_ros.learn.tables import memory_from, saved_arrays
 from sparse_coord_ros.learners.memory import check_memory
 from sparse_coord_ros.lockstep.robot_side import RobotState
 from sparse_coord_ros.lockstep.world_side import WorldState
@@ -169,7 +170,7 @@ class Checkpoints(Store):
             arrays |= {f"history_{name}": array for name, array in history.items()}
         else:
             number = self._names.index(self._node) + 1
-            arrays = checkpoint.memory_arrays(fields.pop("memory"), number)
+            arrays = saved_arrays({number: fields.pop("memory")})
         return arrays | {name: np.array(value) for name, value in fields.items()}
 
     def _state(self, step: int, arrays: Mapping[str, np.ndarray]) -> WorldState | RobotState:
@@ -182,9 +183,8 @@ class Checkpoints(Store):
             fields["history"] = history_from(arrays, "history_")
         else:
             scenario, k = self._run.scenario, self._names.index(self._node)
-            memory = checkpoint.memory_from(arrays, k + 1, len(scenario.map.cells))
-            check_memory(scenario, self._run.rule, k, memory)
-            fields["memory"] = memory
+            memory = memory_from(arrays, k + 1)
+            fields["memory"] = check_memory(scenario, self._run.rule, k, memory)
         for name in set(kind._fields) - set(fields):
             value = arrays[name].tolist()
             fields[name] = tuple(value) if isinstance(value, list) else value

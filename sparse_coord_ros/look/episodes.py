@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sparse_coord_ros.engine.evaluation import Team, greedy_team
+from sparse_coord_ros.engine.evaluation import GreedyTeam, greedy_team
 from sparse_coord_ros.engine.run import Glimpse
 from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.game.scenario import Scenario
@@ -118,12 +118,12 @@ def played_episode(
     return Episode(number, True, played[number], bool(history.arrived[number].all()))
 
 
-def _play(world: World, team: Team, recorder: HistoryRecorder) -> Iterator[Glimpse]:
+def _play(world: World, team: GreedyTeam, recorder: HistoryRecorder) -> Iterator[Glimpse]:
     """Play an episode."""
     world.begin_episode()
     while not world.episode_over:
         step, cells = world.step, tuple(world.cells)
-        _, actions = team.act(world)
+        actions = team.act(world)
         outcome = world.advance(actions)
         recorder.add(world.episode, step, actions, outcome)
         after = tuple(world.cells)

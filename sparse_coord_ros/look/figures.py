@@ -21,6 +21,7 @@ from sparse_coord_ros.errors import SettingError, did_you_mean
 from sparse_coord_ros.experiments.report.charts import embedded
 from sparse_coord_ros.experiments.report.map_pictures import COLOUR_MAP, draw_map
 from sparse_coord_ros.game.actions import DIRECTIONS
+from sparse_coord_ros.learners.factored import Factored
 from sparse_coord_ros.look.policy import policy_of
 from sparse_coord_ros.look.sources import PLAYED_EPISODES, Shown
 from sparse_coord_ros.look.steps import ended
@@ -353,14 +354,15 @@ def _asks(shown: Shown, label: str, most: float) -> Iterator[Panel]:
 
 def _sparsity(shown: Shown, label: str) -> Iterator[Panel]:
     rule, scenario = shown.config.rule, shown.config.scenario
-    found = [rule.coordinated(scenario, one.memory) for one in shown.tables]
-    named = zip(_names(shown), found, strict=True)
-    titles = [f"$Q^C$ of {name}, {one.share:.2%} learned" for name, one in named]
-    counts = np.array([one.by_cell for one in found], dtype=np.float64)
-    if len(found) > 2:
+    learned = [rule.learned_rows(scenario, one.memory) for one in shown.tables]
+    counts = np.array(learned, dtype=np.float64)
+    possible = rule.rows_of_a_cell(scenario) * len(scenario.map.cells)
+    named = zip(_names(shown), counts, strict=True)
+    titles = [f"$Q^C$ of {name}, {own.sum() / possible:.2%} learned" for name, own in named]
+    if len(counts) > 2:
         counts = counts.mean(axis=0, keepdims=True)
-        share = sum(one.share for one in found) / len(found)
-        titles = [f"$Q^C$, {share:.2%} learned, mean of {len(found)} robots"]
+        share = counts.sum() / possible
+        titles = [f"$Q^C$, {share:.2%} learned, mean of {len(learned)} robots"]
     factored = isinstance(rule, Factored)
     scale = "corrections that are not 0" if factored else "joint states learned"
     return _shaded(shown, label, counts, titles, scale, float(counts.max()))

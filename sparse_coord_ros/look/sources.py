@@ -7,11 +7,14 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
+import numpy as np
+
 from sparse_coord_ros.bags.reader import BAG_DIRECTORY
 from sparse_coord_ros.engine.evaluation import check_tables, play
 from sparse_coord_ros.engine.trials import Trials
 from sparse_coord_ros.errors import RunError, SettingError, SparseCoordError, TablesError
 from sparse_coord_ros.experiments.store import MANIFEST
+from sparse_coord_ros.game.actions import COORDINATE
 from sparse_coord_ros.game.plugins import leaving_out
 from sparse_coord_ros.learn.history import HISTORY_FILE, History, load_history
 from sparse_coord_ros.learn.run_config import RUN_FILE, RunConfig, load_run

@@ -18,7 +18,8 @@ from sparse_coord_ros.files import rescue, take_lock, write_whole
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.learn.run_config import RUN_FILE, RunConfig, load_run
 from sparse_coord_ros.learn.tables import TEAM_FILE, load_saved, load_team, robot_file, save_team
-from sparse_coord_ros.learners.tables import Tables
+from sparse_coord_ros.learners.memory import taught
+from sparse_coord_ros.learners.mind import Memory
 from sparse_coord_ros.limits import SCENARIO, read_text, to_yaml, yaml_value
 from sparse_coord_ros.lockstep.checkpoints import CHECKPOINTS, Checkpoints, Store
 from sparse_coord_ros.lockstep.robot_side import ASKS, RobotState
@@ -66,7 +67,7 @@ def _join_tables(out: Path, scenario: Scenario) -> dict[str, Any]:
     if not all(part.exists() for part in parts):
         return {}
     saved = [load_saved(part, [k])[0] for k, part in enumerate(parts, start=1)]
-    save_team(out, [one.tables for one in saved], [one.memory for one in saved])
+    save_team(out, [one.memory for one in saved])
     for part in parts:
         part.unlink()
     pairs = zip(scenario.names, saved, strict=True)
@@ -247,12 +248,13 @@ class Output:
         return (place / RUN_FILE).read_bytes() == self._text.encode()
 
 
-def begin_with(directory: Path, run: RunConfig) -> list[Tables]:
-    """Read the tables that a run is to begin with, and check that they fit.
+def begin_with(directory: Path, run: RunConfig, number: int) -> Memory:
+    """Return what a robot (from 0) begins with that is to begin with another run's tables.
 
     Raises:
         SparseCoordError: no such run, or its map, robots or learner are others.
     """
-    tables = load_team(directory, load_run(directory).scenario)
-    check_tables(run.scenario, tables, run.learner)
-    return tables
+    source = load_run(directory)
+    tables = load_team(directory, source.scenario, source.rule)
+    check_tables(run.scenario, tables, run.rule)
+    return taught(run.scenario, run.rule, number, tables[number].memory)

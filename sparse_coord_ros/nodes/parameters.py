@@ -386,7 +386,7 @@ def run_from_parameters(values: Mapping[str, Any]) -> RunConfig:
     scenario = load_scenario(values["scenario"]).with_settings(assignments)
     allow_named(values["learner"])
     run = make_run(scenario, {name: values[name] for name in RUN_SETTINGS})
-    if run.rule.alone or run.rule.central:
+    if run.rule.alone or run.rule.sees_all:
         how = "with one robot at a time" if run.rule.alone else "from what all robots see and do"
         raise SettingError(
             f"parameter learner: value is {run.learner!r}, which learns {how}; "

@@ -8,6 +8,8 @@
 from pathlib import Path
 from typing import Any, Unpack
 
+import numpy as np
+
 from sparse_coord_ros import wire
 from sparse_coord_ros.engine.improve import IMPROVED
 from sparse_coord_ros.errors import TablesError, in_short, os_error_text
@@ -96,8 +98,8 @@ class Member:
                 f"robot {self._name}: the run is greedy but parameter 'tables' names no learned "
                 "tables; give the output directory of a run"
             )
-        tables = begin_with(Path(source), run)[number] if source else None
-        return run.rule.agent(run.scenario, number, run.seed, tables=tables, learning=learning)
+        memory = begin_with(Path(source), run, number) if source else None
+        return Agent(run.rule, run.scenario, number, run.seed, memory=memory, learning=learning)
 
     # Going back to a checkpoint.
 
@@ -137,8 +139,8 @@ class Member:
 
     def episode(self, step: int) -> None:
         """Publish the coordination map as it is, when an episode begins and now and then."""
-        tables = self.lockstep.agent.tables
-        self._map_publisher.publish(self._convert.pack_coordination_map(step, tables))
+        rows = self.lockstep.agent.mind.q_star
+        self._map_publisher.publish(self._convert.pack_coordination_map(step, np.array(rows)))
 
     def checkpoint(self, step: int) -> None:
         """Publish the tables on the way, and save where the robot is."""
@@ -263,7 +265,7 @@ class Member:
         assert self._exchange is not None
         plan, number = self._exchange.plan(), self._number
         tables = self.lockstep.agent.tables if plan is None else plan.tables[number]
-        packed = pack_tables({number + 1: tables}, counts=self.lockstep.counts)
+        packed = pack_tables({number + 1: tables.memory}, counts=self.lockstep.counts)
 
         def write(out: Path) -> None:
             (out / IMPROVED).mkdir(exist_ok=True)
@@ -277,8 +279,7 @@ class Member:
         """Return the tables as they are, with what they are of."""
         agent = self.lockstep.agent
         number, counts = agent.number + 1, self.lockstep.counts
-        memories = {number: agent.memory()}
-        return pack_tables({number: agent.tables}, counts=counts, memories=memories)
+        return pack_tables({number: agent.memory()}, counts=counts)
 
     def finish(self, *, interrupted: bool) -> None:
         """Publish the last coordination map and the tables, save them and let all arrive."""

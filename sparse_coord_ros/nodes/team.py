@@ -50,7 +50,7 @@ def team_run(values: dict[str, Any]) -> RunConfig:
     values["recorded"] = values["record"]
     run = run_from_parameters(values)
     if values["tables"]:
-        begin_with(Path(values["tables"]), run)
+        begin_with(Path(values["tables"]), run, 0)
     return run
 
 

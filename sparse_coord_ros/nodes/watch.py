@@ -21,13 +21,13 @@ from std_srvs.srv import SetBool, Trigger
 
 from sparse_coord_ros import wire
 from sparse_coord_ros.engine.run import Glimpse
-from sparse_coord_ros.game.actions import ACTIONS
 from sparse_coord_ros.game.miscoordination import meeting_places, miscoordinated
 from sparse_coord_ros.game.world import FIRST_STEP, Action, Reward, StepOutcome
 from sparse_coord_ros.learn.history import HistoryRecorder
 from sparse_coord_ros.learn.run_config import RunConfig
-from sparse_coord_ros.learn.tables import unpack_robot
+from sparse_coord_ros.learn.tables import tables_of, unpack_saved
 from sparse_coord_ros.learners.tables import Tables
+from sparse_coord_ros.limits import TABLES
 from sparse_coord_ros.lockstep.robot_side import RobotSide
 from sparse_coord_ros.look.page.controls import NEXT, PAUSE, RATE, RESET, STEP, Control, Controlled
 from sparse_coord_ros.look.page.live_source import LiveView
@@ -465,10 +465,11 @@ class HeardTeam:
     def _on_tables(self, k: int, said: tuple[bytes, int, str]) -> None:
         data, step, _ = said
         with contextlib.suppress(Exception):  # anybody can publish anything
-            tables, _ = unpack_robot(data, k + 1, where=interface.TABLES.name)
-            if tables.q_star.shape == (len(self._run.scenario.map.cells), len(ACTIONS)):
-                if k not in self.tables or step >= self.tables[k][0]:
-                    self.tables[k] = (step, tables)
+            where = interface.TABLES.name
+            [saved] = unpack_saved(data, [k + 1], where=where, limit=TABLES)
+            tables = tables_of(self._run.scenario, self._run.known_rule, k, saved.memory)
+            if k not in self.tables or step >= self.tables[k][0]:
+                self.tables[k] = (step, tables)
 
 
 def main() -> int:

@@ -11,7 +11,7 @@ from sparse_coord_ros import wire
 from sparse_coord_ros.game.world import Action
 from sparse_coord_ros.learn.tables import saved_arrays
 from sparse_coord_ros.learners.agent import Agent
-from sparse_coord_ros.learners.tables import Tables
+from sparse_coord_ros.learners.mind import Memory, memory_of
 from sparse_coord_ros.runlog.attached import RecordedTables
 from sparse_coord_ros.runlog.dialogue import heard, times_asked_again
 from sparse_coord_ros.runlog.difference import MISSING, NOTHING_TO_LEARN, Difference, first_entry
@@ -21,7 +21,7 @@ from sparse_coord_ros.wire.messages import action_numbers
 from sparse_coord_ros.wire.occupancy import OCCUPIED, OccupancyData
 
 
-def first_tables(log: RunLog, k: int) -> tuple[Tables | None, Difference | None]:
+def first_memory(log: RunLog, k: int) -> tuple[Memory | None, Difference | None]:
     """Return what a robot began with, and in what the log says otherwise.
 
     The tables are None where the log ought to hold them and does not.
@@ -29,8 +29,8 @@ def first_tables(log: RunLog, k: int) -> tuple[Tables | None, Difference | None]
     run = log.run
     recorded = next((one for one in log.all_tables if (one.robot, one.step) == (k, 0)), None)
     if run.tables or run.greedy:
-        return (None if recorded is None else recorded.tables), None
-    fresh = run.rule.tables(run.scenario, k)
+        return (None if recorded is None else recorded.tables.memory), None
+    fresh = memory_of(run.rule.mind(run.scenario, k))
     if recorded is None:
         return fresh, None
     due = saved_arrays({k + 1: fresh})
@@ -94,7 +94,7 @@ class AgentCheck:
     def differences(self) -> list[Difference]:
         """Return the first thing that an agent would have done otherwise, and what is missing."""
         found = [*self._missing_tables()]
-        begun, odd = first_tables(self.log, self.k)
+        begun, odd = first_memory(self.log, self.k)
         if odd is not None:
             return [*found, odd]
         if begun is None:  # that there are none is among the missing
@@ -184,20 +184,19 @@ class AgentCheck:
             to: the first of its actions from that time step on.
         """
         if not isinstance(shown, RecordedTables):
-            return self._compare_map(shown, agent.tables)
+            return self._compare_map(shown, np.array(agent.mind.q_star))
         if step > self.end:
             return wire.TABLES.name, "there", f"the log ends at step {self.end}"
         self.compared += 1
         number = self.k + 1
         counts = {name: shown.counts.get(name, 0) for name in wire.COUNTS}  # they have bounds
-        memories = {number: agent.memory()}
-        due = saved_arrays({number: agent.tables}, memories=memories, counts=counts)
+        due = saved_arrays({number: agent.memory()}, counts=counts)
         odd = first_entry(shown.arrays, due, self.k)
         return self._compare_counts(shown, to) if odd is None else _of_tables(odd)
 
-    def _compare_map(self, shown: bytes | None, tables: Tables) -> tuple[str, str, str] | None:
+    def _compare_map(self, shown: bytes | None, q_star: np.ndarray) -> tuple[str, str, str] | None:
         """Return where a coordination map shows other cells than those where the agent asks."""
-        due = self._grids.coordination(tables)
+        due = self._grids.coordination(q_star)
         if shown == due:
             return None
         logged = "there" if shown is None else self._cells(shown)

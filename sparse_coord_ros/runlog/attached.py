@@ -14,10 +14,8 @@ from sparse_coord_ros.bags.contents import Attachment
 from sparse_coord_ros.bags.metadata import RESTARTED
 from sparse_coord_ros.bags.reader import Bag
 from sparse_coord_ros.errors import TablesError
-from sparse_coord_ros.game.actions import ACTIONS, PRIMITIVES
 from sparse_coord_ros.learn.run_config import RunConfig
-from sparse_coord_ros.learn.tables import SavedTables, unpack_saved
-from sparse_coord_ros.learners.mind import Memory
+from sparse_coord_ros.learn.tables import tables_of, unpack_saved
 from sparse_coord_ros.learners.tables import Tables
 from sparse_coord_ros.runlog.difference import Difference
 from sparse_coord_ros.runlog.timeline import Rollback, holds
@@ -41,7 +39,6 @@ class RecordedTables(NamedTuple):
         step: everything is learned that happened before this time step.
         tables: what it had learned.
         counts: the numbers stored beside them.
-        memory: what its agent remembers, to go on from there; None where that was not saved.
         arrays: all that is attached, by name; empty where these are no recorded ones.
     """
 
@@ -49,7 +46,6 @@ class RecordedTables(NamedTuple):
     step: int
     tables: Tables
     counts: Mapping[str, int]
-    memory: Memory | None
     arrays: Mapping[str, np.ndarray]
 
 
@@ -107,26 +103,16 @@ def read_tables(
             problems += [Difference(step, robot, TABLES, *words) for words in copy]
             continue
         try:
-            saved = unpack_saved(attachment.data, [k + 1], where=attachment.name)[0]
-            _check_shapes(run, saved)
+            [saved] = unpack_saved(attachment.data, [k + 1], where=attachment.name)
+            tables = tables_of(run.scenario, run.known_rule, k, saved.memory)
         except TablesError as error:
             problems.append(Difference(step, robot, TABLES, str(error), "readable tables"))
             continue
         said = saved.counts.get("step")
         if said != step:
             problems.append(Difference(step, robot, TABLES, f"of step {said}", f"of {step}"))
-        found.append(RecordedTables(k, step, *saved))
+        found.append(RecordedTables(k, step, tables, saved.counts, saved.arrays))
     return found, problems
-
-
-def _check_shapes(run: RunConfig, saved: SavedTables) -> None:
-    """Raise `TablesError` unless tables have the shapes that the scenario needs."""
-    scenario = run.scenario
-    cells = len(scenario.map.cells)
-    due = (cells, len(ACTIONS)), (cells,) * scenario.perceived + (PRIMITIVES,)
-    shapes = saved.tables.q_star.shape, saved.tables.q_coord.shape
-    if shapes != due:
-        raise TablesError(f"shapes {shapes}, not {due}")
 
 
 def read_plans(bag: Bag, run: RunConfig) -> tuple[list[RecordedPlan], list[Difference]]:

@@ -8,10 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 from sparse_coord_ros.game.actions import ACTIONS, COORDINATE, PRIMITIVES
-from sparse_coord_ros.learn.factored import FactoredAgent
-from sparse_coord_ros.learn.factors import UNSEEN
 from sparse_coord_ros.learn.run_config import RunConfig
-from sparse_coord_ros.runlog.agents import first_tables
+from sparse_coord_ros.learners.factored import UNKNOWN, Factored, corrections_of
+from sparse_coord_ros.learners.mind import memory_of
+from sparse_coord_ros.runlog.agents import first_memory
 from sparse_coord_ros.runlog.dialogue import Request
 from sparse_coord_ros.runlog.log import RunLog
 from sparse_coord_ros.runlog.percepts import percept_end
@@ -33,7 +33,7 @@ class Update(NamedTuple):
         star: entry (cell, action) of Q*, its value before and after.
         coord: entry (own cell, perceived cells, move) of Q^C, before and after; or None.
         corrections: of a learner that learns in factors: the peer (from 0) and its cell, and rho
-            of the move there before and after; both `UNSEEN` for failed percepts.
+            of the move there before and after; both `UNKNOWN` for failed percepts.
     """
 
     next_cell: int
@@ -95,11 +95,11 @@ def explained(log: RunLog, robot: int, steps: Sequence[int]) -> Iterator[Coordin
     """
     begun, doubt = None, log.hides(robot)
     if doubt is None and log.run.known_rule is not None:
-        begun, odd = first_tables(log, robot)
+        begun, odd = first_memory(log, robot)
         doubt = None if odd is None else f"{odd}"
         if begun is None:
             doubt = f"the log does not hold the tables that {log.names[robot]} began with"
-            begun = log.run.rule.tables(log.run.scenario, robot)
+            begun = memory_of(log.run.rule.mind(log.run.scenario, robot))
     for part in stretches(log):
         mine = [step for step in steps if part.holds(step)]
         if not mine:
@@ -138,11 +138,14 @@ def _replayed(
     entries += [] if perceived is None else [(cell, *perceived, one.move)]
 
     def learned() -> tuple[list[float], dict[tuple[int, int], float]]:
-        known = zip((agent.tables.q_star, agent.tables.q_coord), entries, strict=False)
+        found = [agent.values(cell)[COORDINATE]]
+        if perceived is not None:
+            found.append(agent.values_asking(cell, perceived)[one.move])
         rho = {}
-        if isinstance(agent, FactoredAgent):
-            rho = agent.corrections(cell, perceived, one.move)
-        return [float(table[entry]) for table, entry in known], rho
+        if isinstance(agent.learner, Factored):
+            seen = None if perceived is None else dict(zip(agent.peers, perceived, strict=True))
+            rho = corrections_of(agent.mind, agent.task, cell, seen, one.move)
+        return found, rho
 
     before, rho = learned()
     if not agrees or not replay.advance(place + 1):
@@ -188,7 +191,7 @@ def move_in_words(
     row = f"Q*[{cell}]"
     if perceived is not None:
         row = f"Q^C[{', '.join(map(str, (cell, *perceived)))}]"
-    elif run.known_rule is not None and run.known_rule.factors is not None:
+    elif isinstance(run.known_rule, Factored):
         row = f"U + rho[{cell}; failed percept]"
     return f"goes {ACTIONS[move]} by {row}"
 
@@ -260,5 +263,5 @@ def _learned(log: RunLog, one: Coordination) -> Iterator[str]:
         (*state, action), before, after = changed
         yield f"  {table}[{', '.join(map(str, state))}; {ACTIONS[action]}] {before!r} -> {after!r}"
     for peer, place, before, after in update.corrections:
-        where = "failed percept" if peer == UNSEEN else f"{log.names[peer]} in {place}"
+        where = "failed percept" if peer == UNKNOWN else f"{log.names[peer]} in {place}"
         yield f"  correction rho[{one.cell}; {where}; {ACTIONS[one.move]}] {before!r} -> {after!r}"

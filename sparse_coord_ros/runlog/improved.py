@@ -9,7 +9,7 @@ import numpy as np
 from sparse_coord_ros import wire
 from sparse_coord_ros.engine.improve import improve
 from sparse_coord_ros.learn.tables import COUNT, saved_arrays
-from sparse_coord_ros.learners.tables import Tables
+from sparse_coord_ros.learners.mind import Memory
 from sparse_coord_ros.runlog.agents import AgentCheck
 from sparse_coord_ros.runlog.attached import read_plans
 from sparse_coord_ros.runlog.difference import MISSING, Difference, first_entry
@@ -38,27 +38,28 @@ def check_plans(log: RunLog, team: Sequence[AgentCheck]) -> list[Difference]:
     agents = [one.agent for one in team if one.agent is not None]
     if len(agents) < len(log.names):
         return found  # what a robot remembers is not known
-    due = improve(log.run.scenario, log.run.rule, [agent.memory() for agent in agents]).tables
+    memories = [agent.memory() for agent in agents]
+    due = improve(log.run.scenario, log.run.rule, memories).tables
     unreadable = {one.robot for one in found}
-    for robot, agent, tables in zip(team, agents, due, strict=True):
+    for robot, own, tables in zip(team, memories, due, strict=True):
         mine = [plan.arrays for plan in plans if plan.robot == robot.k]
         if not mine and robot.name not in unreadable:
             found.append(_odd(log, robot.k, MISSING, "a plan"))
         for arrays in mine:
-            found += _of_plan(robot, arrays, tables, agent.tables)
+            found += _of_plan(robot, arrays, tables.memory, own)
     return found
 
 
 def _of_plan(
-    robot: AgentCheck, arrays: Mapping[str, np.ndarray], due: Tables, own: Tables
+    robot: AgentCheck, arrays: Mapping[str, np.ndarray], due: Memory, own: Memory
 ) -> Iterator[Difference]:
     """Yield in what a robot's plan is another one.
 
     Args:
         robot: the robot's check.
         arrays: those of its plan.
-        due: the tables that it ought to have.
-        own: the tables that the robot had learned.
+        due: what it ought to be.
+        own: what the robot had learned.
     """
     log, k = robot.log, robot.k
     counts = robot.last_counts

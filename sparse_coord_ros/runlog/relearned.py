@@ -3,7 +3,6 @@
 """What a team had learned at any time step: learned again from the recorded checkpoint before."""
 
 from collections.abc import Callable, Sequence
-from copy import deepcopy
 from functools import cached_property
 from typing import NamedTuple
 
@@ -15,7 +14,7 @@ from sparse_coord_ros.game.world import EPISODE_GAP
 from sparse_coord_ros.learners.agent import Agent
 from sparse_coord_ros.learners.tables import Tables
 from sparse_coord_ros.runlog.attached import RecordedTables
-from sparse_coord_ros.runlog.replay import UNFIT, Replay, Stretch, restored, trajectory_of
+from sparse_coord_ros.runlog.replay import Replay, Stretch, restored, trajectory_of
 from sparse_coord_ros.runlog.window import MOVES, LongLog
 
 AT_ONCE = 2000
@@ -144,8 +143,13 @@ class Relearned:
         """Agents that go by the tables of a run in which no robot learns."""
         run = self._log.run
         return {
-            one.robot: run.rule.agent(
-                run.scenario, one.robot, run.seed, tables=one.tables, learning=False
+            one.robot: Agent(
+                run.rule,
+                run.scenario,
+                one.robot,
+                run.seed,
+                memory=one.tables.memory,
+                learning=False,
             )
             for one in self._recorded(self._log.last_step)
         }
@@ -171,27 +175,23 @@ class Relearned:
         """Begin a part; None where some of it is lost, or not said what it takes to go on."""
         first, wait = saved[0].step, self._log.run.scenario.max_steps + EPISODE_GAP
         log = self._log.read(first, first + AT_ONCE + wait, [*MOVES, wire.PERCEPT])
-        if log.bag.gaps or log.tracks.gaps or any(one.memory is None for one in saved):
+        if log.bag.gaps or log.tracks.gaps:
             return None
         done = [trajectory_of(log, one.robot, Stretch(first)) for one in saved]
         for one in done:  # whether it has learned from its very last action no later one says
             one.learned[-1:] |= one.told[-1:]
         pairs = zip(done, saved, strict=True)
-        try:
-            replays = [Replay(log, trajectory, restored(log, one)) for trajectory, one in pairs]
-        except UNFIT:
-            return None
+        replays = [Replay(log, trajectory, restored(log, one)) for trajectory, one in pairs]
         return _Part(first, [one.step for one in done], replays)
 
     def _keep(self, part: _Part, step: int) -> list[RecordedTables]:
         """Keep and return what the robots remember at a time step that a part has reached."""
         team = [replay.agent for replay in part.replays]
         saved = [
-            RecordedTables(one.number, step, deepcopy(one.tables), {}, one.memory(), {})
-            for one in team
+            RecordedTables(one.number, step, one.tables, {}, {}) for one in team
         ]
         self._kept[step] = saved
-        size = sum(array.nbytes for one in saved for array in one.tables.arrays().values())
+        size = sum(array.nbytes for one in saved for array in one.tables.memory.values())
         while len(self._kept) > max(2, MOST_BYTES // (2 * size)):
             del self._kept[next(iter(self._kept))]
         return saved

@@ -10,7 +10,6 @@ is then follows from its states and status; random draws belong to time steps.
 import struct
 from collections import Counter
 from collections.abc import Mapping
-from copy import deepcopy
 from functools import partial
 from typing import NamedTuple
 
@@ -20,7 +19,7 @@ from sparse_coord_ros.game.perception import asked_peers
 from sparse_coord_ros.game.streams import PEER, POLICY, Stream
 from sparse_coord_ros.game.world import EPISODE_GAP, UNKNOWN_PARTNERS, Action, Position, Reward
 from sparse_coord_ros.learners.agent import Agent, Choice
-from sparse_coord_ros.learners.tables import Tables, tables_equal
+from sparse_coord_ros.learners.mind import Memory
 from sparse_coord_ros.runlog.attached import RecordedTables
 from sparse_coord_ros.runlog.log import NONE, RunLog
 from sparse_coord_ros.runlog.timeline import MARGIN
@@ -68,28 +67,24 @@ class Stretch(NamedTuple):
         return Counter() if self.start is None else self.start.recorded[k].counts
 
 
-def fresh_agent(log: RunLog, k: int, tables: Tables, stretch: Stretch) -> Agent:
+def fresh_agent(log: RunLog, k: int, memory: Memory, stretch: Stretch) -> Agent:
     """Return robot k's agent as it began a stretch.
 
     Args:
         log: the log.
         k: its number.
-        tables: what it began the run with; it gets a copy of them.
+        memory: what it began the run with.
         stretch: the stretch.
     """
-    run = log.run
     if stretch.start is not None:
         return restored(log, stretch.start.recorded[k])
-    own = deepcopy(tables)
-    return run.rule.agent(run.scenario, k, run.seed, tables=own, learning=not run.greedy)
+    run = log.run
+    return Agent(run.rule, run.scenario, k, run.seed, memory=memory, learning=not run.greedy)
 
 
 def restored(log: RunLog, recorded: RecordedTables) -> Agent:
-    """Return an agent that goes on with recorded tables; any exception where they do not fit."""
-    agent = fresh_agent(log, recorded.robot, recorded.tables, Stretch())
-    assert recorded.memory is not None
-    agent.go_on_from(recorded.memory)
-    return agent
+    """Return an agent that goes on with what was recorded."""
+    return fresh_agent(log, recorded.robot, recorded.tables.memory, Stretch())
 
 
 def stretches(log: RunLog) -> list[Stretch]:
@@ -114,24 +109,14 @@ def stretches(log: RunLog) -> list[Stretch]:
 
 def _after(log: RunLog, step: int) -> Stretch | None:
     """Return the stretch from the next checkpoint after a time step on; None: there is none."""
-    tables = {(one.robot, one.step): one for one in log.all_tables if one.memory is not None}
+    tables = {(one.robot, one.step): one for one in log.all_tables}
     for at in sorted({at for _, at in tables if at > step}):
         recorded = [tables[k, at] for k in range(len(log.names)) if (k, at) in tables]
         if len(recorded) == len(log.names):
             start = _start(log, at, step, tuple(recorded))
-            if start is not None and all(_fits(log, one) for one in recorded):
+            if start is not None:
                 return Stretch(at, None, start)
     return None
-
-
-def _fits(log: RunLog, recorded: RecordedTables) -> bool:
-    """Whether what an agent remembers beside its tables is that of these tables."""
-    if log.run.known_rule is None:  # nobody goes on with it
-        return True
-    try:
-        return tables_equal([restored(log, recorded).tables], [recorded.tables])
-    except UNFIT:
-        return False
 
 
 def _start(log: RunLog, at: int, after: int, recorded: tuple[RecordedTables, ...]) -> Start | None:

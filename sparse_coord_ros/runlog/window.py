@@ -13,7 +13,7 @@ from sparse_coord_ros.bags.contents import Attachment, Block
 from sparse_coord_ros.bags.reader import Bag, open_bag
 from sparse_coord_ros.learn.history import History
 from sparse_coord_ros.learn.run_config import RunConfig
-from sparse_coord_ros.learn.tables import unpack_saved
+from sparse_coord_ros.learn.tables import tables_of, unpack_saved
 from sparse_coord_ros.limits import TABLES
 from sparse_coord_ros.runlog.attached import RecordedTables, attached_tables
 from sparse_coord_ros.runlog.bag_run import find_run
@@ -190,7 +190,8 @@ class LongLog:
             return None
         place = known[at]
         [saved] = unpack_saved(place.data, [robot + 1], where=place.name, limit=TABLES)
-        return RecordedTables(robot, at, *saved)
+        tables = tables_of(self.run.scenario, self.run.known_rule, robot, saved.memory)
+        return RecordedTables(robot, at, tables, saved.counts, saved.arrays)
 
     @property
     def empty(self) -> bool:

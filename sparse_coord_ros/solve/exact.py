@@ -15,16 +15,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sparse_coord_ros.engine import evaluation
 from sparse_coord_ros.engine.evaluation import Evaluation, Measure, Progress
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.game.actions import COORDINATE, OUTCOMES, PRIMITIVES, STAY
 from sparse_coord_ros.game.links import check_up
 from sparse_coord_ros.game.miscoordination import meeting_places, together
 from sparse_coord_ros.game.perception import percept_probabilities
-from sparse_coord_ros.game.plugins import is_shipped
 from sparse_coord_ros.game.scenario import Scenario
-from sparse_coord_ros.learn import evaluation
-from sparse_coord_ros.learners.agent import Agent
 from sparse_coord_ros.learners.learner import Learner
 from sparse_coord_ros.learners.registry import learner_of
 from sparse_coord_ros.learners.tables import Tables
@@ -44,10 +42,6 @@ MOST_ROBOTS = 2
 MOST_STATES, MOST_OUTCOMES = 2**20, 50_000_000
 """Joint states within reach, which take up to a gigabyte, and outcomes of steps that are followed,
 which take up to five seconds: beyond that trials are quicker."""
-
-CHOOSING = ("decide", "act", "coordinate", "values_asking")
-"""How an agent chooses, beside its `values`: an agent of the user's own that changes one of these
-acts by a rule that its tables do not say."""
 
 
 @dataclass(frozen=True)
@@ -103,8 +97,8 @@ def evaluate_exact(
 
     Raises:
         TablesError: the tables do not fit the scenario.
-        SettingError: more than two robots, more joint states within their reach than it pays for,
-            or a learner whose agents act by a rule of their own.
+        SettingError: more than two robots, or more joint states within their reach than it pays
+            for.
     """
     check_exact(scenario)
     evaluation.check_tables(scenario, tables, learner)
@@ -153,7 +147,7 @@ def evaluate_best(
     """
     try:
         return evaluate_exact(scenario, tables, learner=learner)
-    except SettingError:  # too many, a link that fails by time, agents with a rule of their own
+    except SettingError:  # too many, or a link that fails by time
         how: Any = {"trials": trials, "seed": seed, "learner": learner, "progress": progress}
         return evaluation.summary(evaluation.play(scenario, tables, **how))
 
@@ -184,26 +178,22 @@ class ExactMeans(NamedTuple):
     arrived: float
 
 
-def exact_means(
-    scenario: Scenario, tables: Sequence[Tables], learner: Learner
-) -> ExactMeans | None:
+def exact_means(scenario: Scenario, tables: Sequence[Tables]) -> ExactMeans | None:
     """Return the means of `evaluate_exact`, a hundred times faster; None where there are none.
 
-    There are none for another number of robots than two, on maps so large that a team without
-    a policy would take longer than trials, and for learners whose agents act by a rule of their
-    own.
+    There are none for another number of robots than two, and on maps so large that a team without
+    a policy would take longer than trials.
 
     Args:
         scenario: the problem.
         tables: the tables of every robot, which fit it.
-        learner: whose greedy policy acts on them.
     """
     cells = len(scenario.map.cells)
     large = cells**2 * OUTCOMES**2 * scenario.horizon > MOST_OUTCOMES
     if len(scenario.robots) != MOST_ROBOTS or large:
         return None
     try:
-        robots = _robots(scenario, tables, learner)
+        robots = _robots(scenario, tables, None)
     except SettingError:
         return None
     sums = _carried(_pair(scenario, robots, np.arange(cells)), spreads=False)
@@ -238,25 +228,25 @@ class Greedy(NamedTuple):
 def _robots(
     scenario: Scenario, tables: Sequence[Tables], learner: str | Learner | None
 ) -> list[Greedy]:
-    """Return the robots; SettingError where tables do not say how they act."""
+    """Return the robots as greedy ones that act on tables, which fit."""
     check_up(scenario.link, "exact evaluation")
-    agents = evaluation.greedy_agents(scenario, tables, 0, learner)
-    if not all(is_shipped(getattr(type(one), name)) for one in agents for name in CHOOSING):
-        rule = learner_of(learner or evaluation.acting_on(tables[0]))
-        raise SettingError(
-            f"exact evaluation: learner {rule.label} acts by a rule of its own, allowed: learners "
-            "whose agents act as Algorithm 1 does; leave out 'exact' for trials"
-        )
-    return [_choices(agent, len(scenario.map.cells)) for agent in agents]
+    found = []
+    for k, one in enumerate(tables):
+        acting = one
+        if learner is not None:
+            acting = Tables(scenario, learner_of(learner), k, one.memory)
+        found.append(_choices(acting))
+    return found
 
 
-def _choices(agent: Agent, cells: int) -> Greedy:
-    chosen = _greedy(np.array([agent.values(x)[: agent.actions] for x in range(cells)]))
-    asks = chosen[:, COORDINATE] if agent.actions > COORDINATE else np.zeros(cells)
+def _choices(tables: Tables) -> Greedy:
+    cells, actions = tables.task.cells, tables.task.actions
+    chosen = _greedy(tables.q_star[:, :actions])
+    asks = chosen[:, COORDINATE] if actions > COORDINATE else np.zeros(cells)
     blind = np.zeros((cells, PRIMITIVES))
     for x in np.flatnonzero(asks).tolist():
-        blind[x] = _greedy(np.array(agent.values_asking(x, None)[:PRIMITIVES]))
-    return Greedy(asks, chosen[:, :PRIMITIVES], blind, agent.tables.q_coord)
+        blind[x] = _greedy(np.array(tables.values_asking(x, 0, ())))
+    return Greedy(asks, chosen[:, :PRIMITIVES], blind, tables.q_coord)
 
 
 def _within_reach(scenario: Scenario, robots: Sequence[Greedy]) -> np.ndarray:

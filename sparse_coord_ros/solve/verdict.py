@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 from sparse_coord_ros.engine.evaluation import Evaluation
 from sparse_coord_ros.game.scenario import Scenario
+from sparse_coord_ros.learners.factored import Factored
 from sparse_coord_ros.learners.learner import Learner
 from sparse_coord_ros.solve.exact import ExactEvaluation
 from sparse_coord_ros.solve.optimum import independent_bound
@@ -58,7 +59,7 @@ def last_word(
         found: the value of its team.
     """
     remedy = "more steps"
-    if learner.asks and not learner.factors:
+    if learner.asks and not isinstance(learner, Factored):
         remedy = "--learner factored or more steps"
     missed = 1.0 - found.all_arrived
     if missed > HARDLY_EVER:

@@ -20,7 +20,6 @@ from sparse_coord_ros import wire
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.world import Action, Reward
 from sparse_coord_ros.learn.run_config import RunConfig
-from sparse_coord_ros.learners.tables import Tables
 from sparse_coord_ros.palette import DOORWAY_COLOUR, rgb, robot_colour
 from sparse_coord_ros.wire.cdr import Fixed, Free, Item, Layout, nothing, place, place_at, stamp
 from sparse_coord_ros.wire.frame import EAST_NORTH, MOVE_OF, SECOND, Frame
@@ -397,12 +396,12 @@ class Messages(Frame):
         """Return the map as CDR of nav_msgs/OccupancyGrid."""
         return self._grid.pack(*self.stamp(step), self._grids.map)
 
-    def pack_coordination_map(self, step: int, tables: Tables) -> bytes:
+    def pack_coordination_map(self, step: int, q_star: np.ndarray) -> bytes:
         """Return where a robot chooses COORDINATE as CDR of nav_msgs/OccupancyGrid.
 
         It is 100 there, 0 elsewhere, -1 in walls.
         """
-        return self._grid.pack(*self.stamp(step), self._grids.coordination(tables))
+        return self._grid.pack(*self.stamp(step), self._grids.coordination(q_star))
 
     def pack_markers(self, step: int, cells: Sequence[int]) -> bytes:
         """Return doorways, goals and robots as CDR of visualization_msgs/MarkerArray."""

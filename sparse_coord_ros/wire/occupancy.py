@@ -5,7 +5,6 @@
 import numpy as np
 
 from sparse_coord_ros.learners.policy import asks_surely
-from sparse_coord_ros.learners.tables import Tables
 from sparse_coord_ros.wire.frame import Frame
 
 UNKNOWN, EMPTY, OCCUPIED = -1, 0, 100
@@ -29,8 +28,8 @@ class OccupancyData:
         self._grid = np.full(rows * columns, UNKNOWN, dtype=np.int8)
         self.places = np.array([(rows - 1 - r) * columns + c for r, c in frame.grid.cells])
 
-    def coordination(self, tables: Tables) -> bytes:
-        """Return where a greedy robot with these tables asks, as `asks_surely` says."""
-        asks = asks_surely(tables.q_star.T)
+    def coordination(self, q_star: np.ndarray) -> bytes:
+        """Return where a greedy robot with this Q* asks, as `asks_surely` says."""
+        asks = asks_surely(q_star.T)
         self._grid[self.places] = np.where(asks, OCCUPIED, EMPTY)
         return self._grid.tobytes()

@@ -78,8 +78,7 @@ class Study:
     def plan(self, condition: Condition) -> Plan:
         """Return seed, runs and trials; of two robots trials are of no interest."""
         two = len(condition.scenario.robots) == 2
-        exact = two and learner_of(condition.learner).compiled
-        runs, trials = (self.runs[0], 2) if exact else (self.runs[1], self.trials)
+        runs, trials = (self.runs[0], 2) if two else (self.runs[1], self.trials)
         return Plan(self.seed, runs, trials)
 
     def text(self, compute: Callable[[Condition, Plan], ConditionResult], out: Path) -> str:

@@ -11,8 +11,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.engine.batch import CompiledTeam, prepare
-from sparse_coord_ros.engine.improve import improve, remembering
+from sparse_coord_ros.engine import run as engine
+from sparse_coord_ros.engine.batch import prepare
+from sparse_coord_ros.engine.improve import improve
+from sparse_coord_ros.engine.run import LearningRun
 from sparse_coord_ros.experiments.catalogue import CLOSE, unseen_conditions
 from sparse_coord_ros.experiments.conditions import Condition, make_condition
 from sparse_coord_ros.experiments.report.text import Row, percent
@@ -99,20 +101,20 @@ def _teams(condition: Condition, count: int, kept: Path) -> list[Team]:
     found = [Team(*one) for one in json.loads(file.read_text())] if file.exists() else []
     kept.mkdir(parents=True, exist_ok=True)
     prepare(learner)
-    compiled = CompiledTeam(scenario, learner)
+    compiled = engine.Team(scenario, learner, compiled=True)
     for seed in range(SEED + len(found), SEED + count):
         print(f"\r{condition.id} {seed - SEED}", end="\x1b[K", file=sys.stderr, flush=True)
-        minds = compiled.learn(seed)
-        memories = [minds.memory(k, scenario) for k in range(len(scenario.robots))]
+        learning = LearningRun(compiled, seed, gathering=False)
+        learning.advance(scenario.steps)
         since = time.process_time()
-        plan = improve(scenario, learner, memories)
+        plan = improve(scenario, learner, learning.memories)
         seconds = time.process_time() - since
         worth = []
-        for tables in (compiled.tables(minds), plan.tables):
-            means: Any = exact_means(scenario, tables, learner)
+        for tables in (learning.tables, plan.tables):
+            means: Any = exact_means(scenario, tables)
             if means is None:
-                known = compiled.remembered(list(map(remembering, memories, tables)))
-                means = compiled.play(known, seed, TRIALS)
+                minds = compiled.initial([table.memory for table in tables])
+                means = compiled.play(minds, seed, TRIALS)
             worth.append(float(means.reward.mean()))
         found.append(Team(worth[0], worth[1], seconds))
         write_whole(file, json.dumps(found))

@@ -41,6 +41,7 @@ from sparse_coord_ros.experiments.report.text import (
 )
 from sparse_coord_ros.experiments.runner import SURE
 from sparse_coord_ros.experiments.store import ConditionResult
+from sparse_coord_ros.learners.factored import Factored
 from sparse_coord_ros.learners.registry import learner_of
 
 Results = Sequence[ConditionResult]
@@ -269,7 +270,7 @@ def _penalty100(results: Results) -> Section:
             whole = gap(learned, optimum=one.optimum)
             harder = whole if better > shortest else gap(shortest, optimum=one.optimum)
             reached = None if bound is None else gap(learned, optimum=bound)
-            closed[one.condition.learner][name] = reached if one.learner.factors else whole
+            closed[one.condition.learner][name] = reached if isinstance(one.learner, Factored) else whole
             rows.append(
                 {
                     "scenario": name,
