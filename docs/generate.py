@@ -21,7 +21,7 @@ from sparse_coord_ros.cli.verbs import VERBS, add_verb
 from sparse_coord_ros.experiments.report.charts import rendered
 from sparse_coord_ros.experiments.report.map_pictures import draw_map
 from sparse_coord_ros.game.plugins import is_shipped
-from sparse_coord_ros.learn.learners import LEARNERS, learner_of
+from sparse_coord_ros.learners.registry import LEARNERS, learner_of
 from sparse_coord_ros.solve.shipped import yardsticks
 
 HERE = Path(__file__).parent

@@ -11,7 +11,8 @@ from rclpy.serialization import deserialize_message
 
 from sparse_coord_ros.learn.history import load_history
 from sparse_coord_ros.learn.run_config import load_run
-from sparse_coord_ros.learn.simulation import learn, tables_equal
+from sparse_coord_ros.engine.run import learn
+from sparse_coord_ros.learners.tables import tables_equal
 from sparse_coord_ros.learn.tables import load_team
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.outputs import SUMMARY_FILE

@@ -10,10 +10,11 @@ import numpy as np
 from sparse_coord_ros.engine.batch import CompiledLearning, CompiledTeam
 from sparse_coord_ros.game.perception import MODELS
 from sparse_coord_ros.game.scenario import scenario_from_dict
-from sparse_coord_ros.learn.agent import Tables
-from sparse_coord_ros.learn.checkpoint import Checkpoint, load_checkpoint
-from sparse_coord_ros.learn.learners import LEARNERS
-from sparse_coord_ros.learn.simulation import Learning
+from sparse_coord_ros.learners.tables import Tables
+from sparse_coord_ros.engine.checkpoint import Checkpoint
+from sparse_coord_ros.engine.checkpoint import load_checkpoint
+from sparse_coord_ros.learners.registry import LEARNERS
+from sparse_coord_ros.engine.run import Learning
 
 PROTOCOL = {
     "starts": "random",

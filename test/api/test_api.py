@@ -11,7 +11,8 @@ import pytest
 
 import sparse_coord_ros as sc
 from sparse_coord_ros.cli.main import main
-from sparse_coord_ros.learn.simulation import learn, tables_equal
+from sparse_coord_ros.engine.run import learn
+from sparse_coord_ros.learners.tables import tables_equal
 
 
 @pytest.fixture

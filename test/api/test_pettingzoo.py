@@ -11,9 +11,10 @@ from pettingzoo.test import parallel_api_test
 from sparse_coord_ros.errors import RunError, SettingError
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.game.world import Reward
-from sparse_coord_ros.learn.agent import Choice
-from sparse_coord_ros.learn.learners import learner_of
-from sparse_coord_ros.learn.simulation import Learning, tables_equal
+from sparse_coord_ros.learners.agent import Choice
+from sparse_coord_ros.learners.registry import learner_of
+from sparse_coord_ros.engine.run import Learning
+from sparse_coord_ros.learners.tables import tables_equal
 from sparse_coord_ros.pettingzoo_env import parallel_env
 from sparse_coord_ros.solve.optimum import independent_bound
 

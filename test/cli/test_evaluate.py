@@ -9,7 +9,7 @@ import pytest
 
 from sparse_coord_ros.cli import evaluate as module
 from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learn.evaluation import TRIALS, play, summary
+from sparse_coord_ros.engine.evaluation import TRIALS, play, summary
 from sparse_coord_ros.learn.tables import load_team
 from sparse_coord_ros.solve.exact import evaluate_exact
 

@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 from sparse_coord_ros.cli.main import main
-from sparse_coord_ros.learn.simulation import tables_equal
+from sparse_coord_ros.learners.tables import tables_equal
 from sparse_coord_ros.learn.tables import load_saved
 
 MODULE = """

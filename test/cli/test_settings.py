@@ -5,7 +5,7 @@
 import json
 
 from sparse_coord_ros.game.scenario import DIALOGUE, PROTOCOL, SETTINGS
-from sparse_coord_ros.learn.learners import LEARNERS
+from sparse_coord_ros.learners.registry import LEARNERS
 from sparse_coord_ros.learn.run_config import RUN_SETTINGS
 
 

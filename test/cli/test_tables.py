@@ -10,7 +10,8 @@ from sparse_coord_ros.bags import BagWriter
 from sparse_coord_ros.cli.main import main
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.run_config import make_run
-from sparse_coord_ros.learn.simulation import Learning, tables_equal
+from sparse_coord_ros.engine.run import Learning
+from sparse_coord_ros.learners.tables import tables_equal
 from sparse_coord_ros.learn.tables import load_team, pack_tables
 from sparse_coord_ros.wire import tables_attachment
 

@@ -22,7 +22,8 @@ from sparse_coord_ros.files import take_lock
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.history import load_history
 from sparse_coord_ros.learn.run_config import load_run
-from sparse_coord_ros.learn.simulation import Learning, tables_equal
+from sparse_coord_ros.engine.run import Learning
+from sparse_coord_ros.learners.tables import tables_equal
 from sparse_coord_ros.learn.tables import load_team
 
 SHORT = ("train", "env1", "--steps", 5, "--trials", 0)

@@ -10,7 +10,7 @@ import pytest
 
 import sparse_coord_ros as sc
 from sparse_coord_ros.game.plugins import is_shipped
-from sparse_coord_ros.learn.learners import LEARNERS
+from sparse_coord_ros.learners.registry import LEARNERS
 
 DOCS = Path(__file__).parents[2] / "docs"
 

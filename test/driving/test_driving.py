@@ -17,9 +17,9 @@ from sparse_coord_ros.driving.trials import DRIVE_SETTINGS, drive, limits_of
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.game.grid import CLEAR
 from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learn.evaluation import play
+from sparse_coord_ros.engine.evaluation import play
 from sparse_coord_ros.learn.run_config import make_run
-from sparse_coord_ros.learn.simulation import learn
+from sparse_coord_ros.engine.run import learn
 from sparse_coord_ros.lockstep.bodies import LOST, BodyGoal, Goals
 
 RUN = make_run(load_scenario("env1"), {})

@@ -18,10 +18,11 @@ from sparse_coord_ros.engine.kernels import PLAIN
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.game.actions import COORDINATE
 from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learn.evaluation import play
-from sparse_coord_ros.learn.learners import Coop, NonCoop
+from sparse_coord_ros.engine.evaluation import play
+from sparse_coord_ros.learners.registry import Coop, NonCoop
 from sparse_coord_ros.learn.rows import FREE_PLACE
-from sparse_coord_ros.learn.simulation import Learning, tables_equal
+from sparse_coord_ros.engine.run import Learning
+from sparse_coord_ros.learners.tables import tables_equal
 
 GIVEN = {**PROTOCOL, "steps": 1000, "penalty": -100, "q_star_init": 0}
 """Whatever the defaults are: robots that learn enough in so few steps to meet and to ask."""

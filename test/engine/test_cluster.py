@@ -21,7 +21,7 @@ from sparse_coord_ros.engine import cluster as module
 from sparse_coord_ros.engine.cluster import Cluster, cluster_at
 from sparse_coord_ros.errors import ResultsError, RunError, SettingError
 from sparse_coord_ros.game.plugins import allowed
-from sparse_coord_ros.learn.simulation import tables_equal
+from sparse_coord_ros.learners.tables import tables_equal
 
 CONDITIONS = ("env1/coop/penalty=-20,steps=300", "crowd-3r/factored/penalty=-100,steps=200")
 PLAN = {"runs": 5, "trials": 3, "seed": 7, "engine": "python"}

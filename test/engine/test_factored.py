@@ -11,10 +11,10 @@ from sparse_coord_ros.engine.batch import CompiledTeam, run_batch
 from sparse_coord_ros.engine.kernels import PLAIN
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn import factored
-from sparse_coord_ros.learn.evaluation import play
+from sparse_coord_ros.engine.evaluation import play
 from sparse_coord_ros.learn.factors import FactorRule
-from sparse_coord_ros.learn.learners import Factored, learner_of
-from sparse_coord_ros.learn.simulation import tables_equal
+from sparse_coord_ros.learners.registry import Factored, learner_of
+from sparse_coord_ros.learners.tables import tables_equal
 from sparse_coord_ros.solve.exact import evaluate_exact
 
 SETTINGS = {"steps": 1600, "max_steps": 30, "penalty": -50, "q_coord_init": 60}

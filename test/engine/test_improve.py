@@ -16,9 +16,9 @@ from sparse_coord_ros.engine.training import train
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.game.actions import COORDINATE, EAST, NORTH, WEST
 from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learn.evaluation import play
-from sparse_coord_ros.learn.learners import learner_of
-from sparse_coord_ros.learn.simulation import tables_equal
+from sparse_coord_ros.engine.evaluation import play
+from sparse_coord_ros.learners.registry import learner_of
+from sparse_coord_ros.learners.tables import tables_equal
 from sparse_coord_ros.solve import asking_loops, asking_search
 from sparse_coord_ros.solve.asking_loops import AskingPolicies
 from sparse_coord_ros.solve.exact import evaluate_exact

@@ -12,9 +12,9 @@ from sparse_coord_ros.engine.batch import CompiledLearning, CompiledTeam
 from sparse_coord_ros.game import scenario as scenarios
 from sparse_coord_ros.game.grid import GridMap
 from sparse_coord_ros.game.scenario import load_scenario, scenario_from_dict
-from sparse_coord_ros.learn.agent import initial_tables
+from sparse_coord_ros.learners.agent import initial_tables
 from sparse_coord_ros.learn.factors import AdditiveTable
-from sparse_coord_ros.learn.simulation import Learning
+from sparse_coord_ros.engine.run import Learning
 from sparse_coord_ros.learn.sparse import SparseTable
 from sparse_coord_ros.learn.tables import pack_tables, unpack_saved
 from sparse_coord_ros.solve.exact import evaluate_exact

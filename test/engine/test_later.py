@@ -7,18 +7,14 @@ import pytest
 from teams import drawn, in_parts, whole
 
 from sparse_coord_ros.engine import batch
-from sparse_coord_ros.engine.batch import (
-    CompiledTeam,
-    make_problem,
-    run_batch,
-)
+from sparse_coord_ros.engine.batch import CompiledTeam, make_problem, run_batch
 from sparse_coord_ros.engine.kernels import PLAIN
 from sparse_coord_ros.engine.training import train
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.learn import loops
-from sparse_coord_ros.learn.evaluation import play
-from sparse_coord_ros.learn.learners import learner_of
-from sparse_coord_ros.learn.simulation import tables_equal
+from sparse_coord_ros.engine.evaluation import play
+from sparse_coord_ros.learners.registry import learner_of
+from sparse_coord_ros.learners.tables import tables_equal
 from sparse_coord_ros.solve.exact import evaluate_exact
 
 SETTINGS = {"steps": 1500, "max_steps": 30, "penalty": -50, "epsilon": "constant:0.3"}

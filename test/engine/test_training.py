@@ -15,9 +15,10 @@ from sparse_coord_ros.engine.kernels import PLAIN
 from sparse_coord_ros.engine.training import engine_for, train
 from sparse_coord_ros.errors import RunError, SettingError
 from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learn.evaluation import play, summary
-from sparse_coord_ros.learn.learners import LEARNERS, Coop, learner_of
-from sparse_coord_ros.learn.simulation import Learning, tables_equal
+from sparse_coord_ros.engine.evaluation import play, summary
+from sparse_coord_ros.learners.registry import LEARNERS, Coop, learner_of
+from sparse_coord_ros.engine.run import Learning
+from sparse_coord_ros.learners.tables import tables_equal
 
 SETTINGS = {"steps": 1200, "max_steps": 30, "perception": "probability:0.7", "penalty": -50}
 CASES = [

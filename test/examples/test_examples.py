@@ -13,8 +13,8 @@ from sparse_coord_ros.engine.batch import run_batch
 from sparse_coord_ros.game.perception import MODELS
 from sparse_coord_ros.game.plugins import allow_modules
 from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learn.learners import LEARNERS
-from sparse_coord_ros.learn.simulation import tables_equal
+from sparse_coord_ros.learners.registry import LEARNERS
+from sparse_coord_ros.learners.tables import tables_equal
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 ELSEWHERE = ("own_robot.py", "own_learning_robot.py")

@@ -21,10 +21,10 @@ from sparse_coord_ros.experiments.conditions import make_condition
 from sparse_coord_ros.experiments.runner import Computing, compute
 from sparse_coord_ros.experiments.store import Plan, collect, open_results, sample
 from sparse_coord_ros.game.scenario import scenario_from_dict
-from sparse_coord_ros.learn.agent import initial_tables
-from sparse_coord_ros.learn.evaluation import Trials
+from sparse_coord_ros.learners.agent import initial_tables
+from sparse_coord_ros.engine.trials import Trials
 from sparse_coord_ros.learn.history import blank_history
-from sparse_coord_ros.learn.learners import learner_of
+from sparse_coord_ros.learners.registry import learner_of
 
 CONDITION = make_condition("env1", "coop", {"penalty": -20})
 PLAN = Plan(seed=5, runs=3, trials=4)

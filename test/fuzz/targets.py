@@ -33,10 +33,11 @@ from sparse_coord_ros.experiments.store import read_results
 from sparse_coord_ros.game.grid import load_map
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn import archive
-from sparse_coord_ros.learn.checkpoint import CHECKPOINT_FILE, load_checkpoint
-from sparse_coord_ros.learn.evaluation import check_tables, play, summary
+from sparse_coord_ros.engine.checkpoint import CHECKPOINT_FILE
+from sparse_coord_ros.engine.checkpoint import load_checkpoint
+from sparse_coord_ros.engine.evaluation import check_tables, play, summary
 from sparse_coord_ros.learn.history import HISTORY_FILE, load_history
-from sparse_coord_ros.learn.learners import learner_of
+from sparse_coord_ros.learners.registry import learner_of
 from sparse_coord_ros.learn.run_config import RUN_FILE, load_run
 from sparse_coord_ros.learn.tables import TEAM_FILE, load_team
 from sparse_coord_ros.maps.image import read_floor_plan, write_floor_plan

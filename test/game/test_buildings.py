@@ -8,7 +8,7 @@ from sparse_coord_ros.errors import ScenarioError, SettingError
 from sparse_coord_ros.game.buildings import building
 from sparse_coord_ros.game.grid import UNREACHABLE
 from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learn.learners import learner_of
+from sparse_coord_ros.learners.registry import learner_of
 
 
 @pytest.mark.parametrize(

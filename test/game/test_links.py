@@ -11,8 +11,8 @@ from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.game.links import LINKS, LOST, PERIOD, Percepts, link_of
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.game.streams import EVALUATION, PERCEPT, Stream
-from sparse_coord_ros.learn.learners import learner_of
-from sparse_coord_ros.learn.simulation import learn
+from sparse_coord_ros.learners.registry import learner_of
+from sparse_coord_ros.engine.run import learn
 from sparse_coord_ros.solve.exact import evaluate_exact
 
 FAILING = ["lost:0.3", "bursts:0.05:0.2", "dead:150"]

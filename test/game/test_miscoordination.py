@@ -9,16 +9,10 @@ import pytest
 
 from sparse_coord_ros.engine import kernels
 from sparse_coord_ros.engine.batch import make_problem
-from sparse_coord_ros.game.miscoordination import (
-    NOWHERE,
-    meeting_places,
-    miscoordinated,
-    miscoordinations,
-    partners_of,
-)
+from sparse_coord_ros.game.miscoordination import NOWHERE, meeting_places, miscoordinated, miscoordinations, partners_of
 from sparse_coord_ros.game.scenario import parse_yaml, scenario_from_dict
 from sparse_coord_ros.learn import loops
-from sparse_coord_ros.learn.learners import learner_of
+from sparse_coord_ros.learners.registry import learner_of
 
 CORRIDOR = """
 map: {name: corridor, text: "---\\n1.DD2"}

@@ -8,8 +8,9 @@ import pytest
 from sparse_coord_ros.game.actions import COORDINATE, EAST, NORTH, SOUTH, WEST
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.game.world import Action, Reward
-from sparse_coord_ros.learn.agent import NOBODY, Agent, Choice, Decision, Tables
-from sparse_coord_ros.learn.learners import learner_of
+from sparse_coord_ros.learners.agent import NOBODY, Agent, Choice, Decision
+from sparse_coord_ros.learners.tables import Tables
+from sparse_coord_ros.learners.registry import learner_of
 
 HALF = {"step_size": "constant:0.5", "epsilon": "constant:0"}
 ASK = Decision(COORDINATE, (1,))

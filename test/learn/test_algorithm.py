@@ -9,13 +9,7 @@ import numpy as np
 import pytest
 
 from sparse_coord_ros.game.actions import ACTIONS, COORDINATE, PRIMITIVES
-from sparse_coord_ros.learn.algorithm import (
-    asks_at_times,
-    asks_surely,
-    greatest,
-    greedy,
-    updated,
-)
+from sparse_coord_ros.learners.policy import asks_at_times, asks_surely, greatest, greedy, updated
 
 N = 60
 DRAWS = [(i + 0.5) / N for i in range(N)]

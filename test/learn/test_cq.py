@@ -10,10 +10,10 @@ from sparse_coord_ros.game.actions import COORDINATE
 from sparse_coord_ros.game.grid import GridMap
 from sparse_coord_ros.game.scenario import load_scenario, scenario_from_dict
 from sparse_coord_ros.game.world import Action, Reward
-from sparse_coord_ros.learn.agent import Choice, Decision
+from sparse_coord_ros.learners.agent import Choice, Decision
 from sparse_coord_ros.learn.cq import COUNT, MARKED, WINDOW, differs, is_marked
-from sparse_coord_ros.learn.learners import learner_of
-from sparse_coord_ros.learn.lone import lone_values
+from sparse_coord_ros.learners.registry import learner_of
+from sparse_coord_ros.learners.lone import lone_values
 from sparse_coord_ros.solve.optimum import independent_bound
 
 EAST = 2

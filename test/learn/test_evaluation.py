@@ -11,8 +11,10 @@ from teams import walking
 
 from sparse_coord_ros.errors import TablesError
 from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learn.agent import Tables, initial_tables
-from sparse_coord_ros.learn.evaluation import Trials, check_tables, play, summary
+from sparse_coord_ros.learners.agent import initial_tables
+from sparse_coord_ros.learners.tables import Tables
+from sparse_coord_ros.engine.evaluation import check_tables, play, summary
+from sparse_coord_ros.engine.trials import Trials
 from sparse_coord_ros.learn.sparse import SparseTable
 
 GAMMA = 0.95

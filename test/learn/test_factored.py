@@ -9,21 +9,13 @@ from sparse_coord_ros.errors import SettingError, TablesError
 from sparse_coord_ros.game.actions import COORDINATE, EAST, NORTH, SOUTH
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.game.world import Action, Reward, RewardWeights, World
-from sparse_coord_ros.learn.agent import NOBODY, Choice, Decision
-from sparse_coord_ros.learn.evaluation import play
+from sparse_coord_ros.learners.agent import NOBODY, Choice, Decision
+from sparse_coord_ros.engine.evaluation import play
 from sparse_coord_ros.learn.factored import FactoredAgent, initial_factored
-from sparse_coord_ros.learn.factors import (
-    UNSEEN,
-    FactorRule,
-    key_of,
-    keys_of,
-    rows_at_most,
-    share_of,
-    states_of,
-)
-from sparse_coord_ros.learn.learners import Factored, learner_of
+from sparse_coord_ros.learn.factors import UNSEEN, FactorRule, key_of, keys_of, rows_at_most, share_of, states_of
+from sparse_coord_ros.learners.registry import Factored, learner_of
 from sparse_coord_ros.learn.run_config import make_run
-from sparse_coord_ros.learn.simulation import learn
+from sparse_coord_ros.engine.run import learn
 
 ASK = Decision(COORDINATE, (1,))
 ALPHA = 0.25

@@ -15,10 +15,10 @@ import pytest
 from sparse_coord_ros.errors import RunError, TablesError
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn import archive, checkpoint
-from sparse_coord_ros.learn.evaluation import check_tables, play
+from sparse_coord_ros.engine.evaluation import check_tables, play
 from sparse_coord_ros.learn.history import history_from, load_history
-from sparse_coord_ros.learn.learners import learner_of
-from sparse_coord_ros.learn.simulation import Learning
+from sparse_coord_ros.learners.registry import learner_of
+from sparse_coord_ros.engine.run import Learning
 from sparse_coord_ros.learn.tables import TEAM_FILE, load_team, save_team
 from sparse_coord_ros.limits import Limit
 

@@ -6,14 +6,7 @@ import numpy as np
 import pytest
 
 from sparse_coord_ros.game.actions import PRIMITIVES
-from sparse_coord_ros.learn.rows import (
-    find_row,
-    has_room,
-    make_rows,
-    rehash,
-    row_to_learn,
-    updated_rows,
-)
+from sparse_coord_ros.learn.rows import find_row, has_room, make_rows, rehash, row_to_learn, updated_rows
 
 
 @pytest.mark.parametrize("move", range(PRIMITIVES))

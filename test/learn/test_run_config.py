@@ -9,12 +9,7 @@ import yaml
 
 from sparse_coord_ros.errors import RunError, ScenarioError, SettingError, SparseCoordError
 from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learn.run_config import (
-    RUN_SETTINGS,
-    create_output,
-    make_run,
-    run_from_yaml,
-)
+from sparse_coord_ros.learn.run_config import RUN_SETTINGS, create_output, make_run, run_from_yaml
 
 
 @pytest.fixture

@@ -12,8 +12,9 @@ from teams import PROTOCOL
 from sparse_coord_ros.game.perception import MODELS, percept_probabilities
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.game.schedules import probabilities, step_sizes
-from sparse_coord_ros.learn.agent import Tables
-from sparse_coord_ros.learn.simulation import Learning, learn, tables_equal
+from sparse_coord_ros.learners.tables import Tables
+from sparse_coord_ros.engine.run import Learning, learn
+from sparse_coord_ros.learners.tables import tables_equal
 from sparse_coord_ros.learn.sparse import SparseTable
 
 GIVEN = {**PROTOCOL, "perception": "always"}

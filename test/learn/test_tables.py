@@ -7,20 +7,12 @@ import pytest
 
 from sparse_coord_ros.errors import TablesError
 from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learn.agent import Tables
-from sparse_coord_ros.learn.learners import learner_of
-from sparse_coord_ros.learn.simulation import Learning, tables_equal
+from sparse_coord_ros.learners.tables import Tables
+from sparse_coord_ros.learners.registry import learner_of
+from sparse_coord_ros.engine.run import Learning
+from sparse_coord_ros.learners.tables import tables_equal
 from sparse_coord_ros.learn.sparse import SparseTable
-from sparse_coord_ros.learn.tables import (
-    TEAM_FILE,
-    load_saved,
-    load_team,
-    pack_tables,
-    robot_file,
-    save_team,
-    unpack_robot,
-    unpack_saved,
-)
+from sparse_coord_ros.learn.tables import TEAM_FILE, load_saved, load_team, pack_tables, robot_file, save_team, unpack_robot, unpack_saved
 
 
 @pytest.fixture

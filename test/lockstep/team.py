@@ -12,8 +12,8 @@ import random
 from collections import defaultdict, deque
 
 from sparse_coord_ros.game.world import EPISODE_GAP
-from sparse_coord_ros.learn.agent import Agent
-from sparse_coord_ros.learn.learners import learner_of
+from sparse_coord_ros.learners.agent import Agent
+from sparse_coord_ros.learners.registry import learner_of
 from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.lockstep.checkpoints import KEPT_COMMON, KEPT_OWN
 from sparse_coord_ros.lockstep.robot_side import RobotSide

@@ -11,12 +11,9 @@ import pytest
 from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.run_config import make_run
-from sparse_coord_ros.learn.simulation import Learning, learn, tables_equal
-from sparse_coord_ros.lockstep.checkpoints import (
-    Checkpoints,
-    Store,
-    steps_of,
-)
+from sparse_coord_ros.engine.run import Learning, learn
+from sparse_coord_ros.learners.tables import tables_equal
+from sparse_coord_ros.lockstep.checkpoints import Checkpoints, Store, steps_of
 from sparse_coord_ros.lockstep.rollback import RobotRollback, WorldRollback
 from sparse_coord_ros.wire.status import ROLL_CALL, Order, Progress
 

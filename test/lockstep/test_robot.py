@@ -7,7 +7,8 @@ import pytest
 
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.game.world import Action, Reward
-from sparse_coord_ros.learn.agent import Agent, Tables
+from sparse_coord_ros.learners.agent import Agent
+from sparse_coord_ros.learners.tables import Tables
 from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.lockstep.robot_side import Answer, RobotSide
 from sparse_coord_ros.wire import COUNTS, PerceptEnd

@@ -14,8 +14,9 @@ from teams import PROTOCOL
 
 from sparse_coord_ros.game.perception import MODELS
 from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learn.learners import learner_of
-from sparse_coord_ros.learn.simulation import learn, tables_equal
+from sparse_coord_ros.learners.registry import learner_of
+from sparse_coord_ros.engine.run import learn
+from sparse_coord_ros.learners.tables import tables_equal
 
 from .team import Team
 

@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 
 from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learn.agent import Tables, initial_tables
-from sparse_coord_ros.learn.evaluation import greedy_agents
-from sparse_coord_ros.learn.learners import learner_of
+from sparse_coord_ros.learners.agent import initial_tables
+from sparse_coord_ros.learners.tables import Tables
+from sparse_coord_ros.engine.evaluation import greedy_agents
+from sparse_coord_ros.learners.registry import learner_of
 from sparse_coord_ros.learn.run_config import make_run
-from sparse_coord_ros.learn.simulation import learn
+from sparse_coord_ros.engine.run import learn
 from sparse_coord_ros.look.policy import entered, policy_of, row_asking, sparsity_of
 from sparse_coord_ros.palette import ROBOT_COLOURS, ink_on, rgb
 from sparse_coord_ros.solve.exact import _robots

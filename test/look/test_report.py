@@ -17,7 +17,7 @@ from sparse_coord_ros.cli.main import main
 from sparse_coord_ros.engine.training import train
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.run_config import load_run
-from sparse_coord_ros.learn.simulation import tables_equal
+from sparse_coord_ros.learners.tables import tables_equal
 from sparse_coord_ros.look.report import _faults, run_report
 from sparse_coord_ros.look.sources import open_shown
 from sparse_coord_ros.runlog.explain import explained, in_words

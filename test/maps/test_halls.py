@@ -6,7 +6,7 @@ import pytest
 from floor_plans import write
 
 from sparse_coord_ros.engine.training import train
-from sparse_coord_ros.learn.learners import learner_of
+from sparse_coord_ros.learners.registry import learner_of
 from sparse_coord_ros.maps.image import read_floor_plan
 from sparse_coord_ros.maps.plan import import_map, scenario_of
 from sparse_coord_ros.solve.exact import evaluate_best

@@ -19,10 +19,10 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.game.world import World
-from sparse_coord_ros.learn.evaluation import Team
+from sparse_coord_ros.engine.evaluation import Team
 from sparse_coord_ros.learn.history import HistoryRecorder, load_history
-from sparse_coord_ros.learn.learners import learner_of
-from sparse_coord_ros.learn.simulation import tables_equal
+from sparse_coord_ros.learners.registry import learner_of
+from sparse_coord_ros.learners.tables import tables_equal
 from sparse_coord_ros.learn.tables import load_team
 from sparse_coord_ros.nodes.recorder import Recorder
 from sparse_coord_ros.nodes.robot import RobotNode

@@ -22,9 +22,7 @@ from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.lockstep.bodies import BodyGoal, Goals, Reached
 from sparse_coord_ros.nodes.body import BodyNode, read_command
 from sparse_coord_ros.nodes.driver import DriverNode
-from sparse_coord_ros.nodes.messages import (
-    Converter,
-)
+from sparse_coord_ros.nodes.messages import Converter
 from sparse_coord_ros.nodes.outputs import gather
 
 QUICK = {"speed": 2.0, "turn": 6.0}

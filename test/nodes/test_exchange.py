@@ -12,7 +12,7 @@ from sparse_coord_ros.engine.improve import improve
 from sparse_coord_ros.engine.training import train
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.learn.run_config import load_run
-from sparse_coord_ros.learn.simulation import tables_equal
+from sparse_coord_ros.learners.tables import tables_equal
 from sparse_coord_ros.learn.tables import load_team, unpack_saved
 from sparse_coord_ros.nodes.exchange import Exchange
 from sparse_coord_ros.nodes.spin import ros_context

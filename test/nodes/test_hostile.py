@@ -20,7 +20,7 @@ from sparse_coord_ros.bags import open_bag
 from sparse_coord_ros.errors import FaultError, NameTakenError, RunError
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.game.settings import SettingTable
-from sparse_coord_ros.learn.agent import Agent
+from sparse_coord_ros.learners.agent import Agent
 from sparse_coord_ros.learn.tables import load_team
 from sparse_coord_ros.nodes import interface, spin
 from sparse_coord_ros.nodes.messages import status

@@ -18,26 +18,14 @@ from visualization_msgs.msg import Marker, MarkerArray
 from sparse_coord_ros.game.actions import COORDINATE
 from sparse_coord_ros.game.scenario import load_scenario, scenario_names
 from sparse_coord_ros.game.world import Action, Reward
-from sparse_coord_ros.learn.agent import initial_tables
+from sparse_coord_ros.learners.agent import initial_tables
 from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.nodes.guard import read_claim
-from sparse_coord_ros.nodes.messages import (
-    Converter,
-    read_tables_message,
-    status,
-    tables_message,
-)
+from sparse_coord_ros.nodes.messages import Converter, read_tables_message, status, tables_message
 from sparse_coord_ros.palette import DOORWAY_COLOUR, rgb
 from sparse_coord_ros.wire import ACTION, REWARD, Account, ClaimRank
 from sparse_coord_ros.wire.messages import markers_form
-from sparse_coord_ros.wire.status import (
-    Order,
-    Progress,
-    Said,
-    read_progress,
-    read_status,
-    values_of,
-)
+from sparse_coord_ros.wire.status import Order, Progress, Said, read_progress, read_status, values_of
 
 
 def labelled(labels, numbers, *, frame="map", sec=0, nanosec=0):

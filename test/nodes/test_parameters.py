@@ -22,11 +22,7 @@ from rclpy.parameter import parameter_value_to_python
 from sparse_coord_ros.game.scenario import SETTINGS
 from sparse_coord_ros.limits import ASKED
 from sparse_coord_ros.nodes import recorder, robot, team, world_simulator
-from sparse_coord_ros.nodes.parameters import (
-    PARAMETERS,
-    TEAM_PARAMETERS,
-    ParameterNode,
-)
+from sparse_coord_ros.nodes.parameters import PARAMETERS, TEAM_PARAMETERS, ParameterNode
 from sparse_coord_ros.nodes.spin import ros_context
 
 MAINS = {

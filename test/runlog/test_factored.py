@@ -8,7 +8,8 @@ import pytest
 
 from sparse_coord_ros.game.world import UNKNOWN_PARTNERS
 from sparse_coord_ros.learn.factors import UNSEEN
-from sparse_coord_ros.learn.simulation import learn, tables_equal
+from sparse_coord_ros.engine.run import learn
+from sparse_coord_ros.learners.tables import tables_equal
 from sparse_coord_ros.runlog import read_run, verify
 from sparse_coord_ros.runlog.explain import coordinations, explained
 

@@ -13,9 +13,10 @@ from sparse_coord_ros.bags import BagWriter
 from sparse_coord_ros.bags.playlist import Playlist
 from sparse_coord_ros.bags.reader import open_bag
 from sparse_coord_ros.game.world import World
-from sparse_coord_ros.learn.agent import Agent
-from sparse_coord_ros.learn.evaluation import Team
-from sparse_coord_ros.learn.simulation import Learning, tables_equal
+from sparse_coord_ros.learners.agent import Agent
+from sparse_coord_ros.engine.evaluation import Team
+from sparse_coord_ros.engine.run import Learning
+from sparse_coord_ros.learners.tables import tables_equal
 from sparse_coord_ros.runlog import read_run, verify
 from sparse_coord_ros.runlog.explain import coordinations, explained
 from sparse_coord_ros.wire.frame import Frame

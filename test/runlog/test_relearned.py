@@ -5,7 +5,8 @@
 import numpy as np
 import pytest
 
-from sparse_coord_ros.learn.simulation import Learning, tables_equal
+from sparse_coord_ros.engine.run import Learning
+from sparse_coord_ros.learners.tables import tables_equal
 from sparse_coord_ros.runlog import read_run, relearned, window
 from sparse_coord_ros.runlog.relearned import Relearned
 from sparse_coord_ros.runlog.window import LongLog

@@ -15,7 +15,7 @@ from sparse_coord_ros.errors import BagError
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.history import concatenated
 from sparse_coord_ros.learn.run_config import make_run
-from sparse_coord_ros.learn.simulation import tables_equal
+from sparse_coord_ros.learners.tables import tables_equal
 from sparse_coord_ros.runlog import read_run, window
 from sparse_coord_ros.runlog.window import LongLog
 

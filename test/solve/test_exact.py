@@ -12,9 +12,11 @@ from sparse_coord_ros.engine.batch import CompiledTeam, run_batch
 from sparse_coord_ros.errors import SettingError, TablesError
 from sparse_coord_ros.game.actions import COORDINATE
 from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learn.agent import Agent, Tables, initial_tables
-from sparse_coord_ros.learn.evaluation import play, summary
-from sparse_coord_ros.learn.learners import Learner, learner_of
+from sparse_coord_ros.learners.agent import Agent, initial_tables
+from sparse_coord_ros.learners.tables import Tables
+from sparse_coord_ros.engine.evaluation import play, summary
+from sparse_coord_ros.learners.registry import learner_of
+from sparse_coord_ros.learners.learner import Learner
 from sparse_coord_ros.solve import exact, exact_loops
 from sparse_coord_ros.solve.exact import evaluate_best, evaluate_exact, exact_means
 

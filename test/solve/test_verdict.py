@@ -8,22 +8,13 @@ import pytest
 from teams import walking
 
 from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learn.agent import initial_tables
-from sparse_coord_ros.learn.learners import learner_of
+from sparse_coord_ros.learners.agent import initial_tables
+from sparse_coord_ros.learners.registry import learner_of
 from sparse_coord_ros.solve.exact import evaluate_exact
 from sparse_coord_ros.solve.optimum import independent_bound
 from sparse_coord_ros.solve.reference import shortest_path_reference
 from sparse_coord_ros.solve.shipped import known_optimum, unseen_buildings
-from sparse_coord_ros.solve.verdict import (
-    FAILING,
-    LEARNED,
-    LOST,
-    NEEDLESS,
-    SLIGHT,
-    WORSE,
-    last_word,
-    needless,
-)
+from sparse_coord_ros.solve.verdict import FAILING, LEARNED, LOST, NEEDLESS, SLIGHT, WORSE, last_word, needless
 
 
 def verdict(scenario, tables, learner="coop"):

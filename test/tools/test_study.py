@@ -6,7 +6,7 @@ import pytest
 
 from sparse_coord_ros.experiments.conditions import make_condition
 from sparse_coord_ros.game.plugins import allow_modules
-from sparse_coord_ros.learn.learners import learner_of
+from sparse_coord_ros.learners.registry import learner_of
 from tools.study import __main__ as tool
 from tools.study import coordination, rules
 from tools.study.coordination import Study, failed_share

@@ -17,7 +17,8 @@ from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.game.world import Action
 from sparse_coord_ros.learn.history import blank_history
 from sparse_coord_ros.learn.run_config import make_run
-from sparse_coord_ros.learn.simulation import Learning, tables_equal
+from sparse_coord_ros.engine.run import Learning
+from sparse_coord_ros.learners.tables import tables_equal
 from sparse_coord_ros.look.page import messages
 from sparse_coord_ros.look.page.board import Board
 from sparse_coord_ros.look.page.controls import PAUSE, RATE, STEP, Control
