@@ -55,7 +55,7 @@ FASTDDS_BUILTIN_TRANSPORTS cannot say so: with the discovery range LOCALHOST rmw
 transports of its own, shared memory among them.
 """
 
-PATIENCE_SECONDS = 20.0
+PATIENCE_SECONDS = 120.0
 """Far more than anything takes on a loaded machine; reached only where a test fails."""
 
 

@@ -377,6 +377,7 @@ def test_deactivated_a_body_stands_and_activated_it_goes_on(bench, tmp_path):
         return observer.call(ChangeState, "robot_1_driver/change_state", request).success
 
     commands = observer.listen(Twist, "robot_1/cmd_vel")
+    bench.spin_until(lambda: commands, "the observer hears the commands")
     assert change(Transition.TRANSITION_DEACTIVATE)
     bench.spin_until(lambda: commands and commands[-1] == Twist(), "zero velocity")
     assert not change(Transition.TRANSITION_DEACTIVATE), "it is inactive; and the node lives"
