@@ -9,11 +9,11 @@ from pathlib import Path
 import yaml
 from rclpy.serialization import deserialize_message
 
+from sparse_coord_ros.engine.run import learn
 from sparse_coord_ros.learn.history import load_history
 from sparse_coord_ros.learn.run_config import load_run
-from sparse_coord_ros.engine.run import learn
-from sparse_coord_ros.learners.tables import tables_equal
 from sparse_coord_ros.learn.tables import load_team
+from sparse_coord_ros.learners.tables import tables_equal
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.outputs import SUMMARY_FILE
 from sparse_coord_ros.runlog import Verification
@@ -41,7 +41,7 @@ def same_tables(out: Path) -> bool:
         TablesError: there are none, or no readable ones.
     """
     run = load_run(out)
-    return tables_equal(load_team(out, run.scenario), learn(run.scenario, run.learner, run.seed))
+    return tables_equal(load_team(out, run.scenario, run.rule), learn(run.scenario, run.learner, run.seed))
 
 
 DISTURBED = (

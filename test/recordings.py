@@ -21,6 +21,7 @@ from sparse_coord_ros.engine.improve import improve
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.run_config import bag_files, make_run
 from sparse_coord_ros.learn.tables import pack_tables, unpack_saved
+from sparse_coord_ros.learners.agent import Agent
 from sparse_coord_ros.lockstep.bodies import BodyWorld
 from sparse_coord_ros.lockstep.robot_side import RobotSide
 from sparse_coord_ros.lockstep.world_side import WorldSide
@@ -112,8 +113,13 @@ class Recording:
         self.robots = [
             RobotSide(
                 run,
-                run.rule.agent(
-                    run.scenario, k, run.seed, tables=begin[k], learning=not run.greedy
+                Agent(
+                    run.rule,
+                    run.scenario,
+                    k,
+                    run.seed,
+                    memory=None if begin[k] is None else begin[k].memory,
+                    learning=not run.greedy,
                 ),
                 LoggedRobot(self, k),
             )
@@ -212,14 +218,13 @@ class Recording:
 
     def coordination_map(self, k, step):
         """Publish a robot's coordination map."""
-        data = self.convert.pack_coordination_map(step, self.robots[k].agent.tables)
+        data = self.convert.pack_coordination_map(step, self.robots[k].agent.tables.q_star)
         self.write(f"/{self.names[k]}/coordination_map", GRID, data, step)
 
     def attach(self, k, step):
         """Attach a robot's tables."""
         robot = self.robots[k]
-        memories = {k + 1: robot.agent.memory()}
-        data = pack_tables({k + 1: robot.agent.tables}, counts=robot.counts, memories=memories)
+        data = pack_tables({k + 1: robot.agent.memory()}, counts=robot.counts)
         if self.tables.get(k) == (step, data):  # the recorder attaches them but once
             return
         self.tables[k] = (step, data)
@@ -231,7 +236,7 @@ class Recording:
         found = improve(scenario, rule, [robot.agent.memory() for robot in self.robots])
         for k, robot in enumerate(self.robots):
             tables = robot.agent.tables if k in self.alone else found.tables[k]
-            data = pack_tables({k + 1: tables}, counts=robot.counts)
+            data = pack_tables({k + 1: tables.memory}, counts=robot.counts)
             self.bag.attach(f"improved/{self.names[k]}.npz", data, "application/x-npz", self.now)
 
     def arrives(self, kind, k, step):
@@ -431,7 +436,7 @@ def with_tables(attached, number, change):
     [saved] = unpack_saved(attached.data, [number], where="")
     tables, counts, memory = saved[:3]
     change(tables, counts)
-    data = pack_tables({number: tables}, counts=counts, memories={number: memory})
+    data = pack_tables({number: tables.memory}, counts=counts, memories={number: memory})
     return attached._replace(data=data)
 
 

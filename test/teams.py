@@ -7,14 +7,17 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from sparse_coord_ros.engine.batch import CompiledLearning, CompiledTeam
+from sparse_coord_ros.engine.checkpoint import Checkpoint, load_checkpoint
+from sparse_coord_ros.engine.run import LearningRun, Team, groups_of
+from sparse_coord_ros.game.links import Percepts
 from sparse_coord_ros.game.perception import MODELS
 from sparse_coord_ros.game.scenario import scenario_from_dict
-from sparse_coord_ros.learners.tables import Tables
-from sparse_coord_ros.engine.checkpoint import Checkpoint
-from sparse_coord_ros.engine.checkpoint import load_checkpoint
-from sparse_coord_ros.learners.registry import LEARNERS
-from sparse_coord_ros.engine.run import Learning
+from sparse_coord_ros.game.world import World
+from sparse_coord_ros.learn.history import HistoryRecorder, concatenated
+from sparse_coord_ros.learn.run_config import load_run
+from sparse_coord_ros.learn.tables import load_team, tables_from_values
+from sparse_coord_ros.learners.agent import Agent, Choice
+from sparse_coord_ros.learners.registry import LEARNERS, learner_of
 
 PROTOCOL = {
     "starts": "random",
@@ -48,31 +51,92 @@ def walking(scenario, coordinate=np.nan):
     for robot in scenario.robots:
         value = -scenario.map.distances_to(robot.goal)[scenario.map.next_cell].astype(float)
         q_star = np.column_stack([value, np.full(len(value), coordinate)])
-        tables.append(Tables(q_star, np.repeat(value[:, None, :], len(value), axis=1)))
+        q_coord = (
+            None if np.isnan(coordinate) else np.repeat(value[:, None, :], len(value), axis=1)
+        )
+        tables.append(tables_from_values(scenario, len(tables), q_star, q_coord))
     return tables
 
 
 def whole(scenario, learner, seed):
     """Return what agents learn without a break."""
-    learning = Learning(scenario, learner, seed)
+    learning = plain_run(scenario, learner, seed)
     learning.advance(scenario.steps)
     return learning
 
 
+def plain_run(scenario, learner, seed, state=None):
+    """Return a learning run in plain Python, at its beginning or at a state."""
+    return LearningRun(Team(scenario, learner_of(learner), compiled=False), seed, state)
+
+
+def tables_in(directory):
+    """Return the tables that a run has saved."""
+    run = load_run(directory)
+    return load_team(directory, run.scenario, run.rule)
+
+
+def untrained(scenario, learner="coop", k=0):
+    """Return a robot's tables before learning."""
+    return Agent(learner_of(learner), scenario, k, 0).tables
+
+
+def by_agents(scenario, learner, seed):
+    """Return what agents of one process learn, and the history: (memories, history)."""
+    agents = [Agent(learner, scenario, k, seed) for k in range(len(scenario.robots))]
+    percepts = Percepts(scenario, seed)
+    histories = []
+    for members in groups_of(scenario, learner):
+        world = World(scenario, seed, agents=members)
+        recorder = HistoryRecorder(len(agents), members=members)
+        for agent in agents:
+            if agent.number in members:
+                agent.begin_episode()
+        while world.transitions < scenario.steps:
+            step = world.step
+            choices = [None] * len(agents)
+            for k in members:
+                choices[k] = chosen(agents[k], world, percepts)
+            actions = [None if choice is None else choice.action for choice in choices]
+            outcome = world.advance(actions)
+            for agent, choice in zip(agents, choices, strict=True):
+                if choice is not None:
+                    reward = outcome.rewards[agent.number]
+                    agent.learn(step, choice, reward, world.cells[agent.number])
+            recorder.add(world.episode, step, actions, outcome)
+            if outcome.episode_over and world.transitions < scenario.steps:
+                world.begin_episode()
+                for k in members:
+                    agents[k].begin_episode()
+        histories.append(recorder.history())
+    return [agent.memory() for agent in agents], concatenated(histories)
+
+
+def chosen(agent, world, percepts):
+    """Return what an agent decides, perceives and does; None where it does not act."""
+    k, step = agent.number, world.step
+    if world.arrived[k]:
+        return None
+    cell = world.cells[k]
+    decision = agent.decide(step, cell)
+    perceived = None
+    if decision.peers:
+        perceived = tuple(world.cells[peer] for peer in decision.peers)
+        if not all(percepts.sees(step, k, cell, place) for place in perceived):
+            perceived = None
+    return Choice(cell, decision, agent.act(step, cell, decision, perceived), perceived)
+
+
 def in_parts(scenario, rule, seed, parts, folder):
     """Return what is learned up to each of these steps by the other engine, through files."""
-    team = CompiledTeam(scenario, rule)
-    learning = CompiledLearning(team, seed)
+    forms = [Team(scenario, rule, compiled=compiled) for compiled in (False, True)]
+    learning = LearningRun(forms[1], seed)
     for part, until in enumerate(parts):
         learning.advance(until)
         path = folder / f"{part}.npz"
         Checkpoint(learning.state(), (), 0, 0).save(path, scenario, rule, seed)
         state = load_checkpoint(path, scenario, rule, seed).state
-        learning = (
-            CompiledLearning(team, seed, state)
-            if part % 2
-            else Learning(scenario, rule, seed, state)
-        )
+        learning = LearningRun(forms[part % 2], seed, state)
     return learning
 
 

@@ -59,7 +59,7 @@ class Checkpoint:
         arrays |= saved_arrays(dict(enumerate(self.state.memories, start=1)))
         for g, history in enumerate(self.state.histories, start=1):
             arrays |= {f"history_{g}_{name}": a for name, a in history._asdict().items()}
-        write_whole(path, checkpoint.pack(_digest(scenario, learner, seed), arrays))
+        write_whole(path, checkpoint.pack(run_digest(scenario, learner, seed), arrays))
 
 
 def load_checkpoint(path: Path, scenario: Scenario, learner: Learner, seed: int) -> Checkpoint:
@@ -72,7 +72,7 @@ def load_checkpoint(path: Path, scenario: Scenario, learner: Learner, seed: int)
         remedy = "only a run that was interrupted can be resumed"
         raise RunError(f"{path}: there is no such file; {remedy}")
     said = f"learner {learner.label}, seed {seed}"
-    arrays = checkpoint.read(path, _digest(scenario, learner, seed), said=said)
+    arrays = checkpoint.read(path, run_digest(scenario, learner, seed), said=said)
     robots, groups = len(scenario.robots), len(groups_of(scenario, learner))
     try:
         memories = [_memory(arrays, scenario, learner, k) for k in range(robots)]
@@ -110,6 +110,7 @@ def _evaluation(trials: int, not_arrived: int, **measures: dict[str, float]) -> 
     return Evaluation(trials=trials, not_arrived=not_arrived, **found)
 
 
-def _digest(scenario: Scenario, learner: Learner, seed: int) -> str:
+def run_digest(scenario: Scenario, learner: Learner, seed: int) -> str:
+    """Return a digest of what a run computes."""
     said = json.dumps([scenario.computation(), learner.label, seed], sort_keys=True)
     return hashlib.sha256(said.encode()).hexdigest()[:16]

@@ -103,6 +103,9 @@ class Team:
         learner: who learns.
         compiled: whether numba is to compute it.
         stop: where its one entry is set, runs raise `Stopped` at the next transition.
+
+    Raises:
+        SettingError: the learner cannot learn the scenario.
     """
 
     def __init__(
@@ -113,6 +116,7 @@ class Team:
         compiled: bool,
         stop: np.ndarray | None = None,
     ) -> None:
+        learner.check(scenario)
         self.scenario = scenario
         self.learner = learner
         self.compiled = compiled

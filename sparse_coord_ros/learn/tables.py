@@ -20,12 +20,13 @@ import numpy as np
 
 from sparse_coord_ros.errors import TablesError, retold
 from sparse_coord_ros.files import write_whole
-from sparse_coord_ros.game.actions import ACTIONS
+from sparse_coord_ros.game.actions import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.learn import archive
 from sparse_coord_ros.learners.learner import Learner
 from sparse_coord_ros.learners.memory import check_memory
-from sparse_coord_ros.learners.mind import Memory
+from sparse_coord_ros.learners.mind import Memory, memory_of
+from sparse_coord_ros.learners.registry import learner_of
 from sparse_coord_ros.learners.tables import Tables
 from sparse_coord_ros.limits import ARRAYS, Limit, read_file
 
@@ -176,3 +177,28 @@ def tables_of(scenario: Scenario, learner: Learner | None, k: int, memory: Memor
     if len(memory["q_star"]) != cells:
         raise TablesError(f"q_star has {len(memory['q_star'])} cells, the map has {cells}")
     return Tables(scenario, learner, k, memory)
+
+
+def tables_from_values(
+    scenario: Scenario, k: int, q_star: np.ndarray, q_coord: np.ndarray | None = None
+) -> Tables:
+    """Return tables of values that come from elsewhere, such as another program.
+
+    Args:
+        scenario: the problem.
+        k: the robot, from 0.
+        q_star: Q*, shape (cells, 5), float64; NaN in column 4 for robots that cannot ask.
+        q_coord: Q^C of pairs, shape (cells, cells, 4), float64; None: what it begins with.
+
+    Raises:
+        TablesError: they do not fit the scenario.
+    """
+    asks = not np.isnan(q_star[:, COORDINATE]).any()
+    learner = learner_of("coop" if asks else "noncoop")
+    memory = memory_of(learner.mind(scenario, k)) | {"q_star": q_star}
+    if asks and q_coord is not None:
+        rows = q_coord.reshape(-1, PRIMITIVES)
+        memory["q_coord_keys"] = np.arange(len(rows))
+        memory["q_coord_values"] = rows
+        memory["q_coord_updates"] = np.zeros(rows.shape, dtype=np.int64)
+    return tables_of(scenario, learner, k, memory)

@@ -7,13 +7,13 @@ import pytest
 
 pytest.importorskip("pettingzoo")  # package.xml does not bring it: it has no rosdep key
 from pettingzoo.test import parallel_api_test
+from teams import plain_run
 
 from sparse_coord_ros.errors import RunError, SettingError
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.game.world import Reward
-from sparse_coord_ros.learners.agent import Choice
+from sparse_coord_ros.learners.agent import Agent, Choice
 from sparse_coord_ros.learners.registry import learner_of
-from sparse_coord_ros.engine.run import Learning
 from sparse_coord_ros.learners.tables import tables_equal
 from sparse_coord_ros.pettingzoo_env import parallel_env
 from sparse_coord_ros.solve.optimum import independent_bound
@@ -65,11 +65,11 @@ def test_the_same_seed_brings_the_same_episodes_to_their_ends(starts):
 def test_our_learner_learns_the_same_bits_through_it(name, settings):
     """The agents of Algorithm 1, driven by what the environment says alone."""
     scenario = load_scenario(name, steps=1200, **settings)
-    due = Learning(scenario, "coop", 3)
+    due = plain_run(scenario, "coop", 3)
     due.advance(1200)
     env = parallel_env(scenario, starts="protocol", goal_value=False)
     rule = learner_of("coop")
-    agents = {name: rule.agent(scenario, k, 3) for k, name in enumerate(env.possible_agents)}
+    agents = {name: Agent(rule, scenario, k, 3) for k, name in enumerate(env.possible_agents)}
     seen, _ = env.reset(seed=3)
     asked, done, step = 0, 0, 1
     while done < 1200:

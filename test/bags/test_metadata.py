@@ -7,7 +7,12 @@ from textwrap import indent
 import yaml
 
 from sparse_coord_ros.bags import BagTopic, QoS
-from sparse_coord_ros.bags.metadata import FileSummary, bag_information, metadata_yaml, offered_qos_profiles
+from sparse_coord_ros.bags.metadata import (
+    FileSummary,
+    bag_information,
+    metadata_yaml,
+    offered_qos_profiles,
+)
 
 LATCHED = QoS(durability="transient_local", depth=1)
 

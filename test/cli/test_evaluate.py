@@ -6,11 +6,11 @@ import json
 from dataclasses import replace
 
 import pytest
+from teams import tables_in
 
 from sparse_coord_ros.cli import evaluate as module
-from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.engine.evaluation import TRIALS, play, summary
-from sparse_coord_ros.learn.tables import load_team
+from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.solve.exact import evaluate_exact
 
 
@@ -42,7 +42,7 @@ def test_json_holds_the_numbers_of_the_core(sparse_coord, trained, folder):
     assert (code, err) == (0, "")
     data = json.loads(out)
     scenario = load_scenario("env1")
-    result = summary(play(scenario, load_team(folder / "a", scenario), trials=40, seed=9))
+    result = summary(play(scenario, tables_in(folder / "a"), trials=40, seed=9))
     assert {name: data[name] for name in result.to_dict()} == result.to_dict()
     assert (data["scenario"], data["learner"]) == ("env1", "noncoop")
     assert data["paper"]["reward"] == [119.3, 12.2]
@@ -79,7 +79,7 @@ def test_exact(sparse_coord, trained, folder):
     assert "118.51" in out
     data = json.loads(sparse_coord("evaluate", "a", "--exact", "--json")[1])
     scenario = load_scenario("env1").with_settings({"penalty": -100})
-    found = evaluate_exact(scenario, load_team(folder / "a", scenario))
+    found = evaluate_exact(scenario, tables_in(folder / "a"))
     assert data["reward"]["mean"] == found.reward.mean
     assert data["reward"]["standard_error"] == 0
     assert data["all_arrived"] == found.all_arrived

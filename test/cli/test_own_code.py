@@ -10,8 +10,8 @@ import pytest
 import yaml
 
 from sparse_coord_ros.cli.main import main
-from sparse_coord_ros.learners.tables import tables_equal
 from sparse_coord_ros.learn.tables import load_saved
+from sparse_coord_ros.learners.tables import tables_equal
 
 MODULE = """
 import numpy as np

@@ -16,14 +16,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from teams import tables_in
 
 from sparse_coord_ros.engine import batch, trained
+from sparse_coord_ros.engine.run import learn
 from sparse_coord_ros.experiments import runner as module
 from sparse_coord_ros.experiments.store import Plan, open_results
 from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.engine.run import learn
 from sparse_coord_ros.learners.tables import tables_equal
-from sparse_coord_ros.learn.tables import load_team
 
 FEW = ("--runs", "2", "--trials", "5")
 
@@ -67,7 +67,7 @@ def test_a_single_run_is_that_run(sparse_coord, folder):
     assert code == 0
     assert "exact joint optimum" in out
     scenario = load_scenario("env1").with_settings({"steps": 300})
-    saved = load_team(folder / "r/runs" / target, scenario)
+    saved = tables_in(folder / "r/runs" / target)
     assert tables_equal(saved, learn(scenario, "coop", 13))
     assert sparse_coord("evaluate", f"r/runs/{target}", "--trials", "5")[0] == 0
 

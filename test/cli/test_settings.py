@@ -5,8 +5,8 @@
 import json
 
 from sparse_coord_ros.game.scenario import DIALOGUE, PROTOCOL, SETTINGS
-from sparse_coord_ros.learners.registry import LEARNERS
 from sparse_coord_ros.learn.run_config import RUN_SETTINGS
+from sparse_coord_ros.learners.registry import LEARNERS
 
 
 def test_every_setting_is_there_once(sparse_coord):

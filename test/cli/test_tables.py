@@ -5,14 +5,14 @@
 import json
 
 import pytest
+from teams import plain_run, tables_in
 
 from sparse_coord_ros.bags import BagWriter
 from sparse_coord_ros.cli.main import main
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.run_config import make_run
-from sparse_coord_ros.engine.run import Learning
+from sparse_coord_ros.learn.tables import pack_tables
 from sparse_coord_ros.learners.tables import tables_equal
-from sparse_coord_ros.learn.tables import load_team, pack_tables
 from sparse_coord_ros.wire import tables_attachment
 
 
@@ -21,13 +21,13 @@ def recorded(tmp_path):
     """Return a bag with the tables of two steps in two files, and the later tables."""
     scenario = load_scenario("env1").with_settings({"steps": 60})
     run = make_run(scenario, {"seed": 3})
-    learning = Learning(scenario, "coop", 3)
+    learning = plain_run(scenario, "coop", 3)
     with BagWriter(tmp_path / "bag") as bag:
         bag.attach("run.yaml", run.to_yaml().encode(), "application/yaml")
         for step in (20, 40):
             learning.advance(step)
             for k, agent in enumerate(learning.agents, start=1):
-                data = pack_tables({k: agent.tables}, counts={"step": step})
+                data = pack_tables({k: agent.memory()}, counts={"step": step})
                 bag.attach(tables_attachment(f"robot_{k}", step), data, "application/x-npz")
             if step == 20:
                 bag.begin_file({"why": "split"})
@@ -39,7 +39,7 @@ def test_one_step(recorded, tmp_path, capsys):
     assert main(["tables", str(bag), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["steps"] == [20, 40]
     assert main(["tables", str(bag), "--step", "40", "--out", str(tmp_path / "then")]) == 0
-    assert tables_equal(load_team(tmp_path / "then", scenario), tables)
+    assert tables_equal(tables_in(tmp_path / "then"), tables)
     assert main(["evaluate", str(tmp_path / "then"), "--trials", "5"]) == 0
 
 

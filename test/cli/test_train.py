@@ -14,17 +14,15 @@ import time
 from dataclasses import replace
 
 import pytest
+from teams import plain_run, tables_in
 
 from sparse_coord_ros.cli import evaluate as evaluate_verb
 from sparse_coord_ros.cli import train as train_verb
 from sparse_coord_ros.compiling import FOLDER_VARIABLE
 from sparse_coord_ros.files import take_lock
-from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.history import load_history
 from sparse_coord_ros.learn.run_config import load_run
-from sparse_coord_ros.engine.run import Learning
 from sparse_coord_ros.learners.tables import tables_equal
-from sparse_coord_ros.learn.tables import load_team
 
 SHORT = ("train", "env1", "--steps", 5, "--trials", 0)
 
@@ -32,7 +30,7 @@ SHORT = ("train", "env1", "--steps", 5, "--trials", 0)
 def learned(directory):
     """Return what the run of a directory learns, computed in one go."""
     run = load_run(directory)
-    learning = Learning(run.scenario, run.learner, run.seed)
+    learning = plain_run(run.scenario, run.learner, run.seed)
     learning.advance(run.scenario.steps)
     return learning
 
@@ -69,7 +67,7 @@ def test_train(sparse_coord, folder):
     expected, run = learned(directory), load_run(directory)
     assert (run.learner, run.seed, run.scenario.max_steps) == ("indiv", 4, 40)
     assert load_history(directory).same_bits(expected.history)
-    assert tables_equal(load_team(directory, run.scenario), expected.tables)
+    assert tables_equal(tables_in(directory), expected.tables)
     table = sparse_coord("evaluate", "runs/a", "--trials", 50)[1]
     assert out.startswith(table)
 
@@ -175,7 +173,7 @@ def test_interrupt_and_resume(sparse_coord, folder, monkeypatch):
     assert code == 0, err
     assert names(folder / "a") == ["evaluations.csv", "history.npz", "run.yaml", "tables.npz"]
     expected = learned(folder / "a")
-    assert tables_equal(load_team(folder / "a", load_scenario("env1")), expected.tables)
+    assert tables_equal(tables_in(folder / "a"), expected.tables)
     assert load_history(folder / "a").same_bits(expected.history)
     assert "is finished, there is nothing" in sparse_coord("train", "--resume", "a")[2]
     (folder / "a" / "checkpoint").mkdir()
@@ -214,7 +212,7 @@ def test_a_full_disk_where_there_is_a_checkpoint(sparse_coord, folder, full_disk
     monkeypatch.chdir(folder)
     assert sparse_coord("train", "--resume", "a", "--trials", 0)[0] == 0
     assert tables_equal(
-        load_team(folder / "a", load_scenario("env1")), learned(folder / "a").tables
+        tables_in(folder / "a"), learned(folder / "a").tables
     )
 
 

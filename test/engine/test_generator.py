@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from sparse_coord_ros import compiling
+from sparse_coord_ros.game.draws import CompiledDraws, Links, drawn
 from sparse_coord_ros.game.generator import MOST, jump_table, source_of
 from sparse_coord_ros.game.streams import DRAWS, EVALUATION, POLICY, START, Stream
-from sparse_coord_ros.learn import loops
 
 STEPS = [0, 0, 1, 2, 24, 25, 26, 63, 64, 200, 10**5, 10**5 + 1]
 """With jumps as long as the table goes, one longer, and many times as long."""
@@ -17,28 +17,19 @@ STEPS = [0, 0, 1, 2, 24, 25, 26, 63, 64, 200, 10**5, 10**5 + 1]
 def _draw_all(draws, steps, role, found):
     for row, step in enumerate(steps):
         for column in range(found.shape[1] - 1, -1, -1):
-            found[row, column] = loops.drawn(draws, role, 1, step, column)
+            found[row, column] = drawn(draws, role, 1, step, column)
 
 
 def _draws(seed, role, first):
     sources = np.zeros((len(DRAWS), 2, 4), dtype=np.uint64)
     sources[role, 1] = source_of(seed, 1, role, EVALUATION, first * DRAWS[role])
-    return loops.Draws(
-        sources=sources,
-        since=np.full((len(DRAWS), 2), first),
-        jumps=jump_table(),
-        fails=True,
-        block=32,
-        stop=np.zeros(1, dtype=np.bool_),
-        down=np.zeros((2, 0), dtype=np.bool_),
-        dead_from=10**9,
-    )
+    links = Links(fails=True, down=np.zeros((2, 0), dtype=np.bool_), dead_from=10**9)
+    return CompiledDraws(links, sources, np.full((len(DRAWS), 2), first), jump_table())
 
 
-@pytest.mark.parametrize("plain", [True, False], ids=["plain", "compiled"])
 @pytest.mark.parametrize("role", DRAWS)
-def test_draws_at_any_step_in_any_order_are_those_of_the_stream(plain, role):
-    draw_all = _draw_all if plain else compiling.jit([_draw_all])[0]
+def test_draws_at_any_step_in_any_order_are_those_of_the_stream(role):
+    [draw_all] = compiling.jit([_draw_all])
     for seed, first in ((0, 0), (7, 0), (2**40, 10**6)):
         steps = np.array(STEPS) + first
         found = np.full((len(steps), DRAWS[role]), np.nan)
@@ -47,9 +38,11 @@ def test_draws_at_any_step_in_any_order_are_those_of_the_stream(plain, role):
         assert found.tolist() == [stream.at(step) for step in steps.tolist()]
 
 
-def test_what_nothing_looks_at_is_zero():
-    draws = _draws(1, POLICY, 0)
-    assert loops.drawn(draws, START, 0, 12345, 1) == 0.0
+def test_draws_of_a_role_without_a_generator_are_zero():
+    found = np.full((1, DRAWS[START]), np.nan)
+    [draw_all] = compiling.jit([_draw_all])
+    draw_all(_draws(1, POLICY, 0), np.array([12345]), START, found)
+    assert not found.any()
 
 
 def test_the_table_reaches_as_far_as_it_says():

@@ -8,15 +8,13 @@ import numpy as np
 import pytest
 
 from sparse_coord_ros.engine import batch
-from sparse_coord_ros.engine.batch import CompiledLearning, CompiledTeam
+from sparse_coord_ros.engine.run import learn
 from sparse_coord_ros.game import scenario as scenarios
 from sparse_coord_ros.game.grid import GridMap
 from sparse_coord_ros.game.scenario import load_scenario, scenario_from_dict
-from sparse_coord_ros.learners.agent import initial_tables
-from sparse_coord_ros.learn.factors import AdditiveTable
-from sparse_coord_ros.engine.run import Learning
-from sparse_coord_ros.learn.sparse import SparseTable
-from sparse_coord_ros.learn.tables import pack_tables, unpack_saved
+from sparse_coord_ros.learners.agent import Agent
+from sparse_coord_ros.learners.coop import Coop
+from sparse_coord_ros.learners.tables import JointTable, tables_equal
 from sparse_coord_ros.solve.exact import evaluate_exact
 
 
@@ -40,70 +38,31 @@ def small(monkeypatch):
 def test_by_size(side, sparse):
     scenario = room(side)
     assert scenario.sparse == sparse
-    table = initial_tables(scenario).q_coord
-    assert isinstance(table, SparseTable) == sparse
+    table = Agent(Coop(), scenario, 0, 0).tables.q_coord
+    assert isinstance(table, JointTable) == sparse
     assert table.shape == (side * side, side * side, 4)
-    assert table.nbytes <= scenarios.LARGEST_DENSE
 
 
-@pytest.mark.parametrize("name", ["env1", "env2-4r"])
-@pytest.mark.parametrize("learner", ["coop", "noncoop"])
-def test_the_same_bits_sparse_and_dense(small, name, learner):
-    """In both engines; and a run that was broken off goes on in the other form."""
-    scenario = load_scenario(name, steps=1500, penalty=-100)
-
-    def learned():
-        plain, state = Learning(scenario, learner, 3), None
-        plain.advance(700)
-        state = plain.state()
-        plain.advance(1500)
-        team = CompiledTeam(scenario, learner)
-        fast = CompiledLearning(team, 3, state)
-        fast.advance(1500)
-        assert (plain.visited > 0).all() == (learner == "coop")
-        return plain.tables, fast.tables, state
-
-    dense, dense_fast, _ = learned()
-    small(0)
-    assert scenario.sparse
-    sparse, sparse_fast, state = learned()
-    for one, *others in zip(dense, dense_fast, sparse, sparse_fast, strict=True):
-        assert {type(other.q_coord) for other in others[1:]} == {SparseTable}
-        arrays = [others[0].q_coord, *(np.asarray(other.q_coord) for other in others[1:])]
-        assert {array.tobytes() for array in arrays} == {one.q_coord.tobytes()}
-        assert {other.q_star.tobytes() for other in others} == {one.q_star.tobytes()}
-    small(2**24)  # the state of the sparse run goes on in arrays
-    again = Learning(scenario, learner, 3, state)
-    again.advance(1500)
-    for one, two in zip(again.tables, dense, strict=True):
-        assert one.q_coord.tobytes() == two.q_coord.tobytes()
-
-
-def test_a_factored_pair_acts_alike_from_an_array_and_from_factors(small):
+@pytest.mark.parametrize("learner", ["coop", "factored"])
+def test_a_robot_acts_alike_from_an_array_and_from_its_memory(small, learner):
     scenario = load_scenario("env1", steps=3000, penalty=-100)
-
-    def learned():
-        team = CompiledTeam(scenario, "factored")
-        [*tables] = team.tables(team.learn(3))
-        return tables, evaluate_exact(scenario, tables).to_dict()
-
-    (dense, _), found = learned()
+    dense = learn(scenario, learner, 3, compiled=True)
+    found = evaluate_exact(scenario, dense).to_dict()
     small(0)
-    tables, again = learned()
-    assert again == found
-    data = pack_tables(dict(enumerate(tables, 1)))
-    [(table, *_), _] = unpack_saved(data, [1, 2], where="here")
-    assert isinstance(table.q_coord, AdditiveTable)
-    cells = range(len(dense.q_star))
-    assert all((table.q_coord[x, z] == dense.q_coord[x, z]).all() for x in cells for z in cells)
+    sparse = learn(scenario, learner, 3, compiled=True)
+    assert isinstance(sparse[0].q_coord, JointTable)
+    assert tables_equal(dense, sparse)
+    assert evaluate_exact(scenario, sparse).to_dict() == found
+    for one, other in zip(dense, sparse, strict=True):
+        rows = [[other.q_coord[x, z] for z in range(21)] for x in range(21)]
+        assert np.array_equal(one.q_coord, rows)
 
 
 @pytest.mark.parametrize("learner", ["coop", "factored"])
 def test_compiling_plays_on_a_small_map(monkeypatch, learner):
     played = []
     monkeypatch.setattr(batch, "compile_once", lambda key, rule, warm_up: warm_up())
-    monkeypatch.setattr(
-        batch, "CompiledTeam", lambda scenario, rule: played.append(scenario) or Mock()
-    )
+    monkeypatch.setattr(batch, "Team", lambda scenario, rule, compiled: played.append(scenario))
+    monkeypatch.setattr(batch, "_run", Mock())
     batch.prepare(learner, engine="auto")
     assert [len(scenario.map.cells) for scenario in played] == [21]

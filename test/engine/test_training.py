@@ -8,16 +8,15 @@ import threading
 
 import numpy as np
 import pytest
+from sparse_coord_ros.engine.kernels import PLAIN
+from teams import plain_run
 
 from sparse_coord_ros.engine import batch
-from sparse_coord_ros.engine.batch import CompiledLearning, CompiledTeam
-from sparse_coord_ros.engine.kernels import PLAIN
+from sparse_coord_ros.engine.evaluation import play, summary
 from sparse_coord_ros.engine.training import engine_for, train
 from sparse_coord_ros.errors import RunError, SettingError
 from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.engine.evaluation import play, summary
 from sparse_coord_ros.learners.registry import LEARNERS, Coop, learner_of
-from sparse_coord_ros.engine.run import Learning
 from sparse_coord_ros.learners.tables import tables_equal
 
 SETTINGS = {"steps": 1200, "max_steps": 30, "perception": "probability:0.7", "penalty": -50}
@@ -34,14 +33,14 @@ def problem(name, **settings):
 
 
 def unbroken(scenario, learner, seed):
-    learning = Learning(scenario, learner, seed)
+    learning = plain_run(scenario, learner, seed)
     learning.advance(scenario.steps)
     return learning
 
 
 def make(engine, scenario, learner, seed, state=None):
     if engine == "python":
-        return Learning(scenario, learner, seed, state)
+        return plain_run(scenario, learner, seed, state)
     loops = None if engine == "numba" else PLAIN
     return CompiledLearning(CompiledTeam(scenario, learner, loops=loops), seed, state)
 

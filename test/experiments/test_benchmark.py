@@ -10,17 +10,24 @@ import pytest
 
 import sparse_coord_ros as sc
 from sparse_coord_ros.compiling import has_numba
+from sparse_coord_ros.engine.evaluation import Measure
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.experiments import benchmark as module
 from sparse_coord_ros.experiments.benchmark import Standing, failed_teams, pooled_share, standing
 from sparse_coord_ros.experiments.catalogue import experiment, unseen_conditions
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.game.unseen import KINDS, TEAMS, is_tuning, team_of
-from sparse_coord_ros.engine.evaluation import Measure
 from sparse_coord_ros.share import shipped_json
 from sparse_coord_ros.solve.optimum import independent_bound, joint_optimum
 from sparse_coord_ros.solve.reference import shortest_path_reference
-from sparse_coord_ros.solve.shipped import game_digest, known_best, shipped_asking_team, shipped_routes, unseen_buildings, yardsticks
+from sparse_coord_ros.solve.shipped import (
+    game_digest,
+    known_best,
+    shipped_asking_team,
+    shipped_routes,
+    unseen_buildings,
+    yardsticks,
+)
 
 SHIPPED = shipped_json("unseen.json")["buildings"]
 FEW = {"runs": 2, "trials": 2, "steps": 50, "robots": [2], "jobs": 1, "engine": "python"}

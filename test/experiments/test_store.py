@@ -12,17 +12,17 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import yaml
+from teams import untrained
 
 from sparse_coord_ros.engine.batch import run_batch
 from sparse_coord_ros.engine.trained import Training
+from sparse_coord_ros.engine.trials import Trials
 from sparse_coord_ros.errors import ResultsError, SettingError
 from sparse_coord_ros.experiments import store as module
 from sparse_coord_ros.experiments.conditions import make_condition
 from sparse_coord_ros.experiments.runner import Computing, compute
 from sparse_coord_ros.experiments.store import Plan, collect, open_results, sample
 from sparse_coord_ros.game.scenario import scenario_from_dict
-from sparse_coord_ros.learners.agent import initial_tables
-from sparse_coord_ros.engine.trials import Trials
 from sparse_coord_ros.learn.history import blank_history
 from sparse_coord_ros.learners.registry import learner_of
 
@@ -50,7 +50,7 @@ def made_up(seed):
         stays=stays,
     )
     scenario, visited = CONDITION.scenario, np.array([40, 60 + seed])
-    tables, history = [initial_tables(scenario)] * 2, blank_history(0, 2)
+    tables, history = [untrained(scenario)] * 2, blank_history(0, 2)
     done = scenario, learner_of("coop"), seed, "python", tables, history, visited, scenario.steps
     return Training(*done, trials=trials)
 

@@ -33,10 +33,10 @@ from typing import Any
 from live_teams import command
 
 from fuzz.targets import TARGETS
+from sparse_coord_ros.engine.checkpoint import CHECKPOINT_FILE
 from sparse_coord_ros.engine.training import train
 from sparse_coord_ros.errors import LONGEST_LINE, FaultError, SparseCoordError
 from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.engine.checkpoint import CHECKPOINT_FILE
 
 SECONDS = 5.0
 """Of one case, of the processor's time."""

@@ -23,9 +23,12 @@ from typing import Any
 
 import numpy as np
 from strangers import FAR, damaged, message_with
+from teams import tables_in
 
 from sparse_coord_ros.bags import BagWriter, open_bag
 from sparse_coord_ros.cli import main as cli
+from sparse_coord_ros.engine.checkpoint import CHECKPOINT_FILE, load_checkpoint
+from sparse_coord_ros.engine.evaluation import check_tables, play, summary
 from sparse_coord_ros.engine.training import train
 from sparse_coord_ros.errors import SparseCoordError, TablesError
 from sparse_coord_ros.experiments.checked_json import digest_of
@@ -33,13 +36,10 @@ from sparse_coord_ros.experiments.store import read_results
 from sparse_coord_ros.game.grid import load_map
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn import archive
-from sparse_coord_ros.engine.checkpoint import CHECKPOINT_FILE
-from sparse_coord_ros.engine.checkpoint import load_checkpoint
-from sparse_coord_ros.engine.evaluation import check_tables, play, summary
 from sparse_coord_ros.learn.history import HISTORY_FILE, load_history
-from sparse_coord_ros.learners.registry import learner_of
 from sparse_coord_ros.learn.run_config import RUN_FILE, load_run
-from sparse_coord_ros.learn.tables import TEAM_FILE, load_team
+from sparse_coord_ros.learn.tables import TEAM_FILE
+from sparse_coord_ros.learners.registry import learner_of
 from sparse_coord_ros.maps.image import read_floor_plan, write_floor_plan
 from sparse_coord_ros.maps.plan import import_map
 from sparse_coord_ros.share import share_folder
@@ -174,7 +174,7 @@ def of_arrays(name: str, read: Callable[[Path], object]) -> Target:
 def read_tables(run: Path) -> None:
     """Read a run's tables as `evaluate` does, and act on them."""
     config = load_run(run)
-    tables = load_team(run, config.scenario)
+    tables = tables_in(run)
     check_tables(config.scenario, tables, config.rule)
     summary(play(config.scenario, tables, trials=2, seed=1, learner=config.rule))
 

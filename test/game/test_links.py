@@ -5,14 +5,11 @@
 import numpy as np
 import pytest
 
-from sparse_coord_ros.engine.batch import CompiledTeam
-from sparse_coord_ros.engine.kernels import PLAIN
+from sparse_coord_ros.engine.run import learn
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.game.links import LINKS, LOST, PERIOD, Percepts, link_of
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.game.streams import EVALUATION, PERCEPT, Stream
-from sparse_coord_ros.learners.registry import learner_of
-from sparse_coord_ros.engine.run import learn
 from sparse_coord_ros.solve.exact import evaluate_exact
 
 FAILING = ["lost:0.3", "bursts:0.05:0.2", "dead:150"]
@@ -50,21 +47,6 @@ def test_each_robot_and_phase_has_a_link_of_its_own():
 def test_what_is_no_link_is_refused(text):
     with pytest.raises(SettingError, match="link"):
         load_scenario("env1", link=text)
-
-
-@pytest.mark.parametrize("text", FAILING)
-def test_the_factored_learner_is_compiled_with_the_same_bits(text):
-    scenario = learner_of("factored").with_defaults(
-        load_scenario("env1", link=text, steps=500, epsilon="constant:0.8")
-    )
-    plain, up = (
-        learn(one, "factored", 5) for one in (scenario, scenario.with_settings({"link": "up"}))
-    )
-    numbers = CompiledTeam(scenario, "factored", loops=PLAIN).learn(5)
-    for k, tables in enumerate(plain):
-        assert numbers.q_star[k].tobytes() == tables.q_star.tobytes()
-    pairs = zip(plain, up, strict=True)
-    assert any(one.q_star.tobytes() != other.q_star.tobytes() for one, other in pairs)
 
 
 def test_exact_evaluation_knows_no_time():

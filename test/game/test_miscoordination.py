@@ -7,12 +7,16 @@ from itertools import product
 import numpy as np
 import pytest
 
-from sparse_coord_ros.engine import kernels
-from sparse_coord_ros.engine.batch import make_problem
-from sparse_coord_ros.game.miscoordination import NOWHERE, meeting_places, miscoordinated, miscoordinations, partners_of
+from sparse_coord_ros.game import rules
+from sparse_coord_ros.game.miscoordination import (
+    NOWHERE,
+    meeting_places,
+    miscoordinated,
+    miscoordinations,
+    partners_of,
+)
+from sparse_coord_ros.game.rules import problem_of
 from sparse_coord_ros.game.scenario import parse_yaml, scenario_from_dict
-from sparse_coord_ros.learn import loops
-from sparse_coord_ros.learners.registry import learner_of
 
 CORRIDOR = """
 map: {name: corridor, text: "---\\n1.DD2"}
@@ -32,10 +36,8 @@ def test_one_rule_for_numbers_arrays_and_the_loops(conflict, places):
     data = {**parse_yaml(CORRIDOR, where=""), "conflict": conflict}
     scenario = scenario_from_dict(data, where="", name="corridor")
     assert meeting_places(scenario).tolist() == places
-    problem = make_problem(scenario, learner_of("coop"), np.arange(3))
-    game = loops.GameState(np.zeros(5, np.int64), np.zeros(3, np.int64), np.ones(3, np.int8))
-    state = loops.State(problem, game, None, None)
-    due, found = [], np.zeros(3, np.int64)
+    problem, members = problem_of(scenario, plain=True), [0, 1, 2]
+    due = []
     for cells in STATES.tolist():
         at = [places[cell] for cell in cells]
         pairs = {(k, j) for k, j in product(range(3), repeat=2) if k != j and at[k] == at[j] >= 0}
@@ -43,10 +45,8 @@ def test_one_rule_for_numbers_arrays_and_the_loops(conflict, places):
         assert miscoordinated(at) == bool(pairs)
         partners = [partners_of(k, at) for k in range(3)]
         assert partners == [sum(1 << j for i, j in pairs if i == k) for k in range(3)]
-        game.cells[:] = cells
-        assert kernels.move(state, 1) == bool(pairs)
-        loops.find_partners(state, found)
-        assert found.tolist() == partners
+        assert rules.miscoordination(problem, cells, members) == bool(pairs)
+        assert [rules.partners_of(problem, cells, members, k) for k in range(3)] == partners
     assert sum(due) == (26 if conflict == "same_cell" else 44)  # of 125
     assert miscoordinations(scenario, STATES).tolist() == due
     at = meeting_places(scenario)[STATES].T

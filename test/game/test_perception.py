@@ -9,7 +9,12 @@ import pytest
 
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.game.grid import load_map, parse_map
-from sparse_coord_ros.game.perception import PERCEPTION, asked_peers, percept_probabilities, succeeds
+from sparse_coord_ros.game.perception import (
+    PERCEPTION,
+    asked_peers,
+    percept_probabilities,
+    succeeds,
+)
 from sparse_coord_ros.game.scenario import scenario_from_dict
 from sparse_coord_ros.learn.run_config import make_run
 

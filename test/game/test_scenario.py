@@ -10,7 +10,12 @@ import pytest
 import yaml
 
 from sparse_coord_ros.errors import MapError, ScenarioError, SettingError
-from sparse_coord_ros.game.scenario import SETTINGS, load_scenario, scenario_from_dict, scenario_names
+from sparse_coord_ros.game.scenario import (
+    SETTINGS,
+    load_scenario,
+    scenario_from_dict,
+    scenario_names,
+)
 from sparse_coord_ros.game.specs import Spec
 
 # name: map, shortest path from start to goal, learning steps, goals of robot_1, robot_2, ...

@@ -9,7 +9,17 @@ import numpy as np
 import pytest
 
 from sparse_coord_ros.game import streams
-from sparse_coord_ros.game.streams import BLOCK, DRAWS, EVALUATION, LEARNING, MOTION, PERCEPT, POLICY, START, Stream
+from sparse_coord_ros.game.streams import (
+    BLOCK,
+    DRAWS,
+    EVALUATION,
+    LEARNING,
+    MOTION,
+    PERCEPT,
+    POLICY,
+    START,
+    Stream,
+)
 
 ROLES = (POLICY, MOTION, PERCEPT, START)
 

@@ -12,9 +12,9 @@ import random
 from collections import defaultdict, deque
 
 from sparse_coord_ros.game.world import EPISODE_GAP
+from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.learners.agent import Agent
 from sparse_coord_ros.learners.registry import learner_of
-from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.lockstep.checkpoints import KEPT_COMMON, KEPT_OWN
 from sparse_coord_ros.lockstep.robot_side import RobotSide
 from sparse_coord_ros.lockstep.rollback import RobotRollback, WorldRollback
@@ -159,7 +159,7 @@ class RobotProcess:
     def fresh(self):
         rule = self.team.rule
         if rule.factors is not None:
-            return rule.agent(self.team.scenario, self.number, self.team.run.seed)
+            return Agent(rule, self.team.scenario, self.number, self.team.run.seed)
         return SpyAgent(self.team.scenario, self.number, self.team.run.seed, asks=rule.asks)
 
     # The port.

@@ -7,7 +7,16 @@ import pytest
 from sparse_coord_ros.game.actions import SOUTH
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.game.world import Action
-from sparse_coord_ros.lockstep.bodies import BEGIN, LOST, BodiesSide, BodyGoal, BodyWorld, Goals, Reached, waves
+from sparse_coord_ros.lockstep.bodies import (
+    BEGIN,
+    LOST,
+    BodiesSide,
+    BodyGoal,
+    BodyWorld,
+    Goals,
+    Reached,
+    waves,
+)
 
 
 class Port:

@@ -7,11 +7,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from teams import plain_run
 
+from sparse_coord_ros.engine.run import learn
 from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.run_config import make_run
-from sparse_coord_ros.engine.run import Learning, learn
 from sparse_coord_ros.learners.tables import tables_equal
 from sparse_coord_ros.lockstep.checkpoints import Checkpoints, Store, steps_of
 from sparse_coord_ros.lockstep.rollback import RobotRollback, WorldRollback
@@ -52,7 +53,7 @@ def test_the_bits_are_those_of_an_unbroken_run(name, learner, settings):
 
 
 def history(scenario, learner):
-    learning = Learning(scenario, learner, 5)
+    learning = plain_run(scenario, learner, 5)
     learning.advance(scenario.steps)
     return learning.history
 

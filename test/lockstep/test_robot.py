@@ -7,9 +7,10 @@ import pytest
 
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.game.world import Action, Reward
-from sparse_coord_ros.learners.agent import Agent
-from sparse_coord_ros.learners.tables import Tables
 from sparse_coord_ros.learn.run_config import make_run
+from sparse_coord_ros.learn.tables import tables_from_values
+from sparse_coord_ros.learners.agent import Agent
+from sparse_coord_ros.learners.coop import Coop
 from sparse_coord_ros.lockstep.robot_side import Answer, RobotSide
 from sparse_coord_ros.wire import COUNTS, PerceptEnd
 
@@ -52,7 +53,8 @@ def make_robot(*, run=None, **settings):
     q_star[ASKING_CELL] = [0, 1, 2, 3, 50]
     q_coord = np.zeros((21, 21, 4))
     q_coord[ASKING_CELL, :, EAST] = 7.0
-    agent = Agent(scenario, 0, 0, tables=Tables(q_star, q_coord))
+    memory = tables_from_values(scenario, 0, q_star, q_coord).memory
+    agent = Agent(Coop(), scenario, 0, 0, memory=memory)
     return RobotSide(make_run(scenario, run or {}), agent, Port())
 
 

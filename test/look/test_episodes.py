@@ -4,12 +4,18 @@
 import numpy as np
 import pytest
 
+from sparse_coord_ros.engine.evaluation import play
+from sparse_coord_ros.engine.run import Glimpse
 from sparse_coord_ros.errors import BagError, RunError
 from sparse_coord_ros.game.world import Action
-from sparse_coord_ros.engine.evaluation import play
 from sparse_coord_ros.learn.history import History
-from sparse_coord_ros.engine.run import Glimpse
-from sparse_coord_ros.look.episodes import PLAYED, _chosen, episode_number, logged_episode, played_episode
+from sparse_coord_ros.look.episodes import (
+    PLAYED,
+    _chosen,
+    episode_number,
+    logged_episode,
+    played_episode,
+)
 from sparse_coord_ros.look.sources import open_shown
 from sparse_coord_ros.look.steps import ended, logged_step, questions_of
 from sparse_coord_ros.palette import ANSWERED, FAILED, REFUSED

@@ -11,14 +11,23 @@ from PIL import Image
 
 from sparse_coord_ros import wire
 from sparse_coord_ros.cli.main import main
+from sparse_coord_ros.engine.run import Glimpse
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.game.world import Action
-from sparse_coord_ros.engine.run import Glimpse
 from sparse_coord_ros.look import film as films
 from sparse_coord_ros.look.episodes import Episode
 from sparse_coord_ros.look.film import film
 from sparse_coord_ros.look.steps import Question
-from sparse_coord_ros.palette import ANSWERED, DOORWAY_COLOUR, FAILED, OUTCOME_COLOURS, OUTCOME_SIGNS, REFUSED, ROBOT_COLOURS, rgb
+from sparse_coord_ros.palette import (
+    ANSWERED,
+    DOORWAY_COLOUR,
+    FAILED,
+    OUTCOME_COLOURS,
+    OUTCOME_SIGNS,
+    REFUSED,
+    ROBOT_COLOURS,
+    rgb,
+)
 
 ENV1 = load_scenario("env1")
 [DOOR] = ENV1.map.doorways

@@ -2,14 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 import numpy as np
 import pytest
+from teams import untrained
 
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learners.agent import initial_tables
-from sparse_coord_ros.learners.tables import Tables
 from sparse_coord_ros.engine.evaluation import greedy_agents
-from sparse_coord_ros.learners.registry import learner_of
-from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.engine.run import learn
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn.run_config import make_run
+from sparse_coord_ros.learners.registry import learner_of
+from sparse_coord_ros.learners.tables import Tables
 from sparse_coord_ros.look.policy import entered, policy_of, row_asking, sparsity_of
 from sparse_coord_ros.palette import ROBOT_COLOURS, ink_on, rgb
 from sparse_coord_ros.solve.exact import _robots
@@ -20,7 +20,7 @@ ENV1 = load_scenario("env1")
 
 
 def test_greedy_moves_and_asks():
-    q_star, q_coord = initial_tables(ENV1)[:2]
+    q_star, q_coord = untrained(ENV1)[:2]
     q_star[3] = [1, 5, 5, 2, 4]
     q_star[4] = [1, 2, 3, 4, 9]
     q_star[5] = [9, 9, 9, 9, 9]  # nothing was learned here
@@ -61,7 +61,7 @@ def test_pictures_map_topic_and_exact_evaluation_agree_on_who_asks_where():
 
 
 def test_a_robot_may_enter_what_lies_behind_a_tie():
-    q_star, q_coord = initial_tables(ENV1)[:2]
+    q_star, q_coord = untrained(ENV1)[:2]
     for x in range(len(q_star)):  # everywhere to the north, but for a tie in cell 8
         q_star[x] = [5, 1, 1, 1, 0]
     q_star[8] = [5, 1, 1, 1, 5]

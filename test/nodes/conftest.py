@@ -16,14 +16,17 @@ import pytest
 from live_teams import command, node_words
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from teams import chosen
 
+from sparse_coord_ros.game.links import Percepts
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.game.world import World
-from sparse_coord_ros.engine.evaluation import Team
 from sparse_coord_ros.learn.history import HistoryRecorder, load_history
+from sparse_coord_ros.learn.tables import load_team
+from sparse_coord_ros.learners.agent import Agent
+from sparse_coord_ros.learners.memory import taught
 from sparse_coord_ros.learners.registry import learner_of
 from sparse_coord_ros.learners.tables import tables_equal
-from sparse_coord_ros.learn.tables import load_team
 from sparse_coord_ros.nodes.recorder import Recorder
 from sparse_coord_ros.nodes.robot import RobotNode
 from sparse_coord_ros.nodes.spin import make_executor, ros_context
@@ -216,19 +219,33 @@ def simulate():
     def simulation(
         name: str, settings: dict, *, seed: int = 0, learner: str = "coop", tables=None
     ):
-        scenario = learner_of(learner).with_defaults(load_scenario(name).with_settings(settings))
+        rule = learner_of(learner)
+        scenario = rule.with_defaults(load_scenario(name).with_settings(settings))
         everyone = range(len(scenario.robots))
         before = [None] * len(everyone) if tables is None else deepcopy(tables)
-        agents = [learner_of(learner).agent(scenario, k, seed, tables=before[k]) for k in everyone]
-        team = Team(scenario, seed, agents)
+        agents = [
+            Agent(
+                rule,
+                scenario,
+                k,
+                seed,
+                memory=None if before[k] is None else taught(scenario, rule, k, before[k].memory),
+            )
+            for k in everyone
+        ]
+        percepts = Percepts(scenario, seed)
         world = World(scenario, seed)
         recorder = HistoryRecorder(len(everyone))
         said = SimpleNamespace(scenario=scenario, actions={}, rewards={}, percepts={})
         while world.transitions < scenario.steps:
             step = world.step
-            choices, actions = team.act(world)
+            choices = [chosen(agent, world, percepts) for agent in agents]
+            actions = [None if choice is None else choice.action for choice in choices]
             outcome = world.advance(actions)
-            team.learn(choices, world, outcome)
+            for agent, choice in zip(agents, choices, strict=True):
+                if choice is not None:
+                    reward = outcome.rewards[agent.number]
+                    agent.learn(step, choice, reward, world.cells[agent.number])
             recorder.add(world.episode, step, actions, outcome)
             for k in everyone:
                 if actions[k] is not None:
@@ -250,7 +267,7 @@ def assert_same_tables():
     """Return a check that tables and history of a run are, byte for byte, the simulation's."""
 
     def check(out: Path, said) -> None:
-        assert tables_equal(load_team(out, said.scenario), said.tables)
+        assert tables_equal(load_team(out, said.scenario, said.tables[0].rule), said.tables)
         assert load_history(out).same_bits(said.history)
 
     return check

@@ -114,7 +114,7 @@ EXPLORING = {"epsilon": "constant:0.8", "q_coord_init": 20, "max_steps": 25}
 @pytest.mark.parametrize(("scenario", "settings"), FACTORED)
 def test_factored_learner(tmp_path, simulate, assert_same_tables, scenario, settings):
     said = simulate(scenario, {**EXPLORING, **settings}, seed=SEED, learner="factored")
-    assert any(len(tables.factors.states) for tables in said.tables)
+    assert any(len(tables.memory["rho_keys"]) for tables in said.tables)
     assert said.scenario.referee == (len(said.tables) > 2)
     steps = settings["steps"]
     sets = [f"{name}={value}" for name, value in {**EXPLORING, **settings}.items()]

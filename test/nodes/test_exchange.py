@@ -6,14 +6,15 @@ import base64
 
 import pytest
 from std_srvs.srv import Trigger
+from teams import tables_in
 
 from sparse_coord_ros.compiling import has_numba
 from sparse_coord_ros.engine.improve import improve
 from sparse_coord_ros.engine.training import train
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.learn.run_config import load_run
+from sparse_coord_ros.learn.tables import unpack_saved
 from sparse_coord_ros.learners.tables import tables_equal
-from sparse_coord_ros.learn.tables import load_team, unpack_saved
 from sparse_coord_ros.nodes.exchange import Exchange
 from sparse_coord_ros.nodes.spin import ros_context
 from sparse_coord_ros.nodes.team import run_team
@@ -36,8 +37,8 @@ def test_each_robot_plans_what_a_run_without_ros_plans_and_verify_again(tmp_path
     assert run.improve
     done = train(run.scenario, "factored", 7)
     due = improve(run.scenario, done.learner, done.memories)
-    assert tables_equal(load_team(out, run.scenario), done.tables)
-    assert tables_equal(load_team(out / "improved", run.scenario), list(due.tables))
+    assert tables_equal(tables_in(out), done.tables)
+    assert tables_equal(tables_in(out / "improved"), list(due.tables))
     assert not list((out / "improved").glob("tables_*"))
     found = verify(out / "bag")
     assert found.same and found.kept == 0
@@ -61,7 +62,7 @@ def test_a_robot_keeps_its_tables_where_a_peer_says_nothing(tmp_path, monkeypatc
         run_team(values(out, step_timeout=0.6, percept_timeout=0.5), context=context)
     assert "robot_2 did not say what was learned" in capfd.readouterr().err
     scenario = load_run(out).scenario
-    learned, plan = load_team(out, scenario), load_team(out / "improved", scenario)
+    learned, plan = tables_in(out), tables_in(out / "improved")
     assert tables_equal(plan[:1], learned[:1]) and not tables_equal(plan[1:], learned[1:])
     found = verify(out / "bag")
     assert found.same and found.kept == 1

@@ -11,10 +11,11 @@ import pytest
 import yaml
 from geometry_msgs.msg import PoseStamped
 from rosbags.highlevel import AnyReader
+from teams import tables_in
 
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.history import load_history
-from sparse_coord_ros.learn.tables import load_saved, load_team, robot_file
+from sparse_coord_ros.learn.tables import load_saved, robot_file
 from sparse_coord_ros.lockstep import waiting
 
 FAST = {"claim_window": 0.2}
@@ -70,7 +71,7 @@ def test_nodes_end_well_on_a_signal(bench, start_node, tmp_path):
     assert_ended_well(one)
     assert_tables(robot_file(tmp_path, "robot_1"), 1)
     scenario = SimpleNamespace(robots=load_scenario("env1").robots)
-    assert len(load_team(tmp_path, scenario)) == 2
+    assert len(tables_in(tmp_path)) == 2
 
 
 def test_a_world_that_lost_all_robots_says_that_it_waits_and_for_whom(bench, capfd, monkeypatch):
@@ -157,7 +158,7 @@ def test_run_ends_well_on_a_signal(start, tmp_path, number, processes):
     assert summary["interrupted"] is True
     assert 0 < summary["transitions"] < 1_000_000
     assert summary["timeouts"] == 0
-    tables = load_team(out, load_scenario("env1"))
+    tables = tables_in(out)
     assert (tables[0].q_star != 0).any()
     assert load_history(out).length.sum() == summary["transitions"]
     assert {path.name for path in out.iterdir()} == {

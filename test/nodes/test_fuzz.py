@@ -18,7 +18,13 @@ from sparse_coord_ros.game.world import Action, Reward
 from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.guard import read_claim
-from sparse_coord_ros.nodes.messages import Converter, read_run, read_tables_message, status, tables_message
+from sparse_coord_ros.nodes.messages import (
+    Converter,
+    read_run,
+    read_tables_message,
+    status,
+    tables_message,
+)
 from sparse_coord_ros.wire import Account
 from sparse_coord_ros.wire.status import Said, read_status
 

@@ -15,13 +15,12 @@ from geometry_msgs.msg import PoseStamped
 from rcl_interfaces.msg import Log
 from rclpy.serialization import serialize_message
 from std_msgs.msg import Header, String
+from teams import tables_in
 
 from sparse_coord_ros.bags import open_bag
 from sparse_coord_ros.errors import FaultError, NameTakenError, RunError
-from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.game.settings import SettingTable
 from sparse_coord_ros.learners.agent import Agent
-from sparse_coord_ros.learn.tables import load_team
 from sparse_coord_ros.nodes import interface, spin
 from sparse_coord_ros.nodes.messages import status
 from sparse_coord_ros.nodes.middleware import SECURITY_MARK, check_participants, check_security
@@ -191,7 +190,7 @@ def test_a_fault_of_one_robot_saves_the_tables_of_all(tmp_path, monkeypatch):
     values = {"scenario": "env1", "claim_window": 0.0, "out": str(out), "record": True}
     with ros_context() as context, pytest.raises(FaultError, match="^unexpected ZeroDivisionErr"):
         run_team(values, context=context)
-    assert len(load_team(out, load_scenario("env1"))) == 2
+    assert len(tables_in(out)) == 2
     assert yaml.safe_load((out / "summary.yaml").read_text())["interrupted"] is True
     assert open_bag(out / "bag").finished
 

@@ -13,19 +13,26 @@ from nav_msgs.msg import OccupancyGrid
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
+from teams import untrained
 from visualization_msgs.msg import Marker, MarkerArray
 
 from sparse_coord_ros.game.actions import COORDINATE
 from sparse_coord_ros.game.scenario import load_scenario, scenario_names
 from sparse_coord_ros.game.world import Action, Reward
-from sparse_coord_ros.learners.agent import initial_tables
 from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.nodes.guard import read_claim
 from sparse_coord_ros.nodes.messages import Converter, read_tables_message, status, tables_message
 from sparse_coord_ros.palette import DOORWAY_COLOUR, rgb
 from sparse_coord_ros.wire import ACTION, REWARD, Account, ClaimRank
 from sparse_coord_ros.wire.messages import markers_form
-from sparse_coord_ros.wire.status import Order, Progress, Said, read_progress, read_status, values_of
+from sparse_coord_ros.wire.status import (
+    Order,
+    Progress,
+    Said,
+    read_progress,
+    read_status,
+    values_of,
+)
 
 
 def labelled(labels, numbers, *, frame="map", sec=0, nanosec=0):
@@ -185,14 +192,14 @@ def test_the_map_is_drawn_from_the_south():
 
 def test_the_coordination_map_shows_where_coordinate_is_best():
     convert = converter("env1")
-    tables = initial_tables(load_scenario("env1"))
+    tables = untrained(load_scenario("env1"))
     tables.q_star[:] = 0.0
     tables.q_star[:, 0] = 1.0
     tables.q_star[7, COORDINATE] = 2.0
     values = grid_of(convert, convert.pack_coordination_map(3, tables))
     assert np.argwhere(values == 100).tolist() == [list(convert.grid.cells[7])]
     assert np.count_nonzero(values == -1) == sum(r.count("#") for r in convert.grid.rows)
-    tables = initial_tables(load_scenario("env1"), asks=False)
+    tables = untrained(load_scenario("env1"), "noncoop")
     assert 100 not in grid_of(convert, convert.pack_coordination_map(3, tables))
 
 

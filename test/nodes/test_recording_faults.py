@@ -15,15 +15,14 @@ import pytest
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.serialization import serialize_message
+from teams import tables_in
 
 import sparse_coord_ros
 from sparse_coord_ros.bags import BagWriter, open_bag
 from sparse_coord_ros.cli.main import main as sparse_coord
 from sparse_coord_ros.errors import BagError, RunError
-from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.history import load_history
 from sparse_coord_ros.learn.run_config import RUN_RECORD, load_run
-from sparse_coord_ros.learn.tables import load_team
 from sparse_coord_ros.lockstep.world_side import WorldSide
 from sparse_coord_ros.nodes.recorder import BagProcess, Recording
 from sparse_coord_ros.nodes.spin import ros_context
@@ -62,7 +61,7 @@ def assert_run_is_whole(out, transitions, *, error):
     assert summary["timeouts"] == 0
     assert not summary["interrupted"]
     assert re.search(error, summary["recording_error"])
-    assert len(load_team(out, load_scenario("env1"))) == 2
+    assert len(tables_in(out)) == 2
 
 
 def test_a_killed_run_keeps_what_was_recorded_but_for_the_last_second(start, tmp_path):
@@ -231,7 +230,7 @@ def test_an_output_directory_that_is_deleted_is_made_again(tmp_path, capfd, monk
     assert summary["recording_error"].endswith(f"is in {out}/bag_rescued")
     assert verify(out / "bag_rescued").same
     assert load_run(out).scenario.name == "env1"
-    assert len(load_team(out, load_scenario("env1"))) == 2
+    assert len(tables_in(out)) == 2
     assert load_history(out).length.sum() == 40
     assert "it was gone and was made again" in capfd.readouterr().err
 

@@ -5,11 +5,12 @@
 import pytest
 from rclpy.node import Node
 from std_msgs.msg import String
+from teams import tables_in
 
 from sparse_coord_ros import wire
 from sparse_coord_ros.errors import RunError, SettingError, TablesError
 from sparse_coord_ros.learn.run_config import run_from_yaml
-from sparse_coord_ros.learn.tables import load_team, save_team
+from sparse_coord_ros.learn.tables import save_team
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.guard import Claim
 from sparse_coord_ros.nodes.robot import Member
@@ -252,7 +253,7 @@ def test_learned_tables_are_run_greedily(tmp_path, simulate):
     assert summary["transitions"] == 80
     assert len(epsilons) > 80
     assert set(epsilons) == {0.0}
-    for mine, theirs in zip(load_team(out, learned.scenario), learned.tables, strict=True):
+    for mine, theirs in zip(tables_in(out), learned.tables, strict=True):
         assert mine.q_star.tobytes() == theirs.q_star.tobytes()
         assert mine.q_coord.tobytes() == theirs.q_coord.tobytes()
 

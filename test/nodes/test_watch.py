@@ -7,13 +7,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
+from teams import tables_in
 
 from sparse_coord_ros.bags.reader import open_bag
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.game.world import Reward
 from sparse_coord_ros.learn.history import load_history
 from sparse_coord_ros.learn.run_config import make_run
-from sparse_coord_ros.learn.tables import load_team, unpack_robot
+from sparse_coord_ros.learn.tables import unpack_robot
 from sparse_coord_ros.look.page import messages
 from sparse_coord_ros.look.page.board import Board
 from sparse_coord_ros.look.page.controls import PAUSE, RATE, RESET, STEP, Control
@@ -275,7 +276,7 @@ def test_a_team_in_one_process_with_a_page(bench, tmp_path):
         assert curves["asks"] == history.asks.T.tolist()
         assert np.array(board.get("asked")["robots"]).sum() == log.asked.sum()
         assert frame["step"] == log.step[np.flatnonzero(log.move.max(axis=1) >= 0)[-1]]
-        saved = load_team(tmp_path / "run", log.run.scenario)
+        saved = tables_in(tmp_path / "run")
         for shown, own in zip(board.get("tables")["robots"], saved, strict=True):
             assert shown["step"] > frame["step"] and shown["q_star"] == messages._plain(own.q_star)
     finally:

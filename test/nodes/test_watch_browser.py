@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 from browser import REMEDY, Browser, find_browser
 from floor_plans import write
+from teams import tables_in
 
 from sparse_coord_ros.game.actions import COORDINATE
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.history import load_history
 from sparse_coord_ros.learn.run_config import load_run, make_run
-from sparse_coord_ros.learn.tables import load_saved_team, load_team
+from sparse_coord_ros.learn.tables import load_saved_team
 from sparse_coord_ros.look.page import messages
 from sparse_coord_ros.look.page.board import Board
 from sparse_coord_ros.look.page.server import Server
@@ -295,7 +296,7 @@ def test_a_run_without_ros_ends_on_its_final_tables_then_acts_greedily(
     browser.wait_for(f"document.{AGES} === 'Tables at the end of learning.'")
     assert browser.value("document.getElementById('speed').textContent") == "0"
     scenario = load_run(out).scenario
-    due = [f"{value:.2f}" for value in load_team(out, scenario)[0].q_star[0]]
+    due = [f"{value:.2f}" for value in tables_in(out)[0].q_star[0]]
     assert q_star_shown(browser) == due
     [asked, _] = load_saved_team(out, scenario)
     cells = (asked.memory.star_updates[:, COORDINATE] > 0).sum()
@@ -514,7 +515,7 @@ def test_a_building_becomes_a_team_by_clicks(browser, start, tmp_path):
     browser.wait_for(f"{frame}.querySelector('#state').dataset.state === 'finished'")
     browser.wait_for(f"{frame}.{AGES} === 'Tables at the end of learning.'")
     made = Path(re.search(r"Learned: (runs/office_\S+?)\. ", browser.value(TEAM))[1])
-    tables = load_team(made, load_scenario(out / "office.yaml"))
+    tables = tables_in(made)
     assert q_star_shown(browser, frame) == [f"{value:.2f}" for value in tables[0].q_star[0]]
     made = load_scenario(out / "office.yaml")
     grid = made.map

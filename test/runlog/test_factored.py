@@ -6,9 +6,9 @@ import struct
 
 import pytest
 
-from sparse_coord_ros.game.world import UNKNOWN_PARTNERS
-from sparse_coord_ros.learn.factors import UNSEEN
 from sparse_coord_ros.engine.run import learn
+from sparse_coord_ros.game.world import UNKNOWN_PARTNERS
+from sparse_coord_ros.learners.factored import UNKNOWN
 from sparse_coord_ros.learners.tables import tables_equal
 from sparse_coord_ros.runlog import read_run, verify
 from sparse_coord_ros.runlog.explain import coordinations, explained
@@ -45,7 +45,7 @@ def test_verified(logged, robots):
     found = verify(one.bag)
     assert found.same, found.differences
     learned = learn(one.run.scenario, "factored", one.run.seed)
-    assert any(len(tables.factors.states) for tables in learned)
+    assert any(len(tables.memory["rho_keys"]) for tables in learned)
     log = read_run(one.bag)
     final = [log.all_tables[-robots + k].tables for k in range(robots)]
     assert tables_equal(final, learned)
@@ -61,7 +61,7 @@ def test_explained(logged, robots):
             continue
         rows = {(peer, place): (before, after) for peer, place, before, after in one.update[-1]}
         if one.perceived is None:
-            assert list(rows) == [(UNSEEN, UNSEEN)]
+            assert list(rows) == [(UNKNOWN, UNKNOWN)]
             failed += 1
         else:
             assert list(rows) == list(zip(one.peers, one.perceived, strict=True))

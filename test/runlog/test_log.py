@@ -8,14 +8,14 @@ from collections import Counter
 import numpy as np
 import pytest
 from recordings import copied
+from teams import plain_run
 
 from sparse_coord_ros.bags import BagWriter
 from sparse_coord_ros.bags.playlist import Playlist
 from sparse_coord_ros.bags.reader import open_bag
+from sparse_coord_ros.engine.evaluation import Team
 from sparse_coord_ros.game.world import World
 from sparse_coord_ros.learners.agent import Agent
-from sparse_coord_ros.engine.evaluation import Team
-from sparse_coord_ros.engine.run import Learning
 from sparse_coord_ros.learners.tables import tables_equal
 from sparse_coord_ros.runlog import read_run, verify
 from sparse_coord_ros.runlog.explain import coordinations, explained
@@ -116,7 +116,7 @@ def test_a_data_frame(run):
 def test_its_history_is_that_of_the_simulation(record, name, settings):
     run = record(name, {"steps": 300, **settings})
     found = read_run(run.bag).history()
-    learning = Learning(run.run.scenario, "coop", run.run.seed)
+    learning = plain_run(run.run.scenario, "coop", run.run.seed)
     learning.advance(300)
     expected = learning.history
     assert found.length.sum() == 300

@@ -4,8 +4,8 @@
 
 import numpy as np
 import pytest
+from teams import plain_run
 
-from sparse_coord_ros.engine.run import Learning
 from sparse_coord_ros.learners.tables import tables_equal
 from sparse_coord_ros.runlog import read_run, relearned, window
 from sparse_coord_ros.runlog.relearned import Relearned
@@ -31,7 +31,7 @@ def check(bag, count):
         tables = again.tables(step)
         assert {at for at, _ in tables.values()} == {step}
         found[step] = {k: one._replace(**_copies(one)) for k, (_, one) in tables.items()}
-    training = Learning(log.run.scenario, log.run.learner, log.run.seed)
+    training = plain_run(log.run.scenario, log.run.learner, log.run.seed)
     for step, transitions in sorted(zip(steps, done.tolist(), strict=True)):
         training.advance(transitions)
         assert tables_equal(list(found[step].values()), training.tables), step

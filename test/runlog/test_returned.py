@@ -60,7 +60,7 @@ def returned(good, tmp_path):
                     number = int(other[-1])
                     tables, counts = unpack_robot(data, number, where="")
                     tables.q_star[0, 0] = np.nextafter(tables.q_star[0, 0], 1)
-                    data = pack_tables({number: tables}, counts=counts)
+                    data = pack_tables({number: tables.memory}, counts=counts)
                 for _ in range(1 + (one.name == again)):
                     new.attach(one.name, data, one.media_type, one.log_time_ns)
         return verify(directory)

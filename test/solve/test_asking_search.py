@@ -12,7 +12,7 @@ from teams import drawn
 from sparse_coord_ros.compiling import has_numba
 from sparse_coord_ros.errors import ResultsError, SettingError
 from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learners.tables import Tables
+from sparse_coord_ros.learn.tables import tables_from_values
 from sparse_coord_ros.share import share_file
 from sparse_coord_ros.solve import asking_loops, asking_search
 from sparse_coord_ros.solve.asking_loops import PLAIN
@@ -20,7 +20,13 @@ from sparse_coord_ros.solve.asking_search import LETTERS, find_asking_team, in_w
 from sparse_coord_ros.solve.exact import evaluate_exact
 from sparse_coord_ros.solve.optimum import independent_bound, joint_optimum
 from sparse_coord_ros.solve.reference import shortest_path_reference
-from sparse_coord_ros.solve.shipped import RobotPolicy, game_digest, shipped_asking_team, shipped_best_team, yardsticks
+from sparse_coord_ros.solve.shipped import (
+    RobotPolicy,
+    game_digest,
+    shipped_asking_team,
+    shipped_best_team,
+    yardsticks,
+)
 
 TINY = "1D.2"
 SMALL = "1.D.2\n..#.."
@@ -51,7 +57,7 @@ def class_tables(scenario, robots):
             q_star[int(cell), 4] = 2.0
             for z, letter in enumerate(letters):
                 q_coord[int(cell), z, LETTERS.index(letter)] = 1.0
-        tables.append(Tables(q_star, q_coord))
+        tables.append(tables_from_values(scenario, len(tables), q_star, q_coord))
     return tables
 
 

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from teams import drawn, walking
 
-from sparse_coord_ros.engine.batch import CompiledTeam, run_batch
-from sparse_coord_ros.errors import SettingError, TablesError
-from sparse_coord_ros.game.actions import COORDINATE
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learners.agent import Agent, initial_tables
-from sparse_coord_ros.learners.tables import Tables
+from sparse_coord_ros.engine.batch import run_batch
 from sparse_coord_ros.engine.evaluation import play, summary
+from sparse_coord_ros.engine.run import Team
+from sparse_coord_ros.errors import SettingError, TablesError
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn.tables import tables_from_values
+from sparse_coord_ros.learners.agent import Agent
+from sparse_coord_ros.learners.coop import Coop
 from sparse_coord_ros.learners.registry import learner_of
-from sparse_coord_ros.learners.learner import Learner
 from sparse_coord_ros.solve import exact, exact_loops
 from sparse_coord_ros.solve.exact import evaluate_best, evaluate_exact, exact_means
 
@@ -40,7 +40,7 @@ def undecided(scenario, seed=1):
         q_star[:, :4] += rng.integers(0, 2, size=(cells, 4))
         q_star[:, 4] = q_star[:, :4].max(axis=1) - (rng.random(cells) < 0.3)
         q_coord = near[:, None, :] + rng.integers(0, 3, size=(cells, cells, 4))
-        tables.append(Tables(q_star, q_coord))
+        tables.append(tables_from_values(scenario, len(tables), q_star, q_coord))
     return tables
 
 
@@ -50,10 +50,8 @@ def misses(scenario, tables):
     Every measure of every robot, its square, where robots act and ask, and who arrives.
     """
     found = evaluate_exact(scenario, tables)
-    team = CompiledTeam(scenario.with_settings({"steps": 1}), "coop")
-    minds = team.learn(0)
-    minds.q_star[:] = [table.q_star for table in tables]
-    minds.rows.values[:] = [table.q_coord.reshape(-1, 4) for table in tables]
+    team = Team(scenario, tables[0].rule, compiled=True)
+    minds = team.initial([table.memory for table in tables])
     trials = team.play(minds, 5, TRIALS)
     said = []
 
@@ -137,7 +135,9 @@ def test_one_robot_is_negative_binomial(horizon):
 def test_one_robot_that_asks_nobody():
     scenario = made("1..", {"a": (1, [0, 2])}, move_success=1)
     tables = walking(scenario, coordinate=9.0)
-    tables[0].q_coord[:] = [1, 0, 0, 0]  # north: a wall; nobody is perceived, so it is not used
+    north = np.tile([1.0, 0.0, 0.0, 0.0], (*tables[0].q_coord.shape[:2], 1))
+    # North is a wall; no peer is perceived, so it is not used.
+    tables[0] = tables_from_values(scenario, 0, tables[0].q_star, north)
     found = evaluate_exact(scenario, tables)
     assert found.reward.mean == pytest.approx(200 * GAMMA - 1 - GAMMA, rel=1e-12)
     assert found.asks.mean == 2
@@ -174,43 +174,27 @@ def test_larger_teams_are_refused():
 
 
 def test_tables_that_do_not_fit_are_refused():
-    with pytest.raises(TablesError, match="q_star_1 has shape"):
+    with pytest.raises(TablesError, match="robot 1 of scenario env1 cannot have learned that .q_star is"):
         evaluate_exact(load_scenario("env1"), walking(load_scenario("isr")))
 
 
-class Stubborn(Agent):
-    def coordinate(self, step, cell, perceived):
-        return 0
+class Stubborn(Coop):
+    """Goes north after an answer, whatever it learned."""
+
+    name = "stubborn"
+
+    @staticmethod
+    def asking_values(mind, task, cell, seen, cells, values):
+        for b in range(4):
+            values[b] = float(b == 0) if seen != 0 else mind.q_star[cell][b]
 
 
-class Silent(Agent):
-    def values(self, cell):
-        values = super().values(cell)
-        values[COORDINATE] = float("-inf")
-        return values
-
-
-def own(kind):
-    class Shy(Learner):
-        name = "shy"
-        agent_class = kind
-
-    return Shy()
-
-
-def test_a_learner_that_acts_by_a_rule_of_its_own_is_refused():
-    scenario = made()
-    with pytest.raises(SettingError, match="learner shy acts by a rule of its own"):
-        evaluate_exact(scenario, undecided(scenario), learner=own(Stubborn))
-
-
-def test_a_learner_whose_values_are_its_own_is_evaluated_by_them():
+def test_a_learner_of_ones_own_is_evaluated_as_it_chooses():
     scenario = made()
     tables = undecided(scenario)
-    assert evaluate_exact(scenario, tables).asks.mean > 0
-    found = evaluate_exact(scenario, tables, learner=own(Silent))
-    assert found.asks.mean == 0
-    played = summary(play(scenario, tables, trials=300, seed=1, learner=own(Silent)))
+    found = evaluate_exact(scenario, tables, learner=Stubborn())
+    assert found.reward.mean != evaluate_exact(scenario, tables).reward.mean
+    played = summary(play(scenario, tables, trials=300, seed=1, learner=Stubborn()))
     assert abs(found.reward.mean - played.reward.mean) < 4 * played.reward.standard_error
 
 
@@ -243,7 +227,7 @@ def test_means_of_a_batch_are_the_exact_ones_and_plain_python_s(
 
 
 def test_a_batch_of_larger_teams_has_no_exact_means():
-    assert exact_means(load_scenario("env2-4r"), [], learner_of("coop")) is None
+    assert exact_means(load_scenario("env2-4r"), []) is None
 
 
 def test_cells_that_nobody_comes_to_do_not_count(monkeypatch):
@@ -252,8 +236,10 @@ def test_cells_that_nobody_comes_to_do_not_count(monkeypatch):
     asks = [walking(scenario, coordinate=9.0) for scenario in (small, hall)]
     for tables, scenario in zip(asks, (small, hall), strict=True):
         aside = scenario.map.number[1, 1]
-        tables[0].q_coord[1, 4] = [0, 9, 0, 0]  # it steps aside where its peer is behind the door
-        tables[0].q_star[aside] = [9, 0, 0, 0, 0]
+        q_star, q_coord = tables[0].q_star, tables[0].q_coord
+        q_coord[1, 4] = [0, 9, 0, 0]  # it steps aside where its peer is behind the door
+        q_star[aside] = [9, 0, 0, 0, 0]
+        tables[0] = tables_from_values(scenario, 0, q_star, q_coord)
     found, same = (evaluate_exact(s, t) for s, t in zip((small, hall), asks, strict=True))
     assert found.stays[0, small.map.number[1, 1]] > 0
     assert same.to_dict() == found.to_dict()
@@ -261,7 +247,7 @@ def test_cells_that_nobody_comes_to_do_not_count(monkeypatch):
     monkeypatch.setattr(exact, "MOST_STATES", 81)
     assert evaluate_exact(hall, asks[1]).to_dict() == found.to_dict()
     with pytest.raises(SettingError, match="has 900 joint states, allowed: up to 81; leave out"):
-        evaluate_exact(hall, [initial_tables(hall)] * 2)
+        evaluate_exact(hall, [Agent(Coop(), hall, k, 0).tables for k in range(2)])
 
 
 def test_what_takes_longer_than_trials_is_played(monkeypatch):
@@ -272,4 +258,4 @@ def test_what_takes_longer_than_trials_is_played(monkeypatch):
     told = []
     found = evaluate_best(scenario, tables, trials=7, progress=lambda *done: told.append(done))
     assert (found.how, told) == ("7 trials", [(trial, 7) for trial in range(7)])
-    assert exact_means(scenario, tables, learner_of("noncoop")) is None
+    assert exact_means(scenario, tables) is None

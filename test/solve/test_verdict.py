@@ -5,16 +5,24 @@
 from dataclasses import replace
 
 import pytest
-from teams import walking
+from teams import untrained, walking
 
 from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learners.agent import initial_tables
 from sparse_coord_ros.learners.registry import learner_of
 from sparse_coord_ros.solve.exact import evaluate_exact
 from sparse_coord_ros.solve.optimum import independent_bound
 from sparse_coord_ros.solve.reference import shortest_path_reference
 from sparse_coord_ros.solve.shipped import known_optimum, unseen_buildings
-from sparse_coord_ros.solve.verdict import FAILING, LEARNED, LOST, NEEDLESS, SLIGHT, WORSE, last_word, needless
+from sparse_coord_ros.solve.verdict import (
+    FAILING,
+    LEARNED,
+    LOST,
+    NEEDLESS,
+    SLIGHT,
+    WORSE,
+    last_word,
+    needless,
+)
 
 
 def verdict(scenario, tables, learner="coop"):
@@ -97,5 +105,5 @@ def test_larger_teams_have_yardsticks_that_say_what_they_are():
 
 def test_a_team_that_does_not_arrive_has_learned_nothing():
     scenario = load_scenario("env1")
-    found = verdict(scenario, [initial_tables(scenario)] * 2)
+    found = verdict(scenario, [untrained(scenario)] * 2)
     assert found.kind == LOST and found.text.endswith("Try --learner factored or more steps.")

@@ -22,7 +22,16 @@ from sparse_coord_ros.learn.tables import save_team
 from sparse_coord_ros.look.page import moments
 from sparse_coord_ros.look.page.bag_source import BagSource
 from sparse_coord_ros.look.page.board import Board
-from sparse_coord_ros.look.page.controls import JUMP, KINDS, LEARNED, PAUSE, RATE, SEEK, STEP, Control
+from sparse_coord_ros.look.page.controls import (
+    JUMP,
+    KINDS,
+    LEARNED,
+    PAUSE,
+    RATE,
+    SEEK,
+    STEP,
+    Control,
+)
 from sparse_coord_ros.look.page.counts import Counts
 from sparse_coord_ros.look.page.moments import GreedyMoves
 from sparse_coord_ros.look.policy import policy_of

@@ -21,8 +21,24 @@ from sparse_coord_ros.game.scenario import load_scenario, scenario_names
 from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.look.page import messages
 from sparse_coord_ros.look.page.board import Board
-from sparse_coord_ros.look.page.controls import NEXT, PAUSE, RATE, RESET, SEEK, STEP, Control, parse_control
-from sparse_coord_ros.look.page.server import LARGEST_MESSAGE, MOST_OTHERS, MOST_PAGES, TYPES, Page, Server
+from sparse_coord_ros.look.page.controls import (
+    NEXT,
+    PAUSE,
+    RATE,
+    RESET,
+    SEEK,
+    STEP,
+    Control,
+    parse_control,
+)
+from sparse_coord_ros.look.page.server import (
+    LARGEST_MESSAGE,
+    MOST_OTHERS,
+    MOST_PAGES,
+    TYPES,
+    Page,
+    Server,
+)
 from sparse_coord_ros.solve.shipped import unseen_buildings, yardsticks
 
 ALL = (PAUSE, STEP, RATE, SEEK, NEXT)

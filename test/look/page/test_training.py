@@ -4,20 +4,17 @@
 
 import numpy as np
 import pytest
-from teams import walking
+from teams import plain_run, walking
 
 from sparse_coord_ros.cli import train as train_verb
 from sparse_coord_ros.cli.main import make_parser
 from sparse_coord_ros.engine import batch, training
-from sparse_coord_ros.engine.batch import CompiledLearning, CompiledTeam
-from sparse_coord_ros.engine.kernels import PLAIN
 from sparse_coord_ros.engine.training import train
 from sparse_coord_ros.game.actions import COORDINATE
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.game.world import Action
 from sparse_coord_ros.learn.history import blank_history
 from sparse_coord_ros.learn.run_config import make_run
-from sparse_coord_ros.engine.run import Learning
 from sparse_coord_ros.learners.tables import tables_equal
 from sparse_coord_ros.look.page import messages
 from sparse_coord_ros.look.page.board import Board
@@ -42,8 +39,8 @@ def scenario(name="env1", **settings):
 )
 def test_both_engines_show_the_same_transitions(name, learner, settings):
     problem = scenario(name, **settings)
-    plain = Learning(problem, learner, 3)
-    compiled = CompiledLearning(CompiledTeam(problem, learner, loops=PLAIN), 3)
+    plain = plain_run(problem, learner, 3)
+    compiled = plain_run(problem, learner, 3)
     for _ in range(60):
         for engine in (plain, compiled):
             engine.advance(engine.done + 2)
@@ -137,7 +134,7 @@ def test_the_last_frame_shows_what_was_learned_at_the_end(
         view.end()
         frame, tables = board.get("frame"), board.get("tables")["robots"]
         assert (frame["state"], frame["transitions"]) == ("finished", 5000)
-        alone = Learning(problem, learner, 0)
+        alone = plain_run(problem, learner, 0)
         alone.advance(4999)
         assert (frame["step"], frame["cells"]) == alone.glimpse()[:2]
         assert [one["step"] for one in tables] == [None, None]
@@ -151,7 +148,7 @@ def test_the_last_frame_shows_what_was_learned_at_the_end(
 
 def compiled_in_python(scenario, learner, seed, state=None, **_):
     """Begin a run of the compiled form, without numba."""
-    return CompiledLearning(CompiledTeam(scenario, learner, loops=PLAIN), seed, state)
+    return plain_run(scenario, learner, seed, state)
 
 
 def test_tables_on_the_way_are_of_the_time_step_that_is_reached(clock, monkeypatch):
@@ -171,7 +168,7 @@ def test_tables_on_the_way_are_of_the_time_step_that_is_reached(clock, monkeypat
 
     train(problem, "coop", 0, engine="python", watcher=view, progress=progress)
     made, tables = found[0]
-    again = Learning(problem, "coop", 0)
+    again = plain_run(problem, "coop", 0)
     while again.step < tables["step"]:
         again.advance(again.done + 1)
     assert tables["q_star"] == messages._plain(again.tables[0].q_star)

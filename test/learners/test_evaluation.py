@@ -7,15 +7,14 @@ import statistics
 
 import numpy as np
 import pytest
-from teams import walking
+from sparse_coord_ros.learn.sparse import SparseTable
+from teams import untrained, walking
 
-from sparse_coord_ros.errors import TablesError
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learners.agent import initial_tables
-from sparse_coord_ros.learners.tables import Tables
 from sparse_coord_ros.engine.evaluation import check_tables, play, summary
 from sparse_coord_ros.engine.trials import Trials
-from sparse_coord_ros.learn.sparse import SparseTable
+from sparse_coord_ros.errors import TablesError
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learners.tables import Tables
 
 GAMMA = 0.95
 
@@ -57,10 +56,10 @@ def test_a_perceived_peer_means_acting_on_q_coord(make):
 
 def test_tables_that_do_not_fit():
     scenario, other = load_scenario("env1"), load_scenario("isr")
-    good = initial_tables(scenario)
+    good = untrained(scenario)
     with pytest.raises(TablesError, match=r"tables of 1 robots for scenario env1, which has 2"):
         summary(play(scenario, [good], trials=1, seed=0))
-    foreign = initial_tables(other)
+    foreign = untrained(other)
     with pytest.raises(TablesError, match=r"q_star_2 has shape \(43, 5\).*env1 needs \(21, 5\)"):
         summary(play(scenario, [good, foreign], trials=1, seed=0))
     mixed = Tables(good.q_star, foreign.q_coord)
@@ -71,7 +70,7 @@ def test_tables_that_do_not_fit():
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_tables_of_no_numbers(value):
     scenario = load_scenario("crowd-3r").with_settings({"peers": "all"})
-    good = initial_tables(scenario)
+    good = untrained(scenario)
     star = good.q_star.copy()
     star[3, 1] = value
     key = np.zeros((1, 3), np.int32)

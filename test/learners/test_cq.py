@@ -9,11 +9,12 @@ from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.game.actions import COORDINATE
 from sparse_coord_ros.game.grid import GridMap
 from sparse_coord_ros.game.scenario import load_scenario, scenario_from_dict
+from sparse_coord_ros.game.schedules import step_sizes
 from sparse_coord_ros.game.world import Action, Reward
-from sparse_coord_ros.learners.agent import Choice, Decision
-from sparse_coord_ros.learn.cq import COUNT, MARKED, WINDOW, differs, is_marked
-from sparse_coord_ros.learners.registry import learner_of
+from sparse_coord_ros.learners.agent import Agent, Choice, Decision
+from sparse_coord_ros.learners.cq import COUNT, CQ, MARKED, WINDOW, differs, is_marked
 from sparse_coord_ros.learners.lone import lone_values
+from sparse_coord_ros.learners.registry import learner_of
 from sparse_coord_ros.solve.optimum import independent_bound
 
 EAST = 2
@@ -23,8 +24,8 @@ def problem(**settings):
     return load_scenario("env1").with_settings({"steps": 1000, "penalty": -30, **settings})
 
 
-def agent_of(learner, scenario, **more):
-    return learner_of(learner).agent(scenario, 0, 1, **more)
+def agent_of(scenario, **more):
+    return Agent(CQ(), scenario, 0, 1, **more)
 
 
 def step(agent, x, move, y, common, *, peer=None, asked=False):
@@ -64,15 +65,16 @@ def test_students_test(hits, found):
 def test_begins_at_the_lone_values_with_no_mark():
     scenario = problem()
     for k in range(2):
-        tables, q = learner_of("cq").tables(scenario, k), lone_values(scenario, k)
+        tables, q = Agent(CQ(), scenario, k, 0).tables, lone_values(scenario, k)
         assert (tables.q_star[:, :4] == q).all() and (tables.q_coord == q[:, None]).all()
         assert not any(map(is_marked, tables.q_star))
-    assert not np.array_equal(*(learner_of("cq").tables(scenario, k).q_star for k in range(2)))
+    begun = [CQ.initial(scenario, k).q_star for k in range(2)]
+    assert not np.array_equal(*begun)
 
 
 def test_cq_marks_asks_and_learns_on_the_lone_values():
     scenario = problem()
-    agent, q = agent_of("cq", scenario), lone_values(scenario, 0)
+    agent, q = agent_of(scenario), lone_values(scenario, 0)
     x, y, z = scenario.robots[0].start, scenario.robots[0].start + 1, 7
     for _ in range(WINDOW):
         assert not is_marked(agent.values(x))
@@ -85,20 +87,22 @@ def test_cq_marks_asks_and_learns_on_the_lone_values():
     for n in (1, 2):
         before = agent.tables.q_coord[x, z, EAST]
         step(agent, x, EAST, y, -30.0, peer=z, asked=True)
-        alpha = max(n**-0.5, agent._step_sizes.by_step[5])
+        alpha = max(n**-0.5, step_sizes(scenario.step_size, scenario.steps).by_step[5])
         expected = (1 - alpha) * before + alpha * (-30.0 + 0.95 * q[y].max())
         assert agent.tables.q_coord[x, z, EAST] == pytest.approx(expected, rel=1e-14)
-    assert agent.coord_visited == 1
-    again = agent_of("cq", scenario, tables=agent.tables)
-    assert again._samples[x, 4 + z, COUNT] == MARKED and (again._samples < 0).sum() == 1
+    memory = agent.memory()
+    assert len(memory["q_coord_keys"]) == 1
+    samples = agent_of(scenario, memory=memory).memory()["samples"]
+    assert samples[x, 4 + z, COUNT] == MARKED
+    assert (samples < 0).sum() == 2, "the move without asking, and the joint state"
 
 
 def test_cq_learns_nothing_from_failed_percepts():
     scenario = problem()
-    agent, x = agent_of("cq", scenario), scenario.robots[0].start
+    agent, x = agent_of(scenario), scenario.robots[0].start
     for _ in range(3 * WINDOW):
         step(agent, x, EAST, x + 1, -30.0, asked=True)
-    assert not is_marked(agent.values(x)) and not agent._samples.any()
+    assert not is_marked(agent.values(x)) and not agent.memory()["samples"].any()
     assert agent.asked_in[x] == 3 * WINDOW
 
 

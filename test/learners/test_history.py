@@ -6,7 +6,13 @@ import pytest
 
 from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.game.world import Action, Reward, StepOutcome
-from sparse_coord_ros.learn.history import HISTORY_FILE, HistoryRecorder, blank_history, concatenated, load_history
+from sparse_coord_ros.learn.history import (
+    HISTORY_FILE,
+    HistoryRecorder,
+    blank_history,
+    concatenated,
+    load_history,
+)
 
 MOVE, ASK = Action(0, False, -1, False), Action(1, True, 1, True)
 

@@ -5,34 +5,72 @@
 import numpy as np
 import pytest
 
+from sparse_coord_ros.engine.evaluation import play
+from sparse_coord_ros.engine.run import learn
 from sparse_coord_ros.errors import SettingError, TablesError
 from sparse_coord_ros.game.actions import COORDINATE, EAST, NORTH, SOUTH
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.game.world import Action, Reward, RewardWeights, World
-from sparse_coord_ros.learners.agent import NOBODY, Choice, Decision
-from sparse_coord_ros.engine.evaluation import play
-from sparse_coord_ros.learn.factored import FactoredAgent, initial_factored
-from sparse_coord_ros.learn.factors import UNSEEN, FactorRule, key_of, keys_of, rows_at_most, share_of, states_of
-from sparse_coord_ros.learners.registry import Factored, learner_of
 from sparse_coord_ros.learn.run_config import make_run
-from sparse_coord_ros.engine.run import learn
+from sparse_coord_ros.learners.agent import NOBODY, Agent, Choice, Decision
+from sparse_coord_ros.learners.factored import (
+    UNKNOWN,
+    Factored,
+    key_of,
+    share_of,
+    states_of,
+)
+from sparse_coord_ros.learners.memory import check_memory, taught
+from sparse_coord_ros.learners.registry import learner_of
+from sparse_coord_ros.learners.tables import memories_equal
 
 ASK = Decision(COORDINATE, (1,))
 ALPHA = 0.25
 """Every step size here, where the rule has not a greater one."""
 
 
+class NoReplay(Factored):
+    """The rule without replays, of which robots learn more than from a transition."""
+
+    @staticmethod
+    def replay(mind, task, now):
+        pass
+
+
+class NoLookingBack(NoReplay):
+    @staticmethod
+    def look_back(mind, task, now):
+        pass
+
+
+class NoRightOfWay(NoReplay):
+    @staticmethod
+    def counts(mind, task, peer, cell, peer_cell):
+        return True
+
+
+class Thrice(NoReplay):
+    """r^C counts three times."""
+
+    def weights(self, scenario):
+        return RewardWeights(1.0, 3.0, 1.0)
+
+
 def scenario(name="env1", **settings):
-    chosen = {"step_size": f"constant:{ALPHA}", "q_coord_init": 40, **settings}
+    chosen = {"step_size": f"constant:{ALPHA}", "q_coord_init": 40, "credit": "own", **settings}
     return learner_of("factored").with_defaults(load_scenario(name).with_settings(chosen))
 
 
-def agent(rule=None, weights=None, number=0, **settings):
-    rule = rule or FactorRule(replays=0)
-    weights = weights or RewardWeights(1.0, 1.0, 1.0)
-    problem = scenario(**settings)
-    tables = initial_factored(problem, weights)
-    return FactoredAgent(problem, number, 3, rule=rule, weights=weights, tables=tables)
+def agent(learner=NoReplay, number=0, **settings):
+    return Agent(learner(), scenario(**settings), number, 3)
+
+
+def rows(one):
+    """Return the rows of rho that are not 0, by own cell, peer and its cell."""
+    memory = one.memory()
+    states = states_of(memory["rho_keys"], one.task.cells, one.task.robots).tolist()
+    pairs = zip(map(tuple, states), memory["rho_values"].tolist(), strict=True)
+    return {state: row for state, row in pairs if any(row)}
 
 
 def paid(common=0.0, individual=0.0, cost=0.0, **more):
@@ -50,37 +88,37 @@ def asked(one, step, cell, move, to, reward, perceived):
 
 
 def test_initial_tables():
-    tables = learner_of("factored").tables(scenario(ask_cost=3))
+    tables = agent(ask_cost=3).tables
     assert (tables.q_star[:, :4] == 40).all() and (tables.q_star[:, 4] == 37).all()
     assert (tables.q_coord == 40).all() and tables.q_coord.shape == (21, 21, 4)
-    assert len(tables.factors.states) == 0
+    assert len(tables.memory["rho_keys"]) == 0
 
 
 def test_u_learns_from_the_individual_part_alone_and_r_bar_from_the_common_one():
     one = agent()
     moved(one, 1, 2, EAST, 3, paid(common=-20.0, individual=7.0))
-    factors = one.tables.factors
-    assert factors.individual[2, EAST] == 40 + ALPHA * (7 + 0.95 * 40 - 40)
-    assert factors.common[2, EAST] == -20 / 2  # a' is 1 / (n + 1) while that is more
-    assert one.tables.q_star[2, EAST] == factors.individual[2, EAST] - 10
-    assert len(factors.states) == 0  # nobody was perceived
+    memory = one.memory()
+    assert memory["u"][2, EAST] == 40 + ALPHA * (7 + 0.95 * 40 - 40)
+    assert memory["r_bar"][2, EAST] == -20 / 2  # a' is 1 / (n + 1) while that is more
+    assert one.tables.q_star[2, EAST] == memory["u"][2, EAST] - 10
+    assert not rows(one)  # no peer was perceived
     for step in range(2, 6):
         moved(one, step, 2, EAST, 3, paid())
-    assert one.tables.factors.common[2, EAST] == pytest.approx(-10 * (2 / 3) * (3 / 4) ** 3)
+    assert one.memory()["r_bar"][2, EAST] == pytest.approx(-10 * (2 / 3) * (3 / 4) ** 3)
 
 
 def test_the_goal_bootstraps_on_its_value():
     one = agent(goal_value=100)
     moved(one, 1, 2, EAST, one.goal, paid(individual=10.0))
-    assert one.tables.factors.individual[2, EAST] == 40 + ALPHA * (10 + 95 - 40)
+    assert one.memory()["u"][2, EAST] == 40 + ALPHA * (10 + 95 - 40)
 
 
 def test_a_percept_teaches_rho_w_and_r_bar_but_not_by_the_move_itself():
     one = agent()
     asked(one, 1, 2, SOUTH, 3, paid(common=-20.0, cost=-1.0), (5,))
-    u, r_bar, w, states, rho = one.tables.factors
-    assert states.tolist() == [[2, 1, 5]]
-    assert rho.tolist() == [[0, -20 * ALPHA, 0, 0]]
+    memory = one.memory()
+    u, r_bar, w, rho = memory["u"], memory["r_bar"], memory["w"], memory["rho_values"]
+    assert rows(one) == {(2, 1, 5): [0, -20 * ALPHA, 0, 0]}
     assert u[2, SOUTH] == 40 + ALPHA * (0.95 * 40 - 40)  # no cost of asking, no r^C in U
     # The other moves are as good as before: the percept was worth nothing.
     assert w[2] == 0
@@ -94,7 +132,8 @@ def test_w_is_what_a_percept_changes_in_the_best_move():
     one = agent()
     for move in range(4):
         asked(one, 1 + move, 2, move, 3, paid(common=-20.0), (5,))
-    u, _, w, _, rho = one.tables.factors
+    memory = one.memory()
+    u, w, rho = memory["u"], memory["w"], memory["rho_values"]
     # By the last percept every move was known to be bad.
     assert w[2] == ALPHA * ((u[2] + rho[0]).max() - u[2].max()) < 0
 
@@ -102,18 +141,18 @@ def test_w_is_what_a_percept_changes_in_the_best_move():
 def test_by_count_the_first_steps_of_rho_are_smaller_than_those_of_u():
     one = agent(step_size="floored:0.5:0:0")
     asked(one, 1, 2, SOUTH, 3, paid(common=-20.0), (5,))
-    factors = one.tables.factors
-    assert factors.corrections[0, SOUTH] == -20 * 2.0**-0.5
-    assert factors.individual[2, SOUTH] == 0.95 * 40
+    memory = one.memory()
+    assert memory["rho_values"][0, SOUTH] == -20 * 2.0**-0.5
+    assert memory["u"][2, SOUTH] == 0.95 * 40
 
 
 def test_a_failed_percept_has_a_row_of_its_own():
     one = agent()
     asked(one, 1, 2, SOUTH, 3, paid(common=-20.0), None)
-    factors = one.tables.factors
-    assert factors.states.tolist() == [[2, UNSEEN, UNSEEN]]
-    assert one.values_asking(2, None)[SOUTH] == factors.individual[2, SOUTH] - 20 * ALPHA
-    assert one.values_asking(2, (5,))[SOUTH] == factors.individual[2, SOUTH]
+    memory = one.memory()
+    assert list(rows(one)) == [(2, UNKNOWN, UNKNOWN)]
+    assert one.values_asking(2, None)[SOUTH] == memory["u"][2, SOUTH] - 20 * ALPHA
+    assert one.values_asking(2, (5,))[SOUTH] == memory["u"][2, SOUTH]
 
 
 def test_only_after_a_failed_percept_the_move_is_explored():
@@ -127,29 +166,28 @@ def test_only_after_a_failed_percept_the_move_is_explored():
 
 
 def test_replays_make_u_what_the_own_model_says():
-    one = agent(FactorRule(replays=5))
+    one = agent(Factored)
     moved(one, 1, 2, EAST, 3, paid())
     moved(one, 2, 2, EAST, 2, paid())  # it stayed where it was: half of the moves succeed
-    u = one.tables.factors.individual
+    u = one.memory()["u"]
     assert u[2, EAST] == 0.5 * (0.95 * 40) + 0.5 * (0.95 * 40)  # other moves in 2 are still at 40
     moved(one, 3, 3, EAST, one.goal, paid(individual=10.0))
-    assert one.tables.factors.individual[3, EAST] == 10 + 0.95 * 200
+    assert one.memory()["u"][3, EAST] == 10 + 0.95 * 200
 
 
 def test_two_percepts_in_a_row_teach_what_other_moves_would_have_brought():
-    one, other = agent(), agent(FactorRule(replays=0, look_back=False))
+    one, other = agent(), agent(NoLookingBack)
     for each in (one, other):
         moved(each, 1, 2, EAST, 3, paid(common=-20.0))  # to 3: a doorway, as r^C is felt there
         moved(each, 3, 2, EAST, 2, paid())  # half of the moves east succeed
         moved(each, 5, 2, NORTH, 2, paid())
         asked(each, 7, 2, NORTH, 2, paid(), (5,))
         asked(each, 8, 2, NORTH, 2, paid(), (3,))  # the peer went to 3
-    rows = {tuple(x): row for x, row in zip(*one.tables.factors[3:], strict=True)}
-    assert rows[2, 1, 5].tolist() == [0, 0, ALPHA * 0.5 * -20, 0]  # W is 0, a wait is worth U
-    assert not other.tables.factors.corrections[:, EAST].any()
-    before = one.memory().values
+    assert rows(one)[2, 1, 5] == [0, 0, ALPHA * 0.5 * -20, 0]  # W is 0, a wait is worth U
+    assert not any(row[EAST] for row in rows(other).values())
+    before = rows(one)
     asked(one, 10, 2, NORTH, 2, paid(), (5,))  # not in a row
-    assert np.array_equal(one.memory().values, before)
+    assert rows(one) == before
 
 
 def test_a_wait_is_worth_what_the_next_percept_shows():
@@ -157,7 +195,7 @@ def test_a_wait_is_worth_what_the_next_percept_shows():
     for step in range(4):
         asked(one, 1 + 2 * step, 2, step, 2, paid(common=-20.0), (5,))
     asked(one, 20, 2, NORTH, 2, paid(), (5,))
-    before, worth = one.memory().values[0], one.tables.factors.asking[2]
+    before, worth = one.memory()["rho_values"][0], one.memory()["w"][2]
     assert worth < 0
     asked(one, 21, 2, NORTH, 2, paid(), (6,))  # the way is free, waiting is over
     # All moves were tried and led nowhere: each is worth -W more than U says, and no r^C was felt
@@ -165,42 +203,49 @@ def test_a_wait_is_worth_what_the_next_percept_shows():
     owed = -0.95 * worth
     row = [old + ALPHA * (owed - old) for old in before]
     row[NORTH] = before[NORTH] + ALPHA * owed
-    assert one.memory().values[0].tolist() == pytest.approx(row)
-    assert not one.memory().values[1].any()
+    assert one.memory()["rho_values"][0].tolist() == pytest.approx(row)
+    assert not one.memory()["rho_values"][1].any()
     asked(one, 22, 2, NORTH, 2, paid(), (5,))  # a peer in 6 was in nobody's way
-    assert not one.memory().values[1].any()
+    assert not one.memory()["rho_values"][1].any()
 
 
 def test_where_a_move_leads_is_worth_what_the_second_percept_would_be_there():
-    one, other = agent(FactorRule(replays=0)), agent(FactorRule(replays=0, look_back=False))
+    one, other = agent(), agent(NoLookingBack)
     for each in (one, other):
         for step in range(4):  # whoever meets a peer in 7 while in 3 pays for any move
             asked(each, 1 + 2 * step, 3, step, 3, paid(common=-20.0), (7,))
-        worth = each.tables.factors.asking[3]
+        worth = each.memory()["w"][3]
         asked(each, 20, 2, EAST, 3, paid(), (5,))
         asked(each, 21, 3, NORTH, 3, paid(), (7,))
-    gain = max(other.values_asking(3, (7,))) - max(other.tables.factors.individual[3])
+    gain = max(other.values_asking(3, (7,))) - max(other.tables.memory["u"][3])
     assert gain < worth < 0
     before, after = (each.values_asking(2, (5,))[EAST] for each in (other, one))
     assert after - before == pytest.approx(ALPHA * 0.95 * (gain - worth))
 
 
 def test_peers_share_what_is_in_the_way_as_they_are_to_blame():
-    blame = [0.0, -3.0, -1.0, 0.0]
-    assert [share_of(1 << j, blame) for j in (1, 2, 3)] == [0.75, 0.25, 0.0]
-    assert share_of(~1, blame) == 1.0  # a failed percept's row is of all peers
-    assert [share_of(peers, [0.0] * 4) for peers in (1 << 2, ~1)] == [1 / 3, 1.0]
+    one = agent(name="env2-4r")
+    for blame, shares, all_of_them in (
+        ([0.0, -3.0, -1.0, 0.0], [0.75, 0.25, 0.0], 1.0),
+        ([0.0] * 4, [1 / 3] * 3, 1.0),
+    ):
+        one.mind.blame[EAST][:] = blame
+        found = [share_of(one.mind, one.task, 1 << j, EAST) for j in (1, 2, 3)]
+        assert found == shares
+        others = ~1  # a failed percept's row is of all peers
+        assert share_of(one.mind, one.task, others, EAST) == all_of_them
 
 
 def test_r_c_counts_for_the_team_but_once_where_the_percept_failed():
-    assert scenario().common_weight == 2 and scenario("env2-4r").common_weight == 4
-    assert scenario("building-3x2x4-16r-0").common_weight == 8
+    factored = learner_of("factored")
+    for name, weight in (("env1", 2), ("env2-4r", 4), ("building-3x2x4-16r-0", 8)):
+        assert factored.with_defaults(load_scenario(name)).common_weight == weight
     assert scenario("building-3x2x4-16r-0", credit="team").common_weight == 16
     for perception, failed in (("range:1", -20), ("probability:0.9", -60), ("always", -60)):
-        one = agent(weights=RewardWeights(1.0, 3.0, 1.0), perception=perception)
+        one = agent(Thrice, perception=perception)
         asked(one, 1, 2, SOUTH, 3, paid(common=-20.0), None)
         asked(one, 3, 2, SOUTH, 3, paid(common=-20.0), (5,))
-        assert one.memory().values[:, SOUTH].tolist() == [-60 * ALPHA, failed * ALPHA]
+        assert one.memory()["rho_values"][:, SOUTH].tolist() == [-60 * ALPHA, failed * ALPHA]
 
 
 def blind_waits(**settings):
@@ -210,10 +255,10 @@ def blind_waits(**settings):
     moved(one, 3, 2, EAST, 2, paid())
     moved(one, 5, 2, NORTH, 2, paid())
     asked(one, 7, 2, EAST, 2, paid(common=-20.0), None)
-    before = one.memory().values[0].copy()
+    before = one.memory()["rho_values"][0].copy()
     asked(one, 9, 2, NORTH, 2, paid(), None)
     asked(one, 10, 2, NORTH, 2, paid(), None)
-    return one.memory().values[0], before
+    return one.memory()["rho_values"][0], before
 
 
 def test_percepts_that_fail_teach_that_nobody_is_where_a_peer_would_be_seen():
@@ -236,22 +281,20 @@ def test_after_a_failed_percept_one_that_succeeds_teaches_where_a_peer_was_in_th
     moved(one, 3, 2, NORTH, 2, paid())
     asked(one, 7, 2, NORTH, 2, paid(), None)
     asked(one, 8, 2, NORTH, 2, paid(), (3,))
-    rows = {tuple(x): row.tolist() for x, row in zip(*one.tables.factors[3:], strict=True)}
-    assert rows[2, UNSEEN, UNSEEN] == [0, 0, ALPHA * -20, 0]
+    assert rows(one)[2, UNKNOWN, UNKNOWN] == [0, 0, ALPHA * -20, 0]
     asked(one, 9, 2, NORTH, 2, paid(), (2,))
-    rows = {tuple(x): row.tolist() for x, row in zip(*one.tables.factors[3:], strict=True)}
-    assert rows[2, UNSEEN, UNSEEN] == [0, 0, ALPHA * -20, 0]  # the percept before succeeded
+    assert rows(one)[2, UNKNOWN, UNKNOWN] == [0, 0, ALPHA * -20, 0]  # the percept before succeeded
 
 
 def test_credit_weighs_the_common_part():
-    one = agent(weights=RewardWeights(1.0, 3.0, 1.0))
+    one = agent(Thrice)
     moved(one, 1, 2, EAST, 3, paid(common=-20.0))
-    assert one.tables.factors.common[2, EAST] == -30
+    assert one.memory()["r_bar"][2, EAST] == -30
     for step in range(2, 20):  # a step of r_bar is as small as r^C weighs much
         moved(one, step, 2, EAST, 3, paid())
-    last = one.tables.factors.common[2, EAST]
+    last = one.memory()["r_bar"][2, EAST]
     moved(one, 20, 2, EAST, 3, paid())
-    assert one.tables.factors.common[2, EAST] == pytest.approx(last * (1 - ALPHA / 3))
+    assert one.memory()["r_bar"][2, EAST] == pytest.approx(last * (1 - ALPHA / 3))
 
 
 @pytest.mark.parametrize(
@@ -311,86 +354,111 @@ def test_a_robot_learns_only_from_its_own_miscoordination_by_the_peer_in_the_doo
     seen = (5, 6, 7)
     action = Action(EAST, True, NOBODY, True)
     one.learn(1, Choice(2, ask, action, seen), paid(common=-20.0, partners=0b0100), 3)
-    factors = one.tables.factors
-    assert factors.states.tolist() == [[2, 2, 6]]
-    assert factors.corrections.tolist() == [[0, 0, -20 * ALPHA, 0]]
-    assert one.tables.q_coord[2, 5, 6, 7, EAST] == factors.individual[2, EAST] - 20 * ALPHA
-    assert one.tables.q_coord[2, 5, 5, 7].tolist() == factors.individual[2].tolist()
+    u = one.memory()["u"]
+    assert rows(one) == {(2, 2, 6): [0, 0, -20 * ALPHA, 0]}
+    assert one.tables.q_coord[2, 5, 6, 7, EAST] == u[2, EAST] - 20 * ALPHA
+    assert one.tables.q_coord[2, 5, 5, 7].tolist() == u[2].tolist()
     other = agent(name="env2-4r")
     moved(other, 1, 2, EAST, 3, paid(common=-20.0, partners=0))
-    assert (other.tables.factors.common == 0).all()
+    assert (other.memory()["r_bar"] == 0).all()
 
 
 @pytest.mark.parametrize(
-    ("name", "number", "right_of_way", "counted"),
+    ("name", "number", "learner", "counted"),
     [
-        ("env2-4r", 0, True, []),
-        ("env2-4r", 2, True, [0, 1]),
-        ("env2-4r", 2, False, [0, 1, 3]),
-        ("env1", 0, True, [1]),
+        ("env2-4r", 0, NoReplay, []),
+        ("env2-4r", 2, NoReplay, [0, 1]),
+        ("env2-4r", 2, NoRightOfWay, [0, 1, 3]),
+        ("env1", 0, NoReplay, [1]),
     ],
 )
-def test_of_several_robots_in_one_cell_the_higher_numbers_give_way(
-    name, number, right_of_way, counted
-):
+def test_of_several_robots_in_one_cell_the_higher_numbers_give_way(name, number, learner, counted):
     """They see the same: were it not so, each would wait for the others for ever."""
-    rule = FactorRule(right_of_way=right_of_way)
-    one = agent(rule, name=name, number=number)
-    peers = [j for j in range(one._robots) if j != number]
-    for j in peers:
-        one._rho[key_of(2, j, 2, one._cells, one._robots)] = [0.0, -(10.0**j), 0.0, 0.0]
-        one._rho[key_of(2, j, 7, one._cells, one._robots)] = [0.0, -7.0, 0.0, 0.0]
-    expected = [0.0, -sum(10.0**j for j in counted), 0.0, 0.0]
-    assert one.correction(2, (2,) * len(peers)) == expected
-    assert one.correction(2, (7,) * len(peers)) == [0.0, -7.0 * len(peers), 0.0, 0.0]
-    if right_of_way:
-        row = one.tables.q_coord[(2, *(2 for _ in peers))]
-        assert (row - one.tables.factors.individual[2]).tolist() == expected
+    one = agent(learner, name=name, number=number)
+    cells, robots = one.task.cells, one.task.robots
+    begun, rho = one.memory(), {}
+    for peer in one.peers:
+        rho[key_of((2, peer, 2), cells, robots)] = [0.0, -(10.0**peer), 0.0, 0.0]
+        rho[key_of((2, peer, 7), cells, robots)] = [0.0, -7.0, 0.0, 0.0]
+    keys = sorted(rho)
+    values = np.array([rho[key] for key in keys])
+    one.go_on_from(
+        begun
+        | {"rho_keys": np.array(keys), "rho_values": values}
+        | {"rho_updates": np.ones(values.shape, dtype=np.int64)}
+    )
+    expected = [40.0, 40.0 - sum(10.0**peer for peer in counted), 40.0, 40.0]
+    assert one.values_asking(2, (2,) * len(one.peers)) == expected
+    elsewhere = [40.0, 40.0 - 7.0 * len(one.peers), 40.0, 40.0]
+    assert one.values_asking(2, (7,) * len(one.peers)) == elsewhere
+    assert one.tables.q_coord[(2, *(2 for _ in one.peers))].tolist() == expected
 
 
 def test_numbers_of_rows():
     cells, robots = 7, 4
-    states = [[x, j, z] for x in range(cells) for j in range(robots) for z in range(cells)]
-    states += [[x, UNSEEN, UNSEEN] for x in range(cells)]
-    keys = keys_of(np.array(states, dtype=np.int32), cells, robots)
+    states = [(x, j, z) for x in range(cells) for j in range(robots) for z in range(cells)]
+    states += [(x, UNKNOWN, UNKNOWN) for x in range(cells)]
+    keys = np.array([key_of(state, cells, robots) for state in states])
     assert len(set(keys.tolist())) == len(states)
     assert (np.diff(keys) > 0).all()
-    assert states_of(keys, cells, robots).tolist() == states
-    assert rows_at_most(cells, robots) == len(states) - cells * cells  # nobody is its own peer
+    assert list(map(tuple, states_of(keys, cells, robots).tolist())) == states
 
 
 # Files.
 
+KINDS = ("coop", "noncoop", "factored")
+
 
 def test_tables_of_another_kind_are_refused():
     problem = scenario()
-    coop = [learner_of("coop").tables(problem)] * 2
-    own = [learner_of("factored").tables(problem)] * 2
-    with pytest.raises(TablesError, match="form of learner coop.* factored needs"):
-        play(problem, coop, trials=2, seed=0, learner="factored")
-    with pytest.raises(TablesError, match="form of learner factored.* coop needs"):
-        play(problem, own, trials=2, seed=0, learner="coop")
-    with pytest.raises(TablesError, match="form of learner coop.* indiv needs that of noncoop"):
-        play(problem, coop, trials=2, seed=0, learner="indiv")
+    made = {
+        name: [Agent(learner_of(name), problem, k, 0).tables for k in range(2)] for name in KINDS
+    }
+    for name in KINDS:
+        for other in set(KINDS) - {name}:
+            with pytest.raises(TablesError, match="robot 1 of scenario env1 cannot have learned"):
+                play(problem, made[name], trials=2, seed=0, learner=other)
 
 
-def test_learning_goes_on_from_tables():
+def test_learning_begins_with_tables_but_counts_from_0():
     problem = scenario(steps=1500, penalty=-60, epsilon="constant:0.6", max_steps=20)
-    tables = learn(problem, "factored", 0)
-    one = Factored().agent(problem, 0, 9, tables=tables[0])
-    assert one.coord_visited == 0 < len(one.tables.factors.states)
-    assert one.tables.factors.corrections.tobytes() == tables[0].factors.corrections.tobytes()
-    greedy = Factored().agent(problem, 0, 9, tables=tables[0], learning=False)
+    learned = learn(problem, "factored", 0)[0].memory
+    begun = taught(problem, Factored(), 0, learned)
+    one = Agent(Factored(), problem, 0, 9, memory=begun)
+    memory = one.memory()
+    known = learned["rho_values"].any(axis=1)
+    assert known.any()
+    assert memory["rho_keys"].tolist() == learned["rho_keys"][known].tolist()
+    assert np.array_equal(memory["rho_values"], learned["rho_values"][known])
+    for name in ("q_star", "u", "r_bar", "w"):
+        assert memory[name].tobytes() == learned[name].tobytes(), name
+    for name in ("updates", "rho_updates", "moved", "commons", "used", "tried"):
+        assert learned[name].any() and not memory[name].any(), name
+    greedy = Agent(Factored(), problem, 0, 9, memory=learned, learning=False)
     moved(greedy, 1, 2, EAST, 3, paid(common=-20.0))
-    assert greedy.tables.factors.common.tobytes() == tables[0].factors.common.tobytes()
+    assert memories_equal(greedy.memory(), learned)
 
 
-@pytest.mark.parametrize("cells", [(UNSEEN, 2), (2, UNSEEN - 1), (2, 10**6)])
-def test_a_memory_of_impossible_cells_is_refused(cells):
-    memory = agent().memory()
-    last = np.array([8, EAST, *cells])
-    with pytest.raises(ValueError, match="last has numbers out of range"):
-        agent().go_on_from(memory._replace(more={**memory.more, "last": last}))
-    agent().go_on_from(
-        memory._replace(more={**memory.more, "last": np.array([8, EAST, 2, UNSEEN])})
-    )
+IMPOSSIBLE = {
+    "a row of a cell beyond the map": {"rho_keys": np.array([10**6])},
+    "more moves than tries": {"moved": np.ones((21, 4), dtype=np.int64)},
+    "a value that is no number": {"w": np.full(21, np.nan)},
+    "an infinite value": {"u": np.full((21, 4), np.inf)},
+    "an r^C that is never paid": {"door": np.full(21, -3.0)},
+    "a best value that is not": {"value": np.zeros(21)},
+    "a successor that is the cell": {"successor": np.full((21, 4), 3)},
+    "tries that were not counted": {"used": np.array([2])},
+    "a peer beyond the map": {"last": np.array([0, 0, 0, 21])},
+    "counts below 0": {"updates": np.full((21, 5), -1)},
+}
+
+
+@pytest.mark.parametrize("what", IMPOSSIBLE)
+def test_impossible_memories_are_refused(what):
+    problem = scenario()
+    memory = Agent(Factored(), problem, 0, 0).memory()
+    row = {"rho_values": np.ones((1, 4)), "rho_updates": np.ones((1, 4), dtype=np.int64)}
+    forged = memory | (row if "rho_keys" in IMPOSSIBLE[what] else {}) | IMPOSSIBLE[what]
+    check_memory(problem, Factored(), 0, memory)
+    with pytest.raises(TablesError, match="robot 1 of scenario env1 cannot have learned that"):
+        check_memory(problem, Factored(), 0, forged)

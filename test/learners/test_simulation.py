@@ -7,15 +7,14 @@ from collections import defaultdict
 
 import numpy as np
 import pytest
-from teams import PROTOCOL
+from sparse_coord_ros.learn.sparse import SparseTable
+from teams import PROTOCOL, plain_run
 
+from sparse_coord_ros.engine.run import learn
 from sparse_coord_ros.game.perception import MODELS, percept_probabilities
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.game.schedules import probabilities, step_sizes
-from sparse_coord_ros.learners.tables import Tables
-from sparse_coord_ros.engine.run import Learning, learn
-from sparse_coord_ros.learners.tables import tables_equal
-from sparse_coord_ros.learn.sparse import SparseTable
+from sparse_coord_ros.learners.tables import Tables, tables_equal
 
 GIVEN = {**PROTOCOL, "perception": "always"}
 
@@ -228,12 +227,12 @@ def test_tables_equal_compares_bits():
 def test_a_run_that_goes_on_anywhere_is_the_same_run(learner):
     """In the middle of an episode and between two, with starts that it must not draw again."""
     scenario = problem("env1", steps=60, max_steps=7, ask_cost=0, q_star_init=200)
-    whole = Learning(scenario, learner, 3)
+    whole = plain_run(scenario, learner, 3)
     whole.advance(scenario.steps)
     for done in range(1, scenario.steps, 2):
-        begun = Learning(scenario, learner, 3)
+        begun = plain_run(scenario, learner, 3)
         begun.advance(done)
-        rest = Learning(scenario, learner, 3, begun.state())
+        rest = plain_run(scenario, learner, 3, begun.state())
         assert rest.done == done
         rest.advance(scenario.steps)
         assert tables_equal(rest.tables, whole.tables)

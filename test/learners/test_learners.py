@@ -5,14 +5,14 @@
 import pytest
 
 from sparse_coord_ros.engine.batch import run_batch
+from sparse_coord_ros.engine.run import learn
 from sparse_coord_ros.errors import PluginError, SettingError
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.game.world import SUM_OF_PARTS, RewardWeights
-from sparse_coord_ros.learners.agent import Agent
-from sparse_coord_ros.learners.registry import LEARNERS, learner_of
-from sparse_coord_ros.learners.learner import Learner
 from sparse_coord_ros.learn.run_config import make_run, run_from_yaml
-from sparse_coord_ros.engine.run import learn
+from sparse_coord_ros.learners.agent import Agent
+from sparse_coord_ros.learners.learner import Learner
+from sparse_coord_ros.learners.registry import LEARNERS, learner_of
 from sparse_coord_ros.learners.tables import tables_equal
 
 SHORT = {"steps": 3000, "penalty": -40}

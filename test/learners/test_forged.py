@@ -12,14 +12,20 @@ import zipfile
 import numpy as np
 import pytest
 
+from sparse_coord_ros.engine.checkpoint import (
+    CHECKPOINT_FILE,
+    Checkpoint,
+    load_checkpoint,
+    run_digest,
+)
+from sparse_coord_ros.engine.evaluation import check_tables, play
+from sparse_coord_ros.engine.run import LearningRun, Team
 from sparse_coord_ros.errors import RunError, TablesError
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn import archive, checkpoint
-from sparse_coord_ros.engine.evaluation import check_tables, play
 from sparse_coord_ros.learn.history import history_from, load_history
-from sparse_coord_ros.learners.registry import learner_of
-from sparse_coord_ros.engine.run import Learning
 from sparse_coord_ros.learn.tables import TEAM_FILE, load_team, save_team
+from sparse_coord_ros.learners.registry import learner_of
 from sparse_coord_ros.limits import Limit
 
 HEADER = "{{'descr': {!r}, 'fortran_order': False, 'shape': {}, }}"
@@ -101,7 +107,7 @@ def learned(name, learner):
     if len(scenario.robots) > 2:
         scenario = scenario.with_settings({"peers": "all"})
     scenario = rule.with_defaults(scenario)
-    run = Learning(scenario, rule, 0)
+    run = LearningRun(Team(scenario, rule, compiled=False), 0)
     run.advance(90)
     return scenario, rule, run
 
@@ -109,13 +115,13 @@ def learned(name, learner):
 @pytest.mark.parametrize(("name", "learner"), CASES)
 def test_forged_tables(tmp_path, name, learner):
     scenario, rule, run = learned(name, learner)
-    save_team(tmp_path, [agent.tables for agent in run.agents])
+    save_team(tmp_path, run.memories)
     whole = unpack((tmp_path / TEAM_FILE).read_bytes())
     usable, refused = [], 0
     for what, arrays in forgeries(whole):
         (tmp_path / TEAM_FILE).write_bytes(archive.pack(arrays))
         try:
-            tables = load_team(tmp_path, scenario)
+            tables = load_team(tmp_path, scenario, rule)
             check_tables(scenario, tables, rule)
             play(scenario, tables, seed=0, trials=1)
             usable.append(what)
@@ -129,24 +135,28 @@ def test_forged_tables(tmp_path, name, learner):
 @pytest.mark.parametrize(("name", "learner"), CASES)
 def test_forged_checkpoints(tmp_path, name, learner):
     scenario, rule, run = learned(name, learner)
-    path = tmp_path / checkpoint.CHECKPOINT_FILE
-    checkpoint.Checkpoint(run.state(), (), 0, 10).save(path, scenario, rule, 0)
-    whole = checkpoint.read(path, checkpoint._digest(scenario, rule, 0), said="")
-    head = {"run": np.array(checkpoint._digest(scenario, rule, 0))}
+    path = tmp_path / CHECKPOINT_FILE
+    Checkpoint(run.state(), (), 0, 10).save(path, scenario, rule, 0)
+    whole = checkpoint.read(path, run_digest(scenario, rule, 0), said="")
+    head = {"run": np.array(run_digest(scenario, rule, 0))}
     del whole["evaluations"]
     head["evaluations"] = np.array(json.dumps([0, 10, []]))
     usable = []
     for what, arrays in forgeries(whole, but="_[2-9]"):
         path.write_bytes(archive.pack({**arrays, **head}, compressed=False))
         try:
-            found = checkpoint.load_checkpoint(path, scenario, rule, 0)
+            found = load_checkpoint(path, scenario, rule, 0)
         except RunError as error:
             assert "begin the run anew" in str(error), what
         else:
-            Learning(scenario, rule, 0, found.state).advance(95)
+            LearningRun(run.team, 0, found.state).advance(95)
             usable.append(what)
     assert all(what.endswith(("large", "negative", "shorter", "left out")) for what in usable)
-    beyond = [what for what in usable if what.startswith(("star_updates", "states", "cells"))]
+    beyond = [
+        what
+        for what in usable
+        if what.startswith(("updates", "q_coord_keys", "rho_keys", "cells"))
+    ]
     assert not [what for what in beyond if what.endswith(("large", "negative"))]
 
 
