@@ -41,7 +41,9 @@ def same_tables(out: Path) -> bool:
         TablesError: there are none, or no readable ones.
     """
     run = load_run(out)
-    return tables_equal(load_team(out, run.scenario, run.rule), learn(run.scenario, run.learner, run.seed))
+    return tables_equal(
+        load_team(out, run.scenario, run.rule), learn(run.scenario, run.learner, run.seed)
+    )
 
 
 DISTURBED = (

@@ -434,9 +434,8 @@ def each(topic, kind, change, which=slice(None)):
 def with_tables(attached, number, change):
     """Return an attachment in which `change` has altered a robot's tables and counts."""
     [saved] = unpack_saved(attached.data, [number], where="")
-    tables, counts, memory = saved[:3]
-    change(tables, counts)
-    data = pack_tables({number: tables.memory}, counts=counts, memories={number: memory})
+    change(saved.memory, saved.counts)
+    data = pack_tables({number: saved.memory}, counts=saved.counts)
     return attached._replace(data=data)
 
 

@@ -211,9 +211,7 @@ def test_a_full_disk_where_there_is_a_checkpoint(sparse_coord, folder, full_disk
     monkeypatch.undo()
     monkeypatch.chdir(folder)
     assert sparse_coord("train", "--resume", "a", "--trials", 0)[0] == 0
-    assert tables_equal(
-        tables_in(folder / "a"), learned(folder / "a").tables
-    )
+    assert tables_equal(tables_in(folder / "a"), learned(folder / "a").tables)
 
 
 def test_numba_is_missed_only_where_it_would_help(sparse_coord, monkeypatch):

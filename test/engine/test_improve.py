@@ -10,9 +10,9 @@ from teams import drawn
 
 from sparse_coord_ros.compiling import has_numba
 from sparse_coord_ros.engine import improve as module
-from sparse_coord_ros.engine.batch import CompiledTeam
 from sparse_coord_ros.engine.evaluation import play
 from sparse_coord_ros.engine.improve import improve, learned_scenario, preferring
+from sparse_coord_ros.engine.run import Team
 from sparse_coord_ros.engine.training import train
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.game.actions import COORDINATE, EAST, NORTH, WEST
@@ -35,27 +35,31 @@ def trained(name="env2-2r", **settings):
     return train(scenario.with_settings(chosen), "factored", 7)
 
 
+def memories_of(run):
+    return [table.memory for table in run.tables]
+
+
 def improved(run, memories=None):
-    return improve(run.scenario, FACTORED, memories or run.memories)
+    return improve(run.scenario, FACTORED, memories or memories_of(run))
 
 
 def learned(run, memories=None):
-    return learned_scenario(run.scenario, FACTORED, memories or run.memories)
+    return learned_scenario(run.scenario, FACTORED, memories or memories_of(run))
 
 
 def changed(memory, **more):
-    return memory._replace(more={**memory.more, **more})
+    return {**memory, **more}
 
 
 def test_the_learned_game_is_what_was_counted_and_felt():
     run = trained("env1", common_reward="each:1:0.5", steps=2000)
-    one, other = run.memories
+    one, other = memories_of(run)
     scenario = learned(run)
     grid = run.scenario.map
     assert scenario.penalties == (-100, -50)
     assert scenario.map.doorways == grid.doorways
-    moves = one.more["moved"] + other.more["moved"]
-    tried = (one.star_updates + other.star_updates)[:, :4]
+    moves = one["moved"] + other["moved"]
+    tried = (one["updates"] + other["updates"])[:, :4]
     assert scenario.move_success == moves.sum() / tried[moves > 0].sum() != 0.8
     assert np.array_equal(scenario.map.next_cell[moves > 0], grid.next_cell[moves > 0])
     assert (scenario.map.next_cell == np.arange(len(moves))[:, None])[moves == 0].all()
@@ -65,8 +69,8 @@ def test_the_learned_game_is_what_was_counted_and_felt():
 
 def test_the_robot_that_moved_most_says_where_a_move_leads():
     run = trained(drawn("1..D..2"), steps=200)
-    one, other = run.memories
-    moved, there = one.more["moved"].copy(), one.more["successor"].copy()
+    one, other = memories_of(run)
+    moved, there = one["moved"].copy(), one["successor"].copy()
     moved[0, NORTH], there[0, NORTH] = 10**6, 3
     told = (changed(one, moved=moved, successor=there), other)
     assert learned(run, told).map.next_cell[0, NORTH] == 3
@@ -107,9 +111,9 @@ def test_greedy_reading_of_the_tables_is_the_plan(settings):
     truth = evaluate_exact(run.scenario, found.tables, learner=FACTORED).reward.mean
     assert truth > evaluate_exact(run.scenario, run.tables, learner=FACTORED).reward.mean + 1
     for table, old in zip(found.tables, run.tables, strict=True):
-        assert np.array_equal(table.factors.individual, old.factors.individual)
+        assert np.array_equal(table.memory["u"], old.memory["u"])
         assert (table.q_star <= old.q_star).all()
-        star = table.factors.individual + table.factors.common
+        star = table.memory["u"] + table.memory["r_bar"]
         assert table.q_star[:, :4] == pytest.approx(star)
 
 
@@ -126,8 +130,8 @@ def test_it_plans_with_the_learned_map_not_with_the_true_one():
         return trials.stays[:, [upper, lower]].sum(axis=0)
 
     blind = []
-    for memory in run.memories:
-        moved, there = memory.more["moved"].copy(), memory.more["successor"].copy()
+    for memory in memories_of(run):
+        moved, there = memory["moved"].copy(), memory["successor"].copy()
         moved[run.scenario.map.next_cell == upper] = 0
         there[moved == 0] = 0
         blind.append(changed(memory, moved=moved, successor=there))
@@ -138,7 +142,7 @@ def test_it_plans_with_the_learned_map_not_with_the_true_one():
 @needs_numba
 def test_a_doorway_that_nobody_felt_is_free():
     run = trained(drawn("1.D.2"), steps=2000)
-    careless = [changed(one, door=np.zeros_like(one.more["door"])) for one in run.memories]
+    careless = [changed(one, door=np.zeros_like(one["door"])) for one in memories_of(run)]
     found = improved(run, careless)
     assert improved(run).doorways == (2,) and found.doorways == ()
     assert found.value > improved(run).value + 1
@@ -158,8 +162,8 @@ def test_more_robots_climb_by_trials_all_to_the_same_plan(few_trials):
     found, again = improved(run), improved(run)
     assert found.value > found.before
     assert tables_equal(list(found.tables), list(again.tables))
-    team = CompiledTeam(learned(run), FACTORED)
-    before = team.play(team.remembered(run.memories), 0, 200, paired=True).reward.mean()
+    team = Team(learned(run), FACTORED, compiled=True)
+    before = team.play(team.initial(memories_of(run)), 0, 200, paired=True).reward.mean()
     assert before == found.before
     values = [
         play(learned(run), tables, trials=500, seed=3, learner=FACTORED).reward.mean()
@@ -167,7 +171,7 @@ def test_more_robots_climb_by_trials_all_to_the_same_plan(few_trials):
     ]
     assert values[1] > values[0]
     for table in found.tables:
-        star = table.factors.individual + table.factors.common
+        star = table.memory["u"] + table.memory["r_bar"]
         assert table.q_star[:, :4] == pytest.approx(star)
 
 
@@ -181,11 +185,11 @@ def test_a_robot_of_three_takes_another_route(few_trials):
     after = alone(learned(run), [[lower], [lower], [lower]])
     lead = run.scenario.map.next_cell
     through_one = []
-    for memory, worth in zip(run.memories, after, strict=True):
+    for memory, worth in zip(memories_of(run), after, strict=True):
         u = worth[lead] * 0.8 + worth[:, None] * 0.2
         star = np.column_stack([u, np.full(len(u), -100.0)])
         more = {"u": u, "r_bar": 0 * u, "w": star[:, 4] - u.max(axis=1) + 1}
-        through_one.append(changed(memory._replace(q_star=star), **more))
+        through_one.append(changed(memory, q_star=star, value=star.max(axis=1), **more))
     found = improved(run, through_one)
     trials = play(run.scenario, found.tables, trials=50, seed=1, learner=FACTORED)
     assert found.value > found.before + 10
@@ -196,9 +200,9 @@ def test_a_robot_of_three_takes_another_route(few_trials):
 def test_robots_that_take_turns_in_a_passage_never_meet(few_trials):
     """Four at two ends, two of them in one cell."""
     run = trained(drawn("1.DD.2", {f"robot_{k}": ends for k, ends in enumerate(ENDS)}), steps=2000)
-    memories = module.one_at_a_time(learned(run), FACTORED, run.memories)
-    team = CompiledTeam(run.scenario, FACTORED)
-    trials = team.play(team.remembered(memories), 0, 300)
+    memories = module.one_at_a_time(learned(run), FACTORED, memories_of(run))
+    team = Team(run.scenario, FACTORED, compiled=True)
+    trials = team.play(team.initial(memories), 0, 300)
     assert trials.arrived.all() and trials.miscoordinations.sum() == 0
     assert improved(run).value > trials.reward.mean() - 3
 
@@ -206,8 +210,8 @@ def test_robots_that_take_turns_in_a_passage_never_meet(few_trials):
 @needs_numba
 def test_paired_trials_have_the_same_draws_whatever_happened_before():
     run = trained("env1", steps=100)
-    team = CompiledTeam(run.scenario, FACTORED)
-    minds = team.remembered(run.memories)
+    team = Team(run.scenario, FACTORED, compiled=True)
+    minds = team.initial(memories_of(run))
     minds.q_star[:, :, :4] = alone(run.scenario, [(), ()])[:, run.scenario.map.next_cell]
     minds.q_star[:, :, COORDINATE] = -1
     times = []

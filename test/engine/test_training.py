@@ -8,7 +8,6 @@ import threading
 
 import numpy as np
 import pytest
-from sparse_coord_ros.engine.kernels import PLAIN
 from teams import plain_run
 
 from sparse_coord_ros.engine import batch
@@ -16,7 +15,6 @@ from sparse_coord_ros.engine.evaluation import play, summary
 from sparse_coord_ros.engine.training import engine_for, train
 from sparse_coord_ros.errors import RunError, SettingError
 from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learners.registry import LEARNERS, Coop, learner_of
 from sparse_coord_ros.learners.tables import tables_equal
 
 SETTINGS = {"steps": 1200, "max_steps": 30, "perception": "probability:0.7", "penalty": -50}
@@ -38,55 +36,10 @@ def unbroken(scenario, learner, seed):
     return learning
 
 
-def make(engine, scenario, learner, seed, state=None):
-    if engine == "python":
-        return plain_run(scenario, learner, seed, state)
-    loops = None if engine == "numba" else PLAIN
-    return CompiledLearning(CompiledTeam(scenario, learner, loops=loops), seed, state)
-
-
 def assert_same(one, other):
     assert tables_equal(one.tables, other.tables)
     assert one.history.same_bits(other.history)
     assert np.array_equal(one.visited, other.visited)
-
-
-def assert_same_state(one, other):
-    assert one.positions == other.positions
-    for mine, theirs in zip(one.memories, other.memories, strict=True):
-        assert mine.more.keys() == theirs.more.keys()
-        pairs = zip(mine[:-1], theirs[:-1], strict=True)
-        for a, b in (*pairs, *((mine.more[name], theirs.more[name]) for name in mine.more)):
-            assert (a.shape, a.dtype, a.tobytes()) == (b.shape, b.dtype, b.tobytes())
-    for mine, theirs in zip(one.histories, other.histories, strict=True):
-        assert mine.same_bits(theirs)
-
-
-@pytest.mark.parametrize(("name", "learner", "settings"), CASES)
-def test_a_run_in_parts_is_the_unbroken_run(monkeypatch, name, learner, settings):
-    monkeypatch.setattr(batch, "BLOCK", 64)
-    scenario = problem(name, **settings)
-    expected = unbroken(scenario, learner, 5)
-    assert expected.history.length.sum() == scenario.steps * (
-        len(scenario.robots) if learner == "indiv" else 1
-    )
-    parts = [1, 2, 64, 65, 201, 777, scenario.steps]
-    running = {engine: make(engine, scenario, learner, 5) for engine in ("python", "numba")}
-    resumed = dict(running)
-    for until in parts:
-        for engine in running:
-            running[engine].advance(until)
-            resumed[engine].advance(until)
-        states = [learning.state() for learning in resumed.values()]
-        assert_same_state(*states)
-        # Each goes on where the other one was.
-        resumed = {
-            "numba": make("numba", scenario, learner, 5, states[0]),
-            "python": make("python", scenario, learner, 5, states[1]),
-        }
-    for learning in [*running.values(), *resumed.values()]:
-        assert learning.done == scenario.steps
-        assert_same(learning, expected)
 
 
 @pytest.mark.parametrize(("engine", "learner"), [("python", "indiv"), ("numba", "coop")])
@@ -198,7 +151,7 @@ def test_what_cannot_be_gone_on_with(tmp_path):
         known = dict(arrays)
     np.savez(file, **{**known, "format": np.array(99)})
     refused("is in format 99")
-    for name in ("cells", "q_star_2", "values_2"):
+    for name in ("cells", "q_star_2", "q_coord_values_2"):
         np.savez(file, **{**known, name: known[name] + 1})
         refused("its contents do not fit its digest.; begin the run anew")
     np.savez(file, **known)
@@ -220,20 +173,6 @@ def test_auto_compiles_only_what_is_long(monkeypatch):
     assert [engine_for(one, "coop") for one in (short, middle)] == ["python", "numba"]
     monkeypatch.setattr(batch, "is_loaded", lambda **_: True)
     assert engine_for(short, "coop") == "numba"
-
-
-def test_a_learner_without_a_compiled_form(monkeypatch):
-    monkeypatch.setattr(LEARNERS, "_known", LEARNERS.registered)  # forgets it afterwards
-
-    class Own(Coop):
-        name = "own"
-
-        def agent(self, *arguments, **keywords):
-            return super().agent(*arguments, **keywords)
-
-    scenario = problem("env1", steps=400)
-    assert engine_for(problem("env1", steps=10**7), Own()) == "python"
-    assert_same(train(scenario, Own(), 2), unbroken(scenario, learner_of("coop"), 2))
 
 
 def test_training_in_another_thread(tmp_path):

@@ -9,13 +9,32 @@ import numpy as np
 import pytest
 
 from sparse_coord_ros.game.actions import ACTIONS, COORDINATE, PRIMITIVES
-from sparse_coord_ros.learners.policy import asks_at_times, asks_surely, greatest, greedy, updated
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.game.streams import TIE
+from sparse_coord_ros.learners.coop import Coop
+from sparse_coord_ros.learners.policy import asks_at_times, asks_surely, greedy_action
+from sparse_coord_ros.learners.rules import greatest, ql_update, step_size
 
 N = 60
 DRAWS = [(i + 0.5) / N for i in range(N)]
 """A uniform grid of draws: frequencies over it are exact probabilities (60 divides by 1 to 5)."""
 
 LARGEST_DRAW = 1.0 - 2.0**-53
+
+
+class Drawn:
+    """Draws that are all the same."""
+
+    def __init__(self, draw):
+        self.streams = [[self]]
+        self.draw = draw
+
+    def at(self, step):
+        return [self.draw] * 5
+
+
+def greedy(values, count, draw):
+    return greedy_action(values, count, Drawn(draw), 0, 0, TIE)
 
 
 def frequencies(choose):
@@ -95,7 +114,7 @@ def test_greatest(values, count, maximum):
 
 
 @pytest.mark.parametrize(
-    ("value", "alpha", "reward", "discount", "bootstrap", "expected"),
+    ("value", "alpha", "reward", "discount", "after", "expected"),
     [
         (10.0, 0.5, 4.0, 0.5, 20.0, 12.0),  # 0.5 * 10 + 0.5 * (4 + 0.5 * 20)
         (10.0, 0.25, -20.0, 0.95, 100.0, 26.25),  # 7.5 + 0.25 * (-20 + 95)
@@ -103,5 +122,14 @@ def test_greatest(values, count, maximum):
         (10.0, 0.0, 99.0, 0.95, 99.0, 10.0),
     ],
 )
-def test_ql_update_by_hand(value, alpha, reward, discount, bootstrap, expected):
-    assert updated(value, alpha, reward, discount, bootstrap) == pytest.approx(expected, rel=1e-15)
+def test_ql_update_by_hand(value, alpha, reward, discount, after, expected):
+    task = Coop().task(load_scenario("env1"), 0, [9.0, alpha])._replace(discount=discount)
+    values, updates = [1.0, value, 3.0, 4.0], [0, 0, 7, 0]
+    ql_update(values, updates, 1, task, 0.0, reward, after)
+    assert values == [1.0, pytest.approx(expected, rel=1e-15), 3.0, 4.0]
+    assert updates == [0, 1, 7, 0]
+
+
+def test_a_step_size_is_never_below_its_floor():
+    task = Coop().task(load_scenario("env1"), 0, [9.0, 1.0, 0.5, 0.25])
+    assert [step_size(task, n, 0.4) for n in (1, 2, 3)] == [1.0, 0.5, 0.4]

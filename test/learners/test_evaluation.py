@@ -7,13 +7,13 @@ import statistics
 
 import numpy as np
 import pytest
-from sparse_coord_ros.learn.sparse import SparseTable
 from teams import untrained, walking
 
 from sparse_coord_ros.engine.evaluation import check_tables, play, summary
 from sparse_coord_ros.engine.trials import Trials
 from sparse_coord_ros.errors import TablesError
 from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn.tables import tables_from_values
 from sparse_coord_ros.learners.tables import Tables
 
 GAMMA = 0.95
@@ -46,9 +46,10 @@ def test_asking_every_step_by_hand(make, perception):
 
 def test_a_perceived_peer_means_acting_on_q_coord(make):
     scenario = make("1....2", move_success=1)
-    tables = walking(scenario, coordinate=1e9)
-    for pair in tables:
-        pair.q_coord[:] = [1, 0, 0, 0]  # north: a wall
+    north = np.tile([1.0, 0.0, 0.0, 0.0], (6, 6, 1))  # a wall
+    tables = []
+    for k, pair in enumerate(walking(scenario, coordinate=1e9)):
+        tables.append(tables_from_values(scenario, k, pair.q_star, north))
     assert summary(play(scenario, tables, trials=1, seed=0)).not_arrived == 1
     blind = scenario.with_settings({"perception": "never"})
     assert summary(play(blind, tables, trials=1, seed=0)).not_arrived == 0
@@ -60,24 +61,25 @@ def test_tables_that_do_not_fit():
     with pytest.raises(TablesError, match=r"tables of 1 robots for scenario env1, which has 2"):
         summary(play(scenario, [good], trials=1, seed=0))
     foreign = untrained(other)
-    with pytest.raises(TablesError, match=r"q_star_2 has shape \(43, 5\).*env1 needs \(21, 5\)"):
+    with pytest.raises(TablesError, match=r"robot 2 of scenario env1 .*q_star is .* \(43, 5\)"):
         summary(play(scenario, [good, foreign], trials=1, seed=0))
-    mixed = Tables(good.q_star, foreign.q_coord)
-    with pytest.raises(TablesError, match=r"q_coord_1 has shape \(43, 43, 4\).*same map"):
-        summary(play(scenario, [mixed, good], trials=1, seed=0))
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_tables_of_no_numbers(value):
+@pytest.mark.parametrize("name", ["q_star", "q_coord_values"])
+def test_tables_of_no_numbers(name, value):
     scenario = load_scenario("crowd-3r").with_settings({"peers": "all"})
     good = untrained(scenario)
-    star = good.q_star.copy()
-    star[3, 1] = value
-    key = np.zeros((1, 3), np.int32)
-    rows = SparseTable(59, 3, 0.0, key, np.full((1, 4), value))
-    for bad in (Tables(star, good.q_coord), Tables(good.q_star, rows)):
-        with pytest.raises(TablesError, match="robot 2 hold values that are no finite numbers"):
-            check_tables(scenario, [good, bad, good], "coop")
+    row = {
+        "q_coord_keys": np.zeros(1, dtype=np.int64),
+        "q_coord_values": np.ones((1, 4)),
+        "q_coord_updates": np.ones((1, 4), dtype=np.int64),
+    }
+    memory = {n: array.copy() for n, array in (good.memory | row).items()}
+    memory[name][0, 1] = value
+    bad = Tables(scenario, good.rule, 1, memory)
+    with pytest.raises(TablesError, match=f"robot 2 of .*{name} has numbers that are not finite"):
+        check_tables(scenario, [good, bad, good], "coop")
 
 
 def test_the_standard_error_is_that_of_independent_trials():

@@ -110,9 +110,7 @@ def test_the_order_of_learning_does_not_show_in_the_file(sparse_run):
     turned = {key: row for row, key in enumerate(reversed(rows.places))}
     assert list(rows.places) != sorted(rows.places)
     other = mind._replace(
-        q_coord=rows._replace(
-            places=turned, values=rows.values[::-1], updates=rows.updates[::-1]
-        )
+        q_coord=rows._replace(places=turned, values=rows.values[::-1], updates=rows.updates[::-1])
     )
     assert pack_tables({1: memory_of(other)}) == pack_tables({1: memory_of(mind)})
 

@@ -8,9 +8,9 @@ from sparse_coord_ros.engine.evaluation import greedy_agents
 from sparse_coord_ros.engine.run import learn
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.run_config import make_run
+from sparse_coord_ros.learn.tables import tables_from_values
 from sparse_coord_ros.learners.registry import learner_of
-from sparse_coord_ros.learners.tables import Tables
-from sparse_coord_ros.look.policy import entered, policy_of, row_asking, sparsity_of
+from sparse_coord_ros.look.policy import entered, policy_of, row_asking
 from sparse_coord_ros.palette import ROBOT_COLOURS, ink_on, rgb
 from sparse_coord_ros.solve.exact import _robots
 from sparse_coord_ros.wire.frame import Frame
@@ -20,13 +20,13 @@ ENV1 = load_scenario("env1")
 
 
 def test_greedy_moves_and_asks():
-    q_star, q_coord = untrained(ENV1)[:2]
+    q_star = untrained(ENV1).q_star
     q_star[3] = [1, 5, 5, 2, 4]
     q_star[4] = [1, 2, 3, 4, 9]
     q_star[5] = [9, 9, 9, 9, 9]  # nothing was learned here
     q_star[6] = [1, 2, 3, 4, 4]  # as good to ask as to go west
     q_star[7] = [1, 2, 3, 4, 5]  # the goal
-    policy = policy_of(Tables(q_star, q_coord), goal=7)
+    policy = policy_of(tables_from_values(ENV1, 0, q_star), goal=7)
     assert policy.moves[3].tolist() == [False, True, True, False]
     assert policy.moves[4].tolist() == [False, False, False, True]
     assert not policy.moves[[5, 7]].any()
@@ -51,7 +51,9 @@ def test_pictures_map_topic_and_exact_evaluation_agree_on_who_asks_where():
     for robot, table, chosen in zip(scenario.robots, tables, exact, strict=True):
         policy = policy_of(table, robot.goal)
         data = OccupancyData(frame)
-        published = np.frombuffer(data.coordination(table), dtype=np.int8)[data.places] == OCCUPIED
+        published = (
+            np.frombuffer(data.coordination(table.q_star), dtype=np.int8)[data.places] == OCCUPIED
+        )
         here = np.arange(len(published)) != robot.goal
         np.testing.assert_array_equal(policy.asks[here], published[here])
         np.testing.assert_array_equal(policy.asks[here], (chosen.asks == 1.0)[here])
@@ -61,11 +63,11 @@ def test_pictures_map_topic_and_exact_evaluation_agree_on_who_asks_where():
 
 
 def test_a_robot_may_enter_what_lies_behind_a_tie():
-    q_star, q_coord = untrained(ENV1)[:2]
+    q_star = untrained(ENV1).q_star
     for x in range(len(q_star)):  # everywhere to the north, but for a tie in cell 8
         q_star[x] = [5, 1, 1, 1, 0]
     q_star[8] = [5, 1, 1, 1, 5]
-    policy = policy_of(Tables(q_star, q_coord), goal=0)
+    policy = policy_of(tables_from_values(ENV1, 0, q_star), goal=0)
     south = int(ENV1.map.next_cell[8, 1])
     assert south in entered(policy, ENV1.map, 8)
     assert south not in entered(policy._replace(may_ask=policy.asks), ENV1.map, 8)
@@ -92,12 +94,11 @@ def test_learned_joint_states(name, learner, settings):
     rule = learner_of(learner)
     asking = {"q_star_init": 100, "ask_cost": 0, "steps": 3000, "penalty": -100, **settings}
     scenario = rule.with_defaults(load_scenario(name).with_settings(asking))
-    begun = rule.tables(scenario)
-    before = sparsity_of(begun, begun)
-    assert before.by_cell.sum() == 0 and before.share == 0
-    after = sparsity_of(learn(scenario, learner, 1)[0], begun)
-    assert 0 < after.share < 0.6
-    assert after.by_cell.shape == (len(scenario.map.cells),)
+    begun = untrained(scenario, learner)
+    assert rule.learned_rows(scenario, begun.memory).sum() == 0
+    after = rule.learned_rows(scenario, learn(scenario, learner, 1)[0].memory)
+    assert after.shape == (len(scenario.map.cells),)
+    assert 0 < after.sum() < 0.6 * rule.rows_of_a_cell(scenario) * len(after)
 
 
 @pytest.mark.parametrize(

@@ -255,7 +255,7 @@ def simulate():
                         said.percepts[k, step] = (choices[k].cell, choices[k].perceived)
             if outcome.episode_over and world.transitions < scenario.steps:
                 world.begin_episode()
-        said.tables = [agent.tables for agent in team.agents]
+        said.tables = [agent.tables for agent in agents]
         said.history = recorder.history()
         return said
 

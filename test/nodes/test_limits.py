@@ -17,7 +17,8 @@ from sparse_coord_ros import wire
 from sparse_coord_ros.errors import TablesError
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.run_config import RunConfig, make_run
-from sparse_coord_ros.learn.tables import unpack_robot
+from sparse_coord_ros.learn.tables import unpack_saved
+from sparse_coord_ros.limits import TABLES
 from sparse_coord_ros.lockstep.bodies import BodyGoal, Goals
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.intake import Intake
@@ -89,7 +90,7 @@ def test_tables_are_unpacked_only_as_far_as_those_of_a_robot_can_be():
     assert len(file.getvalue()) < 600_000
     before = time.process_time()
     with pytest.raises(TablesError, match="80,000,128 bytes, allowed for the tables of one robot"):
-        unpack_robot(file.getvalue(), 1, where="tables")
+        unpack_saved(file.getvalue(), [1], where="tables", limit=TABLES)
     assert time.process_time() - before < STALL_SECONDS
 
 

@@ -14,7 +14,7 @@ from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.game.world import Reward
 from sparse_coord_ros.learn.history import load_history
 from sparse_coord_ros.learn.run_config import make_run
-from sparse_coord_ros.learn.tables import unpack_robot
+from sparse_coord_ros.learn.tables import tables_of, unpack_saved
 from sparse_coord_ros.look.page import messages
 from sparse_coord_ros.look.page.board import Board
 from sparse_coord_ros.look.page.controls import PAUSE, RATE, RESET, STEP, Control
@@ -123,7 +123,8 @@ def test_details_have_the_row_of_the_newest_tables(good):
         for k in range(2):
             if f"robot_{k + 1}_0" in one.name:
                 takes[f"/robot_{k + 1}/tables"](serialize_message(tables_message(one.data, 0, "")))
-                tables[k], _ = unpack_robot(one.data, k + 1, where=one.name)
+                [saved] = unpack_saved(one.data, [k + 1], where=one.name)
+                tables[k] = tables_of(good.run.scenario, good.run.rule, k, saved.memory)
     log, told = read_run(good.bag), 0
     for message in open_bag(good.bag).messages(set(takes)):
         takes[message.topic](message.data)

@@ -15,7 +15,6 @@ from sparse_coord_ros.game.actions import COORDINATE
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.history import load_history
 from sparse_coord_ros.learn.run_config import load_run, make_run
-from sparse_coord_ros.learn.tables import load_saved_team
 from sparse_coord_ros.look.page import messages
 from sparse_coord_ros.look.page.board import Board
 from sparse_coord_ros.look.page.server import Server
@@ -298,8 +297,8 @@ def test_a_run_without_ros_ends_on_its_final_tables_then_acts_greedily(
     scenario = load_run(out).scenario
     due = [f"{value:.2f}" for value in tables_in(out)[0].q_star[0]]
     assert q_star_shown(browser) == due
-    [asked, _] = load_saved_team(out, scenario)
-    cells = (asked.memory.star_updates[:, COORDINATE] > 0).sum()
+    asked = tables_in(out)[0].memory["updates"][:, COORDINATE]
+    cells = (asked > 0).sum()
     shown = "document.querySelectorAll('#map rect[fill-opacity]').length"
     assert browser.value(shown) >= cells > 5
     again = start("cli.main", "watch", str(out), "--port", "0")

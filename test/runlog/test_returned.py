@@ -9,7 +9,7 @@ from rclpy.serialization import serialize_message
 from sparse_coord_ros.bags import BagWriter, QoS
 from sparse_coord_ros.bags.reader import open_bag
 from sparse_coord_ros.cli.main import main
-from sparse_coord_ros.learn.tables import pack_tables, unpack_robot
+from sparse_coord_ros.learn.tables import pack_tables, unpack_saved
 from sparse_coord_ros.nodes.messages import status
 from sparse_coord_ros.runlog import verify
 from sparse_coord_ros.wire import RunState
@@ -58,9 +58,10 @@ def returned(good, tmp_path):
                 data = one.data
                 if one.name == last[which]:
                     number = int(other[-1])
-                    tables, counts = unpack_robot(data, number, where="")
-                    tables.q_star[0, 0] = np.nextafter(tables.q_star[0, 0], 1)
-                    data = pack_tables({number: tables.memory}, counts=counts)
+                    [saved] = unpack_saved(data, [number], where="")
+                    q_star = saved.memory["q_star"]
+                    q_star[0, 0] = np.nextafter(q_star[0, 0], 1)
+                    data = pack_tables({number: saved.memory}, counts=saved.counts)
                 for _ in range(1 + (one.name == again)):
                     new.attach(one.name, data, one.media_type, one.log_time_ns)
         return verify(directory)
