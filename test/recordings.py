@@ -22,6 +22,7 @@ from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.run_config import bag_files, make_run
 from sparse_coord_ros.learn.tables import pack_tables, unpack_saved
 from sparse_coord_ros.learners.agent import Agent
+from sparse_coord_ros.learners.memory import taught
 from sparse_coord_ros.lockstep.bodies import BodyWorld
 from sparse_coord_ros.lockstep.robot_side import RobotSide
 from sparse_coord_ros.lockstep.world_side import WorldSide
@@ -109,7 +110,10 @@ class Recording:
         self.write("/run", "std_msgs/msg/String", serialize_message(String(data=text)))
         game = BodyWorld(run.scenario, run.seed, slips=run.slips) if run.bodies else None
         self.world = WorldSide(run, self, game)
-        begin = tables or [None] * len(self.names)
+        begin = [None] * len(self.names)
+        if tables is not None:
+            scenario, rule = run.scenario, run.rule
+            begin = [taught(scenario, rule, k, one.memory) for k, one in enumerate(tables)]
         self.robots = [
             RobotSide(
                 run,
@@ -118,7 +122,7 @@ class Recording:
                     run.scenario,
                     k,
                     run.seed,
-                    memory=None if begin[k] is None else begin[k].memory,
+                    memory=begin[k],
                     learning=not run.greedy,
                 ),
                 LoggedRobot(self, k),

@@ -5,7 +5,7 @@
 import sys
 
 from sparse_coord_ros.engine.run import LearningRun, Team
-from sparse_coord_ros.errors import SparseCoordError
+from sparse_coord_ros.errors import PluginError
 from sparse_coord_ros.game.plugins import is_shipped
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learners.learner import Learner
@@ -15,6 +15,9 @@ STEPS = 1000
 """Time steps that a learner of one's own makes in both forms before it is used compiled."""
 
 TRIED_ON = "env1"
+
+TELLING = ("No implementation of function", "Untyped global name", "Unknown attribute", "Cannot")
+"""Beginnings of the lines in which numba says what it cannot compile."""
 
 _tried: dict[type[Learner], bool] = {}
 
@@ -46,17 +49,16 @@ def _problem(learner: Learner) -> str | None:
     try:
         compiled = LearningRun(Team(scenario, learner, compiled=True), seed=0, gathering=False)
         compiled.advance(STEPS)
-    except SparseCoordError:
-        raise
-    except Exception as error:  # whatever numba raises about code that it cannot compile
-        return f"numba cannot compile it ({_first_line(error)})"
+    except PluginError as error:  # plain Python has run it: numba cannot compile it
+        return f"numba cannot compile it ({_reason(error)})"
     pairs = zip(plain.memories, compiled.memories, strict=True)
     if all(memories_equal(one, other) for one, other in pairs):
         return None
     return "what it learns differs in its last bits"
 
 
-def _first_line(error: Exception) -> str:
-    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    telling = [line for line in lines if not line.startswith(("Failed in", "-", "During"))]
-    return (telling or [type(error).__name__])[0]
+def _reason(error: PluginError) -> str:
+    """Return what numba says last of why: the innermost reason."""
+    lines = [line.strip() for line in str(error.__cause__).splitlines()]
+    reasons = [line for line in lines if line.startswith(TELLING)]
+    return reasons[-1] if reasons else type(error.__cause__).__name__

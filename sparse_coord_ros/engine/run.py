@@ -235,11 +235,12 @@ class Team:
         filled: Any = (results, asked, stays)
         if not self.compiled:
             filled = [table.tolist() for table in filled]
-        if progress is not None:
-            for played in range(trials):
-                progress(played, trials)
-                self.loops.play(state, minds, *filled, played + 1, paired)
-        self.loops.play(state, minds, *filled, trials, paired)
+        with self.learner.blamed("acting"):
+            if progress is not None:
+                for played in range(trials):
+                    progress(played, trials)
+                    self.loops.play(state, minds, *filled, played + 1, paired)
+            self.loops.play(state, minds, *filled, trials, paired)
         results, asked, stays = map(np.asarray, filled)
         self.check_wanted()
         times = results[:, :, loop.TIME]
@@ -334,7 +335,8 @@ class LearningRun:
             clock = state.game.clock
             while clock[DONE] < until:
                 self._make_room(number)
-                self.team.loops.learn(state, self.minds, self._records[number], until)
+                with self.learner.blamed("learning"):
+                    self.team.loops.learn(state, self.minds, self._records[number], until)
                 self.team.check_wanted()
         self.done = max(self.done, until)
 

@@ -7,6 +7,7 @@ of `engine.loop` call the same functions for all robots of a team.
 """
 
 from array import array
+from collections.abc import Callable
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -16,6 +17,7 @@ from sparse_coord_ros.game import streams
 from sparse_coord_ros.game.actions import COORDINATE, PRIMITIVES
 from sparse_coord_ros.game.draws import PlainDraws, drawn
 from sparse_coord_ros.game.perception import asked_peers
+from sparse_coord_ros.game.plugins import is_shipped
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.schedules import probabilities, step_sizes
 from sparse_coord_ros.game.specs import Spec
@@ -85,6 +87,26 @@ def schedules(epsilon: Spec, step_size: Spec, budget: int) -> Schedules:
     return Schedules(*(array("d", table.tobytes()) for table in tables))
 
 
+DOING = {
+    "begin_episode": "beginning an episode",
+    "decide": "deciding",
+    "act": "acting",
+    "values_asking": "acting",
+    "learn": "learning",
+}
+"""What a learner does in the methods of an agent."""
+
+
+def _blaming(learner: Learner, doing: str, method: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a method that says in one line where a learner of one's own fails."""
+
+    def blaming(*args: Any) -> Any:
+        with learner.blamed(doing):
+            return method(*args)
+
+    return blaming
+
+
 class Agent:
     """Agent k of a learner.
 
@@ -131,6 +153,9 @@ class Agent:
         self._initial = learner.mind(scenario, number)
         self.task = learner.task(scenario, number, self._schedules.step_sizes)
         self.mind = as_lists(self._initial, memory)
+        if not is_shipped(learner):
+            for name, doing in DOING.items():
+                setattr(self, name, _blaming(learner, doing, getattr(self, name)))
 
     def begin_episode(self) -> None:
         """Begin an episode."""

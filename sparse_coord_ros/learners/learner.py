@@ -8,17 +8,20 @@ and make nothing. A learner of one's own overrides one of them or more; a memory
 entry of `memory`. See examples/own_learner.py and docs/tutorials/own_learner.md.
 """
 
+import functools
+import math
 from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, nullcontext, suppress
 from dataclasses import replace
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
-from sparse_coord_ros.errors import SettingError
+from sparse_coord_ros.errors import SettingError, in_short
 from sparse_coord_ros.game.actions import ACTIONS, PRIMITIVES
 from sparse_coord_ros.game.links import ruled_out
-from sparse_coord_ros.game.plugins import is_shipped, path_of
+from sparse_coord_ros.game.plugins import failing_as, is_shipped, path_of
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.world import RewardWeights
 from sparse_coord_ros.learners.mind import Memory, mind_class
@@ -26,6 +29,54 @@ from sparse_coord_ros.learners.rules import Task, Transition
 
 Made = Callable[[Scenario, int], np.ndarray]
 """Makes an array of a mind before learning, of a scenario and a robot (from 0)."""
+
+def _guarded(
+    method: Callable[..., Any], name: str, check: Callable[[str, Any], Any]
+) -> Callable[..., Any]:
+    """Return a method of a learner of one's own that says in one line where it fails.
+
+    Args:
+        method: the method.
+        name: its name.
+        check: returns what the method returned, or raises `SettingError`.
+    """
+
+    @functools.wraps(method)
+    def guarded(self: "Learner", *args: Any, **more: Any) -> Any:
+        with self.blamed(f"making its {name}"):
+            return check(f"learner {self.label!r}", method(self, *args, **more))
+
+    return guarded
+
+
+def _checked_scenario(said: str, made: Any) -> Any:
+    if not isinstance(made, Scenario):
+        raise SettingError(
+            f"{said}: its with_defaults returned {in_short(made)}, allowed: a Scenario"
+        )
+    return made
+
+
+def _checked_weights(said: str, made: Any) -> Any:
+    with suppress(TypeError, ValueError):
+        weights = RewardWeights(*map(float, made))
+        if all(map(math.isfinite, weights)):
+            return weights
+    allowed = "three numbers, for the individual reward, the common reward and the cost of asking"
+    raise SettingError(f"{said}: its weights are {made!r}, allowed: {allowed}")
+
+
+def _anything(said: str, made: Any) -> Any:
+    return made
+
+
+CHECKS: Mapping[str, Callable[[str, Any], Any]] = {
+    "with_defaults": _checked_scenario,
+    "check": _anything,
+    "weights": _checked_weights,
+}
+"""The methods of a learner of one's own that are checked."""
+
 
 class Learner:
     """One learner: its names, what it needs, and how its robots choose and learn.
@@ -75,6 +126,10 @@ class Learner:
         functions = any(isinstance(one, staticmethod) for one in vars(cls).values())
         if own or functions:  # else compiled loops of its base class are its own, too
             cls.Mind = mind_class(cls, (*cls.Mind._fields, *own))
+        if not is_shipped(cls):
+            for name, check in CHECKS.items():
+                if name in vars(cls):
+                    setattr(cls, name, _guarded(vars(cls)[name], name, check))
 
     # One robot.
 
@@ -218,9 +273,20 @@ class Learner:
 
     def mind(self, scenario: Scenario, robot: int) -> Any:
         """Return a robot's mind (from 0) before learning, as arrays, with its own memory."""
-        base = type(self).initial(scenario, robot)
-        more = {}
-        for one in reversed(type(self).__mro__):
-            for name, make in vars(one).get("memory", {}).items():
-                more[name] = np.asarray(make(scenario, robot))
-        return self.Mind(**base._asdict(), **more)
+        with self.blamed("making what a robot remembers"):
+            base = type(self).initial(scenario, robot)
+            more = {}
+            for one in reversed(type(self).__mro__):
+                for name, make in vars(one).get("memory", {}).items():
+                    more[name] = np.asarray(make(scenario, robot))
+            return self.Mind(**base._asdict(), **more)
+
+    def blamed(self, doing: str) -> AbstractContextManager[None]:
+        """Return a context in which a failure of a learner of one's own is said in one line.
+
+        Args:
+            doing: what the learner does there.
+        """
+        if is_shipped(self):
+            return nullcontext()
+        return failing_as(f"learner {self.label!r}", doing)

@@ -8,7 +8,6 @@ import pytest
 from teams import tables_in
 
 from sparse_coord_ros.compiling import has_numba
-from sparse_coord_ros.game.scenario import load_scenario
 
 pytestmark = pytest.mark.skipif(not has_numba(), reason="minutes in plain Python")
 
@@ -43,7 +42,6 @@ def test_train_improves_to_the_same_tables_and_says_which_doorways_nobody_felt(
     assert sparse_coord(*TRAIN, "--penalty", 0, "--out", "b")[0] == 0
     _, out, _ = sparse_coord("improve", "b")
     assert "no r^C was ever felt in doorway (2, 2)" in out
-    scenario = load_scenario("env1")
     teams = [tables_in(folder / name / "improved") for name in "ab"]
     for one, other in zip(*teams, strict=True):
         assert (one.q_star == other.q_star).all()

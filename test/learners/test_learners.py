@@ -2,23 +2,26 @@
 # SPDX-License-Identifier: Apache-2.0
 """Learners as objects: what each of them says of itself, and the user's own."""
 
+import numpy as np
 import pytest
+from teams import by_agents, in_parts
 
 from sparse_coord_ros.engine.batch import run_batch
+from sparse_coord_ros.engine.forms import agrees
 from sparse_coord_ros.engine.run import learn
 from sparse_coord_ros.errors import PluginError, SettingError
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.game.world import SUM_OF_PARTS, RewardWeights
 from sparse_coord_ros.learn.run_config import make_run, run_from_yaml
-from sparse_coord_ros.learners.agent import Agent
-from sparse_coord_ros.learners.learner import Learner
+from sparse_coord_ros.learners.coop import Coop
 from sparse_coord_ros.learners.registry import LEARNERS, learner_of
-from sparse_coord_ros.learners.tables import tables_equal
+from sparse_coord_ros.learners.rules import expected, reward_of
+from sparse_coord_ros.learners.tables import memories_equal, tables_equal
 
 SHORT = {"steps": 3000, "penalty": -40}
 
 
-class Heavy(Learner):
+class Heavy(Coop):
     """Weighs r^C five times."""
 
     title = "Heavy"
@@ -27,22 +30,47 @@ class Heavy(Learner):
         return RewardWeights(1.0, 5.0, 1.0)
 
 
-class Plain(Learner):
-    """Algorithm 1 by agents of its own: it has no compiled form."""
+class Whole(Coop):
+    """Python's whole numbers have no end, those of compiled code have 64 bits."""
 
-    def agent(self, *arguments, **settings):
-        return Slow(*arguments, **settings)
-
-
-class Slow(Agent):
-    """An agent that learns from nothing but penalties."""
-
-    def learn(self, step, choice, reward, next_cell):
-        if reward.common:
-            super().learn(step, choice, reward, next_cell)
+    @staticmethod
+    def bootstrap(mind, task, cell, now):
+        number = int(mind.q_star[cell][0]) + 12345
+        return float(number * number * number * number * number * number % 1000)
 
 
-class Eager(Learner):
+class Wordy(Coop):
+    """It cannot be compiled: it makes a dictionary of texts."""
+
+    @staticmethod
+    def bootstrap(mind, task, cell, now):
+        return {"best": max(sorted(map(float, mind.q_star[cell]), key=str))}["best"]
+
+
+class Traces(Coop):
+    """Algorithm 1 whose Q* learns by eligibility traces, with a memory of their own."""
+
+    memory = {"trace": lambda scenario, robot: np.zeros((len(scenario.map.cells), 5))}
+
+    @staticmethod
+    def begin_episode(mind, task):
+        for cell in range(task.cells):
+            for action in range(5):
+                mind.trace[cell][action] = 0.0
+
+    @staticmethod
+    def learn(mind, task, now):
+        error = reward_of(now) + task.discount * expected(mind, task, now)
+        error -= mind.q_star[now.cell][now.action]
+        mind.trace[now.cell][now.action] = 1.0
+        mind.updates[now.cell][now.action] += 1
+        for cell in range(task.cells):
+            for action in range(5):
+                mind.q_star[cell][action] += 0.1 * error * mind.trace[cell][action]
+                mind.trace[cell][action] *= 0.8
+
+
+class Eager(Coop):
     """A learner with defaults of its own."""
 
     defaults = {"epsilon": "constant:0.5", "steps": 123}
@@ -68,7 +96,7 @@ def test_the_papers_three_and_the_factored_one():
     assert expected == {n: (one.title, one.asks, one.alone) for n, one in shipped.items()}
     for name, one in shipped.items():
         assert one.label == name
-        assert one.compiled
+        assert agrees(one)
         assert one.weights(load_scenario("env1")) == SUM_OF_PARTS
 
 
@@ -82,18 +110,39 @@ def test_weights_count_in_every_engine(engine):
     assert not tables_equal(run.tables, learn(scenario, "coop", 3))
 
 
-def test_a_learner_with_agents_of_its_own_is_never_compiled():
+@pytest.mark.parametrize(
+    ("learner", "why"), [(Whole, "differs in its last bits"), (Wordy, "numba cannot compile it")]
+)
+def test_a_learner_that_cannot_be_compiled_runs_in_plain_python(capsys, learner, why):
     scenario = load_scenario("env1").with_settings(SHORT)
-    assert not Plain().compiled
-    [run] = run_batch(scenario, Plain, [3], trials=5, jobs=1)
-    assert tables_equal(run.tables, learn(scenario, Plain, 3))
+    rule = learner_of(learner)
+    assert not agrees(rule)
+    assert not agrees(rule)
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and why in said and "runs in plain Python" in said
+    [run] = run_batch(scenario, rule, [3], trials=5, jobs=1)
+    assert run.engine == "python"
+    assert tables_equal(run.tables, learn(scenario, rule, 3))
     assert not tables_equal(run.tables, learn(scenario, "coop", 3))
     with pytest.raises(SettingError, match="no compiled form"):
-        list(run_batch(scenario, Plain, [3], trials=0, engine="numba"))
+        list(run_batch(scenario, rule, [3], trials=0, engine="numba"))
+
+
+def test_a_learner_with_a_memory_of_its_own(tmp_path):
+    """Compiled, plain, by agents and through files: written once."""
+    scenario, rule = load_scenario("env1").with_settings(SHORT), learner_of(Traces)
+    assert agrees(rule)
+    quick, plain = (learn(scenario, rule, 3, compiled=compiled) for compiled in (True, False))
+    assert tables_equal(quick, plain)
+    memories, _ = by_agents(scenario, rule, 3)
+    assert all(map(memories_equal, memories, [table.memory for table in plain]))
+    assert memories[0]["trace"].any()
+    parts = in_parts(scenario, rule, 3, (1, 700, 3000), tmp_path)
+    assert tables_equal(parts.tables, plain)
 
 
 def test_with_defaults_of_ones_own_that_fails():
-    class Wrong(Learner):
+    class Wrong(Coop):
         name = "wrong"
 
         def with_defaults(self, scenario):

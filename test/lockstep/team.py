@@ -157,10 +157,7 @@ class RobotProcess:
         self.say()
 
     def fresh(self):
-        rule = self.team.rule
-        if rule.factors is not None:
-            return Agent(rule, self.team.scenario, self.number, self.team.run.seed)
-        return SpyAgent(self.team.scenario, self.number, self.team.run.seed, asks=rule.asks)
+        return SpyAgent(self.team.rule, self.team.scenario, self.number, self.team.run.seed)
 
     # The port.
 

@@ -5,7 +5,6 @@
 import signal
 import subprocess
 import sys
-from types import SimpleNamespace
 
 import pytest
 import yaml
@@ -13,7 +12,6 @@ from geometry_msgs.msg import PoseStamped
 from rosbags.highlevel import AnyReader
 from teams import tables_in
 
-from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.history import load_history
 from sparse_coord_ros.learn.tables import load_saved, robot_file
 from sparse_coord_ros.lockstep import waiting
@@ -70,7 +68,6 @@ def test_nodes_end_well_on_a_signal(bench, start_node, tmp_path):
     assert yaml.safe_load((tmp_path / "summary.yaml").read_text())["transitions"] >= 25
     assert_ended_well(one)
     assert_tables(robot_file(tmp_path, "robot_1"), 1)
-    scenario = SimpleNamespace(robots=load_scenario("env1").robots)
     assert len(tables_in(tmp_path)) == 2
 
 

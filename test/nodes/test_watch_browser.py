@@ -14,7 +14,7 @@ from teams import tables_in
 from sparse_coord_ros.game.actions import COORDINATE
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.history import load_history
-from sparse_coord_ros.learn.run_config import load_run, make_run
+from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.look.page import messages
 from sparse_coord_ros.look.page.board import Board
 from sparse_coord_ros.look.page.server import Server
@@ -294,7 +294,6 @@ def test_a_run_without_ros_ends_on_its_final_tables_then_acts_greedily(
     assert browser.value(STATE) == "finished"
     browser.wait_for(f"document.{AGES} === 'Tables at the end of learning.'")
     assert browser.value("document.getElementById('speed').textContent") == "0"
-    scenario = load_run(out).scenario
     due = [f"{value:.2f}" for value in tables_in(out)[0].q_star[0]]
     assert q_star_shown(browser) == due
     asked = tables_in(out)[0].memory["updates"][:, COORDINATE]

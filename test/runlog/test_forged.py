@@ -374,7 +374,7 @@ def test_explain_knows_what_a_left_out_robot_has_not_learned(record):
 
 def test_explain_says_what_it_cannot_know(good, rewritten, tmp_path):
     def better(tables, counts):
-        tables.q_star[3, 2] += 1.0
+        tables["q_star"][3, 2] += 1.0
 
     def attach(found):
         place = next(p for p, one in enumerate(found) if one.name == "tables/robot_1_0.npz")

@@ -267,7 +267,7 @@ def test_tables_that_nobody_can_go_on_from_are_no_checkpoint(
     place = chunk_at(bag, verify(path).log.gaps[0].first, chunked.run.step_period * 1e9)
     found = verify(flipped(bag, place)[0])
     assert found.not_compared[0][1] > step
-    assert [one.step for one in found.differences] == [step]
+    assert found.differences == ()
 
 
 def test_tables_of_a_step_that_nobody_was_at_are_no_checkpoint(

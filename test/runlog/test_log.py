@@ -8,14 +8,15 @@ from collections import Counter
 import numpy as np
 import pytest
 from recordings import copied
-from teams import plain_run
+from teams import chosen, plain_run
 
 from sparse_coord_ros.bags import BagWriter
 from sparse_coord_ros.bags.playlist import Playlist
 from sparse_coord_ros.bags.reader import open_bag
-from sparse_coord_ros.engine.evaluation import Team
+from sparse_coord_ros.game.links import Percepts
 from sparse_coord_ros.game.world import World
 from sparse_coord_ros.learners.agent import Agent
+from sparse_coord_ros.learners.coop import Coop
 from sparse_coord_ros.learners.tables import tables_equal
 from sparse_coord_ros.runlog import read_run, verify
 from sparse_coord_ros.runlog.explain import coordinations, explained
@@ -35,7 +36,8 @@ def run(request, record):
 def test_arrays_are_what_the_simulation_says(run):
     scenario, log = run.run.scenario, read_run(run.bag)
     robots = range(len(run.names))
-    team = Team(scenario, 7, [Agent(scenario, k, 7) for k in robots])
+    agents = [Agent(Coop(), scenario, k, 7) for k in robots]
+    percepts = Percepts(scenario, 7)
     world = World(scenario, 7)
     rows = {step: row for row, step in enumerate(log.step.tolist())}
     frame, seen, outcomes = Frame(run.run), set(), Counter()
@@ -50,9 +52,13 @@ def test_arrays_are_what_the_simulation_says(run):
     check_states()
     while world.transitions < scenario.steps:
         row = rows[world.step]
-        choices, actions = team.act(world)
+        choices = [chosen(agent, world, percepts) for agent in agents]
+        actions = [None if choice is None else choice.action for choice in choices]
         outcome = world.advance(actions)
-        team.learn(choices, world, outcome)
+        for agent, choice in zip(agents, choices, strict=True):
+            if choice is not None:
+                k = agent.number
+                agent.learn(world.step - 1, choice, outcome.rewards[k], world.cells[k])
         for k in robots:
             if actions[k] is None:
                 assert log.action[row, k] == log.move[row, k] == log.peer[row, k] == -1
@@ -76,7 +82,7 @@ def test_arrays_are_what_the_simulation_says(run):
     assert seen == set(rows)
     assert len(outcomes) == 3 and min(outcomes.values()) > 5
     final = [log.tables[k, world.step] for k in robots]
-    assert tables_equal(final, [agent.tables for agent in team.agents])
+    assert tables_equal(final, [agent.tables for agent in agents])
     assert log.losses == [] and log.problems == ()
 
 
