@@ -1,10 +1,10 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A learner with an update rule of its own, compiled: python expected_sarsa.py [STEPS].
+"""A learner with an update rule of its own: python expected_sarsa.py [STEPS].
 
 Expected SARSA (Sutton & Barto, 2018, Section 6.6) expects of the next cell not the best action,
-but what the exploring policy does. The rule stands once, in `expected`; the `Agent` applies it
-in plain Python and over ROS 2, the `Minds` in the compiled loops, with the same bits.
+but what the exploring policy does. The rule is one function. It runs in plain Python and over
+ROS 2, and compiled by numba, with the same bits.
 
 On the command line: sparse_coord train env1 --learner expected_sarsa:ExpectedSarsa
 """
@@ -12,46 +12,26 @@ On the command line: sparse_coord train env1 --learner expected_sarsa:ExpectedSa
 import sys
 
 import sparse_coord_ros as sc
-from sparse_coord_ros.compiling import inner
-from sparse_coord_ros.learners.agent import TableMinds
-from sparse_coord_ros.learners.policy import greatest
-from sparse_coord_ros.learn.loops import epsilon_at
+from sparse_coord_ros.learners.rules import greatest
 
 
-@inner
-def expected(values, count, epsilon):
-    """Return the mean of the first `count` values under the policy that explores by epsilon."""
-    total = 0.0
-    for action in range(count):
-        total += values[action]
-    return (1.0 - epsilon) * greatest(values, count) + epsilon * total / count
-
-
-class Agent(sc.Agent):
-    """One robot."""
-
-    def bootstrap(self, cell, step):
-        """Return what the robot expects from its next cell on."""
-        return expected(self.values(cell), self.actions, self.epsilon(step))
-
-
-class Minds(TableMinds):
-    """All robots, for the compiled loops."""
-
-    @staticmethod
-    def bootstrap(state, minds, step, k, cell):
-        """Return what robot k expects from its next cell on."""
-        return expected(minds.q_star[k, cell], state.problem.actions, epsilon_at(state, step))
-
-
-class ExpectedSarsa(sc.Learner):
+class ExpectedSarsa(sc.Coop):
     """Algorithm 1 with the update of expected SARSA."""
 
     name = "expected_sarsa"
     title = "Expected SARSA"
     summary = "Algorithm 1 that bootstraps on the policy it follows"
-    agent_class = Agent
-    minds = Minds
+
+    @staticmethod
+    def bootstrap(mind, task, cell, now):
+        """Return the mean of Q*(cell, .) under the policy that explores by epsilon."""
+        total = 0.0
+        for action in range(task.actions):
+            total += mind.q_star[cell][action]
+        explored = total / task.actions
+        return (1.0 - now.epsilon) * greatest(mind.q_star[cell], task.actions) + (
+            now.epsilon * explored
+        )
 
 
 sc.register_learner(ExpectedSarsa)

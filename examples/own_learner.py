@@ -10,7 +10,7 @@ import sys
 import sparse_coord_ros as sc
 
 
-class Careful(sc.Learner):
+class Careful(sc.Coop):
     """Algorithm 1, but r^C counts once for each robot that it harms."""
 
     name = "careful"

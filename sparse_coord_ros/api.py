@@ -47,12 +47,15 @@ from sparse_coord_ros.game.scenario import (
     loaded,
     scenario_names,
 )
-from sparse_coord_ros.game.world import Reward, RewardWeights
+from sparse_coord_ros.game.world import RewardWeights
 from sparse_coord_ros.learn import run_config
 from sparse_coord_ros.learn.history import History, load_history
 from sparse_coord_ros.learn.run_config import RUN_SETTINGS, RunConfig
 from sparse_coord_ros.learn.tables import load_team
-from sparse_coord_ros.learners.agent import Agent, Choice
+from sparse_coord_ros.learners.baselines import NonCoop
+from sparse_coord_ros.learners.coop import Coop
+from sparse_coord_ros.learners.cq import CQ
+from sparse_coord_ros.learners.factored import Factored
 from sparse_coord_ros.learners.learner import Learner
 from sparse_coord_ros.learners.registry import LearnerLike, chosen_learner, register_learner
 from sparse_coord_ros.learners.tables import Tables
@@ -85,7 +88,7 @@ __all__ += ["load_run", "SavedRun", "read_log", "RunLog", "verify", "Verificatio
 __all__ += ["sweep", "experiment_names", "run_experiment", "ExperimentResults"]
 __all__ += ["benchmark", "Benchmark", "Standing"]
 # Learners and perception models of one's own
-__all__ += ["Learner", "Agent", "Choice", "Reward", "RewardWeights"]
+__all__ += ["Learner", "Coop", "NonCoop", "Factored", "CQ", "RewardWeights"]
 __all__ += ["register_learner", "register_perception", "perception_model"]
 # Errors
 __all__ += ["SparseCoordError"]

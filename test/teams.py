@@ -147,7 +147,7 @@ import sparse_coord_ros as sc
 
 pathlib.Path(__file__).with_name("imported").touch()
 
-class Team(sc.Learner):
+class Team(sc.Coop):
     pass
 
 @sc.perception_model

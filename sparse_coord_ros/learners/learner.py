@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from sparse_coord_ros.compiling import inner
 from sparse_coord_ros.errors import SettingError, in_short
 from sparse_coord_ros.game.actions import ACTIONS, PRIMITIVES
 from sparse_coord_ros.game.links import ruled_out
@@ -123,7 +124,9 @@ class Learner:
             if attribute not in vars(cls):
                 setattr(cls, attribute, getattr(Learner, attribute))
         own = vars(cls).get("memory", {})
-        functions = any(isinstance(one, staticmethod) for one in vars(cls).values())
+        functions = [one for one in vars(cls).values() if isinstance(one, staticmethod)]
+        for function in functions:  # so that those of a subclass can call it
+            inner(function.__func__)
         if own or functions:  # else compiled loops of its base class are its own, too
             cls.Mind = mind_class(cls, (*cls.Mind._fields, *own))
         if not is_shipped(cls):

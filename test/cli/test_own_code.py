@@ -17,27 +17,23 @@ MODULE = """
 import numpy as np
 import sparse_coord_ros as sc
 
-class Team(sc.Learner):
+coop_learn = sc.Coop.learn
+
+class Team(sc.Coop):
     title = "Team player"
     def weights(self, scenario):
         return sc.RewardWeights(1, len(scenario.robots), 1)
 
-class Twice(sc.Agent):
-    def learn(self, *args):
-        super().learn(*args)
-        super().learn(*args)
+class Eager(sc.Coop):
+    @staticmethod
+    def learn(mind, task, now):
+        coop_learn(mind, task, now)
+        coop_learn(mind, task, now)
 
-class Eager(sc.Learner):
-    def agent(self, scenario, number, seed, **more):
-        return Twice(scenario, number, seed, **more)
-
-class Failing(sc.Agent):
-    def learn(self, step, *args):
-        raise KeyError(step)
-
-class Broken(sc.Learner):
-    def agent(self, scenario, number, seed, **more):
-        return Failing(scenario, number, seed, **more)
+class Broken(sc.Coop):
+    @staticmethod
+    def learn(mind, task, now):
+        raise KeyError("step")
 
 @sc.perception_model
 def fog(grid, p):

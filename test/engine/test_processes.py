@@ -64,11 +64,10 @@ def test_an_interrupt_at_the_terminal_is_for_the_parent_alone():
 
 SCRIPT = """
 import sparse_coord_ros as sc
-class Agent(sc.Agent): pass
-class Mine(sc.Learner):
+class Mine(sc.Coop):
     name = "mine"
-    agent_class = Agent
-try: print(len(sc.train_many(sc.load_scenario("env1", steps=20), Mine, runs=2, trials=0, jobs=2)))
+many = {"runs": 2, "trials": 0, "jobs": 2, "engine": "python"}
+try: print(len(sc.train_many(sc.load_scenario("env1", steps=20), Mine, **many)))
 except sc.SparseCoordError as error: print(error)
 """
 

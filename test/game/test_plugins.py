@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Learners and perception models of the user's own: how they are found, named and blamed."""
 
-import math
 import sys
 
 import numpy as np
@@ -11,12 +10,10 @@ import pytest
 import sparse_coord_ros as sc
 from sparse_coord_ros.engine.batch import run_batch
 from sparse_coord_ros.engine.run import learn
-from sparse_coord_ros.errors import PluginError, in_short
+from sparse_coord_ros.errors import PluginError
 from sparse_coord_ros.game import perception, plugins
 from sparse_coord_ros.game.perception import MODELS
-from sparse_coord_ros.game.world import Action
 from sparse_coord_ros.learn.run_config import make_run, run_from_yaml
-from sparse_coord_ros.learners.agent import Decision
 from sparse_coord_ros.learners.registry import LEARNERS, learner_of
 from sparse_coord_ros.learners.tables import tables_equal
 
@@ -24,7 +21,9 @@ MODULE = """
 import numpy as np
 import sparse_coord_ros as sc
 
-class Team(sc.Learner):
+coop_learn = sc.Coop.learn
+
+class Team(sc.Coop):
     name = "team_of_tests"
     def weights(self, scenario):
         return 1, len(scenario.robots), 1
@@ -33,63 +32,43 @@ class Heir(Team):
     pass
 
 class Parts:
-    class Inner(sc.Learner):
+    class Inner(sc.Coop):
         pass
 
-class Twice(sc.Agent):
-    def learn(self, *args):
-        super().learn(*args)
-        super().learn(*args)
+class Twice(sc.Coop):
+    @staticmethod
+    def learn(mind, task, now):
+        coop_learn(mind, task, now)
+        coop_learn(mind, task, now)
 
-class Eager(sc.Learner):
-    def agent(self, scenario, number, seed, **more):
-        return Twice(scenario, number, seed, **more)
-
-class Failing(sc.Agent):
-    def learn(self, step, *args):
-        if step > 20:
+class Broken(sc.Coop):
+    @staticmethod
+    def learn(mind, task, now):
+        if now.step > 20:
             return {}["learned"]
 
-class Broken(sc.Learner):
-    def agent(self, scenario, number, seed, **more):
-        return Failing(scenario, number, seed, **more)
-
-class Weightless(sc.Learner):
+class Weightless(sc.Coop):
     def weights(self, scenario):
         return {"common": 2}
 
-class Nobody(sc.Learner):
-    def agent(self, scenario, number, seed, **more):
-        return "an agent"
+class Empty(sc.Coop):
+    @staticmethod
+    def initial(scenario, robot):
+        pass
 
-class Odd(sc.Learner):
-    def tables(self, scenario, number=0):
-        return scenario.no_such_setting
+class Odd(sc.Coop):
+    memory = {"odd": lambda scenario, robot: scenario.no_such_setting}
 
-class Needy(sc.Learner):
+class Valueless(sc.Coop):
+    @staticmethod
+    def bootstrap(mind, task, cell, now):
+        pass
+
+class Needy(sc.Coop):
     def __init__(self, more):
         self.more = more
 
-class Silent(sc.Agent):
-    def decide(self, step, cell):
-        return None
-
-class Mute(sc.Learner):
-    def agent(self, scenario, number, seed, **more):
-        return Silent(scenario, number, seed, **more)
-
-class Still(sc.Learner):
-    agent_class = Silent
-
-class Empty(sc.Learner):
-    def agent(self, scenario, number, seed, **more):
-        pass
-
-class Tableless(sc.Learner):
-    def tables(self, scenario, number=0):
-        pass
-
-class Unchecked(sc.Learner):
+class Unchecked(sc.Coop):
     def check(self, scenario):
         return scenario["steps"]
 
@@ -235,7 +214,7 @@ def foreign_scenario(folder):
         ("", "their_code:Team"),
         ("their_package their", "their_code:Team"),  # no package above it
         ("their_package.other", "their_package.within:Team"),
-        ("", "sparse_coord_ros.learn.learners:Coop"),
+        ("", "sparse_coord_ros.learners.coop:Coop"),
     ],
 )
 def test_what_nobody_allowed_is_not_imported(module, monkeypatch, tmp_path, allowed, name):
@@ -278,7 +257,7 @@ def test_who_names_code_in_python_allows_it(module, small, monkeypatch):
         plugins.allow_modules(["my team.py"])
 
 
-class Own(sc.Learner):
+class Own(sc.Coop):
     """A learner that is handed over as it is."""
 
 
@@ -404,7 +383,7 @@ def test_a_shipped_model_is_no_module(small):
 
 
 def test_names_that_collide(module):
-    class Mine(sc.Learner):
+    class Mine(sc.Coop):
         name = "coop"
 
     assert "'coop': is taken by this package's own" in refusal(sc.register_learner, Mine)
@@ -415,10 +394,10 @@ def test_names_that_collide(module):
     assert "is no function" in refusal(sc.register_perception, "seven", 7)
     assert learner_of("coop").title == "Coop."
 
-    class Other(sc.Learner):
+    class Other(sc.Coop):
         name = "mine_of_tests"
 
-    class Another(sc.Learner):
+    class Another(sc.Coop):
         name = "mine_of_tests"
 
     for own in (Other, Another):  # as a notebook's cell does that is run twice
@@ -431,16 +410,10 @@ def test_names_that_collide(module):
     [
         ("Broken", ["failed while learning: KeyError: 'learned'", line('["learned"]')]),
         ("Weightless", ["its weights are {'common': 2}, allowed: three numbers"]),
-        ("Nobody", ["returned 'an agent', which is no agent, must be a sparse_coord_ros.Agent"]),
-        (
-            "Empty",
-            ["its agent returned None, which is no agent, must be a sparse_coord_ros.Agent"],
-        ),
-        ("Mute", ["its agent's decide returned None, allowed: a Decision", "from 0 to 4"]),
-        ("Still", ["its agent's decide returned None, allowed: a Decision"]),
-        ("Tableless", ["its tables returned None, allowed: a sparse_coord_ros.Tables"]),
+        ("Empty", ["failed while making what a robot remembers: AttributeError"]),
+        ("Valueless", ["failed while learning: TypeError"]),
         ("Needy", ["failed while being made: TypeError", "'more'"]),
-        ("Odd", ["failed while making its tables: AttributeError", line("no_such")]),
+        ("Odd", ["failed while making what a robot remembers: Attribute", line("no_such")]),
     ],
 )
 def test_a_learner_that_fails_is_blamed(module, small, name, words):
@@ -449,68 +422,13 @@ def test_a_learner_that_fails_is_blamed(module, small, name, words):
     assert [word for word in words if word not in message] == []
 
 
-WRONG = {
-    "decide": [
-        None,
-        3,
-        Decision(5),
-        Decision(-1),
-        Decision(2.0),
-        Decision(4, None),
-        Decision(4, (0,)),
-    ],
-    "explored": [None, 5, -1, "north", True],
-    "epsilon": [None, 1.5, math.nan, "0"],
-    "values": [None, [1.0, 2.0], [math.nan] * 5, 7.0],
-    "act": [None, 3, (1, False, -1, False), Action(4, False, -1, False)],
-    "coordinate": [None, 4, -1, 1.0],
-    "values_asking": [None, [1.0, 2.0, 3.0], [1.0, math.nan, 1.0, 1.0]],
-    "bootstrap": [None, math.nan, math.inf, "much"],
-    "memory": [None, {}],
-}
-
-
-@pytest.mark.parametrize(
-    ("name", "made"), [(name, made) for name, every in WRONG.items() for made in every]
-)
-def test_what_an_agent_may_not_return_is_one_line(monkeypatch, name, made):
-    """It names the learner, the method, what it returned, and what is allowed."""
-    monkeypatch.setattr(LEARNERS, "_known", LEARNERS.registered)
-    theirs = type("Theirs", (sc.Agent,), {name: lambda self, *args, **more: made})
-
-    class Odd(sc.Learner):
-        name = "odd_of_tests"
-        agent_class = theirs
-
-    # COORDINATE is chosen first everywhere, and its percepts fail.
-    scenario = sc.load_scenario("env1", steps=60, q_star_init=0, epsilon="constant:0.9")
-    message = refusal(sc.train, scenario, Odd)
-    assert message.startswith("learner 'odd_of_tests': its agent's " + name + " returned ")
-    assert " returned " + " ".join(in_short(made).split()) + ", allowed: " in message
-
-
-def test_what_an_agent_may_return(monkeypatch, small):
-    """NumPy's numbers, and whatever `learn` returns."""
-    monkeypatch.setattr(LEARNERS, "_known", LEARNERS.registered)
-
-    class Fine(sc.Agent):
-        def decide(self, step, cell):
-            return Decision(np.int64(4), tuple(self.peers))
-
-        def values_asking(self, cell, perceived):
-            return np.array([1.0, 0.0, -np.inf, 2.0])
-
-        def coordinate(self, step, cell, perceived):
-            return np.int64(super().coordinate(step, cell, perceived))
-
-        def learn(self, *args):
-            return "learned"
-
-    class Good(sc.Learner):
-        name = "good_of_tests"
-        agent_class = Fine
-
-    assert sc.train(small, Good).transitions == 60
+def test_a_function_may_call_that_of_its_base_class(module, small):
+    """In plain Python and compiled."""
+    twice = learner_of("their_code:Twice")
+    tables = [learn(small, twice, 1, compiled=compiled) for compiled in (False, True)]
+    assert tables_equal(*tables)
+    updates = tables[0][0].memory["updates"]
+    assert updates.any() and not (updates % 2).any()
 
 
 def test_a_check_that_fails_is_blamed(module, small):

@@ -44,7 +44,7 @@ class Wordy(Coop):
 
     @staticmethod
     def bootstrap(mind, task, cell, now):
-        return {"best": max(sorted(map(float, mind.q_star[cell]), key=str))}["best"]
+        return {"best": min(sorted(map(float, mind.q_star[cell]), key=str))}["best"]
 
 
 class Traces(Coop):
