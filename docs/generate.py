@@ -30,10 +30,9 @@ PENALTIES = (-20.0, -100.0)
 """Those of the paper's tables, and where coordination pays."""
 
 BELOW = {
-    "learners": ("Learners from within", ["learn.learners", "learn.agent", "learn.algorithm"]),
-    "compiled": ("Compiled learners", ["learn.loops"]),
+    "learners": ("Learners from within", ["learners.learner", "learners.rules", "learners.mind"]),
     "game": ("The game", ["game.scenario", "game.perception", "game.world", "game.game"]),
-    "measures": ("Measures", ["learn.evaluation"]),
+    "measures": ("Measures", ["learn.evaluation", "learn.trials"]),
     "logs": ("Logs and bags", ["runlog", "bags"]),
 }
 """Pages of modules below the names of `sparse_coord_ros`, which they leave out."""
@@ -184,12 +183,9 @@ def _learner(rule, results):
     facts = {
         "COORDINATE": "it can ask" if rule.asks else "it never asks",
         "Alone": "each robot learns with no other in the world; not live" if rule.alone else "",
-        "Compiled": "yes" if rule.compiled else "no: plain Python",
         "Its defaults": ", ".join(f"`{k}={v}`" for k, v in rule.defaults.items()),
     }
-    agent = rule.agent_class
-    modules = [agent.__module__] + ["sparse_coord_ros.learn.factors"] * (rule.factors is not None)
-    told = "\n\n".join(f".. automodule:: {n}\n   :no-members:\n   :no-index:" for n in modules)
+    told = f".. automodule:: {module}\n   :no-members:\n   :no-index:"
     rows = [
         [f"[{row.scenario}](../scenarios/{row.scenario}.md)", f"{row.penalty:g}", f"{row.steps:,}"]
         + _measures(row)
@@ -223,9 +219,6 @@ sparse_coord train env1 --learner {rule.label} --out runs/{rule.label}
    :no-members:
    :no-index:
 
-.. autoclass:: {agent.__module__}.{agent.__name__}
-   :no-members:
-   :no-index:
 ```
 
 {learned if rows else ""}

@@ -18,10 +18,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sparse_coord_ros.dataframes import data_frame, shown_as
-from sparse_coord_ros.engine import evaluation
 from sparse_coord_ros.engine.batch import run_batch
 from sparse_coord_ros.engine.cluster import SchedulerLike, check_place, cluster_at
-from sparse_coord_ros.engine.evaluation import Evaluation
 from sparse_coord_ros.engine.improve import Improvement
 from sparse_coord_ros.engine.improve import improve as plan
 from sparse_coord_ros.engine.trained import Training
@@ -48,7 +46,8 @@ from sparse_coord_ros.game.scenario import (
     scenario_names,
 )
 from sparse_coord_ros.game.world import RewardWeights
-from sparse_coord_ros.learn import run_config
+from sparse_coord_ros.learn import evaluation, run_config
+from sparse_coord_ros.learn.evaluation import Evaluation
 from sparse_coord_ros.learn.history import History, load_history
 from sparse_coord_ros.learn.run_config import RUN_SETTINGS, RunConfig
 from sparse_coord_ros.learn.tables import load_team

@@ -37,7 +37,7 @@ in `sparse_coord_ros` of the user's cache directory (XDG_CACHE_HOME, or ~/.cache
 COMPILER = ("numba", "llvmlite", "numpy")
 """Installed packages whose versions the compiled code depends on."""
 
-SOURCES = ("compiling.py", "game/*.py", "learners/*.py", "solve/*.py", "engine/*.py")
+SOURCES = ("compiling.py", "game/*.py", "learners/*.py", "learn/*.py", "solve/*.py", "engine/*.py")
 """Files that the loops, what they call and their constants come from."""
 
 WAIT_SECONDS = 0.2

@@ -9,8 +9,8 @@ from pathlib import Path
 import yaml
 from rclpy.serialization import deserialize_message
 
-from sparse_coord_ros.engine.run import learn
 from sparse_coord_ros.learn.history import load_history
+from sparse_coord_ros.learn.run import learn
 from sparse_coord_ros.learn.run_config import load_run
 from sparse_coord_ros.learn.tables import load_team
 from sparse_coord_ros.learners.tables import tables_equal

@@ -8,16 +8,18 @@ from contextlib import contextmanager
 import numpy as np
 
 from sparse_coord_ros.engine.checkpoint import Checkpoint, load_checkpoint
-from sparse_coord_ros.engine.run import LearningRun, Team, groups_of
 from sparse_coord_ros.game.links import Percepts
 from sparse_coord_ros.game.perception import MODELS
 from sparse_coord_ros.game.scenario import scenario_from_dict
 from sparse_coord_ros.game.world import World
 from sparse_coord_ros.learn.history import HistoryRecorder, concatenated
+from sparse_coord_ros.learn.run import LearningRun, Team, groups_of
 from sparse_coord_ros.learn.run_config import load_run
 from sparse_coord_ros.learn.tables import load_team, tables_from_values
 from sparse_coord_ros.learners.agent import Agent, Choice
+from sparse_coord_ros.learners.coop import Coop
 from sparse_coord_ros.learners.registry import LEARNERS, learner_of
+from sparse_coord_ros.learners.rules import expected, reward_of
 
 PROTOCOL = {
     "starts": "random",
@@ -63,6 +65,29 @@ def whole(scenario, learner, seed):
     learning = plain_run(scenario, learner, seed)
     learning.advance(scenario.steps)
     return learning
+
+
+class Traces(Coop):
+    """Algorithm 1 whose Q* learns by eligibility traces, with a memory of their own."""
+
+    memory = {"trace": lambda scenario, robot: np.zeros((len(scenario.map.cells), 5))}
+
+    @staticmethod
+    def begin_episode(mind, task):
+        for cell in range(task.cells):
+            for action in range(5):
+                mind.trace[cell][action] = 0.0
+
+    @staticmethod
+    def learn(mind, task, now):
+        error = reward_of(now) + task.discount * expected(mind, task, now)
+        error -= mind.q_star[now.cell][now.action]
+        mind.trace[now.cell][now.action] = 1.0
+        mind.updates[now.cell][now.action] += 1
+        for cell in range(task.cells):
+            for action in range(5):
+                mind.q_star[cell][action] += 0.1 * error * mind.trace[cell][action]
+                mind.trace[cell][action] *= 0.8
 
 
 def plain_run(scenario, learner, seed, state=None):

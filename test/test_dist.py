@@ -14,9 +14,10 @@ from pathlib import Path
 import pytest
 import yaml
 
+from sparse_coord_ros import archive
 from sparse_coord_ros.experiments.checked_json import FORMAT as RESULTS_FORMAT
 from sparse_coord_ros.game.scenario import scenario_names
-from sparse_coord_ros.learn import archive, run_config
+from sparse_coord_ros.learn import run_config
 from sparse_coord_ros.solve import asking_search
 from sparse_coord_ros.version import __version__
 from sparse_coord_ros.wire import BAG_FORMAT

@@ -39,8 +39,10 @@ def bare(python):
 
 
 LEVELS = (
-    {"version", "errors", "files", "limits", "share", "palette", "dataframes", "compiling"},
+    {"version", "errors", "files", "limits", "share", "palette", "dataframes", "compiling"}
+    | {"archive"},
     {"game"},
+    {"learners"},
     {"learn"},
     {"wire", "solve"},
     {"engine", "lockstep", "bags"},

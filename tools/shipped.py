@@ -27,13 +27,13 @@ from typing import Any
 import numpy as np
 
 from sparse_coord_ros.engine.batch import prepare
-from sparse_coord_ros.engine.run import LearningRun, Team
 from sparse_coord_ros.experiments.catalogue import LONG
 from sparse_coord_ros.experiments.conditions import make_condition
 from sparse_coord_ros.experiments.runner import Computing
 from sparse_coord_ros.files import write_whole
 from sparse_coord_ros.game.scenario import Scenario, load_scenario
 from sparse_coord_ros.game.unseen import KINDS, TEAMS, VERSION
+from sparse_coord_ros.learn.run import LearningRun, Team
 from sparse_coord_ros.learners.registry import learner_of
 from sparse_coord_ros.solve.asking_search import find_asking_team
 from sparse_coord_ros.solve.optimum import joint_optimum

@@ -9,13 +9,13 @@ from sparse_coord_ros.cli import pictures
 from sparse_coord_ros.cli.computing import Bar
 from sparse_coord_ros.cli.options import JSON, SEED, Option, changes, format_table, tell
 from sparse_coord_ros.driving.trials import DRIVE_SETTINGS, Drive, drive
-from sparse_coord_ros.engine.evaluation import play
-from sparse_coord_ros.engine.trials import Trials
 from sparse_coord_ros.files import write_whole
 from sparse_coord_ros.game.grid import CLEAR
 from sparse_coord_ros.game.settings import Setting, parse_assignments
+from sparse_coord_ros.learn.evaluation import play
 from sparse_coord_ros.learn.run_config import RunConfig, load_run
 from sparse_coord_ros.learn.tables import load_team
+from sparse_coord_ros.learn.trials import Trials
 
 EPISODES = Setting("episodes", int, 100, "greedy episodes from the starts", low=2, high=1_000_000)
 FOLLOWED = 10

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from sparse_coord_ros.cli.computing import Bar
 from sparse_coord_ros.cli.options import JSON, SEED, Option, format_table, note, tell
 from sparse_coord_ros.engine.checkpoint import CHECKPOINT_FILE
-from sparse_coord_ros.engine.evaluation import TRIALS, Evaluation, play, summary
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.game.scenario import PAPER_MEASURES
+from sparse_coord_ros.learn.evaluation import TRIALS, Evaluation, play, summary
 from sparse_coord_ros.learn.run_config import RunConfig, load_run
 from sparse_coord_ros.learn.tables import load_team
 from sparse_coord_ros.learners.tables import Tables

@@ -9,8 +9,8 @@ from typing import Any
 
 from sparse_coord_ros.cli.evaluate import Evaluated, evaluation_of, facts_of, result_table
 from sparse_coord_ros.cli.options import JSON, Option, tell
-from sparse_coord_ros.engine.evaluation import TRIALS
 from sparse_coord_ros.engine.improve import IMPROVED, improve, save_improved
+from sparse_coord_ros.learn.evaluation import TRIALS
 from sparse_coord_ros.learn.run_config import RunConfig, load_run
 from sparse_coord_ros.learn.tables import load_team
 from sparse_coord_ros.learners.tables import Tables
@@ -35,9 +35,7 @@ def execute(options: argparse.Namespace) -> None:
     tell(options, *planned(out, run, load_team(out, run.scenario, run.rule)))
 
 
-def planned(
-    out: Path, run: RunConfig, tables: Sequence[Tables]
-) -> tuple[dict[str, Any], str]:
+def planned(out: Path, run: RunConfig, tables: Sequence[Tables]) -> tuple[dict[str, Any], str]:
     """Plan on what a run's robots learned, and save that; return what it is worth, and in words.
 
     Raises:

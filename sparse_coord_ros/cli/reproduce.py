@@ -9,10 +9,10 @@ from pathlib import Path
 from sparse_coord_ros.cli.computing import COMPUTING, Bar, computing_of
 from sparse_coord_ros.cli.evaluate import Evaluated, result_table
 from sparse_coord_ros.cli.options import JSON, SEED, Option, format_table, note, tell
-from sparse_coord_ros.engine.evaluation import summary
 from sparse_coord_ros.experiments.catalogue import NAMES
 from sparse_coord_ros.experiments.runner import ExperimentResults, parse_targets, run_experiment
 from sparse_coord_ros.experiments.store import RUNS, TRIALS, Plan
+from sparse_coord_ros.learn.evaluation import summary
 from sparse_coord_ros.learn.run_config import make_run
 
 EXAMPLE = (

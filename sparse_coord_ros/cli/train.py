@@ -17,7 +17,6 @@ from sparse_coord_ros.cli.options import Option
 from sparse_coord_ros.compiling import has_numba
 from sparse_coord_ros.engine.batch import ENGINES, is_prepared, prepare
 from sparse_coord_ros.engine.checkpoint import CHECKPOINT_FILE
-from sparse_coord_ros.engine.evaluation import MEASURES
 from sparse_coord_ros.engine.trained import Training
 from sparse_coord_ros.engine.training import (
     EVERY,
@@ -30,6 +29,7 @@ from sparse_coord_ros.errors import RunError, os_error_text
 from sparse_coord_ros.files import take_lock, write_whole
 from sparse_coord_ros.game.scenario import SETTINGS, Scenario
 from sparse_coord_ros.game.settings import Setting
+from sparse_coord_ros.learn.evaluation import MEASURES
 from sparse_coord_ros.learn.history import HISTORY_FILE
 from sparse_coord_ros.learn.run_config import (
     RUN_FILE,

@@ -17,9 +17,9 @@ from sparse_coord_ros.driving.arena import ELSEWHERE, IN_DOORWAY, Arena, Noise
 from sparse_coord_ros.driving.driver import Driver
 from sparse_coord_ros.driving.ground import Ground
 from sparse_coord_ros.driving.steering import Limits, move_seconds
-from sparse_coord_ros.engine.evaluation import greedy_team
 from sparse_coord_ros.game.settings import SettingTable, tables_from_yaml
 from sparse_coord_ros.game.streams import EVALUATION
+from sparse_coord_ros.learn.evaluation import greedy_team
 from sparse_coord_ros.learn.run_config import RUN_SETTINGS, RunConfig
 from sparse_coord_ros.learners.tables import Tables
 from sparse_coord_ros.lockstep.bodies import BodiesSide, BodyWorld, Goals

@@ -20,14 +20,14 @@ import numpy as np
 
 from sparse_coord_ros.compiling import compile_once, has_numba, is_compiled, is_kept
 from sparse_coord_ros.engine.cluster import Cluster
-from sparse_coord_ros.engine.forms import agrees
 from sparse_coord_ros.engine.processes import in_processes
-from sparse_coord_ros.engine.run import LearningRun, Team
 from sparse_coord_ros.engine.trained import Training
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.game.perception import check_found_elsewhere, is_found_elsewhere
 from sparse_coord_ros.game.plugins import path_of
 from sparse_coord_ros.game.scenario import Scenario, load_scenario
+from sparse_coord_ros.learn.forms import agrees
+from sparse_coord_ros.learn.run import LearningRun, Team
 from sparse_coord_ros.learners.learner import Learner
 from sparse_coord_ros.learners.registry import learner_of
 from sparse_coord_ros.solve.exact import exact_means

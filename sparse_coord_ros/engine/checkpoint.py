@@ -16,14 +16,15 @@ from pathlib import Path
 
 import numpy as np
 
-from sparse_coord_ros.engine.evaluation import Evaluation, Measure
-from sparse_coord_ros.engine.run import LearningState, groups_of
+from sparse_coord_ros import archive
 from sparse_coord_ros.errors import RunError, TablesError
 from sparse_coord_ros.files import write_whole
 from sparse_coord_ros.game.scenario import Scenario
-from sparse_coord_ros.learn import archive, checkpoint
+from sparse_coord_ros.learn import checkpoint
 from sparse_coord_ros.learn.checkpoint import position_arrays, positions_from
+from sparse_coord_ros.learn.evaluation import Evaluation, Measure
 from sparse_coord_ros.learn.history import history_from
+from sparse_coord_ros.learn.run import LearningState, groups_of
 from sparse_coord_ros.learn.tables import memory_from, saved_arrays
 from sparse_coord_ros.learners.learner import Learner
 from sparse_coord_ros.learners.memory import check_memory

@@ -18,8 +18,6 @@ from typing import Any
 import numpy as np
 
 from sparse_coord_ros.compiling import has_numba
-from sparse_coord_ros.engine.run import Team
-from sparse_coord_ros.engine.trials import Trials
 from sparse_coord_ros.files import write_whole
 from sparse_coord_ros.game.actions import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.game.grid import GridMap
@@ -27,8 +25,10 @@ from sparse_coord_ros.game.links import UP
 from sparse_coord_ros.game.miscoordination import NOWHERE
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.specs import Spec
+from sparse_coord_ros.learn.run import Team
 from sparse_coord_ros.learn.run_config import RUN_FILE, RunConfig, create_output
 from sparse_coord_ros.learn.tables import save_team
+from sparse_coord_ros.learn.trials import Trials
 from sparse_coord_ros.learners.factored import UNKNOWN, key_of, states_of
 from sparse_coord_ros.learners.learner import Learner
 from sparse_coord_ros.learners.memory import check_memory

@@ -8,14 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
-from sparse_coord_ros.engine.evaluation import Evaluation
-from sparse_coord_ros.engine.trials import Trials
 from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.files import write_whole
 from sparse_coord_ros.game.scenario import Scenario
+from sparse_coord_ros.learn.evaluation import Evaluation
 from sparse_coord_ros.learn.history import History
 from sparse_coord_ros.learn.run_config import RUN_FILE, create_output, make_run
 from sparse_coord_ros.learn.tables import save_team
+from sparse_coord_ros.learn.trials import Trials
 from sparse_coord_ros.learners.learner import Learner
 from sparse_coord_ros.learners.tables import Tables
 from sparse_coord_ros.solve.exact import ExactMeans

@@ -16,12 +16,12 @@ from typing import Protocol
 
 from sparse_coord_ros.engine import batch
 from sparse_coord_ros.engine.checkpoint import Checkpoint, load_checkpoint
-from sparse_coord_ros.engine.evaluation import Evaluation, Progress, silent, summary
-from sparse_coord_ros.engine.run import Glimpse, LearningRun, Team
 from sparse_coord_ros.engine.trained import Training
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.game.scenario import Scenario, ScenarioLike, loaded
 from sparse_coord_ros.game.settings import Setting
+from sparse_coord_ros.learn.evaluation import Evaluation, Progress, silent, summary
+from sparse_coord_ros.learn.run import Glimpse, LearningRun, Team
 from sparse_coord_ros.learn.run_config import RUN_SETTINGS
 from sparse_coord_ros.learners.learner import Learner
 from sparse_coord_ros.learners.registry import LearnerLike, chosen_learner, learner_of

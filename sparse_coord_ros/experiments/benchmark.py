@@ -17,7 +17,6 @@ import numpy as np
 
 from sparse_coord_ros.dataframes import data_frame
 from sparse_coord_ros.engine.cluster import SchedulerLike
-from sparse_coord_ros.engine.evaluation import Measure
 from sparse_coord_ros.experiments.catalogue import unseen_conditions
 from sparse_coord_ros.experiments.runner import (
     SURE,
@@ -31,6 +30,7 @@ from sparse_coord_ros.experiments.store import ConditionResult, Say
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.settings import Setting
 from sparse_coord_ros.game.unseen import TEAMS
+from sparse_coord_ros.learn.evaluation import Measure
 from sparse_coord_ros.learners.registry import LearnerLike, chosen_learner
 from sparse_coord_ros.solve.shipped import known_best
 

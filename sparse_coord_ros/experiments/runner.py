@@ -21,8 +21,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from sparse_coord_ros.dataframes import data_frame, shown_as
 from sparse_coord_ros.engine.batch import Batch, agent_steps, run_batch, run_batches
 from sparse_coord_ros.engine.cluster import Cluster, SchedulerLike, check_place, cluster_at
-from sparse_coord_ros.engine.evaluation import play, summary
-from sparse_coord_ros.engine.trials import Trials
 from sparse_coord_ros.errors import (
     ResultsError,
     SettingError,
@@ -50,8 +48,10 @@ from sparse_coord_ros.files import import_apart
 from sparse_coord_ros.game.perception import check_found_elsewhere
 from sparse_coord_ros.game.plugins import allow_named
 from sparse_coord_ros.game.scenario import Scenario
+from sparse_coord_ros.learn.evaluation import play, summary
 from sparse_coord_ros.learn.run_config import RUN_SETTINGS, RunConfig, load_run, make_run
 from sparse_coord_ros.learn.tables import load_team
+from sparse_coord_ros.learn.trials import Trials
 from sparse_coord_ros.learners.learner import Learner
 from sparse_coord_ros.learners.registry import learner_of
 

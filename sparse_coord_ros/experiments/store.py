@@ -20,7 +20,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.engine.evaluation import Measure
 from sparse_coord_ros.engine.trained import Training
 from sparse_coord_ros.errors import ResultsError, SettingError, SparseCoordError, in_short
 from sparse_coord_ros.experiments.checked_json import (
@@ -38,6 +37,7 @@ from sparse_coord_ros.game.actions import PRIMITIVES
 from sparse_coord_ros.game.plugins import leaving_out
 from sparse_coord_ros.game.scenario import SETTINGS, Scenario, dense_nbytes, scenario_from_dict
 from sparse_coord_ros.game.settings import Setting
+from sparse_coord_ros.learn.evaluation import Measure
 from sparse_coord_ros.learn.run_config import RUN_SETTINGS
 from sparse_coord_ros.learners.factored import Factored
 from sparse_coord_ros.learners.learner import Learner
@@ -198,7 +198,7 @@ class ConditionResult:
         if isinstance(self.learner, Factored):
             return CORRECTION_BYTES
         perceived = self.scenario.perceived
-        return dense_nbytes(1, perceived) + self.scenario.sparse * CELL_BYTES * perceived
+        return dense_nbytes(1, perceived) + self.scenario.sparse * KEY_BYTES
 
     @property
     def dense_bytes(self) -> int:
@@ -236,11 +236,11 @@ class ConditionResult:
         }
 
 
-CELL_BYTES = 4
-"""A number of a key: int32."""
+KEY_BYTES = 8
+"""Bytes of the key of a row."""
 
-CORRECTION_BYTES = 3 * CELL_BYTES + PRIMITIVES * 8
-"""A row of rho: own cell, peer and its cell as int32, and four float64."""
+CORRECTION_BYTES = KEY_BYTES + PRIMITIVES * 8
+"""Bytes of a row of rho: its key, and four float64."""
 
 
 def standard_error(values: np.ndarray) -> float:

@@ -63,7 +63,6 @@ class PlainDraws:
         self._key = scenario, seed, phase
         self.streams = [[Stream(seed, k, role, phase) for k in team] for role in DRAWS]
 
-
     @functools.cached_property
     def links(self) -> Links:
         """When robots get no answer."""

@@ -16,11 +16,11 @@ from typing import Any
 
 import numpy as np
 
+from sparse_coord_ros import archive
 from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.settings import LARGEST_WHOLE
 from sparse_coord_ros.game.world import Position, before_episode
-from sparse_coord_ros.learn import archive
 from sparse_coord_ros.limits import ARRAYS, read_file
 
 

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from sparse_coord_ros import archive
 from sparse_coord_ros.dataframes import data_frame
 from sparse_coord_ros.errors import RunError, retold
 from sparse_coord_ros.files import write_whole
 from sparse_coord_ros.game.world import Action, StepOutcome
-from sparse_coord_ros.learn import archive
 from sparse_coord_ros.limits import ARRAYS, read_file
 
 if TYPE_CHECKING:

@@ -18,11 +18,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sparse_coord_ros import archive
 from sparse_coord_ros.errors import TablesError, retold
 from sparse_coord_ros.files import write_whole
 from sparse_coord_ros.game.actions import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.game.scenario import Scenario
-from sparse_coord_ros.learn import archive
 from sparse_coord_ros.learners.learner import Learner
 from sparse_coord_ros.learners.memory import check_memory
 from sparse_coord_ros.learners.mind import Memory, memory_of

@@ -18,13 +18,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sparse_coord_ros.archive import MOST_UPDATES, check_range
 from sparse_coord_ros.compiling import inlined, inner, of_learner
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.game.actions import ACTIONS, COORDINATE, PRIMITIVES
+from sparse_coord_ros.game.links import ruled_out
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.settings import LARGEST_WHOLE
 from sparse_coord_ros.game.specs import Spec
-from sparse_coord_ros.learn.archive import MOST_UPDATES, check_range
 from sparse_coord_ros.learners.learner import Learner
 from sparse_coord_ros.learners.mind import NO_ROW, Memory, Rows, empty_rows, find, place
 from sparse_coord_ros.learners.rules import Task, Transition, Values, greatest, step_size
@@ -131,6 +132,10 @@ class Factored(Learner):
         cells, robots = len(scenario.map.cells), len(scenario.robots)
         keys = memory["rho_keys"][memory["rho_values"].any(axis=1)]
         return np.bincount(states_of(keys, cells, robots)[:, 0], minlength=cells)
+
+    def ruled_out(self, scenario: Scenario) -> np.ndarray:
+        """As of `Learner`: the learner looks at it."""
+        return ruled_out(scenario)
 
     def check_memory(self, scenario: Scenario, robot: int, memory: Memory) -> None:
         """Check where moves led and how often, where r^C was felt, and the last question."""

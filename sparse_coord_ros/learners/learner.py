@@ -21,7 +21,6 @@ import numpy as np
 from sparse_coord_ros.compiling import inner
 from sparse_coord_ros.errors import SettingError, in_short
 from sparse_coord_ros.game.actions import ACTIONS, PRIMITIVES
-from sparse_coord_ros.game.links import ruled_out
 from sparse_coord_ros.game.plugins import failing_as, is_shipped, path_of
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.world import RewardWeights
@@ -30,6 +29,7 @@ from sparse_coord_ros.learners.rules import Task, Transition
 
 Made = Callable[[Scenario, int], np.ndarray]
 """Makes an array of a mind before learning, of a scenario and a robot (from 0)."""
+
 
 def _guarded(
     method: Callable[..., Any], name: str, check: Callable[[str, Any], Any]
@@ -77,6 +77,10 @@ CHECKS: Mapping[str, Callable[[str, Any], Any]] = {
     "weights": _checked_weights,
 }
 """The methods of a learner of one's own that are checked."""
+
+
+NOWHERE_RULED_OUT = np.zeros((0, 0), dtype=np.bool_)
+"""Of learners that do not ask where a peer cannot be."""
 
 
 class Learner:
@@ -267,8 +271,12 @@ class Learner:
             ask_cost=weights.ask_cost * scenario.ask_cost,
             credit=weights.common,
             step_sizes=step_sizes,
-            ruled_out=ruled_out(scenario),
+            ruled_out=self.ruled_out(scenario),
         )
+
+    def ruled_out(self, scenario: Scenario) -> np.ndarray:
+        """Return `Task.ruled_out`, for learners that look at it; else an array of no cells."""
+        return NOWHERE_RULED_OUT
 
     def minds(self, scenario: Scenario) -> list[Any]:
         """Return the minds of all robots before learning, as arrays, with their own memory."""

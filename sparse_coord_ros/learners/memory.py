@@ -4,10 +4,10 @@
 
 import numpy as np
 
+from sparse_coord_ros.archive import MOST_UPDATES, check_finite, check_range, member
 from sparse_coord_ros.errors import TablesError
 from sparse_coord_ros.game.actions import ACTIONS, PRIMITIVES
 from sparse_coord_ros.game.scenario import Scenario
-from sparse_coord_ros.learn.archive import MOST_UPDATES, check_finite, check_range, member
 from sparse_coord_ros.learners.learner import Learner
 from sparse_coord_ros.learners.mind import Memory, Rows, memory_of, remembered_fields
 
@@ -60,7 +60,9 @@ def _check_array(memory: Memory, name: str, begun: np.ndarray) -> None:
         nothing = np.isnan(begun)
         check_finite(array[~nothing], name)
         if not np.isnan(array[nothing]).all():
-            raise ValueError(f"{name} has values of {ACTIONS[-1]}, which this learner never chooses")
+            raise ValueError(
+                f"{name} has values of {ACTIONS[-1]}, which this learner never chooses"
+            )
 
 
 def _check_rows(memory: Memory, name: str, begun: Rows) -> None:

@@ -174,7 +174,9 @@ def _mind_of_arrays(minds: Any, k: Any) -> Any:
     for name, kind in zip(minds.fields, minds.types, strict=True):
         if getattr(kind, "instance_class", None) is Rows:
             own = [f"minds.{name}.{field}[k]" for field in ("values", "updates", "keys", "used")]
-            parts.append(f"Rows({', '.join(own)}, None, minds.{name}.first[k], minds.{name}.most, minds.{name}.a_step)")
+            parts.append(
+                f"Rows({', '.join(own)}, None, minds.{name}.first[k], minds.{name}.most, minds.{name}.a_step)"
+            )
         else:
             parts.append(f"minds.{name}[k]")
     found: dict[str, Any] = {"Mind": minds.instance_class, "Rows": Rows}

@@ -36,7 +36,7 @@ class Task(NamedTuple):
         credit: how often r^C counts.
         step_sizes: the step size of the n-th update of an entry, without the floor [n].
         ruled_out: where a peer cannot be when a percept fails, shape (cells, cells), bool: the own
-            cell, the peer's.
+            cell, the peer's; of learners that do not look at it shape (0, 0).
     """
 
     number: int

@@ -281,6 +281,8 @@ class RobotSide:
         return ended or cell == self.agent.goal or step - self._episode_start >= self._max_steps
 
     def _choose(self) -> None:
+        if self._handled == self._episode_start:
+            self.agent.begin_episode()
         self._asks_before = tuple(self.asks.values())
         decision = self._asked = self.agent.decide(self._handled, self._cell)
         self._seen = ()

@@ -9,10 +9,10 @@ from collections.abc import Callable
 from itertools import pairwise
 from typing import NamedTuple, Protocol
 
-from sparse_coord_ros.engine.run import Glimpse
 from sparse_coord_ros.game.game import Game, ResumableGame
 from sparse_coord_ros.game.world import Action, Position, Reward, World
 from sparse_coord_ros.learn.history import History, HistoryRecorder
+from sparse_coord_ros.learn.run import Glimpse
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.wire import Began
 

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sparse_coord_ros.engine.evaluation import GreedyTeam, greedy_team
-from sparse_coord_ros.engine.run import Glimpse
 from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.streams import EVALUATION
 from sparse_coord_ros.game.world import World
+from sparse_coord_ros.learn.evaluation import GreedyTeam, greedy_team
 from sparse_coord_ros.learn.history import History, HistoryRecorder
+from sparse_coord_ros.learn.run import Glimpse
 from sparse_coord_ros.learners.learner import Learner
 from sparse_coord_ros.learners.tables import Tables
 from sparse_coord_ros.look.steps import logged_step

@@ -9,11 +9,11 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from sparse_coord_ros.engine.evaluation import Evaluation
 from sparse_coord_ros.engine.training import train
 from sparse_coord_ros.errors import SparseCoordError
 from sparse_coord_ros.game.plugins import leaving_out
 from sparse_coord_ros.game.scenario import SETTINGS, Scenario, load_scenario
+from sparse_coord_ros.learn.evaluation import Evaluation
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.learners.registry import learner_of
 from sparse_coord_ros.look import figures

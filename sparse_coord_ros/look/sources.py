@@ -10,15 +10,15 @@ from pathlib import Path
 import numpy as np
 
 from sparse_coord_ros.bags.reader import BAG_DIRECTORY
-from sparse_coord_ros.engine.evaluation import check_tables, play
-from sparse_coord_ros.engine.trials import Trials
 from sparse_coord_ros.errors import RunError, SettingError, SparseCoordError, TablesError
 from sparse_coord_ros.experiments.store import MANIFEST
 from sparse_coord_ros.game.actions import COORDINATE
 from sparse_coord_ros.game.plugins import leaving_out
+from sparse_coord_ros.learn.evaluation import check_tables, play
 from sparse_coord_ros.learn.history import HISTORY_FILE, History, load_history
 from sparse_coord_ros.learn.run_config import RUN_FILE, RunConfig, load_run
 from sparse_coord_ros.learn.tables import load_team
+from sparse_coord_ros.learn.trials import Trials
 from sparse_coord_ros.learners.tables import Tables
 from sparse_coord_ros.runlog.log import RunLog
 from sparse_coord_ros.runlog.window import MOVES, LongLog
@@ -98,7 +98,9 @@ class Shown:
             TablesError: some are missing, malformed or do not fit the scenario.
         """
         scenario = self.config.scenario
-        tables = [] if self.directory is None else load_team(self.directory, scenario, self.config.rule)
+        tables = (
+            [] if self.directory is None else load_team(self.directory, scenario, self.config.rule)
+        )
         for k, robot in enumerate(scenario.robots if self.directory is None else ()):
             entry = self.recording.tables_before(k)
             if entry is None:

@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.engine.run import Glimpse
 from sparse_coord_ros.game.actions import ACTIONS
 from sparse_coord_ros.game.miscoordination import miscoordinations
 from sparse_coord_ros.game.world import Action, Reward
+from sparse_coord_ros.learn.run import Glimpse
 from sparse_coord_ros.learners.agent import NOBODY
 from sparse_coord_ros.palette import ANSWERED, FAILED, REFUSED
 from sparse_coord_ros.runlog.log import NONE, RunLog

@@ -9,9 +9,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sparse_coord_ros.engine.run import Glimpse
 from sparse_coord_ros.game.actions import ACTIONS
 from sparse_coord_ros.game.scenario import Scenario
+from sparse_coord_ros.learn.run import Glimpse
 from sparse_coord_ros.look.doorways import FAR, Doorways
 from sparse_coord_ros.look.steps import Question
 from sparse_coord_ros.palette import ANSWERED, FAILED, REFUSED

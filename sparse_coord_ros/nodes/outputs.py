@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import Any
 
 from sparse_coord_ros.engine.checkpoint import CHECKPOINT_FILE
-from sparse_coord_ros.engine.evaluation import check_tables
 from sparse_coord_ros.engine.improve import IMPROVED
 from sparse_coord_ros.errors import BagError, RunError, os_error_text
 from sparse_coord_ros.files import rescue, take_lock, write_whole
 from sparse_coord_ros.game.scenario import Scenario
+from sparse_coord_ros.learn.evaluation import check_tables
 from sparse_coord_ros.learn.run_config import RUN_FILE, RunConfig, load_run
 from sparse_coord_ros.learn.tables import TEAM_FILE, load_saved, load_team, robot_file, save_team
 from sparse_coord_ros.learners.memory import taught

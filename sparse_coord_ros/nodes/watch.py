@@ -20,10 +20,10 @@ from rclpy.parameter import Parameter
 from std_srvs.srv import SetBool, Trigger
 
 from sparse_coord_ros import wire
-from sparse_coord_ros.engine.run import Glimpse
 from sparse_coord_ros.game.miscoordination import meeting_places, miscoordinated
 from sparse_coord_ros.game.world import FIRST_STEP, Action, Reward, StepOutcome
 from sparse_coord_ros.learn.history import HistoryRecorder
+from sparse_coord_ros.learn.run import Glimpse
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.learn.tables import tables_of, unpack_saved
 from sparse_coord_ros.learners.tables import Tables

@@ -174,7 +174,8 @@ class Relearned:
     def _begin(self, saved: Sequence[RecordedTables]) -> _Part | None:
         """Begin a part; None where some of it is lost, or not said what it takes to go on."""
         first, wait = saved[0].step, self._log.run.scenario.max_steps + EPISODE_GAP
-        log = self._log.read(first, first + AT_ONCE + wait, [*MOVES, wire.PERCEPT])
+        # The state before the first one says whether an episode begins there.
+        log = self._log.read(max(0, first - 1), first + AT_ONCE + wait, [*MOVES, wire.PERCEPT])
         if log.bag.gaps or log.tracks.gaps:
             return None
         done = [trajectory_of(log, one.robot, Stretch(first)) for one in saved]
@@ -187,9 +188,7 @@ class Relearned:
     def _keep(self, part: _Part, step: int) -> list[RecordedTables]:
         """Keep and return what the robots remember at a time step that a part has reached."""
         team = [replay.agent for replay in part.replays]
-        saved = [
-            RecordedTables(one.number, step, one.tables, {}, {}) for one in team
-        ]
+        saved = [RecordedTables(one.number, step, one.tables, {}, {}) for one in team]
         self._kept[step] = saved
         size = sum(array.nbytes for one in saved for array in one.tables.memory.values())
         while len(self._kept) > max(2, MOST_BYTES // (2 * size)):

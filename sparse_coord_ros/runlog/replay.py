@@ -165,6 +165,7 @@ class Trajectory(NamedTuple):
         seen: in which cells it perceived them, shape (n, number of them); NONE in all where not.
         told: whether the log holds the reward and both states, shape (n,).
         learned: whether it has learned from the action, shape (n,).
+        begins: whether an episode begins with the action, shape (n,).
     """
 
     row: np.ndarray
@@ -175,6 +176,7 @@ class Trajectory(NamedTuple):
     seen: np.ndarray
     told: np.ndarray
     learned: np.ndarray
+    begins: np.ndarray
 
     def perceived_at(self, i: int) -> tuple[int, ...] | None:
         """Return the cells in which it perceived its peers at an action; None where not."""
@@ -214,7 +216,20 @@ def trajectory_of(log: RunLog, k: int, stretch: Stretch) -> Trajectory:
     seen = np.where(np.isin(step, right)[:, None], log.percept[rows[:, None], k, peers], NONE)
     seen[(seen == NONE).any(axis=1)] = NONE
     told = (next_cell != NONE) & ~np.isnan(log.reward[rows, k, 0])
-    return Trajectory(rows, step, log.cells[rows, k], next_cell, peers, seen, told, learned)
+    begins = ~np.isin(step - 1, log.tracks.states[k].step)
+    if stretch.start is not None:
+        begins[step == stretch.first] = stretch.start.position.episode_start == stretch.first
+    return Trajectory(
+        row=rows,
+        step=step,
+        cell=log.cells[rows, k],
+        next_cell=next_cell,
+        peers=peers,
+        seen=seen,
+        told=told,
+        learned=learned,
+        begins=begins,
+    )
 
 
 class Replay:
@@ -244,11 +259,19 @@ class Replay:
         agent, done, k = self.agent, self._trajectory, self.agent.number
         part = slice(self.reached, to)
         at = done.row[part]
-        columns = (done.step[part], done.cell[part], done.learned[part], done.next_cell[part])
+        columns = (
+            done.begins[part],
+            done.step[part],
+            done.cell[part],
+            done.learned[part],
+            done.next_cell[part],
+        )
         numbers = self._log.numbers[at, k, : len(ACTION_LABELS)]
         rewards = _rewards(self._log.rewards[at, k])
         rows = zip(*(column.tolist() for column in columns), numbers, rewards, strict=True)
-        for step, cell, learned, next_cell, logged, reward in rows:
+        for begins, step, cell, learned, next_cell, logged, reward in rows:
+            if begins:
+                agent.begin_episode()
             decision = agent.decide(step, cell)
             perceived = done.perceived_at(self.reached) if decision.peers else None
             action = agent.act(step, cell, decision, perceived)

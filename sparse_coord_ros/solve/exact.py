@@ -15,14 +15,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.engine import evaluation
-from sparse_coord_ros.engine.evaluation import Evaluation, Measure, Progress
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.game.actions import COORDINATE, OUTCOMES, PRIMITIVES, STAY
 from sparse_coord_ros.game.links import check_up
 from sparse_coord_ros.game.miscoordination import meeting_places, together
 from sparse_coord_ros.game.perception import percept_probabilities
 from sparse_coord_ros.game.scenario import Scenario
+from sparse_coord_ros.learn import evaluation
+from sparse_coord_ros.learn.evaluation import Evaluation, Measure, Progress
 from sparse_coord_ros.learners.learner import Learner
 from sparse_coord_ros.learners.registry import learner_of
 from sparse_coord_ros.learners.tables import Tables

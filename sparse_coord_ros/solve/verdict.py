@@ -4,8 +4,8 @@
 
 from typing import NamedTuple
 
-from sparse_coord_ros.engine.evaluation import Evaluation
 from sparse_coord_ros.game.scenario import Scenario
+from sparse_coord_ros.learn.evaluation import Evaluation
 from sparse_coord_ros.learners.factored import Factored
 from sparse_coord_ros.learners.learner import Learner
 from sparse_coord_ros.solve.exact import ExactEvaluation

@@ -11,7 +11,7 @@ import pytest
 
 import sparse_coord_ros as sc
 from sparse_coord_ros.cli.main import main
-from sparse_coord_ros.engine.run import learn
+from sparse_coord_ros.learn.run import learn
 from sparse_coord_ros.learners.tables import tables_equal
 
 

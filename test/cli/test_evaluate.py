@@ -9,8 +9,8 @@ import pytest
 from teams import tables_in
 
 from sparse_coord_ros.cli import evaluate as module
-from sparse_coord_ros.engine.evaluation import TRIALS, play, summary
 from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn.evaluation import TRIALS, play, summary
 from sparse_coord_ros.solve.exact import evaluate_exact
 
 

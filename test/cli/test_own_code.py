@@ -11,7 +11,7 @@ import yaml
 
 from sparse_coord_ros.cli.main import main
 from sparse_coord_ros.learn.tables import load_saved
-from sparse_coord_ros.learners.tables import tables_equal
+from sparse_coord_ros.learners.tables import memories_equal
 
 MODULE = """
 import numpy as np
@@ -96,8 +96,9 @@ def runs(request, place, verb):
 def test_all_ways_of_running_learn_the_same(runs):
     learner, directories = runs
     saved = [load_saved(directory / "tables.npz", [1, 2]) for directory in directories]
-    tables = [[one.tables for one in team] for team in saved]
-    assert all(tables_equal(tables[0], others) for others in tables[1:])
+    for team in saved[1:]:
+        for one, other in zip(saved[0], team, strict=True):
+            assert memories_equal(one.memory, other.memory)
     for directory in directories:
         said = yaml.safe_load((directory / "run.yaml").read_text())
         assert said["learner"] == learner

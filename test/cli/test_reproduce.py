@@ -19,10 +19,10 @@ import pytest
 from teams import tables_in
 
 from sparse_coord_ros.engine import batch, trained
-from sparse_coord_ros.engine.run import learn
 from sparse_coord_ros.experiments import runner as module
 from sparse_coord_ros.experiments.store import Plan, open_results
 from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn.run import learn
 from sparse_coord_ros.learners.tables import tables_equal
 
 FEW = ("--runs", "2", "--trials", "5")

@@ -26,12 +26,12 @@ def recorded(tmp_path):
         bag.attach("run.yaml", run.to_yaml().encode(), "application/yaml")
         for step in (20, 40):
             learning.advance(step)
-            for k, agent in enumerate(learning.agents, start=1):
-                data = pack_tables({k: agent.memory()}, counts={"step": step})
+            for k, memory in enumerate(learning.memories, start=1):
+                data = pack_tables({k: memory}, counts={"step": step})
                 bag.attach(tables_attachment(f"robot_{k}", step), data, "application/x-npz")
             if step == 20:
                 bag.begin_file({"why": "split"})
-    return tmp_path / "bag", scenario, [agent.tables for agent in learning.agents]
+    return tmp_path / "bag", scenario, learning.tables
 
 
 def test_one_step(recorded, tmp_path, capsys):

@@ -14,11 +14,11 @@ from sparse_coord_ros.driving.ground import Ground, Pose
 from sparse_coord_ros.driving.steering import Command, Limits, move_seconds, steer
 from sparse_coord_ros.driving.transforms import Tree, parent_of, yaw_of
 from sparse_coord_ros.driving.trials import DRIVE_SETTINGS, drive, limits_of
-from sparse_coord_ros.engine.evaluation import play
-from sparse_coord_ros.engine.run import learn
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.game.grid import CLEAR
 from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn.evaluation import play
+from sparse_coord_ros.learn.run import learn
 from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.lockstep.bodies import LOST, BodyGoal, Goals
 

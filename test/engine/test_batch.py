@@ -13,11 +13,11 @@ import pytest
 from teams import PROTOCOL
 
 from sparse_coord_ros.engine import batch
-from sparse_coord_ros.engine import run as engine
 from sparse_coord_ros.engine.batch import Batch, run_batch, run_batches, uses_numba
-from sparse_coord_ros.engine.run import LearningRun, Stopped, Team
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn import run as engine
+from sparse_coord_ros.learn.run import LearningRun, Stopped, Team
 from sparse_coord_ros.learners import mind
 from sparse_coord_ros.learners.baselines import NonCoop
 from sparse_coord_ros.learners.coop import Coop

@@ -10,13 +10,13 @@ from teams import drawn
 
 from sparse_coord_ros.compiling import has_numba
 from sparse_coord_ros.engine import improve as module
-from sparse_coord_ros.engine.evaluation import play
 from sparse_coord_ros.engine.improve import improve, learned_scenario, preferring
-from sparse_coord_ros.engine.run import Team
 from sparse_coord_ros.engine.training import train
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.game.actions import COORDINATE, EAST, NORTH, WEST
 from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn.evaluation import play
+from sparse_coord_ros.learn.run import Team
 from sparse_coord_ros.learners.registry import learner_of
 from sparse_coord_ros.learners.tables import tables_equal
 from sparse_coord_ros.solve import asking_loops, asking_search

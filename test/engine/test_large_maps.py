@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from sparse_coord_ros.engine import batch
-from sparse_coord_ros.engine.run import learn
 from sparse_coord_ros.game import scenario as scenarios
 from sparse_coord_ros.game.grid import GridMap
 from sparse_coord_ros.game.scenario import load_scenario, scenario_from_dict
+from sparse_coord_ros.learn.run import learn
 from sparse_coord_ros.learners.agent import Agent
 from sparse_coord_ros.learners.coop import Coop
 from sparse_coord_ros.learners.tables import JointTable, tables_equal

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from teams import PROTOCOL, by_agents, in_parts
 
-from sparse_coord_ros.engine import run as engine
-from sparse_coord_ros.engine.run import LearningRun, Team
 from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn import run as engine
+from sparse_coord_ros.learn.run import LearningRun, Team
 from sparse_coord_ros.learners import mind
 from sparse_coord_ros.learners.registry import LEARNERS, learner_of
 from sparse_coord_ros.learners.tables import memories_equal

@@ -11,10 +11,10 @@ import pytest
 from teams import plain_run
 
 from sparse_coord_ros.engine import batch
-from sparse_coord_ros.engine.evaluation import play, summary
 from sparse_coord_ros.engine.training import engine_for, train
 from sparse_coord_ros.errors import RunError, SettingError
 from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn.evaluation import play, summary
 from sparse_coord_ros.learners.tables import tables_equal
 
 SETTINGS = {"steps": 1200, "max_steps": 30, "perception": "probability:0.7", "penalty": -50}

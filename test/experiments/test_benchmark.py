@@ -10,13 +10,13 @@ import pytest
 
 import sparse_coord_ros as sc
 from sparse_coord_ros.compiling import has_numba
-from sparse_coord_ros.engine.evaluation import Measure
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.experiments import benchmark as module
 from sparse_coord_ros.experiments.benchmark import Standing, failed_teams, pooled_share, standing
 from sparse_coord_ros.experiments.catalogue import experiment, unseen_conditions
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.game.unseen import KINDS, TEAMS, is_tuning, team_of
+from sparse_coord_ros.learn.evaluation import Measure
 from sparse_coord_ros.share import shipped_json
 from sparse_coord_ros.solve.optimum import independent_bound, joint_optimum
 from sparse_coord_ros.solve.reference import shortest_path_reference

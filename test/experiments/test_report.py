@@ -13,7 +13,6 @@ import pytest
 from made_up_results import PLAN, made_up, result_of
 from matplotlib.figure import Figure
 
-from sparse_coord_ros.engine.evaluation import Measure
 from sparse_coord_ros.experiments.catalogue import LEARNERS, LONG, NAMES, Experiment, experiment
 from sparse_coord_ros.experiments.conditions import make_condition
 from sparse_coord_ros.experiments.report import charts, document, drawings, write_report
@@ -34,6 +33,7 @@ from sparse_coord_ros.experiments.report.text import listed, size, to_markdown
 from sparse_coord_ros.experiments.store import SUMS, Plan, open_results
 from sparse_coord_ros.game.grid import parse_map
 from sparse_coord_ros.game.scenario import SETTINGS
+from sparse_coord_ros.learn.evaluation import Measure
 from sparse_coord_ros.look.results_report import results_report
 from sparse_coord_ros.solve.optimum import independent_bound
 

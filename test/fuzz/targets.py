@@ -25,17 +25,17 @@ import numpy as np
 from strangers import FAR, damaged, message_with
 from teams import tables_in
 
+from sparse_coord_ros import archive
 from sparse_coord_ros.bags import BagWriter, open_bag
 from sparse_coord_ros.cli import main as cli
 from sparse_coord_ros.engine.checkpoint import CHECKPOINT_FILE, load_checkpoint
-from sparse_coord_ros.engine.evaluation import check_tables, play, summary
 from sparse_coord_ros.engine.training import train
 from sparse_coord_ros.errors import SparseCoordError, TablesError
 from sparse_coord_ros.experiments.checked_json import digest_of
 from sparse_coord_ros.experiments.store import read_results
 from sparse_coord_ros.game.grid import load_map
 from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learn import archive
+from sparse_coord_ros.learn.evaluation import check_tables, play, summary
 from sparse_coord_ros.learn.history import HISTORY_FILE, load_history
 from sparse_coord_ros.learn.run_config import RUN_FILE, load_run
 from sparse_coord_ros.learn.tables import TEAM_FILE

@@ -5,11 +5,11 @@
 import numpy as np
 import pytest
 
-from sparse_coord_ros.engine.run import learn
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.game.links import LINKS, LOST, PERIOD, Percepts, link_of
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.game.streams import EVALUATION, PERCEPT, Stream
+from sparse_coord_ros.learn.run import learn
 from sparse_coord_ros.solve.exact import evaluate_exact
 
 FAILING = ["lost:0.3", "bursts:0.05:0.2", "dead:150"]

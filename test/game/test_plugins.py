@@ -9,10 +9,10 @@ import pytest
 
 import sparse_coord_ros as sc
 from sparse_coord_ros.engine.batch import run_batch
-from sparse_coord_ros.engine.run import learn
 from sparse_coord_ros.errors import PluginError
 from sparse_coord_ros.game import perception, plugins
 from sparse_coord_ros.game.perception import MODELS
+from sparse_coord_ros.learn.run import learn
 from sparse_coord_ros.learn.run_config import make_run, run_from_yaml
 from sparse_coord_ros.learners.registry import LEARNERS, learner_of
 from sparse_coord_ros.learners.tables import tables_equal

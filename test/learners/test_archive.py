@@ -7,8 +7,8 @@ import io
 import numpy as np
 import pytest
 
+from sparse_coord_ros import archive
 from sparse_coord_ros.errors import TablesError
-from sparse_coord_ros.learn import archive
 
 ARRAYS = {"a": np.arange(1.0, 7.0).reshape(2, 3), "b": np.zeros(2, dtype=np.int64)}
 

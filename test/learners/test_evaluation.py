@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from teams import untrained, walking
 
-from sparse_coord_ros.engine.evaluation import check_tables, play, summary
-from sparse_coord_ros.engine.trials import Trials
 from sparse_coord_ros.errors import TablesError
 from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn.evaluation import check_tables, play, summary
 from sparse_coord_ros.learn.tables import tables_from_values
+from sparse_coord_ros.learn.trials import Trials
 from sparse_coord_ros.learners.tables import Tables
 
 GAMMA = 0.95

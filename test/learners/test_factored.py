@@ -5,12 +5,12 @@
 import numpy as np
 import pytest
 
-from sparse_coord_ros.engine.evaluation import play
-from sparse_coord_ros.engine.run import learn
 from sparse_coord_ros.errors import SettingError, TablesError
 from sparse_coord_ros.game.actions import COORDINATE, EAST, NORTH, SOUTH
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.game.world import Action, Reward, RewardWeights, World
+from sparse_coord_ros.learn.evaluation import play
+from sparse_coord_ros.learn.run import learn
 from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.learners.agent import NOBODY, Agent, Choice, Decision
 from sparse_coord_ros.learners.factored import (

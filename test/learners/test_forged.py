@@ -12,18 +12,19 @@ import zipfile
 import numpy as np
 import pytest
 
+from sparse_coord_ros import archive
 from sparse_coord_ros.engine.checkpoint import (
     CHECKPOINT_FILE,
     Checkpoint,
     load_checkpoint,
     run_digest,
 )
-from sparse_coord_ros.engine.evaluation import check_tables, play
-from sparse_coord_ros.engine.run import LearningRun, Team
 from sparse_coord_ros.errors import RunError, TablesError
 from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learn import archive, checkpoint
+from sparse_coord_ros.learn import checkpoint
+from sparse_coord_ros.learn.evaluation import check_tables, play
 from sparse_coord_ros.learn.history import history_from, load_history
+from sparse_coord_ros.learn.run import LearningRun, Team
 from sparse_coord_ros.learn.tables import TEAM_FILE, load_team, save_team
 from sparse_coord_ros.learners.registry import learner_of
 from sparse_coord_ros.limits import Limit

@@ -2,20 +2,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Learners as objects: what each of them says of itself, and the user's own."""
 
-import numpy as np
 import pytest
-from teams import by_agents, in_parts
+from teams import Traces, by_agents, in_parts
 
 from sparse_coord_ros.engine.batch import run_batch
-from sparse_coord_ros.engine.forms import agrees
-from sparse_coord_ros.engine.run import learn
 from sparse_coord_ros.errors import PluginError, SettingError
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.game.world import SUM_OF_PARTS, RewardWeights
+from sparse_coord_ros.learn.forms import agrees
+from sparse_coord_ros.learn.run import learn
 from sparse_coord_ros.learn.run_config import make_run, run_from_yaml
 from sparse_coord_ros.learners.coop import Coop
 from sparse_coord_ros.learners.registry import LEARNERS, learner_of
-from sparse_coord_ros.learners.rules import expected, reward_of
 from sparse_coord_ros.learners.tables import memories_equal, tables_equal
 
 SHORT = {"steps": 3000, "penalty": -40}
@@ -45,29 +43,6 @@ class Wordy(Coop):
     @staticmethod
     def bootstrap(mind, task, cell, now):
         return {"best": min(sorted(map(float, mind.q_star[cell]), key=str))}["best"]
-
-
-class Traces(Coop):
-    """Algorithm 1 whose Q* learns by eligibility traces, with a memory of their own."""
-
-    memory = {"trace": lambda scenario, robot: np.zeros((len(scenario.map.cells), 5))}
-
-    @staticmethod
-    def begin_episode(mind, task):
-        for cell in range(task.cells):
-            for action in range(5):
-                mind.trace[cell][action] = 0.0
-
-    @staticmethod
-    def learn(mind, task, now):
-        error = reward_of(now) + task.discount * expected(mind, task, now)
-        error -= mind.q_star[now.cell][now.action]
-        mind.trace[now.cell][now.action] = 1.0
-        mind.updates[now.cell][now.action] += 1
-        for cell in range(task.cells):
-            for action in range(5):
-                mind.q_star[cell][action] += 0.1 * error * mind.trace[cell][action]
-                mind.trace[cell][action] *= 0.8
 
 
 class Eager(Coop):

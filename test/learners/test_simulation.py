@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from teams import PROTOCOL, plain_run
 
-from sparse_coord_ros.engine.run import learn
 from sparse_coord_ros.game.perception import MODELS, percept_probabilities
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.game.schedules import probabilities, step_sizes
+from sparse_coord_ros.learn.run import learn
 from sparse_coord_ros.learners.tables import memories_equal, tables_equal
 
 GIVEN = {**PROTOCOL, "perception": "always"}

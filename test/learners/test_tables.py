@@ -5,9 +5,9 @@
 import numpy as np
 import pytest
 
-from sparse_coord_ros.engine.run import LearningRun, Team
 from sparse_coord_ros.errors import TablesError
 from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn.run import LearningRun, Team
 from sparse_coord_ros.learn.tables import (
     TEAM_FILE,
     load_saved,

@@ -11,8 +11,8 @@ import pytest
 from hypothesis import HealthCheck, Phase, event, given, settings
 from hypothesis import strategies as st
 
-from sparse_coord_ros.engine.run import learn
 from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn.run import learn
 from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.learners.tables import tables_equal
 

@@ -8,9 +8,9 @@ from types import SimpleNamespace
 import pytest
 from teams import plain_run
 
-from sparse_coord_ros.engine.run import learn
 from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn.run import learn
 from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.learners.tables import memories_equal, tables_equal
 from sparse_coord_ros.lockstep.checkpoints import Checkpoints, Store, steps_of
@@ -250,7 +250,7 @@ def test_a_broken_file_is_named_and_an_earlier_one_is_used(tmp_path, run, played
 def test_another_run_or_format_is_refused(tmp_path, run, played, change, said, monkeypatch):
     other = run
     if "format" in change:
-        monkeypatch.setattr("sparse_coord_ros.learn.archive.FORMAT", 3)
+        monkeypatch.setattr("sparse_coord_ros.archive.FORMAT", 3)
     for store in saved(tmp_path, run, played).values():
         store.close()
     monkeypatch.undo()

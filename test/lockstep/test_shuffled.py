@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from teams import PROTOCOL
 
-from sparse_coord_ros.engine.run import learn
 from sparse_coord_ros.game.perception import MODELS
 from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn.run import learn
 from sparse_coord_ros.learners.registry import learner_of
 from sparse_coord_ros.learners.tables import tables_equal
 

@@ -4,11 +4,11 @@
 import numpy as np
 import pytest
 
-from sparse_coord_ros.engine.evaluation import play
-from sparse_coord_ros.engine.run import Glimpse
 from sparse_coord_ros.errors import BagError, RunError
 from sparse_coord_ros.game.world import Action
+from sparse_coord_ros.learn.evaluation import play
 from sparse_coord_ros.learn.history import History
+from sparse_coord_ros.learn.run import Glimpse
 from sparse_coord_ros.look.episodes import (
     PLAYED,
     _chosen,

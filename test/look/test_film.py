@@ -11,9 +11,9 @@ from PIL import Image
 
 from sparse_coord_ros import wire
 from sparse_coord_ros.cli.main import main
-from sparse_coord_ros.engine.run import Glimpse
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.game.world import Action
+from sparse_coord_ros.learn.run import Glimpse
 from sparse_coord_ros.look import film as films
 from sparse_coord_ros.look.episodes import Episode
 from sparse_coord_ros.look.film import film

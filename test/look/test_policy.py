@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from teams import untrained
 
-from sparse_coord_ros.engine.evaluation import greedy_agents
-from sparse_coord_ros.engine.run import learn
 from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn.evaluation import greedy_agents
+from sparse_coord_ros.learn.run import learn
 from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.learn.tables import tables_from_values
 from sparse_coord_ros.learners.registry import learner_of

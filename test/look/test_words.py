@@ -10,10 +10,10 @@ from itertools import product
 import numpy as np
 import pytest
 
-from sparse_coord_ros.engine.run import Glimpse
 from sparse_coord_ros.game.actions import EAST, NORTH, SOUTH, WEST
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.game.world import Action
+from sparse_coord_ros.learn.run import Glimpse
 from sparse_coord_ros.look.steps import questions_of
 from sparse_coord_ros.look.words import Words
 from sparse_coord_ros.wire import PerceptEnd

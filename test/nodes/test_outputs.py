@@ -10,9 +10,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from sparse_coord_ros.engine.run import learn
 from sparse_coord_ros.errors import RunError, SparseCoordError
 from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn.run import learn
 from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.learn.tables import save_team
 from sparse_coord_ros.lockstep.world_side import WorldSide

@@ -6,8 +6,8 @@ import struct
 
 import pytest
 
-from sparse_coord_ros.engine.run import learn
 from sparse_coord_ros.game.world import UNKNOWN_PARTNERS
+from sparse_coord_ros.learn.run import learn
 from sparse_coord_ros.learners.factored import UNKNOWN
 from sparse_coord_ros.learners.tables import tables_equal
 from sparse_coord_ros.runlog import read_run, verify

@@ -4,15 +4,15 @@
 
 import numpy as np
 import pytest
-from teams import plain_run
+from teams import Traces, plain_run
 
 from sparse_coord_ros.learners.tables import tables_equal
-from sparse_coord_ros.runlog import read_run, relearned, window
+from sparse_coord_ros.runlog import read_run, relearned, verify, window
 from sparse_coord_ros.runlog.relearned import Relearned
 from sparse_coord_ros.runlog.window import LongLog
 
 
-@pytest.fixture(params=["coop", "factored"])
+@pytest.fixture(params=["coop", "factored", Traces()], ids=["coop", "factored", "traces"])
 def bag(record, request):
     settings = {"steps": 1500, "perception": "probability:0.6", "max_steps": 60}
     values = {"checkpoint": 400, "learner": request.param}
@@ -69,3 +69,16 @@ def test_what_nobody_wants_any_more_or_is_lost_gives_the_recorded_tables(bag, tm
     assert again.tables(step)[0][0] < step
     assert again.tables(log.last_step)[0][0] > step
     log.bag.close()
+
+
+def test_a_log_of_a_learner_with_a_memory_of_its_own(record, tmp_path):
+    """It begins each episode anew, live and in the log, also where a part of the log is lost."""
+    values = {"checkpoint": 40, "learner": Traces()}
+    settings = {"steps": 400, "max_steps": 15}
+    run = record(settings=settings, values=values)
+    found = verify(run.bag)
+    assert found.differences == () and found.tables > 10
+    learned = plain_run(run.run.scenario, run.run.learner, run.run.seed)
+    learned.advance(400)
+    mine = [robot.agent.tables for robot in run.recording.robots]
+    assert tables_equal(mine, learned.tables)

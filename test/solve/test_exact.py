@@ -9,10 +9,10 @@ import pytest
 from teams import drawn, walking
 
 from sparse_coord_ros.engine.batch import run_batch
-from sparse_coord_ros.engine.evaluation import play, summary
-from sparse_coord_ros.engine.run import Team
 from sparse_coord_ros.errors import SettingError, TablesError
 from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn.evaluation import play, summary
+from sparse_coord_ros.learn.run import Team
 from sparse_coord_ros.learn.tables import tables_from_values
 from sparse_coord_ros.learners.agent import Agent
 from sparse_coord_ros.learners.coop import Coop

@@ -14,9 +14,9 @@ from functools import partial
 from sparse_coord_ros.cli.options import format_table
 from sparse_coord_ros.engine.batch import run_batch
 from sparse_coord_ros.engine.processes import in_processes
-from sparse_coord_ros.engine.run import learn
 from sparse_coord_ros.game.plugins import allow_named
 from sparse_coord_ros.game.scenario import Scenario, load_scenario
+from sparse_coord_ros.learn.run import learn
 from sparse_coord_ros.learners.registry import learner_of
 from tools.bench.rates import in_turn, spread
 

@@ -11,8 +11,8 @@ from pathlib import Path
 
 from sparse_coord_ros.cli import live
 from sparse_coord_ros.cli.options import format_table
-from sparse_coord_ros.engine.run import learn
 from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn.run import learn
 from tools.bench import ceiling
 from tools.bench.rates import in_turn, spread
 

@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 
 from sparse_coord_ros.engine.batch import run_batch
-from sparse_coord_ros.engine.evaluation import Measure
 from sparse_coord_ros.experiments.benchmark import Standing, failed_teams, standings
 from sparse_coord_ros.experiments.catalogue import CLOSE, LONG, unseen_conditions
 from sparse_coord_ros.experiments.conditions import Condition, make_condition
@@ -23,6 +22,7 @@ from sparse_coord_ros.experiments.report.analysis import gap_closed
 from sparse_coord_ros.experiments.report.rows import best_asking_team
 from sparse_coord_ros.experiments.store import ConditionResult, Plan
 from sparse_coord_ros.game.scenario import Scenario
+from sparse_coord_ros.learn.evaluation import Measure
 from sparse_coord_ros.learners.registry import learner_of
 from sparse_coord_ros.solve.optimum import independent_bound
 from tools.study import fresh, improved

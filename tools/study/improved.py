@@ -11,15 +11,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.engine import run as engine
 from sparse_coord_ros.engine.batch import prepare
 from sparse_coord_ros.engine.improve import improve
-from sparse_coord_ros.engine.run import LearningRun
 from sparse_coord_ros.experiments.catalogue import CLOSE, unseen_conditions
 from sparse_coord_ros.experiments.conditions import Condition, make_condition
 from sparse_coord_ros.experiments.report.text import Row, percent
 from sparse_coord_ros.experiments.store import ConditionResult
 from sparse_coord_ros.files import write_whole
+from sparse_coord_ros.learn import run as engine
+from sparse_coord_ros.learn.run import LearningRun
 from sparse_coord_ros.learners.registry import learner_of
 from sparse_coord_ros.solve.exact import exact_means
 from sparse_coord_ros.solve.reference import shortest_path_reference

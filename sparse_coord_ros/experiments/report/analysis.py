@@ -7,11 +7,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sparse_coord_ros.engine.evaluation import Measure
 from sparse_coord_ros.experiments.report.rows import paper
 from sparse_coord_ros.experiments.store import ConditionResult, standard_error
 from sparse_coord_ros.game.grid import UNREACHABLE, GridMap
 from sparse_coord_ros.game.scenario import Scenario
+from sparse_coord_ros.learn.evaluation import Measure
 from sparse_coord_ros.solve.optimum import independent_bound
 
 AGREE = 3.0

@@ -19,11 +19,11 @@ from matplotlib.ticker import FixedLocator, ScalarFormatter
 from matplotlib.transforms import Bbox, ScaledTranslation
 from PIL import Image
 
-from sparse_coord_ros.engine.evaluation import Measure
 from sparse_coord_ros.experiments.catalogue import LEARNERS
 from sparse_coord_ros.experiments.report.analysis import loss_alone
 from sparse_coord_ros.experiments.report.rows import best_asking_team
 from sparse_coord_ros.experiments.store import ConditionResult
+from sparse_coord_ros.learn.evaluation import Measure
 from sparse_coord_ros.learners.registry import learner_of
 from sparse_coord_ros.solve.optimum import independent_bound
 

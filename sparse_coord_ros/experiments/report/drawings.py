@@ -8,7 +8,6 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from sparse_coord_ros.engine.evaluation import Measure
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.experiments.benchmark import standings
 from sparse_coord_ros.experiments.catalogue import LEARNERS
@@ -31,6 +30,7 @@ from sparse_coord_ros.experiments.report.map_pictures import asked_maps
 from sparse_coord_ros.experiments.report.rows import by_scenario, names, paper, pick
 from sparse_coord_ros.experiments.store import ConditionResult
 from sparse_coord_ros.game.settings import as_text
+from sparse_coord_ros.learn.evaluation import Measure
 
 MEASURES = ("reward", "miscoordinations", "asks")
 

@@ -4,12 +4,12 @@
 
 from collections.abc import Iterable, Sequence
 
-from sparse_coord_ros.engine.evaluation import Measure
 from sparse_coord_ros.experiments.report import analysis
 from sparse_coord_ros.experiments.report.analysis import AGREE, errors_from
 from sparse_coord_ros.experiments.report.rows import paper, pick
 from sparse_coord_ros.experiments.report.text import Row, listed, percent
 from sparse_coord_ros.experiments.store import ConditionResult
+from sparse_coord_ros.learn.evaluation import Measure
 from sparse_coord_ros.solve.optimum import independent_bound
 from sparse_coord_ros.solve.reference import shortest_path_reference
 

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from sparse_coord_ros.engine.evaluation import Measure
 from sparse_coord_ros.experiments.store import BY_ROBOT, SUMS, ConditionResult, standard_error
+from sparse_coord_ros.learn.evaluation import Measure
 from sparse_coord_ros.solve.shipped import shipped_asking_team, shipped_best_team
 
 PAPER_SETTINGS = (("penalty", "-20"),)

@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 import yaml
 
-from sparse_coord_ros.engine.evaluation import Measure
 from sparse_coord_ros.experiments.benchmark import ARRIVE, standings
 from sparse_coord_ros.experiments.catalogue import CLOSED, FALLS, LEARNERS, LONG, REACHED
 from sparse_coord_ros.experiments.report import analysis
@@ -41,6 +40,7 @@ from sparse_coord_ros.experiments.report.text import (
 )
 from sparse_coord_ros.experiments.runner import SURE
 from sparse_coord_ros.experiments.store import ConditionResult
+from sparse_coord_ros.learn.evaluation import Measure
 from sparse_coord_ros.learners.factored import Factored
 from sparse_coord_ros.learners.registry import learner_of
 
@@ -270,7 +270,9 @@ def _penalty100(results: Results) -> Section:
             whole = gap(learned, optimum=one.optimum)
             harder = whole if better > shortest else gap(shortest, optimum=one.optimum)
             reached = None if bound is None else gap(learned, optimum=bound)
-            closed[one.condition.learner][name] = reached if isinstance(one.learner, Factored) else whole
+            closed[one.condition.learner][name] = (
+                reached if isinstance(one.learner, Factored) else whole
+            )
             rows.append(
                 {
                     "scenario": name,

@@ -5,10 +5,10 @@
 import math
 from collections.abc import Mapping, Sequence
 
-from sparse_coord_ros.engine.evaluation import Measure
 from sparse_coord_ros.experiments.report.rows import best_asking_team, best_team
 from sparse_coord_ros.experiments.store import ConditionResult
 from sparse_coord_ros.game.scenario import Scenario
+from sparse_coord_ros.learn.evaluation import Measure
 
 UNITS = ("B", "kB", "MB", "GB", "TB", "PB", "EB", "ZB", "YB")
 WORDS = {"scenario", "learner", "steps", "cost", "percept", "factors", "claim", "from"}

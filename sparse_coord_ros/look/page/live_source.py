@@ -8,8 +8,8 @@ from collections.abc import Container, Sequence
 
 import numpy as np
 
-from sparse_coord_ros.engine.run import Glimpse
 from sparse_coord_ros.learn.history import History
+from sparse_coord_ros.learn.run import Glimpse
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.look.page import messages
 from sparse_coord_ros.look.page.board import Board, Message

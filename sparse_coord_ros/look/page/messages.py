@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 
 from sparse_coord_ros import palette
-from sparse_coord_ros.engine.evaluation import MEASURES
-from sparse_coord_ros.engine.run import Glimpse
 from sparse_coord_ros.game.actions import ACTIONS, DIRECTIONS
+from sparse_coord_ros.learn.evaluation import MEASURES
 from sparse_coord_ros.learn.history import History
+from sparse_coord_ros.learn.run import Glimpse
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.learners.tables import Tables
 from sparse_coord_ros.look.episodes import BUSIEST, played_episode

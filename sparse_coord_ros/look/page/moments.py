@@ -8,9 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.engine.evaluation import check_tables, greedy_agents
 from sparse_coord_ros.game.actions import PRIMITIVES
 from sparse_coord_ros.game.miscoordination import miscoordinations
+from sparse_coord_ros.learn.evaluation import check_tables, greedy_agents
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.learners.agent import NOBODY, Agent
 from sparse_coord_ros.learners.tables import Tables

@@ -4,7 +4,7 @@
 
 import time
 
-from sparse_coord_ros.engine.run import Glimpse, LearningRun, groups_of
+from sparse_coord_ros.learn.run import Glimpse, LearningRun, groups_of
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.look.page import messages
 from sparse_coord_ros.look.page.bag_source import SHOWN_RATE

@@ -158,7 +158,7 @@ def test_a_run_in_which_nobody_learns_has_its_rows_too(record, tmp_path):
     load = Player(tables)
     own = [load.source.log.tables_before(k).tables for k in range(2)]
     load.source.log.bag.close()
-    save_team(tmp_path, own)
+    save_team(tmp_path, [one.memory for one in own])
     values = {"greedy": True, "tables": str(tmp_path)}
     player = Player(record(settings={"steps": 200}, values=values).bag)
     player.do(SEEK, 10**6)

@@ -7,10 +7,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from sparse_coord_ros.engine.run import Glimpse
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.game.world import Action, Reward, StepOutcome
 from sparse_coord_ros.learn.history import History, HistoryRecorder, blank_history
+from sparse_coord_ros.learn.run import Glimpse
 from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.look.page import messages
 from sparse_coord_ros.look.page.board import Board

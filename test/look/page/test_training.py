@@ -8,7 +8,7 @@ from teams import plain_run, walking
 
 from sparse_coord_ros.cli import train as train_verb
 from sparse_coord_ros.cli.main import make_parser
-from sparse_coord_ros.engine import batch, training
+from sparse_coord_ros.engine import training
 from sparse_coord_ros.engine.training import train
 from sparse_coord_ros.game.actions import COORDINATE
 from sparse_coord_ros.game.scenario import load_scenario
@@ -114,18 +114,12 @@ def test_looking_changes_no_bit_and_shows_what_there_is(every, clock):
     assert np.array(board.get("asked")["robots"]).sum() > 0
 
 
-@pytest.mark.parametrize("engine", ["python", "compiled"])
 @pytest.mark.parametrize(("learner", "every"), [("coop", 0), ("coop", 50), ("indiv", 0)])
-def test_the_last_frame_shows_what_was_learned_at_the_end(
-    engine, learner, every, clock, monkeypatch
-):
+def test_the_last_frame_shows_what_was_learned_at_the_end(learner, every, clock):
     """Tables, questions and curves are the final ones, and the frame is the last transition.
 
     Whether a page was open, and though hardly a transition was shown on the way.
     """
-    if engine == "compiled":
-        monkeypatch.setattr(training, "engine_for", lambda *_: "python")
-        monkeypatch.setattr(batch, "begin", compiled_in_python)
     for pages in (0, 1):
         problem, board = scenario(steps=5000), Board()
         board.pages = pages
@@ -144,11 +138,6 @@ def test_the_last_frame_shows_what_was_learned_at_the_end(
         assert np.array_equal(asked, alone.asked) and (asked.sum() > 0) == (learner == "coop")
         assert board.get("curves")["episodes"] == done.history.episodes
         assert len(done.evaluations) == (100 if every else 0)
-
-
-def compiled_in_python(scenario, learner, seed, state=None, **_):
-    """Begin a run of the compiled form, without numba."""
-    return plain_run(scenario, learner, seed, state)
 
 
 def test_tables_on_the_way_are_of_the_time_step_that_is_reached(clock, monkeypatch):

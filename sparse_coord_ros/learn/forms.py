@@ -4,10 +4,10 @@
 
 import sys
 
-from sparse_coord_ros.engine.run import LearningRun, Team
 from sparse_coord_ros.errors import PluginError
 from sparse_coord_ros.game.plugins import is_shipped
 from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn.run import LearningRun, Team
 from sparse_coord_ros.learners.learner import Learner
 from sparse_coord_ros.learners.tables import memories_equal
 

@@ -13,14 +13,14 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from sparse_coord_ros.engine.run import Team
-from sparse_coord_ros.engine.trials import Trials
 from sparse_coord_ros.errors import TablesError
 from sparse_coord_ros.game.links import Percepts
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.settings import Setting
 from sparse_coord_ros.game.streams import EVALUATION
 from sparse_coord_ros.game.world import Action, World
+from sparse_coord_ros.learn.run import Team
+from sparse_coord_ros.learn.trials import Trials
 from sparse_coord_ros.learners.agent import Agent
 from sparse_coord_ros.learners.learner import Learner
 from sparse_coord_ros.learners.memory import check_memory

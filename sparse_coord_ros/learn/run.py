@@ -11,19 +11,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.engine import loop
-from sparse_coord_ros.engine.loop import DONE, EPISODE_START, PLACED, STEP
-from sparse_coord_ros.engine.trials import Trials
 from sparse_coord_ros.game import streams
 from sparse_coord_ros.game.actions import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.game.draws import PlainDraws, compiled_draws
-from sparse_coord_ros.game.links import ruled_out
 from sparse_coord_ros.game.perception import asked_peers
 from sparse_coord_ros.game.rules import EPISODE_GAP, miscoordination, problem_of
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.schedules import probabilities, step_sizes
 from sparse_coord_ros.game.world import FIRST_STEP, Action, Position, before_episode
+from sparse_coord_ros.learn import loop
 from sparse_coord_ros.learn.history import History, blank_history, concatenated
+from sparse_coord_ros.learn.loop import DONE, EPISODE_START, PLACED, STEP
+from sparse_coord_ros.learn.trials import Trials
 from sparse_coord_ros.learners.learner import Learner
 from sparse_coord_ros.learners.mind import (
     Memory,
@@ -135,14 +134,18 @@ class Team:
             weights=np.array(learner.weights(scenario)),
             goal_value=scenario.goal_value,
             step_sizes=sizes.by_count,
-            ruled_out=ruled_out(scenario),
+            ruled_out=learner.ruled_out(scenario),
             sees_all=learner.sees_all,
             wants_draw=learner.draws,
             tasks=None,
         )
         groups = groups_of(scenario, learner)
         self.rules = [self._formed(rule._replace(members=np.array(own))) for own in groups]
-        greedy: dict[str, Any] = {"max_steps": scenario.horizon, "exploring": np.zeros(1), "epsilon": np.zeros(1)}
+        greedy: dict[str, Any] = {
+            "max_steps": scenario.horizon,
+            "exploring": np.zeros(1),
+            "epsilon": np.zeros(1),
+        }
         self._trying = self._formed(rule._replace(**greedy))
 
     def _formed(self, rule: loop.Rule) -> loop.Rule:
@@ -150,7 +153,9 @@ class Team:
         if self.compiled:
             return rule
         names = ("exploring", "epsilon", "floors", "step_sizes")
-        tables: dict[str, Any] = {name: array("d", getattr(rule, name).tobytes()) for name in names}
+        tables: dict[str, Any] = {
+            name: array("d", getattr(rule, name).tobytes()) for name in names
+        }
         members, weights = rule.members.tolist(), rule.weights.tolist()
         listed = rule._replace(members=members, weights=weights, **tables)
         tasks = [
@@ -180,17 +185,27 @@ class Team:
         arrived = [int(home) for home in position.arrived]
         if self.compiled:
             members = rule.members
-            cells, actions, moves, seen = np.zeros((4, team), dtype=np.int64)
             draws: Any = compiled_draws(
                 self.scenario, seed, phase, self._looked_at(rule, phase), members, position.step
             )
             game = loop.Game(np.array(clock), np.array(position.cells), np.array(arrived))
-            choice = loop.Choices(cells, actions, moves, seen, np.zeros(PRIMITIVES))
+            choice = loop.Choices(
+                cells=np.zeros(team, dtype=np.int64),
+                actions=np.zeros(team, dtype=np.int64),
+                moves=np.zeros(team, dtype=np.int64),
+                seen=np.zeros(team, dtype=np.int64),
+                values=np.zeros(PRIMITIVES),
+            )
         else:
             draws = PlainDraws(self.scenario, seed, phase)
             game = loop.Game(clock, list(position.cells), arrived)
-            cells, actions, moves, seen = ([0] * team for _ in range(4))
-            choice = loop.Choices(cells, actions, moves, seen, [0.0] * PRIMITIVES)
+            choice = loop.Choices(
+                cells=[0] * team,
+                actions=[0] * team,
+                moves=[0] * team,
+                seen=[0] * team,
+                values=[0.0] * PRIMITIVES,
+            )
         return loop.State(rule, game, choice, draws, self._stop)
 
     def _looked_at(self, rule: loop.Rule, phase: int) -> dict[int, bool]:
