@@ -434,6 +434,8 @@ def _without_effect(bag: Bag) -> set[tuple[str, ...]]:
         found.add(("improve",))
     if "\nbodies: true\n" in run_text(bag):
         found.add(("scenario", "move_success"))
+    if "\nlearner: cq\n" in run_text(bag):
+        found.add(("scenario", "q_coord_init"))
     return found
 
 
@@ -457,7 +459,7 @@ def pairs(cases: Sequence[Case], seed: int, count: int) -> Iterator[Case]:
     """Yield cases with two forgeries, the first of which must be found by itself."""
     draw = random.Random(seed)
     found = [one for one in cases if one.right == FOUND and _is_entry(one)]
-    for _ in range(count if found else 0):
+    for _ in range(count if len(found) > 1 else 0):
         one, other = draw.sample(found, 2)
         yield Case(one.run, one.forgeries + other.forgeries, FOUND)
 

@@ -76,6 +76,12 @@ class File:
     attachments: list[Attached] = field(default_factory=list)
     records: list[tuple[str, dict[str, str]]] = field(default_factory=list)
 
+    def copy(self) -> "File":
+        """Return a file to be changed: messages and attachments themselves never change."""
+        records = [(name, dict(texts)) for name, texts in self.records]
+        lists = [*self.topics], [*self.messages], [*self.attachments], records
+        return File(self.name, self.finished, *lists)
+
 
 Bag = list[File]
 
@@ -166,7 +172,7 @@ class Forgery(NamedTuple):
 
 def forged(bag: Bag, forgeries: Sequence[Forgery]) -> Bag:
     """Return a changed copy of a bag."""
-    copy = deepcopy(bag)
+    copy = [file.copy() for file in bag]
     for forgery in forgeries:
         forgery.apply(copy)
     return copy
@@ -541,6 +547,8 @@ def _setting(bag: Bag, target: tuple[Any, ...], how: Any) -> None:
     owner = run
     for key in target[:-1]:
         owner = owner[key]
+    if owner[target[-1]] == how:
+        return
     owner[target[-1]] = how
     _say_run(bag, yaml.safe_dump(run, sort_keys=False, allow_unicode=True), run)
 

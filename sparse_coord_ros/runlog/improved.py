@@ -38,14 +38,14 @@ def check_plans(log: RunLog, team: Sequence[AgentCheck]) -> list[Difference]:
     agents = [one.agent for one in team if one.agent is not None]
     if len(agents) < len(log.names):
         return found  # what a robot remembers is not known
+    there = {one.robot for one in found} | {log.names[plan.robot] for plan in plans}
+    found += [_odd(log, one.k, MISSING, "a plan") for one in team if one.name not in there]
+    if not plans:
+        return found
     due = improve(log.run.scenario, log.run.rule, [agent.memory() for agent in agents]).tables
-    unreadable = {one.robot for one in found}
-    for robot, agent, tables in zip(team, agents, due, strict=True):
-        mine = [plan.arrays for plan in plans if plan.robot == robot.k]
-        if not mine and robot.name not in unreadable:
-            found.append(_odd(log, robot.k, MISSING, "a plan"))
-        for arrays in mine:
-            found += _of_plan(robot, arrays, tables, agent.tables)
+    for plan in plans:
+        k = plan.robot
+        found += _of_plan(team[k], plan.arrays, due[k], agents[k].tables)
     return found
 
 

@@ -391,15 +391,26 @@ def test_the_dialogue(alter, convert, asked, kind, how):
     is_first(alter(change), asked[0], "robot_1", "dialogue")
 
 
-@pytest.mark.parametrize("topic", ["/status", "/run"])
-def test_the_last_message_of_the_worlds_topics(alter, topic):
+def without_last(topic):
     def change(messages):
         del messages[max(p for p, m in enumerate(messages) if m.topic == topic)]
         return messages
 
-    found = alter(change)
-    step = None if topic == "/run" else found.log.step[-1]
-    is_first(found, step, None, "topic run" if topic == "/run" else "status")
+    return change
+
+
+def test_without_the_topic_run(alter):
+    is_first(alter(without_last("/run")), None, None, "topic run")
+
+
+def test_a_world_that_does_not_say_how_the_run_ended(alter):
+    """It may have been killed, or the recorder stopped before it said so."""
+    found = alter(without_last("/status"))
+    assert found.cannot_tell and not found.open
+    assert found.log.losses == [
+        f"time steps {found.log.step[-1] + 1} on: the log breaks off, "
+        "the world does not say how the run ended"
+    ]
 
 
 @pytest.mark.parametrize("other", [b"", serialize_message(MarkerArray())], ids=["none", "other"])
