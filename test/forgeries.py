@@ -11,6 +11,7 @@ must not say "identical".
 
 import random
 import re
+import shutil
 from collections.abc import Iterator, Sequence
 from enum import StrEnum
 from pathlib import Path
@@ -96,7 +97,9 @@ def outcome(directory: Path) -> Outcome:
 def wrong(bag: Bag, cases: Sequence[Case], folder: Path) -> Iterator[tuple[Case, Outcome]]:
     """Yield the cases of one bag of which `verify` says something wrong."""
     for number, case in enumerate(cases):
-        said = outcome(write(forged(bag, case.forgeries), folder / f"{number}"))
+        directory = write(forged(bag, case.forgeries), folder / f"{number}")
+        said = outcome(directory)
+        shutil.rmtree(directory)
         if said not in case.right:
             yield case, said
 
@@ -503,9 +506,10 @@ def _names(bag: Bag) -> list[str]:
 
 
 def cut_off(run: str, bag: Bag, seed: int, count: int) -> Iterator[Case]:
-    """Yield cases of a recorder that was killed."""
+    """Yield cases of a recorder that was killed, or stopped before the run's end; many at once."""
     draw = random.Random(f"{run} cut {seed}")
     messages = len(bag[-1].messages)
     for _ in range(count):
-        number = draw.randrange(messages // 10, messages)
-        yield Case(run, (Forgery("cut", (number,)),), NOT_FALSE)
+        number = draw.choice([draw.randrange(1, 60), draw.randrange(1, messages)])
+        how = draw.choice(["killed", "stopped"])
+        yield Case(run, (Forgery("cut", (number,), how),), NOT_FALSE)

@@ -374,10 +374,13 @@ def _time_anew(bag: Bag) -> None:
 
 
 def _cut(bag: Bag, target: tuple[Any, ...], how: str) -> None:
-    """Let the recorder be killed: of the last file so many messages are left, (number,)."""
+    """Let the recorder end early: of the last file so many messages are left, (number,).
+
+    A recorder that is "stopped" finishes its file, one that is "killed" does not.
+    """
     [count] = target
     file = bag[-1]
-    file.finished = False
+    file.finished = how == "stopped"
     file.messages = file.messages[:count]
     end = file.messages[-1].log_ns
     file.attachments = [one for one in file.attachments if one.log_ns < end]

@@ -4,11 +4,15 @@
 
 import math
 
+import forging
 import numpy as np
 import pytest
+from forging import Forgery
+from nav_msgs.msg import Path
 from nav_msgs.srv import GetPlan
 from rclpy.serialization import deserialize_message, serialize_message
-from recordings import with_tables
+from recordings import OFTEN, recorded, with_tables
+from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
 import sparse_coord_ros as sc
@@ -200,6 +204,37 @@ def test_a_changed_reward(alter, convert, log, moved, label, value, said):
     found = alter(on("/robot_2/reward", moved, convert, data))
     is_first(found, moved, "robot_2", "reward")
     assert f"{label}={said}" in found.first.logged
+
+
+@pytest.mark.parametrize("topic", ["action", "percept"])
+def test_no_node_writes_a_zero_with_a_sign(tmp_path, topic):
+    """Each 0.0 of some messages in turn; cells of this map lie at 0.0."""
+    bag = forging.read(recorded(tmp_path / "run", at_zero(tmp_path), {**OFTEN, "steps": 40}).bag)
+    name = f"/robot_1/{topic}"
+    zeros = [
+        Forgery("field", (name, number, path), "negative")
+        for number, (file, place) in enumerate(forging.places_of(bag, name)[:8])
+        for path, value in forging.leaves(decoded(file.messages[place], topic))
+        if isinstance(value, float)
+        and value == 0.0
+        and (path[-1] in {"x", "y"} or topic == "action")
+        if "orientation" not in path
+    ]
+    assert len(zeros) > 8
+    for n, zero in enumerate(zeros):
+        found = verify(forging.write(forging.forged(bag, [zero]), tmp_path / f"{n}"))
+        assert not found.same, zero
+
+
+def at_zero(folder):
+    text = "title: door\\nresolution: 1.0\\norigin: [-0.5, -0.5]\\n---\\n1.D.2\\n"
+    ends = "robots: {robot_1: {start: 1, goal: 2}, robot_2: {start: 2, goal: 1}}\n"
+    (folder / "door.yaml").write_text(f'map: {{name: door, text: "{text}"}}\n{ends}')
+    return str(folder / "door.yaml")
+
+
+def decoded(said, topic):
+    return deserialize_message(said.data, {"action": JointState, "percept": Path}[topic])
 
 
 def test_a_changed_state(alter, convert, log, moved):
