@@ -226,6 +226,25 @@ def test_no_node_writes_a_zero_with_a_sign(tmp_path, topic):
         assert not found.same, zero
 
 
+@pytest.mark.parametrize("learner", ["coop", "factored", "cq"])
+def test_all_that_a_robot_remembers_is_compared(tmp_path, learner):
+    """An element of each array of its last tables in turn, also of what learning goes on with."""
+    settings = {**OFTEN, "steps": 150, "penalty": -50}
+    bag = forging.read(
+        recorded(tmp_path / "run", "env1", settings, values={"learner": learner}).bag
+    )
+    [*_, last] = [one for one in bag[-1].attachments if one.name.startswith("tables/robot_2_")]
+    arrays = forging.unpacked(last.data)
+    del arrays["format"]
+    filled = [name for name, array in arrays.items() if array.size]
+    assert len(filled) >= {"coop": 12, "factored": 20, "cq": 10}[learner]
+    for name in filled:
+        forged = forging.forged(bag, [Forgery("entry", (last.name, name, 0), "far")])
+        found = verify(forging.write(forged, tmp_path / name))
+        assert found.first.robot == "robot_2", name
+        assert found.first.quantity.startswith("tables"), name
+
+
 def at_zero(folder):
     text = "title: door\\nresolution: 1.0\\norigin: [-0.5, -0.5]\\n---\\n1.D.2\\n"
     ends = "robots: {robot_1: {start: 1, goal: 2}, robot_2: {start: 2, goal: 1}}\n"
