@@ -153,6 +153,8 @@ ONLY_NAMED = (
 
 def right_of(bag: Bag, forgery: Forgery) -> frozenset[Outcome]:
     """Return the outcomes that are right after a forgery of a bag."""
+    if _superseded(bag, forgery) or _unowed(bag, forgery):
+        return ANY
     operation, target, how = forgery
     if operation in ("message", "topic", "record"):
         operation, target = f"{operation} {how}", target[:1]
@@ -163,8 +165,6 @@ def right_of(bag: Bag, forgery: Forgery) -> frozenset[Outcome]:
     for patterns, right in ((NO_CLAIM, ANY), (ONLY_NAMED, NAMED)):
         if any(op == operation and re.fullmatch(pattern, words) for op, pattern in patterns):
             return right
-    if _superseded(bag, forgery) or _unowed(bag, forgery):
-        return ANY
     return FOUND
 
 

@@ -43,7 +43,7 @@ def check_plans(log: RunLog, team: Sequence[AgentCheck]) -> list[Difference]:
     if not plans:
         return found
     due = improve(log.run.scenario, log.run.rule, [agent.memory() for agent in agents]).tables
-    for plan in plans:
+    for plan in sorted(plans, key=lambda plan: plan.robot):
         k = plan.robot
         found += _of_plan(team[k], plan.arrays, due[k], agents[k].tables)
     return found
