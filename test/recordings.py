@@ -17,9 +17,11 @@ from sparse_coord_ros.bags import BagWriter, QoS
 from sparse_coord_ros.bags.metadata import ROLLED_BACK
 from sparse_coord_ros.bags.reader import open_bag
 from sparse_coord_ros.bags.recover import continued
+from sparse_coord_ros.engine.improve import improve
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.run_config import bag_files, make_run
-from sparse_coord_ros.learn.tables import pack_tables, unpack_robot
+from sparse_coord_ros.learn.tables import pack_tables, unpack_saved
+from sparse_coord_ros.lockstep.bodies import BodyWorld
 from sparse_coord_ros.lockstep.robot_side import RobotSide
 from sparse_coord_ros.lockstep.world_side import WorldSide
 from sparse_coord_ros.nodes.messages import Converter, status
@@ -64,6 +66,8 @@ class Recording:
         stop: transitions after which someone stops the run; None: nobody.
         finish: whether the recorder closes the bag.
         chunk: bytes of a chunk; None: the writer's.
+        failing: (robot, step) of moves after which a body is somewhere else.
+        alone: robots that plan on nothing, as a peer did not say what it has learned.
         patient: whether robots that wait for an answer as the run is stopped do not act.
     """
 
@@ -81,29 +85,29 @@ class Recording:
         finish=True,
         patient=False,
         chunk=None,
+        alone=(),
+        failing=(),
     ):
         self.bag = BagWriter(directory, **({} if chunk is None else {"chunk_size": chunk}))
         self.run, self.convert = run, Converter(run)
         self.names = [robot.name for robot in run.scenario.robots]
         self.lost, self.deaf, self.resets = set(lost), set(deaf), set(resets)
-        self.patient = patient
+        self.patient, self.alone, self.failing = patient, alone, set(failing)
         self.late, self.held = set(late), {}
         self.lost_now, self.again = [], {}
         self.queue, self.wall, self.now, self.clock = deque(), WALL, 0, 0
         self.sequences, self.tables = {}, {}
         text = run.to_yaml()
         record = {
-            "scenario": run.scenario.name,
-            "seed": str(run.seed),
-            "learner": run.learner,
-            **{f"version_{name}": value for name, value in run.versions.items()},
+            **run.record(),
             wire.FORMAT_KEY: str(wire.BAG_FORMAT),
         }
         self.bag.add_metadata("sparse_coord_ros", record)
         for name, content in bag_files(run, text).items():
             self.bag.attach(name, content.encode(), "text/plain")
         self.write("/run", "std_msgs/msg/String", serialize_message(String(data=text)))
-        self.world = WorldSide(run, self)
+        game = BodyWorld(run.scenario, run.seed, slips=run.slips) if run.bodies else None
+        self.world = WorldSide(run, self, game)
         begin = tables or [None] * len(self.names)
         self.robots = [
             RobotSide(
@@ -128,6 +132,8 @@ class Recording:
         self.world.start()
         self.go(stop)
         self.say("finished" if self.world.finished else "stopped")
+        if run.improve and self.world.finished:
+            self.plan()
         for k, robot in enumerate(self.robots):
             self.attach(k, robot.handled)
         if finish:
@@ -148,6 +154,8 @@ class Recording:
                 self.resets.discard(self.world.world.transitions)
                 self.world.new_episode()
             elif self.world.complete:
+                if self.run.bodies:
+                    self.drive()
                 self.world.advance()
                 if self.world.world.transitions % STATUS_STEPS == 0:
                     self.say("learning")
@@ -170,6 +178,17 @@ class Recording:
                     self.late.clear()
                     self.world.repeat()
 
+    def drive(self):
+        """Let the bodies move: each is then where it is to be, or where a failing one stops."""
+        game = self.world.world
+        game.there = list(game.cells)
+        for k, action in enumerate(self.world.actions):
+            if action is not None and not game.arrived[k]:
+                there = game.wanted(k, action.move)
+                if (k, game.step) in self.failing:
+                    there = int(game.scenario.map.next_cell[there, game.step % 4])
+                game.there[k] = there
+
     def write(self, topic, type_name, data, step=None):
         """Record a message."""
         if step is not None:
@@ -181,7 +200,7 @@ class Recording:
         """Publish the world's status."""
         world = self.world.world
         side = self.world
-        said = Said("", state, world.step, world.transitions, side.left_out, side.began)
+        said = Said(self.run.id, state, world.step, world.transitions, side.left_out, side.began)
         message = status(self.run.scenario.name, state, said.values())
         self.write("/status", "diagnostic_msgs/msg/DiagnosticStatus", serialize_message(message))
 
@@ -205,6 +224,15 @@ class Recording:
             return
         self.tables[k] = (step, data)
         self.bag.attach(f"tables/{self.names[k]}_{step}.npz", data, "application/x-npz", self.now)
+
+    def plan(self):
+        """Attach what the robots make of what they have learned; the silent ones keep theirs."""
+        scenario, rule = self.run.scenario, self.run.rule
+        found = improve(scenario, rule, [robot.agent.memory() for robot in self.robots])
+        for k, robot in enumerate(self.robots):
+            tables = robot.agent.tables if k in self.alone else found.tables[k]
+            data = pack_tables({k + 1: tables}, counts=robot.counts)
+            self.bag.attach(f"improved/{self.names[k]}.npz", data, "application/x-npz", self.now)
 
     def arrives(self, kind, k, step):
         """Whether a message arrives."""
@@ -332,10 +360,7 @@ def rewritten(
         for name, texts in source.metadata.items():
             if name != "rosbag2":
                 new.add_metadata(name, {**texts, **(record or {})})
-        channels = {
-            topic.name: new.add_topic(topic.name, topic.type_name, topic.qos[0])
-            for topic in source.topics.values()
-        }
+        channels = {topic.name: new.add_known_topic(topic) for topic in source.topics.values()}
         for one in change(list(source.messages())):
             channel = channels[one.topic]
             if (one.topic, one.sequence) == gap:
@@ -354,7 +379,7 @@ def rewritten(
 def copied(writer, source, messages, attachments=(), *, prefix=""):
     """Write messages and attachments of a bag into another one, which gets all its topics."""
     channels = {
-        topic.name: writer.add_topic(prefix + topic.name, topic.type_name, topic.qos[0])
+        topic.name: writer.add_known_topic(topic._replace(name=prefix + topic.name))
         for topic in source.topics.values()
     }
     for one in messages:
@@ -403,9 +428,11 @@ def each(topic, kind, change, which=slice(None)):
 
 def with_tables(attached, number, change):
     """Return an attachment in which `change` has altered a robot's tables and counts."""
-    tables, counts = unpack_robot(attached.data, number, where="")
+    [saved] = unpack_saved(attached.data, [number], where="")
+    tables, counts, memory = saved[:3]
     change(tables, counts)
-    return attached._replace(data=pack_tables({number: tables}, counts=counts))
+    data = pack_tables({number: tables}, counts=counts, memories={number: memory})
+    return attached._replace(data=data)
 
 
 def recorded(directory, name="env1", settings=None, *, values=None, identity="", **options):

@@ -26,6 +26,9 @@ CONTINUED_RECORD = "continued"
 """Name of the metadata record of every file of a bag but the first: `why` it begins (see
 `SPLIT`, `RESTARTED`, `ROLLED_BACK`); of one that takes the run back `step`, the checkpoint, and
 `first`, the time step of the first local state after it."""
+STALLED_RECORD = "stalled"
+"""Name of the metadata record of a recorder that stood still for a while: `step`, the time step
+from which on messages may have been lost, and for how many `seconds` it stood still."""
 SPLIT, RESTARTED, ROLLED_BACK = "split", "restarted", "rolled_back"
 """Why a file begins: the one before was big or long enough; its recorder had ended; the run went
 back to a checkpoint, and what the files before say from there on is superseded."""

@@ -19,6 +19,8 @@ from sparse_coord_ros.errors import BagError
 
 _SEPARATOR = "=" * 80
 _FIELD = re.compile(r"^[ \t]*([A-Za-z][A-Za-z0-9_/]*)(?=(?:\[[^\]]*\])?[ \t]+\w)", re.MULTILINE)
+_PART = re.compile(r"_(Request|Response)$")
+"""How the name of a part of a service ends."""
 _PRIMITIVES = frozenset(
     "bool byte char float32 float64 int8 uint8 int16 uint16 int32 uint32 int64 uint64 "
     "string wstring".split()
@@ -30,9 +32,8 @@ def schema_text(type_name: str) -> str:
     """Return the complete `ros2msg` schema of a message type.
 
     A service's event type has no file of its own. rosbag2 stores the `.srv` text in its place,
-    which is no message definition, and rosbags refuses the whole bag; here the event message is
-    written out, its request and response as sections of their own. mcap_ros2 takes no `srv` types
-    in either form: with it, read the other topics by name.
+    which is no message definition; here the event message is written out, its request and response
+    as sections of their own, called as `stored_name` calls them.
 
     Args:
         type_name: `package/msg/Type`, or `package/srv/Service_Event` (`_Request`, `_Response`).
@@ -52,11 +53,36 @@ def schema_text(type_name: str) -> str:
         for one in sorted({_full(t, package) for t in _FIELD.findall(text)} - _PRIMITIVES):
             if one not in seen:
                 seen.add(one)
-                path = one.replace("/", "/msg/") if one.count("/") == 1 else one
+                kind = "srv" if _PART.search(one) else "msg"
+                path = one.replace("/", f"/{kind}/") if one.count("/") == 1 else one
                 whole += f"\n{_SEPARATOR}\nMSG: {one}\n{with_dependencies(path)}"
         return whole
 
     return with_dependencies(type_name)
+
+
+def stored_name(type_name: str) -> str:
+    """Return what a bag calls a type, so that readers find its definition.
+
+    Services are no messages to rosbags and mcap_ros2: they decode no type of `srv`, whatever its
+    definition. A service's event is stored as a message, its fields and bytes are the same.
+
+    Args:
+        type_name: `package/msg/Type`, or `package/srv/Service_Event`.
+    """
+    return re.sub(r"/srv/(\w+)_Event$", r"/msg/\1Event", type_name)
+
+
+def ros_name(stored: str, topic: str) -> str:
+    """Return what ROS calls a type that a bag calls as of `stored_name`.
+
+    Args:
+        stored: the bag's name of the type.
+        topic: its topic: those of service events have names of their own.
+    """
+    if not topic.endswith("/_service_event"):
+        return stored
+    return re.sub(r"/msg/(\w+)Event$", r"/srv/\1_Event", stored)
 
 
 @functools.cache
@@ -98,12 +124,12 @@ def _definition(name: str) -> str:
     if part == "Event":
         return (
             "service_msgs/ServiceEventInfo info\n"
-            f"{package}/srv/{stem}_Request[<=1] request\n"
-            f"{package}/srv/{stem}_Response[<=1] response\n"
+            f"{package}/{stem}_Request[<=1] request\n"
+            f"{package}/{stem}_Response[<=1] response\n"
         )
     request, response = re.split(r"^---[ \t\r]*\n?", text, maxsplit=1, flags=re.MULTILINE)
     text = request if part == "Request" else response
-    # In a `srv` type a reader takes a bare name for one of `srv`.
+    # A reader would take a bare name for one of the package of the service.
     return _FIELD.sub(lambda field: field[0].replace(field[1], _full(field[1], package)), text)
 
 

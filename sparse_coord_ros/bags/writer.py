@@ -22,13 +22,20 @@ from sparse_coord_ros.bags.metadata import (
 )
 from sparse_coord_ros.bags.reader import Bag, stem_and_number
 from sparse_coord_ros.bags.records import LATEST_NS
-from sparse_coord_ros.bags.schemas import schema_text, type_hash
+from sparse_coord_ros.bags.schemas import schema_text, stored_name, type_hash
 from sparse_coord_ros.bags.topics import BagTopic, QoS
 from sparse_coord_ros.errors import BagError
 from sparse_coord_ros.version import __version__
 
 DEFAULT_CHUNK_SIZE = 256 * 1024
 """Bytes of uncompressed messages in a chunk: what a killed process loses at most."""
+
+INSIDE = tuple(
+    f"_Writer__{name}" for name in ("chunk_indices", "schemas", "channels", "chunk_builder")
+)
+CHUNKS, SCHEMAS, CHANNELS, BUILDER = INSIDE
+"""Private attributes of mcap's Writer, which defines a channel in one chunk only: by these `flush`
+defines it in another one. A test says where a release of mcap has renamed them."""
 
 
 class BagWriter:
@@ -145,7 +152,8 @@ class BagWriter:
 
         Args:
             topic: full topic name, with a leading slash.
-            type_name: `package/msg/Type`, or `package/srv/Service_Event` for service events.
+            type_name: `package/msg/Type`, or `package/srv/Service_Event` for service events: the
+                bag calls these as of `stored_name`.
             qos: what the topic's publisher offers.
 
         Raises:
@@ -154,10 +162,9 @@ class BagWriter:
         self._file.check_usable()
         if topic in self._channels:
             return self._channels[topic]
-        # rosbags does not find a service event by the name under which it registers these types,
-        # and then cannot open a bag that has a hash for one.
-        digest = "" if "/srv/" in type_name else type_hash(type_name)
-        known = BagTopic(topic, type_name, schema_text(type_name), (qos,), digest)
+        name = stored_name(type_name)
+        digest = type_hash(type_name) if name == type_name else ""
+        known = BagTopic(topic, name, schema_text(type_name), (qos,), digest)
         return self.add_known_topic(known)
 
     def add_known_topic(self, topic: BagTopic) -> int:
@@ -247,13 +254,13 @@ class BagWriter:
         """
         self._file.check_usable()
         self._writer.flush()
-        inside = vars(self._writer)  # Writer defines a channel in one chunk only
-        if self._defined_twice < len(self._topics) and inside["_Writer__chunk_indices"]:
+        inside = vars(self._writer)
+        if self._defined_twice < len(self._topics) and inside[CHUNKS]:
             self._defined_twice = len(self._topics)
-            for schema in inside["_Writer__schemas"].values():
-                inside["_Writer__chunk_builder"].add_schema(schema)
-            for channel in inside["_Writer__channels"].values():
-                inside["_Writer__chunk_builder"].add_channel(channel)
+            for schema in inside[SCHEMAS].values():
+                inside[BUILDER].add_schema(schema)
+            for channel in inside[CHANNELS].values():
+                inside[BUILDER].add_channel(channel)
 
     def close(self) -> None:
         """Finish and rename the MCAP file, write `metadata.yaml`; a second call does nothing.

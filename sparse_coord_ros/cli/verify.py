@@ -20,7 +20,7 @@ COUNTS = {
     "left_out": "robots' steps without their action (left out by the world)",
     "unlearned": "transitions that robots say they have not learned from",
     "resets": "episodes begun early (reset, or nobody left to wait for)",
-    "kept": "robots that did not improve, as a peer had not said what it had learned",
+    "kept": "robots that kept what they had learned in place of a plan",
     "repeats": "messages said again after a silence",
 }
 """What may come and is no fault; by the name in `Verification`."""
@@ -67,6 +67,13 @@ def _account(found) -> Iterator[str]:
     )
     counts = [(getattr(found, name), what) for name, what in COUNTS.items()]
     yield from (f"{count} {what}" for count, what in counts if count)
+    if log.run.bodies:
+        yield "the robots have bodies: where a move led is taken as the log says it"
+    for stall in log.tracks.stalls:
+        yield (
+            f"the recorder stood still for {stall.seconds} s: messages from step {stall.step} on "
+            "may be lost"
+        )
     for back in log.tracks.rollbacks:
         yield (
             f"at step {back.until} the run went back to the checkpoint of step {back.step}; what "
@@ -104,8 +111,10 @@ def _verdict(found) -> str:
         text = "cannot tell all of the run; what the log does say of the rest is as it has to be"
     elif holes:
         text = "identical"
-    else:
+    elif ends[0] > 1:
         text = f"identical up to step {ends[0] - 1}"
+    else:
+        text = "no time step can be computed again"
     if holes:
         steps = ", ".join(f"{first} to {last}" for first, last in holes)
         text += f" but for steps {steps}, which are lost"

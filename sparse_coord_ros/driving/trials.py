@@ -21,7 +21,7 @@ from sparse_coord_ros.game.settings import SettingTable, tables_from_yaml
 from sparse_coord_ros.game.streams import EVALUATION
 from sparse_coord_ros.learn.agent import Tables
 from sparse_coord_ros.learn.evaluation import greedy_team
-from sparse_coord_ros.learn.run_config import RunConfig
+from sparse_coord_ros.learn.run_config import RUN_SETTINGS, RunConfig
 from sparse_coord_ros.lockstep.bodies import BodiesSide, BodyWorld, Goals
 
 _TABLES = tables_from_yaml(Path(__file__).with_name("settings.yaml"))
@@ -31,8 +31,8 @@ DRIVER_SETTINGS, BODY_SETTINGS = _TABLES["driver"], _TABLES["body"]
 NAV2_SETTINGS = _TABLES["nav2_driver"]
 """What a driver is told that leaves the steering to Nav2."""
 
-SLIPS = _TABLES["world"]["slips"]
-DRIVE_SETTINGS = SettingTable([*({**DRIVER_SETTINGS, **BODY_SETTINGS}).values(), SLIPS])
+_ALL = {**DRIVER_SETTINGS, **BODY_SETTINGS, "slips": RUN_SETTINGS["slips"]}
+DRIVE_SETTINGS = SettingTable(_ALL.values())
 """All that `drive` is told of bodies."""
 
 

@@ -20,7 +20,6 @@ import numpy as np
 from sparse_coord_ros.compiling import has_numba
 from sparse_coord_ros.engine.batch import CompiledTeam
 from sparse_coord_ros.engine.kernels import PLAIN
-from sparse_coord_ros.errors import TablesError
 from sparse_coord_ros.files import write_whole
 from sparse_coord_ros.game.actions import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.game.grid import GridMap
@@ -33,7 +32,7 @@ from sparse_coord_ros.learn.algorithm import asks_surely
 from sparse_coord_ros.learn.evaluation import Trials
 from sparse_coord_ros.learn.factored import factored_tables
 from sparse_coord_ros.learn.factors import UNSEEN, Factors, coordination_table, states_of
-from sparse_coord_ros.learn.learners import Learner, check_improvable
+from sparse_coord_ros.learn.learners import Learner, check_improvable, check_memory
 from sparse_coord_ros.learn.rows import find_row
 from sparse_coord_ros.learn.run_config import RUN_FILE, RunConfig, create_output
 from sparse_coord_ros.learn.tables import save_team
@@ -123,15 +122,6 @@ def improve(scenario: Scenario, learner: Learner, memories: Sequence[Memory]) ->
     else:
         before, value, found = _by_trials(learned, learner, memories)
     return Improvement(tuple(found), before, value, tuple(sorted(learned.map.doorways)))
-
-
-def check_memory(scenario: Scenario, learner: Learner, k: int, memory: Memory) -> None:
-    """Raise `TablesError` unless robot k, from 0, can go on from what is remembered."""
-    try:
-        learner.agent(scenario, k, 0).go_on_from(memory)
-    except (ValueError, LookupError, TypeError) as error:
-        what = f"robot {k + 1} of scenario {scenario.name} cannot have learned that ({error})"
-        raise TablesError(f"{what}; use what a run of this very scenario wrote") from None
 
 
 def save_improved(directory: Path, run: RunConfig, found: Improvement) -> Path:

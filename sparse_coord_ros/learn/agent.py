@@ -30,7 +30,7 @@ from sparse_coord_ros.learn.algorithm import (
     updated,
     weighed,
 )
-from sparse_coord_ros.learn.archive import check_range
+from sparse_coord_ros.learn.archive import MOST_UPDATES, check_finite, check_range, member
 from sparse_coord_ros.learn.factors import AdditiveTable, Factors
 from sparse_coord_ros.learn.rows import MOST_ROWS, Rows, make_rows, row_to_learn
 from sparse_coord_ros.learn.sparse import SparseTable
@@ -102,6 +102,30 @@ class Memory(NamedTuple):
     values: np.ndarray
     updates: np.ndarray
     more: Mapping[str, np.ndarray] = MappingProxyType({})
+
+
+def check_learned(memory: Memory, cells: int, actions: int, columns: int) -> None:
+    """Raise `ValueError` unless arrays of a memory have the types, shapes and ranges of every run.
+
+    Args:
+        memory: what an agent is said to remember.
+        cells: of the map.
+        actions: how many the agent chooses between; Q* of the others is NaN.
+        columns: how many numbers make a state of `memory.states`.
+    """
+    arrays = memory._asdict()
+    q_star = member(arrays, "q_star", np.float64, cells, len(ACTIONS))
+    check_finite(q_star[:, :actions], "q_star")
+    if not np.isnan(q_star[:, actions:]).all():
+        raise ValueError("q_star has values of COORDINATE, which this learner never chooses")
+    updates = member(arrays, "star_updates", np.int64, *q_star.shape, below=MOST_UPDATES)
+    check_range(updates[:, actions:], 0, 1, "star_updates")
+    states = member(arrays, "states", np.int32, None, columns)
+    if len(np.unique(states, axis=0)) < len(states):
+        raise ValueError("states has a state twice")
+    rows = len(states), PRIMITIVES
+    check_finite(member(arrays, "values", np.float64, *rows), "values")
+    member(arrays, "updates", np.int64, *rows, below=MOST_UPDATES)
 
 
 MOST_JOINT_STATES = 2**63
@@ -358,16 +382,20 @@ class Agent:
             np.array(updates, dtype=np.int64).reshape(len(states), PRIMITIVES),
         )
 
+    def check(self, memory: Memory) -> None:
+        """Raise `ValueError` unless an agent of this run can have learned that."""
+        cells = len(self._tables.q_star)
+        check_learned(memory, cells, self.actions, len(self._coord.shape) - 1)
+        check_range(memory.states, 0, cells, "states")
+
     def go_on_from(self, memory: Memory) -> None:
         """Go on with what another agent of the same run has learned.
 
         Raises:
-            ValueError: it is of another run.
+            ValueError: as of `check`.
         """
+        self.check(memory)
         q_star, q_coord = self._tables.q_star, self._coord
-        if memory.states.shape[1] != len(q_coord.shape) - 1:
-            raise ValueError(f"states are of {memory.states.shape[1]} robots")
-        check_range(memory.states, 0, len(q_star), "states")
         q_star[:] = memory.q_star
         self.star_updates[:] = memory.star_updates
         rows = zip(memory.states.tolist(), memory.values, memory.updates.tolist(), strict=True)

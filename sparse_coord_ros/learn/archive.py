@@ -30,6 +30,9 @@ ENTRY, MOST_ARRAYS = b"PK\x01\x02", 2**16
 MOST_UPDATES = 2**31
 """The compiled loops count in 32 bits."""
 
+LARGEST = 1e30
+"""No value that is learned is further from 0: what a scenario pays has limits, far below."""
+
 HEADERS: Mapping[tuple[int, int], Any] = {
     (1, 0): np.lib.format.read_array_header_1_0,
     (2, 0): np.lib.format.read_array_header_2_0,
@@ -144,6 +147,12 @@ def check_range(array: np.ndarray, low: int, high: int, name: str) -> None:
     """Raise `ValueError` unless all numbers are from `low` to below `high`."""
     if array.size and not (low <= array.min() and array.max() < high):
         raise ValueError(f"{name} has numbers out of range, allowed: {low} to {high - 1}")
+
+
+def check_finite(array: np.ndarray, name: str) -> None:
+    """Raise `ValueError` unless all numbers are finite, and up to `LARGEST`."""
+    if not np.all(np.abs(array) <= LARGEST):
+        raise ValueError(f"{name} has numbers that are not finite, or beyond {LARGEST:g}")
 
 
 def _digest(arrays: Mapping[str, Any]) -> str:

@@ -26,7 +26,7 @@ from typing import Any
 
 import numpy as np
 
-from sparse_coord_ros.errors import RunError
+from sparse_coord_ros.errors import RunError, TablesError
 from sparse_coord_ros.files import write_whole
 from sparse_coord_ros.game.actions import ACTIONS, PRIMITIVES
 from sparse_coord_ros.game.scenario import Scenario
@@ -36,7 +36,7 @@ from sparse_coord_ros.learn import archive
 from sparse_coord_ros.learn.agent import Memory
 from sparse_coord_ros.learn.evaluation import Evaluation, Measure
 from sparse_coord_ros.learn.history import history_from
-from sparse_coord_ros.learn.learners import Learner
+from sparse_coord_ros.learn.learners import Learner, check_memory
 from sparse_coord_ros.learn.simulation import LearningState, groups_of
 from sparse_coord_ros.limits import ARRAYS, read_file
 
@@ -201,7 +201,7 @@ def load_checkpoint(path: Path, scenario: Scenario, learner: Learner, seed: int)
         positions = positions_from(arrays, scenario, groups)
         made = max(position.transitions for position in positions)
         for k, memory in enumerate(memories):
-            learner.agent(scenario, k, seed).go_on_from(memory)  # raises where it does not fit
+            check_memory(scenario, learner, k, memory)
             if learner.minds is not None:  # compiled loops look step sizes up by these counts
                 archive.check_range(memory.star_updates, 0, made + 1, "star_updates")
                 if learner.factors is None:
@@ -209,7 +209,7 @@ def load_checkpoint(path: Path, scenario: Scenario, learner: Learner, seed: int)
         state = LearningState(positions, tuple(memories), tuple(histories))
         every, trials, found = json.loads(str(arrays["evaluations"]))
         evaluations = tuple((step, _evaluation(**data)) for step, data in found)
-    except (KeyError, ValueError, IndexError, TypeError) as error:
+    except (KeyError, ValueError, IndexError, TypeError, TablesError) as error:
         raise broken(path, error) from None
     return Checkpoint(state, evaluations, every, trials)
 

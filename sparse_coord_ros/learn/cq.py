@@ -39,7 +39,7 @@ from sparse_coord_ros.learn.agent import (
     move_by_rows,
 )
 from sparse_coord_ros.learn.algorithm import Values, asks_surely, greatest, weighed
-from sparse_coord_ros.learn.archive import member
+from sparse_coord_ros.learn.archive import check_finite, member
 from sparse_coord_ros.learn.lone import lone_rows, lone_tables
 from sparse_coord_ros.learn.rows import Rows
 
@@ -170,15 +170,25 @@ class CQAgent(Agent):
         """Return what the agent has learned, and its samples; a copy."""
         return super().memory()._replace(more={"samples": self._samples.copy()})
 
+    def check(self, memory: Memory) -> None:
+        """Raise `ValueError` unless an agent of this run can have learned that."""
+        super().check(memory)
+        samples = member(memory.more, "samples", np.float64, *self._samples.shape)
+        check_finite(samples, "samples")
+        if not np.isin(samples[..., COUNT], [MARKED, *range(WINDOW)]).all():
+            allowed = f"{MARKED:g}, 0 to {WINDOW - 1}"
+            raise ValueError(f"samples has counts out of range, allowed: {allowed}")
+        if (samples[..., SQUARES] < 0.0).any():
+            raise ValueError("samples has sums of squares below 0")
+
     def go_on_from(self, memory: Memory) -> None:
         """Go on with what another agent of the same run has learned.
 
         Raises:
-            ValueError: it is of another run.
+            ValueError: as of `check`.
         """
-        samples = member(memory.more, "samples", np.float64, *self._samples.shape)
         super().go_on_from(memory)
-        self._samples[:] = samples
+        self._samples[:] = memory.more["samples"]
 
 
 class CQMinds(NamedTuple):

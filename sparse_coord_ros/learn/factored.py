@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The agent that learns Q* and Q^C in factors (`learn.factors`)."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -14,15 +14,23 @@ from sparse_coord_ros.game.actions import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.game.links import ruled_out
 from sparse_coord_ros.game.perception import succeeds
 from sparse_coord_ros.game.scenario import Scenario
+from sparse_coord_ros.game.settings import LARGEST_WHOLE
 from sparse_coord_ros.game.world import (
     UNKNOWN_PARTNERS,
     Reward,
     RewardWeights,
 )
 from sparse_coord_ros.learn import factors, loops
-from sparse_coord_ros.learn.agent import Agent, Choice, Memory, Tables, with_memories
+from sparse_coord_ros.learn.agent import (
+    Agent,
+    Choice,
+    Memory,
+    Tables,
+    check_learned,
+    with_memories,
+)
 from sparse_coord_ros.learn.algorithm import Values
-from sparse_coord_ros.learn.archive import MOST_UPDATES, check_range, member
+from sparse_coord_ros.learn.archive import MOST_UPDATES, check_finite, check_range, member
 from sparse_coord_ros.learn.rows import FREE_PLACE, Rows, find_row, make_rows, row_to_learn
 
 if TYPE_CHECKING:
@@ -106,6 +114,7 @@ class FactoredAgent(Agent):
         assert tables.factors is not None
         self._cells, self._robots = len(scenario.map.cells), len(scenario.robots)
         self._rule, self._terms = rule, terms_of(scenario, self.goal, self.weights)
+        self._felt = self.weights.common * scenario.penalties[number]
         self._right_of_way = rule.right_of_way and self._robots > 2
         known, nothing = tables.factors, np.zeros((self._cells, PRIMITIVES), dtype=np.int64)
         last = np.zeros(2 + self._robots, dtype=np.int64)
@@ -293,31 +302,53 @@ class FactoredAgent(Agent):
             },
         )
 
+    def check(self, memory: Memory) -> None:
+        """Raise `ValueError` unless an agent of this run can have learned that."""
+        check_learned(memory, self._cells, self.actions, 3)
+        factors.check_states(memory.states, self._cells, self._robots)
+        self._check_model(memory)
+        self._check_last(memory.more)
+
+    def _check_model(self, memory: Memory) -> None:
+        """Check the factors, where moves led and how often, and where r^C was felt."""
+        more, moves = memory.more, (self._cells, PRIMITIVES)
+        shapes = {"u": moves, "r_bar": moves, "w": moves[:1], "door": moves[:1]}
+        for name in VALUES:
+            check_finite(member(more, name, np.float64, *shapes[name]), name)
+        if not np.isin(more["door"], [0.0, self._felt]).all():
+            raise ValueError(f"door has an r^C that is neither 0 nor {self._felt:g}")
+        made = memory.star_updates[:, :PRIMITIVES]
+        tried = member(more, "tried", np.int64, None)
+        if not np.array_equal(np.sort(tried), np.flatnonzero(made)):
+            raise ValueError("tried are not the moves that were counted")
+        for name in ("commons", "moved"):
+            counts = member(more, name, np.int64, *moves, below=MOST_UPDATES)
+            if (counts > made).any():
+                raise ValueError(f"{name} counts a move more often than it was tried")
+        successor = member(more, "successor", np.int64, *moves, below=self._cells)
+        left = more["moved"] > 0
+        if successor[~left].any() or (successor == np.arange(self._cells)[:, None])[left].any():
+            raise ValueError("successor is not another cell just where a move led out of its own")
+
+    def _check_last(self, more: Mapping[str, np.ndarray]) -> None:
+        """Check what is kept of the last step with COORDINATE."""
+        last = member(more, "last", np.int64, 2 + self._robots)
+        step, move, *_ = last
+        here = last[2 + self.number]
+        peers = np.delete(last[2:], self.number)
+        failed = bool(np.all(peers == factors.UNSEEN))
+        check_range(step, 0, LARGEST_WHOLE, "last")
+        check_range(move, 0, PRIMITIVES, "last")
+        check_range(here, 0, self._cells, "last")
+        check_range(peers, factors.UNSEEN if failed else 0, self._cells, "last")
+
     def go_on_from(self, memory: Memory) -> None:
         """Go on with what another agent of the same run has learned.
 
         Raises:
-            ValueError: it is of another run.
+            ValueError: as of `check`.
         """
-        cells, most = self._cells, {"successor": self._cells, "last": None}
-        shapes: dict[str, tuple[int | None, ...]] = {"w": (cells,), "door": (cells,)}
-        shapes |= {"last": (2 + self._robots,), "tried": (None,)}
-        for name in REMEMBERED:
-            shape = shapes.get(name, (cells, PRIMITIVES))
-            if name in VALUES:
-                member(memory.more, name, np.float64, *shape)
-            else:
-                below = most.get(name, MOST_UPDATES)
-                member(memory.more, name, np.int64, *shape, below=below)
-        last = memory.more["last"]
-        peers = np.delete(last[2:], self.number)
-        check_range(last[1:2], 0, PRIMITIVES, "last")
-        check_range(last[2 + self.number], 0, cells, "last")
-        check_range(peers, factors.UNSEEN if np.all(peers == factors.UNSEEN) else 0, cells, "last")
-        counted = np.flatnonzero(memory.star_updates[:, :PRIMITIVES])
-        if not np.array_equal(np.sort(memory.more["tried"]), counted):
-            raise ValueError("tried are not the moves that were counted")
-        factors.check_states(memory.states, cells, self._robots)
+        self.check(memory)
         used = len(memory.more["tried"])
         tried = np.zeros(self._cells * PRIMITIVES, dtype=np.int64)
         tried[:used] = memory.more["tried"]

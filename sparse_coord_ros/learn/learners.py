@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.errors import SettingError, in_short
+from sparse_coord_ros.errors import SettingError, TablesError, in_short
 from sparse_coord_ros.game.actions import PRIMITIVES
 from sparse_coord_ros.game.plugins import Registry, allow_named, failing_as, is_shipped, path_of
 from sparse_coord_ros.game.scenario import Scenario
@@ -542,6 +542,28 @@ def register_learner(learner: "Learner | type[Learner]") -> Learner:
     """
     made = LEARNERS.made(repr(learner), learner)
     return LEARNERS.register(made.name or made.label, made)
+
+
+def check_memory(scenario: Scenario, learner: Learner, k: int, memory: Memory) -> None:
+    """Check what a robot is said to remember, wherever it comes from: a file or a message.
+
+    The rules are those of the learner's agents: `Agent.check`, which `go_on_from` begins with.
+
+    Args:
+        scenario: the problem.
+        learner: who learned it.
+        k: the robot, from 0.
+        memory: what it is said to remember.
+
+    Raises:
+        TablesError: no robot of this scenario and learner can have learned that.
+    """
+    agent = learner.agent(scenario, k, seed=0)
+    try:
+        agent.go_on_from(memory)
+    except (ValueError, LookupError, TypeError) as error:
+        what = f"robot {k + 1} of scenario {scenario.name} cannot have learned that ({error})"
+        raise TablesError(f"{what}; use what a run of this very scenario wrote") from None
 
 
 def check_improvable(scenario: Scenario, learner: Learner) -> None:

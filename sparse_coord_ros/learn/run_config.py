@@ -30,8 +30,8 @@ from sparse_coord_ros.version import __version__
 RUN_FILE, SCENARIO_FILE, MAP_FILE = "run.yaml", "scenario.yaml", "map.txt"
 """The files that say what a run is: in its directory the first, in its bag all."""
 
-FORMAT = 1
-"""Number of the format of `run.yaml`, its field `format`."""
+FORMAT = 2
+"""Number of the format of `run.yaml`, its field `format`. Format 1 did not say `bodies`."""
 
 OWN_CLOCK, NO_CLOCK = "own", "none"
 """Whether a run owns /clock."""
@@ -99,6 +99,11 @@ class RunConfig:
     percept_timeout: float = setting(
         2.0, "seconds until an unanswered request is a failed percept", low=0.05
     )
+    bodies: bool = setting(False, "the robots have bodies: each step waits for their drivers")
+    slips: bool = setting(
+        True,
+        "moves also fail at random, as in the grid (move_success); false: only where bodies fail",
+    )
     tables: str = setting("", "directory of a run whose tables to begin with; empty: none")
     recorded: bool = setting(False, "do not start before a recorder listens")
     checkpoint: int = setting(
@@ -164,6 +169,8 @@ class RunConfig:
     def digest(self) -> str:
         """A digest of all that affects what is learned: the same where the same bits come out."""
         said = [self.learner, self.seed, self.greedy, self.tables, self.scenario.computation()]
+        if self.bodies:
+            said.append({"slips": self.slips})
         return hashlib.sha256(json.dumps(said, sort_keys=True).encode()).hexdigest()[:16]
 
     def to_yaml(self) -> str:
@@ -190,6 +197,8 @@ class RunConfig:
     def record(self) -> dict[str, str]:
         """Return the texts of the bag's metadata record."""
         named = {"scenario": self.scenario.name, "seed": str(self.seed), "learner": self.learner}
+        if self.id:
+            named["id"] = self.id
         return named | {f"version_{name}": str(value) for name, value in self.versions.items()}
 
 

@@ -40,6 +40,9 @@ TEAM_FILE = "tables.npz"
 MOST_ROBOTS = 10_000
 """More than a scenario can have."""
 
+COUNT = "count_"
+"""What the names of the numbers beside the tables begin with."""
+
 REMEDY = "use a file that run or train wrote"
 
 
@@ -63,12 +66,24 @@ def pack_tables(
         counts: numbers to store beside them, as arrays `count_<name>`.
         memories: what each robot's agent remembers, to learn on from there.
     """
-    arrays: dict[str, Any] = {f"count_{n}": np.int64(count) for n, count in (counts or {}).items()}
-    for number, memory in (memories or {}).items():
-        arrays |= memory_arrays(memory, number)
+    return archive.pack(saved_arrays(tables, counts=counts, memories=memories))
+
+
+def saved_arrays(
+    tables: Mapping[int, Tables],
+    *,
+    counts: Mapping[str, int] | None = None,
+    memories: Mapping[int, Memory] | None = None,
+) -> dict[str, np.ndarray]:
+    """Return what `pack_tables` writes, by name; arguments as there."""
+    arrays: dict[str, np.ndarray] = {}
     for number, pair in tables.items():
         arrays |= {f"{name}_{number}": array for name, array in pair.arrays().items()}
-    return archive.pack(arrays)
+    for number, memory in (memories or {}).items():
+        arrays |= memory_arrays(memory, number)
+    for name, count in (counts or {}).items():
+        arrays[f"{COUNT}{name}"] = np.array(count, dtype=np.int64)
+    return arrays
 
 
 class SavedTables(NamedTuple):
@@ -78,11 +93,13 @@ class SavedTables(NamedTuple):
         tables: what it learned.
         counts: the numbers beside its tables.
         memory: what its agent remembers; None where that was not saved.
+        arrays: all that the file holds, by name: of each robot in it, and the counts.
     """
 
     tables: Tables
     counts: dict[str, int]
     memory: Memory | None
+    arrays: Mapping[str, np.ndarray]
 
 
 def unpack_saved(
@@ -95,18 +112,18 @@ def unpack_saved(
     """
     how: Any = {"what": "tables", "remedy": REMEDY, "error": TablesError}
     arrays = archive.unpack(data, where=where, limit=limit, **how)
-    prefix = "count_"
     with retold(TablesError, ValueError, where, f"; {REMEDY}"):
         counts = {
-            name.removeprefix(prefix): int(archive.member(arrays, name, np.int64))
+            name.removeprefix(COUNT): int(archive.member(arrays, name, np.int64))
             for name in arrays
-            if name.startswith(prefix)
+            if name.startswith(COUNT)
         }
         return [
             SavedTables(
                 _robot(arrays, k),
                 counts,
                 memory_from(arrays, k) if f"star_updates_{k}" in arrays else None,
+                arrays,
             )
             for k in numbers
         ]

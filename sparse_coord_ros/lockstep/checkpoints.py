@@ -16,11 +16,12 @@ from typing import Any
 
 import numpy as np
 
-from sparse_coord_ros.errors import RunError
+from sparse_coord_ros.errors import RunError, TablesError
 from sparse_coord_ros.files import PARTIAL, HeldError, hold, write_whole
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.learn import checkpoint
 from sparse_coord_ros.learn.history import history_from
+from sparse_coord_ros.learn.learners import check_memory
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.lockstep.robot_side import RobotState
 from sparse_coord_ros.lockstep.world_side import WorldState
@@ -112,7 +113,7 @@ class Checkpoints(Store):
         files = steps_of(self._folder, self._node)
         for step in set(files) - self._readable:
             try:
-                self._read(step)
+                self.load(step)
                 self._readable.add(step)
             except checkpoint.BrokenCheckpointError as error:
                 line = str(error).replace("begin the run anew", "an earlier one is used")
@@ -152,9 +153,10 @@ class Checkpoints(Store):
         """
         if step == BEGINNING:
             return None
+        arrays = self._read(step)
         try:
-            return self._state(step, self._read(step))
-        except (KeyError, ValueError, IndexError, TypeError) as error:
+            return self._state(step, arrays)
+        except (KeyError, ValueError, IndexError, TypeError, TablesError) as error:
             raise checkpoint.broken(self._path(step), error) from None
 
     def _arrays(self, state: WorldState | RobotState) -> dict[str, np.ndarray]:
@@ -179,8 +181,10 @@ class Checkpoints(Store):
             fields["position"] = checkpoint.positions_from(arrays, self._run.scenario)[0]
             fields["history"] = history_from(arrays, "history_")
         else:
-            number, cells = self._names.index(self._node) + 1, len(self._run.scenario.map.cells)
-            fields["memory"] = checkpoint.memory_from(arrays, number, cells)
+            scenario, k = self._run.scenario, self._names.index(self._node)
+            memory = checkpoint.memory_from(arrays, k + 1, len(scenario.map.cells))
+            check_memory(scenario, self._run.rule, k, memory)
+            fields["memory"] = memory
         for name in set(kind._fields) - set(fields):
             value = arrays[name].tolist()
             fields[name] = tuple(value) if isinstance(value, list) else value

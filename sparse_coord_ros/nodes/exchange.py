@@ -9,8 +9,9 @@ from functools import lru_cache, partial
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
-from sparse_coord_ros.engine.improve import Improvement, check_memory, improve
+from sparse_coord_ros.engine.improve import Improvement, improve
 from sparse_coord_ros.errors import TablesError, in_short
+from sparse_coord_ros.learn.learners import check_memory
 from sparse_coord_ros.learn.run_config import RunConfig, run_from_yaml
 from sparse_coord_ros.learn.tables import unpack_saved
 from sparse_coord_ros.limits import TABLES

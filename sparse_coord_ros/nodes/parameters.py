@@ -21,7 +21,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 
-from sparse_coord_ros.driving.trials import BODY_SETTINGS, DRIVER_SETTINGS, NAV2_SETTINGS, SLIPS
+from sparse_coord_ros.driving.trials import BODY_SETTINGS, DRIVER_SETTINGS, NAV2_SETTINGS
 from sparse_coord_ros.errors import RunError, SettingError, SparseCoordError, failure_of
 from sparse_coord_ros.game.plugins import allow_modules, allow_named
 from sparse_coord_ros.game.scenario import SETTINGS, Scenario, load_scenario, scenario_names
@@ -53,7 +53,7 @@ TF = "tf"
 
 _OWN = tables_from_yaml(Path(__file__).with_name("parameters.yaml"))
 _MORE: Mapping[str, Mapping[str, Setting]] = {
-    WORLD: {"slips": SLIPS, **RUN_SETTINGS},
+    WORLD: RUN_SETTINGS,
     "driver": DRIVER_SETTINGS,
     "nav2_driver": NAV2_SETTINGS,
     "body": BODY_SETTINGS,

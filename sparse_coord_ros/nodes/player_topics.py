@@ -13,6 +13,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 
 from sparse_coord_ros import wire
 from sparse_coord_ros.bags import Bag, BagTopic, Message, QoS, open_bag, type_hash
+from sparse_coord_ros.bags.schemas import ros_name
 from sparse_coord_ros.bags.topics import latched
 from sparse_coord_ros.errors import BagError, SettingError
 from sparse_coord_ros.nodes import interface
@@ -125,7 +126,7 @@ def class_of(topic: BagTopic) -> type:
     Raises:
         ValueError: the type is not installed, or another version of it; says so.
     """
-    name = topic.type_name
+    name = ros_name(topic.type_name, topic.name)
     try:
         found: type = interface.message_class(name)
     except (ImportError, AttributeError, ValueError):

@@ -3,6 +3,7 @@
 """The recorder node: every topic of the team and the service events, as CDR, into a bag."""
 
 import contextlib
+import math
 import shutil
 import struct
 import time
@@ -17,7 +18,7 @@ from std_msgs.msg import String
 
 from sparse_coord_ros import wire
 from sparse_coord_ros.bags import BagWriter, QoS
-from sparse_coord_ros.bags.metadata import RESTARTED, ROLLED_BACK
+from sparse_coord_ros.bags.metadata import RESTARTED, ROLLED_BACK, STALLED_RECORD
 from sparse_coord_ros.bags.process import BagProcess
 from sparse_coord_ros.bags.recover import continued
 from sparse_coord_ros.errors import BagError, RunError, SparseCoordError
@@ -44,6 +45,8 @@ KEPT_FREE = 32
 """MiB of the disk that a recording leaves free, so that tables can still be saved."""
 LAG_STEPS = 1000
 """How far one topic may be ahead of all others: on a busy machine they arrive in bursts."""
+STALL_SECONDS = 1.0
+"""A recorder that has not moved for so long (it was stopped) may have lost messages."""
 
 
 class Recording:
@@ -81,13 +84,15 @@ class Recording:
         self.final: set[str] = set()
         self._near_ns = LAG_STEPS * self.convert.period
         self._count = self._steps = 0
+        self._moved = math.inf
+        self._moved_ns = 0
         self._untold = False
         self._tables: dict[str, tuple[int, bytes]] = {}
 
     def begin(self) -> None:
         """Write down what the run is; not where its bag is continued, which has it."""
         bag, run_text = self.bag, self.run.to_yaml()
-        record = {**self.run.record(), "id": self.run.id, wire.FORMAT_KEY: str(wire.BAG_FORMAT)}
+        record = {**self.run.record(), wire.FORMAT_KEY: str(wire.BAG_FORMAT)}
         bag.add_metadata(RUN_RECORD, record)
         for name, text in bag_files(self.run, run_text).items():
             kind = "text/plain" if name == MAP_FILE else "application/yaml"
@@ -228,11 +233,27 @@ class Recording:
             self._untold = False
             progress = Progress("", 0, 0, (), self.obeyed).values()
             self._progress.publish(status(RECORDER, "progress", progress))
+        if now - self._moved >= STALL_SECONDS:
+            self._note_stall(now - self._moved)
+        self._moved = now
+        self._moved_ns = self.now_ns
         if self._count:
             self._count, self.heard = 0, now
         waited = now - self._flushed
         if self.heard > self._flushed and waited >= self._node.values["flush_seconds"]:
             self.flush()
+
+    def _note_stall(self, seconds: float) -> None:
+        """Write down that this recorder stood still: what waited for it may be lost.
+
+        The middleware keeps the newest messages of each topic, and forgets who is silent for long.
+        """
+        step = self._moved_ns // self.convert.period
+        texts = {"step": str(max(0, step - LAG_STEPS)), "seconds": f"{seconds:.1f}"}
+        self.bag.add_metadata(STALLED_RECORD, texts)
+        self._node.get_logger().warning(
+            f"this recorder stood still for {seconds:.1f} s at step {step}: messages may be lost"
+        )
 
     def _finds_robots(self) -> bool:
         """Whether all robots are in the graph: they know then that this recorder listens.

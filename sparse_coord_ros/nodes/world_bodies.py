@@ -31,7 +31,7 @@ class WorldBodies:
     def __init__(self, node: ParameterNode, run: RunConfig, there: Callable[[], None]) -> None:
         self._node, self._there, self._convert = node, there, Converter(run)
         self._names = self._convert.names
-        self.game = BodyWorld(run.scenario, run.seed, slips=node.values["slips"])
+        self.game = BodyWorld(run.scenario, run.seed, slips=run.slips)
         self.side = BodiesSide(self.game, self.send)
         self._heard = 0.0
         self._reminder = Reminder()

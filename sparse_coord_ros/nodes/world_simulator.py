@@ -88,17 +88,23 @@ class WorldSimulator(ParameterNode):
         self._names = self.run.scenario.names
         self._guard = Guard(self)
         there, run = self._advance_where_due, self.run
-        self.bodies = WorldBodies(self, run, there) if self.values["bodies"] else None
+        self.bodies = WorldBodies(self, run, there) if run.bodies else None
         game: Game = self.bodies.game if self.bodies else World(self.run.scenario, self.run.seed)
         self.topics = WorldTopics(self, self.run, game, self._save)
         self._silence = self.topics.silence
         self.topics.hear_actions(self._on_action)
-        asked = map(services.ACTIVE_PERCEPTION.of, self._names)
         own = self.topics.own + (self.bodies.own if self.bodies else [])
-        self._guard.watch(own, map(self.resolve_service_name, asked))
+        self._guard.watch(own, map(self.resolve_service_name, self._services_of_robots()))
         self.lockstep = WorldSide(self.run, self.topics, game)
         self.speed = WorldSpeed(game, time.monotonic())
         self.create_timer(TICK_SECONDS, self._tick)
+
+    def _services_of_robots(self) -> list[str]:
+        """Return the services of which each robot of the run should have one server."""
+        offered = [services.ACTIVE_PERCEPTION]
+        if self.run.improve:
+            offered.append(services.LEARNED)
+        return [service.of(name) for service in offered for name in self._names]
 
     # What it is doing.
 

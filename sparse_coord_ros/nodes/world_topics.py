@@ -53,7 +53,7 @@ class WorldTopics:
         self._map_publisher = node.announce(interface.MAP)
         self._marker_publisher = node.announce(interface.MARKERS)
         # Bodies have transforms of their own.
-        self._scene = ScenePublisher(node, self.convert, frames=not node.values["bodies"])
+        self._scene = ScenePublisher(node, self.convert, frames=not run.bodies)
         self.report = node.reporter("run")
         self.states = [node.announce(interface.LOCAL_STATE, name) for name in self._names]
         self.rewards = [node.announce(interface.REWARD, name) for name in self._names]

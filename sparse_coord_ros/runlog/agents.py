@@ -3,16 +3,22 @@
 """Whether a robot's actions, tables and coordination maps are those of an agent."""
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
 from sparse_coord_ros import wire
+from sparse_coord_ros.game.world import Action
 from sparse_coord_ros.learn.agent import Agent, Tables
-from sparse_coord_ros.learn.simulation import tables_equal
+from sparse_coord_ros.learn.tables import saved_arrays
 from sparse_coord_ros.runlog.attached import RecordedTables
 from sparse_coord_ros.runlog.dialogue import heard, times_asked_again
-from sparse_coord_ros.runlog.difference import MISSING, Difference, first_entry
+from sparse_coord_ros.runlog.difference import (
+    MISSING,
+    NOTHING_TO_LEARN,
+    Difference,
+    first_entry,
+)
 from sparse_coord_ros.runlog.log import RunLog
 from sparse_coord_ros.runlog.replay import Replay, Stretch, fresh_agent, trajectory_of
 from sparse_coord_ros.wire.messages import action_numbers
@@ -25,13 +31,21 @@ def first_tables(log: RunLog, k: int) -> tuple[Tables | None, Difference | None]
     The tables are None where the log ought to hold them and does not.
     """
     run = log.run
-    recorded = [e.tables for e in log.all_tables if (e.robot, e.step) == (k, 0)]
+    recorded = next((one for one in log.all_tables if (one.robot, one.step) == (k, 0)), None)
     if run.tables or run.greedy:
-        return (recorded[0] if recorded else None), None
+        return (None if recorded is None else recorded.tables), None
     fresh = run.rule.tables(run.scenario, k)
-    if recorded and not tables_equal(recorded[:1], [fresh]):
-        return fresh, Difference(0, log.names[k], *first_entry(recorded[0], fresh))
-    return fresh, None
+    if recorded is None:
+        return fresh, None
+    due = saved_arrays({k + 1: fresh})
+    odd = first_entry({name: recorded.arrays.get(name) for name in due}, due, k)
+    return fresh, None if odd is None else log.tracks.odd(0, k, *_of_tables(odd))
+
+
+def _of_tables(odd: tuple[str, str, str]) -> tuple[str, str, str]:
+    """Return what differs in an array as what differs in tables."""
+    name, logged, computed = odd
+    return f"{wire.TABLES.name} {name}", logged, computed
 
 
 class AgentCheck:
@@ -66,60 +80,88 @@ class AgentCheck:
         self.end = int(log.tracks.states[k].step.max(initial=0))
 
     @property
-    def killed(self) -> bool:
-        """Whether it can have been killed: the run was stopped, or went on without it."""
-        log, rows = self.log, self.log.step > self.trajectory.step.max(initial=-1)
-        rewarded = ~np.isnan(log.reward[rows, :, 0])
-        without = ~rewarded[:, self.k] & (log.cells[rows, self.k] != self._goal)
-        went_on = bool((rewarded.any(axis=1) & without).any())
-        return self.end > 0 and (went_on or self.state == wire.RunState.STOPPED)
-
-    @property
     def unlearned(self) -> int:
         """Transitions that the world made with it and that it has not learned from."""
         rewarded = ~np.isnan(self.log.reward[self.trajectory.row, self.k, 0])
         done = (rewarded & ~self.trajectory.learned)[: self.choices]
         return 0 if self.log.run.greedy else int(done.sum())
 
+    @property
+    def last_counts(self) -> Mapping[str, int] | None:
+        """The numbers beside its tables at its end; None: the log does not hold these tables."""
+        acted = int(self.trajectory.step.max(initial=0))
+        last = max(self.recorded, key=lambda entry: entry.step, default=None)
+        if last is None or last.step <= acted:
+            return None
+        return {**last.counts, "step": self.end}
+
     def differences(self) -> list[Difference]:
         """Return the first thing that an agent would have done otherwise, and what is missing."""
         found = [*self._missing_tables()]
-        begun, first = first_tables(self.log, self.k)
-        if begun is not None and first is None:  # that there are none is said elsewhere
-            self.agent = fresh_agent(self.log, self.k, begun, self.stretch)
-            first = self._first(Replay(self.log, self.trajectory, self.agent))
-        return found if first is None else [*found, first]
-
-    def _first(self, replay: Replay) -> Difference | None:
-        """Return the first action, table or map that the agent has not."""
-        log, steps, rows = self.log, self.trajectory.step, self.trajectory.row
-        last = np.inf if self.stretch.last is None else self.stretch.last
-        limit = int(np.searchsorted(steps, last, side="right"))
-        said = log.has_learned[rows, self.k]
-        told_before = self.stretch.start is not None
-        able = np.concatenate([[told_before], self.trajectory.told])[:-1] & (not log.run.greedy)
-        lies = np.flatnonzero((said != 0.0) & ((said != 1.0) | ~able))[:1].tolist()
-        limit = min([limit, *lies])
-        odd: tuple[str, ...] | None = None
-        for step, what in self._stops():
-            to = int(np.searchsorted(steps, step))
-            if to > limit or not replay.advance(to):
-                break
-            odd = self._compare(step, what, replay, to)
-            if odd is not None:
-                break
-        if odd is None:
-            replay.advance(limit)
-            step = int(steps[replay.reached]) if replay.reached < len(steps) else 0
-            if replay.other is not None:
-                logged = log.numbers[rows[replay.reached], self.k]
-                odd = wire.ACTION.name, *said_otherwise(logged, action_numbers(replay.other))
-            elif lies == [limit]:
-                allowed = "0 or 1" if able[limit] else "0: there was nothing to learn from"
-                odd = wire.ACTION.name, f"learned={said[limit]:g}", allowed
+        begun, odd = first_tables(self.log, self.k)
+        if odd is not None:
+            return [*found, odd]
+        if begun is None:  # that there are none is among the missing
+            return found
+        self.agent = fresh_agent(self.log, self.k, begun, self.stretch)
+        replay = Replay(self.log, self.trajectory, self.agent)
+        found += self._first(replay)
         self.choices = replay.reached
-        self.updates = 0 if log.run.greedy else int(self.trajectory.learned[: self.choices].sum())
-        return None if odd is None else log.tracks.odd(step, self.k, *odd)
+        if not self.log.run.greedy:
+            self.updates = int(self.trajectory.learned[: self.choices].sum())
+        return found
+
+    def _first(self, replay: Replay) -> list[Difference]:
+        """Return the first action, table or map that the agent has not; at most one."""
+        false = self._false_account()
+        end = self._actions() if false is None else min(false, self._actions())
+        for step, shown in self._stops():
+            to = int(np.searchsorted(self.trajectory.step, step))
+            if to > end or not replay.advance(to):
+                break
+            odd = self._compare(step, shown, replay.agent, to)
+            if odd is not None:
+                return [self.log.tracks.odd(step, self.k, *odd)]
+        replay.advance(end)
+        if replay.other is not None:
+            return [self._other_action(replay.reached, replay.other)]
+        if false == end:
+            return [self._said_of_learning(false)]
+        return []
+
+    def _actions(self) -> int:
+        """Return how many actions the stretch has."""
+        last = self.stretch.last
+        steps = self.trajectory.step
+        return len(steps) if last is None else int(np.searchsorted(steps, last, side="right"))
+
+    def _able(self) -> np.ndarray:
+        """Return with which actions the robot can say that it has learned from the one before."""
+        told_before = self.stretch.start is not None
+        told = np.concatenate([[told_before], self.trajectory.told])[:-1]
+        return told & (not self.log.run.greedy)
+
+    def _false_account(self) -> int | None:
+        """Return the first action that says of learning what cannot be; None: there is none."""
+        said = self.log.has_learned[self.trajectory.row, self.k]
+        no = (said == 0.0) & ~np.signbit(said)
+        yes = (said == 1.0) & self._able()
+        false = np.flatnonzero(~(no | yes))
+        return int(false[0]) if len(false) else None
+
+    def _said_of_learning(self, place: int) -> Difference:
+        """Return that an action says of learning what cannot be."""
+        said = self.log.has_learned[self.trajectory.row[place], self.k]
+        allowed = "0 or 1" if self._able()[place] else NOTHING_TO_LEARN
+        words = wire.ACTION.name, f"learned={said:g}", allowed
+        return self.log.tracks.odd(int(self.trajectory.step[place]), self.k, *words)
+
+    def _other_action(self, place: int, computed: Action) -> Difference:
+        """Return in what an action is another one than the agent's."""
+        logged = self.log.numbers[self.trajectory.row[place], self.k]
+        words = said_otherwise(logged, action_numbers(computed))
+        step = int(self.trajectory.step[place])
+        return self.log.tracks.odd(step, self.k, wire.ACTION.name, *words)
 
     def _stops(self) -> list[tuple[int, RecordedTables | bytes | None]]:
         """Return time steps with what the log shows there of what was learned before.
@@ -135,26 +177,45 @@ class AgentCheck:
         return sorted((s for s in stops if self.stretch.holds(s[0])), key=lambda stop: stop[0])
 
     def _compare(
-        self, step: int, what: RecordedTables | bytes | None, replay: Replay, to: int
+        self, step: int, shown: RecordedTables | bytes | None, agent: Agent, to: int
     ) -> tuple[str, str, str] | None:
-        """Return (quantity, logged, computed) where what the log shows is not what is due."""
-        tables = replay.agent.tables
-        if not isinstance(what, RecordedTables):
-            due = self._grids.coordination(tables)
-            if what == due:
-                return None
-            logged, computed = "there" if what is None else self._cells(what), self._cells(due)
-            logged += ", with other values elsewhere" * (logged == computed)
-            return wire.COORDINATION_MAP.name, logged, computed
+        """Return (quantity, logged, computed) where what the log shows is not what is due.
+
+        Args:
+            step: the time step.
+            shown: what the log shows, as of `_stops`.
+            agent: the agent at that time step.
+            to: the first of its actions from that time step on.
+        """
+        if not isinstance(shown, RecordedTables):
+            return self._compare_map(shown, agent.tables)
         if step > self.end:
             return wire.TABLES.name, "there", f"the log ends at step {self.end}"
         self.compared += 1
-        if not tables_equal([what.tables], [tables]):
-            return first_entry(what.tables, tables)
+        number = self.k + 1
+        counts = {name: shown.counts.get(name, 0) for name in wire.COUNTS}  # they have bounds
+        memories = {number: agent.memory()}
+        due = saved_arrays({number: agent.tables}, memories=memories, counts=counts)
+        odd = first_entry(shown.arrays, due, self.k)
+        return self._compare_counts(shown, to) if odd is None else _of_tables(odd)
+
+    def _compare_map(self, shown: bytes | None, tables: Tables) -> tuple[str, str, str] | None:
+        """Return where a coordination map shows other cells than those where the agent asks."""
+        due = self._grids.coordination(tables)
+        if shown == due:
+            return None
+        logged = "there" if shown is None else self._cells(shown)
+        computed = self._cells(due)
+        logged += ", with other values elsewhere" * (logged == computed)
+        return wire.COORDINATION_MAP.name, logged, computed
+
+    def _compare_counts(self, entry: RecordedTables, to: int) -> tuple[str, str, str] | None:
+        """Return a number beside the tables that cannot be."""
         # Of the last tables: what was asked at their very step may have ended.
-        there = to < len(self.trajectory.step) and self.trajectory.step[to] == step
-        ends = [to, to + 1] if what is self.recorded[-1] and there else [to]
-        odd = [self._odd_count(what, to, end) for end in ends]
+        steps = self.trajectory.step
+        there = to < len(steps) and steps[to] == entry.step
+        ends = [to, to + 1] if entry is self.recorded[-1] and there else [to]
+        odd = [self._odd_count(entry, to, end) for end in ends]
         return None if None in odd else odd[-1]
 
     def _odd_count(self, entry: RecordedTables, to: int, end: int) -> tuple[str, str, str] | None:

@@ -1,11 +1,13 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The learned tables that are attached to a bag."""
+"""What robots have learned, and the plans that they made of it, as a bag has them attached."""
 
 import hashlib
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
+
+import numpy as np
 
 from sparse_coord_ros import wire
 from sparse_coord_ros.bags.contents import Attachment
@@ -15,13 +17,19 @@ from sparse_coord_ros.errors import TablesError
 from sparse_coord_ros.game.actions import ACTIONS, PRIMITIVES
 from sparse_coord_ros.learn.agent import Memory, Tables
 from sparse_coord_ros.learn.run_config import RunConfig
-from sparse_coord_ros.learn.tables import unpack_saved
+from sparse_coord_ros.learn.tables import SavedTables, unpack_saved
 from sparse_coord_ros.runlog.difference import Difference
 from sparse_coord_ros.runlog.timeline import Rollback, holds
 
 TABLES = wire.TABLES.name
-_PATTERN = wire.tables_attachment("(.+)", "(0|[1-9][0-9]{0,17})").replace(".npz", r"\.npz")
-NAME = re.compile(_PATTERN, re.ASCII)
+
+
+def _pattern(name: str) -> re.Pattern[str]:
+    return re.compile(name.replace(".npz", r"\.npz"), re.ASCII)
+
+
+NAME = _pattern(wire.tables_attachment("(.+)", "(0|[1-9][0-9]{0,17})"))
+PLAN_NAME = _pattern(wire.improved_attachment("(.+)"))
 
 
 class RecordedTables(NamedTuple):
@@ -33,13 +41,15 @@ class RecordedTables(NamedTuple):
         tables: what it had learned.
         counts: the numbers stored beside them.
         memory: what its agent remembers, to go on from there; None where that was not saved.
+        arrays: all that is attached, by name; empty where these are no recorded ones.
     """
 
     robot: int
     step: int
     tables: Tables
     counts: Mapping[str, int]
-    memory: Memory | None = None
+    memory: Memory | None
+    arrays: Mapping[str, np.ndarray]
 
 
 def attached_tables(
@@ -50,7 +60,7 @@ def attached_tables(
     Each with the place of its file before it, and (robot from 0, time step) after it; None where
     they are of no robot.
     """
-    robots = [robot.name for robot in run.scenario.robots]
+    robots = run.scenario.names
     for place, file in enumerate(bag.files):
         for attachment in file.attachments:
             match = NAME.fullmatch(attachment.name)
@@ -62,44 +72,120 @@ def attached_tables(
                 yield place, attachment, None
 
 
+class RecordedPlan(NamedTuple):
+    """The tables that a robot made of what all had learned, as a bag has them.
+
+    Attributes:
+        robot: its number from 0.
+        arrays: all that is attached, by name.
+    """
+
+    robot: int
+    arrays: Mapping[str, np.ndarray]
+
+
 def read_tables(
     bag: Bag, run: RunConfig, backs: Sequence[Rollback] = ()
 ) -> tuple[list[RecordedTables], list[Difference]]:
     """Return the attachments tables/<robot>_<step>.npz, and what is odd about them.
 
-    Those that a roll-back superseded are left out; those from its checkpoint on come again,
-    and to a recorder that was started again the last ones of each robot.
+    Those that a roll-back superseded are left out; those from its checkpoint on come again.
     """
-    scenario = run.scenario
-    cells = len(scenario.map.cells)
-    due = (cells, len(ACTIONS)), (cells,) * scenario.perceived + (PRIMITIVES,)
     found: list[RecordedTables] = []
     problems: list[Difference] = []
-    first_file: dict[tuple[str, bytes], int] = {}
+    copies = _Copies(bag)
     for in_file, attachment, of in attached_tables(bag, run, backs):
-        name, data = attachment.name, attachment.data
         if of is None:
-            what = f"attachment {name if len(name) < 100 else f'{name[:60]}...'}"
-            problems.append(Difference(None, None, what, "of no robot of the run", "of one"))
+            problems.append(_of_no_robot(attachment))
             continue
         k, step = of
-        robot, key = scenario.robots[k].name, (name, hashlib.sha256(data).digest())
+        robot = run.scenario.names[k]
         again = any(back.file == in_file and back.step <= step <= back.until for back in backs)
-        if key in first_file and not again:
-            why = (bag.files[in_file].continued or {}).get("why")
-            if why != RESTARTED or first_file[key] == in_file:
-                problems.append(Difference(step, robot, TABLES, "twice", "once"))
+        copy = copies.of(in_file, attachment)
+        if copy is not None and not again:
+            problems += [Difference(step, robot, TABLES, *words) for words in copy]
             continue
-        first_file[key] = in_file
         try:
-            one = RecordedTables(k, step, *unpack_saved(data, [k + 1], where=name)[0])
-            shapes = one.tables.q_star.shape, one.tables.q_coord.shape
-            if shapes != due:
-                raise TablesError(f"shapes {shapes}, not {due}")
+            saved = unpack_saved(attachment.data, [k + 1], where=attachment.name)[0]
+            _check_shapes(run, saved)
         except TablesError as error:
             problems.append(Difference(step, robot, TABLES, str(error), "readable tables"))
             continue
-        if (said := one.counts.get("step")) != step:
+        said = saved.counts.get("step")
+        if said != step:
             problems.append(Difference(step, robot, TABLES, f"of step {said}", f"of {step}"))
-        found.append(one)
+        found.append(RecordedTables(k, step, *saved))
     return found, problems
+
+
+def _check_shapes(run: RunConfig, saved: SavedTables) -> None:
+    """Raise `TablesError` unless tables have the shapes that the scenario needs."""
+    scenario = run.scenario
+    cells = len(scenario.map.cells)
+    due = (cells, len(ACTIONS)), (cells,) * scenario.perceived + (PRIMITIVES,)
+    shapes = saved.tables.q_star.shape, saved.tables.q_coord.shape
+    if shapes != due:
+        raise TablesError(f"shapes {shapes}, not {due}")
+
+
+def read_plans(bag: Bag, run: RunConfig) -> tuple[list[RecordedPlan], list[Difference]]:
+    """Return the attachments improved/<robot>.npz, and what is odd about them."""
+    robots = run.scenario.names
+    found: list[RecordedPlan] = []
+    problems: list[Difference] = []
+    copies = _Copies(bag)
+    for in_file, file in enumerate(bag.files):
+        for attachment in file.attachments:
+            name = attachment.name
+            match = PLAN_NAME.fullmatch(name)
+            if match is None or match[1] not in robots:
+                if name.startswith(wire.PLANS_FOLDER):
+                    problems.append(_of_no_robot(attachment))
+                continue
+            copy = copies.of(in_file, attachment)
+            if copy is not None:
+                problems += [Difference(None, match[1], name, *words) for words in copy]
+                continue
+            k = robots.index(match[1])
+            try:
+                saved = unpack_saved(attachment.data, [k + 1], where=name)[0]
+            except TablesError as error:
+                problems.append(Difference(None, match[1], name, str(error), "a readable plan"))
+                continue
+            found.append(RecordedPlan(k, saved.arrays))
+    return found, problems
+
+
+def _of_no_robot(attachment: Attachment) -> Difference:
+    name = attachment.name
+    what = f"attachment {name if len(name) < 100 else f'{name[:60]}...'}"
+    return Difference(None, None, what, "of no robot of the run", "of one")
+
+
+class _Copies:
+    """Tells attachments that come a second time, with the same name and content.
+
+    Args:
+        bag: the bag.
+    """
+
+    def __init__(self, bag: Bag) -> None:
+        self._bag = bag
+        self._last_file: dict[tuple[str, bytes], int] = {}
+
+    def of(self, in_file: int, attachment: Attachment) -> list[tuple[str, str]] | None:
+        """Return what is odd about a copy, as (logged, computed); None: it is the first one.
+
+        To a recorder that was started again robots say their last ones again.
+
+        Args:
+            in_file: the place of its file in the bag.
+            attachment: the attachment.
+        """
+        key = attachment.name, hashlib.sha256(attachment.data).digest()
+        before = self._last_file.get(key)
+        self._last_file[key] = in_file
+        if before is None:
+            return None
+        why = (self._bag.files[in_file].continued or {}).get("why")
+        return [] if why == RESTARTED and before != in_file else [("twice", "once")]

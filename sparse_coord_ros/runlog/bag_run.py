@@ -85,9 +85,10 @@ def check_bag_run(bag: Bag, source: BagRun) -> Iterator[Difference]:
     yield from _once(f"metadata {RUN_RECORD}", len(records), "scenario, seed, learner")
     due = run.record()  # what a later version adds is not compared
     for record in records:
-        for key in sorted(set(due) & set(record)):
-            if record[key] != due[key]:
-                yield _odd(f"metadata {key}", repr(record[key]), repr(due[key]))
+        for key in sorted(due):
+            if record.get(key) != due[key]:
+                logged = repr(record[key]) if key in record else MISSING
+                yield _odd(f"metadata {key}", logged, repr(due[key]))
 
 
 def _once(where: str, count: int, due: str) -> Iterator[Difference]:

@@ -5,16 +5,14 @@
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.runlog.difference import DIALOGUE, Difference
+from sparse_coord_ros.runlog.difference import DIALOGUE, NO_REQUEST, Difference
 from sparse_coord_ros.runlog.timeline import steps_of
 from sparse_coord_ros.wire.events import QUESTIONS, EventKind
 from sparse_coord_ros.wire.frame import SECOND
-
-NO_REQUEST = "without its request"
 
 
 @dataclass(slots=True)
@@ -135,36 +133,105 @@ def put_together(
         names: the robots.
         period: nanoseconds of a time step.
     """
-    requests: dict[tuple[int, int, int, int], Request] = {}
-    problems = []
+    dialogue = _Dialogue(names, period)
     for peer, rows in enumerate(events):
+        dialogue.take(peer, rows)
+    ordered = [dialogue.requests[key] for key in sorted(dialogue.requests)]
+    return ordered, dialogue.problems, list(_other_answers(ordered, names))
+
+
+class _Event(NamedTuple):
+    """A row of `wire.events.EVENT`."""
+
+    ns: int
+    kind: int
+    wall_ns: int
+    client: bytes
+    number: int
+    is_request: bool
+    asker: int
+    xy: np.ndarray
+    seen: bool
+
+    @property
+    def place(self) -> tuple[float, float]:
+        """Where the asker is, or the asked robot."""
+        x, y = self.xy.tolist()
+        return x, y
+
+    @property
+    def said(self) -> tuple[float, float] | None:
+        """The same; None where the asked robot refuses to say it."""
+        return self.place if self.is_request or self.seen else None
+
+
+class _Dialogue:
+    """Puts events together, robot by robot.
+
+    Args:
+        names: the robots.
+        period: nanoseconds of a time step.
+
+    Attributes:
+        requests: by (time step, asker, peer, number of the request).
+        problems: what is odd.
+    """
+
+    def __init__(self, names: Sequence[str], period: int) -> None:
+        self._names, self._period = names, period
+        self.requests: dict[tuple[int, int, int, int], Request] = {}
+        self.problems: list[Difference] = []
+
+    def take(self, peer: int, rows: np.ndarray) -> None:
+        """Take in the events of the requests to one robot, in the order of the log."""
         asked: dict[tuple[bool, bytes, int], Request | None] = {}
         newest: dict[bytes | None, int] = {}
-        for step, event in zip(steps_of(rows, period).tolist(), rows.tolist(), strict=True):
-            _, kind, wall_ns, client, number, is_request, asker, xy, seen = event
-            where, of_client = tuple(xy.tolist()), kind in (EventKind.SENT, EventKind.RETURNED)
-            key, writer = (of_client, client, number), client if of_client else None
-            if is_request:
-                asked[key] = None  # of a person
-                if asker >= 0 and step != 0:
-                    new = Request(asker, peer, step, where)
-                    asked[key] = requests.setdefault((step, asker, peer, number), new)
-            request, words = asked.get(key), EventKind(kind).words
+        events = map(_Event._make, rows.tolist())
+        for step, event in zip(steps_of(rows, self._period).tolist(), events, strict=True):
+            of_client = event.kind in (EventKind.SENT, EventKind.RETURNED)
+            key = of_client, event.client, event.number
+            if event.is_request:
+                asked[key] = self._asked(peer, step, event)
             if key not in asked:
-                odd = NO_REQUEST, "with it"
-                problems.append(Difference(step, names[peer], f"{DIALOGUE} {words}", *odd))
-            if request is None:
+                words = EventKind(event.kind).words
+                self._note(step, peer, f"{DIALOGUE} {words}", NO_REQUEST, "with it")
                 continue
-            place = where if is_request or seen else None
-            found = request.take(EventKind(kind), wall_ns, step, place)
-            newest[writer] = max(newest.get(writer, wall_ns), wall_ns)
-            if newest[writer] > wall_ns:
-                younger = f"{newest[writer] - wall_ns} ns younger"
-                found.append((f"after one that is {younger}", "before it"))
-            who, what = names[request.asker], f"{DIALOGUE} with {names[peer]}, {words}"
-            problems += [Difference(request.step, who, what, *one) for one in found]
-    ordered = [requests[key] for key in sorted(requests)]
-    return ordered, problems, list(_other_answers(ordered, names))
+            request = asked[key]
+            if request is not None:  # else a person asked
+                writer = event.client if of_client else None
+                before = newest.get(writer, 0)
+                newest[writer] = max(before, event.wall_ns)
+                self._said(request, step, event, before)
+
+    def _asked(self, peer: int, step: int, event: "_Event") -> Request | None:
+        """Return the request that an event is of; None: a person's."""
+        if event.asker < 0 or step == 0:
+            return None
+        key = step, event.asker, peer, event.number
+        return self.requests.setdefault(key, Request(event.asker, peer, step, event.place))
+
+    def _said(self, request: Request, step: int, event: "_Event", newest: int) -> None:
+        """Take in an event of a robot's request.
+
+        Args:
+            request: the request.
+            step: the time step of the event.
+            event: the event.
+            newest: the newest clock of its writer before.
+        """
+        kind, due = EventKind(event.kind), step * self._period
+        odd = request.take(kind, event.wall_ns, step, event.said)
+        if event.ns != due:
+            odd.append((f"stamp {event.ns} ns", f"{due} ns"))
+        if newest > event.wall_ns:
+            younger = f"{newest - event.wall_ns} ns younger"
+            odd.append((f"after one that is {younger}", "before it"))
+        what = f"{DIALOGUE} with {self._names[request.peer]}, {kind.words}"
+        for words in odd:
+            self._note(request.step, request.asker, what, *words)
+
+    def _note(self, step: int, robot: int, *words: str) -> None:
+        self.problems.append(Difference(step, self._names[robot], *words))
 
 
 def _other_answers(requests: Sequence[Request], names: Sequence[str]) -> Iterator[Difference]:

@@ -2,14 +2,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """How a log departs from what was computed: one named tuple for whatever may differ."""
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 
 from sparse_coord_ros import wire
-from sparse_coord_ros.learn.agent import Tables
 
 MISSING = "missing"
+NO_REQUEST = "without its request"
+"""What is logged of something that is not in the log, and of an answer to such a request."""
+NOTHING_TO_LEARN = "0: there was nothing to learn from"
+"""What is due of `learned` where the log holds no reward, or no state, of the action before."""
 DIALOGUE, LOG_TIME = "dialogue", "log_time"
 """Quantities that are no topic's."""
 QUANTITIES = (
@@ -52,6 +56,12 @@ class Difference(NamedTuple):
         return ", ".join(where)
 
     @property
+    def missing(self) -> bool:
+        """Whether it shows that something is not in the log."""
+        gone = self.logged.endswith((MISSING, NO_REQUEST))
+        return gone or self.computed == NOTHING_TO_LEARN
+
+    @property
     def rank(self) -> tuple[int, int]:
         """Sorts differences in the order of time: step, then the course of a step."""
         kind = self.quantity.split()[0]
@@ -59,15 +69,42 @@ class Difference(NamedTuple):
         return (-1 if self.step is None else self.step, within)
 
 
-def first_entry(logged: Tables, computed: Tables) -> tuple[str, str, str]:
-    """Return the first entry in which tables differ, its logged and its computed value."""
-    ours, theirs = logged.arrays(), computed.arrays()
-    for name, due in theirs.items() if ours.keys() == theirs.keys() else ():
-        quantity, said = f"{wire.TABLES.name} {name}", ours[name]
-        if said.shape != due.shape:
-            return quantity, f"shape {said.shape}", f"shape {due.shape}"
-        bits = f"u{due.itemsize}"
-        for entry in np.argwhere(said.view(bits) != due.view(bits)).tolist()[:1]:
-            logged_value, value = (repr(float(array[tuple(entry)])) for array in (said, due))
-            return f"{quantity}{entry}", logged_value, value
-    return wire.TABLES.name, "another kind", "that of the scenario"
+def first_entry(
+    logged: Mapping[str, np.ndarray | None], computed: Mapping[str, np.ndarray], robot: int
+) -> tuple[str, str, str] | None:
+    """Return the first thing in which a robot's arrays differ, bit for bit.
+
+    Args:
+        logged: the arrays of an attachment.
+        computed: what they ought to be.
+        robot: its number from 0, which the names hold from 1.
+
+    Returns:
+        The array, with the entry, and what is logged and computed; None: all are equal.
+    """
+    for name in (*computed, *logged):
+        odd = _first_bits(logged.get(name), computed.get(name))
+        if odd is not None:
+            return f"{name.replace(f'_{robot + 1}', '', 1)}{odd[0]}", odd[1], odd[2]
+    return None
+
+
+def _first_bits(
+    logged: np.ndarray | None, computed: np.ndarray | None
+) -> tuple[str, str, str] | None:
+    """Return the first entry in which two arrays differ, and its values; None: they are equal."""
+    if logged is None or computed is None:
+        return "", _kind(logged), _kind(computed)
+    if (logged.dtype, logged.shape) != (computed.dtype, computed.shape):
+        return "", _kind(logged), _kind(computed)
+    if logged.tobytes() == computed.tobytes():
+        return None
+    bits = f"V{computed.itemsize}"
+    ours, theirs = (np.asarray(array, order="C").view(bits) for array in (logged, computed))
+    entry = np.argwhere(ours != theirs)[0].tolist()
+    value, due = (repr(array[tuple(entry)].item()) for array in (logged, computed))
+    return f"{entry}" if entry else "", value, due
+
+
+def _kind(array: np.ndarray | None) -> str:
+    return MISSING if array is None else f"{array.dtype} of shape {array.shape}"

@@ -2,6 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The world once more, from the seed and the logged actions: `World` makes each step again.
 
+Where robots have bodies these make the moves, and nobody can compute where they get: the states
+are taken as they are logged, and all that follows from them is compared.
+
 And what comes more than once: map and markers with each episode, messages again after a silence.
 """
 
@@ -14,6 +17,7 @@ from sparse_coord_ros import wire
 from sparse_coord_ros.bags.metadata import SPLIT
 from sparse_coord_ros.game.world import EPISODE_GAP, Action, World
 from sparse_coord_ros.learn.agent import NOBODY
+from sparse_coord_ros.lockstep.bodies import BodyWorld
 from sparse_coord_ros.runlog.difference import MISSING, Difference
 from sparse_coord_ros.runlog.log import NONE, RunLog, cell_numbers
 from sparse_coord_ros.runlog.replay import Stretch
@@ -45,7 +49,10 @@ class WorldCheck:
     def __init__(self, log: RunLog, stretch: Stretch) -> None:
         self.log, self.stretch, self.odd = log, stretch, log.tracks.odd
         self.centres = np.array(log.frame.centres)
-        self.world = World(log.run.scenario, log.run.seed)
+        run = log.run
+        self.world = World(run.scenario, run.seed)
+        if run.bodies:
+            self.world = BodyWorld(run.scenario, run.seed, slips=run.slips)
         self.robots = range(len(log.names))
         tracks = log.tracks
         # Steps that only actions or percepts speak of are not the world's.
@@ -160,6 +167,8 @@ class WorldCheck:
         actions: list[Action | None] = [None] * len(self.robots)
         for k in rewarded:
             actions[k] = Action(self.move[row][k], self.asked[row][k], NOBODY, False)
+        if isinstance(world, BodyWorld):
+            yield from self._bodies(world, step)
         outcome = world.advance(actions)
         for k in rewarded:
             said = self.log.rewards[row, k, : self.parts]
@@ -169,6 +178,15 @@ class WorldCheck:
                 yield self.odd(step, k, wire.REWARD.name, *parts)
         self.transitions += 1
         self.left_out += len(left)
+
+    def _bodies(self, world: BodyWorld, step: int) -> Iterator[Difference]:
+        """Let the bodies be where the next states say; yield which of these are missing."""
+        after = self.log.row_of.get(step + 1)
+        for k in self.robots:
+            cell = NONE if after is None else int(self.log.cells[after, k])
+            if cell == NONE:
+                yield self.odd(step + 1, k, wire.LOCAL_STATE.name, MISSING, "a state")
+            world.there[k] = cell
 
     def _rewarded(self, step: int, k: int) -> Iterator[Difference]:
         """Yield why a robot cannot have been rewarded in a time step."""

@@ -1,62 +1,80 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Whether what robots made of what they had learned is what follows from it (`engine.improve`)."""
+"""Whether robots' plans follow from what they had learned (`engine.improve`)."""
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
 
 from sparse_coord_ros import wire
 from sparse_coord_ros.engine.improve import improve
-from sparse_coord_ros.errors import TablesError
 from sparse_coord_ros.learn.agent import Tables
-from sparse_coord_ros.learn.simulation import tables_equal
-from sparse_coord_ros.learn.tables import unpack_saved
+from sparse_coord_ros.learn.tables import COUNT, saved_arrays
 from sparse_coord_ros.runlog.agents import AgentCheck
+from sparse_coord_ros.runlog.attached import read_plans
 from sparse_coord_ros.runlog.difference import MISSING, Difference, first_entry
 from sparse_coord_ros.runlog.log import RunLog
 
-
-class Plans(NamedTuple):
-    """What is odd about improved tables; how many robots kept theirs as a peer was silent."""
-
-    odd: tuple[Difference, ...] = ()
-    kept: int = 0
+OWN_TABLES = "what the robot had learned"
+"""In place of a plan: a robot keeps that where a peer does not say what it has learned."""
 
 
-def check_plans(log: RunLog, team: Sequence[AgentCheck]) -> Plans:
-    """Compare the improved tables in a log with those that follow from what was learned.
+def plans_due(log: RunLog) -> bool:
+    """Whether the robots of a run make plans: it says so, and its budget was used up."""
+    statuses = log.tracks.statuses
+    return log.run.improve and bool(statuses) and statuses[-1].state == wire.RunState.FINISHED
+
+
+def check_plans(log: RunLog, team: Sequence[AgentCheck]) -> list[Difference]:
+    """Compare the plans in a log with those that follow from what was learned.
 
     Args:
         log: the log.
-        team: each robot's, with its agent as it was at the end.
+        team: each robot's check, with its agent as it was at the end.
     """
-    agents, statuses = [one.agent for one in team if one.agent is not None], log.tracks.statuses
-    finished = statuses and statuses[-1].state == wire.RunState.FINISHED
-    if not (log.run.improve and finished and len(agents) == len(log.names)):
-        return Plans()
+    plans, found = read_plans(log.bag, log.run)
+    if not plans_due(log):
+        return found + [_odd(log, plan.robot, "there", "none: no plan is due") for plan in plans]
+    agents = [one.agent for one in team if one.agent is not None]
+    if len(agents) < len(log.names):
+        return found  # what a robot remembers is not known
+    there = {one.robot for one in found} | {log.names[plan.robot] for plan in plans}
+    found += [_odd(log, one.k, MISSING, "a plan") for one in team if one.name not in there]
+    if not plans:
+        return found
     due = improve(log.run.scenario, log.run.rule, [agent.memory() for agent in agents]).tables
-    odd, kept = [], 0
-    for k, name in enumerate(log.names):
-        attachment = wire.improved_attachment(name)
-        recorded = _recorded(log, attachment, k)
-        if isinstance(recorded, str):
-            odd.append(Difference(None, name, attachment, recorded, "improved tables"))
-        elif tables_equal([recorded], [due[k]]):
-            continue
-        elif tables_equal([recorded], [agents[k].tables]):
-            kept += 1
-        else:
-            entry, logged, computed = first_entry(recorded, due[k])
-            odd.append(Difference(None, name, f"{attachment} {entry}", logged, computed))
-    return Plans(tuple(odd), kept)
+    for plan in sorted(plans, key=lambda plan: plan.robot):
+        k = plan.robot
+        found += _of_plan(team[k], plan.arrays, due[k], agents[k].tables)
+    return found
 
 
-def _recorded(log: RunLog, attachment: str, k: int) -> Tables | str:
-    """Return robot k's improved tables in the log, or what is there instead."""
-    found = [one for one in log.bag.attachments if one.name == attachment]
-    if not found:
-        return MISSING
-    try:
-        return unpack_saved(found[-1].data, [k + 1], where=attachment)[0].tables
-    except TablesError as error:
-        return str(error)
+def _of_plan(
+    robot: AgentCheck, arrays: Mapping[str, np.ndarray], due: Tables, own: Tables
+) -> Iterator[Difference]:
+    """Yield in what a robot's plan is another one.
+
+    Args:
+        robot: the robot's check.
+        arrays: those of its plan.
+        due: the tables that it ought to have.
+        own: the tables that the robot had learned.
+    """
+    log, k = robot.log, robot.k
+    counts = robot.last_counts
+    if counts is None:  # its last tables are missing, which is said elsewhere
+        counts = {name: int(arrays.get(f"{COUNT}{name}", 0)) for name in wire.COUNTS}
+    odd = first_entry(arrays, saved_arrays({k + 1: due}, counts=counts), k)
+    if odd is None:
+        return
+    if first_entry(arrays, saved_arrays({k + 1: own}, counts=counts), k) is None:
+        yield _odd(log, k, OWN_TABLES, "a plan")
+    else:
+        entry, logged, computed = odd
+        yield _odd(log, k, logged, computed, entry)
+
+
+def _odd(log: RunLog, k: int, logged: str, computed: str, entry: str = "") -> Difference:
+    name = log.names[k]
+    quantity = f"{wire.improved_attachment(name)} {entry}".rstrip()
+    return Difference(None, name, quantity, logged, computed)

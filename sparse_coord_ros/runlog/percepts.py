@@ -114,7 +114,7 @@ class _Judge:
 
     def _ended(self, k: int, step: int, code: float, *allowed: PerceptEnd) -> Iterator[Difference]:
         """Judge how a percept is said to have ended."""
-        if code not in allowed:
+        if repr(code) not in [repr(float(end)) for end in allowed]:
             words = " or ".join(end.words for end in allowed)
             yield self.odd(step, k, PERCEPT.name, percept_end(code), words)
 

@@ -185,7 +185,10 @@ class Relearned:
     def _keep(self, part: _Part, step: int) -> list[RecordedTables]:
         """Keep and return what the robots remember at a time step that a part has reached."""
         team = [replay.agent for replay in part.replays]
-        saved = [RecordedTables(a.number, step, deepcopy(a.tables), {}, a.memory()) for a in team]
+        saved = [
+            RecordedTables(one.number, step, deepcopy(one.tables), {}, one.memory(), {})
+            for one in team
+        ]
         self._kept[step] = saved
         size = sum(array.nbytes for one in saved for array in one.tables.arrays().values())
         while len(self._kept) > max(2, MOST_BYTES // (2 * size)):

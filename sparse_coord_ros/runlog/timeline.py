@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sparse_coord_ros.bags.gaps import Gap
-from sparse_coord_ros.bags.metadata import RESTARTED, ROLLED_BACK, SPLIT
+from sparse_coord_ros.bags.metadata import RESTARTED, ROLLED_BACK, SPLIT, STALLED_RECORD
 from sparse_coord_ros.bags.reader import Bag
 from sparse_coord_ros.game.world import EPISODE_GAP
 from sparse_coord_ros.runlog.difference import Difference
@@ -58,6 +58,29 @@ class Jump(NamedTuple):
     before: int
     after: int
     odd: Difference
+
+
+class Stall(NamedTuple):
+    """Where a recorder stood still.
+
+    Attributes:
+        step: the time step from which on messages may be lost.
+        seconds: for how long.
+    """
+
+    step: int
+    seconds: str
+
+
+def stalls(bag: Bag) -> list[Stall]:
+    """Return where the recorder of a bag stood still; records that make no sense are left out."""
+    records = [texts for name, texts in bag.metadata_records if name == STALLED_RECORD]
+    steps = [texts.get("step", "") for texts in records]
+    return [
+        Stall(int(step[:18]), texts.get("seconds", "?"))
+        for step, texts in zip(steps, records, strict=True)
+        if step.isdecimal()
+    ]
 
 
 def rollbacks(bag: Bag) -> list[Rollback]:

@@ -3,9 +3,10 @@
 """Computes a recorded run again and compares; the engine behind `sparse_coord verify`.
 
 What differs may be a copy that is lost, an open question, or that somebody did otherwise. It is
-open where a part of the bag is lost, where a node was killed, and where one came back in mid-run
-and went on without taking the team back (`returning:=continue`): what it had learned, or counted,
-since its checkpoint is lost, and the log does not say what it began with.
+open where a part of the bag is lost, or the recorder stood still; where a node was killed; and
+where one came back in mid-run and went on without taking the team back (`returning:=continue`):
+what it had learned, or counted, since its checkpoint is lost, and the log does not say what it
+began with. A robot that kept what it had learned in place of a plan leaves open why.
 """
 
 from collections import Counter
@@ -13,7 +14,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from sparse_coord_ros import wire
 from sparse_coord_ros.game.plugins import leaving_out
@@ -22,10 +23,11 @@ from sparse_coord_ros.runlog.agents import AgentCheck
 from sparse_coord_ros.runlog.decode import Decoder
 from sparse_coord_ros.runlog.difference import MISSING, Difference
 from sparse_coord_ros.runlog.game_check import WorldCheck
-from sparse_coord_ros.runlog.improved import Plans, check_plans
+from sparse_coord_ros.runlog.improved import OWN_TABLES, check_plans
 from sparse_coord_ros.runlog.log import RunLog, read_run
 from sparse_coord_ros.runlog.percepts import check_percepts
 from sparse_coord_ros.runlog.replay import stretches
+from sparse_coord_ros.runlog.timeline import Stall
 from sparse_coord_ros.runlog.tracks import THE_CLOCK
 from sparse_coord_ros.wire.status import ROLL_CALL, read_progress, read_status
 
@@ -39,9 +41,9 @@ class Verification:
         differences: in the order of time; of what each robot's agent and the world compute only
             the first, as all that follows from it differs too.
         open: what differs where the log does not say enough: a robot or the world was killed, or
-            came back and went on alone, or a part of the bag is lost.
-        broke_off: who was killed, or came back and went on alone, as sentences; the same
-            differences are in `open`.
+            came back and went on alone, a part of the bag is lost, the recorder stood still, or a
+            robot made no plan.
+        broke_off: why, as sentences, but for lost parts; the same differences are in `open`.
         not_computed: what was left out, as its code may not be imported, a robot shows neither
             tables nor coordination maps, or the world is one of one's own, as sentences.
         foreign: messages beside those of the run, where all else is as it is computed.
@@ -54,7 +56,7 @@ class Verification:
         unlearned: transitions that robots under way have not learned from.
         resets: episodes that began early.
         repeats: messages that came again after a silence.
-        kept: robots that were to improve and kept what they had learned, as a peer was silent.
+        kept: robots that kept what they had learned in place of a plan.
         not_compared: time steps that are lost, or lie between a loss and the next checkpoint, as
             (first, last); None: to the run's end.
     """
@@ -120,11 +122,10 @@ def verify(path: Path) -> Verification:
             team = [AgentCheck(log, k, part) for k in range(len(log.names))]
             found += _of_part(worlds[-1], team, say)
             agents += team
-    plans = Plans()
-    if not (found or parts[-1].lost):  # else the agents do not know what the robots do
-        with leaving_out("improved tables", say):
-            plans = check_plans(log, agents[-len(log.names) :])
-    found += plans.odd
+    # Where something else differs, or is lost, the agents do not know what the robots learned.
+    team = [] if found or parts[-1].lost else agents[-len(log.names) :]
+    with leaving_out("plans", say):
+        found += check_plans(log, team)
     ordered = sorted(dict.fromkeys(found), key=lambda one: one.rank)
     differences, left_open, lost, broke_off = judge(log, agents, ordered)
 
@@ -146,7 +147,7 @@ def verify(path: Path) -> Verification:
         left_out=worlds[-1].left_out if worlds else 0,
         unlearned=total("unlearned"),
         resets=total("resets", worlds),
-        kept=plans.kept,
+        kept=sum(one.logged == OWN_TABLES for one in found),
         repeats=sum(len(t.repeats) for k in range(len(log.names)) for t in log.tracks.of(k)),
         not_compared=tuple((part.first, part.last) for part in parts if part.lost),
     )
@@ -179,8 +180,16 @@ OF_WORLD |= KEPT.keys() - {wire.TABLES.name}
 """What depends on where the world is in its game."""
 
 
-Cause = tuple[str, Callable[[Difference], bool]]
-"""Why something may differ though nobody computed otherwise: a sentence, and what it is."""
+class Cause(NamedTuple):
+    """Why something may differ though nobody computed otherwise.
+
+    Attributes:
+        text: why, as a sentence; empty: other lines say it.
+        explains: whether it may be why something differs.
+    """
+
+    text: str
+    explains: Callable[[Difference], bool]
 
 
 def judge(
@@ -189,15 +198,16 @@ def judge(
     """Return what differs, is open, and is only lost, in the order of time; and who broke off."""
     lost = dict.fromkeys(one for one in found if _lost(log, one))
     ordered = [one for one in found if one not in lost]
+    if ordered:  # somebody may have gone by foreign messages, or they replace what is missing
+        ordered = sorted([*log.tracks.suspects, *ordered], key=lambda one: one.rank)
     open_: set[Difference] = set()
     broke_off = []
-    for text, explains in _causes(log, agents) if ordered else ():
-        mine = [one for one in ordered if explains(one)]
+    for cause in _causes(log, agents, ordered) if ordered else ():
+        mine = [one for one in ordered if cause.explains(one)]
         open_.update(mine)
-        broke_off += [text] if mine and text else []
+        if mine and cause.text:
+            broke_off.append(cause.text)
     differences = [one for one in ordered if one not in open_]
-    if ordered:  # somebody may have gone by foreign messages, or they replace what is missing
-        differences = sorted([*log.tracks.suspects, *differences], key=lambda one: one.rank)
     return differences, [one for one in ordered if one in open_], [*lost], broke_off
 
 
@@ -226,48 +236,79 @@ def _lost(log: RunLog, difference: Difference) -> bool:
     return len(later) >= wire.TABLES_DEPTH
 
 
-def _causes(log: RunLog, agents: Sequence[AgentCheck]) -> Iterator[Cause]:
+def _causes(
+    log: RunLog, agents: Sequence[AgentCheck], found: Sequence[Difference]
+) -> Iterator[Cause]:
+    """Yield what may be why something in a log differs.
+
+    Args:
+        log: the log.
+        agents: the robots' checks.
+        found: what differs.
+    """
     tracks = log.tracks
-    if tracks.lossy:
-
-        def gone(odd: Difference) -> bool:
-            """Whether it may have been in a part that is lost; messages of steps have numbers."""
-            return odd.logged == MISSING and (odd.step is None or odd.quantity in KEPT)
-
-        yield "", gone
+    if tracks.lossy or tracks.broken_off:
+        yield Cause("", _may_be_lost)
+    for stall in tracks.stalls:
+        yield from _stood_still(stall, found)
     for agent in agents:
-        if agent.killed:
-            text = f"{agent.name} saved no tables at its end (killed?)"
-            yield text, agent.missing_tables(agent.end).__eq__
-    if not tracks.broken_off and tracks.statuses and tracks.statuses[-1].state not in wire.OVER:
-        yield "the world did not say how the run ended (killed?)", _of_its_end(log)
-    said = _said(log, wire.STATUS, read_status)
-    calls = [(step, one.order.name) for step, one in said if one.order.step == ROLL_CALL]
+        last = agent.missing_tables(agent.end)
+        yield Cause(f"{agent.name} saved no tables at its end (killed?)", last.__eq__)
+    for name in log.names:
+        yield from _without_plan(name)
+    calls = _roll_calls(log)
     for k in range(len(log.names)):
-        yield from _robot_returns(log, k, {"", *(name for _, name in calls)})
+        yield from _robot_returns(log, k, {"", *calls})
     if calls:
-        since = calls[0][0]
-
-        def of_world(odd: Difference) -> bool:
-            return odd.step is not None and odd.step >= since and odd.quantity in OF_WORLD
-
-        text = f"the world came back at step {since} and went on with a new episode"
-        yield f"{text}: what it then does is not computed again", of_world
+        yield _world_returned(min(calls.values()))
 
 
-def _of_its_end(log: RunLog) -> Callable[[Difference], bool]:
-    """Return what tells what may be missing as the world was killed, also in its last moment."""
-    tracks, state = log.tracks, repr(log.tracks.statuses[-1].state)
-    last = max(int(track.step.max(initial=0)) for track in (*tracks.states, tracks.clock))
+def _may_be_lost(odd: Difference) -> bool:
+    """Whether it may have been in a part that is lost; messages of steps have numbers."""
+    return odd.logged == MISSING and (odd.step is None or odd.quantity in KEPT)
 
-    def explains(odd: Difference) -> bool:
-        if odd.quantity == wire.TABLES.name:
-            return odd.computed.startswith("the log ends at step")
-        if odd.quantity in (wire.LOCAL_STATE.name, wire.REWARD.name, THE_CLOCK):
-            return odd.logged == MISSING and (odd.step or 0) >= last
-        return (odd.quantity, odd.logged) == (wire.STATUS.name, state)
 
-    return explains
+def _stood_still(stall: Stall, found: Sequence[Difference]) -> Iterator[Cause]:
+    """Yield that the recorder stood still and missed something: the rest follows from that."""
+    steps = [one.step for one in found if one.missing and one.step is not None]
+    missed = [step for step in steps if step >= stall.step]
+    if not missed:
+        return
+    since = min(missed)
+    text = f"the recorder stood still for {stall.seconds} s and missed messages from step {since}"
+    yield Cause(f"{text} on", lambda odd: odd.step is not None and odd.step >= since)
+
+
+def _without_plan(name: str) -> Iterator[Cause]:
+    """Yield why a robot may have no plan, or what it had learned in place of one."""
+    plan = wire.improved_attachment(name)
+    kept = f"{name} kept what it had learned, as where a peer does not say what it has learned"
+    yield Cause(
+        f"{name} made no plan (stopped before that?)",
+        lambda odd: (odd.quantity, odd.logged) == (plan, MISSING),
+    )
+    yield Cause(
+        f"{kept}; the log does not hold what peers said",
+        lambda odd: (odd.quantity, odd.logged) == (plan, OWN_TABLES),
+    )
+
+
+def _roll_calls(log: RunLog) -> dict[str, int]:
+    """Return the names of the orders by which nobody goes back, and when they were given first."""
+    found: dict[str, int] = {}
+    for step, said in _said(log, wire.STATUS, read_status):
+        if said.order.step == ROLL_CALL:
+            found.setdefault(said.order.name, step)
+    return found
+
+
+def _world_returned(since: int) -> Cause:
+    """Return that the world came back at a time step and went on with a new episode."""
+    text = f"the world came back at step {since} and went on with a new episode"
+    return Cause(
+        f"{text}: what it then does is not computed again",
+        lambda odd: odd.step is not None and odd.step >= since and odd.quantity in OF_WORLD,
+    )
 
 
 def _robot_returns(log: RunLog, k: int, calls: Collection[str]) -> list[Cause]:
@@ -278,22 +319,31 @@ def _robot_returns(log: RunLog, k: int, calls: Collection[str]) -> list[Cause]:
         k: its number.
         calls: names of orders by which nobody goes back.
     """
-    life, name, backs = "", log.names[k], list[Cause]()
+    life = ""
+    found: list[Cause] = []
     for step, said in _said(log, wire.PROGRESS, read_progress, k):
         if life and said.life != life and said.resumed:
-
-            def explains(odd: Difference, step: int = step, since: int = said.step) -> bool:
-                """Whether it is of then; or the tables of its checkpoint, which come again."""
-                again = (odd.quantity, odd.logged, odd.step)
-                late = odd.step is not None and odd.step >= step
-                return odd.robot == name and (late or again == (wire.TABLES.name, "twice", since))
-
-            text = f"{name} came back at step {step} with what it had learned until step"
-            so = "and went on with that: what it then does and learns is not computed again"
-            backs.append((f"{text} {said.step}, {so}", explains))
+            found.append(_robot_returned(log.names[k], step, said.step))
         life = said.life
-        backs = backs if said.obeyed in calls else []
-    return backs
+        if said.obeyed not in calls:
+            found = []
+    return found
+
+
+def _robot_returned(name: str, step: int, since: int) -> Cause:
+    """Return that a robot came back at a time step with what it had learned until an earlier one.
+
+    The tables of its checkpoint come again.
+    """
+
+    def explains(odd: Difference) -> bool:
+        late = odd.step is not None and odd.step >= step
+        again = (odd.quantity, odd.logged, odd.step) == (wire.TABLES.name, "twice", since)
+        return odd.robot == name and (late or again)
+
+    text = f"{name} came back at step {step} with what it had learned until step {since}"
+    so = "and went on with that: what it then does and learns is not computed again"
+    return Cause(f"{text}, {so}", explains)
 
 
 def _said(

@@ -214,8 +214,8 @@ PARAMETER_EVENTS = Topic("/parameter_events", _PARAMETERS, TEAM, _EVENT, limit=l
 TOPICS = tuple(one for one in list(globals().values()) if isinstance(one, Topic))
 """All of them, as they stand above."""
 
-TABLES_FOLDER = "tables/"
-"""What the names of a bag's attached tables begin with."""
+TABLES_FOLDER, PLANS_FOLDER = "tables/", "improved/"
+"""What the names of a bag's attached tables begin with, and those of the plans made of them."""
 
 
 def tables_attachment(robot: str, step: int | str) -> str:
@@ -224,8 +224,8 @@ def tables_attachment(robot: str, step: int | str) -> str:
 
 
 def improved_attachment(robot: str) -> str:
-    """Return what a robot's tables are called as an attachment that are improved."""
-    return f"improved/{robot}.npz"
+    """Return what a robot's plan is called as an attachment: its improved tables."""
+    return f"{PLANS_FOLDER}{robot}.npz"
 
 
 WORLD, RECORDER = "world_simulator", "recorder"
@@ -245,8 +245,8 @@ COUNTS = ("answered", "refused", "late", "repeated", "dropped", "learned", "step
 """The numbers stored beside a robot's tables: how percepts ended; requests repeated as the peer
 was behind; transitions given up as no reward came; updates made; the time step of the tables."""
 
-BAG_FORMAT = 1
-"""Number of what a bag holds, in its metadata record."""
+BAG_FORMAT = 2
+"""Number of what a bag holds, in its metadata record. In format 1 runs did not say `bodies`."""
 
 FORMAT_KEY = "format"
 """What that number is called there."""

@@ -8,7 +8,14 @@ from enum import IntEnum
 import numpy as np
 
 from sparse_coord_ros.wire.cdr import Fixed, Free, Item, Layout, nothing, place_at, stamp
-from sparse_coord_ros.wire.messages import POSE_ITEMS, Fill, MessageForm, path, stamps_of
+from sparse_coord_ros.wire.messages import (
+    POSE_ITEMS,
+    Fill,
+    MessageForm,
+    path,
+    places_of,
+    stamps_of,
+)
 
 
 class EventKind(IntEnum):
@@ -79,7 +86,7 @@ def _fill(asker: int, kinds: tuple[EventKind, ...]) -> Fill:
         rows["request"], rows["asker"] = kinds is QUESTIONS, asker
         rows["seen"], rows["xy"] = "0_xy" in known, np.nan
         for name in {"xy", "0_xy"}.intersection(known):
-            rows["xy"] = fields[name]
+            rows["xy"] = places_of(fields, name)
         return np.isin(fields["kind"], kinds)
 
     return fill

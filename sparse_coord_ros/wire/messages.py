@@ -42,6 +42,15 @@ def stamps_of(fields: np.ndarray, prefix: str = "") -> np.ndarray:
     return np.asarray(seconds * SECOND + fields[f"{prefix}nanosec"])
 
 
+def places_of(fields: np.ndarray, name: str) -> np.ndarray:
+    """Return positions of messages' fields, shape (messages, 2); NaN in place of -0.0.
+
+    No node writes -0.0. It equals 0.0, though its bits are others; NaN equals nothing.
+    """
+    found = fields[name]
+    return np.where((found == 0.0) & np.signbit(found), np.nan, found)
+
+
 def by_name(rows: np.ndarray, fields: np.ndarray) -> None:
     """Fill rows whose columns are called as the fields are."""
     rows["ns"] = stamps_of(fields)
@@ -185,7 +194,7 @@ def percept_form(robots: int) -> MessageForm:
         def put(rows: np.ndarray, fields: np.ndarray) -> None:
             rows["ns"], rows["count"], rows["places"] = stamps_of(fields), count, np.nan
             for number in range(count):
-                rows["places"][:, number] = fields[f"{number}_xy"]
+                rows["places"][:, number] = places_of(fields, f"{number}_xy")
 
         return put
 
@@ -240,7 +249,7 @@ def markers_form(frame: Frame, scenario: Scenario) -> MessageForm:
         rows["ns"] = stamps_of(fields, "0_")
         moving = [number for number, mark in enumerate(marks) if mark[2] is None]
         for k, number in enumerate(moving):
-            rows["places"][:, k] = fields[f"{number}_xy"]
+            rows["places"][:, k] = places_of(fields, f"{number}_xy")
         stamps = [stamps_of(fields, f"{number}_") for number in range(len(marks))]
         return np.asarray(np.all([one == stamps[0] for one in stamps], axis=0))
 

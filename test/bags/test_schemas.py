@@ -96,15 +96,14 @@ def test_service_event_schema_is_a_message_definition():
     text = schema_text("nav_msgs/srv/GetPlan_Event")
     assert text.startswith(
         "service_msgs/ServiceEventInfo info\n"
-        "nav_msgs/srv/GetPlan_Request[<=1] request\n"
-        "nav_msgs/srv/GetPlan_Response[<=1] response\n"
-        f"\n{SEPARATOR}\nMSG: nav_msgs/srv/GetPlan_Request\n"
+        "nav_msgs/GetPlan_Request[<=1] request\n"
+        "nav_msgs/GetPlan_Response[<=1] response\n"
+        f"\n{SEPARATOR}\nMSG: nav_msgs/GetPlan_Request\n"
     )
     heads = [line[5:] for line in text.splitlines() if line.startswith("MSG: ")]
     assert len(heads) == len(set(heads)) == text.count(SEPARATOR)
-    assert {"nav_msgs/srv/GetPlan_Response", "nav_msgs/Path", "service_msgs/ServiceEventInfo"} <= (
-        set(heads)
-    )
+    due = {"nav_msgs/GetPlan_Response", "nav_msgs/Path", "service_msgs/ServiceEventInfo"}
+    assert due <= set(heads)
     assert "\nnav_msgs/Path plan\n" in text
     assert "\n---" not in text
 

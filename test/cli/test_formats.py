@@ -118,34 +118,39 @@ READ = {
 """A verb that reads each file."""
 
 
-NUMBERS = {name: 2 if name.startswith("results/") else 1 for name in READ}
-"""The number of each file's format."""
+def number_of(name):
+    """Return the number of a file's format."""
+    return 2 if name.endswith(("run.yaml", ".mcap")) or name.startswith("results/") else 1
 
 
-def renumbered(path, number):
-    """Give a file the next number of its format."""
+def renumbered(path, known, number):
+    """Give a file another number of its format."""
     data = path.read_bytes()
     if path.suffix == ".npz":
         with np.load(io.BytesIO(data)) as file:
             found = dict(file)
-        found["format"][0] = str(number + 1)
+        found["format"][0] = f"{number}"
         np.savez(path, **found)
     elif path.suffix == ".mcap":
-        first = b"format\x01\0\0\x001"
+        head = b"format\x01\0\0\x00"
+        first, other = (head + b"%d" % one for one in (known, number))
         assert data.count(first) == 1
-        path.write_bytes(data.replace(first, first[:-1] + b"2"))
+        path.write_bytes(data.replace(first, other))
     else:
         text = data.decode()
-        first = f'format": {number}' if path.suffix == ".json" else f"format: {number}"
-        assert first in text
-        path.write_text(text.replace(first, first[:-1] + str(number + 1), 1))
+        key = 'format": ' if path.suffix == ".json" else "format: "
+        assert f"{key}{known}" in text
+        path.write_text(text.replace(f"{key}{known}", f"{key}{number}", 1))
 
 
 @pytest.mark.parametrize("name", READ)
-def test_a_newer_number_is_one_line(files, refused, name):
-    number = NUMBERS[name]
-    renumbered(files / name, number)
-    said = f"{name}: is in format {number + 1}, this version reads format {number}; update"
+@pytest.mark.parametrize(
+    ("more", "remedy"), [(1, "update sparse_coord_ros"), (-1, "make it anew")]
+)
+def test_another_number_is_one_line(files, refused, name, more, remedy):
+    known = number_of(name)
+    renumbered(files / name, known, known + more)
+    said = f"{name}: is in format {known + more}, this version reads format {known}; {remedy}"
     assert said in refused(*READ[name])
 
 

@@ -127,9 +127,10 @@ def test_it_plans_with_the_learned_map_not_with_the_true_one():
 
     blind = []
     for memory in run.memories:
-        moved = memory.more["moved"].copy()
+        moved, there = memory.more["moved"].copy(), memory.more["successor"].copy()
         moved[run.scenario.map.next_cell == upper] = 0
-        blind.append(changed(memory, moved=moved))
+        there[moved == 0] = 0
+        blind.append(changed(memory, moved=moved, successor=there))
     assert visits(improved(run))[0] > 0
     assert visits(improved(run, blind))[0] == 0 < visits(improved(run, blind))[1]
 

@@ -264,18 +264,16 @@ def _forge_bag(chance: random.Random, source: Any, messages: Sequence[Any], plac
             if name != "rosbag2":
                 odd = {key: "\x1b[2J" for key in texts if chance.random() < 0.05}
                 new.add_metadata(name, {**texts, **odd})
+        channels = {topic.name: new.add_known_topic(topic) for topic in source.topics.values()}
         for one in messages:
-            topic, data, at = source.topics[one.topic], one.data, one.log_time_ns
-            channel, kind = (
-                new.add_topic(one.topic, topic.type_name, topic.qos[0]),
-                chance.random(),
-            )
+            data, at = one.data, one.log_time_ns
+            kind = chance.random()
             if kind < rate:
                 data = damaged(chance, data)
             elif kind < rate * 1.2:
                 at = chance.choice((0, 2**63 - 1, 10**9))
             if kind > rate * 1.2 or kind < rate * 1.1:
-                new.write(channel, data, at, one.publish_time_ns)
+                new.write(channels[one.topic], data, at, one.publish_time_ns)
         for one in source.attachments:
             data = damaged(chance, one.data) if chance.random() < 0.2 else one.data
             if chance.random() < 0.95:

@@ -67,10 +67,10 @@ def test_missing_and_unknown_fields(run):
 
 
 def test_formats_of_run_yaml(run):
-    assert "format: 1" in run.to_yaml()
-    for other in (None, 0, 2, "two", True):
-        said = f"is in format {other!r}, this version reads format 1; "
-        remedy = "update sparse_coord_ros" if other == 2 else "make it anew"
+    assert "format: 2" in run.to_yaml()
+    for other in (None, 0, 1, 3, "two", True):
+        said = f"is in format {other!r}, this version reads format 2; "
+        remedy = "update sparse_coord_ros" if other == 3 else "make it anew"
         assert said + remedy in refusal(spoiled(run, format=other), RunError)
 
 
@@ -80,6 +80,9 @@ def test_the_digest_of_a_run(run):
     assert replace(run, scenario=replace(run.scenario, paper={})).digest == same
     assert replace(run, seed=run.seed + 1).digest != same
     assert replace(run, learner="indiv").digest != same
+    driven = replace(run, bodies=True)
+    assert replace(driven, slips=False).digest != driven.digest != same
+    assert replace(run, slips=False).digest == same, "without bodies nothing depends on it"
     assert replace(run, scenario=run.scenario.with_settings({"penalty": -3})).digest != same
 
 
@@ -89,7 +92,7 @@ def test_the_digest_of_a_run(run):
         ("scenario: [\n", ScenarioError, "line 2"),
         ("", ScenarioError, "'key: value'"),
         ("just text", ScenarioError, "is str"),
-        ("format: 1\nseed: 1\n", RunError, "scenario"),
+        ("format: 2\nseed: 1\n", RunError, "scenario"),
     ],
 )
 def test_malformed_run_yaml(text, error, words):

@@ -209,13 +209,11 @@ def test_a_status_of_another_type(good, tmp_path):
     with BagWriter(tmp_path / "bag") as bag:
         source = open_bag(good.bag)
         channels = {
-            topic.name: bag.add_topic(
-                topic.name,
-                "std_msgs/msg/String" if topic.name == "/status" else topic.type_name,
-                QoS(),
-            )
+            topic.name: bag.add_known_topic(topic)
             for topic in source.topics.values()
+            if topic.name != "/status"
         }
+        channels["/status"] = bag.add_topic("/status", "std_msgs/msg/String", QoS())
         for name, texts in source.metadata.items():
             if name != "rosbag2":
                 bag.add_metadata(name, texts)

@@ -238,7 +238,7 @@ def changed_tables(step, how):
 
     def attach(found):
         place = next(p for p, one in enumerate(found) if one.name == f"tables/robot_1_{step}.npz")
-        [(tables, counts, memory)] = unpack_saved(found[place].data, [1], where="")
+        [(tables, counts, memory, _)] = unpack_saved(found[place].data, [1], where="")
         memories = how(tables, counts, memory)
         data = pack_tables({1: tables}, counts=counts, memories=memories)
         found[place] = Attached(*found[place])._replace(data=data)

@@ -37,10 +37,7 @@ def returned(good, tmp_path):
             for name, texts in bag.metadata.items():
                 if name != "rosbag2":
                     new.add_metadata(name, texts)
-            places = {
-                one.name: new.add_topic(one.name, one.type_name, one.qos[0])
-                for one in bag.topics.values()
-            }
+            places = {one.name: new.add_known_topic(one) for one in bag.topics.values()}
             latched = QoS(durability="transient_local", depth=1)
             own = new.add_topic(
                 "/robot_2/_progress", "diagnostic_msgs/msg/DiagnosticStatus", latched
