@@ -76,6 +76,12 @@ class File:
     attachments: list[Attached] = field(default_factory=list)
     records: list[tuple[str, dict[str, str]]] = field(default_factory=list)
 
+    def copy(self) -> "File":
+        """Return a file to be changed: messages and attachments themselves never change."""
+        records = [(name, dict(texts)) for name, texts in self.records]
+        lists = [*self.topics], [*self.messages], [*self.attachments], records
+        return File(self.name, self.finished, *lists)
+
 
 Bag = list[File]
 
@@ -166,7 +172,7 @@ class Forgery(NamedTuple):
 
 def forged(bag: Bag, forgeries: Sequence[Forgery]) -> Bag:
     """Return a changed copy of a bag."""
-    copy = deepcopy(bag)
+    copy = [file.copy() for file in bag]
     for forgery in forgeries:
         forgery.apply(copy)
     return copy
@@ -368,10 +374,13 @@ def _time_anew(bag: Bag) -> None:
 
 
 def _cut(bag: Bag, target: tuple[Any, ...], how: str) -> None:
-    """Let the recorder be killed: of the last file so many messages are left, (number,)."""
+    """Let the recorder end early: of the last file so many messages are left, (number,).
+
+    A recorder that is "stopped" finishes its file, one that is "killed" does not.
+    """
     [count] = target
     file = bag[-1]
-    file.finished = False
+    file.finished = how == "stopped"
     file.messages = file.messages[:count]
     end = file.messages[-1].log_ns
     file.attachments = [one for one in file.attachments if one.log_ns < end]
@@ -541,6 +550,8 @@ def _setting(bag: Bag, target: tuple[Any, ...], how: Any) -> None:
     owner = run
     for key in target[:-1]:
         owner = owner[key]
+    if owner[target[-1]] == how:
+        return
     owner[target[-1]] = how
     _say_run(bag, yaml.safe_dump(run, sort_keys=False, allow_unicode=True), run)
 

@@ -111,8 +111,10 @@ def _verdict(found) -> str:
         text = "cannot tell all of the run; what the log does say of the rest is as it has to be"
     elif holes:
         text = "identical"
-    else:
+    elif ends[0] > 1:
         text = f"identical up to step {ends[0] - 1}"
+    else:
+        text = "no time step can be computed again"
     if holes:
         steps = ", ".join(f"{first} to {last}" for first, last in holes)
         text += f" but for steps {steps}, which are lost"

@@ -38,15 +38,15 @@ def check_plans(log: RunLog, team: Sequence[AgentCheck]) -> list[Difference]:
     agents = [one.agent for one in team if one.agent is not None]
     if len(agents) < len(log.names):
         return found  # what a robot remembers is not known
+    there = {one.robot for one in found} | {log.names[plan.robot] for plan in plans}
+    found += [_odd(log, one.k, MISSING, "a plan") for one in team if one.name not in there]
+    if not plans:
+        return found
     memories = [agent.memory() for agent in agents]
     due = improve(log.run.scenario, log.run.rule, memories).tables
-    unreadable = {one.robot for one in found}
-    for robot, own, tables in zip(team, memories, due, strict=True):
-        mine = [plan.arrays for plan in plans if plan.robot == robot.k]
-        if not mine and robot.name not in unreadable:
-            found.append(_odd(log, robot.k, MISSING, "a plan"))
-        for arrays in mine:
-            found += _of_plan(robot, arrays, tables.memory, own)
+    for plan in sorted(plans, key=lambda plan: plan.robot):
+        k = plan.robot
+        found += _of_plan(team[k], plan.arrays, due[k].memory, memories[k])
     return found
 
 

@@ -138,8 +138,11 @@ class RunLog:
         What cannot be read may hold no message of any time step.
         """
         found = [gap_in_words(gap, self.frame.period) for gap in self.bag.gaps]
+        why = "the log breaks off"
+        if self.tracks.untold:
+            why += ", the world does not say how the run ended"
         for first, last in self.gaps:
-            end = "on: the log breaks off" if last is None else f"to {last}"
+            end = f"on: {why}" if last is None else f"to {last}"
             found.append(f"time steps {first} {end}")
         return found
 

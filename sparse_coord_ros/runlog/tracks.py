@@ -20,7 +20,7 @@ from sparse_coord_ros.runlog.bag_run import BagRun, check_bag_run, find_run
 from sparse_coord_ros.runlog.columns import OFTEN, Columns, Forms, Only, Reading
 from sparse_coord_ros.runlog.dialogue import Request, put_together
 from sparse_coord_ros.runlog.difference import MISSING, NO_REQUEST, Difference
-from sparse_coord_ros.wire import RunState, messages
+from sparse_coord_ros.wire import OVER, RunState, messages
 from sparse_coord_ros.wire.events import event_form
 from sparse_coord_ros.wire.frame import Frame
 from sparse_coord_ros.wire.occupancy import OccupancyData
@@ -79,6 +79,8 @@ class Tracks:
         markers: the same, with the robots' positions `places`.
         coordination_maps: of each robot, with the grid's `data`.
         statuses: of the world, in the order of the log.
+        untold: the world does not say how the run ended: it was killed, or the recorder stopped
+            before that. Where only a part is read it is False.
         requests: the dialogue.
         rosout: what nodes logged, decoded, where it was asked for.
         tables: of each attachment.
@@ -119,7 +121,10 @@ class Tracks:
         for step in self.clock.repeats.tolist():
             self.problems.append(self.odd(step, None, THE_CLOCK, "twice", "once"))
         self.coordination_maps = [self._several(wire.COORDINATION_MAP, k) for k in robots]
-        self.statuses = list(self._statuses())
+        said = list(self._own_statuses())
+        self.statuses = list(self._statuses(said))
+        ended = bool(said) and said[-1].state in OVER
+        self.untold = only is None and not bag.part and not ended
         self.requests: list[Request] = []
         self._dialogue()
         logged = [rows[wire.ROSOUT.name] for rows in self._files if wire.ROSOUT.name in rows]
@@ -149,11 +154,16 @@ class Tracks:
     @property
     def lossy(self) -> bool:
         """Whether a part of the bag may be lost, or never came."""
-        return self.broken_off or bool(self.bag.gaps or self.gaps or self.stalls)
+        return self._cut or bool(self.bag.gaps or self.gaps or self.stalls)
 
     @property
     def broken_off(self) -> bool:
         """Whether the end of the run is not in the bag."""
+        return self._cut or self.untold
+
+    @property
+    def _cut(self) -> bool:
+        """Whether the end of the bag is lost."""
         bag, steps = self.bag, [track.step[-1] for track in self.states if len(track.step)]
         newest = int(max(steps, default=0)) * self._period
         cut = any(gap.last_ns is None or gap.last_ns > newest for gap in bag.gaps)
@@ -310,9 +320,8 @@ class Tracks:
                 elif timeline.holds(n, one.step, self._backs) and one.state != RunState.RESUMING:
                     yield one
 
-    def _statuses(self) -> Iterator[Said]:
+    def _statuses(self, found: Sequence[Said]) -> Iterator[Said]:
         """Yield the world's statuses, and note what is odd about them."""
-        found = list(self._own_statuses())
         ordered = in_order(np.array([one.step for one in found], dtype=np.int64)).tolist()
         over = False
         for one, right in zip(found, ordered, strict=True):

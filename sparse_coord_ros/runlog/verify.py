@@ -247,7 +247,7 @@ def _causes(
         found: what differs.
     """
     tracks = log.tracks
-    if tracks.lossy:
+    if tracks.lossy or tracks.broken_off:
         yield Cause("", _may_be_lost)
     for stall in tracks.stalls:
         yield from _stood_still(stall, found)
@@ -256,9 +256,6 @@ def _causes(
         yield Cause(f"{agent.name} saved no tables at its end (killed?)", last.__eq__)
     for name in log.names:
         yield from _without_plan(name)
-    said_its_end = bool(tracks.statuses) and tracks.statuses[-1].state in wire.OVER
-    if not (said_its_end or tracks.broken_off):
-        yield Cause("the world did not say how the run ended (killed?)", _of_its_end(log))
     calls = _roll_calls(log)
     for k in range(len(log.names)):
         yield from _robot_returns(log, k, {"", *calls})
@@ -294,22 +291,6 @@ def _without_plan(name: str) -> Iterator[Cause]:
         f"{kept}; the log does not hold what peers said",
         lambda odd: (odd.quantity, odd.logged) == (plan, OWN_TABLES),
     )
-
-
-def _of_its_end(log: RunLog) -> Callable[[Difference], bool]:
-    """Return what tells what may be missing as the world was killed, also in its last moment."""
-    tracks = log.tracks
-    state = repr(tracks.statuses[-1].state) if tracks.statuses else MISSING
-    last = max(int(track.step.max(initial=0)) for track in (*tracks.states, tracks.clock))
-
-    def explains(odd: Difference) -> bool:
-        if odd.quantity == wire.TABLES.name:
-            return odd.computed.startswith("the log ends at step")
-        if odd.quantity in (wire.LOCAL_STATE.name, wire.REWARD.name, THE_CLOCK):
-            return odd.logged == MISSING and (odd.step or 0) >= last
-        return (odd.quantity, odd.logged) == (wire.STATUS.name, state)
-
-    return explains
 
 
 def _roll_calls(log: RunLog) -> dict[str, int]:

@@ -10,14 +10,17 @@ import subprocess
 import sys
 from collections import defaultdict
 from contextlib import contextmanager
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
 from mcap.reader import NonSeekingReader, SeekingReader, make_reader
+from mcap.writer import Writer as McapWriter
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
 from sparse_coord_ros.bags import BagWriter, QoS, open_bag, type_hash
+from sparse_coord_ros.bags import writer as writer_module
 from sparse_coord_ros.bags.metadata import offered_qos_profiles
 from sparse_coord_ros.bags.schemas import schema_text
 from sparse_coord_ros.errors import BagError, SparseCoordError
@@ -327,3 +330,13 @@ def test_the_disk_has_file_names_and_metadata(tmp_path, samples, monkeypatch):
     with BagWriter(tmp_path / "run") as writer:
         writer.write(writer.add_topic("/a", STRING, QoS()), samples.cdr(STRING), 1, 1)
     assert synced == ["run_0.mcap.partial", "run", "metadata.yaml.partial", "run"]
+
+
+def test_mcap_names_the_attributes_of_its_writer_as_flush_needs_them(tmp_path):
+    """`flush` reaches into mcap's Writer: a release may call these attributes otherwise."""
+    writer = McapWriter(str(tmp_path / "a.mcap"))
+    unknown = sorted(set(writer_module.INSIDE) - set(vars(writer)))
+    assert not unknown, (
+        f"mcap {version('mcap')} has renamed {', '.join(unknown)} of mcap.writer.Writer: put the "
+        f"new names into {writer_module.__name__}.INSIDE, or require an older mcap in setup.py"
+    )

@@ -4,10 +4,12 @@
 
 import json
 
+import numpy as np
 import pytest
 from teams import tables_in
 
 from sparse_coord_ros.compiling import has_numba
+from sparse_coord_ros.learn.tables import save_team
 
 pytestmark = pytest.mark.skipif(not has_numba(), reason="minutes in plain Python")
 
@@ -48,3 +50,16 @@ def test_train_improves_to_the_same_tables_and_says_which_doorways_nobody_felt(
 
 def test_who_cannot_improve(refused):
     assert "learner coop keeps no model" in refused("train", "env1", "--improve")
+
+
+def test_what_no_run_can_have_learned_is_refused(sparse_coord, refused, folder):
+    """Not planned on: it took 13 s, to a value of 10^180."""
+    assert sparse_coord(*TRAIN, "--penalty", -100, "--out", "a")[0] == 0
+    known = [table.memory for table in tables_in(folder / "a")]
+    for name, value, words in (
+        ("moved", 2**30, "moved counts a move more often than it was tried"),
+        ("u", np.inf, "u has numbers that are not finite"),
+    ):
+        false = {**known[0], name: np.full_like(known[0][name], value)}
+        save_team(folder / "a", [false, *known[1:]])
+        assert words in refused("improve", "a")

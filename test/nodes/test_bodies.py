@@ -24,6 +24,7 @@ from sparse_coord_ros.nodes.body import BodyNode, read_command
 from sparse_coord_ros.nodes.driver import DriverNode
 from sparse_coord_ros.nodes.messages import Converter
 from sparse_coord_ros.nodes.outputs import gather
+from sparse_coord_ros.runlog import verify
 
 QUICK = {"speed": 2.0, "turn": 6.0}
 """Bodies that are fast for their ticks, so that a step takes few of them."""
@@ -127,6 +128,20 @@ def test_a_driver_and_a_body_that_come_back_go_on(bench, tmp_path):
     before = under_way.transitions
     bench.add(BodyNode(context=context, values={}))
     bench.spin_until(lambda: under_way.transitions > before + 2, "with another body")
+
+
+@pytest.mark.parametrize("slips", [True, False])
+def test_verify_takes_where_bodies_got_to_as_it_is_logged(bench, tmp_path, slips):
+    """A body may fail where a move of the grid does not: all that follows is computed again."""
+    out = tmp_path / "out"
+    late = {"step_seconds": 0.7}
+    world, robots, *_ = with_bodies(bench, out, steps=12, driver=late, recorded=True, slips=slips)
+    recorder = bench.recorder(out / "bag")
+    bench.spin_until_done(world, *robots, recorder)
+    assert world.summary()["moves_failed"] > 0
+    found = verify(out / "bag")
+    assert found.same, found.first
+    assert found.steps == 12 and found.log.run.bodies and found.log.run.slips is slips
 
 
 def test_poses_that_came_while_a_driver_slept_are_no_complaint(bench, tmp_path):

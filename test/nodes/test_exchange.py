@@ -3,7 +3,9 @@
 """Robots exchange what they learned, once, and plan on it; the log shows it."""
 
 import base64
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from std_srvs.srv import Trigger
 from teams import tables_in
@@ -13,7 +15,7 @@ from sparse_coord_ros.engine.improve import improve
 from sparse_coord_ros.engine.training import train
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.learn.run_config import load_run
-from sparse_coord_ros.learn.tables import unpack_saved
+from sparse_coord_ros.learn.tables import pack_tables, unpack_saved
 from sparse_coord_ros.learners.tables import tables_equal
 from sparse_coord_ros.nodes.exchange import Exchange
 from sparse_coord_ros.nodes.spin import ros_context
@@ -64,7 +66,9 @@ def test_a_robot_keeps_its_tables_where_a_peer_says_nothing(tmp_path, monkeypatc
     learned, plan = tables_in(out), tables_in(out / "improved")
     assert tables_equal(plan[:1], learned[:1]) and not tables_equal(plan[1:], learned[1:])
     found = verify(out / "bag")
-    assert found.same and found.kept == 1
+    assert found.cannot_tell and found.kept == 1
+    [why] = found.broke_off
+    assert why.startswith("robot_1 kept what it had learned, as where a peer does not say")
 
 
 def test_a_learning_robot_says_nothing_and_one_that_has_learned_all(bench):
@@ -90,6 +94,41 @@ def test_an_answer_that_is_none_is_not_used(bench):
         mine._take(1, future)
         assert 1 not in mine._learned
     assert robots[0].intake.total == 2
+
+
+def test_what_no_robot_can_have_learned_is_not_used(bench):
+    """Of a stranger, or of a peer of another version: nobody plans on it."""
+    world = bench.world(learner="factored", improve=True, rate=0.001)
+    robots = bench.robots()
+    bench.spin_until(lambda: world.lockstep.complete, "first barrier")
+    mine, peer = (robot.member._exchange for robot in robots)
+    peer.over()
+    real = Trigger.Response()
+    peer._answer(Trigger.Request(), real)
+    [saved] = unpack_saved(base64.b64decode(real.message), [2], where="said")
+    false = saved.memory._replace(q_star=saved.memory.q_star * np.inf)
+    data = pack_tables({2: saved.tables}, counts=saved.counts, memories={2: false})
+    future = SimpleNamespace(result=lambda: response(base64.b64encode(data).decode()))
+    mine._take(1, future)
+    assert 1 not in mine._learned and robots[0].intake.total == 1
+    mine._take(1, SimpleNamespace(result=lambda: real))
+    assert mine._learned[1] == base64.b64decode(real.message)
+
+
+def test_a_second_server_of_what_was_learned_is_told(bench, capfd):
+    world = bench.world(learner="factored", improve=True, rate=0.001)
+    bench.robots()
+    bench.spin_until(lambda: world.lockstep.complete, "first barrier")
+    stranger = bench.observer()
+    stranger.create_service(Trigger, "robot_2/learned", lambda _, response: response)
+
+    def seen():
+        world._guard.look()
+        return world._guard.doubled
+
+    bench.spin_until(seen, "the stranger is seen")
+    assert world.summary()["services_of_two_servers"] == 1
+    assert "/robot_2/learned has 2 servers, /observer, /robot_2; it" in capfd.readouterr().err
 
 
 def response(text):

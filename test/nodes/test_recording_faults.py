@@ -192,6 +192,16 @@ def test_flush_seconds_bounds_what_an_unfinished_bag_lacks(bench, tmp_path):
     assert recorder.error is None
 
 
+def test_a_recorder_that_stood_still_says_so(bench, tmp_path, capfd):
+    """Stopped or starved: what waited for it may be lost; else the log would be called false."""
+    step, recorder = a_recorded_bench(bench, tmp_path / "bag", 30)
+    recorder.recording.go_on(time.monotonic() + 7.0)
+    recorder.recording.flush()
+    assert re.search(r"this recorder stood still for \d\.\d s at step \d", capfd.readouterr().err)
+    record = open_bag(tmp_path / "bag").metadata["stalled"]
+    assert record["step"] == "0" and 5.0 < float(record["seconds"]) < 60.0
+
+
 def test_a_bag_of_another_run_is_not_continued(bench, tmp_path):
     with BagWriter(tmp_path / "bag") as writer:
         writer.add_metadata(RUN_RECORD, {FORMAT_KEY: str(BAG_FORMAT), "id": "another"})

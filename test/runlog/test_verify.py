@@ -4,11 +4,15 @@
 
 import math
 
+import forging
 import numpy as np
 import pytest
+from forging import Forgery
+from nav_msgs.msg import Path
 from nav_msgs.srv import GetPlan
 from rclpy.serialization import deserialize_message, serialize_message
-from recordings import with_tables
+from recordings import OFTEN, recorded, with_tables
+from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
 import sparse_coord_ros as sc
@@ -201,6 +205,56 @@ def test_a_changed_reward(alter, convert, log, moved, label, value, said):
     assert f"{label}={said}" in found.first.logged
 
 
+@pytest.mark.parametrize("topic", ["action", "percept"])
+def test_no_node_writes_a_zero_with_a_sign(tmp_path, topic):
+    """Each 0.0 of some messages in turn; cells of this map lie at 0.0."""
+    bag = forging.read(recorded(tmp_path / "run", at_zero(tmp_path), {**OFTEN, "steps": 40}).bag)
+    name = f"/robot_1/{topic}"
+    zeros = [
+        Forgery("field", (name, number, path), "negative")
+        for number, (file, place) in enumerate(forging.places_of(bag, name)[:8])
+        for path, value in forging.leaves(decoded(file.messages[place], topic))
+        if isinstance(value, float)
+        and value == 0.0
+        and (path[-1] in {"x", "y"} or topic == "action")
+        if "orientation" not in path
+    ]
+    assert len(zeros) > 8
+    for n, zero in enumerate(zeros):
+        found = verify(forging.write(forging.forged(bag, [zero]), tmp_path / f"{n}"))
+        assert not found.same, zero
+
+
+@pytest.mark.parametrize("learner", ["coop", "factored", "cq"])
+def test_all_that_a_robot_remembers_is_compared(tmp_path, learner):
+    """An element of each array of its last tables in turn, also of what learning goes on with."""
+    settings = {**OFTEN, "steps": 150, "penalty": -50}
+    bag = forging.read(
+        recorded(tmp_path / "run", "env1", settings, values={"learner": learner}).bag
+    )
+    [*_, last] = [one for one in bag[-1].attachments if one.name.startswith("tables/robot_2_")]
+    arrays = forging.unpacked(last.data)
+    del arrays["format"]
+    filled = [name for name, array in arrays.items() if array.size]
+    assert len(filled) >= {"coop": 12, "factored": 20, "cq": 10}[learner]
+    for name in filled:
+        forged = forging.forged(bag, [Forgery("entry", (last.name, name, 0), "far")])
+        found = verify(forging.write(forged, tmp_path / name))
+        assert found.first.robot == "robot_2", name
+        assert found.first.quantity.startswith("tables"), name
+
+
+def at_zero(folder):
+    text = "title: door\\nresolution: 1.0\\norigin: [-0.5, -0.5]\\n---\\n1.D.2\\n"
+    ends = "robots: {robot_1: {start: 1, goal: 2}, robot_2: {start: 2, goal: 1}}\n"
+    (folder / "door.yaml").write_text(f'map: {{name: door, text: "{text}"}}\n{ends}')
+    return str(folder / "door.yaml")
+
+
+def decoded(said, topic):
+    return deserialize_message(said.data, {"action": JointState, "percept": Path}[topic])
+
+
 def test_a_changed_state(alter, convert, log, moved):
     row = int(np.flatnonzero(log.step == moved)[0])
     other = int(log.cells[row, 1] + 1) % len(convert.grid.cells)
@@ -390,15 +444,26 @@ def test_the_dialogue(alter, convert, asked, kind, how):
     is_first(alter(change), asked[0], "robot_1", "dialogue")
 
 
-@pytest.mark.parametrize("topic", ["/status", "/run"])
-def test_the_last_message_of_the_worlds_topics(alter, topic):
+def without_last(topic):
     def change(messages):
         del messages[max(p for p, m in enumerate(messages) if m.topic == topic)]
         return messages
 
-    found = alter(change)
-    step = None if topic == "/run" else found.log.step[-1]
-    is_first(found, step, None, "topic run" if topic == "/run" else "status")
+    return change
+
+
+def test_without_the_topic_run(alter):
+    is_first(alter(without_last("/run")), None, None, "topic run")
+
+
+def test_a_world_that_does_not_say_how_the_run_ended(alter):
+    """It may have been killed, or the recorder stopped before it said so."""
+    found = alter(without_last("/status"))
+    assert found.cannot_tell and not found.open
+    assert found.log.losses == [
+        f"time steps {found.log.step[-1] + 1} on: the log breaks off, "
+        "the world does not say how the run ended"
+    ]
 
 
 @pytest.mark.parametrize("other", [b"", serialize_message(MarkerArray())], ids=["none", "other"])

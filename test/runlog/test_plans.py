@@ -1,0 +1,103 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Plans in a log: each follows from what was learned, or `verify` says that it does not."""
+
+import itertools
+
+import pytest
+from forging import Forgery, forged, read, unpacked, write
+from recordings import recorded
+
+from sparse_coord_ros.compiling import has_numba
+from sparse_coord_ros.runlog import verify
+
+pytestmark = pytest.mark.skipif(not has_numba(), reason="minutes in plain Python")
+
+SETTINGS = {"steps": 80, "perception": "probability:0.5"}
+PLANNING = {"learner": "factored", "improve": True, "checkpoint": 0}
+PLAN = "improved/robot_1.npz"
+
+
+def bag_of(folder, **options):
+    return read(recorded(folder, "env1", SETTINGS, values=PLANNING, **options).bag)
+
+
+@pytest.fixture(scope="module")
+def planned(tmp_path_factory):
+    """Return the bag of a run whose robots have plans."""
+    return bag_of(tmp_path_factory.mktemp("planned"))
+
+
+@pytest.fixture
+def asked(tmp_path):
+    """Return a function that writes a forged bag and verifies it."""
+    number = itertools.count()
+    return lambda bag, *done: verify(write(forged(bag, done), tmp_path / f"bag_{next(number)}"))
+
+
+def last_tables(bag):
+    names = [one.name for one in bag[-1].attachments if one.name.startswith("tables/robot_1_")]
+    return names[-1]
+
+
+def test_plans_follow_from_what_was_learned(planned, asked):
+    found = asked(planned)
+    assert found.same and found.kept == 0
+
+
+def test_that_a_robot_kept_its_tables_nobody_can_tell(planned, asked, tmp_path_factory):
+    """A peer may not have said what it learned; or somebody has put the tables there."""
+    honest = bag_of(tmp_path_factory.mktemp("kept"), alone=(0,))
+    found = asked(honest)
+    assert found.cannot_tell and found.kept == 1
+    assert [str(one) for one in found.open] == [
+        f"robot_1, {PLAN}: logged what the robot had learned, computed a plan"
+    ]
+    assert found.broke_off == (
+        "robot_1 kept what it had learned, as where a peer does not say what it has learned; "
+        "the log does not hold what peers said",
+    )
+
+
+@pytest.mark.parametrize("how", ["", "without memory"])
+def test_tables_in_the_place_of_a_plan(planned, asked, how):
+    """The robot's own may be there, as above, if nothing else is: a plan holds no memory."""
+    found = asked(planned, Forgery("plan", (last_tables(planned), PLAN), how))
+    assert not found.same
+    assert found.cannot_tell == (how == "without memory")
+
+
+def test_a_forged_plan_beside_the_right_one(planned, asked):
+    for where in ("forged before", "forged behind"):
+        [odd] = asked(planned, Forgery("attachment", (PLAN,), where)).differences
+        assert odd.robot == "robot_1" and odd.quantity.startswith(f"{PLAN} q_star[")
+
+
+def test_the_counts_beside_a_plan_are_those_of_the_last_tables(planned, asked):
+    [one] = [one for one in planned[-1].attachments if one.name == PLAN]
+    names = sorted(name for name in unpacked(one.data) if name.startswith("count_"))
+    assert len(names) == 7
+    for name in names:
+        [odd] = asked(planned, Forgery("entry", (PLAN, name, 0), "far")).differences
+        assert odd.quantity == f"{PLAN} {name}"
+
+
+def test_a_run_that_says_no_improve_has_no_plans(planned, asked):
+    found = asked(planned, Forgery("setting", ("improve",), False))
+    assert [(one.quantity, one.computed) for one in found.differences] == [
+        (f"improved/robot_{k}.npz", "none: no plan is due") for k in (1, 2)
+    ]
+
+
+def test_a_plan_that_is_missing_is_an_open_question(planned, asked):
+    """A robot may have been stopped before it had one."""
+    found = asked(planned, Forgery("attachment", (PLAN,), "removed"))
+    assert found.cannot_tell
+    assert found.broke_off == ("robot_1 made no plan (stopped before that?)",)
+
+
+def test_a_run_that_was_stopped_has_no_plans(asked, tmp_path):
+    bag = bag_of(tmp_path / "stopped", stop=40)
+    assert asked(bag).same
+    found = asked(bag, Forgery("plan", (last_tables(bag), PLAN), "without memory"))
+    assert [one.computed for one in found.differences] == ["none: no plan is due"]
