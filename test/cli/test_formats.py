@@ -69,7 +69,8 @@ def test_a_live_team_goes_on(python, files, own_domain):
     command = ("-m", "sparse_coord_ros.executables", "sparse_coord", "run")
     python(*command, "--resume", "interrupted", cwd=files)
     found, due = (arrays(files / name / "tables.npz") for name in ("interrupted", "trained"))
-    for name in ("q_star_1", "q_star_2", "q_coord_1", "q_coord_2"):
+    assert found.keys() == due.keys()
+    for name in set(due) - {"format"}:
         np.testing.assert_array_equal(found[name], due[name])
 
 
