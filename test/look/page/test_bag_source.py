@@ -355,6 +355,23 @@ def test_where_nobody_asks_the_best_asking_team_found_is_named(record):
     player.source.log.bag.close()
 
 
+def test_a_cell_that_no_greedy_robot_reaches_is_not_what_was_learned(learned, monkeypatch):
+    """An episode of learning may begin anywhere; greedy ones begin at the starts."""
+    player = Player(learned, step=None)
+    usual = player.source._highlight
+    assert usual.cell in moments.entered(
+        policy_of(player.source._newest()[usual.robot].tables, 0),
+        player.run.scenario.map,
+        player.run.scenario.robots[usual.robot].start,
+    )
+    without = lambda *given: (c := entered(*given))[c != usual.cell]  # noqa: E731
+    monkeypatch.setattr(moments, "entered", without)
+    other = Player(learned, step=None).source._highlight
+    assert other.cell != usual.cell or other.text.startswith("Here ")
+    monkeypatch.setattr(moments, "entered", lambda *_: [])
+    assert Player(learned, step=None).source._highlight.text.startswith("Here ")
+
+
 @pytest.mark.parametrize("what", ["its move", "that it asks"])
 def test_what_its_tables_do_not_confirm_is_told_as_what_happened(learned, monkeypatch, what):
     """Not as what it has learned."""
