@@ -153,6 +153,15 @@ def test_a_quantity_has_one_kind_of_axis_in_every_figure():
     assert (loss.get_yscale(), reward.get_yscale()) == ("symlog", "linear")
 
 
+def test_a_single_run_has_no_error_and_is_drawn_all_the_same():
+    means = {measure: [7.0] for measure in SUMS}
+    one = {"means": means, "not_arrived": [0], "visited": [1.0]}
+    result = result_of("env1", "coop", {"penalty": "-20"}, **one)
+    [panel] = swept_figure([result], "penalty", ["asks"]).axes
+    low, high = panel.get_ylim()
+    assert low < 7.0 < high
+
+
 def test_the_cost_of_asking_is_drawn_beside_both_baselines():
     conditions = experiment("ask_cost").conditions
     [figure] = figures_of("ask_cost", [made_up(one) for one in conditions]).values()

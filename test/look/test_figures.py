@@ -171,28 +171,14 @@ def test_the_map_of_asks_is_of_the_hardest_penalty_and_says_so(tmp_path, capsys)
 
 
 def test_the_scale_of_a_factored_q_coord_says_that_it_counts_rows(tmp_path):
-    assert (
-        main(
-            [
-                "train",
-                "env1",
-                "--learner",
-                "factored",
-                "--steps",
-                "500",
-                "--trials",
-                "0",
-                "--out",
-                str(tmp_path / "run"),
-            ]
-        )
-        == 0
-    )
+    options = ["--learner", "factored", "--steps", "500", "--trials", "0"]
+    assert main(["train", "env1", *options, "--out", str(tmp_path / "run")]) == 0
     shown = open_shown(tmp_path / "run")
     [own, *_] = [tables.factors.corrections for tables in shown.tables]
     assert own.shape[1] == 4 and len(own) > 0
     figure = figures.runs_figure([shown], ["sparsity"])
-    labels = [axes.get_xlabel() for part in figure.subfigs for axes in part.axes]
+    scales = [scale for axes in all_axes(figure) for scale in axes.child_axes]
+    labels = [scale.get_ylabel() for scale in scales]
     assert "rows of corrections learned (four moves each)" in labels
 
 

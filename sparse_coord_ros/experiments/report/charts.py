@@ -253,9 +253,9 @@ def plot(
     """Draw points: a panel for each title and measure.
 
     Numbers stand on an axis at their true places, joined by lines; names stand side by side, each
-    learner a point beside its name. The panels of one measure share their vertical axis, so that a small
-    difference looks small; those of the reward share its length only, as its level depends on the
-    scenario.
+    learner a point beside its name. The panels of one measure share their vertical axis, so that
+    a small difference looks small; those of the reward share its length only, as its level
+    depends on the scenario.
 
     Args:
         shown: the points, as of `point`.
@@ -364,7 +364,8 @@ def _panel(axes: Axes, data: pd.DataFrame) -> dict[str, Any]:
         shift = 0.0 if joined else own["shift"].iloc[0]
         beside = ScaledTranslation(shift * DODGE / 72, 0, axes.figure.dpi_scale_trans)
         moved = axes.transData + beside
-        for end in (own["y"] - own["low"], own["y"] + own["high"]):
+        low, high = own["low"].fillna(0.0), own["high"].fillna(0.0)  # a single run has no error
+        for end in (own["y"] - low, own["y"] + high):
             axes.update_datalim(np.column_stack([own["x"], end]))  # `moved` hides the data
         handles[str(line)] = axes.errorbar(own["x"], own["y"], bars, transform=moved, **style)
     axes.autoscale_view()

@@ -34,7 +34,7 @@ from sparse_coord_ros.look.page.controls import (
 )
 from sparse_coord_ros.look.page.counts import Counts
 from sparse_coord_ros.look.page.moments import GreedyMoves
-from sparse_coord_ros.look.policy import policy_of
+from sparse_coord_ros.look.policy import entered, policy_of
 from sparse_coord_ros.look.words import Words
 from sparse_coord_ros.runlog import read_run
 from sparse_coord_ros.runlog.explain import explained, in_words
@@ -359,11 +359,10 @@ def test_a_cell_that_no_greedy_robot_reaches_is_not_what_was_learned(learned, mo
     """An episode of learning may begin anywhere; greedy ones begin at the starts."""
     player = Player(learned, step=None)
     usual = player.source._highlight
-    assert usual.cell in moments.entered(
-        policy_of(player.source._newest()[usual.robot].tables, 0),
-        player.run.scenario.map,
-        player.run.scenario.robots[usual.robot].start,
-    )
+    scenario = player.source.run.scenario
+    robot = scenario.robots[usual.robot]
+    policy = policy_of(player.source._newest()[usual.robot].tables, robot.goal)
+    assert usual.cell in entered(policy, scenario.map, robot.start)
     without = lambda *given: (c := entered(*given))[c != usual.cell]  # noqa: E731
     monkeypatch.setattr(moments, "entered", without)
     other = Player(learned, step=None).source._highlight
