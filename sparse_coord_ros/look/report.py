@@ -107,9 +107,10 @@ def _value(shown: Shown, baselines: bool) -> Iterator[Part]:
     yield table(["", "reward", "time to goal", "miscoordinations", "asks", "all arrive"], rows)
     yield text(
         "Total discounted reward a robot, steps to the goal, miscoordinations of an episode, asks "
-        "of a robot; ± is the spread over robots and episodes, s.e. the standard error of the mean "
-        "of trials. Best asking team found: the best result of a search among robots that learn each other's position only by asking. Joint "
-        "optimum: one controller sees all robots all the time, for free."
+        "of a robot; ± is the spread over robots and episodes, s.e. the standard error of a mean "
+        "of trials. Best asking team found: the best result of a search among robots that learn "
+        "each other's position only by asking. Joint optimum: one controller sees all robots all "
+        "the time, for free."
     )
 
 

@@ -264,6 +264,7 @@ def test_curves_and_evaluation_are_those_of_the_log(player, bag):
     [[name, optimum]] = evaluation["yardsticks"]
     assert name == "exact joint optimum" and optimum > evaluation["reward"]["mean"]
     assert evaluation["how"] == "exact" and evaluation["step"] > 0
+    assert evaluation["reward"]["standard_error"] == 0.0, "of trials the page shows it"
     player.do(SEEK, 10**9)
     assert np.array(player.board.get("asked")["robots"]).sum() == history.asks.sum()
 
