@@ -17,6 +17,7 @@ from sparse_coord_ros.experiments.report.charts import (
     BASELINE,
     LABELS,
     LEAST_SPANS,
+    NESTED,
     SHORTEST,
     STYLES,
     rendered,
@@ -167,8 +168,10 @@ def test_the_cost_of_asking_is_drawn_beside_both_baselines():
     [figure] = figures_of("ask_cost", [made_up(one) for one in conditions]).values()
     assert len(figure.axes) == 6
     for panel in figure.axes[:3]:
-        colours = {line.get_color() for line in panel.lines}
-        assert {STYLES[name]["color"] for name in (BASELINE, SHORTEST)} <= colours
+        widths = {line.get_color(): line.get_linewidth() for line in panel.lines}
+        for name in (BASELINE, SHORTEST):
+            style = STYLES[name] | NESTED.get(name, {})
+            assert widths[style["color"]] == style["linewidth"]
     assert BASELINE in [text.get_text() for text in figure.legends[0].get_texts()]
 
 

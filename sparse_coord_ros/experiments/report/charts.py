@@ -77,11 +77,12 @@ STYLES: Mapping[str, Mapping[str, Any]] = {
     BOUND: {"color": "black", "linestyle": (0, (1, 1.5)), "linewidth": 1.2, "zorder": 1.5},
     ASKING: {"color": "#E69F00", "linestyle": "-", "linewidth": 1.2, "zorder": 1.5},
     BASELINE: {"color": "#A6CEE3", "linestyle": "-", "linewidth": 3.5, "zorder": 1.2},
-    SHORTEST: {"color": "0.8", "linestyle": "-", "linewidth": 7, "zorder": 1},
+    SHORTEST: {"color": "0.8", "linestyle": "-", "linewidth": 4, "zorder": 1},
 }
 """How each line is drawn, in the order of the legend; told apart in greyscale too."""
 
 NESTED: Mapping[str, Mapping[str, Any]] = {
+    SHORTEST: {"linewidth": 7.0},
     INDIV: {"linewidth": 3.6, "markersize": 9.0, "zorder": 2.1},
     NONCOOP: {"linewidth": 2.7, "markersize": 7.5, "zorder": 2.2},
     COOP: {"linewidth": 1.9, "markersize": 5.5, "zorder": 2.3},
@@ -129,6 +130,9 @@ LETTER = 0.03
 
 NARROWEST = 6.0
 """Inches of the narrowest figure: room for the legend and the labels of the axes."""
+
+MARGIN = 0.08
+"""Room above and below the points, as a share of the vertical axis: no mark is cut off."""
 
 DODGE = 3.0
 """Points (1/72 inch) between the marks of learners at one name, so that all are seen."""
@@ -353,7 +357,7 @@ def _panel(axes: Axes, data: pd.DataFrame) -> dict[str, Any]:
     for line, own in data.drop_duplicates(["line", "x"]).groupby("line", sort=False):
         style = {"linewidth": 1.3, "markersize": 4.5, "capsize": 2, **STYLES.get(str(line), OTHER)}
         if joined:
-            style |= NESTED.get(str(line), THINNEST)
+            style |= NESTED.get(str(line), {} if own["reference"].any() else THINNEST)
         if own["reference"].any():
             alone = data["x"].nunique() == 1
             handles[str(line)] = _reference(axes, own, style, joined=joined, alone=alone)
@@ -368,6 +372,7 @@ def _panel(axes: Axes, data: pd.DataFrame) -> dict[str, Any]:
         for end in (own["y"] - low, own["y"] + high):
             axes.update_datalim(np.column_stack([own["x"], end]))  # `moved` hides the data
         handles[str(line)] = axes.errorbar(own["x"], own["y"], bars, transform=moved, **style)
+    axes.margins(y=MARGIN)
     axes.autoscale_view()
     if joined:
         _number_axis(axes, data["xlabel"].iloc[0], data["x"].unique().tolist())
@@ -418,7 +423,8 @@ def _number_axis(axes: Axes, label: str, values: Sequence[float]) -> None:
     if label in LOGARITHMIC and sizes:
         axes.set_xscale("symlog", linthresh=min(sizes))
     if axes.get_xscale() != "linear" or len(values) <= MOST_TICKS:
-        shown = _far_apart(values, axes.xaxis.get_transform().transform(np.array(values)))
+        places = axes.xaxis.get_transform().transform(np.array(values)).tolist()
+        shown = _far_apart(values, places)
         axes.set_xticks(shown, [f"{value:g}" for value in shown])
         axes.xaxis.set_minor_locator(FixedLocator(values))
     axes.autoscale_view(scaley=False)
