@@ -365,7 +365,7 @@ def _sparsity(shown: Shown, label: str) -> Iterator[Panel]:
         share = sum(one.share for one in found) / len(found)
         titles = [f"$Q^C$, {share:.2%} learned, mean of {len(found)} robots"]
     factored = shown.tables[0].factors is not None
-    scale = "corrections that are not 0" if factored else "joint states learned"
+    scale = "rows of corrections learned (four moves each)" if factored else "joint states learned"
     return _shaded(shown, label, counts, titles, scale, float(counts.max()))
 
 

@@ -81,7 +81,7 @@ class Sparsity(NamedTuple):
 
     Attributes:
         by_cell: joint states with a learned entry, by the own cell, shape (cells,), int64. Of a
-            learner that learns in factors: corrections that are not 0.
+            learner that learns in factors: rows of corrections, each of four moves.
         possible: how many there could be in each cell.
     """
 
@@ -90,7 +90,7 @@ class Sparsity(NamedTuple):
 
     @property
     def share(self) -> float:
-        """Share of the joint states."""
+        """Share of the joint states, or of the rows of corrections."""
         return float(self.by_cell.sum()) / (self.possible * len(self.by_cell))
 
 
