@@ -14,7 +14,7 @@ from sparse_coord_ros.cli.options import JSON, SEED, Option, format_table, note,
 from sparse_coord_ros.engine.checkpoint import CHECKPOINT_FILE
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.game.scenario import PAPER_MEASURES
-from sparse_coord_ros.learn.evaluation import TRIALS, Evaluation, play, summary
+from sparse_coord_ros.learn.evaluation import TRIALS, Evaluation, play, summary, with_spread
 from sparse_coord_ros.learn.run_config import RunConfig, load_run
 from sparse_coord_ros.learn.tables import load_team
 from sparse_coord_ros.learners.tables import Tables
@@ -157,7 +157,7 @@ def result_table(found: Sequence[Evaluated]) -> str:
         rows.append(
             [
                 f"{named}, {result.how}",
-                *(f"{one.mean:.2f} ± {one.spread:.2f}" for one in measures),
+                *map(with_spread, measures),
                 f"{result.asks.mean:.2f}",
                 arrived,
             ]

@@ -35,7 +35,10 @@ REACHED: Mapping[str, float] = {"env1": 0.97, "env2-2r": 0.9, "pentagon": 0.98}
 """Share of the gap from Non-coop. to the best asking team found that Factored is to close."""
 
 FALLS: Mapping[str, float] = {"env1": 1.1, "env2-2r": 1.35}
-"""From a penalty of 0 to -100 Factored may lose as many times what the best asking team does."""
+"""From a penalty of 0 to -100 Factored may lose as many times what the best asking team does.
+
+Scenarios without a limit here are not judged.
+"""
 
 LONG: Mapping[str, object] = {"penalty": -100, "steps": 100_000}
 """Where the penalty is large and there is time to learn."""
@@ -98,6 +101,11 @@ def _figure4() -> list[Condition]:
 
 def _sweep(setting: str, values: Iterable[object]) -> list[Condition]:
     return _every(CLOSE, {"learner": ["coop"], setting: values}, LONG)
+
+
+def _ask_cost() -> list[Condition]:
+    """Return Coop. at each cost, and once Non-coop., which cannot ask, in the same problem."""
+    return _sweep("ask_cost", ASK_COSTS) + _every(CLOSE, {"learner": ["noncoop"]}, LONG)
 
 
 def _perception() -> list[Condition]:
@@ -164,7 +172,7 @@ _EXPERIMENTS: Mapping[str, tuple[str, Callable[[], list[Condition]]]] = {
         "Penalty -100, 10^5 steps: how much of the gap to the optimum is closed",
         lambda: _every(CLOSE, {"learner": LEARNERS}, LONG),
     ),
-    "ask_cost": ("Cost of COORDINATE", lambda: _sweep("ask_cost", ASK_COSTS)),
+    "ask_cost": ("Cost of COORDINATE", _ask_cost),
     "perception": ("Success of the percept", _perception),
     "uneven": (
         "r^C that differs between the robots",

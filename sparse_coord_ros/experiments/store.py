@@ -460,7 +460,36 @@ def _result(path: Path, condition: Condition, plan: Plan, data: dict[str, Any]) 
             "has now; nothing is mixed: choose another --out, or remove this file"
         )
     check_form(data["result"], _result_form(condition.scenario, plan), "result")
+    if condition.own_scenario is None:
+        _check_references(condition.scenario, data["result"])
     return ConditionResult(condition=condition, trials=plan.trials, **data["result"])
+
+
+ROUNDING = 1e-9
+"""Share by which a reference may differ between machines."""
+
+
+def _check_references(scenario: Scenario, said: Mapping[str, Any]) -> None:
+    """Compute optimum and shortest paths again, and compare: milliseconds.
+
+    That is done for scenarios that come with the package; those of the user may be large.
+
+    Args:
+        scenario: of the condition.
+        said: what a file says of its runs.
+
+    Raises:
+        DamagedError: the file says something else.
+    """
+    optimum = known_optimum(scenario)
+    told = {"optimum": said["optimum"], **said["reference"]}
+    known = {"optimum": optimum.value, **asdict(shortest_path_reference(scenario))}
+    for name, value in known.items():
+        if not math.isclose(told[name], value, rel_tol=ROUNDING, abs_tol=ROUNDING):
+            what = name if name == "optimum" else f"{name} of shortest paths"
+            raise DamagedError(f"its {what} is {told[name]:g}, computed again {value:g}")
+    if said["optimum_exact"] != optimum.exact:
+        raise DamagedError(f"its optimum_exact is {said['optimum_exact']}, it is {optimum.exact}")
 
 
 def read_results(directory: Path, say: Say = lambda _: None) -> tuple[Plan, list[ConditionResult]]:

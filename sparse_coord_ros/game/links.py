@@ -109,6 +109,18 @@ def ruled_out(scenario: "Scenario") -> np.ndarray:
     return certain
 
 
+NEVER_PERCEIVING = (Spec("never"), Spec("probability", (0.0,)))
+"""Perception models by which no percept ever succeeds."""
+
+NEVER_UP = (Spec("dead", (0.0,)), Spec("lost", (1.0,)))
+"""Links that never bring an answer."""
+
+
+def percepts_can_succeed(scenario: "Scenario") -> bool:
+    """Return whether a percept can succeed at all, as far as the settings alone tell."""
+    return scenario.perception not in NEVER_PERCEIVING and scenario.link not in NEVER_UP
+
+
 class Percepts:
     """Active perception in a run: which percepts succeed.
 

@@ -129,6 +129,13 @@ class Evaluation:
         return asdict(self)
 
 
+def with_spread(measure: Measure, digits: int = 2) -> str:
+    """Return `mean ± spread`, and the standard error where the mean is one of trials."""
+    said = f"{measure.mean:.{digits}f} ± {measure.spread:.{digits}f}"
+    error = measure.standard_error
+    return f"{said} (s.e. {error:.{digits}f})" if error > 0.0 else said
+
+
 def measured_in_words(found: Any) -> str:
     """Return the means of an `Evaluation` or `ExactEvaluation`, on one line."""
     error = found.reward.standard_error

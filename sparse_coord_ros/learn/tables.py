@@ -136,7 +136,9 @@ def save_team(directory: Path, memories: Sequence[Memory]) -> None:
     write_whole(directory / TEAM_FILE, data)
 
 
-def load_team(directory: Path, scenario: Scenario, learner: Learner) -> list[Tables]:
+def load_team(
+    directory: Path, scenario: Scenario, learner: Learner | None
+) -> list[Tables]:
     """Read a team's tables from an output directory.
 
     They are in `tables.npz`, or in one file a robot where the robot nodes were started by hand.

@@ -364,7 +364,7 @@ def _sparsity(shown: Shown, label: str) -> Iterator[Panel]:
         share = counts.sum() / possible
         titles = [f"$Q^C$, {share:.2%} learned, mean of {len(learned)} robots"]
     factored = isinstance(rule, Factored)
-    scale = "corrections that are not 0" if factored else "joint states learned"
+    scale = "rows of corrections learned (four moves each)" if factored else "joint states learned"
     return _shaded(shown, label, counts, titles, scale, float(counts.max()))
 
 

@@ -13,7 +13,7 @@ from sparse_coord_ros.engine.training import train
 from sparse_coord_ros.errors import SparseCoordError
 from sparse_coord_ros.game.plugins import leaving_out
 from sparse_coord_ros.game.scenario import SETTINGS, Scenario, load_scenario
-from sparse_coord_ros.learn.evaluation import Evaluation
+from sparse_coord_ros.learn.evaluation import Evaluation, with_spread
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.learners.registry import learner_of
 from sparse_coord_ros.look import figures
@@ -107,16 +107,17 @@ def _value(shown: Shown, baselines: bool) -> Iterator[Part]:
     yield table(["", "reward", "time to goal", "miscoordinations", "asks", "all arrive"], rows)
     yield text(
         "Total discounted reward a robot, steps to the goal, miscoordinations of an episode, asks "
-        "of a robot; ± is the spread over robots and episodes. Best asking team found: the best "
-        "result of a search among robots that learn each other's position only by asking. Joint "
-        "optimum: one controller sees all robots all the time, for free."
+        "of a robot; ± is the spread over robots and episodes, s.e. the standard error of a mean "
+        "of trials. Best asking team found: the best result of a search among robots that learn "
+        "each other's position only by asking. Joint optimum: one controller sees all robots all "
+        "the time, for free."
     )
 
 
 def _measures(name: str, found: Evaluation | ExactEvaluation) -> list[str]:
     """Return the row of a team."""
     spread = [(found.reward, 2), (found.time_to_goal, 2), (found.miscoordinations, 3)]
-    measures = [f"{one.mean:.{digits}f} ± {one.spread:.{digits}f}" for one, digits in spread]
+    measures = [with_spread(one, digits) for one, digits in spread]
     measures += [f"{found.asks.mean:.2f}", f"{found.all_arrived:.2%}"]
     return [f"{name}, {found.how}", *measures]
 

@@ -11,6 +11,7 @@ from sparse_coord_ros.errors import ResultsError, SettingError, did_you_mean
 from sparse_coord_ros.experiments.catalogue import NAMES, Experiment, experiment
 from sparse_coord_ros.experiments.report.drawings import figures_of
 from sparse_coord_ros.experiments.report.map_pictures import asked_maps
+from sparse_coord_ros.experiments.report.rows import by_scenario
 from sparse_coord_ros.experiments.store import ConditionResult, Plan, Say, read_results
 
 VARIANCE = "_variance"
@@ -23,9 +24,10 @@ def results_figure(
 
     Args:
         directory: where it is.
-        what: `conditions`, every one; `asks`, a map a scenario in which robots may ask; an
-            experiment that is complete, or one of its figures; None: the first of these.
-        say: hears what is left out.
+        what: `conditions`, every one; `asks`, a map a scenario in which robots may ask, of the
+            condition that `most_asking` returns; an experiment that is complete, or one of its
+            figures; None: the first of these.
+        say: hears what is left out, and of which condition a map is.
 
     Returns:
         What is drawn, and the figure.
@@ -40,6 +42,9 @@ def results_figure(
     if what not in known:
         why = f"these results have {', '.join(known)}{did_you_mean(what, known)}"
         raise SettingError(f"--what {what!r}: {why}")
+    if what == "asks":
+        for one in known[what]:
+            say(f"asks: {one.id}, where robots ask most at the hardest penalty there is")
     return what, figure_of(what, known[what])
 
 
@@ -67,10 +72,20 @@ def drawn(results: Sequence[ConditionResult]) -> Mapping[str, list[ConditionResu
         found[one.name] = [by_id[each.id] for each in one.conditions]
     if "figure4" in found:
         found[f"figure4{VARIANCE}"] = found["figure4"]
-    asking = {one.scenario.name: one for one in results if one.learner.asks}
+    asking = by_scenario(one for one in results if one.learner.asks)
     if asking:
-        found["asks"] = list(asking.values())
+        found["asks"] = [most_asking(own) for own in asking]
     return found
+
+
+def most_asking(results: Sequence[ConditionResult]) -> ConditionResult:
+    """Return, of one scenario's conditions, that of the hardest penalty in which robots ask most.
+
+    There is most to see. Of equal ones the first by its id.
+    """
+    hardest = min(one.scenario.penalty for one in results)
+    there = sorted((one for one in results if one.scenario.penalty == hardest), key=lambda e: e.id)
+    return max(there, key=lambda one: one.best("asks").mean)
 
 
 def figure_of(what: str, results: Sequence[ConditionResult]) -> Figure:

@@ -29,7 +29,8 @@ CAPTIONS = {
     "conditions": "Learners against the first setting in which the conditions differ, beside what "
     "they are to be compared with. Bars are standard errors of the mean over the learning runs.",
     "asks": "Where robots ask: the darker a cell, the more often COORDINATE is chosen there. Of "
-    "each scenario the last condition in which robots may ask. S: starts, G: goals.",
+    "each scenario that condition of the hardest penalty in which they ask most. S: starts, G: "
+    "goals.",
 }
 
 

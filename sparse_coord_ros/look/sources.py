@@ -99,7 +99,7 @@ class Shown:
         """
         scenario = self.config.scenario
         tables = (
-            [] if self.directory is None else load_team(self.directory, scenario, self.config.rule)
+            [] if self.directory is None else load_team(self.directory, scenario, self.config.known_rule)
         )
         for k, robot in enumerate(scenario.robots if self.directory is None else ()):
             entry = self.recording.tables_before(k)

@@ -317,7 +317,7 @@ def test_a_sweep_is_the_conditions_that_it_names(tmp_path):
     assert lines[0] == "<4 conditions; runs of each: 2, trials of a run: 3>"
     assert len(lines) == 6
     assert swept._repr_html_().count("<tr") == 5
-    assert [axes.get_xlabel() for axes in swept.plot().axes] == ["penalty"]
+    assert [axes.get_xlabel() for axes in swept.plot().axes] == ["penalty (log scale)"]
     assert swept.plot()._repr_png_().startswith(b"\x89PNG")
     assert len(swept.plot("penalty", ("reward", "asks")).axes) == 2
     with pytest.raises(sc.SparseCoordError, match="x is 'ask_cost', allowed here: penalty"):

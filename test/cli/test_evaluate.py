@@ -36,6 +36,15 @@ def test_table(sparse_coord, trained):
     assert "121.89" in out
 
 
+def test_means_of_trials_have_a_standard_error_and_exact_ones_have_none(sparse_coord, trained):
+    trained("env1", "--learner", "indiv")
+    found = json.loads(sparse_coord("evaluate", "a", "--trials", 50, "--json")[1])["reward"]
+    said = "{mean:.2f} ± {spread:.2f} (s.e. {standard_error:.2f})".format(**found)
+    assert found["standard_error"] > 0
+    assert said in sparse_coord("evaluate", "a", "--trials", 50)[1]
+    assert "s.e." not in sparse_coord("evaluate", "a", "--exact")[1]
+
+
 def test_json_holds_the_numbers_of_the_core(sparse_coord, trained, folder):
     trained("env1", "--learner", "noncoop", "--seed", "3")
     code, out, err = sparse_coord("evaluate", "a", "--trials", 40, "--seed", 9, "--json")

@@ -4,15 +4,26 @@
 
 import numpy as np
 import pytest
-from made_up_results import PLAN, result_of
+from made_up_results import PLAN, made_up, result_of
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.container import ErrorbarContainer
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from sparse_coord_ros.experiments.report.charts import ASKING, STYLES, rendered
+from sparse_coord_ros.experiments.catalogue import LEARNERS, experiment
+from sparse_coord_ros.experiments.report.charts import (
+    ASKING,
+    BASELINE,
+    LABELS,
+    LEAST_SPANS,
+    NESTED,
+    SHORTEST,
+    STYLES,
+    rendered,
+)
 from sparse_coord_ros.experiments.report.drawings import figures_of, swept_figure
+from sparse_coord_ros.experiments.report.map_pictures import asked_maps
 from sparse_coord_ros.experiments.store import SUMS
 
 AS_TEXT = ("-0.1", "-1", "-10", "-100", "-20", "0")
@@ -66,6 +77,111 @@ def test_numbers_of_one_size_stand_on_a_linear_axis():
     assert (panel.get_xscale(), panel.get_xlabel()) == ("linear", "ask_cost")
     left, right = panel.get_xlim()
     assert left < 0 < 10 < right
+
+
+def test_on_an_axis_of_numbers_every_point_stands_at_its_number():
+    """Lines that coincide are told apart by their width, and the figure says so."""
+    penalties = ("0", "-0.1", "-1", "-10")
+    results = [
+        with_reward("env1", 120.0, penalty=penalty, learner=learner)
+        for learner in LEARNERS
+        for penalty in penalties
+    ]
+    figure = swept_figure(results, "penalty", ["reward"])
+    [panel] = figure.axes
+    lines = [container.lines[0] for container in panel.containers]
+    assert len(lines) == len(LEARNERS)
+    for line in lines:
+        points = line.get_xydata()
+        shown = line.get_transform().transform(points)
+        assert np.allclose(shown, panel.transData.transform(points))
+    for size in ("get_linewidth", "get_markersize", "get_zorder"):
+        assert len({getattr(line, size)() for line in lines}) == len(lines)
+    above = sorted(lines, key=lambda line: line.get_zorder())
+    widths = [line.get_linewidth() for line in above]
+    assert widths == sorted(widths, reverse=True), "the thinner on top"
+    said = figure.legends[0].get_title().get_text()
+    assert "coincide" in said
+
+
+@pytest.mark.parametrize(
+    ("setting", "values", "scale"),
+    [
+        ("penalty", ("0", "-0.1", "-1", "-10"), "symlog"),
+        ("penalty", ("-10", "-20", "-100"), "symlog"),
+        ("penalty", ("0", "-0.1", "-1", "-10", "-20", "-100"), "symlog"),
+        ("ask_cost", ("0", "0.1", "0.2", "10"), "linear"),
+        ("steps", ("1000", "10000", "20000", "100000"), "symlog"),
+    ],
+)
+def test_names_on_an_axis_do_not_overlap_and_its_kind_depends_on_the_quantity(
+    setting, values, scale
+):
+    results = [with_reward("env1", 120.0, **{"penalty": "-20", setting: v}) for v in values]
+    figure = swept_figure(results, setting, ["reward", "asks", "miscoordinations"])
+    renderer = FigureCanvasAgg(figure).get_renderer()
+    figure.draw(renderer)
+    for panel in figure.axes:
+        assert panel.get_xscale() == scale
+        labels = [one for one in panel.get_xticklabels() if one.get_text()]
+        assert len(labels) > 1
+        boxes = sorted((one.get_window_extent(renderer) for one in labels), key=lambda b: b.x0)
+        assert all(a.x1 < b.x0 for a, b in zip(boxes, boxes[1:], strict=False))
+
+
+@pytest.mark.parametrize("measure", list(LABELS))
+def test_no_axis_scales_to_rounding_noise(measure):
+    results = []
+    for number, penalty in enumerate(("-1", "-2")):
+        means = {each: [2.0 + 1e-10 * number] * PLAN.runs for each in SUMS}
+        shortest = dict.fromkeys(("reward", "time_to_goal", "miscoordinations"), 2.0)
+        fixed = {"means": means, "optimum": 2.0, "reference": shortest}
+        results.append(result_of("env1", "noncoop", {"penalty": penalty}, **fixed))
+    [panel] = swept_figure(results, "penalty", [measure]).axes
+    low, high = panel.get_ylim()
+    assert high - low >= LEAST_SPANS[LABELS[measure]] * (1 - 1e-9)
+    [points] = drawn(panel).values()
+    assert np.all((low <= points[:, 1]) & (points[:, 1] <= high))
+
+
+def test_a_quantity_has_one_kind_of_axis_in_every_figure():
+    conditions = experiment("crowd").conditions
+    [crowd] = figures_of("crowd", [made_up(one) for one in conditions]).values()
+    kinds = {axes.get_ylabel(): axes.get_yscale() for axes in crowd.axes}
+    assert kinds["loss against\nrobots alone\n(log scale)"] == "symlog"
+    results = [with_reward("env1", 110.0, penalty=penalty) for penalty in ("0", "-100")]
+    [loss, reward] = swept_figure(results, "penalty", ["loss", "reward"]).axes
+    assert (loss.get_yscale(), reward.get_yscale()) == ("symlog", "linear")
+
+
+def test_a_single_run_has_no_error_and_is_drawn_all_the_same():
+    means = {measure: [7.0] for measure in SUMS}
+    one = {"means": means, "not_arrived": [0], "visited": [1.0]}
+    result = result_of("env1", "coop", {"penalty": "-20"}, **one)
+    [panel] = swept_figure([result], "penalty", ["asks"]).axes
+    low, high = panel.get_ylim()
+    assert low < 7.0 < high
+
+
+def test_the_cost_of_asking_is_drawn_beside_both_baselines():
+    conditions = experiment("ask_cost").conditions
+    [figure] = figures_of("ask_cost", [made_up(one) for one in conditions]).values()
+    assert len(figure.axes) == 6
+    for panel in figure.axes[:3]:
+        widths = {line.get_color(): line.get_linewidth() for line in panel.lines}
+        for name in (BASELINE, SHORTEST):
+            style = STYLES[name] | NESTED.get(name, {})
+            assert widths[style["color"]] == style["linewidth"]
+    assert BASELINE in [text.get_text() for text in figure.legends[0].get_texts()]
+
+
+def test_a_map_of_asks_says_its_learner_and_settings():
+    settings = {"penalty": -100, "ask_cost": 2, "steps": 5000, "epsilon": "constant:0.2"}
+    result = result_of("env1", "factored", settings)
+    said = [text.get_text() for text in asked_maps([result]).axes[0].texts]
+    [title] = [text for text in said if "asks a robot" in text]
+    assert title.startswith("env1, Factored\n")
+    assert all(f"{name} {value}" in " ".join(title.split()) for name, value in settings.items())
 
 
 def test_names_are_points_that_no_line_joins():
@@ -140,10 +256,10 @@ def test_figure4_says_what_its_bars_are_and_how_many_runs_it_shows():
     ]
     figures = figures_of("figure4", results)
     said = figures["figure4"].legends[0].get_title().get_text()
-    assert said == f"Bars: one standard error of the mean over {PLAN.runs} learning runs"
+    assert said.startswith(f"Bars: one standard error of the mean over {PLAN.runs} learning runs.")
     assert len({axes.get_ylim() for axes in figures["figure4"].axes}) == 1
     said = figures["figure4_variance"].legends[0].get_title().get_text()
-    assert said == f"Each point: {PLAN.runs} learning runs"
+    assert said.startswith(f"Each point: {PLAN.runs} learning runs.")
 
 
 def test_bars_of_the_papers_tables_are_spreads():

@@ -235,6 +235,21 @@ def test_what_has_not_the_form_is_not_shown(folder, originals, capsys, change, w
     is_computed_again(folder, originals["as they are"])
 
 
+REFERENCES = {
+    "optimum": lambda d: changed(d, R, "optimum", to=130.0),
+    "optimum_exact": lambda d: changed(d, R, "optimum_exact", to=False),
+    "reward of shortest paths": lambda d: changed(d, R, "reference", "reward", to=90.0),
+}
+
+
+@pytest.mark.parametrize("what", REFERENCES)
+def test_references_are_computed_again_and_compared(folder, originals, capsys, what):
+    """A forger who computes the digest again cannot change what the scenario itself says."""
+    signed(file_of(folder), REFERENCES[what])
+    assert f"its {what} is " in is_refused(folder, capsys, f"{COOP}.json")
+    is_computed_again(folder, originals["as they are"])
+
+
 @pytest.mark.parametrize("change", AS_TEXT.values(), ids=AS_TEXT)
 def test_damaged_text_is_not_shown(folder, originals, capsys, change):
     path = file_of(folder)

@@ -4,6 +4,7 @@
 
 import numpy as np
 import pytest
+from teams import plain_run
 
 from sparse_coord_ros.engine import checkpoint
 from sparse_coord_ros.errors import RunError, TablesError
@@ -11,7 +12,6 @@ from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learners.cq import COUNT, SQUARES
 from sparse_coord_ros.learners.memory import check_memory
 from sparse_coord_ros.learners.registry import learner_of
-from teams import plain_run
 
 LEARNERS = ("coop", "indiv", "noncoop", "factored", "cq")
 OFTEN = {"steps": 400, "q_star_init": 100, "ask_cost": 0, "penalty": -20}

@@ -9,12 +9,15 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from made_up_results import PLAN, made_up
 from matplotlib.patches import Circle
 from matplotlib.quiver import Quiver
 
 from sparse_coord_ros.cli.main import main
 from sparse_coord_ros.driving.trials import Moment
 from sparse_coord_ros.errors import SettingError
+from sparse_coord_ros.experiments.conditions import make_condition
+from sparse_coord_ros.experiments.store import SUMS, open_results
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.look import figures
@@ -142,6 +145,41 @@ def test_the_pictures_of_results(results, tmp_path):
     out = tmp_path / "r.png"
     assert main(["plot", str(results), "--what", "asks", "--dpi", "30", "--out", str(out)]) == 0
     assert out.read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_map_of_asks_is_of_the_hardest_penalty_and_says_so(tmp_path, capsys):
+    """Not of the last file by its name: that is penalty 0, where Factored asks nothing."""
+    asked = {
+        ("coop", 0): 0.9,
+        ("coop", -10): 0.7,
+        ("coop", -100): 0.2,
+        ("factored", -100): 0.8,
+        ("factored", -10): 0.6,
+        ("factored", 0): 0.0,
+    }
+    with open_results(tmp_path / "r", PLAN) as opened:
+        for (learner, penalty), asks in asked.items():
+            one = make_condition("env1", learner, {"penalty": penalty})
+            means = {name: [asks] * PLAN.runs for name in SUMS}
+            opened.save(one, made_up(one, means=means))
+    out = tmp_path / "r.svg"
+    command = ["plot", str(tmp_path / "r"), "--what", "asks", "--out", str(out)]
+    assert main(command) == 0
+    assert "asks: env1/factored/penalty=-100, where robots ask most" in capsys.readouterr().err
+    [axes, _] = results_figure(tmp_path / "r", "asks")[1].axes
+    assert "env1, Factored\npenalty -100\n0.800 asks a robot" in [t.get_text() for t in axes.texts]
+
+
+def test_the_scale_of_a_factored_q_coord_says_that_it_counts_rows(tmp_path):
+    options = ["--learner", "factored", "--steps", "500", "--trials", "0"]
+    assert main(["train", "env1", *options, "--out", str(tmp_path / "run")]) == 0
+    shown = open_shown(tmp_path / "run")
+    [own, *_] = [tables.memory["rho_values"] for tables in shown.tables]
+    assert own.shape[1] == 4 and len(own) > 0
+    figure = figures.runs_figure([shown], ["sparsity"])
+    scales = [scale for axes in all_axes(figure) for scale in axes.child_axes]
+    labels = [scale.get_ylabel() for scale in scales]
+    assert "rows of corrections learned (four moves each)" in labels
 
 
 @pytest.mark.parametrize(("ending", "begins"), [("svg", b"<?xml"), ("PDF", b"%PDF")])

@@ -21,10 +21,7 @@ SURE = 5.0
 """A number of the paper lies above a bound from as many of its standard errors on."""
 
 SAME = 0.01
-"""Difference of rewards that counts as none."""
-
-RARE = 0.05
-"""COORDINATE per robot and episode below which a learner is said not to ask."""
+"""Difference of rewards that counts as none: far above rounding noise, below what is printed."""
 
 NEAR = 2
 """Moves from a doorway that still count as near it."""
@@ -113,9 +110,20 @@ def difference(
     return paired(result.run_means(measure) - other.run_means(measure))
 
 
+def surely_better(result: ConditionResult, baseline: ConditionResult) -> bool:
+    """Whether the reward surely exceeds shortest paths' and a learned baseline's, run by run."""
+    above_paths = surely_above(result.best("reward"), result.reference["reward"])
+    return above_paths and surely_above(difference(result, baseline))
+
+
 def surely_above(measure: Measure, exact: float = 0.0) -> bool:
     """Whether a mean lies more than `AGREE` standard errors above a value."""
     return errors_from(measure, exact) > AGREE
+
+
+def surely_below(measure: Measure, exact: float = 0.0) -> bool:
+    """Whether a mean lies more than `AGREE` standard errors below a value."""
+    return errors_from(measure, exact) < -AGREE
 
 
 def gap_closed(coop: np.ndarray, baseline: np.ndarray | float, optimum: float) -> Measure | None:

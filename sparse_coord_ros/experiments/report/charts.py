@@ -36,8 +36,23 @@ LABELS = {
     "loss": "loss against\nrobots alone",
     "variance": "variance of the reward",
 }
+LOGARITHMIC = {"penalty", "steps", BYTES, LABELS["loss"], LABELS["variance"]}
+"""What stands on a logarithmic axis in every figure; all else stands on a linear one."""
+
+LEAST_SPANS = {
+    LABELS["reward"]: 0.5,
+    LABELS["time_to_goal"]: 0.5,
+    LABELS["miscoordinations"]: 0.2,
+    LABELS["asks"]: 0.2,
+    LABELS["loss"]: 0.5,
+    LABELS["variance"]: 1.0,
+    GAIN: 0.5,
+}
+"""How much each vertical axis spans at least, so that rounding noise looks like none."""
+
 OPTIMUM, BOUND, SHORTEST = "exact joint optimum", "bound of the optimum", "shortest paths, exact"
 ASKING = "best asking team found"
+BASELINE = "Non-coop., at any cost"
 INDIV, NONCOOP, COOP, FACTORED = (learner_of(name).title for name in LEARNERS)
 ONE, ALL = (f"{COOP}, {what}" for what in ("one peer", "all peers"))
 LEARNER_STYLES: Mapping[str, Mapping[str, Any]] = {
@@ -61,9 +76,29 @@ STYLES: Mapping[str, Mapping[str, Any]] = {
     OPTIMUM: {"color": "black", "linestyle": (0, (6, 2)), "linewidth": 1.2, "zorder": 1.5},
     BOUND: {"color": "black", "linestyle": (0, (1, 1.5)), "linewidth": 1.2, "zorder": 1.5},
     ASKING: {"color": "#E69F00", "linestyle": "-", "linewidth": 1.2, "zorder": 1.5},
+    BASELINE: {"color": "#A6CEE3", "linestyle": "-", "linewidth": 3.5, "zorder": 1.2},
     SHORTEST: {"color": "0.8", "linestyle": "-", "linewidth": 4, "zorder": 1},
 }
 """How each line is drawn, in the order of the legend; told apart in greyscale too."""
+
+NESTED: Mapping[str, Mapping[str, Any]] = {
+    SHORTEST: {"linewidth": 7.0},
+    INDIV: {"linewidth": 3.6, "markersize": 9.0, "zorder": 2.1},
+    NONCOOP: {"linewidth": 2.7, "markersize": 7.5, "zorder": 2.2},
+    COOP: {"linewidth": 1.9, "markersize": 5.5, "zorder": 2.3},
+    ONE: {"linewidth": 1.9, "markersize": 5.5, "zorder": 2.3},
+    ALL: {"linewidth": 1.3, "markersize": 4.5, "zorder": 2.4},
+    FACTORED: {"linewidth": 1.0, "markersize": 4.0, "zorder": 2.5},
+}
+"""Sizes of joined lines: where lines are equal, each later one lies within the one before.
+
+On an axis of numbers no line is moved aside, as its points would then stand at wrong numbers.
+"""
+
+THINNEST: Mapping[str, Any] = {"linewidth": 1.0, "markersize": 3.5, "zorder": 2.6}
+"""Sizes of all others."""
+
+NESTED_TEXT = "Lines that coincide lie on one another, the thinner on top"
 
 OTHER: Mapping[str, Any] = {"color": "#56B4E9", "marker": "v", "linestyle": (0, (3, 1, 1, 1))}
 """How other learners are drawn."""
@@ -87,17 +122,20 @@ Where = Callable[[ConditionResult], Mapping[str, Any]]
 MOST_TICKS = 7
 """Numbers that an axis names one by one."""
 
-NEXT_NAME = 4.0
-"""Ratio of neighbouring numbers that are both named on a logarithmic axis."""
+PLAINLY = 1e5
+"""Larger numbers on a logarithmic axis are named by their power of ten."""
+
+LETTER = 0.03
+"""Width of a letter beside an axis, as a share of its length, in the narrowest panel."""
 
 NARROWEST = 6.0
 """Inches of the narrowest figure: room for the legend and the labels of the axes."""
 
-STEEP = 100.0
-"""An axis is logarithmic if its largest value is more than this many times its smallest."""
+MARGIN = 0.08
+"""Room above and below the points, as a share of the vertical axis: no mark is cut off."""
 
 DODGE = 3.0
-"""Points (1/72 inch) between the marks of learners at one place, so that all are seen."""
+"""Points (1/72 inch) between the marks of learners at one name, so that all are seen."""
 
 BARS = {
     "standard_error": "one standard error of the mean over {runs} learning runs",
@@ -126,7 +164,7 @@ def point(
         label: what the axis shows; one of `LABELS` or a text.
         bars: which of the measure's fields is drawn as bars.
         where: `panel`, `line` and `x`. Optional: `tick`, the name of a place that is no number;
-            `shift`, how many marks it stands beside its place; `xlabel`; `runs`, the learning
+            `shift`, how many marks it stands beside such a place; `xlabel`; `runs`, the learning
             runs behind it; `reference`, whether it is what others are compared with.
     """
     error = getattr(measure, bars)
@@ -215,14 +253,13 @@ def plot(
     height: float = 2.5,
     *,
     bars: str = "standard_error",
-    steep: bool = False,
 ) -> Figure:
     """Draw points: a panel for each title and measure.
 
-    Numbers stand on an axis with their true distances, joined by lines; names stand side by side,
-    each learner a point. The panels of one measure share their vertical axis, so that a small
-    difference looks small; those of the reward share its length only, as its level depends on the
-    scenario.
+    Numbers stand on an axis at their true places, joined by lines; names stand side by side, each
+    learner a point beside its name. The panels of one measure share their vertical axis, so that
+    a small difference looks small; those of the reward share its length only, as its level
+    depends on the scenario.
 
     Args:
         shown: the points, as of `point`.
@@ -230,13 +267,12 @@ def plot(
         width: of a panel, in inches.
         height: of a panel, in inches.
         bars: what the bars are, one of `BARS`.
-        steep: whether the vertical axis is logarithmic above 1.
     """
     data = pd.DataFrame(shown)
     panels = list(data.groupby(["ylabel", "panel"], sort=False, dropna=False))
     rows = math.ceil(len(panels) / columns)
     size = max(NARROWEST, columns * width)
-    figure = Drawing(figsize=(size, rows * height + 0.9), layout="constrained")
+    figure = Drawing(figsize=(size, rows * height + 1.1), layout="constrained")
     grid = figure.subplots(rows, columns, squeeze=False).flatten().tolist()
     handles: dict[str, Any] = {}
     drawn: dict[Any, list[Axes]] = {}
@@ -244,7 +280,7 @@ def plot(
         handles |= _panel(axes, own)
         axes.set_title(title, fontsize=11)
         if number % columns == 0 or panels[number - 1][0][0] != ylabel:
-            axes.set_ylabel(f"{ylabel}\n(log scale)" if steep else ylabel)
+            axes.set_ylabel(f"{ylabel}\n(log scale)" if ylabel in LOGARITHMIC else ylabel)
         xlabel = own["xlabel"].iloc[0]
         below = panels[number + columns :][:1]
         if not below or below[0][1]["xlabel"].iloc[0] != xlabel:
@@ -253,9 +289,9 @@ def plot(
     for axes in grid[len(panels) :]:
         axes.remove()
     for ylabel, own_axes in drawn.items():
-        if steep:
+        if ylabel in LOGARITHMIC:
             _steepen(own_axes)
-        _share(own_axes, level=ylabel != LABELS["reward"])
+        _share(own_axes, LEAST_SPANS.get(ylabel, 0.0), level=ylabel != LABELS["reward"])
     named = sorted(handles, key=[*STYLES, *handles].index)
     figure.legend(
         [handles[name] for name in named],
@@ -269,25 +305,32 @@ def plot(
 
 
 def _bars_text(data: pd.DataFrame, bars: str) -> str | None:
-    """Return how many runs a figure shows, and what its bars are."""
+    """Return how many runs a figure shows, what its bars are, and how equal lines are drawn."""
     runs = data["runs"].dropna()
     if runs.empty:
         return None
-    if not data["high"].any():
-        return f"Each point: {int(runs.iloc[0])} learning runs"
-    return "Bars: " + BARS[bars].format(runs=int(runs.iloc[0]))
+    said = f"Each point: {int(runs.iloc[0])} learning runs"
+    if data["high"].any():
+        said = "Bars: " + BARS[bars].format(runs=int(runs.iloc[0]))
+    return f"{said}.\n{NESTED_TEXT}." if data["tick"].isna().any() else f"{said}."
 
 
-def _share(panels: Sequence[Axes], *, level: bool) -> None:
-    """Give panels vertical axes of the same length; `level`: and of the same level."""
-    lows, highs = zip(*(axes.get_ylim() for axes in panels), strict=True)
-    length = max(high - low for low, high in zip(lows, highs, strict=True))
-    for axes, low, high in zip(panels, lows, highs, strict=True):
-        if level:
-            axes.set_ylim(min(lows), max(highs))
-        else:
+def _share(panels: Sequence[Axes], least: float, *, level: bool) -> None:
+    """Give panels vertical axes of the same length, at least `least`; `level`: of one level."""
+    limits = [axes.get_ylim() for axes in panels]
+    if not level:
+        length = max(least, *(high - low for low, high in limits))
+        for axes, (low, high) in zip(panels, limits, strict=True):
             middle = (low + high) / 2
             axes.set_ylim(middle - length / 2, middle + length / 2)
+        return
+    bottom = min(low for low, _ in limits)
+    top = max(high for _, high in limits)
+    if top - bottom < least:
+        bottom = max(bottom, min(axes.dataLim.y0 for axes in panels) - 0.05 * least)
+        top = bottom + least
+    for axes in panels:
+        axes.set_ylim(bottom, top)
 
 
 def _steepen(panels: Sequence[Axes]) -> None:
@@ -298,7 +341,8 @@ def _steepen(panels: Sequence[Axes]) -> None:
             axes.set_yscale("symlog", linthresh=1.0)
         else:
             axes.set_yscale("log")
-        axes.yaxis.set_major_formatter(ScalarFormatter())
+        if axes.dataLim.y1 < PLAINLY:
+            axes.yaxis.set_major_formatter(ScalarFormatter())
         axes.autoscale_view(scalex=False)
         if linear and axes.dataLim.y0 >= 0.0:
             axes.set_ylim(bottom=-0.2)
@@ -312,6 +356,8 @@ def _panel(axes: Axes, data: pd.DataFrame) -> dict[str, Any]:
     joined = names.empty
     for line, own in data.drop_duplicates(["line", "x"]).groupby("line", sort=False):
         style = {"linewidth": 1.3, "markersize": 4.5, "capsize": 2, **STYLES.get(str(line), OTHER)}
+        if joined:
+            style |= NESTED.get(str(line), {} if own["reference"].any() else THINNEST)
         if own["reference"].any():
             alone = data["x"].nunique() == 1
             handles[str(line)] = _reference(axes, own, style, joined=joined, alone=alone)
@@ -319,23 +365,21 @@ def _panel(axes: Axes, data: pd.DataFrame) -> dict[str, Any]:
         if not joined:
             style["linestyle"] = "none"
         bars = [own["low"], own["high"]] if own["high"].any() else None
-        beside = ScaledTranslation(
-            own["shift"].iloc[0] * DODGE / 72, 0, axes.figure.dpi_scale_trans
-        )
+        shift = 0.0 if joined else own["shift"].iloc[0]
+        beside = ScaledTranslation(shift * DODGE / 72, 0, axes.figure.dpi_scale_trans)
         moved = axes.transData + beside
-        for end in (own["y"] - own["low"], own["y"] + own["high"]):
+        low, high = own["low"].fillna(0.0), own["high"].fillna(0.0)  # a single run has no error
+        for end in (own["y"] - low, own["y"] + high):
             axes.update_datalim(np.column_stack([own["x"], end]))  # `moved` hides the data
         handles[str(line)] = axes.errorbar(own["x"], own["y"], bars, transform=moved, **style)
+    axes.margins(y=MARGIN)
     axes.autoscale_view()
     if joined:
-        _number_axis(axes, data["x"].unique().tolist())
+        _number_axis(axes, data["xlabel"].iloc[0], data["x"].unique().tolist())
     else:
         axes.set_xticks(names["x"], names["tick"])
         axes.set_xlim(names["x"].min() - 0.5, names["x"].max() + 0.5)
-    if data["ylabel"].iloc[0] == BYTES:
-        axes.set_yscale("log")
-    else:
-        axes.ticklabel_format(axis="y", useOffset=False)
+    axes.ticklabel_format(axis="y", useOffset=False)
     axes.grid(alpha=0.3)
     return handles
 
@@ -370,31 +414,40 @@ def _reference(
     )
 
 
-def _number_axis(axes: Axes, values: Sequence[float]) -> None:
-    """Scale the horizontal axis of numbers: logarithmic where they differ by orders of magnitude.
+def _number_axis(axes: Axes, label: str, values: Sequence[float]) -> None:
+    """Scale the horizontal axis of numbers, and name those whose names do not overlap.
 
     Penalties grow to the right.
     """
     sizes = [abs(value) for value in values if value]
-    if sizes and max(sizes) > STEEP * min(sizes):
+    if label in LOGARITHMIC and sizes:
         axes.set_xscale("symlog", linthresh=min(sizes))
-        named = _far_apart(values)
-        axes.set_xticks(named, [f"{value:g}" for value in named])
+    if axes.get_xscale() != "linear" or len(values) <= MOST_TICKS:
+        places = axes.xaxis.get_transform().transform(np.array(values)).tolist()
+        shown = _far_apart(values, places)
+        axes.set_xticks(shown, [f"{value:g}" for value in shown])
         axes.xaxis.set_minor_locator(FixedLocator(values))
-        axes.autoscale_view(scaley=False)
-    elif len(values) <= MOST_TICKS:
-        axes.set_xticks(values, [f"{value:g}" for value in values])
+    axes.autoscale_view(scaley=False)
     if min(values) < 0 and max(values) <= 0:
         axes.invert_xaxis()
 
 
-def _far_apart(values: Sequence[float]) -> list[float]:
-    """Return the numbers whose names do not overlap on a logarithmic axis, the largest first."""
-    found: list[float] = []
-    for value in sorted(values, key=abs, reverse=True):
-        if not found or abs(found[-1]) >= NEXT_NAME * abs(value):
-            found.append(value)
-    return found
+def _far_apart(values: Sequence[float], places: Sequence[float]) -> list[float]:
+    """Return the numbers whose names do not overlap on an axis, the largest first.
+
+    Args:
+        values: the numbers.
+        places: where each stands on the axis, in any unit of length.
+    """
+    length = max(places) - min(places)
+    found: list[tuple[float, float]] = []
+    for value, place in sorted(zip(values, places, strict=True), key=lambda one: -abs(one[0])):
+        if all(
+            abs(place - other) >= length * LETTER * (1 + (len(f"{value:g}{named:g}")) / 2)
+            for named, other in found
+        ):
+            found.append((value, place))
+    return [value for value, _ in found]
 
 
 def rendered(figure: Figure, kind: str, dpi: float = 110, *, few: bool = False) -> bytes:

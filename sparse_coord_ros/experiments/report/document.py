@@ -20,6 +20,7 @@ from sparse_coord_ros.experiments.report.rows import to_csv
 from sparse_coord_ros.experiments.report.sections import SECTIONS, JudgedClaim, reward_claims
 from sparse_coord_ros.experiments.report.text import Row
 from sparse_coord_ros.experiments.store import ConditionResult, Plan, write_result
+from sparse_coord_ros.solve.verdict import RARE
 from sparse_coord_ros.version import __version__
 
 REWARDS = ("table1", "table3")
@@ -93,13 +94,14 @@ def findings(
     rewards = [name for name in REWARDS if name in results]
     shown = [one for name in rewards for one in results[name]]
     source = f"Table{'s' * (len(rewards) - 1)} {' and '.join(name[-1] for name in rewards)}"
-    claims = reward_claims(source, shown) if shown else []
+    elsewhere = {name: own for name, own in results.items() if name not in (*REWARDS, "table2")}
+    claims = reward_claims(source, shown, elsewhere) if shown else []
     parts = []
     for one in chosen:
         own = results[one.name]
         section = SECTIONS[one.name](own)
         claims += section.claims
-        values = {"game": _game(own[0]), "NEAR": analysis.NEAR, "RARE": analysis.RARE}
+        values = {"game": _game(own[0]), "NEAR": analysis.NEAR, "RARE": RARE}
         parts.append(Part(one.name, one.title, own, section.rows, {**values, **section.values}))
     missed = misses(shown)
     judged = list(_judged(claims, judged=plan.runs > 1))
@@ -186,5 +188,5 @@ def _judged(claims: Iterable[JudgedClaim], *, judged: bool) -> Iterator[Row]:
             "claim": one.text,
             "from": one.source,
             "measured here": one.measured,
-            "agrees": verdict if judged else None,
+            "agrees": verdict if judged and one.cases else None,
         }

@@ -15,6 +15,7 @@ from sparse_coord_ros.experiments.report.analysis import difference
 from sparse_coord_ros.experiments.report.charts import (
     ALL,
     ASKING,
+    BASELINE,
     BYTES,
     FACTORED,
     GAIN,
@@ -74,16 +75,13 @@ def _swept(x: str = "", *measures: str) -> Draw:
     return lambda name, results: {name: swept_figure(results, x, measures or MEASURES)}
 
 
-def swept_figure(
-    results: Results, x: str = "", measures: Sequence[str] = MEASURES, *, steep: bool = False
-) -> Figure:
+def swept_figure(results: Results, x: str = "", measures: Sequence[str] = MEASURES) -> Figure:
     """Draw any conditions against a setting in which they differ; as `ExperimentResults.plot`.
 
     Args:
         results: the conditions.
         x: the setting; empty: the first in which they differ.
         measures: of `LABELS`.
-        steep: see `plot`.
     """
     results = [one for own in by_scenario(results) for one in own]
     plain = {one.id: one.scenario.plain_settings for one in results}
@@ -105,7 +103,7 @@ def swept_figure(
     shown = [p for measure in measures for p in points(results, measure, where)]
     panels = len({p["panel"] for p in shown})
     columns = min(MOST_PANELS, panels if panels > 1 else len(measures))
-    return plot(shown, columns, steep=steep)
+    return plot(shown, columns)
 
 
 def _is_number(value: object) -> bool:
@@ -129,6 +127,23 @@ def shift_of(result: ConditionResult) -> float:
     """Return by how many marks a learner's points stand aside, so that equal ones are all seen."""
     learner = result.condition.learner
     return LEARNERS.index(learner) - 1.5 if learner in LEARNERS else 0.0
+
+
+def _ask_cost(name: str, results: Results) -> dict[str, Figure]:
+    """Draw Coop. against the cost, beside Non-coop., which never pays it."""
+
+    def where(result: ConditionResult) -> dict[str, Any]:
+        return {"x": result.scenario.ask_cost, "xlabel": "ask_cost"}
+
+    coop = pick(results, learner="coop")
+    shown = points(coop, "reward", where)
+    for base in pick(results, learner="noncoop"):
+        name_of_panel = base.scenario.name
+        for one in pick(coop, name=name_of_panel):
+            place = {**where(one), "panel": name_of_panel, "line": BASELINE, "reference": True}
+            shown.append(point(Measure(base.best("reward").mean, 0, 0), "reward", **place))
+    shown += points(coop, "asks", where)
+    return {name: plot(shown, len(names(results)))}
 
 
 def _perception(name: str, results: Results) -> dict[str, Figure]:
@@ -208,8 +223,8 @@ def _crowd(name: str, results: Results) -> dict[str, Figure]:
 def _figure4(name: str, results: Results) -> dict[str, Figure]:
     """Draw losses, not rewards: those of different scenarios can share an axis."""
     return {
-        name: swept_figure(results, "penalty", ["loss"], steep=True),
-        f"{name}_variance": swept_figure(results, "penalty", ["variance"], steep=True),
+        name: swept_figure(results, "penalty", ["loss"]),
+        f"{name}_variance": swept_figure(results, "penalty", ["variance"]),
     }
 
 
@@ -240,7 +255,7 @@ DRAWN: Mapping[str, Draw] = {
     "table3": _comparison("spread", "reward"),
     "figure4": _figure4,
     "penalty100": _comparison("standard_error", "reward"),
-    "ask_cost": _swept("ask_cost", "reward", "asks"),
+    "ask_cost": _ask_cost,
     "perception": _perception,
     "uneven": _swept("common_reward"),
     "crowd": _crowd,

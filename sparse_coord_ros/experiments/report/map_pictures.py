@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Maps: walls, doorways, starts and goals; cells coloured by a value, or a team's moves."""
 
+import textwrap
 from collections.abc import Sequence
 
 import numpy as np
@@ -27,6 +28,12 @@ SCALE = 0.8
 
 LEAST = 8
 """Cells that a map's title needs."""
+
+TITLE_LETTERS = 27
+"""Letters in a line of a map's title."""
+
+TITLE_LINE = 0.6
+"""Cells that such a line takes."""
 
 
 def draw_map(
@@ -78,8 +85,11 @@ def draw_map(
 
 
 def asked_maps(results: Sequence[ConditionResult]) -> Figure:
-    """Draw where COORDINATE is chosen: a map a condition, all with one scale of colours."""
-    totals = {one.scenario.name: np.array(one.asked).sum(axis=0) for one in results}
+    """Draw where COORDINATE is chosen: a map a condition, all with one scale of colours.
+
+    Each map says its learner and settings.
+    """
+    totals = {one.id: np.array(one.asked).sum(axis=0) for one in results}
     norm = PowerNorm(0.5, vmin=0, vmax=max(float(total.max()) for total in totals.values()) or 1)
     figure = Figure()
     axes = figure.add_axes((0, 0, 1, 1))
@@ -89,12 +99,13 @@ def asked_maps(results: Sequence[ConditionResult]) -> Figure:
         wide = max(LEAST, columns)
         if left + wide > WIDTH:
             left, top, deep = 0.0, top + deep, 0.0
-        corner = (left + (wide - columns) / 2, top + 2)
-        shades = np.asarray(norm(totals[one.scenario.name]))
+        title = _title(one)
+        above = TITLE_LINE * len(title)
+        corner = (left + (wide - columns) / 2, top + above + 0.2)
+        shades = np.asarray(norm(totals[one.id]))
         draw_map(axes, one.scenario, shades, corner=corner, label_size=6.5)
-        title = f"{one.scenario.name}\n{one.best('asks').mean:.3f} asks a robot"
-        axes.text(corner[0] + columns / 2, top + 1.8, title, ha="center", fontsize=9)
-        left, deep = left + wide + 1, max(deep, rows + 2.4)
+        axes.text(corner[0] + columns / 2, top + above, "\n".join(title), ha="center", fontsize=9)
+        left, deep = left + wide + 1, max(deep, rows + above + 0.6)
     axes.set(xlim=(-0.2, WIDTH + 0.2), ylim=(top + deep, 0))
     axes.axis("off")
     height = (top + deep) * CELL + SCALE
@@ -107,3 +118,13 @@ def asked_maps(results: Sequence[ConditionResult]) -> Figure:
         label="COORDINATE chosen in the cell, per episode, all robots together",
     )
     return figure
+
+
+def _title(result: ConditionResult) -> list[str]:
+    """Return the lines above a map: scenario, learner, settings, and how often a robot asks."""
+    settings = ", ".join(f"{name} {value}" for name, value in result.condition.settings)
+    return [
+        f"{result.scenario.name}, {result.learner.title}",
+        *textwrap.wrap(settings, TITLE_LETTERS),
+        f"{result.best('asks').mean:.3f} asks a robot",
+    ]

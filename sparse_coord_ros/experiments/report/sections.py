@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from functools import cache, partial
 from itertools import groupby, takewhile
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,14 @@ import yaml
 from sparse_coord_ros.experiments.benchmark import ARRIVE, standings
 from sparse_coord_ros.experiments.catalogue import CLOSED, FALLS, LEARNERS, LONG, REACHED
 from sparse_coord_ros.experiments.report import analysis
-from sparse_coord_ros.experiments.report.analysis import difference, paired, surely_above
+from sparse_coord_ros.experiments.report.analysis import (
+    SAME,
+    difference,
+    paired,
+    surely_above,
+    surely_below,
+    surely_better,
+)
 from sparse_coord_ros.experiments.report.charts import ASKING
 from sparse_coord_ros.experiments.report.drawings import crowd_gains, crowd_line
 from sparse_coord_ros.experiments.report.rows import best_asking_team, by_scenario, paper, pick
@@ -28,6 +36,7 @@ from sparse_coord_ros.experiments.report.text import (
     bound_of,
     factors,
     fixed,
+    listed,
     named,
     of,
     optimum_of,
@@ -43,11 +52,9 @@ from sparse_coord_ros.experiments.store import ConditionResult
 from sparse_coord_ros.learn.evaluation import Measure
 from sparse_coord_ros.learners.factored import Factored
 from sparse_coord_ros.learners.registry import learner_of
+from sparse_coord_ros.solve.verdict import RARE
 
 Results = Sequence[ConditionResult]
-
-MARGIN = 0.5
-"""By how much Coop. may stay below the better baseline and still count as at least as good."""
 
 
 @dataclass(frozen=True)
@@ -164,31 +171,56 @@ def _rewards(table: str, results: Results) -> Section:
         "silent": {
             one.scenario.name: f"({max(0.0, one.optimum - one.reference['reward']):.2f})"
             for one in coop
-            if one.best("asks").mean < analysis.RARE
+            if one.best("asks").mean < RARE
         },
     }
     return Section(rows, [claim], values)
 
 
-def reward_claims(source: str, results: Results) -> list[JudgedClaim]:
-    """Return how Coop. fares against the baselines, Indiv. against exact values; who arrives."""
-    below = []
+def reward_claims(
+    source: str, results: Results, elsewhere: Mapping[str, Results] = MappingProxyType({})
+) -> list[JudgedClaim]:
+    """Return how Coop. fares against the baselines, Indiv. against exact values; who arrives.
+
+    Args:
+        source: the paper's tables that the results are of.
+        results: theirs.
+        elsewhere: the results of the other experiments, by their names.
+    """
+    more, less = {}, {}
     for own in by_scenario(results):
         base = max((e for e in own if not e.learner.asks), key=lambda e: e.best("reward").mean)
         lead = difference(pick(own, learner="coop")[0], base)
-        if lead.mean < -MARGIN:
-            below.append(f"{base.scenario.name} {signed(lead)}")
+        if surely_above(lead):
+            more[base.scenario.name] = signed(lead)
+        elif surely_below(lead):
+            less[base.scenario.name] = signed(lead)
     indiv, coop = pick(results, learner="indiv"), pick(results, learner="coop")
     exact = sum(map(analysis.is_shortest, indiv))
     arrived = sum(e.arrived * e.runs for e in coop) / sum(e.runs for e in coop)
-    better = len(coop) - len(below)
-    but = f"; not in {', '.join(below)}" if below else ""
+    losers = {name: pick(own, learner="coop") for name, own in elsewhere.items()}
+    others = {
+        name: failed(own) for name, own in losers.items() if any(e.failed_teams for e in own)
+    }
     told = {"arrived": percent(arrived, 2), "failed": failed(coop), "wanted": percent(ARRIVE)}
     return [
-        finding("no_less", better, len(coop), source=source, margin=MARGIN, but=but),
+        finding(
+            "outperforms",
+            len(more),
+            len(coop),
+            source=source,
+            more=_counted(more, len(coop)),
+            less=_counted(less, len(coop)),
+        ),
         finding("shortest", exact, len(indiv), errors=analysis.AGREE),
-        finding("arrive", arrived >= ARRIVE, 1, **told),
+        finding("arrive", arrived >= ARRIVE, 1, source=source, others=named(others), **told),
     ]
+
+
+def _counted(found: Mapping[str, str], cases: int) -> str:
+    """Return in how many cases something holds, and what it is in each of them."""
+    told = f" ({named(found)})" if found else ""
+    return of(len(found), cases) + told
 
 
 def _table2(results: Results) -> Section:
@@ -223,13 +255,13 @@ def _fall(results: Results) -> np.ndarray:
 
 def _figure4(results: Results) -> Section:
     """Return what learners lose from the least penalty to the greatest, run by run."""
-    rows, ratios, coop_falls, less = [], {}, [], 0
+    rows, falls, coop_falls, less = [], {}, [], 0
     for own in _by_budget(results):
         dear, free = _ends(own, lambda one: one.scenario.penalty)
         lost = {name: _fall(pick(own, learner=name)) for name in LEARNERS}
         bound = (best_asking_team(free) or math.nan) - (best_asking_team(dear) or math.nan)
-        if bound > 0.0 and free.scenario.steps == LONG["steps"]:
-            ratios[free.scenario.name] = lost["factored"].mean() / bound
+        if free.scenario.steps == LONG["steps"]:
+            falls[free.scenario.name] = (float(lost["factored"].mean()), bound)
         exact = fixed(max(0.0, free.optimum - dear.optimum))
         rows.append(
             {
@@ -244,15 +276,43 @@ def _figure4(results: Results) -> Section:
         over = [paired(lost[name] - lost["coop"]) for name in ("indiv", "noncoop")]
         less += all(map(surely_above, over))
     lowest = f"{min(one.scenario.penalty for one in results):g}"
-    within = sum(ratio <= FALLS.get(name, math.inf) for name, ratio in ratios.items())
-    limits = named({name: f"{limit:g}" for name, limit in FALLS.items()})
-    told = named({name: f"{ratio:.2f}" for name, ratio in ratios.items()})
     least, most = min(coop_falls), max(coop_falls)
     claims = [
         finding("constant", less, len(rows), lowest=lowest, least=least, most=most),
-        finding("falls", within, len(ratios), lowest=lowest, limits=limits, ratios=told),
+        _falls(lowest, falls),
     ]
     return Section(rows, claims, {"lowest": lowest})
+
+
+def _falls(lowest: str, falls: Mapping[str, tuple[float, float]]) -> JudgedClaim:
+    """Return whether Factored stays within the limits that were set, where some were.
+
+    Args:
+        lowest: the hardest penalty.
+        falls: what Factored and what the best asking team found lose from a penalty of 0 to the
+            hardest one, by scenario; NaN where no such team is known.
+    """
+    ratios = {name: lost / bound for name, (lost, bound) in falls.items() if bound > SAME}
+    judged = {name: ratio for name, ratio in ratios.items() if name in FALLS}
+    within = sum(ratio <= FALLS[name] for name, ratio in judged.items())
+    unlimited = {n: f"{ratio:.2f}" for n, ratio in ratios.items() if n not in FALLS}
+    steady = {n: f"{lost:.2f}" for n, (lost, bound) in falls.items() if bound <= SAME}
+    unknown = [name for name, (_, bound) in falls.items() if math.isnan(bound)]
+    reasons = {
+        "no limit was set": named(unlimited) if unlimited else "",
+        "that team loses nothing, Factored": named(steady) if steady else "",
+        "no such team is known": ", ".join(unknown),
+    }
+    left_out = "; ".join(f"{why}: {which}" for why, which in reasons.items() if which)
+    return finding(
+        "falls",
+        within,
+        len(judged),
+        lowest=lowest,
+        limits=named({name: f"{limit:g}" for name, limit in FALLS.items()}),
+        ratios=named({name: f"{ratio:.3f}" for name, ratio in judged.items()}),
+        left_out=left_out or "none",
+    )
 
 
 def _penalty100(results: Results) -> Section:
@@ -306,15 +366,18 @@ def _penalty100(results: Results) -> Section:
 def _ask_cost(results: Results) -> Section:
     rows, told, less = [], {}, []
     for own in by_scenario(results):
-        free, dear = _ends(own, lambda one: one.scenario.ask_cost)
-        ordered = sorted(own, key=lambda one: one.scenario.ask_cost)
-        worth = list(takewhile(_beats_shortest_paths, ordered))
+        [base] = pick(own, learner="noncoop")
+        coop = pick(own, learner="coop")
+        free, dear = _ends(coop, lambda one: one.scenario.ask_cost)
+        ordered = sorted(coop, key=lambda one: one.scenario.ask_cost)
+        worth = list(takewhile(partial(surely_better, baseline=base), ordered))
         ends = [(one, f"{one.scenario.ask_cost:g}") for one in (free, dear)]
         rows.append(
             {
                 "scenario": free.scenario.name,
                 **{f"asks at {cost}": with_error(one.best("asks")) for one, cost in ends},
                 **{f"reward at {cost}": with_error(one.best("reward")) for one, cost in ends},
+                "Non-coop.": with_error(base.best("reward")),
                 "shortest paths": f"{free.reference['reward']:.2f}",
                 "worth it up to": f"{worth[-1].scenario.ask_cost:g}" if worth else None,
             }
@@ -324,11 +387,6 @@ def _ask_cost(results: Results) -> Section:
         )
         less.append(difference(free, dear, "asks"))
     return Section(rows, [finding("ask_cost", *_surely(less), told=named(told))])
-
-
-def _beats_shortest_paths(result: ConditionResult) -> bool:
-    """Whether the reward is surely above the exact value of shortest-path policies."""
-    return surely_above(result.best("reward"), result.reference["reward"])
 
 
 def _perception(results: Results) -> Section:
@@ -406,24 +464,52 @@ def _crowd(results: Results) -> Section:
 
 
 def _where(results: Results) -> Section:
-    rows, apart = [], []
+    rows = []
+    more_often, always_near, silent = [], [], []
+    costs, asks_in_vain = {}, 0
     for one in results:
+        name = one.scenario.name
         asked, time = (analysis.share_near(one.scenario, n) for n in (one.asked, one.stays))
-        if not math.isnan(asked) and percent(time) != percent(1.0):
-            apart.append(asked > time)
+        asks = one.best("asks")
+        if asks.mean < RARE:
+            silent.append(name)
+        elif percent(time) == percent(1.0):
+            always_near.append(name)
+        else:
+            more_often.append(asked > time)
+        best = best_asking_team(one)
+        paths = one.reference["reward"]
+        if best is not None and best - paths <= SAME:
+            loss = paired(paths - one.run_means("reward"))
+            costs[name] = f"{asks.mean:.2f} times, loses {with_error(loss)}"
+            asks_in_vain += asks.mean >= RARE
         near = float(np.mean(analysis.near_doorways(one.scenario.map)))
         rows.append(
             {
-                "scenario": one.scenario.name,
-                "COORDINATE (s.e.)": with_error(one.best("asks"), 3),
+                "scenario": name,
+                "COORDINATE (s.e.)": with_error(asks, 3),
                 "asked near": percent(asked),
                 "time near": percent(time),
                 "cells near": percent(near),
                 "visited": percent(one.visited_share),
+                "reward (s.e.)": with_error(one.best("reward")),
+                "shortest paths": f"{paths:.2f}",
+                "best asking team found": bound_of(one),
             }
         )
-    claim = finding("where", sum(apart), len(apart), near=analysis.NEAR)
-    return Section(rows, [claim])
+    claims = [
+        finding(
+            "where",
+            sum(more_often),
+            len(more_often),
+            near=analysis.NEAR,
+            always_near=listed(always_near),
+            silent=listed(silent),
+            rare=RARE,
+        ),
+        finding("needless", len(costs) - asks_in_vain, len(costs), told=named(costs)),
+    ]
+    return Section(rows, claims)
 
 
 def _unseen(results: Results) -> Section:

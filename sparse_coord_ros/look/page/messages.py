@@ -7,6 +7,7 @@ one before of its type: the page needs only the newest of each.
 """
 
 from collections.abc import Container, Iterator, Mapping, Sequence
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -171,7 +172,7 @@ def evaluation_fields(run: RunConfig, tables: Sequence[Tables], step: int | None
         "how": result.how,
         "step": step,
         "learner": run.title,
-        **{name: {"mean": one.mean, "spread": one.spread} for name, one in measures.items()},
+        **{name: asdict(one) for name, one in measures.items()},
         "all_arrived": result.all_arrived,
         "last_word": last_word(run.scenario, run.rule, result).text if step is None else "",
         "yardsticks": yardsticks(run.scenario),

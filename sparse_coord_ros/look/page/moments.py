@@ -15,7 +15,7 @@ from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.learners.agent import NOBODY, Agent
 from sparse_coord_ros.learners.tables import Tables
 from sparse_coord_ros.look.page.controls import CROSSING, KINDS, MISCOORDINATION, POLICY, QUESTION
-from sparse_coord_ros.look.policy import policy_of
+from sparse_coord_ros.look.policy import entered, policy_of
 from sparse_coord_ros.look.steps import logged_step, questions_of
 from sparse_coord_ros.look.words import Words
 from sparse_coord_ros.runlog.log import RunLog
@@ -108,7 +108,8 @@ def highlight(log: RunLog, tables: Sequence[Tables], moments: Moments, words: Wo
 
     That is where a robot asks, as its tables say that it would; goes where they say that it would
     go after this answer, and where it would not go without one; at a doorway at which the other
-    one is, too; and all arrive without a miscoordination.
+    one is, too; and all arrive without a miscoordination. Cells that a greedy robot reaches from
+    its start come first: an episode of learning may begin elsewhere.
 
     Args:
         log: the part, with at least one episode.
@@ -126,14 +127,17 @@ def highlight(log: RunLog, tables: Sequence[Tables], moments: Moments, words: Wo
     greedy = GreedyMoves(log.run, tables)
     rank = np.zeros(log.asked.shape, dtype=np.int64)
     close = moments.meetings(log.cells)
+    starts = [robot.start for robot in log.run.scenario.robots]
+    reached = [entered(policies[k], log.run.scenario.map, starts[k]) for k in robots]
     for k in robots:
         at = np.flatnonzero(log.asked[:, k] & log.perceived[:, k])
         cells, moves = log.cells[at, k], log.move[at, k]
         asks, other = policies[k].asks[cells], ~policies[k].moves[cells, moves]
         by_answer = np.array([greedy.holds(log, row, k) for row in at.tolist()], dtype=bool)
-        rank[at, k] = 1 + 8 * by_answer + 4 * asks + 2 * other + close[at]
+        there = np.isin(cells, reached[k])
+        rank[at, k] = 1 + 16 * there + 8 * by_answer + 4 * asks + 2 * other + close[at]
     best = [
-        (16 * fine + most) * bool(most) + 0.5 * fine
+        (32 * fine + most) * bool(most) + 0.5 * fine
         for begin, length, fine in zip(begins, history.length, good, strict=True)
         for most in [int(rank[begin : begin + length].max())]
     ]
@@ -147,7 +151,7 @@ def highlight(log: RunLog, tables: Sequence[Tables], moments: Moments, words: Wo
         text = f"In the last episodes {what}."
         return Highlight(first, last, None, 0, 0, text)
     cell = int(log.cells[row, k])
-    learned = bool(policies[k].asks[cell]) and greedy.holds(log, row, k)
+    learned = cell in reached[k] and bool(policies[k].asks[cell]) and greedy.holds(log, row, k)
     text = _told(log, row, k, words, learned=learned)
     if not good[number]:
         text = f"Here not all robots arrive without a miscoordination. {text}"
@@ -162,8 +166,8 @@ def _told(log: RunLog, row: int, k: int, words: Words, *, learned: bool) -> str:
         row: of the question's time step.
         k: who asks.
         words: of the scenario.
-        learned: whether its tables say that it would do the same again; if not, or if it asks
-            several robots, only what happened is told.
+        learned: whether its tables say that it would come there and do the same again; if not,
+            or if it asks several robots, only what happened is told.
     """
     step = logged_step(log, row)
     [question] = [one for one in questions_of(step) if one.asker == k]

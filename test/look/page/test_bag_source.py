@@ -34,7 +34,7 @@ from sparse_coord_ros.look.page.controls import (
 )
 from sparse_coord_ros.look.page.counts import Counts
 from sparse_coord_ros.look.page.moments import GreedyMoves
-from sparse_coord_ros.look.policy import policy_of
+from sparse_coord_ros.look.policy import entered, policy_of
 from sparse_coord_ros.look.words import Words
 from sparse_coord_ros.runlog import read_run
 from sparse_coord_ros.runlog.explain import explained, in_words
@@ -264,6 +264,7 @@ def test_curves_and_evaluation_are_those_of_the_log(player, bag):
     [[name, optimum]] = evaluation["yardsticks"]
     assert name == "exact joint optimum" and optimum > evaluation["reward"]["mean"]
     assert evaluation["how"] == "exact" and evaluation["step"] > 0
+    assert evaluation["reward"]["standard_error"] == 0.0, "of trials the page shows it"
     player.do(SEEK, 10**9)
     assert np.array(player.board.get("asked")["robots"]).sum() == history.asks.sum()
 
@@ -353,6 +354,22 @@ def test_where_nobody_asks_the_best_asking_team_found_is_named(record):
     line = player.board.get("learned")["lines"][1]
     assert line == f"The best asking team found is worth {best:.2f} a robot."
     player.source.log.bag.close()
+
+
+def test_a_cell_that_no_greedy_robot_reaches_is_not_what_was_learned(learned, monkeypatch):
+    """An episode of learning may begin anywhere; greedy ones begin at the starts."""
+    player = Player(learned, step=None)
+    usual = player.source._highlight
+    scenario = player.source.run.scenario
+    robot = scenario.robots[usual.robot]
+    policy = policy_of(player.source._newest()[usual.robot].tables, robot.goal)
+    assert usual.cell in entered(policy, scenario.map, robot.start)
+    without = lambda *given: (c := entered(*given))[c != usual.cell]  # noqa: E731
+    monkeypatch.setattr(moments, "entered", without)
+    other = Player(learned, step=None).source._highlight
+    assert (other.robot, other.cell) != (usual.robot, usual.cell)
+    monkeypatch.setattr(moments, "entered", lambda *_: [])
+    assert Player(learned, step=None).source._highlight.text.startswith("Here ")
 
 
 @pytest.mark.parametrize("what", ["its move", "that it asks"])

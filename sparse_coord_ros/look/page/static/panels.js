@@ -89,7 +89,8 @@ const YARDSTICKS = {
 export function evaluationPanel(e) {
   $("evaluation-panel").hidden = !e;
   if (!e) return;
-  const pair = (one) => `${one.mean.toFixed(2)} ± ${one.spread.toFixed(2)}`;
+  const error = (one) => (one.standard_error > 0 ? ` (s.e. ${one.standard_error.toFixed(2)})` : "");
+  const pair = (one) => `${one.mean.toFixed(2)} ± ${one.spread.toFixed(2)}${error(one)}`;
   const known = e.yardsticks.map(([name, value]) => {
     const one = row("td", ["", value.toFixed(2)]);
     one.cells[0].append(name, html("small", {}, YARDSTICKS[name] ?? ""));
