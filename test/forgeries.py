@@ -425,7 +425,7 @@ def named(run: str, bag: Bag) -> Iterator[Case]:
     for robot in robots:
         mine = [one for one in names if one.startswith(f"tables/{robot}_")]
         for source in (mine[0], mine[-1]):
-            for how in ("", "without memory"):
+            for how in ("", "without counts"):
                 plan = Forgery("plan", (source, f"improved/{robot}.npz"), how)
                 yield Case(run, (plan,), FOUND)
 

@@ -606,9 +606,9 @@ def _plan(bag: Bag, target: tuple[Any, ...], how: str) -> None:
     source, plan = target
     file, place = attachments_of(bag, source)[-1]
     data = file.attachments[place].data
-    if how == "without memory":
+    if how == "without counts":
         arrays = unpacked(data)
-        mine = ("more_", "star_updates_", "states_", "values_", "updates_")
+        mine = ("moved_", "updates_")
         data = packed({n: a for n, a in arrays.items() if not n.startswith(mine)})
     for file, place in attachments_of(bag, plan):
         file.attachments[place] = file.attachments[place]._replace(data=data)

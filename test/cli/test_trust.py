@@ -141,7 +141,7 @@ def test_no_verb_imports_what_lies_beside(here, tmp_path, capfd, command, name, 
         assert code == 2 and [line.partition(" ")[0] for line in said] == ["error:"]
         assert not (tmp_path / "out").exists()
     else:
-        assert code == (3 if command == "verify BAG" else 0)
+        assert code == (3 if command == "verify BAG" else 0), err
         assert any(line.startswith(f"left out {left_out}: ") for line in said), said
 
 

@@ -59,12 +59,12 @@ def test_that_a_robot_kept_its_tables_nobody_can_tell(planned, asked, tmp_path_f
     )
 
 
-@pytest.mark.parametrize("how", ["", "without memory"])
+@pytest.mark.parametrize("how", ["", "without counts"])
 def test_tables_in_the_place_of_a_plan(planned, asked, how):
-    """The robot's own may be there, as above, if nothing else is: a plan holds no memory."""
+    """The robot's own may be there, as above, if all of them are."""
     found = asked(planned, Forgery("plan", (last_tables(planned), PLAN), how))
     assert not found.same
-    assert found.cannot_tell == (how == "without memory")
+    assert found.cannot_tell == (how == "")
 
 
 def test_a_forged_plan_beside_the_right_one(planned, asked):
@@ -99,5 +99,5 @@ def test_a_plan_that_is_missing_is_an_open_question(planned, asked):
 def test_a_run_that_was_stopped_has_no_plans(asked, tmp_path):
     bag = bag_of(tmp_path / "stopped", stop=40)
     assert asked(bag).same
-    found = asked(bag, Forgery("plan", (last_tables(bag), PLAN), "without memory"))
+    found = asked(bag, Forgery("plan", (last_tables(bag), PLAN), "without counts"))
     assert [one.computed for one in found.differences] == ["none: no plan is due"]
