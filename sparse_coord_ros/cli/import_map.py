@@ -3,7 +3,6 @@
 """`sparse_coord import-map`: a map of map_server as a map and a scenario of this package."""
 
 import argparse
-import io
 import math
 import re
 from pathlib import Path
@@ -178,13 +177,13 @@ def write(options: argparse.Namespace, made: Made) -> Path:
     for path, content in made.files.items():
         write_whole(path, content)
     with drawing():
+        from sparse_coord_ros.experiments.report.charts import rendered
         from sparse_coord_ros.look.paths import floor_figure
 
         grid, robots = made.imported.grid, () if made.scenario is None else made.scenario.robots
         figure = floor_figure(grid, robots, made.plan, side=grid.resolution or 1.0, cells=True)
-        file = io.BytesIO()
-        figure.savefig(file, format="png", dpi=DPI)
-    write_whole(picture, file.getvalue())
+        data = rendered(figure, "png", DPI)
+    write_whole(picture, data)
     return picture
 
 

@@ -8,8 +8,10 @@ from made_up_results import PLAN, result_of
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.container import ErrorbarContainer
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from sparse_coord_ros.experiments.report.charts import ASKING, STYLES
+from sparse_coord_ros.experiments.report.charts import ASKING, STYLES, rendered
 from sparse_coord_ros.experiments.report.drawings import figures_of, swept_figure
 from sparse_coord_ros.experiments.store import SUMS
 
@@ -160,3 +162,44 @@ def test_one_panel_is_wide_enough_for_its_legend():
         box = part.get_window_extent(renderer)
         assert box.x0 >= 0 and box.x1 <= figure.bbox.x1
         assert box.y0 >= 0 and box.y1 <= figure.bbox.y1
+
+
+class Shaky(ConstrainedLayoutEngine):
+    """A layout whose last bits are others at each time, as those of the solver may be."""
+
+    def __init__(self, shift):
+        super().__init__()
+        self.shift = shift
+
+    def execute(self, fig):
+        super().execute(fig)
+        for part in [*fig.subfigs, *fig.axes]:
+            box = part.bbox_relative if part in fig.subfigs else part.get_position(original=True)
+            box.set_points(box.get_points() + self.shift)
+            if part in fig.axes:
+                part.set_position(box)
+                part.set_in_layout(True)
+
+
+@pytest.mark.parametrize("kind", ["svg", "pdf", "png"])
+def test_a_figure_is_the_same_file_though_the_last_bits_of_its_layout_differ(kind):
+    def file(shift):
+        figure = Figure(figsize=(4, 2), layout=Shaky(shift))
+        alone, beside = figure.subfigures(1, 2)
+        for part in (alone, beside):
+            part.subplots().plot([1, 2, 3], label="a line")
+            part.suptitle("a title")
+        return rendered(figure, kind)
+
+    assert file(0.0) == file(1e-13)
+
+
+def test_a_figure_that_grew_is_laid_out_again():
+    figure = Figure(figsize=(4, 2), layout="constrained")
+    axes = figure.subplots()
+    before = rendered(figure, "svg")
+    axes.set_ylabel("a label\nof\nmany\nlines")
+    left = axes.get_position().x0
+    after = rendered(figure, "svg")
+    assert after != before
+    assert axes.get_position().x0 > left + 0.05

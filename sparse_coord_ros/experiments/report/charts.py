@@ -5,7 +5,8 @@
 import base64
 import io
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, ScalarFormatter
-from matplotlib.transforms import ScaledTranslation
+from matplotlib.transforms import Bbox, ScaledTranslation
 from PIL import Image
 
 from sparse_coord_ros.experiments.catalogue import LEARNERS
@@ -76,6 +77,9 @@ UNDATED: Mapping[str, Mapping[str, Any]] = {
     "png": {"Software": None},
 }
 """What else a file would say of when and by what it was made."""
+
+PLACE_DIGITS = 6
+"""Decimals of the place of axes, as a share of the figure: a thousandth of a pixel."""
 
 Where = Callable[[ConditionResult], Mapping[str, Any]]
 """What `point` needs of a condition; scenario and learner where panel and line are missing."""
@@ -403,7 +407,7 @@ def rendered(figure: Figure, kind: str, dpi: float = 110, *, few: bool = False) 
         few: whether 128 colours do for a PNG: a third of the size.
     """
     drawn = io.BytesIO()
-    with matplotlib.rc_context(OUTPUT):
+    with matplotlib.rc_context(OUTPUT), _laid_out(figure):
         figure.savefig(drawn, format=kind, dpi=dpi, metadata=UNDATED[kind])
     if kind != "png" or not few:
         return drawn.getvalue()
@@ -411,6 +415,31 @@ def rendered(figure: Figure, kind: str, dpi: float = 110, *, few: bool = False) 
     small = io.BytesIO()
     reduced.save(small, "png", optimize=True)
     return small.getvalue()
+
+
+@contextmanager
+def _laid_out(figure: Figure) -> Iterator[None]:
+    """Lay a figure out, and keep this layout while it is saved.
+
+    The last bits of a constrained layout differ from one time to the next. An SVG file names its
+    clip paths by a hash of the places of the axes, so these are rounded.
+    """
+    engine = figure.get_layout_engine()
+    if engine is None:
+        yield
+        return
+    figure.draw_without_rendering()
+    for part in figure.subfigs:
+        part.bbox_relative.set_points(part.bbox_relative.get_points().round(PLACE_DIGITS))
+    for axes in figure.axes:
+        place = axes.get_position(original=True)
+        axes.set_position(Bbox(place.get_points().round(PLACE_DIGITS)))
+        axes.set_in_layout(True)  # `set_position` takes it out of the layout
+    figure.set_layout_engine("none")
+    try:
+        yield
+    finally:
+        figure.set_layout_engine(engine)
 
 
 def embedded(figure: Figure, what: str) -> str:
