@@ -141,7 +141,7 @@ def test_a_signal_while_modules_are_imported(name, code, number, said):
 
 
 def test_a_signal_while_a_verb_imports_ros_is_not_taken_for_a_missing_ros(tmp_path):
-    """What rclpy raises where its C extension cannot be imported, an exception of ours included."""
+    """What rclpy raises where its C extension cannot be imported, even by an exception of ours."""
     program = (
         "import importlib.abc, os, signal, sys\n"
         "class Interrupted(importlib.abc.MetaPathFinder):\n"

@@ -6,10 +6,13 @@ import asyncio
 import json
 import re
 import socket
+import struct
 import sys
+import threading
 import time
 from contextlib import ExitStack, suppress
 from importlib import resources
+from types import SimpleNamespace
 
 import aiohttp
 import pytest
@@ -134,7 +137,8 @@ async def test_other_hosts_and_origins_are_refused(client, page):
     for name in ("127.0.0.1", "localhost", "[::1]"):
         answer = await client.get("/", headers={"Host": f"{name}:{port}"})
         assert answer.status == 200, name
-    for name in ("evil.example", f"evil.example:{port}", "10.0.0.7", "", "a b", "[::"):
+    foreign = ("evil.example", f"evil.example:{port}", "10.0.0.7", "[::1].evil", "me@localhost")
+    for name in (*foreign, "", "a b", "[::"):
         assert (await client.get("/", headers={"Host": name})).status == 403, name
     for origin in ("http://evil.example", "null", f"http://127.0.0.1:{port + 1}", "http://["):
         for path in ("/", "/ws"):
@@ -285,11 +289,38 @@ def test_a_malformed_request_is_refused_and_prints_nothing(request_, caplog):
     assert caplog.records == []
 
 
+STREAM = b"GET /ws HTTP/1.1\r\nHost: localhost\r\n"
+STREAM += b"Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
+STREAM += b"Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n\r\n"
+"""The request of a page for its stream."""
+
+
+def test_a_page_that_is_closed_while_it_is_answered_prints_nothing(caplog):
+    shown = board()
+    server = Server(shown, port=0)
+    closed = threading.Event()
+    shown.source = SimpleNamespace(control=lambda _: closed.wait(20))
+    try:
+        with socket.create_connection(("127.0.0.1", server.port), timeout=20) as one:
+            one.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+            one.sendall(STREAM)
+            assert one.recv(12) == b"HTTP/1.1 101"
+            wish = json.dumps({"token": server.page.token, "do": PAUSE, "value": True}).encode()
+            frame = b"\x81" + bytes([0x80 | len(wish)]) + bytes(4) + wish
+            one.sendall(5 * frame)
+        closed.set()
+        deadline = time.monotonic() + 20
+        while shown.pages:
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+    finally:
+        server.close()
+    assert caplog.records == []
+
+
 def test_half_sent_requests_use_up_nothing():
     """Each holds a descriptor of the team's process, which then could not save its tables."""
-    server, page = Server(board(), port=0), b"GET /ws HTTP/1.1\r\nHost: localhost\r\n"
-    page += b"Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
-    page += b"Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n\r\n"
+    server, page = Server(board(), port=0), STREAM
     try:
         with ExitStack() as stack:
 
