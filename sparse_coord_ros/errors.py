@@ -160,6 +160,28 @@ def in_short(value: object) -> str:
     return _short.repr(value)
 
 
+def wrong_argument(name: str, value: object, allowed: str) -> str:
+    """Return what to say of an argument that has a wrong value."""
+    return f"{name}: value is {in_short(value)}, allowed: {allowed}"
+
+
+def check_argument(
+    name: str,
+    value: object,
+    fits: bool,
+    allowed: str,
+    error: type[SparseCoordError] = SettingError,
+) -> None:
+    """Raise an `error` that names an argument, its value and what is allowed, unless it fits."""
+    if not fits:
+        raise error(wrong_argument(name, value, allowed))
+
+
+def check_function(name: str, value: object) -> None:
+    """Raise SettingError unless an argument can be called."""
+    check_argument(name, value, callable(value), "a function")
+
+
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """Return `" (did you mean 'x'?)"` for the nearest known name, or an empty string."""
     near = difflib.get_close_matches(name, list(known), n=1)

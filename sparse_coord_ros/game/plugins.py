@@ -27,6 +27,7 @@ from sparse_coord_ros.errors import (
     PluginError,
     SettingError,
     SparseCoordError,
+    check_argument,
     did_you_mean,
     retold,
 )
@@ -55,6 +56,8 @@ def allow_modules(modules: str | Iterable[str]) -> None:
     Raises:
         SettingError: that is no module's name.
     """
+    given = isinstance(modules, str | Iterable)
+    check_argument("allow", modules, given, "names of modules, in a text or a list")
     for module in modules.split() if isinstance(modules, str) else filter(None, modules):
         if not is_path(f"{module}:name"):
             named = "the name of a module, such as my_team"
