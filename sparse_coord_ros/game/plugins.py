@@ -65,6 +65,12 @@ def allow_modules(modules: str | Iterable[str]) -> None:
         os.environ[ALLOW_VARIABLE] = " ".join(dict.fromkeys([*allowed(), module]))
 
 
+def of_file(name: str) -> str:
+    """Return how to name what is in a file of Python code; empty: the name is not a file's."""
+    module = Path(name).stem
+    return f" (did you mean '{module}:NAME', a name in that file?)" if name.endswith(".py") else ""
+
+
 def allow_named(given: object) -> None:
     """Allow the module that the user names: in a text `module:name`, numbers may follow."""
     words = given.split(":") if isinstance(given, str) else []
@@ -156,7 +162,8 @@ class Registry(Generic[T]):
             if point.name == name:
                 return self.register(name, self._imported(name, point.module, point.attr))
         if not is_path(name):
-            what = f"unknown {self.kind} {name!r}{did_you_mean(name, self.names)}"
+            hint = of_file(name) or did_you_mean(name, self.names)
+            what = f"unknown {self.kind} {name!r}{hint}"
             raise SettingError(f"{what}; allowed: {self.usage}")
         module, _, attribute = name.partition(":")
         if self.barred(name):
