@@ -293,3 +293,16 @@ def test_a_checkpoint_does_not_depend_on_when_it_is_taken():
         assert states[step][:5] == again[step][:5]
         assert np.array_equal(states[step].memory.q_star, again[step].memory.q_star)
     assert len(set(states) & set(again)) >= 3
+
+
+@pytest.mark.parametrize("together", [True, False])
+def test_how_often_all_were_taken_back_is_counted(together):
+    """A world that goes back alone takes nothing from its robots."""
+    team = Team(problem("env1"), 4)
+    back = WorldRollback(team.world.side, team.world.store, 2)
+    for k in range(2):
+        back.heard(k, Progress(f"{k}", 0, 0, (0,)))
+    for _ in range(2):
+        assert back.go_back(together=together)
+    assert back.events["taken_back"] == 2 * together
+    assert back.order.step == (0 if together else ROLL_CALL)

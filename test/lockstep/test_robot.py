@@ -354,3 +354,30 @@ def test_a_robot_that_does_not_learn_says_so(robot, port):
     robot.state(2, 1)
     assert port.accounts == [(PerceptEnd.DID_NOT_ASK, False)] * 2
     assert (robot.counts["learned"], robot.counts["dropped"]) == (0, 0)
+
+
+def test_a_robot_that_goes_on_from_any_moment_does_and_counts_the_same():
+    """What it had chosen at the time step of the snapshot, it chooses again."""
+    reward = Reward(4.0, 0.0, 0.0, 4.0)
+    messages = [
+        *(("state", 1, 0), ("reward", 1, reward)),
+        *(("state", 2, ASKING_CELL), ("answer", 1, 2, Answer(2, 3)), ("reward", 2, reward)),
+        ("state", 3, 6),
+    ]
+    whole = make_robot()
+    snapshots = []
+    for name, *values in messages:
+        getattr(whole, name)(*values)
+        snapshots.append(whole.snapshot())
+    assert whole.asks["answered"] == 1
+    assert [learned for _, learned in whole._port.accounts] == [False, True, True]
+    for number, snapshot in enumerate(snapshots):
+        robot = make_robot()
+        robot.go_on_from(robot.agent, snapshot)
+        begin = max(n for n in range(number + 1) if messages[n][0] == "state")
+        for name, *values in messages[begin:]:
+            getattr(robot, name)(*values)
+        assert robot.counts == whole.counts, number
+        own = robot._port.accounts
+        assert own == whole._port.accounts[-len(own) :], number
+        assert (robot.agent.tables.q_star == whole.agent.tables.q_star).all(), number

@@ -312,3 +312,14 @@ def test_a_later_beginning_leaves_out_what_was_done_since(world):
     assert world.lost == 36, "those of both restarts"
     world.go_on_from(None)
     assert world.lost == 0, "all of them are made again"
+
+
+def test_each_robot_that_misses_a_deadline_is_counted():
+    world = make_world("env2-4r")
+    for robot in (0, 1):
+        world.action(robot, 1, DOWN)
+    assert world.expire() == [2, 3]
+    assert world.timeouts == 2
+    world.action(0, 2, DOWN)
+    assert world.expire() == [1]
+    assert (world.timeouts, world.absent) == (3, {1, 2, 3})

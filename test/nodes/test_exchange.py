@@ -14,7 +14,7 @@ from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.learn.run_config import load_run
 from sparse_coord_ros.learn.simulation import tables_equal
 from sparse_coord_ros.learn.tables import load_team, unpack_saved
-from sparse_coord_ros.nodes.exchange import Exchange
+from sparse_coord_ros.nodes.exchange import TICK_SECONDS, Exchange
 from sparse_coord_ros.nodes.spin import ros_context
 from sparse_coord_ros.nodes.team import run_team
 from sparse_coord_ros.runlog import improved, verify
@@ -103,3 +103,19 @@ def test_who_cannot_improve(tmp_path):
     ):
         with ros_context() as context, pytest.raises(SettingError, match=words):
             run_team(values(tmp_path / "out", **wrong), context=context)
+
+
+def test_nobody_leaves_before_its_peers_have_asked(bench):
+    """Nor before it knows all; and after `step_timeout` in any case."""
+    world = bench.world(learner="factored", improve=True, rate=0.001)
+    robots = bench.robots()
+    bench.spin_until(lambda: world.lockstep.complete, "first barrier")
+    first, second = (robot.member._exchange for robot in robots)
+    bench.spin_until(lambda: first.over() or 1 in first._learned or second.over(), "one knows")
+    assert not (first.over() and second.over()), "one of them was not asked yet"
+    bench.spin_until(lambda: [first.over(), second.over()] == [True, True], "both know")
+    alone = Exchange(robots[0], world.run, first._packed)
+    ticks = 0
+    while not alone.over():
+        ticks += 1
+    assert 0 <= ticks * TICK_SECONDS - world.run.step_timeout <= 2 * TICK_SECONDS

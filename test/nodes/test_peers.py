@@ -179,3 +179,26 @@ def test_the_deadline_of_what_is_waited_for():
     assert done == ["gave up", "expired"]
     Peers.keep_the_deadline(peers, 12.1)
     assert done == ["gave up", "expired", "expired"], "no peer is to blame for a late reward"
+
+
+@pytest.mark.parametrize(
+    ("there", "said", "fits"),
+    [
+        ((7, 3), (7, (3,)), True),
+        ((7, 3), (7, (4,)), False),  # a lie
+        ((7, 3), (7, ()), False),
+        ((8, 3), (7, (4,)), True),  # too late to tell
+        ((6, 3), (7, (3,)), False),  # the world is about to say where it is
+    ],
+)
+def test_an_answer_of_a_doubted_peer_is_what_the_world_says(there, said, fits):
+    convert = Converter(make_run(load_scenario("env1"), {}))
+    dropped, again = [], []
+    side = SimpleNamespace(waiting=("percept", 7), due=lambda cell: cell)
+    intake = SimpleNamespace(drop=lambda *what: dropped.append(what))
+    peer = SimpleNamespace(send_again=lambda: again.append(True))
+    peers = SimpleNamespace(_side=side, _convert=convert, _intake=intake, _peers={1: peer})
+    peers._places, peers._names = {1: there}, convert.names
+    assert Peers._fits(peers, 1, 7, convert.path(*said)) is fits
+    assert bool(dropped) == (not fits and there[0] == 7)
+    assert bool(again) == (there[0] == 6)

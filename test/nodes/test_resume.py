@@ -244,3 +244,24 @@ def _of(out):
                 yield int(path.name)
         except OSError:
             continue
+
+
+@pytest.mark.parametrize(("its_step", "lost"), [(30, 10), (40, 0), (41, 0)])
+def test_what_a_robot_has_lost_that_goes_on_alone_is_counted(its_step, lost):
+    """It may have worked off a state that the world, too, was about to count."""
+    lines, counted = [], {}
+    intake = SimpleNamespace(listen=lambda *what, **how: None)
+    node = SimpleNamespace(
+        intake=intake,
+        values={"returning": "continue"},
+        get_logger=lambda: SimpleNamespace(warning=lines.append),
+    )
+    world = SimpleNamespace(step=40, transitions=38)
+    side = SimpleNamespace(held=False, finished=False, world=world)
+    output = SimpleNamespace(store=Store(), node=node, count=counted.update)
+    team = Returning(make_run(load_scenario("env1"), {}), side, output, lambda: None)
+    team.begin(0.0)
+    team._on_progress(1, Progress("life 1", 0, 0))
+    team._on_progress(1, Progress("life 2", its_step, its_step, resumed=True))
+    assert counted["robot_steps_lost"] == lost
+    assert f"until step {its_step}: the team goes on, {lost} time steps of robot_2 are" in lines[0]
