@@ -11,6 +11,7 @@ import subprocess
 import sys
 
 import pytest
+from patience import PATIENCE_SECONDS
 
 from sparse_coord_ros.bags import QoS, open_bag
 from sparse_coord_ros.bags.process import BagProcess
@@ -80,7 +81,7 @@ def test_all_that_was_handed_over_is_written_when_the_parent_is_gone(tmp_path, s
             writer.flush()
     writer._connection.close()
     os.kill(writer._process.pid, signal.SIGCONT)
-    assert writer._process.wait(10) == 0
+    assert writer._process.wait(PATIENCE_SECONDS) == 0
     assert open_bag(tmp_path / "run").message_count == 30
 
 

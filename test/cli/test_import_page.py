@@ -10,6 +10,7 @@ import urllib.request
 from collections import Counter
 
 import pytest
+from patience import PATIENCE_SECONDS
 
 from sparse_coord_ros.cli import import_page
 from sparse_coord_ros.cli.import_page import CELL_AT_FIRST, ImportPage
@@ -48,7 +49,7 @@ def page(exported):
 
 
 def wait_for(true):
-    deadline = time.monotonic() + 20
+    deadline = time.monotonic() + PATIENCE_SECONDS
     while not true():
         assert time.monotonic() < deadline
         time.sleep(0.01)
@@ -77,7 +78,7 @@ def test_what_is_saved_is_what_the_command_line_saves(page, sparse_coord, folder
         assert (folder / name).read_bytes() == typed.read_bytes()
     assert told(page, TRAIN, start=[], goal=[]) == "no robot is there: click its places"
     told(page, TRAIN)
-    what, path = page[0].wanted.get(timeout=5)
+    what, path = page[0].wanted.get(timeout=PATIENCE_SECONDS)
     assert (what, str(path)) == (TRAIN, "clicked/env1.yaml")
     assert told(page, TRAIN) == "a team learns or drives already: wait for its end, or stop it"
 
@@ -130,7 +131,7 @@ def test_a_stop_right_after_train_is_obeyed(waiting):
     assert begin(waiting, "team") == 0
     assert page.wanted.empty() and board.counted["saved"] == 0
     told((page, board), TRAIN)
-    assert page.wanted.get(timeout=20)[0] == TRAIN
+    assert page.wanted.get(timeout=PATIENCE_SECONDS)[0] == TRAIN
 
 
 def test_a_stop_while_the_team_is_made_is_obeyed(waiting, monkeypatch):

@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from patience import PATIENCE_SECONDS
 
 from sparse_coord_ros.engine import batch, trained
 from sparse_coord_ros.experiments import runner as module
@@ -220,7 +221,7 @@ def test_no_process_goes_on_computing(folder, number):
         else:
             process.send_signal(number)
         sent = time.monotonic()
-        out, err = process.communicate(timeout=20)
+        out, err = process.communicate(timeout=PATIENCE_SECONDS)
         assert time.monotonic() - sent < 3
         assert within(3, lambda: not any(Path(f"/proc/{one}/cmdline").exists() for one in busy))
     finally:

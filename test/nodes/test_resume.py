@@ -29,8 +29,8 @@ from sparse_coord_ros.wire.status import ROLL_CALL, Order, Progress, Said, read_
 
 SEED = 7
 SETTINGS = {"steps": 600, "perception": "probability:0.7"}
-STEPS, MANY_SECONDS = 3000, 120.0
-"""Of a team that is killed twice, and how long its processes may take on a loaded machine."""
+STEPS = 3000
+"""Of a team that is killed twice."""
 SETS = [f"{name}={value}" for name, value in SETTINGS.items()]
 
 
@@ -227,7 +227,7 @@ def test_kill_9_of_everything(start, tmp_path, processes, assert_same_tables, si
         process = start("cli.main", "run", "--resume", str(out), "--json", *processes)
         if k:
             process.wait_for("", 1)
-    assert process.exit_code(MANY_SECONDS) == 0, process.output
+    assert process.exit_code() == 0, process.output
     said = simulate("env1", settings, seed=7)
     assert_same_tables(out, said)
     assert json.loads(process.output[process.output.index("{") :])["transitions"] == STEPS

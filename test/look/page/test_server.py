@@ -17,6 +17,7 @@ from types import SimpleNamespace
 import aiohttp
 import pytest
 from aiohttp.test_utils import TestClient, TestServer
+from patience import PATIENCE_SECONDS
 
 from sparse_coord_ros.cli.main import main
 from sparse_coord_ros.errors import RunError, SettingError
@@ -85,7 +86,7 @@ def served(test):
 
 async def next_of(stream, *kinds):
     while True:
-        message = json.loads((await stream.receive(timeout=5)).data)
+        message = json.loads((await stream.receive(timeout=PATIENCE_SECONDS)).data)
         if message["type"] in kinds:
             return message
 
@@ -213,7 +214,9 @@ async def test_bytes_huge_and_endless_messages_end_one_page_not_the_server(clien
         await stream.send_bytes(b"\0\1")
         assert "JSON" in (await next_of(stream, "error"))["text"]
         await stream.send_str("x" * (LARGEST_MESSAGE + 1))
-        while (message := await stream.receive(timeout=5)).type is aiohttp.WSMsgType.TEXT:
+        while (
+            message := await stream.receive(timeout=PATIENCE_SECONDS)
+        ).type is aiohttp.WSMsgType.TEXT:
             pass
         assert message.type in (aiohttp.WSMsgType.CLOSE, aiohttp.WSMsgType.CLOSED)
     assert (await client.get("/")).status == 200
@@ -251,7 +254,7 @@ async def test_of_too_many_pages_those_without_the_token_give_way(client, page):
             pass
     streams.append(await client.ws_connect("/ws"))
     await next_of(streams[-1], "run")
-    while (await streams[2].receive(timeout=5)).type is aiohttp.WSMsgType.TEXT:
+    while (await streams[2].receive(timeout=PATIENCE_SECONDS)).type is aiohttp.WSMsgType.TEXT:
         pass
     assert streams[2].closed and page.boards[0].pages == MOST_PAGES
     assert not any(stream.closed for stream in (*known, streams[3], streams[-1]))
@@ -281,7 +284,7 @@ async def test_of_too_many_pages_those_without_the_token_give_way(client, page):
 def test_a_malformed_request_is_refused_and_prints_nothing(request_, caplog):
     server = Server(board(), port=0)
     try:
-        with socket.create_connection(("127.0.0.1", server.port), timeout=5) as one:
+        with socket.create_connection(("127.0.0.1", server.port), timeout=PATIENCE_SECONDS) as one:
             one.sendall(request_)
             assert re.match(rb"HTTP/1.. (400|403|404)|$", one.recv(100))
     finally:
@@ -299,9 +302,9 @@ def test_a_page_that_is_closed_while_it_is_answered_prints_nothing(caplog):
     shown = board()
     server = Server(shown, port=0)
     closed = threading.Event()
-    shown.source = SimpleNamespace(control=lambda _: closed.wait(20))
+    shown.source = SimpleNamespace(control=lambda _: closed.wait(PATIENCE_SECONDS))
     try:
-        with socket.create_connection(("127.0.0.1", server.port), timeout=20) as one:
+        with socket.create_connection(("127.0.0.1", server.port), timeout=PATIENCE_SECONDS) as one:
             one.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
             one.sendall(STREAM)
             assert one.recv(12) == b"HTTP/1.1 101"
@@ -309,7 +312,7 @@ def test_a_page_that_is_closed_while_it_is_answered_prints_nothing(caplog):
             frame = b"\x81" + bytes([0x80 | len(wish)]) + bytes(4) + wish
             one.sendall(5 * frame)
         closed.set()
-        deadline = time.monotonic() + 20
+        deadline = time.monotonic() + PATIENCE_SECONDS
         while shown.pages:
             assert time.monotonic() < deadline
             time.sleep(0.01)
@@ -325,7 +328,9 @@ def test_half_sent_requests_use_up_nothing():
         with ExitStack() as stack:
 
             def sent(request):
-                one = socket.create_connection(("127.0.0.1", server.port), timeout=5)
+                one = socket.create_connection(
+                    ("127.0.0.1", server.port), timeout=PATIENCE_SECONDS
+                )
                 stack.enter_context(one).sendall(request)
                 return one
 
