@@ -10,7 +10,7 @@ from sparse_coord_ros.game.world import Action, Reward
 from sparse_coord_ros.learn.agent import Agent, Tables
 from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.lockstep.robot_side import Answer, RobotSide
-from sparse_coord_ros.wire import COUNTS, PerceptEnd
+from sparse_coord_ros.wire import COUNTS, Account, PerceptEnd
 
 SOUTH, EAST = 1, 2
 ASKING_CELL, GOAL = 5, 20
@@ -311,6 +311,21 @@ def test_each_action_says_how_its_percept_ended_and_whether_it_has_learned(robot
         **{"dropped": 1, "learned": 3, "step": 5},
     }
     assert set(robot.counts) == set(COUNTS)
+
+
+def test_what_a_robot_said_of_itself_is_known_until_the_step_is_over(robot):
+    robot.state(1, 0)
+    said = Account(PerceptEnd.DID_NOT_ASK, False)
+    assert robot.account_of(1) == said and robot.account_of(2) is None
+    robot.state(2, ASKING_CELL)
+    robot.expire()  # the reward does not come
+    assert robot.account_of(1) is None
+    assert robot.account_of(2) is None, "it asks"
+    robot.answer(1, 2, Answer(2, 3))
+    assert robot.account_of(2) == Account(PerceptEnd.ANSWERED, False)
+    robot.reward(2, Reward(4.0, 0.0, 0.0, 4.0))
+    robot.state(3, GOAL)
+    assert robot.account_of(3) is None, "it rests"
 
 
 def test_an_action_said_again_says_the_same_of_itself(robot, port):

@@ -107,13 +107,15 @@ def test_who_cannot_improve(tmp_path):
 
 def test_nobody_leaves_before_its_peers_have_asked(bench):
     """Nor before it knows all; and after `step_timeout` in any case."""
-    world = bench.world(learner="factored", improve=True, rate=0.001)
+    world = bench.world(learner="factored", improve=True, rate=0.001, step_timeout=60.0)
     robots = bench.robots()
     bench.spin_until(lambda: world.lockstep.complete, "first barrier")
     first, second = (robot.member._exchange for robot in robots)
-    bench.spin_until(lambda: first.over() or 1 in first._learned or second.over(), "one knows")
-    assert not (first.over() and second.over()), "one of them was not asked yet"
-    bench.spin_until(lambda: [first.over(), second.over()] == [True, True], "both know")
+    second._learned[1] = second._packed()  # it could answer, but does not ask yet
+    bench.spin_until(lambda: first.over() or 1 in first._learned, "the first knows all")
+    assert not first.over() and not first.over(), "the second has not asked it"
+    bench.spin_until(lambda: second.over() or 0 in second._learned, "the second knows all")
+    assert first.over() and second.over()
     alone = Exchange(robots[0], world.run, first._packed)
     ticks = 0
     while not alone.over():
