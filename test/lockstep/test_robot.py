@@ -396,3 +396,12 @@ def test_a_robot_that_goes_on_from_any_moment_does_and_counts_the_same():
         own = robot._port.accounts
         assert own == whole._port.accounts[-len(own) :], number
         assert (robot.agent.tables.q_star == whole.agent.tables.q_star).all(), number
+
+
+def test_each_time_that_a_peer_is_asked_again_is_counted(robot, port):
+    robot.state(2, ASKING_CELL)
+    for _ in range(3):
+        robot.answer(1, 2, Answer(1, 3))
+    robot.answer(1, 2, Answer(2, 3))
+    assert port.take()[:4] == [("ask", 1, 2, ASKING_CELL)] * 4
+    assert robot.asks == {"answered": 1, "refused": 0, "late": 0, "repeated": 3}

@@ -323,3 +323,26 @@ def test_each_robot_that_misses_a_deadline_is_counted():
     world.action(0, 2, DOWN)
     assert world.expire() == [1]
     assert (world.timeouts, world.absent) == (3, {1, 2, 3})
+
+
+def test_an_episode_that_goes_on_is_not_told_again():
+    world, port = make_world(), Port()
+    play(world, DOWN, DOWN)
+    again = WorldSide(make_run(world.world.scenario, {}), port)
+    again.go_on_from(world.snapshot())
+    again.start()
+    assert port.episodes == []
+    assert port.take() == [("state", 0, 2, 4), ("state", 1, 2, 7)]
+    again.go_on_from(None)
+    again.start()
+    assert port.episodes == [1]
+
+
+def test_robots_that_have_seen_less_than_the_world_take_nothing_from_it(world):
+    """They say how far they are; the world's own count is the higher one."""
+    for _ in range(2):
+        play(world, DOWN, DOWN)
+    world.begin_at(20, transitions=1)
+    assert (world.lost, world.world.transitions, world.world.step) == (0, 2, 20)
+    world.begin_at(30, transitions=7)
+    assert (world.lost, world.world.transitions, world.world.step) == (5, 7, 30)
