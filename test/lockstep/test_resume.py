@@ -306,3 +306,39 @@ def test_how_often_all_were_taken_back_is_counted(together):
         assert back.go_back(together=together)
     assert back.events["taken_back"] == 2 * together
     assert back.order.step == (0 if together else ROLL_CALL)
+
+
+def heard_at(back, robot, step, **more):
+    """Let the world hear where a robot is: its step, and as many transitions."""
+    back.heard(robot, Progress(f"life {robot}", step, step, (40, 0), **more))
+
+
+def test_a_world_that_goes_on_alone_begins_where_no_robot_takes_it_for_its_next_step():
+    """It has perhaps seen one state more than it has worked off; from the next one it would learn."""
+    team = Team(problem("env1"), 4)
+    side, back = team.world.side, WorldRollback(team.world.side, team.world.store, 2)
+    for robot, step in enumerate((17, 19)):
+        heard_at(back, robot, step)
+    assert back.go_back(together=False)
+    assert not back.go_on()
+    for robot, step in enumerate((17, 19)):
+        heard_at(back, robot, step, obeyed=back.order.name)
+    assert back.go_on()
+    assert side.world.step > 19 + 1 + 1
+    assert side.world.transitions == 19
+    assert not side.held and back.order == Order()
+
+
+def test_who_comes_back_while_an_order_stands_is_waited_for():
+    team = Team(problem("env1"), 4)
+    back = WorldRollback(team.world.side, team.world.store, 2)
+    for robot in (0, 1):
+        heard_at(back, robot, 50)
+    back.go_back()
+    for robot in (0, 1):
+        heard_at(back, robot, 0, obeyed=back.order.name)
+    assert not back.waiting
+    back.heard(1, Progress("another life", 40, 40, (40, 0), resumed=True))
+    assert back.waiting == {1}
+    assert not back.go_on()
+    assert back.go_on(anyway=True)

@@ -346,3 +346,18 @@ def test_robots_that_have_seen_less_than_the_world_take_nothing_from_it(world):
     assert (world.lost, world.world.transitions, world.world.step) == (0, 2, 20)
     world.begin_at(30, transitions=7)
     assert (world.lost, world.world.transitions, world.world.step) == (5, 7, 30)
+
+
+def test_the_world_saves_at_each_step_that_robots_see():
+    """Also at an episode's last one, which no action follows."""
+    scenario = make_world(max_steps=3).world.scenario
+    port = Port()
+    port.saved = []
+    port.checkpoint = port.saved.append
+    world = WorldSide(make_run(scenario, {"checkpoint": 1}), port)
+    world.start()
+    for _ in range(4):
+        play(world, DOWN, DOWN)
+    seen = sorted({step for what, _, step, _ in port.take() if what == "state"})
+    assert port.saved == seen[1:], "at the first one there is nothing to save"
+    assert port.episodes == [1, 6] and 4 in port.saved
