@@ -314,7 +314,7 @@ def heard_at(back, robot, step, **more):
 
 
 def test_a_world_that_goes_on_alone_begins_where_no_robot_takes_it_for_its_next_step():
-    """It has perhaps seen one state more than it has worked off; from the next one it would learn."""
+    """It may have seen one state more than it has worked off; from the next it would learn."""
     team = Team(problem("env1"), 4)
     side, back = team.world.side, WorldRollback(team.world.side, team.world.store, 2)
     for robot, step in enumerate((17, 19)):
@@ -342,3 +342,7 @@ def test_who_comes_back_while_an_order_stands_is_waited_for():
     assert back.waiting == {1}
     assert not back.go_on()
     assert back.go_on(anyway=True)
+    order = back.order
+    assert order.name and order.step == 0, "it still stands"
+    back.heard(1, Progress("another life", 0, 0, (40, 0), obeyed=order.name, resumed=True))
+    assert back.order == Order()
