@@ -346,3 +346,15 @@ def test_who_comes_back_while_an_order_stands_is_waited_for():
     assert order.name and order.step == 0, "it still stands"
     back.heard(1, Progress("another life", 0, 0, (40, 0), obeyed=order.name, resumed=True))
     assert back.order == Order()
+
+
+def test_of_common_checkpoints_too_the_old_ones_go(tmp_path, run, played):
+    stores = saved(tmp_path, run, played, steps=(40, 80, 120, 160, 200))
+    world = stores["world_simulator"]
+    for step in (240, 280, 320):
+        stores["robot_1"].save(played.up[0].side.snapshot()._replace(step=step))
+        stores["robot_2"].save(played.up[1].side.snapshot()._replace(step=step))
+        world.save(played.world.side.snapshot(step))
+    assert world.steps() == [320, 280, 240, 0]
+    stores["robot_1"].save(played.up[0].side.snapshot()._replace(step=360))
+    assert stores["robot_1"].steps() == [360, 320, 280, 0]

@@ -3,6 +3,7 @@
 """Robots exchange what they learned, once, and plan on it; the log shows it."""
 
 import base64
+from types import SimpleNamespace
 
 import pytest
 from std_srvs.srv import Trigger
@@ -90,10 +91,14 @@ def test_an_answer_that_is_none_is_not_used(bench):
         mine._take(1, future)
         assert 1 not in mine._learned
     assert robots[0].intake.total == 2
+    learning = response("it is still learning", success=False)
+    mine._take(1, SimpleNamespace(result=lambda: learning))
+    assert 1 not in mine._learned
+    assert robots[0].intake.total == 2, "it does not know all yet: nothing is wrong with that"
 
 
-def response(text):
-    return Trigger.Response(success=True, message=text)
+def response(text, *, success=True):
+    return Trigger.Response(success=success, message=text)
 
 
 def test_who_cannot_improve(tmp_path):

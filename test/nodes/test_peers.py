@@ -13,7 +13,7 @@ from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.lockstep.waiting import Deadline, WorldPresence
 from sparse_coord_ros.nodes import peers
 from sparse_coord_ros.nodes.messages import Converter
-from sparse_coord_ros.nodes.peers import Peer, Peers
+from sparse_coord_ros.nodes.peers import AT_ONCE, Peer, Peers
 from sparse_coord_ros.nodes.robot import LAST_WORDS_SECONDS, Member
 
 
@@ -202,3 +202,16 @@ def test_an_answer_of_a_doubted_peer_is_what_the_world_says(there, said, fits):
     assert Peers._fits(peers, 1, 7, convert.path(*said)) is fits
     assert bool(dropped) == (not fits and there[0] == 7)
     assert bool(again) == (there[0] == 6)
+
+
+def test_a_peer_is_asked_at_once_at_every_step_though_not_for_ever_at_one(node):
+    peer = Peer(node, node, lambda step, plan: None)
+    for step in range(1, 2 * AT_ONCE):
+        peer.request(PoseStamped(), step)
+        assert len(node.sent) == step
+    before = len(node.sent)
+    for _ in range(2 * AT_ONCE):
+        peer.request(PoseStamped(), step)
+    assert len(node.sent) == before + AT_ONCE - 1
+    peer.send_what_waits()  # the node's timer
+    assert len(node.sent) == before + AT_ONCE

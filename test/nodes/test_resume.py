@@ -265,3 +265,21 @@ def test_what_a_robot_has_lost_that_goes_on_alone_is_counted(its_step, lost):
     team._on_progress(1, Progress("life 2", its_step, its_step, resumed=True))
     assert counted["robot_steps_lost"] == lost
     assert f"until step {its_step}: the team goes on, {lost} time steps of robot_2 are" in lines[0]
+
+
+def test_the_team_goes_on_without_who_does_not_obey_in_time():
+    lines, gone_on = [], []
+    intake = SimpleNamespace(listen=lambda *what, **how: None)
+    logger = SimpleNamespace(warning=lines.append)
+    node = SimpleNamespace(intake=intake, get_logger=lambda: logger)
+    side = SimpleNamespace(held=True, lost=0, start=lambda: None)
+    run = make_run(load_scenario("env1"), {"recorded": True})
+    output = SimpleNamespace(store=Store(), node=node)
+    team = Returning(run, side, output, lambda: gone_on.append(True))
+    team.begin(100.0)
+    team.order, team.waiting = Order("an order", 0, 1), {1}
+    team.look(100.0 + run.step_timeout - 0.1, all_listen=lambda: True)
+    assert not gone_on
+    team.look(100.0 + run.step_timeout, all_listen=lambda: False)
+    assert gone_on
+    assert lines == ["robot_2 did not obey; going on without"]
