@@ -145,7 +145,9 @@ def _wait(processes: Mapping[str, Process], bag: Path, stop: Stop) -> bool:
         running = any(one.poll() is None for one in processes.values())  # before what they say
         _check({n: p for n, p in processes.items() if n != RECORDER or not bag.exists()}, running)
         if not running:
-            return False
+            return bool(
+                stop
+            )  # where all processes heard the signal, they have ended by themselves
         if world.poll() is not None or any(robot.poll() is None for robot in robots):
             last_robot = time.monotonic()
         left = time.monotonic() - last_robot > ALONE_SECONDS

@@ -374,3 +374,15 @@ def test_step_makes_one_step_and_holds(bench):
     assert world.lockstep.world.transitions == made
     assert observer.call(Trigger, "world_simulator/step").success
     assert world.lockstep.world.transitions == made + 1
+
+
+def test_a_finished_run_has_no_new_episode(bench):
+    observer = bench.observer()
+    world = bench.world(set=["steps=20"])
+    bench.robots()
+    bench.spin_until(lambda: world.done, "finished")
+    episode = world.lockstep.world.episode
+    for service in ("reset", "step"):
+        said = observer.call(Trigger, f"world_simulator/{service}")
+        assert not said.success and said.message.startswith("the run is not under way")
+    assert world.lockstep.world.episode == episode
