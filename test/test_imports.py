@@ -39,7 +39,17 @@ def bare(python):
 
 
 LEVELS = (
-    {"version", "errors", "files", "limits", "share", "palette", "dataframes", "compiling"},
+    {
+        "version",
+        "errors",
+        "files",
+        "limits",
+        "share",
+        "signals",
+        "palette",
+        "dataframes",
+        "compiling",
+    },
     {"game"},
     {"learn"},
     {"wire", "solve"},
