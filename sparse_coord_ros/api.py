@@ -6,7 +6,6 @@ A scenario may be given as a `Scenario`, as the name of a shipped one, or as the
 file; a learner as a `Learner`, its class, its name, or `module:Class`.
 """
 
-import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -24,7 +23,13 @@ from sparse_coord_ros.engine.improve import Improvement
 from sparse_coord_ros.engine.improve import improve as plan
 from sparse_coord_ros.engine.trained import Training
 from sparse_coord_ros.engine.training import train
-from sparse_coord_ros.errors import RunError, SettingError, SparseCoordError, TablesError, in_short
+from sparse_coord_ros.errors import (
+    SparseCoordError,
+    TablesError,
+    check_argument,
+    check_function,
+    wrong_argument,
+)
 from sparse_coord_ros.experiments.benchmark import Benchmark, Standing, benchmark
 from sparse_coord_ros.experiments.catalogue import experiment_names
 from sparse_coord_ros.experiments.conditions import make_condition
@@ -36,6 +41,7 @@ from sparse_coord_ros.experiments.runner import (
     warn,
 )
 from sparse_coord_ros.experiments.store import RUNS, SUMS, TRIALS_OR_NONE, Plan, Say
+from sparse_coord_ros.files import path_argument
 from sparse_coord_ros.game.perception import perception_model, register_perception
 from sparse_coord_ros.game.plugins import allow_modules, allow_named
 from sparse_coord_ros.game.scenario import (
@@ -227,6 +233,9 @@ def _in_html(run: "Training | SavedRun") -> str:
 Training._repr_html_ = _in_html  # type: ignore[attr-defined]  # the engine knows no pictures
 
 
+LEARNED = "what was learned"
+"""How a message calls the argument of this type."""
+
 Learned = str | Path | Training | SavedRun | Sequence[Tables]
 
 
@@ -242,7 +251,7 @@ def load_run(directory: str | Path, *, allow: str | Iterable[str] = ()) -> Saved
         SettingError: its learner or its perception model is missing here.
     """
     allow_modules(allow)
-    path = _path("run", directory)
+    path = path_argument("run", directory)
     return SavedRun(path, run_config.load_run(path))
 
 
@@ -288,6 +297,7 @@ def train_many(
     seed = RUN_SETTINGS["seed"].parse(seed)
     plan = Plan(seed, RUNS.parse(runs), TRIALS_OR_NONE.parse(trials))
     jobs = check_place(jobs, scheduler)
+    check_function("progress", progress)
     done: list[Training] = []
     with cluster_at(scheduler) as cluster:
         for run in run_batch(
@@ -318,6 +328,9 @@ def improve(learned: "str | Path | Training | SavedRun") -> Improvement:
         TablesError: the tables are missing or malformed.
     """
     run = load_run(learned) if isinstance(learned, str | Path) else learned
+    is_run = isinstance(run, Training | SavedRun)
+    allowed = "a Training, a SavedRun or its directory"
+    check_argument(LEARNED, learned, is_run, allowed, TablesError)
     return plan(run.scenario, run.learner, [table.memory for table in run.tables])
 
 
@@ -400,8 +413,7 @@ def read_log(bag: str | Path, *, allow: str | Iterable[str] = ()) -> "RunLog":
     from sparse_coord_ros.runlog import read_run
 
     allow_modules(allow)
-
-    return read_run(_path("bag", bag))
+    return read_run(path_argument("bag", bag))
 
 
 def verify(bag: str | Path, *, allow: str | Iterable[str] = ()) -> "Verification":
@@ -419,14 +431,7 @@ def verify(bag: str | Path, *, allow: str | Iterable[str] = ()) -> "Verification
     from sparse_coord_ros import runlog
 
     allow_modules(allow)
-
-    return runlog.verify(_path("bag", bag))
-
-
-def _path(what: str, value: object) -> Path:
-    if not isinstance(value, str | os.PathLike):
-        raise RunError(f"{what}: value is {value!r}, allowed: a path, as a text or a Path")
-    return Path(value)
+    return runlog.verify(path_argument("bag", bag))
 
 
 def sweep(
@@ -471,15 +476,13 @@ def sweep(
         ResultsError, OSError, RunError, PluginError: as `run_experiment`.
     """
     problem = loaded(scenario)
-    if not isinstance(over, Mapping):
-        allowed = "the values of each setting by its name, e.g. {'penalty': [-1, -10]}"
-        raise SettingError(f"sweep: over is {in_short(over)}, allowed: {allowed}")
+    allowed = "the values of each setting by its name, e.g. {'penalty': [-1, -10]}"
+    check_argument("over", over, isinstance(over, Mapping), allowed)
     values: dict[str, list[Any]] = {"learner": [learner]}
     for name, given in over.items():
         many = isinstance(given, Iterable) and not isinstance(given, str)
         values[name] = list(given) if many else []
-        if not values[name]:
-            raise SettingError(f"sweep: {name} is {in_short(given)}, allowed: a list of values")
+        check_argument(f"over: {name}", given, bool(values[name]), "a list of values")
     conditions = []
     for each in product(*values.values()):
         who, *rest = each
@@ -510,10 +513,11 @@ def _learned(
     if isinstance(run, Training | SavedRun):
         tables, own, learner = run.tables, run.scenario, learner or run.learner
     if not isinstance(tables, list | tuple) or not all(isinstance(one, Tables) for one in tables):
-        raise TablesError(
-            f"what was learned: value is {in_short(learned)}, allowed: a Training, a SavedRun, "
-            "its directory, or a list of the robots' Tables (of many runs, one: runs[0])"
+        allowed = (
+            "a Training, a SavedRun, its directory, or a list of the robots' Tables (of many "
+            "runs, one: runs[0])"
         )
+        raise TablesError(wrong_argument(LEARNED, learned, allowed))
     rule = None if learner is None else chosen_learner(learner)
     if scenario is not None:
         own = loaded(scenario)

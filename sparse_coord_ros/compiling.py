@@ -25,7 +25,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from sparse_coord_ros.errors import EXIT_INTERRUPTED, SparseCoordError
+from sparse_coord_ros.errors import EXIT_INTERRUPTED, SparseCoordError, check_argument
 from sparse_coord_ros.files import import_apart, take_lock
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -33,6 +33,9 @@ F = TypeVar("F", bound=Callable[..., Any])
 FOLDER_VARIABLE = "SPARSE_COORD_CACHE"
 """Environment variable: where to keep compiled loops; empty: nowhere. Unless it is set they are
 in `sparse_coord_ros` of the user's cache directory (XDG_CACHE_HOME, or ~/.cache)."""
+
+THREADS_VARIABLE = "NUMBA_NUM_THREADS"
+"""Environment variable of numba, which cannot be imported where it is 0."""
 
 COMPILER = ("numba", "llvmlite", "numpy")
 """Installed packages whose versions the compiled code depends on."""
@@ -61,6 +64,9 @@ def _imports() -> bool:
 
 def numba() -> ModuleType:
     """Import numba where it is first needed: that takes as long as all the rest."""
+    threads = os.environ.get(THREADS_VARIABLE, "")
+    with suppress(ValueError):  # numba ignores what is no number
+        check_argument(THREADS_VARIABLE, threads, int(threads) > 0, "a whole number from 1")
     module = import_apart("numba", ".numba_config.yaml")
     module.core.config._config_fname = os.devnull  # it would read the file at each compiling
     return module

@@ -160,10 +160,54 @@ def in_short(value: object) -> str:
     return _short.repr(value)
 
 
+def wrong_argument(name: str, value: object, allowed: str) -> str:
+    """Return what to say of an argument that has a wrong value."""
+    return f"{name}: value is {in_short(value)}, allowed: {allowed}"
+
+
+def check_argument(
+    name: str,
+    value: object,
+    fits: bool,
+    allowed: str,
+    error: type[SparseCoordError] = SettingError,
+) -> None:
+    """Raise an `error` that names an argument, its value and what is allowed, unless it fits."""
+    if not fits:
+        raise error(wrong_argument(name, value, allowed))
+
+
+def check_function(name: str, value: object) -> None:
+    """Raise SettingError unless an argument can be called."""
+    check_argument(name, value, callable(value), "a function")
+
+
+OTHER_WORDS = {
+    "alpha": "step_size",
+    "learning_rate": "step_size",
+    "lr": "step_size",
+    "gamma": "discount",
+    "episodes": "steps",
+    "timesteps": "steps",
+    "algorithm": "learner",
+    "agent": "learner",
+    "output": "out",
+}
+"""What others call a setting or an option of ours."""
+
+
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """Return `" (did you mean 'x'?)"` for the nearest known name, or an empty string."""
-    near = difflib.get_close_matches(name, list(known), n=1)
-    return f" (did you mean {near[0]!r}?)" if near else ""
+    """Return `" (did you mean 'x'?)"` for the nearest known name, or an empty string.
+
+    Capitals do not count, and `OTHER_WORDS` stand for ours.
+    """
+    names = {one.lower(): one for one in known}
+    wanted = name.lower()
+    bare = wanted.lstrip("-").replace("-", "_")
+    if bare in OTHER_WORDS:
+        wanted = wanted.removesuffix(wanted.lstrip("-")) + OTHER_WORDS[bare]
+    near = difflib.get_close_matches(wanted, names, n=1)
+    return f" (did you mean {names[near[0]]!r}?)" if near else ""
 
 
 def check_format(found: object, known: int, where: str, error: type[SparseCoordError]) -> None:

@@ -13,8 +13,10 @@ import os
 import signal
 import sys
 from pathlib import Path
+from typing import NoReturn
 
 from sparse_coord_ros.errors import EXIT_BAD_INPUT, EXIT_INTERRUPTED, RunError, SparseCoordError
+from sparse_coord_ros.signals import STOPPING
 
 COMMAND_LINE = "sparse_coord"
 NODES = "world_simulator robot recorder team watch player driver nav2_driver body".split()
@@ -50,22 +52,30 @@ def main(name: str) -> int:
         name: one of `NODES`, or `COMMAND_LINE`.
     """
     is_node = name != COMMAND_LINE
+    is_live = is_node or sys.argv[1:2] in LIVE
     module = f"sparse_coord_ros.nodes.{name}" if is_node else "sparse_coord_ros.cli.main"
-    code = 0 if is_node else EXIT_INTERRUPTED
+
+    def leave(number: int, frame: object) -> NoReturn:
+        # An exception could be lost: rclpy takes one in its import for a missing library.
+        if is_node:
+            os._exit(0)
+        os.write(sys.stderr.fileno(), b"interrupted\n")
+        os._exit(EXIT_INTERRUPTED)
+
     before = {
-        number: signal.signal(number, lambda *_: os._exit(code))
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+        number: signal.signal(number, leave)
+        for number in STOPPING
         if signal.getsignal(number) != signal.SIG_IGN  # nohup: a closed terminal is no matter
     }
     signal.pthread_sigmask(signal.SIG_UNBLOCK, before)  # whoever started this may hold them back
     try:
-        if is_node or sys.argv[1:2] in LIVE:
+        if is_live:
             check_middleware()
         run = importlib.import_module(module).main
     except SparseCoordError as error:
         print(f"error: {error}", file=sys.stderr)
         return error.exit_code
-    if not is_node:  # its verbs that run no nodes are interrupted as Python does
+    if not is_live:  # it is interrupted as Python does
         for number, handler in before.items():
             signal.signal(number, handler)
     return run()

@@ -14,8 +14,39 @@ from pathlib import Path
 from types import ModuleType
 from typing import IO, Any
 
+from sparse_coord_ros.errors import RunError, SparseCoordError, check_argument, wrong_argument
+
+LONGEST_NAME = 255
+"""Bytes of the name of a file or a folder."""
+
 PARTIAL = ".partial"
 """What the name of a file ends with while it is written."""
+
+
+def path_argument(
+    name: str, value: object, error: type[SparseCoordError] = RunError, instead: str = "a path"
+) -> Path:
+    """Return an argument as a path.
+
+    Args:
+        name: of the argument.
+        value: what was given.
+        error: what to raise.
+        instead: what is allowed.
+
+    Raises:
+        SparseCoordError: an `error`: it is no text and no path, or no system has such a path.
+    """
+    text = os.fspath(value) if isinstance(value, str | os.PathLike) else None
+    if not isinstance(text, str):
+        raise error(wrong_argument(name, value, f"{instead}, as a text or a Path"))
+    check_argument(name, value, "\0" not in text, "a path without NUL characters", error)
+    parts = text.encode(errors="surrogatepass").split(b"/")
+    most = max(map(len, parts))
+    check_argument(
+        name, value, most <= LONGEST_NAME, f"names of up to {LONGEST_NAME} bytes", error
+    )
+    return Path(text)
 
 
 def write_whole(path: Path, data: bytes | str, *, sync: bool = False) -> None:

@@ -75,6 +75,8 @@ def open_regular(path: Path, limit: Limit | None = None) -> BinaryIO:
     Raises:
         OSError: it cannot be read, is something else, or is too large; with its name.
     """
+    if "\0" in str(path):
+        raise OSError(errno.EINVAL, "a path has no NUL characters", str(path))
     file = open(path, "rb", opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK))
     found = os.fstat(file.fileno())
     if not stat.S_ISREG(found.st_mode):

@@ -3,42 +3,18 @@
 """What all tests share: a ROS domain of their own, and nothing left behind."""
 
 import os
-import random
 import signal
-import socket
 import subprocess
 import sys
 import tempfile
-import time
-from contextlib import contextmanager
 
 import pytest
+from domains import ros_domain
+from patience import PATIENCE_SECONDS
 from teams import drawn
 
 from sparse_coord_ros.compiling import FOLDER_VARIABLE
 from sparse_coord_ros.game.plugins import ALLOW_VARIABLE
-
-DOMAINS = (*range(1, 101), *range(215, 232))
-"""ROS domains whose ports are not those that Linux hands out by itself."""
-
-
-@contextmanager
-def ros_domain():
-    """Take a ROS domain that no other test on this host is in, whichever suite it belongs to.
-
-    A socket in the abstract namespace holds it; it is gone with its process.
-    """
-    deadline = time.monotonic() + 60
-    while time.monotonic() < deadline:
-        domain = random.Random().choice(DOMAINS)
-        with socket.socket(socket.AF_UNIX) as holder:
-            try:
-                holder.bind(f"\0sparse_coord_test_domain_{domain}")
-            except OSError:
-                continue
-            yield domain
-            return
-    raise TimeoutError("all ROS domains are in use")
 
 
 @pytest.fixture
@@ -151,7 +127,7 @@ def python():
             env={**os.environ, **path, **(env or {})},
             capture_output=True,
             text=True,
-            timeout=100,
+            timeout=PATIENCE_SECONDS,
         )
         assert done.returncode == code, done.stderr
         assert "Traceback" not in done.stderr

@@ -39,8 +39,18 @@ def bare(python):
 
 
 LEVELS = (
-    {"version", "errors", "files", "limits", "share", "palette", "dataframes", "compiling"}
-    | {"archive"},
+    {
+        "version",
+        "errors",
+        "files",
+        "limits",
+        "share",
+        "signals",
+        "palette",
+        "dataframes",
+        "compiling",
+        "archive",
+    },
     {"game"},
     {"learners"},
     {"learn"},

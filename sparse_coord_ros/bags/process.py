@@ -3,7 +3,6 @@
 """A bag writer in a process of its own, so that writing takes no time from a run beside it."""
 
 import contextlib
-import signal
 import socket
 import struct
 import subprocess
@@ -15,6 +14,7 @@ from typing import Any, NoReturn
 from sparse_coord_ros.bags.topics import QoS
 from sparse_coord_ros.bags.writer import BagWriter
 from sparse_coord_ros.errors import BagError
+from sparse_coord_ros.signals import held_back
 
 BATCH = 500
 """Messages that are handed over together."""
@@ -61,7 +61,7 @@ class BagProcess:
         command = [sys.executable, "-P", "-m", __name__, str(theirs.fileno())]
         shared: dict[str, Any] = {"stdin": subprocess.DEVNULL, "pass_fds": [theirs.fileno()]}
         try:
-            with theirs:
+            with theirs, held_back():  # for good: the child ends when this process does
                 self._process = subprocess.Popen(command, start_new_session=True, **shared)
         except OSError as error:
             self._connection.close()
@@ -171,8 +171,6 @@ class BagProcess:
 
 def main() -> int:
     """Serve the process at the other end of the socket whose number is the only argument."""
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, signal.SIG_IGN)  # it ends when its parent does
     bag: Any = None
     gone = contextlib.suppress(OSError, EOFError)  # a killed parent wants no answer
     with Connection(int(sys.argv[1])) as connection, gone:

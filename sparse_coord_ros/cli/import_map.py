@@ -120,6 +120,7 @@ def execute(options: argparse.Namespace) -> None:
 
         serve(options)
         return
+    plan = read_floor_plan(options.map)
     missing = [f"--{one}" for one in ("cell", "radius") if getattr(options, one) is None]
     if missing:
         raise SettingError(f"required: {', '.join(missing)}; or choose on a page: --page")
@@ -129,7 +130,7 @@ def execute(options: argparse.Namespace) -> None:
     from sparse_coord_ros.cli.computing import Bar
 
     with Bar("cells", "laying the grid"):
-        made = make(options, read_floor_plan(options.map))
+        made = make(options, plan)
     if made.scenario is None:
         made.notes.append("no scenario: give --start and --goal, in metres, and --replace")
     picture = write(options, made)

@@ -40,6 +40,9 @@ CELL_AT_FIRST, RADIUS_AT_FIRST = 0.5, 0.2
 EPISODES = 20
 """In which bodies drive a team."""
 
+NEEDLESS = {IMPORT: (IMPORT,), SAVE: (IMPORT, SAVE), STOP: (TRAIN, DRIVE)}
+"""What need not be done any more, by what was wished for right after it."""
+
 PLACES = ("start", "goal", "doorway", "no_doorway")
 """What a page chooses by clicks, by the options' names in the namespace."""
 
@@ -77,6 +80,7 @@ class ImportPage(Controlled):
         self._options, self._board, self._replace = options, board, options.replace
         self._plan = plan = read_floor_plan(options.map)
         self._busy = self._stopped = self._learned = False
+        self._lock = threading.Lock()
         self._out: Path | None = None
         self.wanted: queue.SimpleQueue[tuple[str, Path]] = queue.SimpleQueue()
         cell = CELL_AT_FIRST if options.cell is None else options.cell
@@ -99,25 +103,41 @@ class ImportPage(Controlled):
     def control(self, control: Control) -> None:
         """Do it soon; SparseCoordError where a value is none. Called from the server's thread."""
         if control.name == STOP:
-            if self._busy and not self._stopped:
-                self._stopped = True
-                signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGTERM)
-            return
-        value = None if control.name == DRIVE else _chosen(control.value)
+            self._stop()  # at once; as a wish it stops a team that has not begun
+        value = None if control.name in (DRIVE, STOP) else _chosen(control.value)
         self._wishes.put(Control(control.name, value))
 
     def work(self) -> None:
-        """Do what is wished for, for ever; of several imports only the last."""
+        """Do what is wished for, for ever; a wish that a later one makes needless is left out."""
+        waiting: list[Control] = []
         while True:
-            wish = self._wishes.get()
-            while wish.name == IMPORT and not self._wishes.empty():
+            while not waiting or not self._wishes.empty():
                 wish = self._wishes.get()
+                while waiting and waiting[-1].name in NEEDLESS.get(wish.name, ()):
+                    waiting.pop()
+                waiting.append(wish)
             try:
-                self._do(wish)
+                self._do(waiting.pop(0))
             except (SparseCoordError, OSError) as error:
                 self._board.put("problem", text=str(failure_of(error)))
 
+    def _stop(self) -> None:
+        """Stop the team that learns or drives, if there is one."""
+        with self._lock:
+            if not self._busy or self._stopped:
+                return
+            try:
+                self.wanted.get_nowait()
+            except queue.Empty:  # the main thread has it
+                self._stopped = True
+                signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGTERM)
+            else:
+                self._tell("Stopped.")
+
     def _do(self, wish: Control) -> None:
+        if wish.name == STOP:
+            self._stop()
+            return
         if wish.name in (TRAIN, DRIVE) and self._busy:
             raise RunError("a team learns or drives already: wait for its end, or stop it")
         if wish.name == DRIVE:
@@ -142,8 +162,9 @@ class ImportPage(Controlled):
         self._board.put("problem", text="")
 
     def _begin(self, what: str, path: Path) -> None:
-        self._tell("It begins ...", busy=True)
-        self.wanted.put((what, path))
+        with self._lock:
+            self._tell("It begins ...", busy=True)
+            self.wanted.put((what, path))
 
     def _tell(self, text: str, *, busy: bool = False) -> None:
         """Say what goes on; not `busy`: what has come of it."""
@@ -196,7 +217,7 @@ class ImportPage(Controlled):
     def stopped(self) -> bool:
         """Return whether an interrupt is the page's wish to stop; then it is told so."""
         stopped, self._stopped = self._stopped, False
-        if stopped:
+        if stopped and self._busy:  # else its end was faster
             saved = self._out is not None and (self._out / CHECKPOINT_FILE).exists()
             self._tell(
                 "Stopped." + f" Go on with: sparse_coord train --resume {self._out}" * saved

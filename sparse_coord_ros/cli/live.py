@@ -25,8 +25,9 @@ from sparse_coord_ros.look.page.board import Board
 from sparse_coord_ros.nodes.middleware import DOMAIN, check_participants, one_host, ros_domain
 from sparse_coord_ros.nodes.outputs import gather
 from sparse_coord_ros.nodes.parameters import TEAM_PARAMETERS, of_node
-from sparse_coord_ros.nodes.spin import STOPPING, Stop, ros_context, signals
+from sparse_coord_ros.nodes.spin import Stop, ros_context, signals
 from sparse_coord_ros.nodes.team import run_team, team_run
+from sparse_coord_ros.signals import held_back
 from sparse_coord_ros.wire import RECORDER, WORLD
 
 Process: TypeAlias = subprocess.Popen[bytes]
@@ -124,12 +125,8 @@ def _start(module: str, name: str, parameters: Mapping[str, Any], quiet: bool) -
     for key, value in parameters.items():
         command += ["-p", f"{key}:={json.dumps(value, ensure_ascii=False)}"]
     command += ["-r", f"__node:={name}", *["--log-level", "warn"] * quiet]
-    # A signal that comes before the child can hear it waits until it does.
-    mask = signal.pthread_sigmask(signal.SIG_BLOCK, STOPPING)
-    try:
+    with held_back():  # until `executables.main` of the child can handle them
         return subprocess.Popen(command, start_new_session=True, env=one_host())
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
 
 def _wait(processes: Mapping[str, Process], bag: Path, stop: Stop) -> bool:
@@ -148,7 +145,9 @@ def _wait(processes: Mapping[str, Process], bag: Path, stop: Stop) -> bool:
         running = any(one.poll() is None for one in processes.values())  # before what they say
         _check({n: p for n, p in processes.items() if n != RECORDER or not bag.exists()}, running)
         if not running:
-            return False
+            return bool(
+                stop
+            )  # where all processes heard the signal, they have ended by themselves
         if world.poll() is not None or any(robot.poll() is None for robot in robots):
             last_robot = time.monotonic()
         left = time.monotonic() - last_robot > ALONE_SECONDS

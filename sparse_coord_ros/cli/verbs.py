@@ -8,7 +8,7 @@ import re
 from collections.abc import Mapping
 from typing import Any, NoReturn
 
-from sparse_coord_ros.errors import EXIT_BAD_INPUT
+from sparse_coord_ros.errors import EXIT_BAD_INPUT, did_you_mean
 
 VERBS: Mapping[str, str] = {
     "run": "let a team learn live over ROS 2 nodes, topics and services, recorded to MCAP",
@@ -45,6 +45,22 @@ class Parser(argparse.ArgumentParser):
     def __init__(self, *args: Any, **more: Any) -> None:
         super().__init__(*args, **more)
         self._negative_number_matcher = re.compile(r"^-[\d.]")
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """As of argparse; but no word may be left over, and the nearest right one is told."""
+        found, left = super().parse_known_args(args, namespace)
+        if left:
+            options = [word.partition("=")[0] for word in left if word.startswith("-")]
+            hints = [did_you_mean(one, self._option_string_actions) for one in options]
+            self.error(f"unrecognized arguments: {' '.join(left)}{''.join(hints)}")
+        return found, left
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        """As of argparse; the nearest right word is told."""
+        if action.choices is not None and value not in action.choices:
+            known = [str(one) for one in action.choices]
+            what = f"invalid choice: {value!r}{did_you_mean(str(value), known)}"
+            raise argparse.ArgumentError(action, f"{what}; allowed: {', '.join(known)}")
 
     def error(self, message: str) -> NoReturn:
         """Say what is wrong in one line and exit."""

@@ -210,7 +210,7 @@ def _connected(scheduler: SchedulerLike) -> "Client":
         raise SettingError(f"scheduler: value is {scheduler!r} ({error}), {more}") from None
     except OSError:
         raise RunError(
-            f"scheduler {scheduler}: does not answer within {WAIT_SECONDS} s; start one with "
+            f"scheduler {scheduler}: does not answer; start one with "
             "'dask scheduler', and give the address that it prints"
         ) from None
     try:
@@ -232,8 +232,13 @@ async def _knock(scheduler: str) -> None:
     the next client does not start.
     """
     from distributed.comm import connect
+    from distributed.comm.addressing import parse_address
+    from distributed.comm.registry import get_backend
     from distributed.security import Security
 
     arguments = Security().get_connection_args("client")
+    scheme, place = parse_address(scheduler)
+    once = get_backend(scheme).get_connector().connect(place, deserialize=False, **arguments)
+    (await asyncio.wait_for(once, WAIT_SECONDS)).abort()  # `connect` tries again and again
     comm = await connect(scheduler, timeout=WAIT_SECONDS, **arguments)
     await comm.close()

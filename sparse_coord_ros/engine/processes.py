@@ -20,6 +20,7 @@ from multiprocessing.synchronize import Event
 from typing import Any
 
 from sparse_coord_ros.errors import RunError
+from sparse_coord_ros.signals import held_back
 
 SAFE_PATH = "PYTHONSAFEPATH"
 """With this, as with its option -P, Python begins with no module of the current directory, which
@@ -81,12 +82,8 @@ def _submitted(
 ) -> list[Future[Any]]:
     """Hand the calls to the pool, which starts its processes as it takes them."""
     resource_tracker.ensure_running()  # it would let signals through again where it starts later
-    # The processes inherit the mask: a Ctrl-C at the terminal is for this process alone.
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
+    with held_back(signal.SIGINT):  # a Ctrl-C at the terminal is for this process alone
         return [pool.submit(function, *arguments) for arguments in work]
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _begin(lifeline: Connection, folder: str, ready: Event) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from sparse_coord_ros.errors import RunError
-from sparse_coord_ros.files import write_whole
+from sparse_coord_ros.files import path_argument, write_whole
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.learn.evaluation import Evaluation
 from sparse_coord_ros.learn.history import History
@@ -77,7 +77,7 @@ class Training:
         """
         run = make_run(self.scenario, {"seed": self.seed, "learner": self.learner})
         said = run.to_yaml()
-        folder = create_output(Path(directory))
+        folder = create_output(path_argument("directory", directory))
         try:
             write_whole(folder / RUN_FILE, said)
             save_team(folder, [table.memory for table in self.tables])

@@ -17,7 +17,8 @@ from typing import Protocol
 from sparse_coord_ros.engine import batch
 from sparse_coord_ros.engine.checkpoint import Checkpoint, load_checkpoint
 from sparse_coord_ros.engine.trained import Training
-from sparse_coord_ros.errors import SettingError
+from sparse_coord_ros.errors import SettingError, check_function
+from sparse_coord_ros.files import path_argument
 from sparse_coord_ros.game.scenario import Scenario, ScenarioLike, loaded
 from sparse_coord_ros.game.settings import Setting
 from sparse_coord_ros.learn.evaluation import Evaluation, Progress, silent, summary
@@ -27,6 +28,7 @@ from sparse_coord_ros.learners.learner import Learner
 from sparse_coord_ros.learners.registry import LearnerLike, chosen_learner, learner_of
 
 EVERY = Setting("evaluate-every", int, 0, "steps between evaluations", low=0, high=10_000_000)
+UNTIL = Setting("until", int, 0, "transitions after which to stop", low=0)
 EVERY_TRIALS = Setting("trials", int, 200, "trials of each of them", low=2, high=10_000_000)
 
 WORTH_COMPILING, WORTH_LOADING = 500_000, 100_000
@@ -135,6 +137,10 @@ def train(
     scenario, seed = rule.with_defaults(loaded(scenario)), RUN_SETTINGS["seed"].parse(seed)
     evaluate_every = None if evaluate_every is None else EVERY.parse(evaluate_every)
     trials = EVERY_TRIALS.parse(trials)
+    until = scenario.steps if until is None else UNTIL.parse(until)
+    check_function("progress", progress)
+    if checkpoint is not None:
+        checkpoint = path_argument("checkpoint", checkpoint)
     saved = None
     if resume:
         if checkpoint is None:
@@ -155,7 +161,7 @@ def train(
         progress,
         watcher,
     )
-    learning = under_way.run(scenario.steps if until is None else min(until, scenario.steps))
+    learning = under_way.run(min(until, scenario.steps))
     return replace(
         batch.result_of(learning),
         evaluations=tuple(under_way.evaluations),

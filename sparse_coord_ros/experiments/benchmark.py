@@ -17,6 +17,7 @@ import numpy as np
 
 from sparse_coord_ros.dataframes import data_frame
 from sparse_coord_ros.engine.cluster import SchedulerLike
+from sparse_coord_ros.errors import check_argument
 from sparse_coord_ros.experiments.catalogue import unseen_conditions
 from sparse_coord_ros.experiments.runner import (
     SURE,
@@ -192,6 +193,8 @@ def benchmark(
         ResultsError, OSError, RunError, PluginError: as `run_experiment`.
     """
     name = chosen_learner(learner).label
+    given = isinstance(robots, int | Iterable)
+    check_argument("robots", robots, given, "a size of teams, or a list of them")
     sizes = (robots,) if isinstance(robots, int) else tuple(robots)
     conditions = unseen_conditions(name, split, {"steps": steps, **settings}, sizes)
     results = run_experiment(

@@ -25,6 +25,8 @@ from sparse_coord_ros.errors import (
     ResultsError,
     SettingError,
     SparseCoordError,
+    check_argument,
+    check_function,
     did_you_mean,
     needed,
 )
@@ -44,7 +46,7 @@ from sparse_coord_ros.experiments.store import (
     open_results,
     sample,
 )
-from sparse_coord_ros.files import import_apart
+from sparse_coord_ros.files import import_apart, path_argument
 from sparse_coord_ros.game.perception import check_found_elsewhere
 from sparse_coord_ros.game.plugins import allow_named
 from sparse_coord_ros.game.scenario import Scenario
@@ -341,6 +343,8 @@ def run_experiment(
             killed; pandas, Matplotlib or Jinja2 is missing, which a report needs.
         PluginError: a learner or perception model of the user's own failed.
     """
+    given = isinstance(what, str | Condition | Iterable)
+    check_argument("what", what, given, "an experiment or a condition, or a list of them")
     asked = [what] if isinstance(what, str | Condition) else list(what)
     if not asked:
         remedy = "name at least one, or all: experiment_names()"
@@ -349,6 +353,9 @@ def run_experiment(
     plan = Plan(seed, RUNS.parse(runs), TRIALS.parse(trials))
     targets = parse_targets(asked, plan)
     jobs = check_place(jobs, scheduler)
+    out = None if out is None else path_argument("out", out)
+    check_function("progress", progress)
+    check_function("say", say)
     if out is None and (targets.runs or report):
         raise SettingError("single runs and reports are files: name a results directory")
     if out is not None or scheduler is not None:
@@ -356,7 +363,7 @@ def run_experiment(
             check_found_elsewhere(one.scenario.perception)
     write_report = _report_writer() if report and targets.experiments else None
     with ExitStack() as stack:
-        results = None if out is None else stack.enter_context(open_results(Path(out), plan, say))
+        results = None if out is None else stack.enter_context(open_results(out, plan, say))
         by = Computing(engine, jobs, stack.enter_context(cluster_at(scheduler)))
         found = compute(targets.conditions, plan, by, results=results, progress=progress)
         played = []

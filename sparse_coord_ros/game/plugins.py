@@ -27,6 +27,7 @@ from sparse_coord_ros.errors import (
     PluginError,
     SettingError,
     SparseCoordError,
+    check_argument,
     did_you_mean,
     retold,
 )
@@ -55,11 +56,19 @@ def allow_modules(modules: str | Iterable[str]) -> None:
     Raises:
         SettingError: that is no module's name.
     """
+    given = isinstance(modules, str | Iterable)
+    check_argument("allow", modules, given, "names of modules, in a text or a list")
     for module in modules.split() if isinstance(modules, str) else filter(None, modules):
         if not is_path(f"{module}:name"):
             named = "the name of a module, such as my_team"
             raise SettingError(f"allow: value is {module!r}, allowed: {named}")
         os.environ[ALLOW_VARIABLE] = " ".join(dict.fromkeys([*allowed(), module]))
+
+
+def of_file(name: str) -> str:
+    """Return how to name what is in a file of Python code; empty: the name is not a file's."""
+    module = Path(name).stem
+    return f" (did you mean '{module}:NAME', a name in that file?)" if name.endswith(".py") else ""
 
 
 def allow_named(given: object) -> None:
@@ -153,7 +162,8 @@ class Registry(Generic[T]):
             if point.name == name:
                 return self.register(name, self._imported(name, point.module, point.attr))
         if not is_path(name):
-            what = f"unknown {self.kind} {name!r}{did_you_mean(name, self.names)}"
+            hint = of_file(name) or did_you_mean(name, self.names)
+            what = f"unknown {self.kind} {name!r}{hint}"
             raise SettingError(f"{what}; allowed: {self.usage}")
         module, _, attribute = name.partition(":")
         if self.barred(name):

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from sparse_coord_ros.errors import MapError, ScenarioError, SettingError, did_you_mean, in_short
+from sparse_coord_ros.files import path_argument
 from sparse_coord_ros.game.actions import PRIMITIVES
 from sparse_coord_ros.game.buildings import building
 from sparse_coord_ros.game.grid import GridMap, load_map, parse_map
@@ -318,10 +319,9 @@ def load_scenario(
         MapError: its map is missing or malformed.
         SettingError: a bad setting.
     """
-    if not isinstance(name, str | Path):
-        raise ScenarioError(f"scenario: value is {name!r}, allowed: a Scenario, a name or a path")
+    path = path_argument("scenario", name, ScenarioError, "a Scenario, a name or a path")
+    name = str(name)
     allow_modules(allow)
-    path, name = Path(name), str(name)
     generated = None if path.is_file() else building(name)
     if generated is not None:
         return scenario_from_dict(generated, where=name, name=name).with_settings(settings)

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from sparse_coord_ros.errors import SettingError, did_you_mean
+from sparse_coord_ros.game.plugins import of_file
 
 
 @dataclass(frozen=True)
@@ -130,7 +131,7 @@ class SpecFamily:
     def unknown(self, text: str, known: Sequence[str]) -> SettingError:
         """Return the error for a kind that is not known; a lone number may lack its kind."""
         first = [form.kind for form in self.forms if len(form.numbers) == 1]
-        hint = did_you_mean(text.split(":")[0], known)
+        hint = of_file(text) or did_you_mean(text.split(":")[0], known)
         if first and not math.isnan(_number(text)):
             hint = f" (did you mean '{first[0]}:{text}'?)"
         return SettingError(

@@ -269,6 +269,10 @@ def run_from_yaml(text: str, *, where: str) -> RunConfig:
     )
 
 
+MOST_NAMED = 8
+"""Runs of a folder that a message names."""
+
+
 def load_run(directory: Path) -> RunConfig:
     """Read `run.yaml` of a run's output directory.
 
@@ -276,6 +280,11 @@ def load_run(directory: Path) -> RunConfig:
         RunError: there is none, or it is not one of this version.
     """
     path = directory / RUN_FILE
+    inside = sorted(str(file.parent) for file in directory.glob(f"*/{RUN_FILE}"))
+    if inside and not path.exists():
+        more = f" and {len(inside) - MOST_NAMED} more" if len(inside) > MOST_NAMED else ""
+        runs = f"{', '.join(inside[:MOST_NAMED])}{more}"
+        raise RunError(f"{directory}: is no run; it holds these runs, give one of them: {runs}")
     remedy = "give the output directory of 'sparse_coord run' or 'sparse_coord train'"
     text = read_text(path, SCENARIO, RunError, remedy)
     return run_from_yaml(text, where=str(path))

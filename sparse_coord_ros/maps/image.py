@@ -100,6 +100,9 @@ def read_floor_plan(path: Path) -> FloorPlan:
         )
     text = read_text(path, MAP_HEADER, MapError, "give the YAML file")
     said = parse_yaml(text, where=str(path), limit=MAP_HEADER, error=MapError)
+    if "robots" in said and "image" not in said:
+        remedy = f"let a team learn on it: sparse_coord train {path}"
+        raise MapError(f"{path}: is a scenario already, not the map of a building; {remedy}")
     with retold(MapError, SettingError, f"{path}"):
         data = {name: one.parse(said.get(name, one.default)) for name, one in FIELDS.items()}
     origin = _origin(said.get("origin", [0.0, 0.0, 0.0]), f"{path}: field 'origin'")

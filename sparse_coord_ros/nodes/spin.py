@@ -26,6 +26,7 @@ from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.middleware import check_security, repair_promptly, ros_domain
 from sparse_coord_ros.nodes.parameters import ParameterNode
 from sparse_coord_ros.nodes.shared_memory import leftovers
+from sparse_coord_ros.signals import STOPPING
 
 READERS_SECONDS = 3.5
 """How long the last messages may take: with profiles of the user's own, Fast DDS offers lost ones
@@ -42,10 +43,6 @@ PATIENCE_SECONDS = 3.0
 SHUTDOWN_SECONDS = 10.0
 STDERR = 2
 """Its number: a terminal that was closed has none in `sys`."""
-
-
-STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-"""What ends a node well: Ctrl-C, `kill`, and a terminal that is closed (`nohup` ignores it)."""
 
 
 class Stop:

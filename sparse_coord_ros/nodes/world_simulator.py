@@ -138,7 +138,7 @@ class WorldSimulator(ParameterNode):
     # Incoming.
 
     def _on_action(self, robot: int, said: tuple[int, Action]) -> None:
-        if self.speed.begun and not self._stopped and self.lockstep.action(robot, *said):
+        if self.speed.begun and self.lockstep.action(robot, *said):
             self._advance_where_due()
 
     def _on_pause(self, hold: bool) -> tuple[bool, str]:

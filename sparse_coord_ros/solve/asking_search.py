@@ -18,8 +18,8 @@ from typing import Any
 
 import numpy as np
 
-from sparse_coord_ros.errors import ResultsError, SettingError, check_format
-from sparse_coord_ros.files import write_whole
+from sparse_coord_ros.errors import ResultsError, SettingError, check_format, check_function
+from sparse_coord_ros.files import path_argument, write_whole
 from sparse_coord_ros.game.actions import ACTIONS, MOVES, PRIMITIVES
 from sparse_coord_ros.game.links import check_up
 from sparse_coord_ros.game.miscoordination import meeting_places, together
@@ -91,7 +91,8 @@ def find_asking_team(
     scenario = loaded(scenario)
     check_two_robots(scenario)
     restarts, seed = RESTARTS.parse(restarts), RUN_SETTINGS["seed"].parse(seed)
-    file = None if file is None else Path(file)
+    file = None if file is None else path_argument("file", file)
+    check_function("progress", progress)
     game = _game(scenario)
     both = np.ones(2, dtype=np.bool_)
     values, best = _kept(file, scenario, seed)

@@ -7,13 +7,16 @@ import re
 import signal
 import socket
 import struct
+import subprocess
 import sys
 
 import pytest
+from patience import PATIENCE_SECONDS
 
 from sparse_coord_ros.bags import QoS, open_bag
 from sparse_coord_ros.bags.process import BagProcess
 from sparse_coord_ros.errors import BagError
+from sparse_coord_ros.signals import STOPPING
 
 STRING = "std_msgs/msg/String"
 
@@ -78,7 +81,7 @@ def test_all_that_was_handed_over_is_written_when_the_parent_is_gone(tmp_path, s
             writer.flush()
     writer._connection.close()
     os.kill(writer._process.pid, signal.SIGCONT)
-    assert writer._process.wait(10) == 0
+    assert writer._process.wait(PATIENCE_SECONDS) == 0
     assert open_bag(tmp_path / "run").message_count == 30
 
 
@@ -93,3 +96,22 @@ def test_a_writer_that_hangs_is_given_up(tmp_path, monkeypatch):
     with pytest.raises(BagError, match="has not moved"):
         writer.close()
     assert writer._process.returncode == -signal.SIGKILL
+
+
+def test_a_signal_while_the_writer_starts_does_not_reach_it(tmp_path, samples, capfd, monkeypatch):
+    """As when a Ctrl-C goes to all processes of a run: the run decides when the writer ends."""
+    start = subprocess.Popen
+
+    def interrupted(*arguments, **options):
+        process = start(*arguments, **options)
+        for number in STOPPING:
+            process.send_signal(number)
+        return process
+
+    monkeypatch.setattr(subprocess, "Popen", interrupted)
+    writer = BagProcess(tmp_path / "run")
+    writer.write(writer.add_topic("/a", STRING, QoS()), samples.cdr(STRING), 1, 1)
+    writer.close()
+    assert open_bag(tmp_path / "run").message_count == 1
+    assert capfd.readouterr().err == ""
+    assert not signal.pthread_sigmask(signal.SIG_BLOCK, ()) & set(STOPPING)

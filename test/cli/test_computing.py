@@ -4,6 +4,8 @@
 
 import time
 
+from patience import PATIENCE_SECONDS
+
 from sparse_coord_ros.cli import computing
 from sparse_coord_ros.cli.computing import Bar
 
@@ -15,7 +17,7 @@ def test_without_a_terminal_lines_say_what_goes_on(capsys, monkeypatch):
 
     def wait_for(text):
         nonlocal said
-        deadline = time.monotonic() + 20
+        deadline = time.monotonic() + PATIENCE_SECONDS
         while text not in said:
             assert time.monotonic() < deadline, said
             time.sleep(0.001)

@@ -11,6 +11,7 @@ from PIL import Image
 
 from sparse_coord_ros.game.grid import load_map
 from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.share import share_file
 
 ENV1 = ("--cell", "1", "--radius", "0.1", "--start", "0.5,4.5", "4.5,4.5")
 GOALS = ("--goal", "4.5,0.5", "0.5,0.5")
@@ -156,3 +157,12 @@ def test_what_is_exported_says_where_it_lies(sparse_coord, folder):
         [254] * 4,
         [254] * 4,
     ]
+
+
+@pytest.mark.parametrize("options", [(), ("--cell", "1", "--radius", "0.1"), ("--page",)])
+def test_a_scenario_is_recognised(sparse_coord, folder, options):
+    file = share_file("config", "env1.yaml")
+    code, _, err = sparse_coord("import-map", file, *options)
+    assert code == 2
+    assert f"{file}: is a scenario already, not the map of a building; let a team learn" in err
+    assert list(folder.iterdir()) == []

@@ -7,8 +7,10 @@ import signal
 import threading
 import time
 import urllib.request
+from collections import Counter
 
 import pytest
+from patience import PATIENCE_SECONDS
 
 from sparse_coord_ros.cli import import_page
 from sparse_coord_ros.cli.import_page import CELL_AT_FIRST, ImportPage
@@ -47,7 +49,7 @@ def page(exported):
 
 
 def wait_for(true):
-    deadline = time.monotonic() + 20
+    deadline = time.monotonic() + PATIENCE_SECONDS
     while not true():
         assert time.monotonic() < deadline
         time.sleep(0.01)
@@ -76,9 +78,81 @@ def test_what_is_saved_is_what_the_command_line_saves(page, sparse_coord, folder
         assert (folder / name).read_bytes() == typed.read_bytes()
     assert told(page, TRAIN, start=[], goal=[]) == "no robot is there: click its places"
     told(page, TRAIN)
-    what, path = page[0].wanted.get(timeout=5)
+    what, path = page[0].wanted.get(timeout=PATIENCE_SECONDS)
     assert (what, str(path)) == (TRAIN, "clicked/env1.yaml")
     assert told(page, TRAIN) == "a team learns or drives already: wait for its end, or stop it"
+
+
+class Counting(Board):
+    """Counts the messages of each kind."""
+
+    def __init__(self):
+        super().__init__()
+        self.counted = Counter()
+
+    def put(self, kind, **fields):
+        self.counted[kind] += 1
+        super().put(kind, **fields)
+
+
+@pytest.fixture
+def waiting(exported):
+    """Return a page that does nothing yet, and its board; wishes wait."""
+    command = ["import-map", "e/env1.yaml", "--page", "--out", "clicked"]
+    board = Counting()
+    return ImportPage(make_parser("import-map").parse_args(command), board), board
+
+
+def begin(page, what):
+    """Let a page work until it has done what it was told, an import at the end."""
+    made, board = page
+    last = CHOSEN | {"radius": 0.15}
+    made.control(Control(IMPORT, last))
+    threading.Thread(target=made.work, daemon=True).start()
+    wait_for(lambda: (board.get("imported") or {}).get("chosen", {}).get("radius") == 0.15)
+    wait_for(lambda: board.get("problem"))
+    return board.counted[what]
+
+
+def test_many_saves_are_one(waiting, folder):
+    for number in range(100):
+        waiting[0].control(Control(SAVE, CHOSEN | {"cell": 0.5 if number < 99 else 1}))
+    waiting[0].control(Control(IMPORT, CHOSEN))
+    assert begin(waiting, "saved") == 1
+    assert waiting[1].counted["imported"] == 2
+    assert "resolution: 1.0" in (folder / "clicked/env1.txt").read_text()
+
+
+def test_a_stop_right_after_train_is_obeyed(waiting):
+    """Before the page has looked at either; the wish after it is another one."""
+    page, board = waiting
+    page.control(Control(TRAIN, CHOSEN))
+    page.control(Control(STOP))
+    assert begin(waiting, "team") == 0
+    assert page.wanted.empty() and board.counted["saved"] == 0
+    told((page, board), TRAIN)
+    assert page.wanted.get(timeout=PATIENCE_SECONDS)[0] == TRAIN
+
+
+def test_a_stop_while_the_team_is_made_is_obeyed(waiting, monkeypatch):
+    page, board = waiting
+    write = import_page.write
+
+    def slowly(*arguments):
+        page.control(Control(STOP))  # no team has begun yet
+        return write(*arguments)
+
+    monkeypatch.setattr(import_page, "write", slowly)
+    page.control(Control(TRAIN, CHOSEN))
+    begin(waiting, "team")
+    wait_for(lambda: board.get("team")["text"] == "Stopped.")
+    assert page.wanted.empty() and not board.get("team")["busy"]
+
+
+def test_a_stop_before_the_team_learns_is_obeyed(page):
+    told(page, TRAIN)
+    page[0].control(Control(STOP))  # no main thread has taken it
+    assert page[0].wanted.empty() and page[1].get("team")["text"] == "Stopped."
 
 
 def test_a_problem_is_one_line_and_nothing_is_overwritten(page, folder):

@@ -14,6 +14,7 @@ import time
 from dataclasses import replace
 
 import pytest
+from patience import PATIENCE_SECONDS
 from teams import plain_run, tables_in
 
 from sparse_coord_ros.cli import evaluate as evaluate_verb
@@ -247,7 +248,7 @@ def test_an_interrupt_while_numba_compiles(folder, number):
             assert process.stderr.readline().startswith("compiling the learning loop")
             time.sleep(random.uniform(0.0, 1.5))
             process.send_signal(number)
-            printed, said = process.communicate(timeout=30)
+            printed, said = process.communicate(timeout=PATIENCE_SECONDS)
         finally:
             process.kill()
             process.wait()

@@ -10,6 +10,7 @@ import sys
 from contextlib import ExitStack
 
 import pytest
+from patience import PATIENCE_SECONDS
 
 pytest.importorskip("distributed")  # package.xml does not bring it: it has no rosdep key
 import dask
@@ -262,7 +263,7 @@ def test_whoever_is_killed_the_files_are_the_same(tmp_path, processes, loser):
         sc.run_experiment(names, out=tmp_path / "cluster", jobs=2, **plan)
     else:
         sc.run_experiment(names, progress=kill, **there)
-        assert workers[0].wait(10) == -signal.SIGKILL
+        assert workers[0].wait(PATIENCE_SECONDS) == -signal.SIGKILL
     assert killed == [True]
     found = [files(tmp_path / name) for name in ("one", "two", "cluster")]
     assert found[0] == found[1] == found[2]

@@ -183,3 +183,13 @@ def test_training_in_another_thread(tmp_path):
     thread.start()
     thread.join()
     assert_same(found[0], unbroken(scenario, "coop", 0))
+
+
+def test_other_evaluations_may_be_wanted_where_a_run_goes_on(tmp_path):
+    scenario, file = problem("env1"), tmp_path / "checkpoint.npz"
+    train(scenario, "coop", 4, checkpoint=file, until=450, evaluate_every=200, trials=4)
+    known = {"checkpoint": file, "resume": True, "until": 700}
+    done = train(scenario, "coop", 4, evaluate_every=300, trials=9, **known)
+    assert [step for step, _ in done.evaluations] == [200, 400, 600]
+    whole = train(scenario, "coop", 4, evaluate_every=300, trials=9, until=700)
+    assert done.evaluations[-1] == whole.evaluations[-1]

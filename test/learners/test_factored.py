@@ -13,13 +13,7 @@ from sparse_coord_ros.learn.evaluation import play
 from sparse_coord_ros.learn.run import learn
 from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.learners.agent import NOBODY, Agent, Choice, Decision
-from sparse_coord_ros.learners.factored import (
-    UNKNOWN,
-    Factored,
-    key_of,
-    share_of,
-    states_of,
-)
+from sparse_coord_ros.learners.factored import UNKNOWN, Factored, key_of, share_of, states_of
 from sparse_coord_ros.learners.memory import check_memory, taught
 from sparse_coord_ros.learners.registry import learner_of
 from sparse_coord_ros.learners.tables import memories_equal

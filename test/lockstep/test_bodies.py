@@ -156,3 +156,16 @@ A, B, C, DOOR = 1, 2, 3, 9
 def test_the_order_in_which_bodies_set_out(goals, order):
     found = waves([BodyGoal(k, *ends) for k, ends in enumerate(goals)], frozenset({DOOR}))
     assert [[goal.robot for goal in wave] for wave in found] == order
+
+
+@pytest.mark.parametrize("seconds", [(1.5, 0.5), (0.5, 1.5)])
+def test_a_step_takes_as_long_as_its_slowest_body(placed, seconds):
+    world, side, port = placed
+    for k, lasted in enumerate(seconds):
+        goal = port.goals[1].bodies[k]
+        side.reached(Reached(k, 2, goal.end, True, lasted, 2.5))
+    assert side.seconds == 1.5
+    world.advance(SOUTHWARD)
+    side.made(SOUTHWARD)
+    arrive(side, port.goals[2])
+    assert side.seconds == 3.0

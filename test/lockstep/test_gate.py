@@ -57,3 +57,13 @@ def test_a_strange_step_between_does_not_stop_who_catches_up():
         assert not gate.passes(step)
     assert gate.confirmed(903)
     assert gate.newest == 902
+
+
+@pytest.mark.parametrize(
+    ("said", "passes"), [(899, True), (900 - NEAR, True), (899 - NEAR, False)]
+)
+def test_a_status_may_be_said_a_little_before_the_step(said, passes):
+    gate = StepGate(newest=20)
+    assert not gate.passes(900)
+    assert gate.confirmed(said) is passes
+    assert gate.newest == (900 if passes else 20)

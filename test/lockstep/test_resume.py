@@ -289,3 +289,68 @@ def test_a_checkpoint_does_not_depend_on_when_it_is_taken():
         assert states[step][:5] == again[step][:5]
         assert memories_equal(states[step].memory, again[step].memory)
     assert len(set(states) & set(again)) >= 3
+
+
+@pytest.mark.parametrize("together", [True, False])
+def test_how_often_all_were_taken_back_is_counted(together):
+    """A world that goes back alone takes nothing from its robots."""
+    team = Team(problem("env1"), 4)
+    back = WorldRollback(team.world.side, team.world.store, 2)
+    for k in range(2):
+        back.heard(k, Progress(f"{k}", 0, 0, (0,)))
+    for _ in range(2):
+        assert back.go_back(together=together)
+    assert back.events["taken_back"] == 2 * together
+    assert back.order.step == (0 if together else ROLL_CALL)
+
+
+def heard_at(back, robot, step, **more):
+    """Let the world hear where a robot is: its step, and as many transitions."""
+    back.heard(robot, Progress(f"life {robot}", step, step, (40, 0), **more))
+
+
+def test_a_world_that_goes_on_alone_begins_where_no_robot_takes_it_for_its_next_step():
+    """It may have seen one state more than it has worked off; from the next it would learn."""
+    team = Team(problem("env1"), 4)
+    side, back = team.world.side, WorldRollback(team.world.side, team.world.store, 2)
+    for robot, step in enumerate((17, 19)):
+        heard_at(back, robot, step)
+    assert back.go_back(together=False)
+    assert not back.go_on()
+    for robot, step in enumerate((17, 19)):
+        heard_at(back, robot, step, obeyed=back.order.name)
+    assert back.go_on()
+    assert side.world.step > 19 + 1 + 1
+    assert side.world.transitions == 19
+    assert not side.held and back.order == Order()
+
+
+def test_who_comes_back_while_an_order_stands_is_waited_for():
+    team = Team(problem("env1"), 4)
+    back = WorldRollback(team.world.side, team.world.store, 2)
+    for robot in (0, 1):
+        heard_at(back, robot, 50)
+    back.go_back()
+    for robot in (0, 1):
+        heard_at(back, robot, 0, obeyed=back.order.name)
+    assert not back.waiting
+    back.heard(1, Progress("another life", 40, 40, (40, 0), resumed=True))
+    assert back.waiting == {1}
+    assert not back.go_on()
+    assert back.go_on(anyway=True)
+    order = back.order
+    assert order.name and order.step == 0, "it still stands"
+    back.heard(1, Progress("another life", 0, 0, (40, 0), obeyed=order.name, resumed=True))
+    assert back.order == Order()
+
+
+def test_of_common_checkpoints_too_the_old_ones_go(tmp_path, run, played):
+    stores = saved(tmp_path, run, played, steps=(40, 80, 120, 160, 200))
+    world = stores["world_simulator"]
+    for step in (240, 280, 320):
+        stores["robot_1"].save(played.up[0].side.snapshot()._replace(step=step))
+        stores["robot_2"].save(played.up[1].side.snapshot()._replace(step=step))
+        world.save(played.world.side.snapshot(step))
+    assert world.steps() == [320, 280, 240, 0]
+    stores["robot_1"].save(played.up[0].side.snapshot()._replace(step=360))
+    assert stores["robot_1"].steps() == [360, 320, 280, 0]

@@ -12,7 +12,7 @@ from sparse_coord_ros.learn.tables import tables_from_values
 from sparse_coord_ros.learners.agent import Agent
 from sparse_coord_ros.learners.coop import Coop
 from sparse_coord_ros.lockstep.robot_side import Answer, RobotSide
-from sparse_coord_ros.wire import COUNTS, PerceptEnd
+from sparse_coord_ros.wire import COUNTS, Account, PerceptEnd
 
 SOUTH, EAST = 1, 2
 ASKING_CELL, GOAL = 5, 20
@@ -316,6 +316,21 @@ def test_each_action_says_how_its_percept_ended_and_whether_it_has_learned(robot
     assert set(robot.counts) == set(COUNTS)
 
 
+def test_what_a_robot_said_of_itself_is_known_until_the_step_is_over(robot):
+    robot.state(1, 0)
+    said = Account(PerceptEnd.DID_NOT_ASK, False)
+    assert robot.account_of(1) == said and robot.account_of(2) is None
+    robot.state(2, ASKING_CELL)
+    robot.expire()  # the reward does not come
+    assert robot.account_of(1) is None
+    assert robot.account_of(2) is None, "it asks"
+    robot.answer(1, 2, Answer(2, 3))
+    assert robot.account_of(2) == Account(PerceptEnd.ANSWERED, False)
+    robot.reward(2, Reward(4.0, 0.0, 0.0, 4.0))
+    robot.state(3, GOAL)
+    assert robot.account_of(3) is None, "it rests"
+
+
 def test_an_action_said_again_says_the_same_of_itself(robot, port):
     robot.state(1, 0)
     robot.reward(1, Reward(0.0, 0.0, 0.0, 0.0))
@@ -357,3 +372,39 @@ def test_a_robot_that_does_not_learn_says_so(robot, port):
     robot.state(2, 1)
     assert port.accounts == [(PerceptEnd.DID_NOT_ASK, False)] * 2
     assert (robot.counts["learned"], robot.counts["dropped"]) == (0, 0)
+
+
+def test_a_robot_that_goes_on_from_any_moment_does_and_counts_the_same():
+    """What it had chosen at the time step of the snapshot, it chooses again."""
+    reward = Reward(4.0, 0.0, 0.0, 4.0)
+    messages = [
+        *(("state", 1, 0), ("reward", 1, reward)),
+        *(("state", 2, ASKING_CELL), ("answer", 1, 2, Answer(2, 3)), ("reward", 2, reward)),
+        ("state", 3, 6),
+    ]
+    whole = make_robot()
+    snapshots = []
+    for name, *values in messages:
+        getattr(whole, name)(*values)
+        snapshots.append(whole.snapshot())
+    assert whole.asks["answered"] == 1
+    assert [learned for _, learned in whole._port.accounts] == [False, True, True]
+    for number, snapshot in enumerate(snapshots):
+        robot = make_robot()
+        robot.go_on_from(robot.agent, snapshot)
+        begin = max(n for n in range(number + 1) if messages[n][0] == "state")
+        for name, *values in messages[begin:]:
+            getattr(robot, name)(*values)
+        assert robot.counts == whole.counts, number
+        own = robot._port.accounts
+        assert own == whole._port.accounts[-len(own) :], number
+        assert (robot.agent.tables.q_star == whole.agent.tables.q_star).all(), number
+
+
+def test_each_time_that_a_peer_is_asked_again_is_counted(robot, port):
+    robot.state(2, ASKING_CELL)
+    for _ in range(3):
+        robot.answer(1, 2, Answer(1, 3))
+    robot.answer(1, 2, Answer(2, 3))
+    assert port.take()[:4] == [("ask", 1, 2, ASKING_CELL)] * 4
+    assert robot.asks == {"answered": 1, "refused": 0, "late": 0, "repeated": 3}

@@ -312,3 +312,52 @@ def test_a_later_beginning_leaves_out_what_was_done_since(world):
     assert world.lost == 36, "those of both restarts"
     world.go_on_from(None)
     assert world.lost == 0, "all of them are made again"
+
+
+def test_each_robot_that_misses_a_deadline_is_counted():
+    world = make_world("env2-4r")
+    for robot in (0, 1):
+        world.action(robot, 1, DOWN)
+    assert world.expire() == [2, 3]
+    assert world.timeouts == 2
+    world.action(0, 2, DOWN)
+    assert world.expire() == [1]
+    assert (world.timeouts, world.absent) == (3, {1, 2, 3})
+
+
+def test_an_episode_that_goes_on_is_not_told_again():
+    world, port = make_world(), Port()
+    play(world, DOWN, DOWN)
+    again = WorldSide(make_run(world.world.scenario, {}), port)
+    again.go_on_from(world.snapshot())
+    again.start()
+    assert port.episodes == []
+    assert port.take() == [("state", 0, 2, 4), ("state", 1, 2, 7)]
+    again.go_on_from(None)
+    again.start()
+    assert port.episodes == [1]
+
+
+def test_robots_that_have_seen_less_than_the_world_take_nothing_from_it(world):
+    """They say how far they are; the world's own count is the higher one."""
+    for _ in range(2):
+        play(world, DOWN, DOWN)
+    world.begin_at(20, transitions=1)
+    assert (world.lost, world.world.transitions, world.world.step) == (0, 2, 20)
+    world.begin_at(30, transitions=7)
+    assert (world.lost, world.world.transitions, world.world.step) == (5, 7, 30)
+
+
+def test_the_world_saves_at_each_step_that_robots_see():
+    """Also at an episode's last one, which no action follows."""
+    scenario = make_world(max_steps=3).world.scenario
+    port = Port()
+    port.saved = []
+    port.checkpoint = port.saved.append
+    world = WorldSide(make_run(scenario, {"checkpoint": 1}), port)
+    world.start()
+    for _ in range(4):
+        play(world, DOWN, DOWN)
+    seen = sorted({step for what, _, step, _ in port.take() if what == "state"})
+    assert port.saved == seen[1:], "at the first one there is nothing to save"
+    assert port.episodes == [1, 6] and 4 in port.saved

@@ -14,6 +14,7 @@ from types import SimpleNamespace
 
 import pytest
 from live_teams import command, node_words
+from patience import PATIENCE_SECONDS
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from teams import chosen
@@ -57,9 +58,6 @@ UDP_ONLY = """\
 FASTDDS_BUILTIN_TRANSPORTS cannot say so: with the discovery range LOCALHOST rmw_fastrtps brings
 transports of its own, shared memory among them.
 """
-
-PATIENCE_SECONDS = 120.0
-"""Far more than anything takes on a loaded machine; reached only where a test fails."""
 
 
 class Bench:
@@ -380,7 +378,7 @@ def no_process_left():
     """
     before = _descendants()  # other tests' process pools leave multiprocessing's own tracker
     yield
-    deadline = time.monotonic() + PATIENCE_SECONDS / 4
+    deadline = time.monotonic() + PATIENCE_SECONDS
     while left := [one for one in _descendants() if one not in before]:
         assert time.monotonic() < deadline, f"processes left behind: {left}"
         time.sleep(0.02)

@@ -165,7 +165,7 @@ def test_drivers_that_are_missing_are_named(bench, tmp_path):
     bench.world(bodies=True, set=["steps=3"], startup_timeout=0.4)
     bench.robots()
     with pytest.raises(RunError, match="driver --ros-args -p robot:=robot_1, driver --ros"):
-        bench.spin_until(lambda: False, seconds=5.0)
+        bench.spin_until(lambda: False)
 
 
 @pytest.mark.long
@@ -295,7 +295,7 @@ def test_a_bad_driver_ends_with_one_line(bench, values, kind, text):
     bench.world(bodies=True)
     with pytest.raises(kind, match=text):
         bench.add(DriverNode(context=bench.place()[0], values=values))
-        bench.spin_until(lambda: False, seconds=5.0)
+        bench.spin_until(lambda: False)
 
 
 @pytest.mark.parametrize(
@@ -350,7 +350,7 @@ def test_transforms_need_their_package(bench, monkeypatch):
     with pytest.raises(RunError, match="tf needs the package tf2_msgs"):
         values = {"robot": "robot_1", "pose_type": "tf"}
         bench.add(DriverNode(context=bench.place()[0], values=values))
-        bench.spin_until(lambda: False, seconds=5.0)
+        bench.spin_until(lambda: False)
 
 
 def test_a_body_whose_poses_stop_is_stopped(bench):

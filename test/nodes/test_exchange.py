@@ -17,7 +17,7 @@ from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.learn.run_config import load_run
 from sparse_coord_ros.learn.tables import pack_tables, unpack_saved
 from sparse_coord_ros.learners.tables import tables_equal
-from sparse_coord_ros.nodes.exchange import Exchange
+from sparse_coord_ros.nodes.exchange import TICK_SECONDS, Exchange
 from sparse_coord_ros.nodes.spin import ros_context
 from sparse_coord_ros.nodes.team import run_team
 from sparse_coord_ros.runlog import improved, verify
@@ -94,6 +94,10 @@ def test_an_answer_that_is_none_is_not_used(bench):
         mine._take(1, future)
         assert 1 not in mine._learned
     assert robots[0].intake.total == 2
+    learning = response("it is still learning", success=False)
+    mine._take(1, SimpleNamespace(result=lambda: learning))
+    assert 1 not in mine._learned
+    assert robots[0].intake.total == 2, "it does not know all yet: nothing is wrong with that"
 
 
 def test_what_no_robot_can_have_learned_is_not_used(bench):
@@ -106,8 +110,8 @@ def test_what_no_robot_can_have_learned_is_not_used(bench):
     real = Trigger.Response()
     peer._answer(Trigger.Request(), real)
     [saved] = unpack_saved(base64.b64decode(real.message), [2], where="said")
-    false = saved.memory._replace(q_star=saved.memory.q_star * np.inf)
-    data = pack_tables({2: saved.tables}, counts=saved.counts, memories={2: false})
+    false = {**saved.memory, "q_star": saved.memory["q_star"] * np.inf}
+    data = pack_tables({2: false}, counts=saved.counts)
     future = SimpleNamespace(result=lambda: response(base64.b64encode(data).decode()))
     mine._take(1, future)
     assert 1 not in mine._learned and robots[0].intake.total == 1
@@ -131,8 +135,8 @@ def test_a_second_server_of_what_was_learned_is_told(bench, capfd):
     assert "/robot_2/learned has 2 servers, /observer, /robot_2; it" in capfd.readouterr().err
 
 
-def response(text):
-    return Trigger.Response(success=True, message=text)
+def response(text, *, success=True):
+    return Trigger.Response(success=success, message=text)
 
 
 def test_who_cannot_improve(tmp_path):
@@ -142,3 +146,21 @@ def test_who_cannot_improve(tmp_path):
     ):
         with ros_context() as context, pytest.raises(SettingError, match=words):
             run_team(values(tmp_path / "out", **wrong), context=context)
+
+
+def test_nobody_leaves_before_its_peers_have_asked(bench):
+    """Nor before it knows all; and after `step_timeout` in any case."""
+    world = bench.world(learner="factored", improve=True, rate=0.001, step_timeout=60.0)
+    robots = bench.robots()
+    bench.spin_until(lambda: world.lockstep.complete, "first barrier")
+    first, second = (robot.member._exchange for robot in robots)
+    second._learned[1] = second._packed()  # it could answer, but does not ask yet
+    bench.spin_until(lambda: first.over() or 1 in first._learned, "the first knows all")
+    assert not first.over() and not first.over(), "the second has not asked it"
+    bench.spin_until(lambda: second.over() or 0 in second._learned, "the second knows all")
+    assert first.over() and second.over()
+    alone = Exchange(robots[0], world.run, first._packed)
+    ticks = 0
+    while not alone.over():
+        ticks += 1
+    assert 0 <= ticks * TICK_SECONDS - world.run.step_timeout <= 2 * TICK_SECONDS

@@ -119,14 +119,14 @@ def test_a_waiting_node_ends_well_on_a_signal(start_node, bench, tmp_path, name,
 
 
 @pytest.mark.parametrize(
-    ("name", "code", "number"),
+    ("name", "code", "number", "said"),
     [
-        ("robot", 0, signal.SIGTERM),
-        ("robot", 0, signal.SIGHUP),
-        ("sparse_coord", 130, signal.SIGINT),
+        ("robot", 0, signal.SIGTERM, ""),
+        ("robot", 0, signal.SIGHUP, ""),
+        ("sparse_coord", 130, signal.SIGINT, "interrupted\n"),
     ],
 )
-def test_a_signal_while_modules_are_imported(name, code, number):
+def test_a_signal_while_modules_are_imported(name, code, number, said):
     """It comes before ROS and NumPy are there; the import is replaced by the signal."""
     program = (
         "import os, sys, time; import sparse_coord_ros.executables as e\n"
@@ -135,7 +135,25 @@ def test_a_signal_while_modules_are_imported(name, code, number):
         f"sys.exit(e.main({name!r}))"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
-    assert (done.returncode, done.stdout, done.stderr) == (code, "", "")
+    assert (done.returncode, done.stdout, done.stderr) == (code, "", said)
+
+
+def test_a_signal_while_a_verb_imports_ros_is_not_taken_for_a_missing_ros(tmp_path):
+    """What rclpy raises where its C extension cannot be imported, even by an exception of ours."""
+    program = (
+        "import importlib.abc, os, signal, sys\n"
+        "class Interrupted(importlib.abc.MetaPathFinder):\n"
+        "    def find_spec(self, name, *more):\n"
+        "        if name == 'rclpy':\n"
+        "            try: os.kill(os.getpid(), signal.SIGINT)\n"
+        "            except BaseException as error: raise ImportError(name) from error\n"
+        "sys.meta_path.insert(0, Interrupted())\n"
+        "import sparse_coord_ros.executables as e\n"
+        f"sys.argv[1:] = ['run', 'env1', '--out', {str(tmp_path / 'out')!r}]\n"
+        "sys.exit(e.sparse_coord())"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (130, "interrupted\n")
 
 
 @pytest.mark.long

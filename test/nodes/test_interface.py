@@ -351,3 +351,38 @@ def test_foxglove_finds_what_its_layout_names(team):
 def test_a_recorder_gets_what_is_kept_for_late_subscribers():
     for topic in (interface.RUN, interface.TABLES, interface.ACTION):
         assert interface.recorder_qos(topic).durability == topic.qos.durability
+
+
+def test_step_makes_one_step_and_holds(bench):
+    """Of a team that was under way."""
+    observer = bench.observer()
+    world = bench.world(rate=50.0)
+    bench.robots()
+    status = observer.listen(DiagnosticStatus, "status", latched=True)
+    bench.spin_until(lambda: world.lockstep.world.transitions > 3, "under way")
+    bench.spin_until(lambda: world.lockstep.complete, "all have acted")
+    before = world.lockstep.world.transitions
+    while not observer.call(Trigger, "world_simulator/step").success:
+        pass
+    made = world.lockstep.world.transitions
+    assert made > before
+    bench.spin_until(lambda: status and status[-1].message == "paused", "it is said")
+    beats = []
+    timer = observer.create_timer(0.05, lambda: beats.append(True))
+    bench.spin_until(lambda: len(beats) >= 6, "time passes")
+    observer.destroy_timer(timer)
+    assert world.lockstep.world.transitions == made
+    assert observer.call(Trigger, "world_simulator/step").success
+    assert world.lockstep.world.transitions == made + 1
+
+
+def test_a_finished_run_has_no_new_episode(bench):
+    observer = bench.observer()
+    world = bench.world(set=["steps=20"])
+    bench.robots()
+    bench.spin_until(lambda: world.done, "finished")
+    episode = world.lockstep.world.episode
+    for service in ("reset", "step"):
+        said = observer.call(Trigger, f"world_simulator/{service}")
+        assert not said.success and said.message.startswith("the run is not under way")
+    assert world.lockstep.world.episode == episode

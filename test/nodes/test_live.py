@@ -3,6 +3,7 @@
 """`sparse_coord run` around its nodes: one team a domain, a world that all robots have left."""
 
 import os
+import signal
 from types import SimpleNamespace
 
 import pytest
@@ -10,6 +11,7 @@ import pytest
 from sparse_coord_ros.cli import live
 from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.nodes.middleware import DOMAIN, ros_domain
+from sparse_coord_ros.nodes.spin import Stop
 
 
 def test_of_two_teams_in_a_domain_one_is_refused(monkeypatch):
@@ -53,3 +55,12 @@ def test_a_world_that_all_robots_have_left_is_ended(tmp_path, monkeypatch, capsy
     assert live._wait(processes, tmp_path / "bag", False)
     assert ended == list(processes.values())
     assert "all robots have left" in capsys.readouterr().err
+
+
+def test_a_signal_that_all_processes_heard_is_an_interrupt(tmp_path):
+    """They may have ended by themselves before anybody looks."""
+    ended = {name: SimpleNamespace(poll=lambda: 0) for name in ("world_simulator", "robot_1")}
+    stop = Stop()
+    assert live._wait(ended, tmp_path, stop) is False
+    stop.handle(signal.SIGINT, None)
+    assert live._wait(ended, tmp_path, stop) is True

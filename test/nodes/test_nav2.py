@@ -192,15 +192,15 @@ def test_learning_goes_on_in_steps_of_seconds_and_over_a_restart(
     sets = [f"steps={steps}", *(f"{name}={value}" for name, value in said.items())]
     values = {"step_timeout": 2.0, "percept_timeout": 1.0, "rate": 0.5}
     world, drivers, server = start_team(world={"set": sets, "checkpoint": 2, **values})
-    bench.spin_until(moved(world, 1), "under way", seconds=60)
+    bench.spin_until(moved(world, 1), "under way")
     server.robots["robot_1"].speed, begun = 0.2, time.monotonic()
-    bench.spin_until(moved(world, 4), "slowly", seconds=60)
+    bench.spin_until(moved(world, 4), "slowly")
     assert time.monotonic() - begun > 5.0
     bench.destroy(world)
     bench.spin_until(lambda: not observer.count("world_simulator/_claim"), "its name is free")
     known = {"scenario": "", "out": str(tmp_path / "out"), "rate": 0.5}
     again = bench.world(bodies=True, resume=True, **known)
-    bench.spin_until(lambda: again.done, "the run's end", seconds=120)
+    bench.spin_until(lambda: again.done, "the run's end")
     bench.spin_until_done()
     gather(tmp_path / "out", again.run.scenario, interrupted=False)
     assert_same_tables(tmp_path / "out", simulate("env1", {"steps": steps, **said}, seed=7))
@@ -226,18 +226,18 @@ def test_each_fault_of_the_server_is_said_and_nothing_hangs_or_drives_on(
     start_team, bench, capfd, fate, kind, stays
 ):
     world, drivers, server = start_team()
-    bench.spin_until(moved(world, 2), "under way", seconds=60)
+    bench.spin_until(moved(world, 2), "under way")
     robot, driver = server.robots["robot_1"], drivers[0]
     robot.fates += [fate]
     before = world.summary()["moves_failed"]
-    bench.spin_until(lambda: not robot.fates, f"a goal to {fate}", seconds=60)
+    bench.spin_until(lambda: not robot.fates, f"a goal to {fate}")
     made = world.lockstep.world.transitions
-    bench.spin_until(moved(world, made + 3), "the world goes on", seconds=60)
-    bench.spin_until(lambda: driver.navigator.counts[kind] >= 1, kind, seconds=20)
+    bench.spin_until(moved(world, made + 3), "the world goes on")
+    bench.spin_until(lambda: driver.navigator.counts[kind] >= 1, kind)
     assert (world.summary()["moves_failed"] > before) == stays
     if fate == "late":
         assert "accepted a goal too late: it is cancelled" in capfd.readouterr().err
-    bench.spin_until(lambda: all([one.settled() for one in drivers]), "both stand", seconds=5)
+    bench.spin_until(lambda: all([one.settled() for one in drivers]), "both stand")
     assert not server.driving
 
 
@@ -256,7 +256,7 @@ def test_a_killed_server_and_one_that_comes_back(start_team, bench, tmp_path):
     process = serve()
     try:
         world, drivers, _ = start_team(served=False)
-        bench.spin_until(moved(world, 2), "under way", seconds=60)
+        bench.spin_until(moved(world, 2), "under way")
         process.send_signal(signal.SIGKILL)
         process.wait()
         bench.spin_until(
@@ -264,7 +264,7 @@ def test_a_killed_server_and_one_that_comes_back(start_team, bench, tmp_path):
         )
         process = serve()
         made = world.lockstep.world.transitions
-        bench.spin_until(moved(world, made + 3), "it goes on", seconds=60)
+        bench.spin_until(moved(world, made + 3), "it goes on")
     finally:
         process.kill()
         process.wait()
@@ -279,28 +279,28 @@ def test_a_killed_driver_s_goal_ends_when_it_is_started_again(start_team, start_
 
     process = drive()
     world, _, server = start_team(driven=ROBOTS[1:])
-    bench.spin_until(moved(world, 2), "under way", seconds=60)
+    bench.spin_until(moved(world, 2), "under way")
     robot = server.robots["robot_1"]
     robot.fates += ["stuck"]
-    bench.spin_until(lambda: robot.fate == "stuck" and robot.active, "stuck", seconds=60)
+    bench.spin_until(lambda: robot.fate == "stuck" and robot.active, "stuck")
     before = len(robot.ended)
     process.send_signal(signal.SIGKILL)
     process.exit_code()
     assert robot.active is not None
     process = drive()
-    bench.spin_until(lambda: robot.ended[before:] == ["canceled"], "it is cancelled", seconds=20)
+    bench.spin_until(lambda: robot.ended[before:] == ["canceled"], "it is cancelled")
     made = world.lockstep.world.transitions
-    bench.spin_until(moved(world, made + 3), "it goes on", seconds=60)
+    bench.spin_until(moved(world, made + 3), "it goes on")
     robot.fates += ["stuck"]
-    bench.spin_until(lambda: robot.fate == "stuck" and robot.active, "stuck", seconds=60)
+    bench.spin_until(lambda: robot.fate == "stuck" and robot.active, "stuck")
     process.send_signal(signal.SIGTERM)
-    bench.spin_until(lambda: not process.running(), "it ends", seconds=10)
+    bench.spin_until(lambda: not process.running(), "it ends")
     assert process.exit_code() == 0 and robot.active is None
 
 
 def test_deactivated_it_cancels_and_activated_it_goes_on(start_team, bench):
     world, drivers, server = start_team()
-    bench.spin_until(moved(world, 2), "under way", seconds=60)
+    bench.spin_until(moved(world, 2), "under way")
     observer = bench.observer()
 
     def change(transition):
@@ -309,31 +309,31 @@ def test_deactivated_it_cancels_and_activated_it_goes_on(start_team, bench):
 
     robot = server.robots["robot_1"]
     robot.fates += ["stuck"]
-    bench.spin_until(lambda: robot.fate == "stuck" and robot.active, "stuck", seconds=60)
+    bench.spin_until(lambda: robot.fate == "stuck" and robot.active, "stuck")
     assert change(Transition.TRANSITION_DEACTIVATE)
-    bench.spin_until(lambda: robot.active is None, "cancelled", seconds=5)
+    bench.spin_until(lambda: robot.active is None, "cancelled")
     assert not change(Transition.TRANSITION_DEACTIVATE)  # and the node lives
     begin, goals = time.monotonic(), robot.goals
     bench.spin_until(lambda: time.monotonic() > begin + 0.5, "a while")
     assert robot.goals == goals
     assert change(Transition.TRANSITION_ACTIVATE)
     made = world.lockstep.world.transitions
-    bench.spin_until(moved(world, made + 3), "it goes on", seconds=60)
+    bench.spin_until(moved(world, made + 3), "it goes on")
 
 
 def test_lost_poses_cancel_and_a_lifted_robot_is_lost_and_found(start_team, bench):
     world, drivers, server = start_team(pose_timeout=0.3)
-    bench.spin_until(moved(world, 2), "under way", seconds=60)
+    bench.spin_until(moved(world, 2), "under way")
     robot = server.robots["robot_1"]
     robot.lost = True
-    bench.spin_until(lambda: drivers[0].navigator.counts["poses lost"] >= 1, "blind", seconds=60)
-    bench.spin_until(lambda: robot.active is None, "cancelled", seconds=5)
+    bench.spin_until(lambda: drivers[0].navigator.counts["poses lost"] >= 1, "blind")
+    bench.spin_until(lambda: robot.active is None, "cancelled")
     robot.place, robot.lost = (50.0, 50.0), False
     robot.fates += ["detour"] * 2
-    bench.spin_until(lambda: world.summary()["bodies_lost"] >= 1, "lost", seconds=60)
+    bench.spin_until(lambda: world.summary()["bodies_lost"] >= 1, "lost")
     robot.place, robot.fates = (0.5, 0.5), []
     made = world.lockstep.world.transitions
-    bench.spin_until(moved(world, made + 5), "found", seconds=60)
+    bench.spin_until(moved(world, made + 5), "found")
 
 
 def test_with_transforms_for_poses_the_same_bits(

@@ -16,7 +16,7 @@ from sparse_coord_ros.learn.run import learn
 from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.learn.tables import save_team
 from sparse_coord_ros.lockstep.world_side import WorldSide
-from sparse_coord_ros.nodes.outputs import Output, begin_with
+from sparse_coord_ros.nodes.outputs import Output, begin_with, gather
 from sparse_coord_ros.wire import WORLD
 
 RUN = make_run(load_scenario("env1"), {})
@@ -159,3 +159,21 @@ def test_tables_that_do_not_fit_are_refused(tmp_path, learned, asked, text):
         save_team(tmp_path, learn(run.scenario, run.learner, 0))
     with pytest.raises(SparseCoordError, match=text):
         begin_with(tmp_path, run_of(*asked))
+
+
+@pytest.mark.parametrize("transitions", [99, 100])
+@pytest.mark.parametrize("interrupted", [False, True])
+@pytest.mark.parametrize("saved", [False, True])
+def test_checkpoints_stay_until_the_run_is_finished_and_saved(
+    tmp_path, transitions, interrupted, saved
+):
+    scenario = RUN.scenario.with_settings({"steps": 100})
+    (tmp_path / "summary.yaml").write_text(f"transitions: {transitions}\n")
+    (tmp_path / "checkpoint").mkdir()
+    (tmp_path / "checkpoint" / "world_simulator_40.npz").write_bytes(b"x")
+    if saved:
+        save_team(tmp_path, learn(scenario, "coop", 1))
+    summary = gather(tmp_path, scenario, interrupted=interrupted)
+    assert summary["interrupted"] is interrupted
+    done = transitions == 100 and not interrupted and saved
+    assert (tmp_path / "checkpoint").exists() == (not done)

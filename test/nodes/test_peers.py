@@ -13,7 +13,7 @@ from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.lockstep.waiting import Deadline, WorldPresence
 from sparse_coord_ros.nodes import peers
 from sparse_coord_ros.nodes.messages import Converter
-from sparse_coord_ros.nodes.peers import Peer, Peers
+from sparse_coord_ros.nodes.peers import AT_ONCE, Peer, Peers
 from sparse_coord_ros.nodes.robot import LAST_WORDS_SECONDS, Member
 
 
@@ -179,3 +179,39 @@ def test_the_deadline_of_what_is_waited_for():
     assert done == ["gave up", "expired"]
     Peers.keep_the_deadline(peers, 12.1)
     assert done == ["gave up", "expired", "expired"], "no peer is to blame for a late reward"
+
+
+@pytest.mark.parametrize(
+    ("there", "said", "fits"),
+    [
+        ((7, 3), (7, (3,)), True),
+        ((7, 3), (7, (4,)), False),  # a lie
+        ((7, 3), (7, ()), False),
+        ((8, 3), (7, (4,)), True),  # too late to tell
+        ((6, 3), (7, (3,)), False),  # the world is about to say where it is
+    ],
+)
+def test_an_answer_of_a_doubted_peer_is_what_the_world_says(there, said, fits):
+    convert = Converter(make_run(load_scenario("env1"), {}))
+    dropped, again = [], []
+    side = SimpleNamespace(waiting=("percept", 7), due=lambda cell: cell)
+    intake = SimpleNamespace(drop=lambda *what: dropped.append(what))
+    peer = SimpleNamespace(send_again=lambda: again.append(True))
+    peers = SimpleNamespace(_side=side, _convert=convert, _intake=intake, _peers={1: peer})
+    peers._places, peers._names = {1: there}, convert.names
+    assert Peers._fits(peers, 1, 7, convert.path(*said)) is fits
+    assert bool(dropped) == (not fits and there[0] == 7)
+    assert bool(again) == (there[0] == 6)
+
+
+def test_a_peer_is_asked_at_once_at_every_step_though_not_for_ever_at_one(node):
+    peer = Peer(node, node, lambda step, plan: None)
+    for step in range(1, 2 * AT_ONCE):
+        peer.request(PoseStamped(), step)
+        assert len(node.sent) == step
+    before = len(node.sent)
+    for _ in range(2 * AT_ONCE):
+        peer.request(PoseStamped(), step)
+    assert len(node.sent) == before + AT_ONCE - 1
+    peer.send_what_waits()  # the node's timer
+    assert len(node.sent) == before + AT_ONCE

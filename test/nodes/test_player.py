@@ -14,6 +14,7 @@ from collections import defaultdict
 
 import pytest
 from nav_msgs.srv import GetPlan
+from patience import PATIENCE_SECONDS
 from rcl_interfaces.msg import Log, Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -430,7 +431,7 @@ class Terminal:
 
     def wait_for(self, text):
         """Wait for an output, and forget it and what was before."""
-        deadline = time.monotonic() + 20
+        deadline = time.monotonic() + PATIENCE_SECONDS
         while text not in self.output:
             left = deadline - time.monotonic()
             assert left > 0, f"no {text!r} in {self.output}"
@@ -443,7 +444,7 @@ class Terminal:
 
     def end(self):
         """Wait for the end; return exit code and whether the terminal is as it was."""
-        code = self.process.wait(20)
+        code = self.process.wait(PATIENCE_SECONDS)
         return code, termios.tcgetattr(self.theirs) == self.before
 
     def close(self):

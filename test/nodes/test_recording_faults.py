@@ -182,13 +182,13 @@ def a_recorded_bench(bench, bag, steps, **flush):
 
 def test_flush_steps_bounds_what_an_unfinished_bag_lacks(bench, tmp_path):
     step, recorder = a_recorded_bench(bench, tmp_path / "bag", 30, flush_steps=10)
-    bench.spin_until(lambda: step - last_step(tmp_path / "bag") < 10, "flushed", seconds=5.0)
+    bench.spin_until(lambda: step - last_step(tmp_path / "bag") < 10, "flushed")
     assert recorder.error is None
 
 
 def test_flush_seconds_bounds_what_an_unfinished_bag_lacks(bench, tmp_path):
     step, recorder = a_recorded_bench(bench, tmp_path / "bag", 30, flush_seconds=0.1)
-    bench.spin_until(lambda: last_step(tmp_path / "bag") == step, "flushed", seconds=5.0)
+    bench.spin_until(lambda: last_step(tmp_path / "bag") == step, "flushed")
     assert recorder.error is None
 
 

@@ -4,7 +4,7 @@
 
 import pytest
 from rclpy.node import Node
-from std_msgs.msg import String
+from std_msgs.msg import Header, String
 from teams import tables_in
 
 from sparse_coord_ros import wire
@@ -286,4 +286,18 @@ def test_a_robot_that_is_partly_there_is_told_by_what_it_lacks(bench):
         r"still no node for .*robot_2 \(it lacks a subscription to /robot_2/reward\); start each"
     )
     with pytest.raises(RunError, match=text):
-        bench.spin_until(lambda: False, seconds=10.0)
+        bench.spin_until(lambda: False)
+
+
+def test_a_claim_is_said_when_it_changes(bench):
+    """Not with every tick."""
+    observer = bench.observer()
+    claims = observer.listen(Header, "robot_1/_claim", latched=True)
+    robot = bench.robot("robot_1")
+    bench.spin_until(lambda: robot.guard.claim.rank == ClaimRank.HOLDING, "it has its name")
+    beats = []
+    timer = observer.create_timer(0.05, lambda: beats.append(True))
+    bench.spin_until(lambda: len(beats) >= 10 and claims, "time passes")
+    observer.destroy_timer(timer)
+    said = [one.frame_id.partition(" ")[2] for one in claims]
+    assert len(said) == len(set(said)) and said[-1] == "holding"

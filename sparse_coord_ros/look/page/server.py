@@ -14,6 +14,7 @@ import ipaddress
 import json
 import logging
 import os
+import re
 import secrets
 import socket
 import threading
@@ -21,7 +22,6 @@ from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from importlib import resources
 from typing import Any
-from urllib.parse import urlsplit
 
 from sparse_coord_ros.errors import RunError, SettingError, SparseCoordError, needed
 from sparse_coord_ros.game.scenario import scenario_names
@@ -40,6 +40,9 @@ MOST_OTHERS = 64
 
 LARGEST_MESSAGE = 4096
 """Bytes of a page's message."""
+
+HOST_HEADER = re.compile(r"(\[(?P<address>[^\[\]]+)\]|(?P<name>[^\[\]:@/]+))(:[0-9]*)?")
+"""A name, or an address (one of IPv6 in brackets), and perhaps a port."""
 
 FRAMES_A_SECOND = 20
 """Messages of one type that a page gets at most in a second."""
@@ -60,9 +63,12 @@ HEADERS = {
 
 
 def _is_fault(record: logging.LogRecord) -> bool:
-    """Whether a line of the server's log is about this program, not about what somebody sent."""
+    """Whether a line of the server's log is about this program.
+
+    Else it is about what somebody sent, or about a page that was closed while it was answered.
+    """
     error = record.exc_info[1] if record.exc_info else None
-    return not isinstance(error, http_exceptions.HttpProcessingError)
+    return not isinstance(error, http_exceptions.HttpProcessingError | ConnectionError)
 
 
 LOGGER = logging.getLogger(__name__)
@@ -105,10 +111,15 @@ class Page:
 
         Addresses are: a foreign page can bring the browser here only by a name of its own.
         """
-        with suppress(ValueError):  # it is neither a name nor an address
-            name = urlsplit(f"//{host}").hostname or ""
-            local = name in self._names or ipaddress.ip_address(name).is_loopback
-            return local or not self._local
+        parts = HOST_HEADER.fullmatch(host)
+        if parts is None:
+            return False
+        name = parts["name"] or parts["address"]
+        if name in self._names:
+            return True
+        with suppress(ValueError):  # it is no address
+            address = ipaddress.ip_address(name)
+            return address.is_loopback or not self._local
         return False
 
     @web.middleware

@@ -6,14 +6,18 @@ import asyncio
 import json
 import re
 import socket
+import struct
 import sys
+import threading
 import time
 from contextlib import ExitStack, suppress
 from importlib import resources
+from types import SimpleNamespace
 
 import aiohttp
 import pytest
 from aiohttp.test_utils import TestClient, TestServer
+from patience import PATIENCE_SECONDS
 
 from sparse_coord_ros.cli.main import main
 from sparse_coord_ros.errors import RunError, SettingError
@@ -82,7 +86,7 @@ def served(test):
 
 async def next_of(stream, *kinds):
     while True:
-        message = json.loads((await stream.receive(timeout=5)).data)
+        message = json.loads((await stream.receive(timeout=PATIENCE_SECONDS)).data)
         if message["type"] in kinds:
             return message
 
@@ -134,7 +138,8 @@ async def test_other_hosts_and_origins_are_refused(client, page):
     for name in ("127.0.0.1", "localhost", "[::1]"):
         answer = await client.get("/", headers={"Host": f"{name}:{port}"})
         assert answer.status == 200, name
-    for name in ("evil.example", f"evil.example:{port}", "10.0.0.7", "", "a b", "[::"):
+    foreign = ("evil.example", f"evil.example:{port}", "10.0.0.7", "[::1].evil", "me@localhost")
+    for name in (*foreign, "", "a b", "[::"):
         assert (await client.get("/", headers={"Host": name})).status == 403, name
     for origin in ("http://evil.example", "null", f"http://127.0.0.1:{port + 1}", "http://["):
         for path in ("/", "/ws"):
@@ -209,7 +214,9 @@ async def test_bytes_huge_and_endless_messages_end_one_page_not_the_server(clien
         await stream.send_bytes(b"\0\1")
         assert "JSON" in (await next_of(stream, "error"))["text"]
         await stream.send_str("x" * (LARGEST_MESSAGE + 1))
-        while (message := await stream.receive(timeout=5)).type is aiohttp.WSMsgType.TEXT:
+        while (
+            message := await stream.receive(timeout=PATIENCE_SECONDS)
+        ).type is aiohttp.WSMsgType.TEXT:
             pass
         assert message.type in (aiohttp.WSMsgType.CLOSE, aiohttp.WSMsgType.CLOSED)
     assert (await client.get("/")).status == 200
@@ -247,7 +254,7 @@ async def test_of_too_many_pages_those_without_the_token_give_way(client, page):
             pass
     streams.append(await client.ws_connect("/ws"))
     await next_of(streams[-1], "run")
-    while (await streams[2].receive(timeout=5)).type is aiohttp.WSMsgType.TEXT:
+    while (await streams[2].receive(timeout=PATIENCE_SECONDS)).type is aiohttp.WSMsgType.TEXT:
         pass
     assert streams[2].closed and page.boards[0].pages == MOST_PAGES
     assert not any(stream.closed for stream in (*known, streams[3], streams[-1]))
@@ -277,7 +284,7 @@ async def test_of_too_many_pages_those_without_the_token_give_way(client, page):
 def test_a_malformed_request_is_refused_and_prints_nothing(request_, caplog):
     server = Server(board(), port=0)
     try:
-        with socket.create_connection(("127.0.0.1", server.port), timeout=5) as one:
+        with socket.create_connection(("127.0.0.1", server.port), timeout=PATIENCE_SECONDS) as one:
             one.sendall(request_)
             assert re.match(rb"HTTP/1.. (400|403|404)|$", one.recv(100))
     finally:
@@ -285,16 +292,45 @@ def test_a_malformed_request_is_refused_and_prints_nothing(request_, caplog):
     assert caplog.records == []
 
 
+STREAM = b"GET /ws HTTP/1.1\r\nHost: localhost\r\n"
+STREAM += b"Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
+STREAM += b"Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n\r\n"
+"""The request of a page for its stream."""
+
+
+def test_a_page_that_is_closed_while_it_is_answered_prints_nothing(caplog):
+    shown = board()
+    server = Server(shown, port=0)
+    closed = threading.Event()
+    shown.source = SimpleNamespace(control=lambda _: closed.wait(PATIENCE_SECONDS))
+    try:
+        with socket.create_connection(("127.0.0.1", server.port), timeout=PATIENCE_SECONDS) as one:
+            one.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+            one.sendall(STREAM)
+            assert one.recv(12) == b"HTTP/1.1 101"
+            wish = json.dumps({"token": server.page.token, "do": PAUSE, "value": True}).encode()
+            frame = b"\x81" + bytes([0x80 | len(wish)]) + bytes(4) + wish
+            one.sendall(5 * frame)
+        closed.set()
+        deadline = time.monotonic() + PATIENCE_SECONDS
+        while shown.pages:
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+    finally:
+        server.close()
+    assert caplog.records == []
+
+
 def test_half_sent_requests_use_up_nothing():
     """Each holds a descriptor of the team's process, which then could not save its tables."""
-    server, page = Server(board(), port=0), b"GET /ws HTTP/1.1\r\nHost: localhost\r\n"
-    page += b"Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
-    page += b"Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n\r\n"
+    server, page = Server(board(), port=0), STREAM
     try:
         with ExitStack() as stack:
 
             def sent(request):
-                one = socket.create_connection(("127.0.0.1", server.port), timeout=5)
+                one = socket.create_connection(
+                    ("127.0.0.1", server.port), timeout=PATIENCE_SECONDS
+                )
                 stack.enter_context(one).sendall(request)
                 return one
 

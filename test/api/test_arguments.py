@@ -1,0 +1,106 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""An argument of a wrong kind is one line that names it, its value, and what is allowed."""
+
+import time
+
+import pytest
+
+import sparse_coord_ros as sc
+from sparse_coord_ros.errors import RunError, SparseCoordError
+
+LONG = 5000 * "x"
+NUL = "a\0b"
+SWEPT = {"penalty": [-1]}
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    """Work in an empty directory, and see that it stays empty."""
+    monkeypatch.chdir(tmp_path)
+    yield
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("call", "line"),
+    [
+        (
+            lambda: sc.improve(5),
+            "what was learned: value is 5, allowed: a Training, a SavedRun or",
+        ),
+        (lambda: sc.run_experiment(None), "what: value is None, allowed: an experiment or a"),
+        (lambda: sc.benchmark(robots=None), "robots: value is None, allowed: a size of teams"),
+        (lambda: sc.load_run("r", allow=None), "allow: value is None, allowed: names of modules"),
+        (lambda: sc.verify("r", allow=5), "allow: value is 5, allowed: names of modules"),
+        (lambda: sc.benchmark(out=5), "out: value is 5, allowed: a path, as a text or a Path"),
+        (lambda: sc.run_experiment("table1", out=b"o"), "out: value is b'o', allowed: a path, as"),
+        (lambda: sc.train("env1", checkpoint=5), "checkpoint: value is 5, allowed: a path, as a"),
+        (lambda: sc.find_asking_team("env1", file=5), "file: value is 5, allowed: a path, as a"),
+        (lambda: sc.train("env1", until="x"), "setting until: value is 'x', allowed: a whole num"),
+        (lambda: sc.train("env1", progress=5), "progress: value is 5, allowed: a function"),
+        (lambda: sc.train_many("env1", progress=5), "progress: value is 5, allowed: a function"),
+        (lambda: sc.sweep("env1", SWEPT, progress=5), "progress: value is 5, allowed: a function"),
+        (lambda: sc.sweep("env1", SWEPT, say=5), "say: value is 5, allowed: a function"),
+        (lambda: sc.sweep("env1", 5), "over: value is 5, allowed: the values of each setting by"),
+        (lambda: sc.find_asking_team("env1", progress=5), "progress: value is 5, allowed: a func"),
+    ],
+)
+def test_a_wrong_argument(here, call, line):
+    with pytest.raises(SparseCoordError) as caught:
+        call()
+    assert str(caught.value).startswith(line)
+
+
+@pytest.mark.parametrize(
+    ("call", "name"),
+    [
+        (sc.load_scenario, "scenario"),
+        (sc.load_run, "run"),
+        (sc.evaluate, "run"),
+        (sc.improve, "run"),
+        (sc.read_log, "bag"),
+        (sc.verify, "bag"),
+        (lambda path: sc.run_experiment("table1", out=path), "out"),
+        (lambda path: sc.train("env1", checkpoint=path), "checkpoint"),
+        (lambda path: sc.train(sc.load_scenario("env1", steps=5)).save(path), "directory"),
+    ],
+)
+@pytest.mark.parametrize(
+    ("path", "allowed"), [(NUL, "a path without NUL characters"), (LONG, "names of up to 255")]
+)
+def test_a_path_that_no_system_has(here, call, name, path, allowed):
+    with pytest.raises(SparseCoordError) as caught:
+        call(path)
+    line = str(caught.value)
+    assert line.startswith(f"{name}: value is '{path[:1]}") and f"allowed: {allowed}" in line
+    assert len(line) < 300
+
+
+def test_a_path_within_a_file_that_no_system_has(tmp_path):
+    file = tmp_path / "a.yaml"
+    file.write_text('name: a\nmap: "a\\0b"\nrobots: []\n')
+    with pytest.raises(SparseCoordError, match="^(?!unexpected)"):
+        sc.load_scenario(file)
+
+
+@pytest.mark.parametrize("threads", ["0", "-2"])
+def test_numba_without_threads(python, threads):
+    """On the command line; in Python the same error is raised."""
+    pytest.importorskip("numba")
+    done = python(
+        *("-m", "sparse_coord_ros.executables", "sparse_coord", "reproduce", "table1"),
+        *("--engine", "numba", "--runs", "1", "--out", "none"),
+        env={"NUMBA_NUM_THREADS": threads},
+        code=2,
+    )
+    line = f"error: NUMBA_NUM_THREADS: value is '{threads}', allowed: a whole number from 1\n"
+    assert done.stderr.endswith(line)
+
+
+def test_a_scheduler_that_is_not_there_is_told_at_once():
+    pytest.importorskip("distributed")
+    began = time.monotonic()
+    with pytest.raises(RunError, match="scheduler tcp://127.0.0.1:1: does not answer; start one"):
+        sc.train_many("env1", runs=1, scheduler="tcp://127.0.0.1:1")
+    assert time.monotonic() - began < 20  # it would be waited for 30 s
