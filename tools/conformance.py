@@ -28,8 +28,9 @@ from nav_msgs.srv import GetPlan
 from rclpy.executors import Executor
 from std_msgs.msg import String
 
+from sparse_coord_ros.game.rules import EPISODE_GAP
 from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.game.world import EPISODE_GAP, Action, Reward, World
+from sparse_coord_ros.game.world import Action, Reward, World
 from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.lockstep.waiting import REPEAT_SECONDS
 from sparse_coord_ros.lockstep.world_side import WorldSide, WorldState

@@ -3,9 +3,10 @@
 """`checkpoint.npz`: a learning run that was broken off, for either engine to go on with.
 
 It has the positions of G groups of robots that learn together (one; K for a learner that learns
-`alone`), what each robot remembers, `history_g_...`: the fields of `learn.history.History` of group
-g from 1, and `evaluations`, the text of their evaluations as JSON (`learn.checkpoint` has the
-container). The compiled loops trust the numbers, so a file that does not fit its digest is refused.
+`alone`), what each robot remembers, `history_g_...`: the fields of `learn.history.History` of
+group g from 1, and `evaluations`, the text of their evaluations as JSON (`learn.checkpoint` has
+the container). The compiled loops trust the numbers, so a file that does not fit its digest is
+refused.
 """
 
 import hashlib

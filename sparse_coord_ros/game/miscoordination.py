@@ -33,8 +33,8 @@ def together(place: Any, other: Any) -> Any:
 
 
 @inlined
-def meet(places: np.ndarray, cells: np.ndarray, members: np.ndarray) -> bool:
-    """Return whether a joint state is a miscoordination, in the compiled loops.
+def meet(places: Any, cells: Any, members: Any) -> bool:
+    """Return whether robots miscoordinate: two of them are at one meeting place.
 
     Args:
         places: the meeting place of each cell.
@@ -64,19 +64,6 @@ def miscoordinated(places: Any) -> Any:
         for other in places[:k]:
             found = found | together(place, other)
     return found
-
-
-def partners_of(k: int, places: Any) -> Any:
-    """Return with whom robot k is in a miscoordination, as of `game.world.Reward.partners`.
-
-    Args:
-        k: the robot, from 0.
-        places: as of `miscoordinated`.
-
-    Returns:
-        The sum of 2^j of the peers j; for arrays of shape (K, ...) int64 of shape (...).
-    """
-    return sum(together(places[k], other) << j for j, other in enumerate(places) if j != k)
 
 
 def miscoordinations(scenario: Scenario, cells: np.ndarray) -> np.ndarray:

@@ -12,7 +12,7 @@ import numpy as np
 
 from sparse_coord_ros.compiling import inlined
 from sparse_coord_ros.game.draws import drawn, percept_draw
-from sparse_coord_ros.game.miscoordination import NOWHERE, meeting_places, together
+from sparse_coord_ros.game.miscoordination import NOWHERE, meet, meeting_places, together
 from sparse_coord_ros.game.perception import drawn_peer, percept_probabilities, succeeds
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.streams import MOTION, PEER, POLICY, START
@@ -63,10 +63,19 @@ class Problem(NamedTuple):
 LISTED = ("starts", "goals", "next_cell", "places", "penalties", "start_cells", "start_counts")
 
 
-def problem_of(scenario: Scenario, *, plain: bool) -> Problem:
-    """Return a scenario as arrays, or as lists for plain Python."""
+def problem_of(scenario: Scenario, *, plain: bool, percepts: bool = True) -> Problem:
+    """Return a scenario as arrays, or as lists for plain Python.
+
+    Args:
+        scenario: the problem.
+        plain: whether plain Python is to use it.
+        percepts: whether `perceive` will be called; the model of percepts may be unknown.
+    """
     grid, robots = scenario.map, scenario.robots
     free = [grid.leading_to(robot.goal) for robot in robots]
+    percept = np.zeros((0, 0))
+    if percepts:
+        percept = percept_probabilities(scenario.perception, grid)
     start_cells = np.zeros((len(robots), max(map(len, free))), dtype=np.int64)
     for k, choices in enumerate(free):
         start_cells[k, : len(choices)] = choices
@@ -75,7 +84,7 @@ def problem_of(scenario: Scenario, *, plain: bool) -> Problem:
         goals=np.array([robot.goal for robot in robots]),
         next_cell=np.ascontiguousarray(grid.next_cell, dtype=np.int64),
         places=meeting_places(scenario),
-        percept=percept_probabilities(scenario.perception, grid),
+        percept=percept,
         all_peers=scenario.peers == "all",
         penalties=np.array(scenario.penalties),
         start_cells=start_cells,
@@ -151,13 +160,7 @@ def miscoordination(problem: Problem, cells: Any, members: Any) -> bool:
         cells: the cell of each robot after the step.
         members: the robots that are in the game.
     """
-    for i in range(len(members)):
-        place = problem.places[cells[members[i]]]
-        if place != NOWHERE:
-            for j in range(i):
-                if together(place, problem.places[cells[members[j]]]):
-                    return True
-    return False
+    return meet(problem.places, cells, members)
 
 
 @inlined

@@ -5,29 +5,28 @@
 The world simulator node, the simulation without ROS and the evaluation all step this one object.
 """
 
-import functools
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from sparse_coord_ros.game.miscoordination import (
-    NOWHERE,
-    meeting_places,
-    miscoordinated,
+from sparse_coord_ros.game.draws import PlainDraws
+from sparse_coord_ros.game.rules import (
+    EPISODE_GAP,
+    UNKNOWN_PARTNERS,
+    asking_reward,
+    common_reward,
+    individual_reward,
+    led,
+    miscoordination,
     partners_of,
+    problem_of,
+    start_of,
 )
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.schedules import probabilities
-from sparse_coord_ros.game.streams import LEARNING, MOTION, START, Stream
+from sparse_coord_ros.game.streams import LEARNING
 
 FIRST_STEP = 1
 """The first time step; 0 is left for requests of people, who do not know the step."""
-
-EPISODE_GAP = 2
-"""Time steps from an episode's last state to the next one's first: nobody learns across it."""
-
-
-UNKNOWN_PARTNERS = -1
-"""In place of partners: nobody says; every bit of it is set, so it may have been any peer."""
 
 
 class Reward(NamedTuple):
@@ -155,18 +154,11 @@ class World:
         self.episode = 0
         self.transitions = 0
         self.miscoordinations = 0
-        numbers = range(len(scenario.robots))
-        self._goals = [robot.goal for robot in scenario.robots]
-        self._next_cell = scenario.map.next_cell.tolist()
-        self._places = meeting_places(scenario).tolist()
-        self._out = [k for k in numbers if k not in self.agents]
-        self._motion = [Stream(seed, k, MOTION, phase) for k in numbers]
-        self._start = [Stream(seed, k, START, phase) for k in numbers]
+        self._problem = problem_of(scenario, plain=True, percepts=False)
+        self._draws = PlainDraws(scenario, seed, phase)
         self._exploring = None
         if phase == LEARNING:
             self._exploring = probabilities(scenario.starts, scenario.steps)
-        self._start_cells = functools.cache(lambda k: scenario.map.leading_to(self._goals[k]))
-        self._penalties = scenario.penalties
         self._begin_here()
 
     def begin_episode(self) -> None:
@@ -183,10 +175,7 @@ class World:
             return
         share = float(self._exploring[min(self.step, len(self._exploring) - 1)])
         for k in self.agents:
-            coin, place = self._start[k].at(self.step)
-            if coin < share:  # an exploring start, never the goal itself
-                free = self._start_cells(k)
-                self.cells[k] = int(free[int(place * len(free))])
+            self.cells[k] = start_of(self._problem, self._draws, k, self.step, share)
 
     @property
     def episode_over(self) -> bool:
@@ -223,38 +212,30 @@ class World:
             action = actions[k]
             if action is not None and not self.arrived[k]:
                 cells[k] = self.led(k, action.move)
-                if cells[k] == self._goals[k]:
+                if cells[k] == self._problem.goals[k]:
                     arrivals.append(k)
-        places = [self._places[x] for x in cells]
-        for k in self._out:
-            places[k] = NOWHERE
-        inside = [place for place in places if place != NOWHERE]
-        miscoordination = len(inside) > 1 and miscoordinated(inside)
+        conflict = miscoordination(self._problem, cells, self.agents)
         rewards = [
-            self._reward(k, action, k in arrivals, miscoordination, places)
-            for k, action in enumerate(actions)
+            self._reward(k, action, k in arrivals, conflict) for k, action in enumerate(actions)
         ]
         for k in arrivals:
             self.arrived[k] = True
         self.step += 1
         self.transitions += 1
-        self.miscoordinations += miscoordination
-        return StepOutcome(tuple(rewards), miscoordination, tuple(arrivals), self.episode_over)
+        self.miscoordinations += conflict
+        return StepOutcome(tuple(rewards), conflict, tuple(arrivals), self.episode_over)
 
-    def _reward(
-        self, k: int, action: Action | None, home: bool, miscoordination: bool, places: list[int]
-    ) -> Reward:
-        """Return R_k(t); `places` are the robots' meeting places after the step."""
-        scenario = self.scenario
-        common = self._penalties[k] if miscoordination else 0.0
-        individual = scenario.goal_reward if home else 0.0
-        cost = -scenario.ask_cost if action is not None and action.asked else 0.0
-        partners = partners_of(k, places) if scenario.referee else UNKNOWN_PARTNERS
+    def _reward(self, k: int, action: Action | None, home: bool, conflict: bool) -> Reward:
+        """Return R_k(t)."""
+        problem = self._problem
+        individual = individual_reward(problem, home)
+        common = common_reward(problem, k, conflict)
+        cost = asking_reward(problem, action is not None and action.asked)
+        partners = UNKNOWN_PARTNERS
+        if problem.referee:
+            partners = partners_of(problem, self.cells, self.agents, k)
         return Reward(individual, common, cost, individual + common + cost, partners)
 
     def led(self, k: int, move: int) -> int:
         """Return the cell in which a move of agent k ends in this time step."""
-        cell = self.cells[k]
-        if self._motion[k].at(self.step)[0] < self.scenario.move_success:
-            cell = self._next_cell[cell][move]
-        return cell
+        return led(self._problem, self._draws, k, self.step, self.cells[k], move)

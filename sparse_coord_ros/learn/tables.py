@@ -5,9 +5,9 @@
 The container is that of `learn.archive`. Of robot k (from 1) there is each field of its learner's
 mind (`learners.mind`) as an array `<field>_k`: `q_star_k`, shape (cells, actions), columns north,
 south, east, west, COORDINATE; `updates_k`, how often each entry was updated; and so on. A table of
-rows such as Q^C is three arrays: `q_coord_keys_k`, shape (rows,), ascending, `q_coord_values_k` and
-`q_coord_updates_k`, shape (rows, moves): the rows that have an update. The key of a joint state is
-a number whose digits, in base cells, are the own cell and then those of the perceived peers.
+rows such as Q^C is three arrays: `q_coord_keys_k`, shape (rows,), ascending, `q_coord_values_k`
+and `q_coord_updates_k`, shape (rows, moves): the rows that were learned. The key of a joint state
+is a number whose digits, in base cells, are the own cell and then those of the perceived peers.
 
 Cells are numbered row by row from the top left, free cells only.
 """
@@ -136,9 +136,7 @@ def save_team(directory: Path, memories: Sequence[Memory]) -> None:
     write_whole(directory / TEAM_FILE, data)
 
 
-def load_team(
-    directory: Path, scenario: Scenario, learner: Learner | None
-) -> list[Tables]:
+def load_team(directory: Path, scenario: Scenario, learner: Learner | None) -> list[Tables]:
     """Read a team's tables from an output directory.
 
     They are in `tables.npz`, or in one file a robot where the robot nodes were started by hand.

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""CQ-learning, after De Hauwere, Vrancx & Nowe (AAMAS 2010): ask where rewards are not a lone robot's.
+"""CQ-learning (De Hauwere, Vrancx & Nowe, AAMAS 2010): ask where rewards are not a lone robot's.
 
 A robot begins with Q* of a robot alone (`learners.lone`), which never changes. It compares the
 rewards of each own cell and move with those that it would get alone, by Student's t-test on

@@ -167,7 +167,7 @@ class Learner:
 
     @staticmethod
     def explores(mind: Any, task: Task, seen: int) -> bool:
-        """Return whether the move after COORDINATE is explored as any other: in the paper never."""
+        """Return whether the move after COORDINATE is explored, too: in the paper never."""
         return False
 
     @staticmethod

@@ -30,8 +30,9 @@ def check_memory(scenario: Scenario, learner: Learner, k: int, memory: Memory) -
     try:
         return _checked(scenario, learner, k, memory)
     except (ValueError, LookupError, TypeError) as error:
-        what = f"robot {k + 1} of scenario {scenario.name} cannot have learned that ({error})"
-        raise TablesError(f"{what}; use what a run of this very scenario wrote") from None
+        who = f"robot {k + 1} of scenario {scenario.name} with learner {learner.label}"
+        remedy = "use what a run of this very scenario and learner wrote"
+        raise TablesError(f"{who} cannot have learned that ({error}); {remedy}") from None
 
 
 def _checked(scenario: Scenario, learner: Learner, k: int, memory: Memory) -> Memory:

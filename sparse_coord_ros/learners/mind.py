@@ -65,6 +65,7 @@ def empty_rows(most: int, first: np.ndarray, a_step: int = 1) -> Rows:
         most: how many keys there can be: keys are from 0 to `most` - 1.
         first: what rows begin with, shape (n, 4): the first `most / n` keys with its first row,
             the next ones with the second and so on.
+        a_step: how many rows a time step can add.
     """
     values = np.zeros((0, PRIMITIVES))
     updates = np.zeros((0, PRIMITIVES), dtype=np.int32)
@@ -173,10 +174,10 @@ def _mind_of_arrays(minds: Any, k: Any) -> Any:
     parts = []
     for name, kind in zip(minds.fields, minds.types, strict=True):
         if getattr(kind, "instance_class", None) is Rows:
-            own = [f"minds.{name}.{field}[k]" for field in ("values", "updates", "keys", "used")]
-            parts.append(
-                f"Rows({', '.join(own)}, None, minds.{name}.first[k], minds.{name}.most, minds.{name}.a_step)"
-            )
+            table = f"minds.{name}"
+            own = [f"{table}.{field}[k]" for field in ("values", "updates", "keys", "used")]
+            shared = f"None, {table}.first[k], {table}.most, {table}.a_step"
+            parts.append(f"Rows({', '.join(own)}, {shared})")
         else:
             parts.append(f"minds.{name}[k]")
     found: dict[str, Any] = {"Mind": minds.instance_class, "Rows": Rows}

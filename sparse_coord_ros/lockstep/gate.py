@@ -6,7 +6,7 @@ The world's steps grow by one, and by a little more where an episode begins. Who
 sees them jump. A jump is believed once the world itself has said, on `status`, that it is so far.
 """
 
-from sparse_coord_ros.game.world import EPISODE_GAP
+from sparse_coord_ros.game.rules import EPISODE_GAP
 
 NEAR = EPISODE_GAP + 1
 """How far the next step may lie ahead: that of a transition, and an episode's start after it."""

@@ -12,7 +12,7 @@ import uuid
 from collections import Counter
 from collections.abc import Callable
 
-from sparse_coord_ros.game.world import EPISODE_GAP
+from sparse_coord_ros.game.rules import EPISODE_GAP
 from sparse_coord_ros.learners.agent import Agent
 from sparse_coord_ros.lockstep.checkpoints import Store
 from sparse_coord_ros.lockstep.robot_side import RobotSide

@@ -98,10 +98,10 @@ class Shown:
             TablesError: some are missing, malformed or do not fit the scenario.
         """
         scenario = self.config.scenario
-        tables = (
-            [] if self.directory is None else load_team(self.directory, scenario, self.config.known_rule)
-        )
-        for k, robot in enumerate(scenario.robots if self.directory is None else ()):
+        if self.directory is not None:
+            return load_team(self.directory, scenario, self.config.known_rule)
+        tables = []
+        for k, robot in enumerate(scenario.robots):
             entry = self.recording.tables_before(k)
             if entry is None:
                 said = f"holds no tables of {robot.name}; see 'sparse_coord info'"

@@ -15,7 +15,8 @@ import numpy as np
 
 from sparse_coord_ros import wire
 from sparse_coord_ros.bags.metadata import SPLIT
-from sparse_coord_ros.game.world import EPISODE_GAP, Action, World
+from sparse_coord_ros.game.rules import EPISODE_GAP
+from sparse_coord_ros.game.world import Action, World
 from sparse_coord_ros.learners.agent import NOBODY
 from sparse_coord_ros.lockstep.bodies import BodyWorld
 from sparse_coord_ros.runlog.difference import MISSING, Difference

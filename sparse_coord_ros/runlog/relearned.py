@@ -10,7 +10,7 @@ import numpy as np
 
 from sparse_coord_ros import wire
 from sparse_coord_ros.game.actions import PRIMITIVES
-from sparse_coord_ros.game.world import EPISODE_GAP
+from sparse_coord_ros.game.rules import EPISODE_GAP
 from sparse_coord_ros.learners.agent import Agent
 from sparse_coord_ros.learners.tables import Tables
 from sparse_coord_ros.runlog.attached import RecordedTables

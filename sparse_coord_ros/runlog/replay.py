@@ -16,8 +16,9 @@ from typing import NamedTuple
 import numpy as np
 
 from sparse_coord_ros.game.perception import asked_peers
+from sparse_coord_ros.game.rules import EPISODE_GAP, UNKNOWN_PARTNERS
 from sparse_coord_ros.game.streams import PEER, POLICY, Stream
-from sparse_coord_ros.game.world import EPISODE_GAP, UNKNOWN_PARTNERS, Action, Position, Reward
+from sparse_coord_ros.game.world import Action, Position, Reward
 from sparse_coord_ros.learners.agent import Agent, Choice
 from sparse_coord_ros.learners.mind import Memory
 from sparse_coord_ros.runlog.attached import RecordedTables

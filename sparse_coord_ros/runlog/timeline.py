@@ -14,7 +14,7 @@ import numpy as np
 from sparse_coord_ros.bags.gaps import Gap
 from sparse_coord_ros.bags.metadata import RESTARTED, ROLLED_BACK, SPLIT, STALLED_RECORD
 from sparse_coord_ros.bags.reader import Bag
-from sparse_coord_ros.game.world import EPISODE_GAP
+from sparse_coord_ros.game.rules import EPISODE_GAP
 from sparse_coord_ros.runlog.difference import Difference
 
 

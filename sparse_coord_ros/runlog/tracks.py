@@ -13,7 +13,7 @@ import numpy as np
 
 from sparse_coord_ros import wire
 from sparse_coord_ros.bags.reader import Bag, open_bag
-from sparse_coord_ros.game.world import EPISODE_GAP
+from sparse_coord_ros.game.rules import EPISODE_GAP
 from sparse_coord_ros.runlog import timeline
 from sparse_coord_ros.runlog.attached import RecordedTables, read_tables
 from sparse_coord_ros.runlog.bag_run import BagRun, check_bag_run, find_run

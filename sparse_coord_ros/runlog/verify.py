@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 from sparse_coord_ros import wire
 from sparse_coord_ros.game.plugins import leaving_out
-from sparse_coord_ros.game.world import EPISODE_GAP
+from sparse_coord_ros.game.rules import EPISODE_GAP
 from sparse_coord_ros.runlog.agents import AgentCheck
 from sparse_coord_ros.runlog.decode import Decoder
 from sparse_coord_ros.runlog.difference import MISSING, Difference

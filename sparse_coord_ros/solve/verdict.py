@@ -70,7 +70,9 @@ def last_word(
     advice = _advice(scenario, learner)
     missed = 1.0 - found.all_arrived
     if missed > HARDLY_EVER:
-        remedy = "more steps" if isinstance(learner, Factored) else "--learner factored or more steps"
+        remedy = "more steps"
+        if not isinstance(learner, Factored):
+            remedy = "--learner factored or more steps"
         return LastWord(
             LOST, f"In {missed:.1%} of the trials some robot did not arrive. Try {remedy}."
         )

@@ -29,7 +29,9 @@ def test_improve(sparse_coord, refused, folder):
     assert "improved: exists already" in refused("improve", "a")
     assert sparse_coord("train", "env2-2r", *TRAIN[2:], "--out", "b")[0] == 0
     (folder / "b" / "tables.npz").replace(folder / "a" / "tables.npz")
-    assert "robot 1 of scenario env1 cannot have learned that" in refused("improve", "a")
+    assert "robot 1 of scenario env1 with learner factored cannot have learned that" in refused(
+        "improve", "a"
+    )
 
 
 def test_train_improves_to_the_same_tables_and_says_which_doorways_nobody_felt(

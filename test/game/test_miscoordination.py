@@ -13,7 +13,6 @@ from sparse_coord_ros.game.miscoordination import (
     meeting_places,
     miscoordinated,
     miscoordinations,
-    partners_of,
 )
 from sparse_coord_ros.game.rules import problem_of
 from sparse_coord_ros.game.scenario import parse_yaml, scenario_from_dict
@@ -43,16 +42,11 @@ def test_one_rule_for_numbers_arrays_and_the_loops(conflict, places):
         pairs = {(k, j) for k, j in product(range(3), repeat=2) if k != j and at[k] == at[j] >= 0}
         due.append(bool(pairs))
         assert miscoordinated(at) == bool(pairs)
-        partners = [partners_of(k, at) for k in range(3)]
-        assert partners == [sum(1 << j for i, j in pairs if i == k) for k in range(3)]
+        partners = [sum(1 << j for i, j in pairs if i == k) for k in range(3)]
         assert rules.miscoordination(problem, cells, members) == bool(pairs)
         assert [rules.partners_of(problem, cells, members, k) for k in range(3)] == partners
     assert sum(due) == (26 if conflict == "same_cell" else 44)  # of 125
     assert miscoordinations(scenario, STATES).tolist() == due
-    at = meeting_places(scenario)[STATES].T
-    for k in range(3):
-        due = [partners_of(k, one) for one in at.T.tolist()]
-        assert partners_of(k, at).tolist() == due
 
 
 def test_a_state_that_nobody_knows_is_none():

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from sparse_coord_ros.game.actions import EAST, NORTH, WEST
+from sparse_coord_ros.game.rules import EPISODE_GAP
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.game.streams import EVALUATION
-from sparse_coord_ros.game.world import EPISODE_GAP, FIRST_STEP, Action, Reward, World
+from sparse_coord_ros.game.world import FIRST_STEP, Action, Reward, World
 
 SURE = {"move_success": 1, "starts": "fixed"}
 

@@ -333,7 +333,7 @@ def test_the_referee_says_who_was_with_whom():
     world = World(problem, 0)
     first, second = sorted(problem.map.doorways)[:2]
     world.cells = [first, second, first, second]
-    world._next_cell = [[x] * 4 for x in range(len(problem.map.cells))]
+    world.led = lambda k, move: world.cells[k]
     stay = [Action(0, False, NOBODY, False)] * 4
     assert [r.partners for r in world.advance(stay).rewards] == [4, 8, 1, 2]
     world.cells = [first, second, first, 0]
@@ -410,7 +410,9 @@ def test_tables_of_another_kind_are_refused():
     }
     for name in KINDS:
         for other in set(KINDS) - {name}:
-            with pytest.raises(TablesError, match="robot 1 of scenario env1 cannot have learned"):
+            with pytest.raises(
+                TablesError, match="robot 1 of scenario env1 .* cannot have learned"
+            ):
                 play(problem, made[name], trials=2, seed=0, learner=other)
 
 
@@ -454,5 +456,5 @@ def test_impossible_memories_are_refused(what):
     row = {"rho_values": np.ones((1, 4)), "rho_updates": np.ones((1, 4), dtype=np.int64)}
     forged = memory | (row if "rho_keys" in IMPOSSIBLE[what] else {}) | IMPOSSIBLE[what]
     check_memory(problem, Factored(), 0, memory)
-    with pytest.raises(TablesError, match="robot 1 of scenario env1 cannot have learned that"):
+    with pytest.raises(TablesError, match="robot 1 of scenario env1 .* cannot have learned that"):
         check_memory(problem, Factored(), 0, forged)

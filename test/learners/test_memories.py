@@ -117,9 +117,7 @@ def test_states_come_once():
 )
 def test_samples_of_cq(place, value, words):
     scenario, rule, run = learned("cq")
-    refused(
-        scenario, rule, with_array(run.memories[0], "samples", put(place, value)), words
-    )
+    refused(scenario, rule, with_array(run.memories[0], "samples", put(place, value)), words)
 
 
 def more_moves_than_made(memory):

@@ -174,5 +174,7 @@ def test_tables_from_elsewhere_act_as_their_values_say():
     tables = tables_from_values(scenario, 1, q_star, q_coord)
     assert (tables.q_coord == q_coord).all() and (tables.q_star == q_star).all()
     message = refusal(tables_from_values, scenario, 0, np.zeros((20, 5)), None)
-    assert "robot 1 of scenario env1 cannot have learned that (q_star is" in message
+    assert (
+        "robot 1 of scenario env1 with learner coop cannot have learned that (q_star is" in message
+    )
     assert "(cells" not in message

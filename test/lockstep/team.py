@@ -11,7 +11,7 @@ some time later.
 import random
 from collections import defaultdict, deque
 
-from sparse_coord_ros.game.world import EPISODE_GAP
+from sparse_coord_ros.game.rules import EPISODE_GAP
 from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.learners.agent import Agent
 from sparse_coord_ros.learners.registry import learner_of

@@ -4,7 +4,7 @@
 
 import pytest
 
-from sparse_coord_ros.game.world import EPISODE_GAP
+from sparse_coord_ros.game.rules import EPISODE_GAP
 from sparse_coord_ros.lockstep.gate import NEAR, StepGate
 
 

@@ -38,7 +38,7 @@ def test_each_robot_plans_what_a_run_without_ros_plans_and_verify_again(tmp_path
     run = load_run(out / "improved")
     assert run.improve
     done = train(run.scenario, "factored", 7)
-    due = improve(run.scenario, done.learner, done.memories)
+    due = improve(run.scenario, done.learner, [table.memory for table in done.tables])
     assert tables_equal(tables_in(out), done.tables)
     assert tables_equal(tables_in(out / "improved"), list(due.tables))
     assert not list((out / "improved").glob("tables_*"))

@@ -33,9 +33,9 @@ def assert_bag_is_whole(bag):
 
 
 def assert_tables(path, number):
-    tables = load_saved(path, [number])[0].tables
-    assert tables.q_star.shape[1] == 5
-    assert (tables.q_star != 0).any()
+    q_star = load_saved(path, [number])[0].memory["q_star"]
+    assert q_star.shape[1] == 5
+    assert (q_star != 0).any()
 
 
 def test_nodes_end_well_on_a_signal(bench, start_node, tmp_path):

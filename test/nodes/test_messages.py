@@ -196,11 +196,11 @@ def test_the_coordination_map_shows_where_coordinate_is_best():
     tables.q_star[:] = 0.0
     tables.q_star[:, 0] = 1.0
     tables.q_star[7, COORDINATE] = 2.0
-    values = grid_of(convert, convert.pack_coordination_map(3, tables))
+    values = grid_of(convert, convert.pack_coordination_map(3, tables.q_star))
     assert np.argwhere(values == 100).tolist() == [list(convert.grid.cells[7])]
     assert np.count_nonzero(values == -1) == sum(r.count("#") for r in convert.grid.rows)
     tables = untrained(load_scenario("env1"), "noncoop")
-    assert 100 not in grid_of(convert, convert.pack_coordination_map(3, tables))
+    assert 100 not in grid_of(convert, convert.pack_coordination_map(3, tables.q_star))
 
 
 def marker_rows(convert, scenario, array):

@@ -144,7 +144,7 @@ def test_a_directory_in_use_is_left_alone(opened, tmp_path, file):
     ("learned", "asked", "text"),
     [
         (("env2-2r", "coop"), ("env1", "coop"), "env1"),
-        (("env1", "indiv"), ("env1", "coop"), "learner coop needs"),
+        (("env1", "indiv"), ("env1", "coop"), "with learner coop cannot"),
         (None, ("env1", "coop"), "run.yaml: cannot be read"),
     ],
 )
@@ -156,9 +156,10 @@ def test_tables_that_do_not_fit_are_refused(tmp_path, learned, asked, text):
     if learned:
         run = run_of(*learned)
         (tmp_path / "run.yaml").write_text(run.to_yaml())
-        save_team(tmp_path, learn(run.scenario, run.learner, 0))
+        tables = learn(run.scenario, run.learner, 0)
+        save_team(tmp_path, [table.memory for table in tables])
     with pytest.raises(SparseCoordError, match=text):
-        begin_with(tmp_path, run_of(*asked))
+        begin_with(tmp_path, run_of(*asked), 0)
 
 
 @pytest.mark.parametrize("transitions", [99, 100])
@@ -172,7 +173,7 @@ def test_checkpoints_stay_until_the_run_is_finished_and_saved(
     (tmp_path / "checkpoint").mkdir()
     (tmp_path / "checkpoint" / "world_simulator_40.npz").write_bytes(b"x")
     if saved:
-        save_team(tmp_path, learn(scenario, "coop", 1))
+        save_team(tmp_path, [table.memory for table in learn(scenario, "coop", 1)])
     summary = gather(tmp_path, scenario, interrupted=interrupted)
     assert summary["interrupted"] is interrupted
     done = transitions == 100 and not interrupted and saved

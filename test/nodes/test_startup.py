@@ -233,7 +233,7 @@ def test_learned_tables_are_run_greedily(tmp_path, simulate):
     learned = simulate("env1", {"steps": 3000}, seed=3)
     before = tmp_path / "before"
     before.mkdir()
-    save_team(before, learned.tables)
+    save_team(before, [table.memory for table in learned.tables])
     values = {"scenario": "env1", "claim_window": 0.0, "record": False}
     epsilons = []
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from recordings import recorded
 from std_msgs.msg import String
-from teams import THEIRS, forgotten
+from teams import THEIRS, forgotten, untrained
 
 from sparse_coord_ros import wire
 from sparse_coord_ros.game.plugins import ALLOW_VARIABLE
@@ -121,7 +121,7 @@ def test_a_robot_reads_no_tables_but_those_it_was_given(bench, tmp_path, capfd):
     """A stranger may name any directory of the robot's machine: the tables would be published."""
     run = make_run(load_scenario("env1"), {})
     (tmp_path / "run.yaml").write_text(run.to_yaml())
-    save_team(tmp_path, [run.rule.tables(run.scenario)] * 2)
+    save_team(tmp_path, [untrained(run.scenario, k=k).memory for k in range(2)])
     robot, told = bench.robot("robot_1"), bench.robot("robot_2", tables=str(tmp_path))
     say(bench, String(data=replace(run, id="theirs", tables=str(tmp_path)).to_yaml()))
     bench.spin_until(lambda: robot.intake.dropped["run"] and told.member, "the run is heard")

@@ -6,7 +6,7 @@ import struct
 
 import pytest
 
-from sparse_coord_ros.game.world import UNKNOWN_PARTNERS
+from sparse_coord_ros.game.rules import UNKNOWN_PARTNERS
 from sparse_coord_ros.learn.run import learn
 from sparse_coord_ros.learners.factored import UNKNOWN
 from sparse_coord_ros.learners.tables import tables_equal
