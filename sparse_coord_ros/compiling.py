@@ -177,6 +177,21 @@ def of_learner(function: F) -> F:
     return chosen  # type: ignore[return-value]
 
 
+def flag_of_learner(name: str) -> Callable[[Any], bool]:
+    """Return a function of a mind that returns a flag of its learner: compiled a constant."""
+
+    def flag(mind: Any) -> bool:
+        return bool(getattr(mind.learner, name))
+
+    def choose(mind: Any) -> Callable[[Any], bool]:
+        if getattr(mind.instance_class.learner, name):
+            return lambda mind: True
+        return lambda mind: False
+
+    _overloads[flag] = choose
+    return flag
+
+
 def before_compiling(function: Callable[[dict[str, Any]], None]) -> Callable[..., None]:
     """Call a function with the compiler's options once, before the first loop is compiled."""
     _before.append(function)

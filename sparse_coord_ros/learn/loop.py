@@ -32,7 +32,15 @@ from sparse_coord_ros.game.rules import (
 from sparse_coord_ros.game.streams import REPLAY
 from sparse_coord_ros.learners.mind import mind_of
 from sparse_coord_ros.learners.policy import choose, choose_move, tabulate
-from sparse_coord_ros.learners.rules import Task, Transition, begin_episode, learn
+from sparse_coord_ros.learners.rules import (
+    Task,
+    Transition,
+    begin_episode,
+    learn,
+    sees_all,
+    wants_draw,
+    wants_partners,
+)
 
 STEP, EPISODE_START, DONE, PLACED, END = range(5)
 """Entries of `Game.clock`: time step, first step of the episode, transitions (or trials) done,
@@ -58,8 +66,6 @@ class Rule(NamedTuple):
         goal_value: value of being at the goal while learning.
         step_sizes: the step size of the n-th update of an entry, without the floor [n].
         ruled_out: as of `Task`.
-        sees_all: whether robots see all others in every step.
-        wants_draw: whether the learner wants a random number in each step.
         tasks: in plain Python the tasks of the robots.
     """
 
@@ -74,8 +80,6 @@ class Rule(NamedTuple):
     goal_value: float
     step_sizes: Any
     ruled_out: np.ndarray
-    sees_all: bool
-    wants_draw: bool
     tasks: Any
 
 
@@ -117,7 +121,7 @@ class Choices(NamedTuple):
     """What each robot chose at this time step.
 
     Attributes:
-        cells: the cell that it was in.
+        cells: the cell that it was in; of robots that do not act, too.
         actions: A_k(t), as of `game.actions`.
         moves: the primitive action that it became.
         seen: the peers that it perceived by COORDINATE, the sum of 2^j; 0: it did not ask, or
@@ -189,12 +193,13 @@ def begin_row(record: Record, step: int) -> None:
 @inlined
 def begin(state: State, minds: Any) -> None:
     """Begin an episode: every robot at its start, or at an exploring start."""
-    rule, game, _, draws, _ = state
+    rule, game, choice, draws, _ = state
     clock = game.clock
     step = clock[STEP]
     exploring = rule.exploring[min(step, len(rule.exploring) - 1)]
     for k in range(len(game.cells)):
         game.cells[k] = rule.problem.starts[k]
+        choice.cells[k] = rule.problem.starts[k]
         game.arrived[k] = 1
     for k in rule.members:
         game.arrived[k] = 0
@@ -208,13 +213,12 @@ def begin(state: State, minds: Any) -> None:
 def choose_all(state: State, minds: Any, step: int, epsilon: float) -> None:
     """Let every robot that has not arrived choose (Algorithm 1, lines 4 to 10)."""
     rule, game, choice, draws, _ = state
-    cells = choice.cells
-    for k in range(len(cells)):
-        cells[k] = game.cells[k]
+    cells = game.cells
     for k in rule.members:
+        cell = cells[k]
+        choice.cells[k] = cell
         if game.arrived[k]:
             continue
-        cell = cells[k]
         mind = mind_of(minds, k)
         action = choose(mind.q_star[cell], rule.actions, epsilon, draws, k, step)
         move, seen = action, 0
@@ -254,13 +258,16 @@ def learn_from(
     cells = game.cells
     next_cell, action, seen = cells[k], choice.actions[k], choice.seen[k]
     felt = common_reward(problem, k, conflict)
+    mind = mind_of(minds, k)
     next_seen = 0
-    if rule.sees_all:
+    if sees_all(mind):
         seen = next_seen = everybody_but(k, len(cells))
     partners = UNKNOWN_PARTNERS
-    if problem.referee:
+    if wants_partners(mind) and problem.referee:
         partners = partners_of(problem, cells, rule.members, k)
-    draw = drawn(draws, REPLAY, k, step, 0) if rule.wants_draw else 0.0
+    draw = 0.0
+    if wants_draw(mind):
+        draw = drawn(draws, REPLAY, k, step, 0)
     now = Transition(
         step,
         choice.cells[k],
@@ -280,7 +287,7 @@ def learn_from(
         floor,
         draw,
     )
-    learn(mind_of(minds, k), task_of(rule, k), now)
+    learn(mind, task_of(rule, k), now)
 
 
 def learn_until(state: State, minds: Any, record: Record | None, budget: int) -> None:

@@ -135,8 +135,6 @@ class Team:
             goal_value=scenario.goal_value,
             step_sizes=sizes.by_count,
             ruled_out=learner.ruled_out(scenario),
-            sees_all=learner.sees_all,
-            wants_draw=learner.draws,
             tasks=None,
         )
         groups = groups_of(scenario, learner)
@@ -189,18 +187,20 @@ class Team:
                 self.scenario, seed, phase, self._looked_at(rule, phase), members, position.step
             )
             game = loop.Game(np.array(clock), np.array(position.cells), np.array(arrived))
+            chosen = np.zeros((4, team), dtype=np.int64)
+            chosen[0] = position.cells
             choice = loop.Choices(
-                cells=np.zeros(team, dtype=np.int64),
-                actions=np.zeros(team, dtype=np.int64),
-                moves=np.zeros(team, dtype=np.int64),
-                seen=np.zeros(team, dtype=np.int64),
+                cells=chosen[0],
+                actions=chosen[1],
+                moves=chosen[2],
+                seen=chosen[3],
                 values=np.zeros(PRIMITIVES),
             )
         else:
             draws = PlainDraws(self.scenario, seed, phase)
             game = loop.Game(clock, list(position.cells), arrived)
             choice = loop.Choices(
-                cells=[0] * team,
+                cells=list(position.cells),
                 actions=[0] * team,
                 moves=[0] * team,
                 seen=[0] * team,

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.game.actions import ACTIONS, COORDINATE
+from sparse_coord_ros.game.actions import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.learners.learner import Learner
 from sparse_coord_ros.learners.rules import (
@@ -57,7 +57,7 @@ class NonCoop(Learner):
     @staticmethod
     def bootstrap(mind: Mind, task: Task, cell: int, now: Transition) -> float:
         """Return the maximum of Q*(cell, .) over the moves."""
-        return greatest(mind.q_star[cell], task.actions)
+        return greatest(mind.q_star[cell], PRIMITIVES)
 
     @staticmethod
     def learn(mind: Mind, task: Task, now: Transition) -> None:

@@ -85,7 +85,7 @@ class Coop(Learner):
     @staticmethod
     def bootstrap(mind: Mind, task: Task, cell: int, now: Transition) -> float:
         """Return max_b Q*(cell, b)."""
-        return greatest(mind.q_star[cell], task.actions)
+        return greatest(mind.q_star[cell], len(ACTIONS))
 
     @staticmethod
     def learn(mind: Mind, task: Task, now: Transition) -> None:

@@ -45,6 +45,7 @@ class Factored(Learner):
     title = "Factored"
     summary = "Algorithm 1 with Q^C as an individual part and sparse corrections"
     draws = True
+    partners = True
     defaults = MappingProxyType(
         {
             "epsilon": "linear:0.3:0.02:0.8",

@@ -96,6 +96,8 @@ class Learner:
         sees_all: whether its robots see all others in every step, asked or not. Such a learner
             cannot run live either.
         draws: whether it wants a random number in each step (`Transition.draw`).
+        partners: whether it wants to know with whom a robot was in a miscoordination
+            (`Transition.partners`), where the scenario has a referee.
         defaults: values of scenario settings where neither the scenario nor the user chose one;
             `run.yaml` says each value that held.
         Mind: the named tuple of what a robot remembers; `initial` fills it.
@@ -113,6 +115,7 @@ class Learner:
     alone: bool = False
     sees_all: bool = False
     draws: bool = False
+    partners: bool = False
     defaults: Mapping[str, object] = MappingProxyType({})
     Mind: type[Any]
     memory: Mapping[str, Made] = MappingProxyType({})

@@ -5,7 +5,7 @@
 from typing import Any
 
 from sparse_coord_ros.compiling import inlined, inner
-from sparse_coord_ros.game.actions import COORDINATE, PRIMITIVES
+from sparse_coord_ros.game.actions import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.game.draws import drawn
 from sparse_coord_ros.game.streams import (
     BLIND,
@@ -59,7 +59,7 @@ def choose(values: Values, count: int, epsilon: float, draws: Any, k: int, step:
     """Return A_k(t) by the learning policy pi_epsilon (Algorithm 1, line 4)."""
     if epsilon > 0.0 and drawn(draws, POLICY, k, step, EXPLORE) < epsilon:
         return int(drawn(draws, POLICY, k, step, EXPLORED_ACTION) * count)
-    return greedy_action(values, count, draws, k, step, TIE)
+    return greedy_action(values, len(ACTIONS), draws, k, step, TIE)  # NaN is never chosen
 
 
 @inlined

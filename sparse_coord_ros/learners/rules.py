@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from sparse_coord_ros.compiling import inlined, inner, of_learner
+from sparse_coord_ros.compiling import flag_of_learner, inlined, inner, of_learner
 from sparse_coord_ros.game.actions import PRIMITIVES
 from sparse_coord_ros.learners.mind import Rows, place
 
@@ -123,6 +123,16 @@ def bootstrap(mind: Any, task: Task, cell: int, now: Transition) -> float:
 @of_learner
 def learn(mind: Any, task: Task, now: Transition) -> None:
     """Learn from a transition (Algorithm 1, lines 12 to 14 and 18)."""
+
+
+sees_all = flag_of_learner("sees_all")
+"""Whether the robots of a mind's learner see all others in every step."""
+
+wants_draw = flag_of_learner("draws")
+"""Whether it wants a random number in each step."""
+
+wants_partners = flag_of_learner("partners")
+"""Whether it wants to know with whom a robot was in a miscoordination."""
 
 
 # What they are made of.

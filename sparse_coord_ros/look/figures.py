@@ -21,9 +21,7 @@ from sparse_coord_ros.errors import SettingError, did_you_mean
 from sparse_coord_ros.experiments.report.charts import embedded
 from sparse_coord_ros.experiments.report.map_pictures import COLOUR_MAP, draw_map
 from sparse_coord_ros.game.actions import DIRECTIONS
-from sparse_coord_ros.game.plugins import leaving_out
 from sparse_coord_ros.learners.factored import Factored
-from sparse_coord_ros.learners.learner import Learner
 from sparse_coord_ros.look.policy import policy_of
 from sparse_coord_ros.look.sources import PLAYED_EPISODES, Shown
 from sparse_coord_ros.look.steps import ended
@@ -141,7 +139,7 @@ def available(shown: Shown) -> list[str]:
     there = {
         "policy": learned,
         "asks": asking and shown.played is not None,
-        "sparsity": asking,
+        "sparsity": asking and shown.config.known_rule is not None,
         "curves": shown.has("history"),
         "percepts": shown.bag is not None and shown.log.asked.any(),
     }
@@ -198,8 +196,7 @@ def _groups(what: str, runs: Sequence[Shown]) -> Iterator[list[Panel]]:
         elif what == "asks":
             yield list(_asks(shown, label, most_asked))
         elif what == "sparsity":
-            with leaving_out("how much of Q^C was learned", shown.say):
-                yield list(_sparsity(shown, label, shown.config.rule))
+            yield list(_sparsity(shown, label))
         else:
             yield list(_percepts(shown, label))
 
@@ -355,8 +352,8 @@ def _asks(shown: Shown, label: str, most: float) -> Iterator[Panel]:
     return _shaded(shown, label, asked, titles, "COORDINATE in a greedy episode", most)
 
 
-def _sparsity(shown: Shown, label: str, rule: Learner) -> Iterator[Panel]:
-    scenario = shown.config.scenario
+def _sparsity(shown: Shown, label: str) -> Iterator[Panel]:
+    rule, scenario = shown.config.rule, shown.config.scenario
     learned = [rule.learned_rows(scenario, one.memory) for one in shown.tables]
     counts = np.array(learned, dtype=np.float64)
     possible = rule.rows_of_a_cell(scenario) * len(scenario.map.cells)
