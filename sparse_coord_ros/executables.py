@@ -21,8 +21,8 @@ NODES = "world_simulator robot recorder team watch player driver nav2_driver bod
 """Executables; each is the module of its name in `sparse_coord_ros.nodes`."""
 
 
-LIVE = (["run"], ["replay"])
-"""Verbs that start nodes."""
+LIVE = ("run", "replay", "halt", "conformance")
+"""Verbs that run ROS nodes, which mind signals by themselves."""
 
 
 def sparse_coord() -> int:
@@ -59,7 +59,7 @@ def main(name: str) -> int:
     }
     signal.pthread_sigmask(signal.SIG_UNBLOCK, before)  # whoever started this may hold them back
     try:
-        if is_node or sys.argv[1:2] in LIVE:
+        if is_node or any(verb in LIVE for verb in sys.argv[1:2]):
             check_middleware()
         run = importlib.import_module(module).main
     except SparseCoordError as error:
