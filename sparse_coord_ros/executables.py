@@ -17,7 +17,10 @@ from pathlib import Path
 from sparse_coord_ros.errors import EXIT_BAD_INPUT, EXIT_INTERRUPTED, RunError, SparseCoordError
 
 COMMAND_LINE = "sparse_coord"
-NODES = "world_simulator robot recorder team watch player driver nav2_driver body".split()
+NODES = (
+    *("world_simulator", "robot", "recorder", "team", "watch", "player"),
+    *("driver", "nav2_driver", "nav2_stand_in", "body"),
+)
 """Executables; each is the module of its name in `sparse_coord_ros.nodes`."""
 
 

@@ -36,9 +36,8 @@ class Converter(Messages):
         super().__init__(run, lambda topic, data: deserialize_message(data, bind(topic).type))
 
     def header(self, step: int) -> Header:
-        """Return a header in the frame `map`."""
-        sec, nanosec = self.stamp(step)
-        return Header(stamp=Time(sec=sec, nanosec=nanosec), frame_id=MAP_FRAME)
+        """Return a header in the frame `map`, stamped with a time step."""
+        return map_header(self.stamp(step))
 
     def pose(self, step: int, cell: int) -> PoseStamped:
         """Return a cell's centre at a time step."""
@@ -98,6 +97,12 @@ class Converter(Messages):
         cell = _whole(said, "cell", LOST, len(self.grid.cells) - 1)
         times = (_time(said, label) for label in REACHED.labels[-2:])
         return Reached(robot, number, cell, said.get("there") == 1.0, *times)
+
+
+def map_header(stamp: tuple[int, int]) -> Header:
+    """Return a header in the frame `map`; `stamp`: (sec, nanosec)."""
+    sec, nanosec = stamp
+    return Header(stamp=Time(sec=sec, nanosec=nanosec), frame_id=MAP_FRAME)
 
 
 def run_announced(data: bytes) -> str:

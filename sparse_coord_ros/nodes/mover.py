@@ -29,8 +29,8 @@ from sparse_coord_ros.lockstep.bodies import Goals, HaltWord, Reached
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.follower import Follower
 from sparse_coord_ros.nodes.messages import Converter, robot_number
-from sparse_coord_ros.nodes.parameters import PARAMETERS, TF, Place
-from sparse_coord_ros.nodes.transforms import BASE, robot_frame
+from sparse_coord_ros.nodes.parameters import FROM_TF, PARAMETERS, Place
+from sparse_coord_ros.nodes.transforms import BASE, TF, TF_STATIC, robot_frame
 from sparse_coord_ros.wire import services
 
 POSES_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -142,7 +142,7 @@ class MoverNode(Follower, LifecycleNodeMixin):
         self._convert = Converter(run)
         self.intake.listen(interface.BODY_GOALS, self._on_goals, read=self._convert.read_goals)
         pose_type = self.values["pose_type"]
-        if pose_type == TF:
+        if pose_type == FROM_TF:
             self._hear_transforms()
         else:
             kind, inside = TYPES[pose_type]
@@ -156,7 +156,7 @@ class MoverNode(Follower, LifecycleNodeMixin):
         with needed("parameter pose_type: tf needs the package tf2_msgs", remedy):
             from tf2_msgs.msg import TFMessage
         topic = replace(interface.POSE, type=TFMessage)
-        for name, qos in (("/tf", TF_QOS), ("/tf_static", STATIC_QOS)):
+        for name, qos in ((TF, TF_QOS), (TF_STATIC, STATIC_QOS)):
             read = functools.partial(self._read_transforms, qos is STATIC_QOS)
             self.intake.listen(topic, self._see, name=name, read=read, qos=qos)
 

@@ -30,6 +30,9 @@ from sparse_coord_ros.nodes.transforms import pose_message
 ENDINGS = {GoalStatus.STATUS_ABORTED: "aborted", GoalStatus.STATUS_CANCELED: "cancelled by others"}
 """What goals that did not go well count as; any other status is of a server that came back."""
 
+HALT_SECONDS = 1.0
+"""After which the same request to halt is a new one: it may be for a goal that came since then."""
+
 TWO_SERVERS_SECONDS = 25.0
 """How long a second server is waited for to go: a killed one is in the graph for 20 s."""
 
@@ -65,7 +68,7 @@ class Nav2DriverNode(MoverNode):
         self._doubled_since: float | None = None
         self._cleared: tuple[float, Future] | None = None
         self._ending: tuple[float, Future] | None = None
-        self._halting: Future | None = None
+        self._halting: tuple[float, Future] | None = None
 
     def make(self, ground: Ground, number: int) -> Navigator:
         """Return what decides on goals."""
@@ -131,20 +134,20 @@ class Nav2DriverNode(MoverNode):
             self.drive()
 
     def set_halted(self, halted: bool, by: str) -> None:
-        """Cancel all goals that Nav2 has, whoever sent them, and ask again where it is silent."""
+        """Cancel all goals that Nav2 has, whoever sent them; anew, when it is asked for anew."""
         super().set_halted(halted, by)
-        answered = self._halting is not None and self._halting.done()
-        if halted and not answered:
-            if self._halting is not None:
-                self._cancelling.remove_pending_request(self._halting)
-            self._halting = self.cancel_all()
+        now = time.monotonic()
         if not halted:
             self._halting = None
+        elif self._halting is None or now - self._halting[0] >= HALT_SECONDS:
+            if self._halting is not None:
+                self._cancelling.remove_pending_request(self._halting[1])
+            self._halting = now, self.cancel_all()
 
     def stands(self) -> bool:
         """Return whether Nav2 has said that all goals are over."""
         clear = self._mover is None or self.navigator.clear
-        return clear and self._halting is not None and self._halting.done()
+        return clear and self._halting is not None and self._halting[1].done()
 
     def settled(self) -> bool:
         """Cancel what Nav2 drives; return whether it has said that this is over; not for long."""
