@@ -20,8 +20,9 @@ def make_parser(chosen: str | None = None) -> argparse.ArgumentParser:
     parser = Parser(
         prog="sparse_coord",
         description="Robots that learn when and how to coordinate (Melo & Veloso, AAMAS 2009).",
-        epilog="Exit codes: 0 done, 1 not as hoped (verify, recover, doctor, conformance, halt), 2 bad input (one "
-        "line says what), 3 cannot tell (verify of an older log), 130 interrupted.",
+        epilog="Exit codes: 0 done, 1 not as hoped (verify, recover, doctor, conformance, halt), "
+        "2 bad input (one line says what), 3 cannot tell (verify of an older log), "
+        "130 interrupted.",
     )
     parser.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
     verbs = parser.add_subparsers(dest="verb", required=True, metavar="VERB")

@@ -25,8 +25,8 @@ FIND_SECONDS = 2.0
 """How long nodes are looked for in any case: discovery takes its time."""
 
 ASK_SECONDS = 20.0
-"""How long nodes are asked at most; somebody else may want the opposite later. A node that was killed is
-in the graph for so long."""
+"""How long nodes are asked at most; somebody else may want the opposite later. A node that was
+killed is in the graph for so long."""
 
 
 @dataclass

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The nav2_stand_in node: simulated bases, each with a server of Nav2's action NavigateToPose.
 
-It takes the place of robots, localisation and Nav2 where there are none: to see the whole procedure
-of docs/real_robots.md before, and for the tests. A base is a point that goes straight to its goal
-at a constant speed, through walls too. As in Nav2 a new goal pre-empts the one before it. What goes
-wrong with Nav2 can be had by the parameter `fault`.
+It takes the place of robots, localisation and Nav2 where there are none: to see the whole
+procedure of docs/real_robots.md before, and for the tests. A base is a point that goes straight to
+its goal at a constant speed, through walls too. As in Nav2 a new goal pre-empts the one before it.
+What goes wrong with Nav2 can be had by the parameter `fault`.
 """
 
 import math

@@ -60,6 +60,9 @@ transports of its own, shared memory among them.
 PATIENCE_SECONDS = 20.0
 """Far more than anything takes on a loaded machine; reached only where a test fails."""
 
+SAY_AGAIN_SECONDS = 0.1
+"""Between two times that an observer says the same."""
+
 
 class Bench:
     """Nodes of a team in one context and observers in another, spun in the test's own thread."""
@@ -170,6 +173,23 @@ class Observer(Node):
         # rclpy looks at the callback's signature, and a builtin has none.
         self.create_subscription(kind, topic, lambda message: messages.append(message), qos)
         return messages
+
+    def say(self, publisher, message, condition, what: str) -> None:
+        """Publish a message again and again until a condition holds.
+
+        A publisher that knows a subscription may be unknown to that one yet, which then drops
+        what it hears; and on a busy machine a message that is best effort may be lost at any time.
+        """
+        due = 0.0
+
+        def heard() -> bool:
+            nonlocal due
+            if time.monotonic() >= due:
+                due = time.monotonic() + SAY_AGAIN_SECONDS
+                publisher.publish(message)
+            return condition()
+
+        self._bench.spin_until(heard, what)
 
     def call(self, kind: type, service: str, request=None):
         """Return a service's response."""

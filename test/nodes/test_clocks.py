@@ -76,10 +76,10 @@ def within(clock, found):
 
 def test_each_of_two_fleets_has_its_own_time(bench, fleets):
     observer = bench.observer()
-    heard = {
-        name: (observer.listen(Clock, f"{name}/clock"), observer.listen(MarkerArray, f"{name}/scene"))
-        for name in FLEETS
-    }
+    heard = {}
+    for name in FLEETS:
+        clock = observer.listen(Clock, f"{name}/clock")
+        heard[name] = clock, observer.listen(MarkerArray, f"{name}/scene")
     fleets(bodies=False)
     bench.spin_until_done()
     for clock, scenes in heard.values():

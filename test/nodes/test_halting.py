@@ -295,7 +295,8 @@ def test_the_command_says_who_has_not_confirmed(processes, start):
     code, said = halt()
     assert code == 1 and not said["confirmed"]
     world = said["nodes"]["world_simulator"]
-    assert not world["done"] and world["said"].endswith("not yet confirmed by the drivers of robot_2")
+    assert not world["done"]
+    assert world["said"].endswith("not yet confirmed by the drivers of robot_2")
     processes["robot_2_driver"].send_signal(signal.SIGCONT)
     processes["robot_2_driver"].wait_for("the body of robot_2 stands")
     code, said = halt()

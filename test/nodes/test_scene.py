@@ -31,8 +31,8 @@ def scene():
 
 
 def markers(scene, cells, actions=None, step=5):
-    found = Scene(scene.convert, step, cells, scene.convert.header(step)).markers(actions or {}).markers
-    return {(one.ns, one.id): one for one in found}
+    shown = Scene(scene.convert, step, cells, scene.convert.header(step))
+    return {(one.ns, one.id): one for one in shown.markers(actions or {}).markers}
 
 
 def asking(scene, percept, *, perceived=False, step=4, peer=1):

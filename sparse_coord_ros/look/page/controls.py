@@ -42,9 +42,9 @@ class Control(NamedTuple):
 
     Attributes:
         name: one of the above.
-        value: of `pause` and `halt` a bool; of `step` and `seek` a whole number; of `rate` a number; of
-            `next` a mapping of `scenario` and `penalty`; of `import`, `save` and `train` one that
-            their source checks; of `reset`, `stop` and `drive` None.
+        value: of `pause` and `halt` a bool; of `step` and `seek` a whole number; of `rate` a
+            number; of `next` a mapping of `scenario` and `penalty`; of `import`, `save` and
+            `train` one that their source checks; of `reset`, `stop` and `drive` None.
     """
 
     name: str

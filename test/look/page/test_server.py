@@ -329,7 +329,15 @@ def test_what_a_page_may_not_ask_for(name, values):
 
 
 def test_what_a_page_may_ask_for():
-    allowed = [(PAUSE, False), (HALT, True), (STEP, 1), (STEP, -1000), (RATE, 0.0), (RATE, 5), (SEEK, 0)]
+    allowed = [
+        (PAUSE, False),
+        (HALT, True),
+        (STEP, 1),
+        (STEP, -1000),
+        (RATE, 0.0),
+        (RATE, 5),
+        (SEEK, 0),
+    ]
     for name, value in [*allowed, (NEXT, {"scenario": "isr", "penalty": -5.0})]:
         assert parse_control({"do": name, "value": value}, ALL) == Control(name, value)
 
