@@ -121,7 +121,7 @@ def test_the_wheel_in_an_empty_environment(version, wheel, tmp_path, own_domain)
     for line in VERBS.splitlines():
         output(command, *line.split())
     robot = [own / "bin/python", "-m", "sparse_coord_ros.executables", "robot"]
-    named = ["--ros-args", "-r", "__node:=robot_1"]
+    named = ["--ros-args", "-r", "__node:=robot_1", "-p", "out:=checked"]
     output(command, "conformance", "--checkpoints", "--", *robot, *named)
     watch = [command, "watch", "run", "--port", "0"]
     with subprocess.Popen(

@@ -14,7 +14,8 @@ if TYPE_CHECKING:
 
 EXAMPLE = (
     "sparse_coord conformance -- python examples/own_robot.py --ros-args -r __node:=robot_1\n"
-    "  sparse_coord conformance --robot robot_2 --checkpoints"
+    "  sparse_coord conformance --robot robot_2 --checkpoints -- "
+    "ros2 run sparse_coord_ros robot --ros-args -r __node:=robot_2 -p out:=checked"
 )
 
 

@@ -356,9 +356,12 @@ class Stage(WorldTopics):
         order = Order("of_another_run", ROLL_CALL, 1)
         values = Said("another", RunState.FINISHED, self.world.step, 100, order=order).values()
         another = replace(self.run, id="another").to_yaml()
-        self.node.announce(interface.RUN).publish(String(data=another))
-        self.node.announce(interface.STATUS).publish(status("x", RunState.FINISHED, values))
+        publishers = self.node.announce(interface.RUN), self.node.announce(interface.STATUS)
+        publishers[0].publish(String(data=another))
+        publishers[1].publish(status("x", RunState.FINISHED, values))
         self.wait(lambda: False, QUIET_SECONDS)
+        for publisher in publishers:  # of each world that is there our robots want to be heard
+            self.node.destroy_publisher(publisher)
         self.expect(what, self.progress.obeyed != order.name, "obeyed an order of another run")
         self.turn(what)
 

@@ -75,6 +75,7 @@ class WorldBodies:
         """Tell the bodies where to go."""
         self._heard = time.monotonic()
         self._goals = goals
+        self._reminder.over()  # the waiting for these begins anew
         self._say_goals()
 
     def _say_goals(self) -> None:

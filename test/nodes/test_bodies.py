@@ -3,6 +3,7 @@
 """A team whose robots have bodies: the same lock step, the same bits, and poses in between."""
 
 import sys
+import time
 from types import SimpleNamespace
 
 import numpy as np
@@ -22,9 +23,7 @@ from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.lockstep.bodies import BodyGoal, Goals, Reached
 from sparse_coord_ros.nodes.body import BodyNode, read_command
 from sparse_coord_ros.nodes.driver import DriverNode
-from sparse_coord_ros.nodes.messages import (
-    Converter,
-)
+from sparse_coord_ros.nodes.messages import Converter
 from sparse_coord_ros.nodes.outputs import gather
 
 QUICK = {"speed": 2.0, "turn": 6.0}
@@ -215,6 +214,14 @@ def test_at_their_own_speed(bench, tmp_path):
     world, *_ = with_bodies(bench, tmp_path / "out", steps=5, body={"body_rate": 50.0})
     bench.spin_until_done()
     assert world.summary()["transitions"] == 5
+
+
+def test_the_waiting_for_bodies_is_counted_from_their_goals(bench):
+    """Else each step adds to it, and a team that is under way seems to stand still."""
+    bodies, now = bench.world(bodies=True).bodies, time.monotonic()
+    bodies._reminder.due(now - 100.0)
+    bodies.send(Goals(1, 1, False, 0.0, (BodyGoal(0, 0, 1),)))
+    assert bodies._reminder.due(now) == 0.0
 
 
 def test_goals_and_reports_travel(own_domain):

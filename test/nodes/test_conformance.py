@@ -14,6 +14,7 @@ from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.nodes import conformance
 from sparse_coord_ros.nodes.conformance import BROKEN as BROKEN_ONE
 from sparse_coord_ros.nodes.conformance import KEPT, NOT_SEEN, OBLIGATIONS, Stage
+from sparse_coord_ros.nodes.robot import RobotNode
 from sparse_coord_ros.nodes.team import run_team
 from sparse_coord_ros.runlog.verify import verify
 
@@ -60,6 +61,17 @@ def test_a_learning_robot_of_ones_own_keeps_the_contract(judged, example):
     stage = judged(example("own_learning_robot"), checkpoints=True)
     assert (stage.broken, stage.seen) == ({}, {*OBLIGATIONS})
     assert [one.verdict for one in stage.judged()] == [KEPT] * len(OBLIGATIONS)
+
+
+def test_a_robot_of_ours_keeps_the_contract_checkpoints_too(judged, tmp_path):
+    """It waits until every world that it knows hears it: the other run's must be gone by then."""
+
+    def robot(context, cli_args):
+        values = {"claim_window": 0.0, "out": str(tmp_path)}
+        return RobotNode(context=context, name="robot_1", values=values)
+
+    stage = judged(robot, checkpoints=True)
+    assert (stage.broken, stage.seen) == ({}, {*OBLIGATIONS})
 
 
 def test_checkpoints_may_be_required(judged, example):
