@@ -24,14 +24,17 @@ NODES = (
 """Executables; each is the module of its name in `sparse_coord_ros.nodes`."""
 
 
-LIVE = ("run", "replay", "halt", "conformance")
-"""Verbs that run ROS nodes, which mind signals by themselves."""
-
-
 def sparse_coord() -> int:
     """Run the command line."""
     atexit.register(gc.freeze)  # the process ends at once: no search for garbage before
     return main(COMMAND_LINE)
+
+
+def runs_nodes(verb: list[str]) -> bool:
+    """Return whether a verb of the command line, if there is one, runs ROS nodes."""
+    from sparse_coord_ros.cli.verbs import LIVE
+
+    return any(name in LIVE for name in verb)
 
 
 def check_middleware() -> None:
@@ -62,7 +65,7 @@ def main(name: str) -> int:
     }
     signal.pthread_sigmask(signal.SIG_UNBLOCK, before)  # whoever started this may hold them back
     try:
-        if is_node or any(verb in LIVE for verb in sys.argv[1:2]):
+        if is_node or runs_nodes(sys.argv[1:2]):
             check_middleware()
         run = importlib.import_module(module).main
     except SparseCoordError as error:

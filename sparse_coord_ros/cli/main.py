@@ -9,9 +9,8 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 
-from sparse_coord_ros.cli.verbs import VERBS, Parser, add_verb
+from sparse_coord_ros.cli.verbs import LIVE, VERBS, Parser, add_verb
 from sparse_coord_ros.errors import EXIT_BAD_INPUT, EXIT_INTERRUPTED, SparseCoordError, failure_of
-from sparse_coord_ros.executables import LIVE
 from sparse_coord_ros.version import __version__
 
 

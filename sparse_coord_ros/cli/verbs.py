@@ -40,6 +40,9 @@ VERBS: Mapping[str, str] = {
 }
 """Every verb and what it does; its module is imported where it is chosen."""
 
+LIVE = ("run", "replay", "halt", "conformance")
+"""Verbs that run ROS nodes, which mind signals by themselves."""
+
 
 class Parser(argparse.ArgumentParser):
     """A parser whose errors are one line, and to which -3,2 is a value, not an option."""
