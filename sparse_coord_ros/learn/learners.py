@@ -174,6 +174,11 @@ class Learner:
         return named <= min(changed)
 
     @property
+    def runs_live(self) -> bool:
+        """Whether its robots learn together and each for itself, as nodes do."""
+        return not (self.alone or self.central)
+
+    @property
     def label(self) -> str:
         """What it is called in files, so that other processes find it.
 
