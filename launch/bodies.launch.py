@@ -2,33 +2,61 @@
 # SPDX-License-Identifier: Apache-2.0
 """A team whose robots have bodies: `ros2 launch sparse_coord_ros bodies.launch.py`.
 
-The team of team.launch.py with a driver for each robot, and the simulator of bodies.
+The team of team.launch.py with a driver for each robot, and the simulator of bodies. That one
+owns the clock, as simulators do: poses and transforms have its time, not that of the time steps.
 """
 
+from dataclasses import replace
+
+from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.game.settings import Setting
 from sparse_coord_ros.launching import ARGUMENTS, description
-from sparse_coord_ros.learn.run_config import NO_CLOCK
+from sparse_coord_ros.learn.run_config import NO_CLOCK, OWN_CLOCK
 from sparse_coord_ros.nodes.parameters import PARAMETERS
 
-DRIVER = ("radius", "speed", "turn", "step_seconds", "pose_type")
-BODY = ("radius", "body_rate", "body_clock", "paths")
+WORLD, DRIVER, BODY = (PARAMETERS[node] for node in ("world_simulator", "driver", "body"))
+OF_DRIVER = ("radius", "speed", "turn", "step_seconds", "pose_type")
+OF_BODY = ("radius", "body_rate", "paths")
 OWN = {
     "simulate": Setting("simulate", bool, True, "false: robots of your own are there"),
-    "slips": PARAMETERS["world_simulator"]["slips"],
-    **{name: PARAMETERS["driver"][name] for name in DRIVER},
-    **{name: PARAMETERS["body"][name] for name in BODY},
+    "clock": replace(WORLD["clock"], default=NO_CLOCK),
+    "body_clock": replace(BODY["body_clock"], default=True),
+    "use_sim_time": replace(
+        ARGUMENTS["use_sim_time"],
+        default=True,
+        help="the nodes' ROS clocks follow the topic clock; without body_clock: false",
+    ),
+    "slips": WORLD["slips"],
+    **{name: DRIVER[name] for name in OF_DRIVER},
+    **{name: BODY[name] for name in OF_BODY},
 }
 
 
 def start(team):
     """Add the team, a driver for each robot, and the simulator."""
-    more = {"clock": NO_CLOCK} if team.get("body_clock") else {}
-    team.add_team(bodies=True, **more, **team.of(["slips"]))
+    body_clock = has_body_clock(team)
+    team.own_clock = team.own_clock or body_clock
+    team.sim_time = team.given.get("use_sim_time", body_clock)
+    team.add_team(bodies=True, **team.of(["slips"]))
     for robot in team.scenario.robots:
-        team.add("driver", {**team.of(DRIVER), "robot": robot.name}, f"{robot.name}_driver")
+        team.add("driver", {**team.of(OF_DRIVER), "robot": robot.name}, f"{robot.name}_driver")
     if team.get("simulate"):
-        team.add("body", team.of(BODY))
+        team.add("body", {**team.of(OF_BODY), "body_clock": body_clock})
     team.add_views()
+
+
+def has_body_clock(team):
+    """Return whether the simulated bodies own the clock."""
+    if not team.get("simulate"):
+        return False
+    if team.of_world("clock") != OWN_CLOCK:
+        return team.get("body_clock")
+    if team.given.get("body_clock"):
+        raise SettingError(
+            "argument body_clock: value is true, but the world owns the clock (clock:=own); "
+            "leave one of them out"
+        )
+    return False
 
 
 def generate_launch_description():

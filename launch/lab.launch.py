@@ -10,9 +10,10 @@ from dataclasses import replace
 
 from sparse_coord_ros.game.scenario import SETTINGS
 from sparse_coord_ros.game.settings import Setting
-from sparse_coord_ros.launching import ARGUMENTS, description
+from sparse_coord_ros.launching import ARGUMENTS, description, one_for_each
 from sparse_coord_ros.learn.run_config import NO_CLOCK
 from sparse_coord_ros.nodes.parameters import PARAMETERS
+from sparse_coord_ros.nodes.transforms import TF, TF_STATIC
 
 WORLD, TABLE = PARAMETERS["world_simulator"], PARAMETERS["nav2_driver"]
 DRIVER = (
@@ -44,7 +45,8 @@ def start(team):
     own = {name: team.of_world(name) for name in ("slips", "epsilon", "checkpoint")}
     team.add_team(bodies=True, **own, **team.of(["body_timeout"]))
     names = team.scenario.names
-    for name, space in zip(names, team.matched("robots", names), strict=True):
+    spaces = one_for_each("robots", team.get("robots"), names)
+    for name, space in zip(names, spaces, strict=True):
         own = {
             **team.of(DRIVER),
             "robot": name,
@@ -52,7 +54,7 @@ def start(team):
             "base_frame": team.get("base_frame"),
             "action": f"/{space}/navigate_to_pose",
         }
-        tf = [(f"/{topic}", f"/{space}/{topic}") for topic in ("tf", "tf_static")]
+        tf = [(topic, f"/{space}/{topic}") for topic in (TF, TF_STATIC)]
         team.add("nav2_driver", own, f"{name}_driver", remapped=tf)
     team.add_views()
 

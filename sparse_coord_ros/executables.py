@@ -19,18 +19,24 @@ from sparse_coord_ros.errors import EXIT_BAD_INPUT, EXIT_INTERRUPTED, RunError, 
 from sparse_coord_ros.signals import STOPPING
 
 COMMAND_LINE = "sparse_coord"
-NODES = "world_simulator robot recorder team watch player driver nav2_driver body".split()
+NODES = (
+    *("world_simulator", "robot", "recorder", "team", "watch", "player"),
+    *("driver", "nav2_driver", "nav2_stand_in", "body"),
+)
 """Executables; each is the module of its name in `sparse_coord_ros.nodes`."""
-
-
-LIVE = (["run"], ["replay"])
-"""Verbs that start nodes."""
 
 
 def sparse_coord() -> int:
     """Run the command line."""
     atexit.register(gc.freeze)  # the process ends at once: no search for garbage before
     return main(COMMAND_LINE)
+
+
+def runs_nodes(verb: list[str]) -> bool:
+    """Return whether a verb of the command line, if there is one, runs ROS nodes."""
+    from sparse_coord_ros.cli.verbs import LIVE
+
+    return any(name in LIVE for name in verb)
 
 
 def check_middleware() -> None:
@@ -52,7 +58,7 @@ def main(name: str) -> int:
         name: one of `NODES`, or `COMMAND_LINE`.
     """
     is_node = name != COMMAND_LINE
-    is_live = is_node or sys.argv[1:2] in LIVE
+    is_live = is_node or runs_nodes(sys.argv[1:2])
     module = f"sparse_coord_ros.nodes.{name}" if is_node else "sparse_coord_ros.cli.main"
 
     def leave(number: int, frame: object) -> NoReturn:

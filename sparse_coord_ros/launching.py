@@ -3,8 +3,9 @@
 """What the launch files start: a team, its bodies, or what drives them; needs launch and ROS.
 
 A launch is a guest in somebody's system: what is nearer to the user wins (an argument over the
-parameter file, also where it names the default), a misspelt value ends it in one line, and nodes
-go into the namespace in which the launch file was included. A team that fails ends alone.
+parameter file, also where it names the default), a misspelt value ends it in one line, a misspelt
+name gets a warning, and nodes go into the namespace in which the launch file was included. A team
+that fails ends alone.
 """
 
 import sys
@@ -22,10 +23,10 @@ from launch.events import Shutdown, matches_action
 from launch.events.process import ShutdownProcess
 from launch.launch_context import LaunchContext
 from launch.launch_description import LaunchDescription
-from launch.substitutions import LaunchConfiguration
+from launch.logging import get_logger
 from launch_ros.actions import Node
 
-from sparse_coord_ros.errors import EXIT_BAD_INPUT, RunError, SettingError
+from sparse_coord_ros.errors import EXIT_BAD_INPUT, RunError, SettingError, did_you_mean
 from sparse_coord_ros.game.plugins import allow_modules, allow_named
 from sparse_coord_ros.game.scenario import SETTINGS, Scenario, load_scenario
 from sparse_coord_ros.game.settings import Setting, SettingTable, parse_assignments
@@ -34,6 +35,7 @@ from sparse_coord_ros.limits import SCENARIO, parse_yaml, read_text
 from sparse_coord_ros.lockstep.checkpoints import check_robots
 from sparse_coord_ros.look.layouts import foxglove_layout, rviz_config
 from sparse_coord_ros.nodes.parameters import PARAMETERS
+from sparse_coord_ros.nodes.transforms import TF, TF_STATIC
 from sparse_coord_ros.share import PACKAGE
 from sparse_coord_ros.wire import CLOCK, RECORDER, WORLD
 
@@ -48,11 +50,14 @@ ARGUMENTS = SettingTable(
         _WORLD["resume"],
         Setting("respawn", bool, False, "start nodes that failed again, with resume"),
         Setting("namespace", str, "", "of the team, below the one that the launch is in"),
-        Setting("use_sim_time", bool, False, "the nodes' ROS clocks follow the team's clock"),
+        Setting("use_sim_time", bool, False, "the nodes' ROS clocks follow the topic clock"),
         Setting("rviz", bool, False, "open RViz, where it is installed, for this team"),
         Setting("foxglove", str, "", "file for a Foxglove layout of this team, to be imported"),
         Setting("allow", str, "", "modules that a scenario may name, separated by commas"),
-        Setting("params_file", str, "", "parameters of all nodes, such as config/params.yaml"),
+        Setting(
+            *("params_file", str, ""),
+            "parameters of all nodes, such as config/params.yaml; arguments that are given win",
+        ),
     ]
 )
 """Arguments of a team's launch. One that is not given is left to the parameter file."""
@@ -83,46 +88,102 @@ def description(
         start: adds nodes to a team.
     """
 
-    def launch(context: LaunchContext) -> list[Any]:
-        team = LaunchedTeam(arguments, Path(file).name, context)
+    def launch(given: Mapping[str, str], context: LaunchContext) -> list[Any]:
+        team = LaunchedTeam(arguments, given, Path(file).name, context)
         start(team)
         return team.actions
+
+    return described(file, arguments, launch)
+
+
+def described(
+    file: str,
+    arguments: Mapping[str, Setting],
+    launch: Callable[[Mapping[str, str], LaunchContext], list[Any]],
+) -> LaunchDescription:
+    """Return a launch description with some arguments.
+
+    Args:
+        file: the launch file.
+        arguments: by name; one without a default (None) must be given.
+        launch: returns what the launch does, from the texts of the arguments that are given and
+            the context. What is not given, the parameter file may say.
+    """
+    given: dict[str, str] = {}
+
+    def keep_given(context: LaunchContext) -> None:
+        """Keep what is given before the defaults are filled in."""
+        found = context.launch_configurations
+        given.update({name: found[name] for name in arguments if found.get(name)})
+
+    def go_on(context: LaunchContext) -> list[Any]:
+        """Launch; the defaults are taken away: to the next launch file they would be given."""
+        for name in arguments.keys() - given.keys():
+            context.launch_configurations.pop(name, None)
+        if _is_own(file):
+            warn_of_unknown(arguments)
+        return launch(given, context)
 
     declared = [
         actions.DeclareLaunchArgument(
             name,
-            default_value="",  # where it is not given, the parameter file may say it
-            description=f"{one.help} (allowed: {one.allowed}; default: {_shown(one.default)})",
+            default_value=None if one.default is None else _shown(one.default),
+            description=f"{one.help} (allowed: {one.allowed})",
         )
         for name, one in arguments.items()
     ]
-    return LaunchDescription([*declared, actions.OpaqueFunction(function=launch)])
+    first, last = (actions.OpaqueFunction(function=one) for one in (keep_given, go_on))
+    return LaunchDescription([first, *declared, last])
+
+
+def _is_own(file: str) -> bool:
+    """Whether a launch file was given on the command line, not included by another one."""
+    return Path(file).name in {Path(word).name for word in sys.argv}
+
+
+def warn_of_unknown(arguments: Iterable[str]) -> None:
+    """Warn of arguments on the command line that no argument of the launch file is called.
+
+    `ros2 launch` takes them all, as they may be meant for launch files that this one includes.
+    """
+    known = list(arguments)
+    for word in sys.argv:
+        name, sign, _ = word.partition(":=")
+        if sign and name not in known:
+            what = f"argument {name!r} is unknown and changes nothing"
+            remedy = "--show-args lists the arguments"
+            get_logger(PACKAGE).warning(f"{what}{did_you_mean(name, known)}; {remedy}")
 
 
 class LaunchedTeam:
     """The nodes of a team as a launch starts them.
 
     Args:
-        table: the launch's arguments; one that is given as an empty text is not given.
+        table: the launch's arguments.
+        given: the texts of those that are given.
         file: the launch file's name.
         context: of the launch.
 
     Attributes:
-        given: the arguments that were given, typed.
+        given: the arguments that are given, typed.
         scenario: what is learned.
+        own_clock: whether the team publishes the topic `clock` of its namespace.
+        sim_time: whether the nodes' ROS clocks follow it, or /clock where it is not the team's.
         actions: what the launch is to do.
 
     Raises:
         SparseCoordError: a bad argument, an output directory that exists.
     """
 
-    def __init__(self, table: Mapping[str, Setting], file: str, context: LaunchContext) -> None:
+    def __init__(
+        self,
+        table: Mapping[str, Setting],
+        given: Mapping[str, str],
+        file: str,
+        context: LaunchContext,
+    ) -> None:
         self._arguments = table
-        texts = {name: LaunchConfiguration(name).perform(context) for name in table}
-        try:
-            self.given = _typed(table, {name: text for name, text in texts.items() if text})
-        except SettingError as error:
-            raise SettingError(str(error).replace("setting", "argument", 1)) from None
+        self.given = typed(table, given)
         allow_modules(self.get("allow").replace(",", " "))  # the nodes inherit it
         changes = parse_assignments(filter(None, self.get("set").replace(" ", "").split(",")))
         for named in (self.get("learner"), *changes.values()):
@@ -137,14 +198,12 @@ class LaunchedTeam:
             raise RunError(f"out: {out} exists already, nothing is overwritten; {remedy}")
         if self._resume:
             check_robots(Path(out), self.scenario)
-        sim_time = {"use_sim_time": self.get("use_sim_time")}
-        self._common: list[Any] = [*filter(None, [self.get("params_file")]), sim_time]
+        self.sim_time = self.get("use_sim_time")
         pushed = context.launch_configurations.get("ros_namespace", "")
         self._namespace = "/".join(filter(None, (pushed, self.get("namespace").strip("/"))))
-        # ROS's clocks follow /clock, whatever namespace a node is in.
-        self._remapped = [("/clock", CLOCK.name)] if self.of_world("clock") == OWN_CLOCK else []
+        self.own_clock = self.of_world("clock") == OWN_CLOCK
         self._running: dict[int, Node] = {}
-        self._own = file in {Path(one).name for one in sys.argv}  # else included by another
+        self._own = _is_own(file)
         self._failed: list[str] = []
         self._settings = _typed(SETTINGS, changes)
         self.actions: list[Any] = []
@@ -160,6 +219,11 @@ class LaunchedTeam:
     def of(self, names: Iterable[str]) -> dict[str, Any]:
         """Return those of some arguments that were given."""
         return {name: self.given[name] for name in names if name in self.given}
+
+    @property
+    def _remapped(self) -> list[tuple[str, str]]:
+        """What names are to be: ROS's clocks follow /clock, whatever namespace a node is in."""
+        return [("/clock", CLOCK.name)] if self.own_clock else []
 
     def add_team(self, **more: Any) -> None:
         """Add world, robots and recorder.
@@ -187,12 +251,15 @@ class LaunchedTeam:
             name: what it is called; empty: as its executable.
             remapped: further names of topics and what they are called instead.
         """
+        file = self.get("params_file")
+        parameters: list[Any] = [file] if file else []
+        parameters += [{"use_sim_time": self.sim_time}, dict(values)]
         node = Node(
             package=PACKAGE,
             executable=executable,
             name=name or executable,
             namespace=self.get("namespace").strip("/"),
-            parameters=[*self._common, dict(values)],
+            parameters=parameters,
             remappings=[*self._remapped, *remapped],
             output="screen",
         )
@@ -215,19 +282,6 @@ class LaunchedTeam:
         added = [node, actions.RegisterEventHandler(handler)]
         self.actions += added
         return added
-
-    def matched(self, argument: str, robots: Iterable[str]) -> list[str]:
-        """Return what an argument says of each robot, separated by commas; empty: their names.
-
-        Raises:
-            SettingError: it says too little or too much.
-        """
-        names = list(robots)
-        said = [one.strip(" /") for one in self.get(argument).split(",") if one.strip(" /")]
-        if said and len(said) != len(names):
-            allowed = f"{len(names)}, one for each of {', '.join(names)}"
-            raise SettingError(f"argument {argument}: {len(said)} names, allowed: {allowed}")
-        return said or names
 
     def _end(self) -> list[Any]:
         """Return what ends the team's other nodes, and the launch where it is the team's own."""
@@ -267,10 +321,36 @@ class LaunchedTeam:
             executable="rviz2",
             namespace=self.get("namespace").strip("/"),
             arguments=["-d", config.name],
-            parameters=[{"use_sim_time": True}],
-            remappings=self._remapped,
+            parameters=[{"use_sim_time": self.sim_time or self.own_clock}],
+            remappings=[*self._remapped, *((f"/{topic}", topic) for topic in (TF, TF_STATIC))],
         )
         self.actions.append(view)
+
+
+def typed(table: Mapping[str, Setting], given: Mapping[str, str]) -> dict[str, Any]:
+    """Return the texts of arguments as values.
+
+    Raises:
+        SettingError: a bad value.
+    """
+    try:
+        return _typed(table, given)
+    except SettingError as error:
+        raise SettingError(str(error).replace("setting", "argument", 1)) from None
+
+
+def one_for_each(argument: str, text: str, robots: Iterable[str]) -> list[str]:
+    """Return what an argument says of each robot, separated by commas; empty: their names.
+
+    Raises:
+        SettingError: it says too little or too much.
+    """
+    names = list(robots)
+    said = [one.strip(" /") for one in text.split(",") if one.strip(" /")]
+    if said and len(said) != len(names):
+        allowed = f"{len(names)}, one for each of {', '.join(names)}"
+        raise SettingError(f"argument {argument}: {len(said)} names, allowed: {allowed}")
+    return said or names
 
 
 def _typed(table: Mapping[str, Setting], texts: Mapping[str, str]) -> dict[str, Any]:
@@ -286,7 +366,7 @@ def _typed(table: Mapping[str, Setting], texts: Mapping[str, str]) -> dict[str, 
 
 def _shown(default: Any) -> str:
     """Return a default as an argument says it."""
-    return str(default).lower() if isinstance(default, bool) else str(default) or "empty"
+    return str(default).lower() if isinstance(default, bool) else str(default)
 
 
 def _of_world(file: str) -> dict[str, Any]:

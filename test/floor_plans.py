@@ -217,6 +217,7 @@ def explored(plan: Drawing, degrees: float, seed: int) -> Drawing:
 
 PLANS: dict[str, tuple[Callable[[], Drawing], str, tuple[float, float]]] = {
     "office": (lambda: drawn("office"), "pgm", (-10.0, -7.0)),
+    "lab": (lambda: drawn("lab"), "png", (-1.0, -1.6)),
     "warehouse": (lambda: drawn("warehouse"), "png", (0.0, 0.0)),
     "slam_office": (lambda: scanned(drawn("office"), 1.5, 1), "pgm", (-11.3, -8.1)),
     "slam_flat": (lambda: scanned(drawn("flat"), -2.0, 2), "png", (2.5, 100.0)),

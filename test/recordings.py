@@ -217,7 +217,7 @@ class Recording:
     def mark(self):
         """Publish the markers."""
         world = self.world.world
-        data = self.convert.pack_markers(world.step, world.cells)
+        data = self.convert.pack_markers(self.convert.stamp(world.step), world.cells)
         self.write("/markers", "visualization_msgs/msg/MarkerArray", data)
 
     def coordination_map(self, k, step):

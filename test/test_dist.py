@@ -53,6 +53,22 @@ def test_one_version_and_one_licence():
     assert (__version__, str(citation["date-released"])) == released[0]
 
 
+def test_rosdep_gets_what_it_asks_for():
+    """The changelog of ROS's tools has our versions; the keys that pip installs are all named."""
+    ours = re.findall(r"^## \[(\d.*)\] - (.*)$", (ROOT / "CHANGELOG.md").read_text(), re.M)
+    heading = r"^([\d.]+) \((\d{4}-\d\d-\d\d)\)\n-+$"
+    assert re.findall(heading, (ROOT / "CHANGELOG.rst").read_text(), re.M) == ours
+    package = ET.parse(ROOT / "package.xml").getroot()
+    needed = {(one.text, one.tag) for one in package if one.tag.endswith("_depend")}
+    said = re.findall(
+        r"^ +\| `(.*?)` \| (\w+_depend) \|", (ROOT / "CONTRIBUTING.md").read_text(), re.M
+    )
+    # Packages of ROS have no hyphen in their names, apt's keys begin with python3-.
+    with_hyphen = {one for one in needed if "-" in one[0]}
+    of_apt = re.compile(r"python3-(?!.*-pip$)")
+    assert {one for one in with_hyphen if not of_apt.match(one[0])} == {*said}
+
+
 def test_the_formats_numbers_are_said():
     """A number goes up where what the file holds changes; docs/formats.md says which it is."""
     text = (ROOT / "docs/formats.md").read_text()
@@ -121,6 +137,9 @@ def test_the_wheel_in_an_empty_environment(version, wheel, tmp_path, own_domain)
     assert output(command, "--version").split()[1] == __version__
     for line in VERBS.splitlines():
         output(command, *line.split())
+    robot = [own / "bin/python", "-m", "sparse_coord_ros.executables", "robot"]
+    named = ["--ros-args", "-r", "__node:=robot_1", "-p", "out:=checked"]
+    output(command, "conformance", "--checkpoints", "--", *robot, *named)
     watch = [command, "watch", "run", "--port", "0"]
     with subprocess.Popen(
         watch, cwd=tmp_path, env=environment, stderr=subprocess.PIPE, text=True

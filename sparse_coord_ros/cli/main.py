@@ -9,12 +9,9 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 
-from sparse_coord_ros.cli.verbs import VERBS, Parser, add_verb
+from sparse_coord_ros.cli.verbs import LIVE, VERBS, Parser, add_verb
 from sparse_coord_ros.errors import EXIT_BAD_INPUT, EXIT_INTERRUPTED, SparseCoordError, failure_of
 from sparse_coord_ros.version import __version__
-
-WITH_NODES = ("run", "replay")
-"""Verbs that run ROS nodes, which say good-bye at a signal by themselves."""
 
 
 def make_parser(chosen: str | None = None) -> argparse.ArgumentParser:
@@ -22,8 +19,9 @@ def make_parser(chosen: str | None = None) -> argparse.ArgumentParser:
     parser = Parser(
         prog="sparse_coord",
         description="Robots that learn when and how to coordinate (Melo & Veloso, AAMAS 2009).",
-        epilog="Exit codes: 0 done, 1 not as hoped (verify, recover, doctor), 2 bad input (one "
-        "line says what), 3 cannot tell (verify of an older log), 130 interrupted.",
+        epilog="Exit codes: 0 done, 1 not as hoped (verify, recover, doctor, conformance, halt), "
+        "2 bad input (one line says what), 3 cannot tell (verify of an older log), "
+        "130 interrupted.",
     )
     parser.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
     verbs = parser.add_subparsers(dest="verb", required=True, metavar="VERB")
@@ -50,7 +48,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
         allow_modules(options.allow)
         allow_named(getattr(options, "learner", None))  # --set does so itself
-        with nullcontext() if verb in WITH_NODES else _terminated_like_interrupted():
+        with nullcontext() if verb in LIVE else _terminated_like_interrupted():
             return options.execute(options) or 0
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

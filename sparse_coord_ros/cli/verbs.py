@@ -27,6 +27,8 @@ VERBS: Mapping[str, str] = {
     "verify": "compute a recorded run again, from its seed and its log alone, and compare",
     "explain": "trace each COORDINATE of a time step: question, answer, what was learned from it",
     "watch": "show a team that learns on a page in the browser: a live one, or a recorded run",
+    "halt": "let all robots of a team stand at once, or go on",
+    "conformance": "check whether a robot node of one's own keeps the contract of the interface",
     "replay": "play a recorded run back over ROS 2: same messages, types, QoS and clock",
     "recover": "finish a bag that a crash cut off or that is damaged, as far as it can be read",
     "tables": "take the tables of a checkpoint out of a bag",
@@ -37,6 +39,9 @@ VERBS: Mapping[str, str] = {
     "reproduce": "reproduce the paper's tables and figures, and go beyond them",
 }
 """Every verb and what it does; its module is imported where it is chosen."""
+
+LIVE = ("run", "replay", "halt", "conformance")
+"""Verbs that run ROS nodes, which mind signals by themselves."""
 
 
 class Parser(argparse.ArgumentParser):

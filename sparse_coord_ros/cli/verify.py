@@ -13,7 +13,8 @@ CANNOT_TELL = 3
 NOT_COMPARED = (
     "diagnostics, /rosout, /parameter_events, claims, what else the bag holds; wall-clock stamps; "
     "the order of messages of different writers; how often status, markers and coordination maps "
-    "come within an episode; fields that the team does not use (all: docs/log.md)"
+    "come within an episode; the markers of a run with clock: none; fields that the team does not "
+    "use (all: docs/log.md)"
 )
 
 COUNTS = {

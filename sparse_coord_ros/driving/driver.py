@@ -38,6 +38,11 @@ class Driver(Mover):
             self._way, self._answered = [], math.nan
         return new
 
+    def begin_again(self) -> None:
+        """As of `Mover`."""
+        super().begin_again()
+        self._answered = math.nan
+
     def next(self) -> tuple[Command | None, Reached | None]:
         """Return what the body is to do now, and how its goal ended if it has.
 

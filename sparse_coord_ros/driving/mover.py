@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from sparse_coord_ros.driving.ground import Ground, Pose
 from sparse_coord_ros.driving.steering import distance
-from sparse_coord_ros.lockstep.bodies import BEGIN, LOST, BodyGoal, Goals, Reached
+from sparse_coord_ros.lockstep.bodies import LOST, NO_GOALS, BodyGoal, Goals, Reached
 
 SLACK = 1e-6
 """Seconds: stamps are whole nanoseconds."""
@@ -18,9 +18,6 @@ BACK = 1.0
 REPEATS = 4
 """After so many poses of the same time it is believed, even if newer ones were seen before: the
 simulator was started again."""
-
-UNTOLD = Goals(0, 0, False, BEGIN, ())
-"""What a body has been told before any goals come; they are numbered from 1."""
 
 
 class Look(NamedTuple):
@@ -57,7 +54,7 @@ class Mover:
 
     def __init__(self, ground: Ground, robot: int) -> None:
         self._ground, self._robot = ground, robot
-        self._goals = UNTOLD
+        self._goals = NO_GOALS
         self._goal: BodyGoal | None = None
         self._began: float | None = None
         self._ended: Reached | None = None
@@ -84,6 +81,10 @@ class Mover:
         self._goal = mine[0] if mine else None
         self._began = self._ended = None
         return True
+
+    def begin_again(self) -> None:
+        """Begin anew with the goal that there is: the body has been made to stand meanwhile."""
+        self._began = None
 
     def sees(self, seconds: float, pose: Pose) -> None:
         """Take in a pose and its time, in seconds of any clock; it may be too old, or no place."""

@@ -197,6 +197,8 @@ class Navigator(Mover):
         if self._goals.number != self._number:
             self._number, self._taken, self._again = self._goals.number, now, now
             self._tries, self._over = 0, None
+        if self.held:
+            self._taken = now  # a move's time does not pass while nothing may be driven
         if self.held or self._goal is None or (self._sent and self._sent.goals != self._number):
             self._leave(now)
             return None

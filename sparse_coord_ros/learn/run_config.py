@@ -52,7 +52,10 @@ class LearnerName(SpecFamily):
     @property
     def forms(self) -> tuple[Form, ...]:
         """The learners that are registered."""
-        return tuple(Form(name, one.summary) for name, one in LEARNERS.registered.items())
+        return tuple(Form(name, one.summary) for name, one in self._registered())
+
+    def _registered(self) -> list[tuple[str, Learner]]:
+        return list(LEARNERS.registered.items())
 
     def parse(self, value: object) -> Any:
         """Return the learner's name as files have it.
@@ -66,7 +69,20 @@ class LearnerName(SpecFamily):
         return learner_of(named).label
 
 
-LEARNER = LearnerName("learner")
+class LiveLearnerName(LearnerName):
+    """The same for a live run; others are refused with a reason where the run is made."""
+
+    @property
+    def usage(self) -> str:
+        """The allowed names, for help and error texts."""
+        shipped = ", ".join(form.text for form in self.forms)
+        return f"{shipped}, or one of your own as module:name"
+
+    def _registered(self) -> list[tuple[str, Learner]]:
+        return [(name, one) for name, one in super()._registered() if one.runs_live]
+
+
+LEARNER, LIVE_LEARNER = LearnerName("learner"), LiveLearnerName("learner")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -154,6 +170,11 @@ class RunConfig:
     def by_this_package(self) -> bool:
         """Whether the world that computed it is ours, not one of one's own."""
         return "sparse_coord_ros" in self.versions
+
+    @property
+    def markers_tell_steps(self) -> bool:
+        """Whether the topic `markers` has time steps as stamps: else they are for people only."""
+        return self.by_this_package and self.clock == OWN_CLOCK
 
     @property
     def title(self) -> str:

@@ -210,6 +210,11 @@ class Learner:
             )
         return label
 
+    @property
+    def runs_live(self) -> bool:
+        """Whether its robots learn together and each for itself, as nodes do."""
+        return not (self.alone or self.sees_all)
+
     def __repr__(self) -> str:
         """Return what the learner is called in files."""
         return f"<learner {self.label}>"

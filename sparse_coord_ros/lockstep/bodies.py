@@ -11,6 +11,7 @@ real ones are brought there by whoever can, and the world waits.
 """
 
 from collections.abc import Callable, Sequence
+from enum import IntEnum
 from typing import Any, NamedTuple
 
 from sparse_coord_ros.game.scenario import Scenario
@@ -21,6 +22,14 @@ LOST = -1
 
 BEGIN = 1.0
 """Seconds at which simulated time begins. A pose of this time may be older than any goals."""
+
+
+class HaltWord(IntEnum):
+    """What a world last said to all drivers about halting: nothing so far, halt, or go on."""
+
+    NOTHING = 0
+    HALT = 1
+    GO_ON = 2
 
 
 class BodyGoal(NamedTuple):
@@ -47,6 +56,7 @@ class Goals(NamedTuple):
         since: the time of the newest pose that was reported on before, by the clock of the poses.
             Drivers act only on newer ones: by then the simulator of the bodies knows the goals.
         bodies: the goals of the bodies that are told something, in the robots' order.
+        halt: whether all bodies are to stand, whatever their goals are.
     """
 
     number: int
@@ -54,6 +64,11 @@ class Goals(NamedTuple):
     place: bool
     since: float
     bodies: tuple[BodyGoal, ...]
+    halt: HaltWord = HaltWord.NOTHING
+
+
+NO_GOALS = Goals(0, 0, False, BEGIN, ())
+"""What bodies have been told before any goals come; those are numbered from 1."""
 
 
 class Reached(NamedTuple):

@@ -40,7 +40,7 @@ MOST_MOMENTS = 1_000_000
 
 
 class BodyNode(Follower):
-    """Hears what bodies are to do (Twist), and says where they are: PoseStamped, Odometry, /tf.
+    """Hears what bodies are to do (Twist), and says where they are: PoseStamped, Odometry, tf.
 
     Args:
         place: where the node is made, and with what: see `Place`.

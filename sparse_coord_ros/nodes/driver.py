@@ -65,6 +65,10 @@ class DriverNode(MoverNode):
         if why:
             self.get_logger().warning(why, throttle_duration_sec=5.0)
 
+    def stands(self) -> bool:
+        """Return whether the body was told to stand: it was."""
+        return True
+
     def finish(self, *, interrupted: bool) -> None:
         """Stop the body."""
         super().finish(interrupted=interrupted)

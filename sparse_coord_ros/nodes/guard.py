@@ -19,8 +19,10 @@ claims would give each of them some of the names.
 import time
 import uuid
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
+
+from rclpy.node import Node
 
 from sparse_coord_ros.errors import NameTakenError
 from sparse_coord_ros.nodes.interface import CLAIM, CLAIMS_QOS
@@ -32,6 +34,12 @@ ANSWERS = "rr{}Reply"
 
 UNKNOWN = "NODE_NAME_UNKNOWN"
 """Part of what rcl calls a node that it has only half discovered."""
+
+
+def in_words(names: Sequence[str], who: str) -> str:
+    """Return what to do where a topic or service has several publishers or servers (`who`)."""
+    said = f"{len(names)} {who}, {', '.join(names)}; it should have one"
+    return f"{said}: stop the others (a node that was killed is forgotten after 20 s)"
 
 
 class Claim(NamedTuple):
@@ -57,6 +65,24 @@ def read_claim(header: Any) -> Claim:
     if not identity or rank.upper() not in ClaimRank.__members__:
         raise ValueError(f"has the frame_id {header.frame_id!r}, which is no claim")
     return Claim(identity, ClaimRank[rank.upper()])
+
+
+def owners(node: Node, name: str, *, service: bool) -> list[str]:
+    """Return the full names of the nodes that publish a topic, or serve a service, sorted.
+
+    A node that was killed is among them for 20 s. As long as one of them is only half discovered,
+    the list is empty.
+
+    Args:
+        node: looks into its graph.
+        name: the full name of the topic or service.
+        service: whether it is a service.
+    """
+    topic = ANSWERS.format(name) if service else name
+    infos = node.get_publishers_info_by_topic(topic, no_mangle=service)
+    if any(UNKNOWN in info.node_name for info in infos):
+        return []
+    return sorted(f"{info.node_namespace.rstrip('/')}/{info.node_name}" for info in infos)
 
 
 class Guard:
@@ -109,17 +135,12 @@ class Guard:
         more = [name for name in self._topics if node.count_publishers(name) > 1]
         more += [name for name in self._services if node.count_services(name) > 1]
         for name in (name for name in more if name not in self.doubled):
-            service, topic, who = name in self._services, name, "publishers"
-            if service:
-                topic, who = ANSWERS.format(name), "servers"
-            infos = node.get_publishers_info_by_topic(topic, no_mangle=service)
-            if not any(UNKNOWN in info.node_name for info in infos):
+            service = name in self._services
+            names = owners(node, name, service=service)
+            if len(names) > 1:
                 self.doubled.add(name)
-                names = sorted(f"{i.node_namespace.rstrip('/')}/{i.node_name}" for i in infos)
-                node.get_logger().warning(
-                    f"{name} has {len(infos)} {who}, {', '.join(names)}; it should have one: stop "
-                    "the others (a node that was killed is forgotten after 20 s)"
-                )
+                who = "servers" if service else "publishers"
+                node.get_logger().warning(f"{name} has {in_words(names, who)}")
 
     def _rise(self, rank: ClaimRank) -> None:
         if rank > self.claim.rank:

@@ -16,7 +16,7 @@ from std_msgs.msg import Header, MultiArrayDimension, String, UInt8MultiArray
 
 from sparse_coord_ros.errors import RunError, did_you_mean
 from sparse_coord_ros.learn.run_config import RunConfig, run_from_yaml
-from sparse_coord_ros.lockstep.bodies import LOST, BodyGoal, Goals, Reached
+from sparse_coord_ros.lockstep.bodies import LOST, BodyGoal, Goals, HaltWord, Reached
 from sparse_coord_ros.nodes.interface import bind
 from sparse_coord_ros.wire import BODY_GOALS, GOAL_LABELS, MAP_FRAME, REACHED, RUN
 from sparse_coord_ros.wire.messages import Messages, read_labelled
@@ -36,9 +36,8 @@ class Converter(Messages):
         super().__init__(run, lambda topic, data: deserialize_message(data, bind(topic).type))
 
     def header(self, step: int) -> Header:
-        """Return a header in the frame `map`."""
-        sec, nanosec = self.stamp(step)
-        return Header(stamp=Time(sec=sec, nanosec=nanosec), frame_id=MAP_FRAME)
+        """Return a header in the frame `map`, stamped with a time step."""
+        return map_header(self.stamp(step))
 
     def pose(self, step: int, cell: int) -> PoseStamped:
         """Return a cell's centre at a time step."""
@@ -54,7 +53,7 @@ class Converter(Messages):
     def goals_message(self, goals: Goals) -> JointState:
         """Return what bodies are told as a message."""
         labels = list(BODY_GOALS.labels)
-        numbers = [float(goals.number), float(goals.place), goals.since]
+        numbers = [float(goals.number), float(goals.place), goals.since, float(goals.halt)]
         for robot, *cells in goals.bodies:
             labels += [f"{self.names[robot]}/{label}" for label in GOAL_LABELS]
             numbers += map(float, cells)
@@ -67,13 +66,20 @@ class Converter(Messages):
             ValueError: it is malformed, or of other robots or cells.
         """
         ns, said = read_labelled(message)
-        number, place = _whole(said, "number", 1, 2**53), _whole(said, "place", 0, 1)
-        last, goals = len(self.grid.cells) - 1, []
+        bodies = []
+        last_cell = len(self.grid.cells) - 1
         for k, name in enumerate(self.names):
             if f"{name}/{GOAL_LABELS[0]}" in said:
-                ends = [_whole(said, f"{name}/{label}", 0, last) for label in GOAL_LABELS]
-                goals.append(BodyGoal(k, *ends))
-        return Goals(number, self.step(0, ns), bool(place), _time(said, "since"), tuple(goals))
+                ends = [_whole(said, f"{name}/{label}", 0, last_cell) for label in GOAL_LABELS]
+                bodies.append(BodyGoal(k, *ends))
+        return Goals(
+            number=_whole(said, "number", 0, 2**53),
+            step=self.step(0, ns),
+            place=bool(_whole(said, "place", 0, 1)),
+            since=_time(said, "since"),
+            bodies=tuple(bodies),
+            halt=HaltWord(_whole({"halt": 0.0, **said}, "halt", 0, max(HaltWord))),
+        )
 
     def reached_message(self, step: int, reached: Reached) -> JointState:
         """Return a driver's report as a message."""
@@ -91,6 +97,12 @@ class Converter(Messages):
         cell = _whole(said, "cell", LOST, len(self.grid.cells) - 1)
         times = (_time(said, label) for label in REACHED.labels[-2:])
         return Reached(robot, number, cell, said.get("there") == 1.0, *times)
+
+
+def map_header(stamp: tuple[int, int]) -> Header:
+    """Return a header in the frame `map`; `stamp`: (sec, nanosec)."""
+    sec, nanosec = stamp
+    return Header(stamp=Time(sec=sec, nanosec=nanosec), frame_id=MAP_FRAME)
 
 
 def run_announced(data: bytes) -> str:

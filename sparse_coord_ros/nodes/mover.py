@@ -1,6 +1,12 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the nodes that move a body share: goals and poses in, reports out, and a lifecycle."""
+"""What the nodes that move a body share: goals and poses in, reports out, a lifecycle, halting.
+
+A driver that was told to halt lets its body stand, whatever its goals are. It is told by the word
+in the world's `goals`, or by its own service `halt`, and it goes on only when one of them says so
+anew: neither a world that comes back nor a page that is closed sets bodies in motion. On its topic
+`halted` it tells the world, which then halts the others too.
+"""
 
 import functools
 import time
@@ -12,18 +18,20 @@ from nav_msgs.msg import Odometry
 from rclpy.lifecycle import LifecycleNodeMixin, LifecycleState
 from rclpy.lifecycle.node import TransitionCallbackReturn
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from std_msgs.msg import Bool
 
 from sparse_coord_ros.driving.ground import Ground, Pose
 from sparse_coord_ros.driving.mover import Mover
 from sparse_coord_ros.driving.transforms import Tree, yaw_of
 from sparse_coord_ros.errors import SettingError, needed
 from sparse_coord_ros.learn.run_config import RunConfig
-from sparse_coord_ros.lockstep.bodies import Goals, Reached
+from sparse_coord_ros.lockstep.bodies import Goals, HaltWord, Reached
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.follower import Follower
 from sparse_coord_ros.nodes.messages import Converter, robot_number
-from sparse_coord_ros.nodes.parameters import PARAMETERS, TF, Place
-from sparse_coord_ros.nodes.transforms import BASE, robot_frame
+from sparse_coord_ros.nodes.parameters import FROM_TF, PARAMETERS, Place
+from sparse_coord_ros.nodes.transforms import BASE, TF, TF_STATIC, robot_frame
+from sparse_coord_ros.wire import services
 
 POSES_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 """Of poses and odometry of real robots: hears publishers of any reliability."""
@@ -41,6 +49,9 @@ TYPES: dict[str, tuple[Any, Any]] = {
 HEAP_SECONDS = 0.2
 """Poses of the same time that come closer together were published long ago."""
 
+STAND_SECONDS = 0.1
+"""Between two commands to stand while a driver is halted: a base may miss one."""
+
 DONE = TransitionCallbackReturn.SUCCESS
 
 
@@ -55,6 +66,7 @@ class MoverNode(Follower, LifecycleNodeMixin):
         KIND: the executable, which names its table of parameters.
         robot: whose body it is.
         active: whether the lifecycle allows it to move the body.
+        halted: whether it was told to let the body stand, and not yet to go on.
 
     Raises:
         SparseCoordError: a bad parameter, a robot that the run does not have, a body that does
@@ -68,12 +80,17 @@ class MoverNode(Follower, LifecycleNodeMixin):
         LifecycleNodeMixin.__init__(self)
         change = self._service_change_state
         change.callback = self.guarded(change.callback, "change_state")
-        self.active = False
+        self.active = self.halted = False
+        self._word: HaltWord | None = None
+        self._stood = 0.0
         self._mover: Mover | None = None
         self._step, self._seen = 0, 0.0
         self._stopped = self._leaving = False
         self._reached_publisher: Any = None
         self._tree = Tree()
+        self._halted_publisher = self.announce(interface.HALTED, self.robot)
+        self._halted_publisher.publish(Bool(data=False))
+        self.offer(services.HALT, self._on_halt)
         if self.values["autostart"]:
             self.trigger_configure()
             self.trigger_activate()
@@ -94,11 +111,20 @@ class MoverNode(Follower, LifecycleNodeMixin):
         """Let the body stand; `why`: nobody knows where it is."""
         raise NotImplementedError
 
+    def stands(self) -> bool:
+        """Return whether all is done that makes a halted body stand."""
+        raise NotImplementedError
+
     def settled(self) -> bool:
         """Let the body stand for good; return whether all is said that is waited for."""
         self.active = False
         self.halt()
         return True
+
+    @property
+    def may_drive(self) -> bool:
+        """Whether the body may move."""
+        return self.active and not self.halted
 
     def set_up(self) -> None:
         """Look whose body it is."""
@@ -116,7 +142,7 @@ class MoverNode(Follower, LifecycleNodeMixin):
         self._convert = Converter(run)
         self.intake.listen(interface.BODY_GOALS, self._on_goals, read=self._convert.read_goals)
         pose_type = self.values["pose_type"]
-        if pose_type == TF:
+        if pose_type == FROM_TF:
             self._hear_transforms()
         else:
             kind, inside = TYPES[pose_type]
@@ -130,7 +156,7 @@ class MoverNode(Follower, LifecycleNodeMixin):
         with needed("parameter pose_type: tf needs the package tf2_msgs", remedy):
             from tf2_msgs.msg import TFMessage
         topic = replace(interface.POSE, type=TFMessage)
-        for name, qos in (("/tf", TF_QOS), ("/tf_static", STATIC_QOS)):
+        for name, qos in ((TF, TF_QOS), (TF_STATIC, STATIC_QOS)):
             read = functools.partial(self._read_transforms, qos is STATIC_QOS)
             self.intake.listen(topic, self._see, name=name, read=read, qos=qos)
 
@@ -168,14 +194,15 @@ class MoverNode(Follower, LifecycleNodeMixin):
             return  # they came while this node slept: the body does not wait for an answer
         self._seen, self._stopped = now, False
         self._mover.sees(*seen)
-        if self.active:
+        if self.may_drive:
             self.drive()
 
     def _on_goals(self, goals: Goals) -> None:
         self._step = goals.step
+        self._hear_word(goals.halt)
         if self._mover is not None:
             self._mover.take(goals)
-            if self.active:
+            if self.may_drive:
                 self.drive()
 
     def report_reached(self, reached: Reached) -> None:
@@ -187,6 +214,9 @@ class MoverNode(Follower, LifecycleNodeMixin):
         """Report for duty when all is there; stop a body whose poses do not come."""
         if self._leaving:
             self.done = self.settled()
+        if self.halted and now - self._stood >= STAND_SECONDS:
+            self._stood = now
+            self.halt()
         if not self.active or self._mover is None:
             return
         if self._reached_publisher is None:
@@ -219,11 +249,60 @@ class MoverNode(Follower, LifecycleNodeMixin):
         """Stop the body, whatever ends the node."""
         self.settled()
 
+    # Halting.
+
+    def _on_halt(self, hold: bool) -> tuple[bool, str]:
+        """Answer the node's own service; asked again, it says whether the body stands by now."""
+        self.set_halted(hold, f"its service {services.HALT.name}")
+        if not hold:
+            return True, "goes on"
+        if self.stands():
+            return True, "stands"
+        return False, "is being stopped: ask again"
+
+    def _hear_word(self, word: HaltWord) -> None:
+        """Take in what the world says of halting; only a new word counts.
+
+        The first one that is heard may be old: it lets no body go on.
+        """
+        before = self._word
+        self._word = word
+        if word == before:
+            return
+        if word == HaltWord.HALT:
+            self.set_halted(True, "the world")
+        elif word == HaltWord.GO_ON and before is not None:
+            self.set_halted(False, "the world")
+
+    def set_halted(self, halted: bool, by: str) -> None:
+        """Let the body stand, or go on.
+
+        Args:
+            halted: which of them.
+            by: what has told so.
+        """
+        if halted != self.halted:
+            self.halted = halted
+            self._halted_publisher.publish(Bool(data=halted))
+            what = "stands" if halted else "may go on"
+            self.get_logger().warning(f"{by} says so: the body of {self.robot} {what}")
+        if halted:
+            self.halt()
+        else:
+            self._begin_again()
+
+    def _begin_again(self) -> None:
+        """Drive where that is allowed again; the time of the move begins anew."""
+        if self._mover is not None and self.may_drive:
+            self._mover.begin_again()
+            self.drive()
+
     # The lifecycle.
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Move the body from now on."""
         self.active = True
+        self._begin_again()
         return DONE
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:

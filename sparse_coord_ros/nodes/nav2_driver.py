@@ -1,6 +1,13 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The nav2_driver node: a robot's moves as goals of Nav2's action NavigateToPose."""
+"""The nav2_driver node: a robot's moves as goals of Nav2's action NavigateToPose.
+
+The action is to have one server. Goals go to all that there are, and two would steer one base; so
+before its first goal the node waits until the second one is gone, and ends where it stays. One
+that appears later is reported: to stop halfway would help nobody. (rclpy's EventsExecutor ends
+the process with a segmentation fault when several servers answer, its SingleThreadedExecutor takes
+no notice; so that one is the default.)
+"""
 
 import functools
 import time
@@ -14,13 +21,23 @@ from rclpy.task import Future
 
 from sparse_coord_ros.driving.ground import Ground, Pose
 from sparse_coord_ros.driving.navigator import ANSWER_SECONDS, Navigator, NavLimits
-from sparse_coord_ros.errors import needed
+from sparse_coord_ros.errors import RunError, needed
+from sparse_coord_ros.nodes.guard import in_words, owners
 from sparse_coord_ros.nodes.mover import MoverNode
 from sparse_coord_ros.nodes.spin import run_node
 from sparse_coord_ros.nodes.transforms import pose_message
 
 ENDINGS = {GoalStatus.STATUS_ABORTED: "aborted", GoalStatus.STATUS_CANCELED: "cancelled by others"}
 """What goals that did not go well count as; any other status is of a server that came back."""
+
+HALT_SECONDS = 1.0
+"""After which the same request to halt is a new one: it may be for a goal that came since then."""
+
+TWO_SERVERS_SECONDS = 25.0
+"""How long a second server is waited for to go: a killed one is in the graph for 20 s."""
+
+REPORT_SECONDS = 10.0
+"""Between two warnings of a second server that appeared later."""
 
 
 class Nav2DriverNode(MoverNode):
@@ -48,8 +65,10 @@ class Nav2DriverNode(MoverNode):
         self._cancelling = self.create_client(CancelGoal, f"{action}/_action/cancel_goal")
         self._name = self.resolve_service_name(action)
         self._handles: dict[int, ClientGoalHandle] = {}
+        self._doubled_since: float | None = None
         self._cleared: tuple[float, Future] | None = None
         self._ending: tuple[float, Future] | None = None
+        self._halting: tuple[float, Future] | None = None
 
     def make(self, ground: Ground, number: int) -> Navigator:
         """Return what decides on goals."""
@@ -62,7 +81,7 @@ class Nav2DriverNode(MoverNode):
 
     def drive(self) -> None:
         """Let the navigator do what is due, and report where the goal is over."""
-        self.navigator.held = not self.active or self._reached_publisher is None
+        self.navigator.held = not self.may_drive or self._reached_publisher is None
         reached = self.navigator.next(self._now())
         if reached is not None:
             self.report_reached(reached)
@@ -72,23 +91,63 @@ class Nav2DriverNode(MoverNode):
         super().go_on(now)
         self.drive()
 
+    def report(self) -> None:
+        """Say where Nav2's action has a second server by now; called every second."""
+        servers = self._servers()
+        if self._reached_publisher is not None and len(servers) > 1:
+            text = f"Nav2's action {self._name} has {in_words(servers, 'servers')}"
+            self.get_logger().warning(text, throttle_duration_sec=REPORT_SECONDS)
+
+    def _servers(self) -> list[str]:
+        """Return the names of the nodes that serve Nav2's action: each publishes its status."""
+        return owners(self, f"{self._name}/_action/status", service=False)
+
     def missing(self) -> str:
-        """Return that Nav2 is not there, or may still drive for a client before this one."""
-        if not self._client.server_is_ready():
+        """Return that Nav2 is not there, is there twice, or may still drive for another client.
+
+        Raises:
+            RunError: it has been there twice for so long that both must be alive.
+        """
+        servers = self._servers()
+        if not servers or not self._client.server_is_ready():
             self._cleared = None
             return f"Nav2's action {self._name}"
+        now = time.monotonic()
+        if len(servers) > 1:
+            self._doubled_since = self._doubled_since or now
+            what = f"Nav2's action {self._name} has {in_words(servers, 'servers')}"
+            if now - self._doubled_since >= TWO_SERVERS_SECONDS:
+                raise RunError(f"node {self.get_name()}: {what}")
+            return f"a single server: {what}"
+        self._doubled_since = None
         if self._cleared is None:
-            self._cleared = time.monotonic(), self.cancel_all()
+            self._cleared = now, self.cancel_all()
         since, answer = self._cleared
-        waits = not answer.done() and time.monotonic() - since < ANSWER_SECONDS
+        waits = not answer.done() and now - since < ANSWER_SECONDS
         return "Nav2 to end earlier goals" if waits else ""
 
     def halt(self, why: str = "") -> None:
-        """Cancel the goal that is under way."""
+        """Cancel the goal that is under way; while the driver is halted, all goals of Nav2."""
         if self._mover is not None:
             if why:
                 self.navigator.give_up(self._now(), "poses lost", why, blind=True)
             self.drive()
+
+    def set_halted(self, halted: bool, by: str) -> None:
+        """Cancel all goals that Nav2 has, whoever sent them; anew, when it is asked for anew."""
+        super().set_halted(halted, by)
+        now = time.monotonic()
+        if not halted:
+            self._halting = None
+        elif self._halting is None or now - self._halting[0] >= HALT_SECONDS:
+            if self._halting is not None:
+                self._cancelling.remove_pending_request(self._halting[1])
+            self._halting = now, self.cancel_all()
+
+    def stands(self) -> bool:
+        """Return whether Nav2 has said that all goals are over."""
+        clear = self._mover is None or self.navigator.clear
+        return clear and self._halting is not None and self._halting[1].done()
 
     def settled(self) -> bool:
         """Cancel what Nav2 drives; return whether it has said that this is over; not for long."""

@@ -7,6 +7,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Collection, Mapping
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, ClassVar, TypedDict, Unpack, cast
 
@@ -31,7 +32,7 @@ from sparse_coord_ros.game.settings import (
     parse_assignments,
     tables_from_yaml,
 )
-from sparse_coord_ros.learn.run_config import RUN_SETTINGS, RunConfig, make_run
+from sparse_coord_ros.learn.run_config import LIVE_LEARNER, RUN_SETTINGS, RunConfig, make_run
 from sparse_coord_ros.limits import ASKED
 from sparse_coord_ros.lockstep.waiting import Reminder
 from sparse_coord_ros.look.page.controls import PAGE_SETTINGS
@@ -48,12 +49,15 @@ RCLError = rclpy_implementation.RCLError
 
 ROLL_BACK = "rollback"
 """What `returning` says; else a robot goes on alone."""
-TF = "tf"
+FROM_TF = "tf"
 """The `pose_type` that is no message of its own."""
 
 _OWN = tables_from_yaml(Path(__file__).with_name("parameters.yaml"))
 _MORE: Mapping[str, Mapping[str, Setting]] = {
-    WORLD: RUN_SETTINGS,
+    WORLD: {
+        **RUN_SETTINGS,
+        "learner": replace(RUN_SETTINGS["learner"], kind=LIVE_LEARNER),
+    },
     "driver": DRIVER_SETTINGS,
     "nav2_driver": NAV2_SETTINGS,
     "body": BODY_SETTINGS,
@@ -386,11 +390,11 @@ def run_from_parameters(values: Mapping[str, Any]) -> RunConfig:
     scenario = load_scenario(values["scenario"]).with_settings(assignments)
     allow_named(values["learner"])
     run = make_run(scenario, {name: values[name] for name in RUN_SETTINGS})
-    if run.rule.alone or run.rule.sees_all:
+    if not run.rule.runs_live:
         how = "with one robot at a time" if run.rule.alone else "from what all robots see and do"
         raise SettingError(
             f"parameter learner: value is {run.learner!r}, which learns {how}; "
-            "allowed here: learners of a whole team whose robots learn for themselves; use "
+            f"allowed here: {LIVE_LEARNER.usage}; use "
             f"'sparse_coord train --learner {run.learner}'"
         )
     return run

@@ -324,6 +324,9 @@ class Recorder(Follower):
             raise RunError(f"{what}; choose another one for parameter 'out'")
         self.error: BagError | None = None
         self._recording_publisher = self.announce(interface.RECORDING)
+        topic = self.resolve_topic_name(interface.RUN.name)
+        where = self.directory.absolute()
+        self.get_logger().info(f"will record to {where}; waiting for a world simulator on {topic}")
 
     def fail(self, error: SparseCoordError) -> None:
         """Stop; beside nodes in the same process, let them go on where only the bag is broken."""
@@ -338,7 +341,10 @@ class Recorder(Follower):
         """Where a bag is continued, wait until the world has said from where."""
         said = self.status
         going_back = said is None or (said.state == wire.RunState.RESUMING and not said.order.name)
-        return not (self.values["resume"] and going_back)
+        waits = bool(self.values["resume"]) and going_back
+        if waits and self.run is not None:
+            self.remind(self.reminder, "the world to say from where the run goes on")
+        return not waits
 
     def begin(self, run: RunConfig) -> None:
         """Open the bag, and listen to the run's team."""
@@ -367,6 +373,8 @@ class Recorder(Follower):
         recording.listen()
         bag.flush()
         self._recording_publisher.publish(String(data=str(self.directory)))
+        again = "" if earlier is None else ", in a further file of this bag"
+        self.get_logger().info(f"records {run.scenario.name} from now on{again}")
 
     def may_stop(self) -> bool:
         """As of every follower, but not for ever where others go on talking."""

@@ -3,7 +3,7 @@
 """What people see of a team in RViz and Foxglove beside the markers: names, questions, doorways.
 
 It comes with the markers, but not at every episode's start, and 30 times a second at most. Where
-tf2_msgs is installed, transforms `map` to `<robot>/base_link` come along, by the run's clock.
+tf2_msgs is installed, transforms `map` to `<robot>/base_link` come along.
 """
 
 import time
@@ -12,12 +12,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from geometry_msgs.msg import Point
-from std_msgs.msg import ColorRGBA
+from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from sparse_coord_ros.driving.ground import Pose
 from sparse_coord_ros.nodes import interface
-from sparse_coord_ros.nodes.messages import Converter
+from sparse_coord_ros.nodes.messages import Converter, map_header
 from sparse_coord_ros.nodes.parameters import ParameterNode
 from sparse_coord_ros.nodes.transforms import BASE, TransformPublisher, robot_frame, transform
 from sparse_coord_ros.palette import DOORWAY_COLOUR, FAILED, OUTCOME_COLOURS, rgb
@@ -35,11 +35,13 @@ class Scene:
         convert: conversions of the run.
         step: the time step.
         cells: where the robots are then.
+        header: of all markers.
     """
 
     convert: Converter
     step: int
     cells: Sequence[int]
+    header: Header
 
     def markers(self, actions: Mapping[int, bytes]) -> MarkerArray:
         """Return names, the questions of the actions, and how full the doorways are.
@@ -59,7 +61,7 @@ class Scene:
     def _marker(
         self, space: str, number: int, kind: int, colour: str = "#000000", alpha: float = 1.0
     ) -> Marker:
-        marker = Marker(header=self.convert.header(self.step), ns=space, id=number, type=kind)
+        marker = Marker(header=self.header, ns=space, id=number, type=kind)
         marker.pose.orientation.w = 1.0
         red, green, blue = rgb(colour)
         marker.color = ColorRGBA(r=red, g=green, b=blue, a=alpha)
@@ -76,8 +78,8 @@ class Scene:
     def _question(self, k: int, action: bytes | None) -> list[Marker]:
         asked = None if action is None else self._read(action)
         if asked is None:
-            header, spaces = self.convert.header(self.step), (QUESTIONS, WORDS)
-            return [Marker(header=header, ns=s, id=k, action=Marker.DELETE) for s in spaces]
+            spaces = (QUESTIONS, WORDS)
+            return [Marker(header=self.header, ns=s, id=k, action=Marker.DELETE) for s in spaces]
         peer, outcome = asked
         peers = [peer] if peer >= 0 else [j for j in range(len(self.cells)) if j != k]
         metres = self.convert.resolution
@@ -131,14 +133,29 @@ class ScenePublisher:
         self._bases = [robot_frame(node, name, BASE) for name in convert.names]
         self._transforms = TransformPublisher(node) if frames else None
 
-    def publish(self, step: int, cells: Sequence[int], *, always: bool = False) -> None:
-        """Publish the scene, unless the last one is too young; `always`: even then."""
+    def publish(
+        self,
+        step: int,
+        cells: Sequence[int],
+        stamp: tuple[int, int],
+        *,
+        always: bool = False,
+    ) -> None:
+        """Publish the scene, unless the last one is too young.
+
+        Args:
+            step: the time step.
+            cells: where the robots are then.
+            stamp: the ROS time, (sec, nanosec).
+            always: publish it even then.
+        """
         now, convert = time.monotonic(), self._convert
         if now - self._last < 1 / MOST_OFTEN and not always:
             return
         self._last = now
-        self._publisher.publish(Scene(convert, step, cells).markers(self.actions))
+        header = map_header(stamp)
+        self._publisher.publish(Scene(convert, step, cells, header).markers(self.actions))
         if self._transforms is not None:
-            header, poses = convert.header(step), (Pose(*convert.centres[x], 0.0) for x in cells)
+            poses = (Pose(*convert.centres[cell], 0.0) for cell in cells)
             pairs = zip(self._bases, poses, strict=True)
             self._transforms.publish([transform(header, base, pose) for base, pose in pairs])

@@ -4,6 +4,10 @@
 
 The frame `map` is everybody's. Those of a robot are `odom` and `base_link` below its name, and
 begin with the team's namespace, or with what the parameter `frame_prefix` says.
+
+Transforms go to `tf` in the team's namespace, as Nav2's launch files have it, not to /tf: a team
+in a namespace has a clock of its own there, and transforms of several clocks in one topic are of
+no use to anybody. Outside any namespace the two are the same.
 """
 
 import math
@@ -21,6 +25,9 @@ from sparse_coord_ros.driving.ground import Pose
 from sparse_coord_ros.nodes.parameters import ParameterNode
 
 ODOM, BASE = "odom", "base_link"
+
+TF, TF_STATIC = "tf", "tf_static"
+"""The topics of transforms, relative to a namespace."""
 
 
 def robot_frame(node: ParameterNode, robot: str, frame: str) -> str:
@@ -46,19 +53,20 @@ def transform(header: Header, child: str, pose: Pose) -> TransformStamped:
 
 
 class TransformPublisher:
-    """Publishes on /tf, where tf2_msgs is installed.
+    """Publishes transforms, where tf2_msgs is installed.
 
     Args:
         node: whose publisher it is.
+        topic: where.
     """
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: Node, topic: str = TF) -> None:
         self._publisher: Any = None
         with suppress(ImportError):
             from tf2_msgs.msg import TFMessage
 
             self._message = TFMessage
-            self._publisher = node.create_publisher(TFMessage, "/tf", QoSProfile(depth=100))
+            self._publisher = node.create_publisher(TFMessage, topic, QoSProfile(depth=100))
 
     def publish(self, transforms: Sequence[TransformStamped]) -> None:
         """Publish transforms."""

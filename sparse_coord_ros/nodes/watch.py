@@ -8,6 +8,7 @@ process it looks at world and robots themselves: taking every message would slow
 
 import contextlib
 import functools
+import time
 from collections import defaultdict
 from collections.abc import Sequence, Set
 from dataclasses import dataclass, field
@@ -29,10 +30,20 @@ from sparse_coord_ros.learn.tables import tables_of, unpack_saved
 from sparse_coord_ros.learners.tables import Tables
 from sparse_coord_ros.limits import TABLES
 from sparse_coord_ros.lockstep.robot_side import RobotSide
-from sparse_coord_ros.look.page.controls import NEXT, PAUSE, RATE, RESET, STEP, Control, Controlled
+from sparse_coord_ros.look.page.controls import (
+    HALT,
+    NEXT,
+    PAUSE,
+    RATE,
+    RESET,
+    STEP,
+    Control,
+    Controlled,
+)
 from sparse_coord_ros.look.page.live_source import LiveView
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.follower import Follower
+from sparse_coord_ros.nodes.halting import Halting
 from sparse_coord_ros.nodes.messages import Converter, read_run, read_tables_message
 from sparse_coord_ros.nodes.parameters import PARAMETERS, ParameterNode, Place
 from sparse_coord_ros.nodes.spin import run_node
@@ -58,11 +69,11 @@ the node: a process that stood still has what it waits for in its queue."""
 MOST_STEPS = 10_000
 """Time steps of which a part is remembered at most; a stranger can send any."""
 
-CONTROLS = (PAUSE, STEP, RATE, RESET)
+CONTROLS = (PAUSE, STEP, RATE, RESET, HALT)
 
 
 class Controls(Controlled):
-    """What a page asks for: calls of the world's services.
+    """What a page asks for: calls of the world's services, and to halt also of the drivers'.
 
     Args:
         node: calls.
@@ -82,13 +93,30 @@ class Controls(Controlled):
             STEP: node.create_client(Trigger, services.STEP.of(WORLD)),
             RATE: node.create_client(SetParameters, f"{WORLD}/set_parameters"),
         }
+        self._halting = Halting(node, node.get_namespace())
 
     def call(self) -> None:
         """Make the calls that are due."""
         for control in self.wishes():
             self._do(control)
+        self._halting.tick(time.monotonic())
+        if self.view is not None:
+            self._show_halting(self.view)
+
+    def _show_halting(self, view: LiveView) -> None:
+        """Show whether there is anybody to halt, and who has not done it yet."""
+        halting = self._halting
+        said = ""
+        if (halting.asking or halting.hold) and halting.left:
+            said = "; ".join(map(halting.in_words, halting.left))
+        elif view.state == wire.RunState.HALTED:
+            said = "all robots stand"
+        view.show_halting(possible=bool(halting.asked), said=said)
 
     def _do(self, control: Control) -> None:
+        if control.name == HALT:
+            self._halting.ask(control.value, time.monotonic())
+            return
         client = self._clients.get(control.name)
         if client is None or self.view is None:
             return

@@ -47,6 +47,8 @@ EVENTS = (
 )
 """What a world counts of its run's faults, its earlier processes included."""
 
+HALTED = "all robots are halted; 'sparse_coord halt --go-on' lets them go on"
+
 PROGRESS_SECONDS = 5.0
 """Between two lines of how far the run is."""
 
@@ -87,8 +89,11 @@ class WorldSimulator(ParameterNode):
         self.show_settings(self.run.scenario)
         self._names = self.run.scenario.names
         self._guard = Guard(self)
-        there, run = self._advance_where_due, self.run
-        self.bodies = WorldBodies(self, run, there) if run.bodies else None
+        run = self.run
+        self.bodies: WorldBodies | None = None
+        if run.bodies:
+            there, told_to_halt = self._advance_where_due, self._halt_as_a_driver
+            self.bodies = WorldBodies(self, run, there, told_to_halt)
         game: Game = self.bodies.game if self.bodies else World(self.run.scenario, self.run.seed)
         self.topics = WorldTopics(self, self.run, game, self._save)
         self._silence = self.topics.silence
@@ -119,11 +124,18 @@ class WorldSimulator(ParameterNode):
         calling = self._output is not None and self.returning.calling
         if calling or (resumed and not started and not self._paused):
             return wire.RunState.RESUMING  # where the team is will be known when all have answered
+        if self._halted:
+            return wire.RunState.HALTED
         if self._paused:
             return wire.RunState.PAUSED
         if started:
             return wire.RunState.GREEDY if self.run.greedy else wire.RunState.LEARNING
         return wire.RunState.WAITING
+
+    @property
+    def _halted(self) -> bool:
+        """Whether all bodies are to stand."""
+        return self.bodies is not None and self.bodies.halted
 
     def _say(self) -> None:
         if self._output is not None:
@@ -148,6 +160,29 @@ class WorldSimulator(ParameterNode):
         self._advance_where_due()
         return True, self.doing
 
+    def _on_halt(self, hold: bool) -> tuple[bool, str]:
+        """Let all bodies stand, or go on; asked again, say which drivers have confirmed it."""
+        assert self.bodies is not None
+        if hold != self._halted:
+            self._halt(hold)
+        left = ", ".join(self.bodies.unconfirmed())
+        if left:
+            return False, f"{self.doing}; told, but not yet confirmed by the drivers of {left}"
+        return True, self.doing
+
+    def _halt_as_a_driver(self, robot: str) -> None:
+        """Halt all, as one driver says that it is halted."""
+        self.get_logger().warning(f"the driver of {robot} is halted: all robots are")
+        self._halt(True)
+
+    def _halt(self, hold: bool) -> None:
+        assert self.bodies is not None
+        self.bodies.halt(hold)
+        self._silence.begin(time.monotonic())
+        self.get_logger().warning(HALTED if hold else "the robots may go on")
+        self._say()
+        self._advance_where_due()
+
     def _on_reset(self) -> tuple[bool, str]:
         if not self.speed.begun or self.lockstep.finished:
             return False, "the run is not under way"
@@ -156,6 +191,8 @@ class WorldSimulator(ParameterNode):
 
     def _on_step(self) -> tuple[bool, str]:
         """Hold, and make one time step where every robot has acted."""
+        if self._halted:
+            return False, HALTED
         self._paused, step = True, self.lockstep.world.step
         ready = self.speed.begun and self.lockstep.complete and not self.done
         if ready:
@@ -173,6 +210,8 @@ class WorldSimulator(ParameterNode):
         self._silence.tick(now)
         if self._stopped:
             return
+        if self.bodies is not None:
+            self.bodies.say_halt_again(now)
         if self._output is None:
             if self._guard.holds(now):
                 self._open()
@@ -195,6 +234,8 @@ class WorldSimulator(ParameterNode):
         self.offer(services.PAUSE, self._on_pause)
         self.offer(services.RESET, self._on_reset)
         self.offer(services.STEP, self._on_step)
+        if self.bodies is not None:
+            self.offer(services.HALT, self._on_halt)
         self.topics.open(resumed=self.values["resume"])
         self._say()
 
@@ -247,7 +288,7 @@ class WorldSimulator(ParameterNode):
         if self._silence.repeats(now):
             self.lockstep.repeat()
             self._say()
-        if not self._paused:
+        if not (self._paused or self._halted):
             self._wait_for_the_lost(now)
 
     def _wait_for_the_lost(self, now: float) -> None:
@@ -287,7 +328,8 @@ class WorldSimulator(ParameterNode):
                 and a step that they are late for is made as soon as they are there.
         """
         rated, self._beat = self.values["rate"] > 0, self._beat or beat
-        if (self._paused and not self._single) or self._stopped or not self.lockstep.complete:
+        waits = self._halted or (self._paused and not self._single)
+        if waits or self._stopped or not self.lockstep.complete:
             return
         there = self.bodies is None or self.bodies.side.made(self.lockstep.actions)
         if there and (self._single or self._beat or not rated):

@@ -11,7 +11,7 @@ from std_msgs.msg import String
 
 from sparse_coord_ros.game.game import Game
 from sparse_coord_ros.game.world import Action, Reward
-from sparse_coord_ros.learn.run_config import RunConfig
+from sparse_coord_ros.learn.run_config import OWN_CLOCK, RunConfig
 from sparse_coord_ros.lockstep.waiting import Silence
 from sparse_coord_ros.lockstep.world_side import WorldSide
 from sparse_coord_ros.nodes import interface
@@ -143,7 +143,18 @@ class WorldTopics:
 
     def show(self, *, scene: bool = True, always: bool = False) -> None:
         """Publish where the robots are; the scene not too often, but for `always`."""
-        game = self._game
-        self._marker_publisher.publish(self.convert.pack_markers(game.step, game.cells))
+        step, cells, stamp = self._game.step, self._game.cells, self._ros_time()
+        self._marker_publisher.publish(self.convert.pack_markers(stamp, cells))
         if scene:
-            self._scene.publish(game.step, game.cells, always=always)
+            self._scene.publish(step, cells, stamp, always=always)
+
+    def _ros_time(self) -> tuple[int, int]:
+        """Return the ROS time of those who look on, as (sec, nanosec).
+
+        Where the world owns the clock of its namespace, that is the run's time. Else another
+        clock is theirs, the system's or a simulator's, and time steps would be long gone by it.
+        """
+        if self._run.clock == OWN_CLOCK:
+            return self.convert.stamp(self._game.step)
+        sec, nanosec = self._node.get_clock().now().seconds_nanoseconds()
+        return sec, nanosec

@@ -233,7 +233,7 @@ class WorldCheck:
         of_robots = enumerate(log.tracks.coordination_maps)
         shown: list[tuple[int | None, wire.Topic, np.ndarray]] = [(None, wire.MAP, maps)]
         shown += [(k, wire.COORDINATION_MAP, at) for k, (at, _) in of_robots if not log.hides(k)]
-        if log.run.by_this_package:
+        if log.run.markers_tell_steps:
             shown.append((None, wire.MARKERS, log.tracks.markers[0]))
         for k, topic, steps in shown:
             # Where a gap follows, only those before the last one that was shown.

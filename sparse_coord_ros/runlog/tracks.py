@@ -17,7 +17,7 @@ from sparse_coord_ros.game.rules import EPISODE_GAP
 from sparse_coord_ros.runlog import timeline
 from sparse_coord_ros.runlog.attached import RecordedTables, read_tables
 from sparse_coord_ros.runlog.bag_run import BagRun, check_bag_run, find_run
-from sparse_coord_ros.runlog.columns import OFTEN, Columns, Forms, Only, Reading
+from sparse_coord_ros.runlog.columns import OFTEN, Columns, Forms, Only, Reading, no_rows
 from sparse_coord_ros.runlog.dialogue import Request, put_together
 from sparse_coord_ros.runlog.difference import MISSING, NO_REQUEST, Difference
 from sparse_coord_ros.wire import OVER, RunState, messages
@@ -76,7 +76,8 @@ class Tracks:
             `places`, the own one first.
         clock: the steps of the clock.
         maps: time steps, in the order of the log.
-        markers: the same, with the robots' positions `places`.
+        markers: the same, with the robots' positions `places`; none, where their stamps are no
+            time steps.
         coordination_maps: of each robot, with the grid's `data`.
         statuses: of the world, in the order of the log.
         untold: the world does not say how the run ended: it was killed, or the recorder stopped
@@ -110,10 +111,7 @@ class Tracks:
         robots = range(len(self.names))
         self.clock = self._track(wire.CLOCK)
         self.maps = self._several(wire.MAP)[0]
-        self.markers = self._several(wire.MARKERS)
-        if not found.run.by_this_package:  # its world may show people something else
-            odd = f"topic {self.topic(wire.MARKERS)}"
-            self.suspects = [one for one in self.suspects if one.quantity != odd]
+        self.markers = self._markers()
         of_robots = {topic: [self._track(topic, k) for k in robots] for topic in OF_ROBOT}
         self.states, self.rewards, self.actions, self.percepts = of_robots.values()
         self._find_gaps(columns.jumps)
@@ -150,6 +148,14 @@ class Tracks:
         for k in range(len(self.names)):
             found |= {self.topic(topic, k): (topic, form) for topic, form in of_robot.items()}
         return found
+
+    def _markers(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return time steps and rows of the markers; of those that tell no time step: none."""
+        if self.run.markers_tell_steps:
+            return self._several(wire.MARKERS)
+        odd = f"topic {self.topic(wire.MARKERS)}"
+        self.suspects = [one for one in self.suspects if one.quantity != odd]
+        return np.empty(0, dtype=np.int64), no_rows(self.forms[self.topic(wire.MARKERS)][1])
 
     @property
     def lossy(self) -> bool:

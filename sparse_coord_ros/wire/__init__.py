@@ -140,6 +140,7 @@ PARTNERS = "partners"
 TEAM, ROBOT, NODE = Owner
 _STEP, _EVENT, _LATCHED, _TABLES = Delivery
 _STRING, _STATUS = "std_msgs/msg/String", "diagnostic_msgs/msg/DiagnosticStatus"
+_TRUTH = "std_msgs/msg/Bool"
 _POSE, _NUMBERS = "geometry_msgs/msg/PoseStamped", "sensor_msgs/msg/JointState"
 _GRID, _MARKERS = "nav_msgs/msg/OccupancyGrid", "visualization_msgs/msg/MarkerArray"
 _CLOCK, _PATH, _ODOMETRY = "rosgraph_msgs/msg/Clock", "nav_msgs/msg/Path", "nav_msgs/msg/Odometry"
@@ -191,17 +192,23 @@ RECORDING = Topic("_recording", _STRING, TEAM, _LATCHED, recorded=False)
 """Where a recorder writes: the bag's directory."""
 
 BODY_GOALS = Topic(
-    *("goals", _NUMBERS, TEAM, _LATCHED), recorded=False, labels=("number", "place", "since")
+    *("goals", _NUMBERS, TEAM, _LATCHED),
+    recorded=False,
+    labels=("number", "place", "since", "halt"),
 )
 """Where bodies are to go, of a world with bodies; see `lockstep.bodies`. After its own numbers
 come, for each robot that it tells something, `GOAL_LABELS` below the robot's name: `robot_1/from`,
-`robot_1/to`, cells."""
+`robot_1/to`, cells. Whether all are to halt stands in the same message: a driver that starts late
+never hears a goal without it."""
 
 GOAL_LABELS = ("from", "to")
 
 REACHED_LABELS = ("number", "cell", "there", "seconds", "stamp")
 REACHED = Topic("reached", _NUMBERS, ROBOT, _EVENT, recorded=False, labels=REACHED_LABELS)
 """Of a robot's driver: where the body is when its goal is over; cell -1: in none."""
+
+HALTED = Topic("halted", _TRUTH, ROBOT, _LATCHED, recorded=False)
+"""Of a robot's driver: whether it lets the body stand because it was told to halt."""
 
 POSE = Topic("pose", _POSE, ROBOT, _STEP, recorded=False)
 ODOMETRY = Topic("odom", _ODOMETRY, ROBOT, _STEP, recorded=False)
@@ -260,6 +267,7 @@ class RunState(StrEnum):
     LEARNING = "learning"
     GREEDY = "acting greedily"
     PAUSED = "paused"
+    HALTED = "halted"
     FINISHED = "finished"
     STOPPED = "stopped"
 

@@ -403,9 +403,13 @@ class Messages(Frame):
         """
         return self._grid.pack(*self.stamp(step), self._grids.coordination(q_star))
 
-    def pack_markers(self, step: int, cells: Sequence[int]) -> bytes:
-        """Return doorways, goals and robots as CDR of visualization_msgs/MarkerArray."""
-        stamp = self.stamp(step)
+    def pack_markers(self, stamp: tuple[int, int], cells: Sequence[int]) -> bytes:
+        """Return doorways, goals and robots as CDR of visualization_msgs/MarkerArray.
+
+        Args:
+            stamp: (sec, nanosec).
+            cells: of the robots.
+        """
         doorways = stamp * len(self.grid.doorways)
         robots = (number for cell in cells for number in (*stamp, *stamp, *self.centres[cell]))
         return self._markers.pack(*doorways, *robots)

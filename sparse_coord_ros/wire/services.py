@@ -36,5 +36,8 @@ PAUSE = Service("pause", "std_srvs/srv/SetBool")
 STEP = Service("step", "std_srvs/srv/Trigger")
 """Of the world and the player: hold or go on; make one time step."""
 
+HALT = Service("halt", "std_srvs/srv/SetBool")
+"""Of a world with bodies, and of each driver: let all bodies, or this one, stand; or go on."""
+
 RESET = Service("reset", "std_srvs/srv/Trigger")
 """Of the world: begin a new episode."""

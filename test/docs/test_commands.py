@@ -22,7 +22,7 @@ import signal
 import subprocess
 import sys
 import time
-from contextlib import chdir
+from contextlib import chdir, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -69,7 +69,7 @@ def pages():
     return [str(path.relative_to(ROOT)) for path in shown if path.exists()]
 
 
-APART = re.compile(r"[&|;$>(]| watch | replay |--processes|--version")
+APART = re.compile(r"[&|;$>(]| watch | replay | conformance |--processes|--version")
 """Commands that end otherwise, start processes, or need a shell."""
 
 LIVE_SECONDS = 7.0
@@ -209,7 +209,17 @@ def check_pictures(page, shell):
 
 SERVES = ("watch",)
 """Verbs that go on until somebody stops them."""
-LONG_VERBS = ("doctor", "reproduce", "run", "train", "watch", "report", "replay")
+NODE = "ros2 run sparse_coord_ros"
+BESIDE = {
+    "halt": (
+        f"{NODE} world_simulator --ros-args -p scenario:=env1 -p bodies:=true",
+        f"{NODE} driver --ros-args -p robot:=robot_1",
+    ),
+}
+"""Nodes that the examples of a verb speak to."""
+LONG_VERBS = (
+    *("doctor", "reproduce", "run", "train", "watch", "report", "replay", "conformance", "halt"),
+)
 NEEDS_A_BAG = (
     *("watch", "info", "verify", "explain", "replay", "recover"),
     *("plot", "animate", "report", "tables"),
@@ -229,6 +239,24 @@ def test_examples_of_help(verb, shell, request):
     if verb in NEEDS_A_BAG:
         for run in set(re.findall(r"runs/demo\w*", example)):
             shutil.copytree(request.getfixturevalue("good").bag, shell.work / run / "bag")
+    with beside(BESIDE.get(verb, ()), shell):
+        run_examples(verb, commands, shell)
+
+
+@contextmanager
+def beside(commands, shell):
+    """Let processes run as long as the context lasts."""
+    processes = [shell(f"exec {command}", wait=False) for command in commands]
+    try:
+        yield
+    finally:
+        for process in processes:
+            _stop(process, signal.SIGKILL)
+            process.communicate()
+
+
+def run_examples(verb, commands, shell):
+    """Run the examples of a verb's help."""
     for command in commands:
         if verb in SERVES:
             together([command], shell)

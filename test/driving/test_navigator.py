@@ -321,3 +321,14 @@ def test_each_goal_is_sent_again_as_soon_as_the_one_before_was():
     server.tell("rejected")
     server.wait(0.4)
     assert len(server.sent) == before + 1
+
+
+def test_while_it_is_held_the_time_of_a_move_does_not_pass(server):
+    server.navigator.held = True
+    server.pose(START)
+    server.tell("ended", "canceled", "")
+    assert server.wait(3 * LIMITS.seconds) is None
+    server.navigator.held = False
+    server.pose(START)
+    server.wait(1.5)
+    assert not server.said and len(server.sent) == 2

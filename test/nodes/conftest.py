@@ -6,6 +6,7 @@ import functools
 import os
 import signal
 import subprocess
+import sys
 import time
 from contextlib import ExitStack
 from copy import deepcopy
@@ -13,6 +14,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+import ros_types
 from live_teams import command, node_words
 from patience import PATIENCE_SECONDS
 from rclpy.node import Node
@@ -58,6 +60,9 @@ UDP_ONLY = """\
 FASTDDS_BUILTIN_TRANSPORTS cannot say so: with the discovery range LOCALHOST rmw_fastrtps brings
 transports of its own, shared memory among them.
 """
+
+SAY_AGAIN_SECONDS = 0.1
+"""Between two times that an observer says the same."""
 
 
 class Bench:
@@ -137,12 +142,12 @@ class Bench:
                     self._finished.add(node)
                     node.finish(interrupted=False)
 
-    def spin_until_done(self, *nodes: Node) -> None:
-        """Spin until nodes (all by default) are done and have said their last words.
+    def spin_until_done(self, *nodes: Node, but: Node | None = None) -> None:
+        """Spin until nodes (by default all `but` one) are done and have said their last words.
 
         Where a recorder is among them they leave too, for which it waits.
         """
-        wanted = set(nodes) or {node for node in self._nodes if hasattr(node, "done")}
+        wanted = set(nodes) or {node for node in self._nodes if hasattr(node, "done")} - {but}
         leave = any(isinstance(node, Recorder) for node in wanted)
 
         def all_done() -> bool:
@@ -170,6 +175,23 @@ class Observer(Node):
         self.create_subscription(kind, topic, lambda message: messages.append(message), qos)
         return messages
 
+    def say(self, publisher, message, condition, what: str) -> None:
+        """Publish a message again and again until a condition holds.
+
+        A publisher that knows a subscription may be unknown to that one yet, which then drops
+        what it hears; and on a busy machine a message that is best effort may be lost at any time.
+        """
+        due = 0.0
+
+        def heard() -> bool:
+            nonlocal due
+            if time.monotonic() >= due:
+                due = time.monotonic() + SAY_AGAIN_SECONDS
+                publisher.publish(message)
+            return condition()
+
+        self._bench.spin_until(heard, what)
+
     def call(self, kind: type, service: str, request=None):
         """Return a service's response."""
         client = self.create_client(kind, service)
@@ -181,6 +203,29 @@ class Observer(Node):
     def count(self, topic: str) -> int:
         """Return how many publishers of a topic are known."""
         return len(self.get_publishers_info_by_topic(self.resolve_topic_name(topic)))
+
+
+@pytest.fixture(scope="session")
+def built_types(tmp_path_factory):
+    """Return the folder with the types of nav2_msgs and tf2_msgs, built where that can be."""
+    given = os.environ.get("SPARSE_COORD_TYPES")
+    prefix = Path(given) if given else tmp_path_factory.mktemp("types")
+    try:
+        ros_types.build(prefix)
+    except OSError as error:
+        pytest.skip(f"the types of nav2_msgs cannot be built here: {error}")
+    return prefix
+
+
+@pytest.fixture(scope="module")
+def types(built_types):
+    """Let this process and its children find the types of nav2_msgs and tf2_msgs."""
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in ros_types.environment(built_types).items():
+            patch.setenv(name, value)
+        patch.setattr(sys, "path", [*sys.path])
+        ros_types.load(built_types)
+        yield
 
 
 @pytest.fixture(scope="session")

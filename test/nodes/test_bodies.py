@@ -3,6 +3,7 @@
 """A team whose robots have bodies: the same lock step, the same bits, and poses in between."""
 
 import sys
+import time
 from types import SimpleNamespace
 
 import numpy as np
@@ -230,6 +231,14 @@ def test_at_their_own_speed(bench, tmp_path):
     assert world.summary()["transitions"] == 5
 
 
+def test_the_waiting_for_bodies_is_counted_from_their_goals(bench):
+    """Else each step adds to it, and a team that is under way seems to stand still."""
+    bodies, now = bench.world(bodies=True).bodies, time.monotonic()
+    bodies._reminder.due(now - 100.0)
+    bodies.send(Goals(1, 1, False, 0.0, (BodyGoal(0, 0, 1),)))
+    assert bodies._reminder.due(now) == 0.0
+
+
 def test_goals_and_reports_travel(own_domain):
     run = make_run(load_scenario("env1"), {})
     convert = Converter(run)
@@ -306,14 +315,14 @@ def test_poses_of_other_types(bench, pose_type, kind):
     world = bench.world(bodies=True)
     values = {"robot": "robot_2", "pose_type": pose_type, "map_frame": "here"}
     driver = bench.add(DriverNode(context=bench.place()[0], values=values))
-    publisher = bench.observer().create_publisher(kind, "robot_2/pose", 10)
-    bench.spin_until(lambda: publisher.get_subscription_count() > 0, "poses are heard")
+    observer = bench.observer()
+    publisher = observer.create_publisher(kind, "robot_2/pose", 10)
+    bench.spin_until(lambda: driver.presence is not None, "the run is known")
     message = kind()
     message.header.frame_id, message.header.stamp.sec = "here", 3
     message.pose.pose.position.x = 1.5
     message.pose.pose.orientation.z, message.pose.pose.orientation.w = 1.0, 0.0
-    publisher.publish(message)
-    bench.spin_until(lambda: driver.driver.pose is not None, "the pose is there")
+    observer.say(publisher, message, lambda: driver.driver.pose is not None, "the pose is there")
     assert driver.driver.pose == pytest.approx((1.5, 0.0, np.pi))
     assert world.run.scenario.name == "env1"
 
@@ -364,16 +373,13 @@ def test_a_body_whose_poses_stop_is_stopped(bench):
     commands = observer.listen(Twist, "robot_1/cmd_vel")
     poses = observer.create_publisher(PoseStamped, "robot_1/pose", 10)
     bench.spin_until(lambda: driver.presence is not None, "the run is known")
-    bench.spin_until(lambda: poses.get_subscription_count() > 0, "poses are heard")
     pose = PoseStamped()
     pose.header.frame_id, pose.header.stamp.sec = "odom", 1
-    poses.publish(pose)
-    bench.spin_until(lambda: driver.intake.total == 1, "another frame is dropped")
+    observer.say(poses, pose, lambda: driver.intake.total > 0, "another frame is dropped")
     x, y = world.topics.convert.centres[0]
     pose.header.frame_id, pose.pose.orientation.w = "map", 1.0
     pose.pose.position.x, pose.pose.position.y = x, y
-    poses.publish(pose)
-    bench.spin_until(lambda: driver.driver.pose is not None, "the pose is there")
+    observer.say(poses, pose, lambda: driver.driver.pose is not None, "the pose is there")
     world.bodies.send(
         Goals(1, 1, False, 0.0, (BodyGoal(0, 0, int(world.run.scenario.map.next_cell[0, 1])),))
     )
@@ -392,7 +398,7 @@ def test_deactivated_a_body_stands_and_activated_it_goes_on(bench, tmp_path):
         return observer.call(ChangeState, "robot_1_driver/change_state", request).success
 
     commands = observer.listen(Twist, "robot_1/cmd_vel")
-    bench.spin_until(lambda: commands, "the observer hears the commands")
+    bench.spin_until(lambda: commands, "commands are heard")
     assert change(Transition.TRANSITION_DEACTIVATE)
     bench.spin_until(lambda: commands and commands[-1] == Twist(), "zero velocity")
     assert not change(Transition.TRANSITION_DEACTIVATE), "it is inactive; and the node lives"
@@ -408,11 +414,10 @@ def test_a_driver_that_somebody_manages_waits_for_its_activation(bench):
     observer = bench.observer()
     poses = observer.create_publisher(PoseStamped, "robot_1/pose", 10)
     commands = observer.listen(TwistStamped, "robot_1/cmd_vel")
-    bench.spin_until(lambda: poses.get_subscription_count() > 0, "poses are heard")
+    bench.spin_until(lambda: driver.presence is not None, "the run is known")
     pose = PoseStamped()
     pose.header.frame_id, pose.header.stamp.sec, pose.pose.orientation.w = "map", 1, 1.0
-    poses.publish(pose)
-    bench.spin_until(lambda: driver.driver.pose is not None, "the pose is there")
+    observer.say(poses, pose, lambda: driver.driver.pose is not None, "the pose is there")
     assert driver._reached_publisher is None and not driver.active
     driver.trigger_configure()
     driver.trigger_activate()

@@ -1,7 +1,8 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""`tools.conformance` on the robots of examples/, on ours, and on robots that break something."""
+"""`conformance` on the robots of examples/, on ours, and on robots that break something."""
 
+import json
 import sys
 from pathlib import Path
 from types import ModuleType
@@ -10,10 +11,12 @@ import pytest
 
 from sparse_coord_ros.cli.main import main
 from sparse_coord_ros.errors import RunError
+from sparse_coord_ros.nodes import conformance
+from sparse_coord_ros.nodes.conformance import BROKEN as BROKEN_ONE
+from sparse_coord_ros.nodes.conformance import KEPT, NOT_SEEN, OBLIGATIONS, Stage
+from sparse_coord_ros.nodes.robot import RobotNode
 from sparse_coord_ros.nodes.team import run_team
 from sparse_coord_ros.runlog.verify import verify
-from tools import conformance
-from tools.conformance import OBLIGATIONS, Stage
 
 ROOT = Path(__file__).parents[2]
 NAME = ["--ros-args", "-r", "__node:=robot_1"]
@@ -42,11 +45,11 @@ def judged(bench, monkeypatch):
     """Return a function that judges a robot of this process; it returns the stage."""
     monkeypatch.setattr(conformance, "START_SECONDS", 1.5)
 
-    def judge(kind):
+    def judge(kind, **more):
         context, executor = bench.place()
         if kind is not None:
             bench.add(kind(context=context, cli_args=NAME))
-        stage = Stage("robot_1", "env1", executor, context=context)
+        stage = Stage("robot_1", "env1", executor, context=context, **more)
         bench.add(stage.node)
         stage.play()
         return stage
@@ -54,12 +57,34 @@ def judged(bench, monkeypatch):
     return judge
 
 
-def test_a_learning_robot_of_ones_own_keeps_the_contract(judged, example, capfd):
-    stage = judged(example("own_learning_robot"))
+def test_a_learning_robot_of_ones_own_keeps_the_contract(judged, example):
+    stage = judged(example("own_learning_robot"), checkpoints=True)
     assert (stage.broken, stage.seen) == ({}, {*OBLIGATIONS})
-    assert stage.verdict() == 0
-    assert [line.split()[0] for line in capfd.readouterr().out.splitlines()] == ["kept"] * len(
-        OBLIGATIONS
+    assert [one.verdict for one in stage.judged()] == [KEPT] * len(OBLIGATIONS)
+
+
+def test_a_robot_of_ours_keeps_the_contract_checkpoints_too(judged, tmp_path):
+    """It waits until every world that it knows hears it: the other run's must be gone by then."""
+
+    def robot(context, cli_args):
+        values = {"claim_window": 0.0, "out": str(tmp_path)}
+        return RobotNode(context=context, name="robot_1", values=values)
+
+    stage = judged(robot, checkpoints=True)
+    assert (stage.broken, stage.seen) == ({}, {*OBLIGATIONS})
+
+
+def test_checkpoints_may_be_required(judged, example):
+    """A robot may keep none: then it is not asked to go back, and that is not seen."""
+    verdicts = {}
+    for required in (False, True):
+        stage = judged(example("own_robot"), checkpoints=required)
+        [goes_back] = [one for one in stage.judged() if one.name == "goes back"]
+        verdicts[required] = goes_back.verdict
+    assert verdicts == {False: NOT_SEEN, True: BROKEN_ONE}
+    assert str(goes_back).endswith(
+        "goes back to a checkpoint that it named: its _progress names no checkpoint; they are "
+        "required (docs/interface.md#going-back)"
     )
 
 
@@ -96,15 +121,12 @@ BROKEN = [
     [BROKEN[0], *(pytest.param(*row, marks=pytest.mark.long) for row in BROKEN[1:])],
     ids=[what for what, *_ in BROKEN],
 )
-def test_who_breaks_an_obligation_is_told_which(
-    judged, example, capfd, what, robot, before, after
-):
+def test_who_breaks_an_obligation_is_told_which(judged, example, what, robot, before, after):
     stage = judged(example(robot, **{robot: [(before, after)]}))
-    assert stage.verdict() == 1
     assert what in stage.broken, stage.broken
     place, text, _ = OBLIGATIONS[what]
-    said = [line for line in capfd.readouterr().out.splitlines() if line.startswith("BROKEN")]
-    [line] = [line for line in said if f"  {text}: {stage.broken[what]}" in line]
+    [line] = [str(one) for one in stage.judged() if one.name == what]
+    assert line.startswith("BROKEN") and f"  {text}: {stage.broken[what]}" in line
     assert line.endswith(f"(docs/interface.md#{place})")
 
 
@@ -133,14 +155,32 @@ def test_a_robot_of_a_process_of_its_own(tmp_path, capfd, robot, broken):
         text = text.replace(over, "pass" if robot == "unended" else f"{over} and 1 / 0")
         command[1] = str(tmp_path / "robot.py")
         Path(command[1]).write_text(text)
-    assert conformance.main(["--", *command, *NAME]) == bool(broken)
+    assert main(["conformance", "--", *command, *NAME]) == bool(broken)
     said = [line for line in capfd.readouterr().out.splitlines() if line.startswith("BROKEN")]
     assert [line.split()[1] for line in said] == [broken] * bool(broken)
 
 
 def test_a_robot_that_the_scenario_does_not_have(capfd):
-    assert conformance.main(["--robot", "robot_9"]) == 2
+    assert main(["conformance", "--robot", "robot_9"]) == 2
     assert "give --robot one of them" in capfd.readouterr().err
+
+
+def test_a_command_that_is_not_there(capfd):
+    assert main(["conformance", "--", "no_such_robot"]) == 2
+    said = capfd.readouterr().err
+    assert said.startswith("error: no_such_robot: No such file or directory")
+    assert said.count("\n") == 1
+
+
+def test_where_no_robot_runs_the_verb_says_what_is_missing(capfd, monkeypatch):
+    monkeypatch.setattr(conformance, "START_SECONDS", 1.0)
+    assert main(["conformance", "--json"]) == 1
+    said = json.loads(capfd.readouterr().out)
+    assert not said["kept"]
+    [first, *others] = said["obligations"]
+    assert (first["name"], first["verdict"]) == ("begins", BROKEN_ONE)
+    assert first["seen"].startswith("after 1 s there is no node robot_1")
+    assert {one["verdict"] for one in others} == {NOT_SEEN}
 
 
 def test_a_run_with_a_robot_of_ones_own(bench, tmp_path, example, capfd):

@@ -3,6 +3,7 @@
 """A node that follows a run: whose run it stays with, and how long it waits at a signal."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from rclpy.serialization import serialize_message
@@ -10,12 +11,13 @@ from std_msgs.msg import String
 
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.run_config import make_run
+from sparse_coord_ros.lockstep import waiting
 from sparse_coord_ros.nodes import follower as module
 from sparse_coord_ros.nodes.follower import Follower
 from sparse_coord_ros.nodes.parameters import PARAMETERS
 from sparse_coord_ros.nodes.spin import ros_context
 from sparse_coord_ros.wire import RunState
-from sparse_coord_ros.wire.status import Said
+from sparse_coord_ros.wire.status import Order, Said
 
 
 @pytest.fixture
@@ -91,3 +93,35 @@ def test_at_a_signal_it_stops_at_once_when_the_world_has_said_that_it_stopped(no
     assert node.may_stop()
     node.all_done = lambda now: False
     assert not node.may_stop(), "something is left to do"
+
+
+def test_a_recorder_says_where_it_records_what_it_waits_for_and_when_it_begins(
+    bench, tmp_path, capfd, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    recorder = bench.recorder(Path("out/bag"))
+    where = tmp_path / "out" / "bag"
+    said = capfd.readouterr().err
+    assert f"will record to {where}; waiting for a world simulator on /run\n" in said
+    bench.world(out="out", set=["steps=20000"], recorded=True)
+    bench.spin_until(lambda: recorder.recording is not None, "it records")
+    assert "[recorder]: records env1 from now on\n" in capfd.readouterr().err
+
+
+def test_a_recorder_that_goes_on_says_what_it_waits_for(bench, tmp_path, capfd, monkeypatch):
+    """It knows the run at once, but not yet from where that goes on."""
+    monkeypatch.setattr(waiting, "REMIND_SECONDS", 0.1)
+    recorder = bench.recorder(tmp_path / "bag", resume=True)
+    said = []
+
+    def look():
+        said.append(capfd.readouterr().err)
+        return "".join(said)
+
+    run = serialize_message(String(data=announced("first").to_yaml()))
+    recorder._on_run(recorder._read_run(run))
+    wanted = "waiting for the world to say from where the run goes on ("
+    bench.spin_until(lambda: wanted in look(), "it says what it waits for")
+    status = Said("first", RunState.RESUMING, 0, 0, order=Order("back", 0, 1))
+    recorder._on_status(status)
+    bench.spin_until(lambda: "records env1 from now on\n" in look(), "it records")

@@ -31,7 +31,7 @@ NAMES = {
     "launch.events.process": ["ShutdownProcess"],
     "launch.launch_context": ["LaunchContext"],
     "launch.launch_description": ["LaunchDescription"],
-    "launch.substitutions": ["LaunchConfiguration"],
+    "launch.logging": [],
     "launch_ros": [],
     "launch_ros.actions": ["Node"],
 }
@@ -43,28 +43,38 @@ class Kept:
     def __init__(self, *parts, **options):
         self.parts, self.options = parts, options
 
-    def perform(self, context):
-        """Return an argument's text, as a LaunchConfiguration does."""
-        return context.launch_configurations.get(self.parts[0], "")
+
+@pytest.fixture
+def warnings():
+    """Return what launch has warned of."""
+    return []
 
 
 @pytest.fixture
-def launched(monkeypatch):
+def launched(monkeypatch, warnings):
     """Return a function that gives what a launch file does with some arguments."""
     for module, classes in NAMES.items():
         made = ModuleType(module)
         for name in classes:
             setattr(made, name, type(name, (Kept,), {}))
         monkeypatch.setitem(sys.modules, module, made)
+    logger = SimpleNamespace(warning=warnings.append)
+    sys.modules["launch.logging"].get_logger = lambda name: logger
     monkeypatch.delitem(sys.modules, "sparse_coord_ros.launching", raising=False)
 
     def launch(name="team", **given):
         spec = importlib.util.spec_from_file_location("launched", FOLDER / f"{name}.launch.py")
         file = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(file)
-        context = SimpleNamespace(launch_configurations=given, is_shutdown=False)
-        [description] = file.generate_launch_description().parts
-        return description[-1].options["function"](context)
+        context = SimpleNamespace(launch_configurations=dict(given), is_shutdown=False)
+        [[first, *declared, last]] = file.generate_launch_description().parts
+        first.options["function"](context)
+        for one in declared:  # as DeclareLaunchArgument does
+            default = one.options["default_value"]
+            context.launch_configurations.setdefault(one.parts[0], default)
+        done = last.options["function"](context)
+        assert context.launch_configurations == given, "nothing is left to other launch files"
+        return done
 
     return launch
 
@@ -170,11 +180,106 @@ def test_the_clock_follows_the_namespace_or_is_left_to_others(nodes, tmp_path):
     for found in (nodes(out=out, namespace="a", clock="none"), nodes("lab", out=out)):
         assert values(found[0])["clock"] == "none"
         assert found[0]["remappings"] == found[3]["remappings"] == []
-    found = nodes("bodies", out=out, body_clock="true")
-    assert (values(found[0])["clock"], values(found[-1])["body_clock"]) == ("none", True)
-    assert all(node["remappings"] == [("/clock", "clock")] for node in found)
     with pytest.raises(SettingError, match="clock: value is 'sun', allowed: own or none"):
         nodes(out=out, clock="sun")
+
+
+@pytest.mark.parametrize(
+    ("given", "clock", "body_clock", "sim_time"),
+    [
+        ({}, "none", True, True),
+        ({"use_sim_time": "false"}, "none", True, False),
+        ({"body_clock": "false"}, "none", False, False),
+        ({"clock": "own"}, "own", False, False),
+        ({"simulate": "false"}, "none", None, False),
+        ({"simulate": "false", "use_sim_time": "true"}, "none", None, True),
+    ],
+)
+def test_simulated_bodies_own_the_clock(nodes, tmp_path, given, clock, body_clock, sim_time):
+    found = nodes("bodies", out=str(tmp_path / "run"), **given)
+    assert values(found[0])["clock"] == clock
+    assert values(found[-1]).get("body_clock") == body_clock
+    assert all(values(node)["use_sim_time"] == sim_time for node in found)
+    own = clock == "own" or body_clock
+    assert all(node["remappings"] == [("/clock", "clock")] * bool(own) for node in found)
+
+
+def test_a_clock_has_one_owner(nodes, tmp_path):
+    with pytest.raises(SettingError, match="argument body_clock: value is true, but the world"):
+        nodes("bodies", out=str(tmp_path / "run"), clock="own", body_clock="true")
+
+
+def test_a_misspelt_argument_name_is_warned_of(launched, warnings, tmp_path, monkeypatch):
+    """Those of a launch file that includes this one may be meant for others."""
+    words = ["ros2", "launch", "sparse_coord_ros", "team.launch.py", "sceanrio:=env1", "x:=3"]
+    launched(out=str(tmp_path / "run"))
+    assert warnings == []
+    monkeypatch.setattr(sys, "argv", [*words, f"out:={tmp_path / 'run'}"])
+    launched(out=str(tmp_path / "run"))
+    remedy = "--show-args lists the arguments"
+    what = "is unknown and changes nothing"
+    assert warnings == [
+        f"argument 'sceanrio' {what} (did you mean 'scenario'?); {remedy}",
+        f"argument 'x' {what}; {remedy}",
+    ]
+
+
+@pytest.fixture
+def shown(launched, tmp_path):
+    """Return a function that gives what --show-args says of a launch file: name, default, text."""
+
+    def show(name):
+        launched(out=str(tmp_path / "run"))  # with the stand-ins for launch
+        spec = importlib.util.spec_from_file_location("shown", FOLDER / f"{name}.launch.py")
+        file = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(file)
+        [[_, *declared, _]] = file.generate_launch_description().parts
+        return {
+            one.parts[0]: (one.options["default_value"], one.options["description"])
+            for one in declared
+        }
+
+    return show
+
+
+def test_the_arguments_show_their_real_defaults(shown):
+    team, bodies, lab, replay = map(shown, ("team", "bodies", "lab", "replay"))
+    assert [team[name][0] for name in ("scenario", "seed", "record", "clock", "out")] == [
+        *("env1", "0", "true", "own", "")
+    ]
+    assert [bodies[name][0] for name in ("clock", "body_clock", "use_sim_time")] == [
+        *("none", "true", "true")
+    ]
+    assert [lab[name][0] for name in ("clock", "slips", "epsilon", "checkpoint", "near")] == [
+        *("none", "false", "constant:0", "100", "0.1")
+    ]
+    assert (replay["bag"][0], replay["rate"][0]) == (None, "1.0")
+    for said in (team, bodies, lab):
+        learner = said["learner"][1].partition("(allowed: ")[2]
+        names = learner.partition(", or one of your own")[0].split(", ")
+        assert {"coop", "noncoop", "factored"} <= set(names)
+        assert not {"indiv", "joint"} & set(names), "they cannot run live"
+
+
+def test_practice_puts_a_base_at_each_start(nodes):
+    [stand_in] = nodes("practice", scenario="env1", robots="tb1,tb2", fault="abort")
+    assert stand_in["executable"] == "nav2_stand_in"
+    assert values(stand_in) == {
+        "bases": ["tb1", "tb2"],
+        "places": ["0.5,4.5", "4.5,4.5"],
+        "fault": "abort",
+    }
+    [stand_in] = nodes("practice", scenario="env2-4r")
+    assert values(stand_in)["bases"] == ["robot_1", "robot_2", "robot_3", "robot_4"]
+    with pytest.raises(SettingError, match="argument robots: 1 names, allowed: 2"):
+        nodes("practice", robots="tb1")
+    with pytest.raises(SettingError, match="argument fault: value is 'fire', allowed: none or"):
+        nodes("practice", fault="fire")
+
+
+def test_replay_plays_the_bag(nodes):
+    [player] = nodes("replay", bag="runs/a/bag", rate="2")
+    assert values(player) == {"bag": "runs/a/bag", "rate": 2.0}
 
 
 def test_bodies_have_drivers_and_a_simulator(nodes, tmp_path):
@@ -193,7 +298,7 @@ def test_a_lab_has_drivers_for_the_namespaces_of_its_robots(nodes, tmp_path):
     said = values(found[-1])
     assert (said["robot"], said["action"]) == ("robot_2", "/tb2/navigate_to_pose")
     assert (said["pose_type"], said["base_frame"], said["detour"]) == ("tf", "base_link", 5.0)
-    assert ("/tf", "/tb2/tf") in found[-1]["remappings"]
+    assert ("tf", "/tb2/tf") in found[-1]["remappings"]
     own = {"slips": False, "epsilon": "constant:0", "checkpoint": 100, "clock": "none"}
     assert own.items() <= values(found[0]).items()
     said = {"set": "epsilon=constant:0.1,steps=9", "slips": "true", "checkpoint": "7"}
@@ -214,7 +319,8 @@ def test_rviz_is_opened_for_the_team_at_hand(nodes, launched, tmp_path, monkeypa
     given = {"out": str(tmp_path / "run"), "scenario": "env2-4r", "namespace": "a"}
     [*_, view] = nodes(name, rviz="true", **given)
     assert (view["package"], view["executable"]) == ("rviz2", "rviz2")
-    assert view["parameters"] == [{"use_sim_time": True}]
+    assert view["parameters"] == [{"use_sim_time": name != "lab"}], "where a team owns the clock"
+    assert {("/tf", "tf"), ("/tf_static", "tf_static")} <= set(view["remappings"])
     [option, config] = view["arguments"]
     shown = Path(config).read_text()
     Path(config).unlink()

@@ -54,7 +54,7 @@ def test_messages_of_a_large_team_are_below_the_limits():
     for topic, data in (
         (wire.RUN, run.to_yaml().encode()),
         (wire.MAP, convert.pack_map(0)),
-        (wire.MARKERS, convert.pack_markers(0, [robot.start for robot in scenario.robots])),
+        (wire.MARKERS, convert.pack_markers((0, 0), [robot.start for robot in scenario.robots])),
         (wire.BODY_GOALS, serialize_message(convert.goals_message(goals))),
         (wire.LOCAL_STATE, convert.pack_state(7, 3)),
     ):

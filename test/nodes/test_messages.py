@@ -215,7 +215,7 @@ def test_markers_show_doorways_goals_and_robots():
     scenario = load_scenario("env2-4r")
     convert = converter("env2-4r", resolution=2.0)
     for step, cells in ((8, [3, 4, 5, 6]), (70_000, [7, 4, 0, 9])):
-        array = deserialize_message(convert.pack_markers(step, cells), MarkerArray)
+        array = deserialize_message(convert.pack_markers(convert.stamp(step), cells), MarkerArray)
         by_kind = {}
         for marker in array.markers:
             assert (marker.action, marker.header) == (Marker.ADD, convert.header(step))
@@ -263,7 +263,7 @@ def other_place(markers):
 )
 def test_other_markers_are_not_of_the_runs_form(change, fits):
     convert = converter()
-    array = deserialize_message(convert.pack_markers(8, [3, 4]), MarkerArray)
+    array = deserialize_message(convert.pack_markers(convert.stamp(8), [3, 4]), MarkerArray)
     change(array.markers)
     assert marker_rows(convert, load_scenario("env1"), array)[1].tolist() == [fits]
 

@@ -6,23 +6,22 @@ The types of nav2_msgs are built first where there is a compiler, which takes tw
 variable SPARSE_COORD_TYPES names a folder in which `ros_types` has built them.
 """
 
-import os
 import signal
-import subprocess
-import sys
 import time
 from collections import Counter
 from pathlib import Path
 
 import pytest
-import ros_types
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
+from rclpy.action import ActionClient
+from std_srvs.srv import SetBool
 
 from sparse_coord_ros.cli.main import main as sparse_coord
-from sparse_coord_ros.driving.ground import Ground
+from sparse_coord_ros.driving.ground import Ground, Pose
 from sparse_coord_ros.nodes.body import BodyNode
 from sparse_coord_ros.nodes.driver import DriverNode
+from sparse_coord_ros.nodes.nav2_stand_in import TICK_SECONDS
 from sparse_coord_ros.nodes.outputs import gather
 from sparse_coord_ros.runlog.verify import verify
 
@@ -31,30 +30,14 @@ pytestmark = [pytest.mark.long, pytest.mark.timeout(600)]
 ROBOTS = ("robot_1", "robot_2")
 STEP_SECONDS = 8.0
 
-
-@pytest.fixture(scope="module")
-def types(tmp_path_factory):
-    """Return the folder with the types, which this process has loaded."""
-    given = os.environ.get("SPARSE_COORD_TYPES")
-    prefix = Path(given) if given else tmp_path_factory.mktemp("types")
-    try:
-        ros_types.build(prefix)
-    except OSError as error:
-        pytest.skip(f"the types of nav2_msgs cannot be built here: {error}")
-    with pytest.MonkeyPatch.context() as patch:
-        for name, value in ros_types.environment(prefix).items():
-            patch.setenv(name, value)
-        patch.setattr(sys, "path", [*sys.path])
-        ros_types.load(prefix)
-        yield prefix
+SPEED, AT_FIRST = 20.0, "0.5,0.5"
+"""Of the bases: metres a second, and where they are."""
 
 
 @pytest.fixture
 def start_team(types, bench, tmp_path):
     """Return a function that starts a team with its drivers; and the servers, if asked for."""
-    from nav2_server import FakeNav2
-
-    from sparse_coord_ros.nodes.nav2_driver import Nav2DriverNode
+    from sparse_coord_ros.nodes.nav2_stand_in import Nav2StandIn
 
     def start(
         names=ROBOTS,
@@ -70,8 +53,8 @@ def start_team(types, bench, tmp_path):
         out = tmp_path / "out"
         server = None
         if served:
-            server = FakeNav2(names, context=bench.place("nav2")[0])
-            bench.add(server, "nav2")
+            values = {"bases": list(names), "places": [AT_FIRST] * len(names), "speed": SPEED}
+            server = bench.add(Nav2StandIn(context=bench.place("nav2")[0], values=values), "nav2")
         given = {"scenario": scenario, "out": str(out), "seed": 7, "step_timeout": 60.0}
         given |= {"set": [f"steps={steps}"], **(world or {})}
         if recorder:
@@ -80,20 +63,24 @@ def start_team(types, bench, tmp_path):
         bench.robots(len(names), out=str(out), tables=given.get("tables", ""))
         if recorder:
             bench.recorder(out / "bag")
-        context = bench.place()[0]
-        drivers = [
-            bench.add(
-                Nav2DriverNode(
-                    context=context,
-                    name=f"{name}_driver",
-                    values={"robot": name, "step_seconds": STEP_SECONDS, **driver},
-                )
-            )
-            for name in (names if driven is None else driven)
-        ]
-        return made, drivers, server
+        driven = names if driven is None else driven
+        return made, [make_driver(bench, name, **driver) for name in driven], server
 
     return start
+
+
+def make_driver(bench, robot, **values):
+    """Start the driver of a robot."""
+    from sparse_coord_ros.nodes.nav2_driver import Nav2DriverNode
+
+    values = {"robot": robot, "step_seconds": STEP_SECONDS, **values}
+    context = bench.place()[0]
+    return bench.add(Nav2DriverNode(context=context, name=f"{robot}_driver", values=values))
+
+
+def spin_for(bench, seconds):
+    end = time.monotonic() + seconds
+    bench.spin_until(lambda: time.monotonic() > end, "time passes", seconds=seconds + 60.0)
 
 
 def moved(world, count):
@@ -109,7 +96,7 @@ def test_a_team_that_nav2_drives_learns_what_the_grid_teaches(
     start_team, bench, tmp_path, simulate, assert_same_tables, scenario, names, steps
 ):
     world, drivers, server = start_team(names, steps=steps, scenario=scenario, recorder=True)
-    bench.spin_until_done()
+    bench.spin_until_done(but=server)
     out = tmp_path / "out"
     gather(out, world.run.scenario, interrupted=False)
     assert_same_tables(out, simulate(scenario, {"steps": steps}, seed=7))
@@ -128,11 +115,11 @@ class Together:
     def __init__(self, world, server):
         self.count, self._before = 0, set()
         self._world, self._server, self._ground = world, server, Ground(world.run, 0.0)
-        server.look = self._look
+        server.create_timer(TICK_SECONDS, self._look)
 
     def _look(self):
         doorways = self._world.run.scenario.map.doorways
-        places = (robot.place for robot in self._server.robots.values())
+        places = (base.pose[:2] for base in self._server.bases.values())
         within = Counter(self._ground.cell(*place) for place in places)
         now = {cell for cell, number in within.items() if number > 1 and cell in doorways}
         if not self._world.bodies.side.placing:
@@ -165,7 +152,7 @@ def test_what_was_learned_in_simulation_nav2_drives(
     together, begun = Together(world, server), time.monotonic()
     bench.spin_until(lambda: world.done, "the run's end", seconds=400)
     seconds = time.monotonic() - begun
-    bench.spin_until_done()
+    bench.spin_until_done(but=server)
     game, at_once = world.lockstep.world, together.count
     with capfd.disabled():
         counts = sum((driver.navigator.counts for driver in drivers), Counter())
@@ -193,7 +180,7 @@ def test_learning_goes_on_in_steps_of_seconds_and_over_a_restart(
     values = {"step_timeout": 2.0, "percept_timeout": 1.0, "rate": 0.5}
     world, drivers, server = start_team(world={"set": sets, "checkpoint": 2, **values})
     bench.spin_until(moved(world, 1), "under way")
-    server.robots["robot_1"].speed, begun = 0.2, time.monotonic()
+    server.bases["robot_1"].speed, begun = 0.2, time.monotonic()
     bench.spin_until(moved(world, 4), "slowly")
     assert time.monotonic() - begun > 5.0
     bench.destroy(world)
@@ -201,7 +188,7 @@ def test_learning_goes_on_in_steps_of_seconds_and_over_a_restart(
     known = {"scenario": "", "out": str(tmp_path / "out"), "rate": 0.5}
     again = bench.world(bodies=True, resume=True, **known)
     bench.spin_until(lambda: again.done, "the run's end")
-    bench.spin_until_done()
+    bench.spin_until_done(but=server)
     gather(tmp_path / "out", again.run.scenario, interrupted=False)
     assert_same_tables(tmp_path / "out", simulate("env1", {"steps": steps, **said}, seed=7))
     summary = again.summary()
@@ -209,66 +196,176 @@ def test_learning_goes_on_in_steps_of_seconds_and_over_a_restart(
 
 
 @pytest.mark.parametrize(
-    ("fate", "kind", "stays"),
+    ("fault", "kind", "stays"),
     [
         ("abort", "aborted", True),
         ("lie", "not there", True),
         ("detour", "detours", True),
         ("silent", "silent", True),
         ("stuck", "out of time", True),
-        ("take away", "aborted", True),
+        ("take_away", "aborted", True),
         ("reject", "rejected", False),
         ("late", "late acceptances", False),
         ("deaf", "unanswered", False),
     ],
 )
 def test_each_fault_of_the_server_is_said_and_nothing_hangs_or_drives_on(
-    start_team, bench, capfd, fate, kind, stays
+    start_team, bench, capfd, fault, kind, stays
 ):
     world, drivers, server = start_team()
     bench.spin_until(moved(world, 2), "under way")
-    robot, driver = server.robots["robot_1"], drivers[0]
-    robot.fates += [fate]
+    robot, driver = server.bases["robot_1"], drivers[0]
+    robot.faults += [fault]
     before = world.summary()["moves_failed"]
-    bench.spin_until(lambda: not robot.fates, f"a goal to {fate}")
+    bench.spin_until(lambda: not robot.faults, f"a goal to {fault}")
     made = world.lockstep.world.transitions
     bench.spin_until(moved(world, made + 3), "the world goes on")
     bench.spin_until(lambda: driver.navigator.counts[kind] >= 1, kind)
     assert (world.summary()["moves_failed"] > before) == stays
-    if fate == "late":
+    if fault == "late":
         assert "accepted a goal too late: it is cancelled" in capfd.readouterr().err
     bench.spin_until(lambda: all([one.settled() for one in drivers]), "both stand")
-    assert not server.driving
+    bench.spin_until(lambda: not server.driving, "a goal accepted late is over, too")
 
 
-def test_a_killed_server_and_one_that_comes_back(start_team, bench, tmp_path):
-    def serve():
-        program = Path(__file__).parents[1] / "nav2_server.py"
-        process = subprocess.Popen(
-            [sys.executable, program, *ROBOTS],
-            stdout=subprocess.PIPE,
-            text=True,
-            env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
-        )
-        assert process.stdout.readline() == "serving\n"
+def test_a_killed_server_and_one_that_comes_back(start_team, serve, bench):
+    process = serve(*ROBOTS)
+    world, drivers, _ = start_team(served=False)
+    bench.spin_until(moved(world, 2), "under way")
+    process.send_signal(signal.SIGKILL)
+    process.exit_code()
+    bench.spin_until(
+        lambda: any(one.navigator.counts["poses lost"] for one in drivers), "lost", seconds=30
+    )
+    serve(*ROBOTS)
+    made = world.lockstep.world.transitions
+    bench.spin_until(moved(world, made + 3), "it goes on")
+
+
+@pytest.fixture
+def serve(start_node):
+    """Return a function that starts a stand-in as a process."""
+
+    def serve(*bases):
+        values = {"bases": list(bases), "places": [AT_FIRST] * len(bases), "speed": SPEED}
+        process = start_node("nav2_stand_in", "nav2_stand_in", **values)
+        process.wait_for("in place of Nav2: ")
         return process
 
-    process = serve()
-    try:
-        world, drivers, _ = start_team(served=False)
-        bench.spin_until(moved(world, 2), "under way")
-        process.send_signal(signal.SIGKILL)
-        process.wait()
-        bench.spin_until(
-            lambda: any(one.navigator.counts["poses lost"] for one in drivers), "lost", seconds=30
-        )
-        process = serve()
-        made = world.lockstep.world.transitions
-        bench.spin_until(moved(world, made + 3), "it goes on")
-    finally:
-        process.kill()
-        process.wait()
-        process.stdout.close()
+    return serve
+
+
+NAMES = "/nav2_stand_in, /other"
+
+
+@pytest.fixture
+def serve_twice(start):
+    """Return a function that starts a second server of a robot's action."""
+
+    def serve(robot):
+        words = ["--ros-args", "-r", "__node:=other", "-p", f"bases:=[{robot}]"]
+        process = start("nodes.nav2_stand_in", *words)
+        process.wait_for("in place of Nav2: ")
+        return process
+
+    return serve
+
+
+@pytest.fixture
+def start_driver(start):
+    """Return a function that starts a driver as a process, with the executor of its default."""
+
+    def begin(robot):
+        words = ["--ros-args", "-r", f"__node:={robot}_driver", "-p", f"robot:={robot}"]
+        return start("nodes.nav2_driver", *words)
+
+    return begin
+
+
+def test_no_goal_is_sent_before_one_of_two_servers_is_gone(
+    start_team, serve_twice, start_driver, bench
+):
+    """A killed one is in the graph for a while."""
+    second = serve_twice("robot_2")
+    world, [driver], server = start_team(driven=ROBOTS[:1])
+    process = start_driver("robot_2")
+    waits = "waiting for a single server: Nav2's action /robot_2/navigate_to_pose has 2 servers, "
+    bench.spin_until(lambda: waits + NAMES in process.output, "it says why")
+    bench.spin_until(lambda: driver._reached_publisher is not None, "on duty")
+    assert server.bases["robot_2"].goals == 0 and world.doing == "waiting"
+    second.send_signal(signal.SIGINT)
+    bench.spin_until(moved(world, 2), "one is left: it goes on")
+    assert process.running()
+
+
+def test_two_servers_that_stay_are_refused_by_name(start_team, serve_twice, start_driver, bench):
+    serve_twice("robot_2")
+    world, _, server = start_team(driven=ROBOTS[:1])
+    process = start_driver("robot_2")
+    bench.spin_until(lambda: not process.running(), "it ends")
+    assert process.exit_code() == 2
+    what = "error: node robot_2_driver: Nav2's action /robot_2/navigate_to_pose has 2 servers, "
+    assert what + NAMES in process.output
+    assert server.bases["robot_2"].goals == 0 and world.doing == "waiting"
+
+
+def test_a_second_server_that_appears_later_is_reported_and_nothing_crashes(
+    start_team, serve_twice, start_driver, bench
+):
+    process = start_driver("robot_1")
+    world, _, server = start_team(driven=ROBOTS[1:], steps=100_000)
+    bench.spin_until(moved(world, 2), "under way")
+    second = serve_twice("robot_1")
+    wanted = f"Nav2's action /robot_1/navigate_to_pose has 2 servers, {NAMES}; "
+    bench.spin_until(lambda: wanted in process.output, "it is reported")
+    base = server.bases["robot_1"]
+    begun = base.goals
+    bench.spin_until(lambda: not process.running() or base.goals > begun + 60, "goals go to both")
+    assert process.running(), process.output
+    second.send_signal(signal.SIGINT)
+    made = world.lockstep.world.transitions
+    bench.spin_until(moved(world, made + 3), "it goes on")
+    process.send_signal(signal.SIGINT)
+    bench.spin_until(lambda: not process.running(), "it ends")
+    assert process.exit_code() == 0
+
+
+def test_halted_all_goals_of_nav2_are_cancelled_and_then_it_goes_on(start_team, bench):
+    """Also a goal that somebody else has sent; the world is told when Nav2 has confirmed it."""
+    world, drivers, server = start_team(steps=100_000)
+    bench.spin_until(moved(world, 2), "under way")
+    for robot in server.bases.values():
+        robot.faults += ["stuck"] * 5
+    bench.spin_until(
+        lambda: all(one.fault == "stuck" and one.active for one in server.bases.values()),
+        "stuck",
+        seconds=60,
+    )
+    observer = bench.observer()
+    hold, go_on = SetBool.Request(data=True), SetBool.Request(data=False)
+    call = "world_simulator/halt"
+    observer.call(SetBool, call, hold)
+    bench.spin_until(lambda: not server.driving, "cancelled")
+    client = ActionClient(observer, server.action, "robot_1/navigate_to_pose")
+    bench.spin_until(client.server_is_ready, "the server is found")
+    client.send_goal_async(server.action.Goal())
+    bench.spin_until(lambda: server.bases["robot_1"].active, "a goal of somebody else's")
+    asked = "robot_1_driver/halt"
+    bench.spin_until(
+        lambda: observer.call(SetBool, asked, hold).success and not server.driving,
+        "cancelled, too",
+        seconds=20,
+    )
+    goals = [robot.goals for robot in server.bases.values()]
+    spin_for(bench, 1.0)
+    assert [robot.goals for robot in server.bases.values()] == goals
+    for robot in server.bases.values():
+        robot.faults.clear()
+    observer.call(SetBool, call, go_on)
+    made, failed = world.lockstep.world.transitions, world.summary()["moves_failed"]
+    bench.spin_until(moved(world, made + 3), "it goes on")
+    assert world.summary()["moves_failed"] == failed
+    client.destroy()
 
 
 def test_a_killed_driver_s_goal_ends_when_it_is_started_again(start_team, start_node, bench):
@@ -280,9 +377,9 @@ def test_a_killed_driver_s_goal_ends_when_it_is_started_again(start_team, start_
     process = drive()
     world, _, server = start_team(driven=ROBOTS[1:])
     bench.spin_until(moved(world, 2), "under way")
-    robot = server.robots["robot_1"]
-    robot.fates += ["stuck"]
-    bench.spin_until(lambda: robot.fate == "stuck" and robot.active, "stuck")
+    robot = server.bases["robot_1"]
+    robot.faults += ["stuck"]
+    bench.spin_until(lambda: robot.fault == "stuck" and robot.active, "stuck")
     before = len(robot.ended)
     process.send_signal(signal.SIGKILL)
     process.exit_code()
@@ -291,8 +388,8 @@ def test_a_killed_driver_s_goal_ends_when_it_is_started_again(start_team, start_
     bench.spin_until(lambda: robot.ended[before:] == ["canceled"], "it is cancelled")
     made = world.lockstep.world.transitions
     bench.spin_until(moved(world, made + 3), "it goes on")
-    robot.fates += ["stuck"]
-    bench.spin_until(lambda: robot.fate == "stuck" and robot.active, "stuck")
+    robot.faults += ["stuck"]
+    bench.spin_until(lambda: robot.fault == "stuck" and robot.active, "stuck")
     process.send_signal(signal.SIGTERM)
     bench.spin_until(lambda: not process.running(), "it ends")
     assert process.exit_code() == 0 and robot.active is None
@@ -307,9 +404,9 @@ def test_deactivated_it_cancels_and_activated_it_goes_on(start_team, bench):
         request = ChangeState.Request(transition=Transition(id=transition))
         return observer.call(ChangeState, "robot_1_driver/change_state", request).success
 
-    robot = server.robots["robot_1"]
-    robot.fates += ["stuck"]
-    bench.spin_until(lambda: robot.fate == "stuck" and robot.active, "stuck")
+    robot = server.bases["robot_1"]
+    robot.faults += ["stuck"]
+    bench.spin_until(lambda: robot.fault == "stuck" and robot.active, "stuck")
     assert change(Transition.TRANSITION_DEACTIVATE)
     bench.spin_until(lambda: robot.active is None, "cancelled")
     assert not change(Transition.TRANSITION_DEACTIVATE)  # and the node lives
@@ -324,14 +421,14 @@ def test_deactivated_it_cancels_and_activated_it_goes_on(start_team, bench):
 def test_lost_poses_cancel_and_a_lifted_robot_is_lost_and_found(start_team, bench):
     world, drivers, server = start_team(pose_timeout=0.3)
     bench.spin_until(moved(world, 2), "under way")
-    robot = server.robots["robot_1"]
+    robot = server.bases["robot_1"]
     robot.lost = True
     bench.spin_until(lambda: drivers[0].navigator.counts["poses lost"] >= 1, "blind")
     bench.spin_until(lambda: robot.active is None, "cancelled")
-    robot.place, robot.lost = (50.0, 50.0), False
-    robot.fates += ["detour"] * 2
+    robot.pose, robot.lost = Pose(50.0, 50.0, 0.0), False
+    robot.faults += ["detour"] * 2
     bench.spin_until(lambda: world.summary()["bodies_lost"] >= 1, "lost")
-    robot.place, robot.fates = (0.5, 0.5), []
+    robot.pose, robot.faults = Pose(0.5, 0.5, 0.0), []
     made = world.lockstep.world.transitions
     bench.spin_until(moved(world, made + 5), "found")
 
@@ -349,7 +446,7 @@ def test_with_transforms_for_poses_the_same_bits(
         values = {"robot": name, "pose_type": "tf", "speed": 2.0, "turn": 6.0}
         bench.add(DriverNode(name=f"{name}_driver", values=values, **place))
     bench.add(BodyNode(values={}, **place))
-    transforms = bench.observer().listen(TFMessage, "/tf")
+    transforms = bench.observer().listen(TFMessage, "/fleet/tf")
     bench.spin_until_done()
     gather(out, world.run.scenario, interrupted=False)
     assert_same_tables(out, simulate("env1", {"steps": 8}, seed=7))

@@ -123,7 +123,11 @@ def test_whole_numbers_do_for_numbers(made):
         ("world_simulator", ["rate:=0.0001"], "allowed: 0, or a number from 0.001 to 1000000"),
         ("world_simulator", ["scenario:=env9"], "scenario 'env9': no such scenario"),
         ("world_simulator", ["scenario:=env1", "set:=[steps]"], "write it as key=value"),
-        ("world_simulator", ["scenario:=env1", "learner:=indiv"], "learners of a whole team"),
+        (
+            "world_simulator",
+            ["scenario:=env1", "learner:=indiv"],
+            "allowed here: coop, noncoop, factored, cq, or",
+        ),
         (
             "world_simulator",
             ["scenario:=env1", "learner:=joint"],

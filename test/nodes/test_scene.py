@@ -31,8 +31,8 @@ def scene():
 
 
 def markers(scene, cells, actions=None, step=5):
-    found = Scene(scene.convert, step, cells).markers(actions or {}).markers
-    return {(one.ns, one.id): one for one in found}
+    shown = Scene(scene.convert, step, cells, scene.convert.header(step))
+    return {(one.ns, one.id): one for one in shown.markers(actions or {}).markers}
 
 
 def asking(scene, percept, *, perceived=False, step=4, peer=1):
@@ -89,7 +89,7 @@ def test_old_questions_go_and_one_to_all_has_a_line_to_each(scene):
     said = convert.pack_action(
         4, Action(0, True, -1, True), Account(wire.PerceptEnd.ANSWERED, False)
     )
-    found = Scene(convert, 5, [0, 1, 2, 3]).markers({1: said}).markers
+    found = Scene(convert, 5, [0, 1, 2, 3], convert.header(5)).markers({1: said}).markers
     [line] = [m for m in found if m.ns == "questions" and m.action == Marker.ADD]
     assert len(line.points) == 6
 
@@ -104,7 +104,7 @@ def test_doorways_rise_with_the_robots_in_them(scene):
         assert math.isclose(box.pose.orientation.w, 1.0)
 
 
-def test_transforms_are_stamped_by_the_run_and_published_where_tf2_is(scene, monkeypatch):
+def test_transforms_are_published_where_tf2_is(scene, monkeypatch):
     published = []
 
     class Node:
@@ -126,18 +126,18 @@ def test_transforms_are_stamped_by_the_run_and_published_where_tf2_is(scene, mon
     seen = []
     made = ScenePublisher(Node(), scene.convert)
     for _ in range(50):
-        made.publish(5, [0, 11])
+        made.publish(5, [0, 11], (1, 0))
     assert len(seen) < 5, "at most 30 a second"
-    made.publish(5, [0, 11], always=True)
+    made.publish(5, [0, 11], (1, 7), always=True)
     topic, [one, other] = published[-1]
-    assert topic == "/tf"
+    assert topic == "tf", "in the namespace: each has a clock of its own"
     assert (one.header.frame_id, one.child_frame_id) == ("map", "team_a/robot_1/base_link")
-    assert (one.header.stamp.sec, one.header.stamp.nanosec) == (1, 0)
+    assert (one.header.stamp.sec, one.header.stamp.nanosec) == (1, 7)
     where = other.transform.translation
     assert (where.x, where.y) == scene.convert.centres[11] and other.transform.rotation.w == 1
     monkeypatch.setitem(sys.modules, "tf2_msgs.msg", None)
     published.clear()
-    ScenePublisher(Node(), scene.convert).publish(5, [0, 11])
+    ScenePublisher(Node(), scene.convert).publish(5, [0, 11], (1, 0))
     assert not published
 
 

@@ -26,6 +26,7 @@ from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.look.page import messages
 from sparse_coord_ros.look.page.board import Board
 from sparse_coord_ros.look.page.controls import (
+    HALT,
     NEXT,
     PAUSE,
     RATE,
@@ -45,7 +46,7 @@ from sparse_coord_ros.look.page.server import (
 )
 from sparse_coord_ros.solve.shipped import unseen_buildings, yardsticks
 
-ALL = (PAUSE, STEP, RATE, SEEK, NEXT)
+ALL = (PAUSE, STEP, RATE, SEEK, NEXT, HALT)
 
 
 class Told:
@@ -368,6 +369,7 @@ def test_the_server_has_a_thread_and_a_port_of_its_own():
         ("exec", ["ls"]),
         (["pause"], [True]),
         (PAUSE, ["yes"]),
+        (HALT, [None, 1, "true"]),
         (RATE, [-1, True, float("inf"), float("nan"), 10**400]),
         (SEEK, [1.5, 10**40]),
         (STEP, [0, 1001, True]),
@@ -383,7 +385,15 @@ def test_what_a_page_may_not_ask_for(name, values):
 
 
 def test_what_a_page_may_ask_for():
-    allowed = [(PAUSE, False), (STEP, 1), (STEP, -1000), (RATE, 0.0), (RATE, 5), (SEEK, 0)]
+    allowed = [
+        (PAUSE, False),
+        (HALT, True),
+        (STEP, 1),
+        (STEP, -1000),
+        (RATE, 0.0),
+        (RATE, 5),
+        (SEEK, 0),
+    ]
     for name, value in [*allowed, (NEXT, {"scenario": "isr", "penalty": -5.0})]:
         assert parse_control({"do": name, "value": value}, ALL) == Control(name, value)
 

@@ -17,8 +17,11 @@ export function connect(query, take, lost) {
   };
   open();
   return {
+    // Returns whether there is a connection.
     send(what, value) {
-      if (socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify({ do: what, value, token }));
+      const connected = socket.readyState === WebSocket.OPEN;
+      if (connected) socket.send(JSON.stringify({ do: what, value, token }));
+      return connected;
     },
     close() {
       socket.onclose = null;

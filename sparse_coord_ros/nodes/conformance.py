@@ -2,27 +2,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """Judges whether a robot node of one's own keeps the contract of docs/interface.md.
 
-python -m tools.conformance [--robot NAME] [--scenario NAME] [--namespace NAMESPACE] [-- COMMAND]
-
-COMMAND starts the robot, as in `-- python my_robot.py --ros-args -r __node:=robot_1`; without one
-it is a node that runs already. The world and peers that stand still are played by a script, which
-also loses a reward, says a state again, speaks for another run, and orders the robot back. One
-line is printed for each obligation; the exit code is 0 if none is broken, else 1.
+The world, and peers that stand still, are played by a script, which also loses a reward, says a
+state again, speaks for another run, and orders the robot back.
 """
 
-import argparse
 import os
 import signal
 import subprocess
-import sys
 import time
 import uuid
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 from nav_msgs.srv import GetPlan
 from rclpy.executors import Executor
@@ -37,7 +31,7 @@ from sparse_coord_ros.lockstep.world_side import WorldSide, WorldState
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.messages import robot_number, status
 from sparse_coord_ros.nodes.parameters import PARAMETERS, ParameterNode
-from sparse_coord_ros.nodes.spin import Stop, exit_code_of, make_executor, ros_context
+from sparse_coord_ros.nodes.spin import Stop, make_executor, ros_context
 from sparse_coord_ros.nodes.world_topics import WorldTopics
 from sparse_coord_ros.wire import WORLD, Account, PerceptEnd, RunState
 from sparse_coord_ros.wire.services import ACTIVE_PERCEPTION
@@ -47,6 +41,33 @@ SETTINGS = {"steps": 100, "max_steps": 8, "starts": "fixed", "epsilon": "constan
 SETTINGS |= {"perception": "always", "link": "up"}
 TIMING = {"step_timeout": 2.0, "percept_timeout": 0.5, "checkpoint": 10}
 START_SECONDS, END_SECONDS, QUIET_SECONDS, STATUS_SECONDS = 20.0, 10.0, 0.3, 0.2
+
+
+KEPT, BROKEN, NOT_SEEN = "kept", "BROKEN", "not seen"
+"""What is said of an obligation; the last: the robot did nothing that it is about."""
+
+
+class Judged(NamedTuple):
+    """One obligation, and how the robot kept it.
+
+    Attributes:
+        name: of the obligation.
+        text: what it obliges to.
+        verdict: `KEPT`, `BROKEN` or `NOT_SEEN`.
+        seen: what the robot did in place of it; empty: it kept it.
+        place: the heading in docs/interface.md below which it stands.
+    """
+
+    name: str
+    text: str
+    verdict: str
+    seen: str
+    place: str
+
+    def __str__(self) -> str:
+        """Return one line."""
+        more = f": {self.seen} (docs/interface.md#{self.place})" if self.seen else ""
+        return f"{self.verdict:8}  {self.name:10}  {self.text}{more}"
 
 
 class EnoughError(Exception):
@@ -80,6 +101,7 @@ class Stage(WorldTopics):
         scenario: the scenario's name or file.
         executor: runs the stage's node; a robot of the same process too.
         ended: returns what the robot's process has left behind: "", once it is gone.
+        checkpoints: whether the robot has to keep checkpoints; else it may keep none.
         place: where the node is made.
 
     Attributes:
@@ -89,7 +111,14 @@ class Stage(WorldTopics):
     """
 
     def __init__(
-        self, robot: str, scenario: str, executor: Executor, ended: Callable = str, **place: Any
+        self,
+        robot: str,
+        scenario: str,
+        executor: Executor,
+        ended: Callable = str,
+        *,
+        checkpoints: bool = False,
+        **place: Any,
     ) -> None:
         game = load_scenario(scenario).with_settings(SETTINGS)
         self.run = replace(make_run(game, TIMING), id=uuid.uuid4().hex)
@@ -98,6 +127,7 @@ class Stage(WorldTopics):
         self.k = robot_number(self.run, self.name, "give --robot one of them")
         self.node = ParameterNode(WORLD, PARAMETERS[WORLD], values={}, **place)
         self.world, self._executor, self._ended = World(game, 0), executor, ended
+        self._checkpoints = checkpoints
         super().__init__(self.node, self.run, self.world, self.keep)
         self.side = WorldSide(self.run, self, self.world)
         self.broken: dict[str, str] = {}
@@ -327,9 +357,12 @@ class Stage(WorldTopics):
         order = Order("of_another_run", ROLL_CALL, 1)
         values = Said("another", RunState.FINISHED, self.world.step, 100, order=order).values()
         another = replace(self.run, id="another").to_yaml()
-        self.node.announce(interface.RUN).publish(String(data=another))
-        self.node.announce(interface.STATUS).publish(status("x", RunState.FINISHED, values))
+        publishers = self.node.announce(interface.RUN), self.node.announce(interface.STATUS)
+        publishers[0].publish(String(data=another))
+        publishers[1].publish(status("x", RunState.FINISHED, values))
         self.wait(lambda: False, QUIET_SECONDS)
+        for publisher in publishers:  # of each world that is there our robots want to be heard
+            self.node.destroy_publisher(publisher)
         self.expect(what, self.progress.obeyed != order.name, "obeyed an order of another run")
         self.turn(what)
 
@@ -339,8 +372,11 @@ class Stage(WorldTopics):
 
     def orders_back(self, what: str) -> None:
         """Order the robot back to its newest checkpoint that the world has too."""
-        if self.progress.checkpoints:
-            step = max(self.kept.keys() & {*self.progress.checkpoints})
+        named = self.progress.checkpoints
+        if self._checkpoints:
+            self.expect(what, any(named), "its _progress names no checkpoint; they are required")
+        if named:
+            step = max(self.kept.keys() & {*named})
             self._order(what, step, self.kept[step])
 
     def _order(self, what: str, step: int, state: WorldState | None) -> None:
@@ -367,14 +403,12 @@ class Stage(WorldTopics):
         self.wait(lambda: not self._ended(), END_SECONDS)
         self.expect(what, not self._ended(), self._ended())
 
-    def verdict(self) -> int:
-        """Print a line for each obligation, and return the exit code."""
-        for what, (place, text, _) in OBLIGATIONS.items():
-            word, more = "not seen" if what not in self.seen else "kept", ""
-            if what in self.broken:
-                word, more = "BROKEN", f": {self.broken[what]} (docs/interface.md#{place})"
-            print(f"{word:8}  {what:10}  {text}{more}")
-        return 1 if self.broken else 0
+    def judged(self) -> Iterator[Judged]:
+        """Yield how each obligation was kept."""
+        for name, (place, text, _) in OBLIGATIONS.items():
+            broken = self.broken.get(name, "")
+            kept = KEPT if name in self.seen else NOT_SEEN
+            yield Judged(name, text, BROKEN if broken else kept, broken, place)
 
 
 BEGIN, STEP, ASKING = "when-a-world-begins", "a-time-step", "questions"
@@ -412,35 +446,42 @@ def left(child: subprocess.Popen[bytes]) -> str:
     return f"its exit code is {child.returncode}" if child.returncode else ""
 
 
-def main(words: Sequence[str]) -> int:
-    """Judge a robot."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--robot", default="", help="its name; the scenario's first robot")
-    parser.add_argument("--scenario", default="env1")
-    parser.add_argument("--namespace", default="")
-    parser.add_argument("command", nargs="*", default=["true"], help="behind --: starts the robot")
-    given = parser.parse_args(words)
-    codes = []
+def judge(
+    command: Sequence[str],
+    stop: Stop,
+    *,
+    robot: str = "",
+    scenario: str = "env1",
+    namespace: str = "",
+    checkpoints: bool = False,
+) -> list[Judged]:
+    """Judge a robot, and return how it kept each obligation.
 
-    def judge(stop: Stop) -> None:
-        with ros_context() as context, stop.at_once():
-            executor = make_executor("events", context)
-            child = subprocess.Popen(given.command, start_new_session=True)
-            try:
-                place = {"context": context, "namespace": given.namespace}
-                stage = Stage(given.robot, given.scenario, executor, partial(left, child), **place)
-                executor.add_node(stage.node)
-                stage.play()
-                codes.append(stage.verdict())
-                stage.node.destroy_node()
-            finally:
-                executor.shutdown()
-                with suppress(ProcessLookupError):
-                    os.killpg(child.pid, signal.SIGKILL)
-                child.wait()
+    Args:
+        command: starts the robot, which is ended then; empty: it runs already.
+        stop: ends it all at a signal.
+        robot: its name; empty: that of the scenario's first robot.
+        scenario: the scenario's name or file.
+        namespace: of the robot.
+        checkpoints: as of `Stage`.
 
-    return exit_code_of(judge) or codes[0]
-
-
-if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    Raises:
+        SparseCoordError: the scenario has no such robot.
+        OSError: the command cannot be started.
+    """
+    with ros_context() as context, stop.at_once():
+        executor = make_executor("events", context)
+        child = subprocess.Popen(command or ["true"], start_new_session=True)
+        try:
+            place = {"context": context, "namespace": namespace}
+            ended = partial(left, child)
+            stage = Stage(robot, scenario, executor, ended, checkpoints=checkpoints, **place)
+            executor.add_node(stage.node)
+            stage.play()
+            stage.node.destroy_node()
+            return list(stage.judged())
+        finally:
+            executor.shutdown()
+            with suppress(ProcessLookupError):
+                os.killpg(child.pid, signal.SIGKILL)
+            child.wait()

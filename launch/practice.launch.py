@@ -1,0 +1,49 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Simulated bases with Nav2's action: `ros2 launch sparse_coord_ros practice.launch.py ...`.
+
+It takes the place of robots and Nav2 under lab.launch.py, to practise the procedure of
+docs/real_robots.md. Give both the same `scenario` and `robots`.
+"""
+
+from launch_ros.actions import Node
+
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.game.settings import Setting
+from sparse_coord_ros.launching import ARGUMENTS, described, one_for_each, typed
+from sparse_coord_ros.learn.run_config import make_run
+from sparse_coord_ros.nodes.parameters import PARAMETERS
+from sparse_coord_ros.share import PACKAGE
+from sparse_coord_ros.wire.frame import Frame
+
+STAND_IN = PARAMETERS["nav2_stand_in"]
+OWN = {
+    "scenario": ARGUMENTS["scenario"],
+    "robots": Setting(
+        *("robots", str, ""),
+        "namespaces of the bases, in the scenario's order, separated by commas; empty: the "
+        "robots' names",
+    ),
+    "speed": STAND_IN["speed"],
+    "fault": STAND_IN["fault"],
+}
+
+
+def start(given, context):
+    """Put a base at the start of each robot."""
+    values = typed(OWN, given)
+    scenario = load_scenario(values.get("scenario", OWN["scenario"].default))
+    centres = Frame(make_run(scenario, {})).centres
+    places = [centres[robot.start] for robot in scenario.robots]
+    said = {
+        "bases": one_for_each("robots", values.get("robots", ""), scenario.names),
+        "places": [f"{x},{y}" for x, y in places],
+        **{name: values[name] for name in ("speed", "fault") if name in values},
+    }
+    executable = "nav2_stand_in"
+    return [Node(package=PACKAGE, executable=executable, parameters=[said], output="screen")]
+
+
+def generate_launch_description():
+    """Declare the arguments and start the bases."""
+    return described(__file__, OWN, start)

@@ -1,0 +1,60 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""`sparse_coord conformance`: does a robot node of one's own keep the contract?"""
+
+import argparse
+from typing import TYPE_CHECKING
+
+from sparse_coord_ros.cli import options as shared
+from sparse_coord_ros.errors import EXIT_FAULT
+
+if TYPE_CHECKING:
+    from sparse_coord_ros.nodes.conformance import Judged
+    from sparse_coord_ros.nodes.spin import Stop
+
+EXAMPLE = (
+    "sparse_coord conformance -- python examples/own_robot.py --ros-args -r __node:=robot_1\n"
+    "  sparse_coord conformance --robot robot_2 --checkpoints -- "
+    "ros2 run sparse_coord_ros robot --ros-args -r __node:=robot_2 -p out:=checked"
+)
+
+
+OPTIONS = (
+    shared.Option(
+        "[command COMMAND...]",
+        None,
+        "behind --: starts the robot (default: it runs already, and its peers do not)",
+    ),
+    shared.Option("--robot NAME", None, "its name (default: the scenario's first robot)"),
+    shared.Option("--scenario NAME", None, "which it is to play", {"default": "env1"}),
+    shared.Option("--namespace NAMESPACE", None, "in which it is"),
+    shared.Option("--checkpoints", bool, "it has to keep checkpoints, and to go back to them"),
+    shared.JSON,
+)
+
+
+def execute(options: argparse.Namespace) -> int:
+    """Run the verb; 1 where the robot breaks an obligation."""
+    with shared.ros_needed():
+        from sparse_coord_ros.nodes.conformance import BROKEN, judge
+        from sparse_coord_ros.nodes.spin import exit_code_of
+    found: list[Judged] = []
+
+    def run(stop: "Stop") -> None:
+        found.extend(
+            judge(
+                options.command,
+                stop,
+                robot=options.robot or "",
+                scenario=options.scenario,
+                namespace=options.namespace or "",
+                checkpoints=options.checkpoints,
+            )
+        )
+
+    code = exit_code_of(run)
+    if code:
+        return code
+    kept = all(one.verdict != BROKEN for one in found)
+    shared.tell(options, {"kept": kept, "obligations": found}, *map(str, found))
+    return 0 if kept else EXIT_FAULT
