@@ -223,7 +223,7 @@ def test_the_page_says_who_does_not_answer(bench, team):
     bench.spin_until(lambda: "deaf" in page.controls._halting.asked, "it is found")
     page.controls.control(Control(HALTING, True))
     silent = "deaf: does not answer, its body may be moving"
-    bench.spin_until(lambda: board.get("halting")["said"] == silent, "who is left")
+    bench.spin_until(lambda: (board.get("halting") or {}).get("said") == silent, "who is left")
 
 
 @pytest.fixture
