@@ -26,14 +26,14 @@ from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.game.actions import COORDINATE, PRIMITIVES
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.world import RewardWeights
+from sparse_coord_ros.learners.coop import Coop
 from sparse_coord_ros.learners.learner import Learner
 from sparse_coord_ros.learners.lone import lone_values
-from sparse_coord_ros.learners.mind import Memory, Rows, empty_rows, place, read
+from sparse_coord_ros.learners.mind import Memory, Rows, empty_rows, place
 from sparse_coord_ros.learners.rules import (
     Task,
     Transition,
     Values,
-    copy_moves,
     expected,
     greatest,
     joint_state,
@@ -116,15 +116,8 @@ class CQ(Learner):
             samples=np.zeros((cells, PRIMITIVES + cells, 3)),
         )
 
-    @staticmethod
-    def asking_values(
-        mind: Mind, task: Task, cell: int, seen: int, cells: Any, values: Any
-    ) -> None:
-        """Set the values by which COORDINATE chooses a move: Q^C, or Q*."""
-        if seen == 0:
-            copy_moves(mind.q_star[cell], values)
-        else:
-            read(mind.q_coord, joint_state(task, cell, seen, cells), values)
+    asking_values = staticmethod(Coop.asking_values)
+    """As Algorithm 1: by Q^C after an answer, else by Q*."""
 
     @staticmethod
     def explores(mind: Mind, task: Task, seen: int) -> bool:

@@ -79,18 +79,22 @@ def _hashed(key: int, mask: int) -> int:
 
 
 @inner
-def _found(rows: Rows, key: int) -> int:
-    """As `find`, of arrays."""
-    keys = rows.keys
-    if len(keys) == 0:
-        return key
+def _searched(keys: Any, key: int) -> int:
+    """Return the row of a key in a hashed table, or the free place where it belongs."""
     mask = len(keys) - 1
     row = _hashed(key, mask)
-    while keys[row] != key:
-        if keys[row] == FREE:
-            return NO_ROW
+    while keys[row] != key and keys[row] != FREE:
         row = (row + 1) & mask
     return row
+
+
+@inner
+def _found(rows: Rows, key: int) -> int:
+    """As `find`, of arrays."""
+    if len(rows.keys) == 0:
+        return key
+    row = _searched(rows.keys, key)
+    return NO_ROW if rows.keys[row] == FREE else row
 
 
 @compiled_as(_found)
@@ -103,20 +107,15 @@ def find(rows: Rows, key: int) -> int:
 @inner
 def _placed(rows: Rows, key: int) -> int:
     """As `place`, of arrays; a hashed table has a free place."""
-    keys = rows.keys
-    if len(keys) == 0:
+    if len(rows.keys) == 0:
         return key
-    mask = len(keys) - 1
-    row = _hashed(key, mask)
-    while keys[row] != key:
-        if keys[row] == FREE:
-            keys[row] = key
-            rows.used[0] += 1
-            begun = rows.first[key // (rows.most // len(rows.first))]
-            for b in range(PRIMITIVES):
-                rows.values[row][b] = begun[b]
-            return row
-        row = (row + 1) & mask
+    row = _searched(rows.keys, key)
+    if rows.keys[row] == FREE:
+        rows.keys[row] = key
+        rows.used[0] += 1
+        begun = rows.first[key // (rows.most // len(rows.first))]
+        for b in range(PRIMITIVES):
+            rows.values[row][b] = begun[b]
     return row
 
 
