@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Checkpoints as bytes: what somebody needs to go on with a run, as one .npz file.
 
-Arrays beside those of `learn.archive`: `run`, a digest of what the run computes, and whatever the
+Arrays beside those of `archive`: `run`, a digest of what the run computes, and whatever the
 caller adds. A file of another run is refused.
 
 For robot k from 1 there is what it remembers, as in `learn.tables`. Of G games: `transitions`,

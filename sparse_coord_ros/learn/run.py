@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """One learning run, plain or compiled, that can stop between any two transitions and go on.
 
-Both forms run the loops of `engine.loop`: in plain Python on lists, compiled on arrays.
+Both forms run the loops of `learn.loop`: in plain Python on lists, compiled on arrays.
 """
 
 from array import array

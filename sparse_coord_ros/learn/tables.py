@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What robots have learned as bytes and on disk: `tables.npz` of a team, one file a robot apart.
 
-The container is that of `learn.archive`. Of robot k (from 1) there is each field of its learner's
+The container is that of `archive`. Of robot k (from 1) there is each field of its learner's
 mind (`learners.mind`) as an array `<field>_k`: `q_star_k`, shape (cells, actions), columns north,
 south, east, west, COORDINATE; `updates_k`, how often each entry was updated; and so on. A table of
 rows such as Q^C is three arrays: `q_coord_keys_k`, shape (rows,), ascending, `q_coord_values_k`

@@ -3,7 +3,7 @@
 """One robot in plain Python: what it decides, does and learns, by whatever learner.
 
 Robot nodes, the verification of logs, films and PettingZoo's tests drive this object; the loops
-of `engine.loop` call the same functions for all robots of a team.
+of `learn.loop` call the same functions for all robots of a team.
 """
 
 from array import array

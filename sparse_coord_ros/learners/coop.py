@@ -3,7 +3,7 @@
 """Algorithm 1 of Melo & Veloso (AAMAS 2009): Q* over the own cell, Q^C over joint states.
 
 The lines are those of Algorithm 1. Lines 2 to 5, 11, 16, 19 and 20 are the caller's: exploration,
-random draws and time (`learners.policy`, `engine.loop`, the robot's node).
+random draws and time (`learners.policy`, `learn.loop`, the robot's node).
 """
 
 from typing import Any, NamedTuple

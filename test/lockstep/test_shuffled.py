@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """World and robots over a network that shuffles, doubles, delays and loses messages.
 
-Whatever order messages come in, the tables must be those of `learn.simulation.learn`, bit for bit;
+Whatever order messages come in, the tables must be those of `learn.run.learn`, bit for bit;
 where messages are lost for good, exactly the transitions that they belonged to are not learned.
 """
 
