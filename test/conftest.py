@@ -14,7 +14,9 @@ from patience import PATIENCE_SECONDS
 from teams import drawn
 
 from sparse_coord_ros.compiling import FOLDER_VARIABLE
+from sparse_coord_ros.game.perception import MODELS
 from sparse_coord_ros.game.plugins import ALLOW_VARIABLE
+from sparse_coord_ros.learn.learners import LEARNERS
 
 
 @pytest.fixture
@@ -27,8 +29,10 @@ def own_domain(monkeypatch):
 
 @pytest.fixture(autouse=True)
 def nothing_allowed(monkeypatch):
-    """Let no test begin with modules that another one allowed to be imported."""
+    """Let no test begin with modules that another one allowed to be imported, or registered."""
     monkeypatch.setenv(ALLOW_VARIABLE, "")
+    for registry in (LEARNERS, MODELS):
+        monkeypatch.setattr(registry, "_known", dict(registry.registered))
 
 
 @pytest.fixture(autouse=True, scope="session")

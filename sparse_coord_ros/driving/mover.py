@@ -15,6 +15,10 @@ SLACK = 1e-6
 BACK = 1.0
 """Seconds that a pose may be older than the newest one; one that is older is of a new clock."""
 
+BACKLOG = 20
+"""So many poses after a goal none can be from before it: no queue of poses holds more. Where they
+all are older than the goal by more than `BACK`, their clock is another one than the goal's."""
+
 REPEATS = 4
 """After so many poses of the same time it is believed, even if newer ones were seen before: the
 simulator was started again."""
@@ -60,6 +64,8 @@ class Mover:
         self._ended: Reached | None = None
         self._stamp = self.heard = math.nan
         self._repeats = 0
+        self._since_goals = 0
+        self._other_clock = False
         self.pose: Pose | None = None
 
     @property
@@ -80,6 +86,7 @@ class Mover:
         mine = [goal for goal in goals.bodies if goal.robot == self._robot]
         self._goal = mine[0] if mine else None
         self._began = self._ended = None
+        self._since_goals = 0
         return True
 
     def begin_again(self) -> None:
@@ -95,6 +102,8 @@ class Mover:
             return
         if seconds < self._stamp:
             self._began = None
+            self._other_clock = True
+        self._since_goals += 1
         self._stamp, self.pose = seconds, pose
 
     def _look(self) -> Look | None:
@@ -105,9 +114,20 @@ class Mover:
         return Look(self._goals, self._goal, self.pose, self._stamp, target)
 
     def _newer(self, look: Look) -> bool:
-        """Whether the pose is newer than those that the goals knew of."""
-        ahead = look.goals.since - look.stamp + SLACK
-        return not 0.0 <= ahead <= BACK or self._repeats >= REPEATS
+        """Whether the pose is newer than those that the goals knew of.
+
+        A goal may overtake poses that were published before it. So a pose that is much older than
+        the goal does not show by itself that the clock of the poses began anew.
+        """
+        if self._repeats >= REPEATS:
+            return True
+        older = look.goals.since - look.stamp
+        if older < -SLACK:
+            self._other_clock = False
+            return True
+        if self._since_goals >= BACKLOG:
+            self._other_clock = True
+        return self._other_clock and older > BACK
 
     def _placed(self, look: Look) -> Reached | None:
         """Say that the body is where it was to be put; None while it is not."""

@@ -135,7 +135,11 @@ def holds(place: int, step: int, backs: Sequence[Rollback]) -> bool:
 
 
 def gaps(
-    bag: Bag, clocks: Sequence[np.ndarray], backs: Sequence[Rollback], said: int
+    bag: Bag,
+    clocks: Sequence[np.ndarray],
+    heard: Sequence[int],
+    backs: Sequence[Rollback],
+    said: int,
 ) -> tuple[list[LostSteps], list[Rollback]]:
     """Return what was not recorded between files, and the roll-backs with their `until`.
 
@@ -144,6 +148,8 @@ def gaps(
     Args:
         bag: the bag.
         clocks: time steps of the clock, of each file.
+        heard: from which time step on the recorder heard all robots, of each file. One that comes
+            back may hear the world before it hears a robot.
         backs: the roll-backs.
         said: the time step of the world's last status: a recorder that comes back after the run's
             end hears nothing else.
@@ -159,6 +165,8 @@ def gaps(
         why = (bag.files[place].continued or {}).get("why")
         if place and len(steps) and (why != SPLIT or back is not None):
             first = int(steps.min()) if back is None else back.first
+            if why == RESTARTED:
+                first = max(first, heard[place])
             if first - end > EPISODE_GAP:
                 found.append(LostSteps(end + 1, first - 1))
             if first < int(steps.min()):  # of a recorder that came back as the run went back

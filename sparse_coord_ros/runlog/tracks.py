@@ -202,13 +202,24 @@ class Tracks:
         clocks = [timeline.steps_of(rows, self._period) for rows in self._of(wire.CLOCK)]
         said = [one.step for rows in self._of(wire.STATUS) for one in rows if one is not OF_NO_RUN]
         end = (said or [0])[-1]
-        self.gaps, self.rollbacks = timeline.gaps(self.bag, clocks, self._backs, end)
+        heard = [self._heard_from(place) for place in range(len(clocks))]
+        self.gaps, self.rollbacks = timeline.gaps(self.bag, clocks, heard, self._backs, end)
         if self.lossy:
             often = {name for name, (topic, _) in self.forms.items() if topic in OFTEN}
             some = [jump for jump in jumps if jump.topic in often]
             self.gaps = timeline.lost(some, self._period, self.gaps)
         else:
             self.problems += [jump.odd for jump in jumps]
+
+    def _heard_from(self, place: int) -> int:
+        """Return from which time step on a file holds the actions of all robots it rewards."""
+        heard = 0
+        for k in range(len(self.names)):
+            acted = timeline.steps_of(self._of(wire.ACTION, k)[place], self._period)
+            rewarded = timeline.steps_of(self._of(wire.REWARD, k)[place], self._period)
+            if len(acted) and len(rewarded) and rewarded.min() < acted.min():
+                heard = max(heard, int(acted.min()))
+        return heard
 
     def _dialogue(self) -> None:
         """Put the dialogue together, of each time line by itself: who comes back counts anew."""

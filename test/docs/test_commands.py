@@ -262,7 +262,7 @@ def run_examples(verb, commands, shell):
             together([command], shell)
             continue
         if "--resume" in command:  # of a run that was stopped
-            how = "--steps 10000" if verb == "run" else "--steps 4e5 --engine python"
+            how = "--steps 100000" if verb == "run" else "--steps 4e5 --engine python"
             out = command.split()[-1]
             begun = f"sparse_coord {verb} env1 {how} --out {out} & p=$!"
             waited = f"until [ -e {out}/run.yaml ]; do sleep 0.1; done; sleep 2"

@@ -284,8 +284,38 @@ def test_a_driver_waits_for_a_pose_that_follows_its_goal(ground):
     assert seen(driver, 7.2, 0.7, 4.7)[0] is not None
     driver.take(goals(CELLS[0, 0], CELLS[1, 0], number=3, since=7.2))
     assert [seen(driver, 7.2, 0.7, 4.7)[0] is not None for _ in range(6)].count(True) == 1
-    driver.take(goals(CELLS[0, 0], CELLS[1, 0], number=2, since=99.0))  # of another clock
-    assert driver.next()[0] is not None
+
+
+def test_a_goal_overtakes_the_poses_of_a_long_drive_of_others(ground):
+    """Else the body would be steered by where it was before, and by its luck in the queue."""
+    driver = Driver(ground, LIMITS, 0)
+    driver.sees(7.0, Pose(0.7, 4.7, 0.0))
+    driver.take(goals(CELLS[0, 0], CELLS[1, 0], since=9.0))
+    assert driver.next() == (None, None)
+    for k in range(1, 21):
+        assert seen(driver, 7.0 + k / 10, 0.7, 4.7) == (None, None)
+    assert seen(driver, 9.1, 0.7, 4.7)[0] is not None
+
+
+def test_after_more_poses_than_a_queue_holds_their_clock_is_another_one(ground):
+    driver = Driver(ground, LIMITS, 0)
+    driver.take(goals(CELLS[0, 0], CELLS[1, 0], since=99.0))
+    said = [seen(driver, 3.0 + k / 10, 0.7, 4.7)[0] for k in range(22)]
+    assert [command is not None for command in said] == [False] * 19 + [True] * 3
+    driver.take(goals(CELLS[0, 0], CELLS[1, 0], number=2, since=99.0))
+    assert seen(driver, 5.3, 0.7, 4.7)[0] is not None, "it is known by now"
+    driver.take(goals(CELLS[0, 0], CELLS[1, 0], number=3, since=5.3))
+    assert seen(driver, 5.3, 0.7, 4.7)[0] is None
+    assert seen(driver, 5.4, 0.7, 4.7)[0] is not None
+    driver.take(goals(CELLS[0, 0], CELLS[1, 0], number=4, since=99.0))
+    assert seen(driver, 5.5, 0.7, 4.7)[0] is None, "the clocks have agreed since"
+
+
+def test_a_clock_that_goes_back_is_another_one_at_once(ground):
+    driver = Driver(ground, LIMITS, 0)
+    driver.sees(99.0, Pose(0.7, 4.7, 0.0))
+    driver.take(goals(CELLS[0, 0], CELLS[1, 0], since=99.0))
+    assert seen(driver, 3.0, 0.7, 4.7)[0] is not None
 
 
 def test_a_driver_says_again_what_a_body_that_stands_still_did_not_hear(ground):

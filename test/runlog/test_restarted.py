@@ -73,6 +73,27 @@ def test_a_recorder_that_comes_back_after_the_run_names_the_gap(restarted, at):
     assert found.not_compared == ((max(0, gap.first - 5), None),)
 
 
+def test_a_recorder_that_comes_back_may_hear_a_robot_later_than_the_world(restarted, good):
+    """What it missed of the robot until then is a gap; what it misses afterwards is not."""
+    period = good.run.step_period * 1e9
+
+    def deaf(first, last):
+        def heard(message):
+            missed = first * period <= message.log_time_ns < last * period
+            return not (missed and message.topic.startswith("/robot_2/ac"))
+
+        return lambda messages: [one for one in messages if heard(one)]
+
+    found = restarted(deaf(AT, AT + 10))
+    assert found.differences == ()
+    assert found.cannot_tell
+    (gap,) = found.log.gaps
+    assert gap.first <= AT + 1
+    assert AT + 10 <= gap.last + 1 <= AT + 12
+    first = restarted(deaf(AT + 10, AT + 20)).differences[0]
+    assert str(first).startswith(f"step {AT + 10}, robot_2, action: logged missing")
+
+
 @pytest.mark.parametrize("later", [0, 1])
 def test_a_world_that_went_back_has_no_reward_to_say_again(good, tmp_path, later):
     """Before its next step; after that it says a state again with its reward, or not at all."""
