@@ -16,7 +16,7 @@ from teams import drawn
 from sparse_coord_ros.compiling import FOLDER_VARIABLE
 from sparse_coord_ros.game.perception import MODELS
 from sparse_coord_ros.game.plugins import ALLOW_VARIABLE
-from sparse_coord_ros.learn.learners import LEARNERS
+from sparse_coord_ros.learners.registry import LEARNERS
 
 
 @pytest.fixture
