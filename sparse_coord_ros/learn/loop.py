@@ -191,11 +191,10 @@ def begin_row(record: Record, step: int) -> None:
 
 
 @inlined
-def begin(state: State, minds: Any) -> None:
+def begin(state: State, minds: Any, step: int) -> None:
     """Begin an episode: every robot at its start, or at an exploring start."""
     rule, game, choice, draws, _ = state
     clock = game.clock
-    step = clock[STEP]
     exploring = rule.exploring[min(step, len(rule.exploring) - 1)]
     for k in range(len(game.cells)):
         game.cells[k] = rule.problem.starts[k]
@@ -215,7 +214,7 @@ def choose_all(state: State, minds: Any, step: int, epsilon: float) -> None:
     rule, game, choice, draws, _ = state
     cells = game.cells
     for k in rule.members:
-        cell = cells[k]
+        cell = int(cells[k])
         choice.cells[k] = cell
         if game.arrived[k]:
             continue
@@ -256,7 +255,9 @@ def learn_from(
     rule, game, choice, draws, _ = state
     problem, weights = rule.problem, rule.weights
     cells = game.cells
-    next_cell, action, seen = cells[k], choice.actions[k], choice.seen[k]
+    next_cell = int(cells[k])
+    action = int(choice.actions[k])
+    seen = choice.seen[k]
     felt = common_reward(problem, k, conflict)
     mind = mind_of(minds, k)
     next_seen = 0
@@ -270,9 +271,9 @@ def learn_from(
         draw = drawn(draws, REPLAY, k, step, 0)
     now = Transition(
         step,
-        choice.cells[k],
+        int(choice.cells[k]),
         action,
-        choice.moves[k],
+        int(choice.moves[k]),
         seen,
         choice.cells,
         next_cell,
@@ -303,12 +304,14 @@ def learn_until(state: State, minds: Any, record: Record | None, budget: int) ->
     problem, members = rule.problem, rule.members
     clock, arrived, cells = game.clock, game.arrived, game.cells
     last = len(rule.epsilon) - 1
-    while clock[DONE] < budget and clock[STEP] < clock[END] and not state.stop[0]:
+    step = clock[STEP]
+    done = clock[DONE]
+    end = clock[END]
+    while done < budget and step < end and not state.stop[0]:
         if not clock[PLACED]:
-            begin(state, minds)
+            begin(state, minds, step)
             if record is not None:
-                begin_row(record, clock[STEP])
-        step = clock[STEP]
+                begin_row(record, step)
         scheduled = min(step, last)
         epsilon, floor = rule.epsilon[scheduled], rule.floors[scheduled]
         choose_all(state, minds, step, epsilon)
@@ -321,8 +324,8 @@ def learn_until(state: State, minds: Any, record: Record | None, budget: int) ->
         for k in members:
             if arrived[k]:
                 continue
-            learn_from(state, minds, k, step, conflict, epsilon, floor)
             home = cells[k] == problem.goals[k]
+            learn_from(state, minds, k, step, conflict, epsilon, floor)
             if record is not None:
                 asked = choice.actions[k] == COORDINATE
                 individual = individual_reward(problem, home)
@@ -334,11 +337,13 @@ def learn_until(state: State, minds: Any, record: Record | None, budget: int) ->
                 arrived[k] = 1
             else:
                 over = False
-        clock[STEP] = step + 1
-        clock[DONE] += 1
-        if over or clock[STEP] - clock[EPISODE_START] >= rule.max_steps:
-            clock[STEP] += EPISODE_GAP
+        step += 1
+        done += 1
+        if over or step - clock[EPISODE_START] >= rule.max_steps:
+            step += EPISODE_GAP
             clock[PLACED] = 0
+    clock[STEP] = step
+    clock[DONE] = done
 
 
 def play_until(
@@ -362,7 +367,7 @@ def play_until(
     discount = 1.0
     while clock[DONE] < trials and not state.stop[0]:
         if not clock[PLACED]:
-            begin(state, minds)
+            begin(state, minds, clock[STEP])
             discount = 1.0
         step = clock[STEP]
         trial = clock[DONE]

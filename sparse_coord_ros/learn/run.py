@@ -15,7 +15,7 @@ from sparse_coord_ros.game import streams
 from sparse_coord_ros.game.actions import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.game.draws import PlainDraws, compiled_draws
 from sparse_coord_ros.game.perception import asked_peers
-from sparse_coord_ros.game.rules import EPISODE_GAP, miscoordination, problem_of
+from sparse_coord_ros.game.rules import EPISODE_GAP, INDEX, miscoordination, problem_of
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.schedules import probabilities, step_sizes
 from sparse_coord_ros.game.world import FIRST_STEP, Action, Position, before_episode
@@ -122,7 +122,7 @@ class Team:
         self.loops = loop.compiled(learner.Mind.learner) if compiled else loop.PLAIN
         self._stop = np.zeros(1, dtype=np.bool_) if stop is None else stop
         sizes = step_sizes(scenario.step_size, scenario.steps)
-        everyone = np.arange(len(scenario.robots))
+        everyone = np.arange(len(scenario.robots), dtype=INDEX)
         rule = loop.Rule(
             problem=problem_of(scenario, plain=not compiled),
             members=everyone,
@@ -138,7 +138,9 @@ class Team:
             tasks=None,
         )
         groups = groups_of(scenario, learner)
-        self.rules = [self._formed(rule._replace(members=np.array(own))) for own in groups]
+        self.rules = [
+            self._formed(rule._replace(members=np.array(own, dtype=INDEX))) for own in groups
+        ]
         greedy: dict[str, Any] = {
             "max_steps": scenario.horizon,
             "exploring": np.zeros(1),
@@ -186,14 +188,15 @@ class Team:
             draws: Any = compiled_draws(
                 self.scenario, seed, phase, self._looked_at(rule, phase), members, position.step
             )
-            game = loop.Game(np.array(clock), np.array(position.cells), np.array(arrived))
-            chosen = np.zeros((4, team), dtype=np.int64)
-            chosen[0] = position.cells
+            cells = np.array(position.cells, dtype=INDEX)
+            game = loop.Game(np.array(clock), cells, np.array(arrived))
+            chosen = np.zeros((3, team), dtype=INDEX)
+            chosen[0] = cells
             choice = loop.Choices(
                 cells=chosen[0],
                 actions=chosen[1],
                 moves=chosen[2],
-                seen=chosen[3],
+                seen=np.zeros(team, dtype=np.int64),
                 values=np.zeros(PRIMITIVES),
             )
         else:

@@ -8,12 +8,12 @@ which are two to three times as fast there. The compiled loops stack the arrays 
 (`stacked`). The functions of a learner read and write both forms: `mind.q_star[x][b]`.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.compiling import compiled_as, inlined, inner, made_for_types
+from sparse_coord_ros.compiling import inlined, inner, made_for_types
 from sparse_coord_ros.game.actions import PRIMITIVES
 
 if TYPE_CHECKING:
@@ -40,8 +40,8 @@ class Rows(NamedTuple):
     Attributes:
         values: the entries [row][move].
         updates: how often each of them was updated [row][move].
-        keys: the key of each row of a hashed table, or `FREE`; of a dense table shape (0,).
-        used: how many rows of a hashed table are in use [0].
+        keys: the key of each row of a hashed table, or `FREE`; else None.
+        used: how many rows of a hashed table are in use [0]; else None.
         places: in plain Python the row of each key.
         first: what rows begin with: that of a key is row `key // (most // len(first))`.
         most: how many keys there can be.
@@ -69,8 +69,7 @@ def empty_rows(most: int, first: np.ndarray, a_step: int = 1) -> Rows:
     """
     values = np.zeros((0, PRIMITIVES))
     updates = np.zeros((0, PRIMITIVES), dtype=np.int32)
-    none = np.zeros(0, dtype=np.int64)
-    return Rows(values, updates, none, np.zeros(1, dtype=np.int64), None, first, most, a_step)
+    return Rows(values, updates, None, None, None, first, most, a_step)
 
 
 @inner
@@ -88,16 +87,30 @@ def _searched(keys: Any, key: int) -> int:
     return row
 
 
+def _is_hashed(table: Any) -> bool:
+    """Return whether numba's type of a table is that of a hashed one."""
+    keys = table.types[table.fields.index("keys")]
+    return hasattr(keys, "dtype")
+
+
+@inner
+def _key_itself(rows: Rows, key: int) -> int:
+    """As `find` and `place`, of a dense table."""
+    return key
+
+
 @inner
 def _found(rows: Rows, key: int) -> int:
-    """As `find`, of arrays."""
-    if len(rows.keys) == 0:
-        return key
+    """As `find`, of a hashed table."""
     row = _searched(rows.keys, key)
     return NO_ROW if rows.keys[row] == FREE else row
 
 
-@compiled_as(_found)
+def _find_in_arrays(rows: Any, key: Any) -> Callable[[Rows, int], int]:
+    return _found if _is_hashed(rows) else _key_itself
+
+
+@made_for_types(_find_in_arrays)
 def find(rows: Rows, key: int) -> int:
     """Return the row of a key; `NO_ROW`: it was not met."""
     row: int = rows.places.get(key, NO_ROW)
@@ -106,9 +119,7 @@ def find(rows: Rows, key: int) -> int:
 
 @inner
 def _placed(rows: Rows, key: int) -> int:
-    """As `place`, of arrays; a hashed table has a free place."""
-    if len(rows.keys) == 0:
-        return key
+    """As `place`, of a hashed table, which has a free place."""
     row = _searched(rows.keys, key)
     if rows.keys[row] == FREE:
         rows.keys[row] = key
@@ -119,7 +130,11 @@ def _placed(rows: Rows, key: int) -> int:
     return row
 
 
-@compiled_as(_placed)
+def _place_in_arrays(rows: Any, key: Any) -> Callable[[Rows, int], int]:
+    return _placed if _is_hashed(rows) else _key_itself
+
+
+@made_for_types(_place_in_arrays)
 def place(rows: Rows, key: int) -> int:
     """Return the row of a key: a new one if it was not met."""
     row: int | None = rows.places.get(key)
@@ -174,7 +189,8 @@ def _mind_of_arrays(minds: Any, k: Any) -> Any:
     for name, kind in zip(minds.fields, minds.types, strict=True):
         if getattr(kind, "instance_class", None) is Rows:
             table = f"minds.{name}"
-            own = [f"{table}.{field}[k]" for field in ("values", "updates", "keys", "used")]
+            own = [f"{table}.values[k]", f"{table}.updates[k]"]
+            own += [f"{table}.keys[k]", f"{table}.used[k]"] if _is_hashed(kind) else ["None"] * 2
             shared = f"None, {table}.first[k], {table}.most, {table}.a_step"
             parts.append(f"Rows({', '.join(own)}, {shared})")
         else:
@@ -256,14 +272,14 @@ def _stacked_rows(
         values = np.zeros((team, table.most, PRIMITIVES))  # no memory until it is written to
         if first.any():
             values[:] = np.repeat(first, table.most // first.shape[1], axis=1)
-        keys = np.zeros((team, 0), dtype=np.int64)
+        keys = used = None
     else:
         known = max((len(memory[f"{name}_keys"]) for memory in memories), default=0)
         places = places_for(table, known, room)
         values = np.zeros((team, places, PRIMITIVES))
         keys = np.full((team, places), FREE, dtype=np.int64)
+        used = np.zeros((team, 1), dtype=np.int64)
     updates = np.zeros(values.shape, dtype=np.int32)
-    used = np.zeros((team, 1), dtype=np.int64)
     found = table._replace(values=values, updates=updates, keys=keys, used=used, first=first)
     for k, memory in enumerate(memories):
         learned = (memory[f"{name}_{what}"] for what in LearnedRows._fields)
@@ -283,16 +299,16 @@ def places_for(table: Rows, used: int, room: int) -> int:
     return 1 << (2 * needed - 1).bit_length()
 
 
-def tables_of_rows(minds: Any) -> dict[str, Rows]:
-    """Return the tables of rows of a mind, or of stacked minds."""
-    return {name: value for name, value in _fields(minds) if isinstance(value, Rows)}
+def _hashed_tables(minds: Any) -> dict[str, Rows]:
+    """Return the hashed tables of stacked minds."""
+    tables = {name: value for name, value in _fields(minds) if isinstance(value, Rows)}
+    return {name: rows for name, rows in tables.items() if rows.keys is not None}
 
 
 def has_room(minds: Any, room: int) -> bool:
     """Return whether hashed tables of stacked minds stay half empty for so many time steps."""
-    for rows in tables_of_rows(minds).values():
-        places = rows.keys.shape[1]
-        if places and places < places_for(rows, int(rows.used.max()), room):
+    for rows in _hashed_tables(minds).values():
+        if rows.keys.shape[1] < places_for(rows, int(rows.used.max()), room):
             return False
     return True
 
@@ -300,9 +316,7 @@ def has_room(minds: Any, room: int) -> bool:
 def with_room(minds: Any, room: int) -> Any:
     """Return stacked minds whose hashed tables stay half empty for so many time steps."""
     larger = {}
-    for name, old in tables_of_rows(minds).items():
-        if not old.keys.shape[1]:
-            continue
+    for name, old in _hashed_tables(minds).items():
         team = len(old.keys)
         places = places_for(old, int(old.used.max()), room)
         values = np.zeros((team, places, PRIMITIVES))
@@ -321,7 +335,7 @@ def with_room(minds: Any, room: int) -> Any:
 
 def insert(rows: Rows, keys: np.ndarray, values: np.ndarray, updates: np.ndarray) -> None:
     """Put rows into one robot's table of arrays, which has room for them."""
-    if not len(rows.keys):
+    if rows.keys is None:
         rows.values[keys] = values
         rows.updates[keys] = updates
         return
@@ -365,7 +379,11 @@ def remembered_fields(mind: Any) -> list[tuple[str, Any]]:
 
 def row_of(rows: Rows, key: int) -> int:
     """Return the row of a key in one robot's table, of either form; `NO_ROW`: it was not met."""
-    return find(rows, key) if rows.places is not None else _found(rows, key)
+    if rows.places is not None:
+        return find(rows, key)
+    if rows.keys is None:
+        return key
+    return _found(rows, key)
 
 
 class LearnedRows(NamedTuple):
@@ -390,7 +408,7 @@ def learned_rows(rows: Rows) -> LearnedRows:
     updates = np.array(rows.updates, dtype=np.int64).reshape(-1, PRIMITIVES)
     if rows.places is not None:
         keys = np.fromiter(rows.places, dtype=np.int64, count=len(rows.places))
-    elif len(rows.keys):
+    elif rows.keys is not None:
         keys = rows.keys
     else:
         keys = np.arange(len(values))
