@@ -89,7 +89,9 @@ MEANS = (
 
 def _scenarios():
     """Return the pages of the shipped scenarios and their pictures."""
-    names, results, made = sc.scenario_names(), _results(), {}
+    names = sc.scenario_names()
+    results = _results()
+    made = {}
     for name in names:
         scenario = sc.load_scenario(name)
         made[f"scenarios/{name}.svg"] = _picture(scenario)
@@ -108,7 +110,8 @@ def _picture(scenario):
 
 
 def _scenario(scenario, results):
-    grid, name = scenario.map, scenario.name
+    grid = scenario.map
+    name = scenario.name
     facts = {
         "Map": f"{grid.title}; {grid.source}",
         "Where it is from": grid.provenance,
@@ -168,7 +171,8 @@ bound is the value of each robot alone in the world.
 
 def _learners():
     """Return the pages of the package's learners."""
-    results, made = _results(), {}
+    results = _results()
+    made = {}
     names = [name for name, rule in LEARNERS.registered.items() if is_shipped(rule)]
     for name in names:
         rule = learner_of(name)
@@ -179,7 +183,8 @@ def _learners():
 
 
 def _learner(rule, results):
-    kind, module = type(rule), inspect.getmodule(type(rule)).__name__
+    kind = type(rule)
+    module = inspect.getmodule(type(rule)).__name__
     facts = {
         "COORDINATE": "it can ask" if rule.asks else "it never asks",
         "Alone": "each robot learns with no other in the world; not live" if rule.alone else "",
@@ -227,7 +232,8 @@ sparse_coord train env1 --learner {rule.label} --out runs/{rule.label}
 
 def _api():
     """Return a page for each topic of `sparse_coord_ros`, as its `__all__` is divided."""
-    made, pages = {}, []
+    made = {}
+    pages = []
     source = inspect.getsource(api)
     for title, lists in re.findall(r"^# (.+)\n((?:__all__ \+?= \[.*\]\n)+)", source, re.M):
         page = re.sub(r"\W+", "_", title.lower())

@@ -17,7 +17,9 @@ from nav_msgs.msg import Path
 from nav_msgs.srv import GetPlan
 from own_robot import CONTENTS, MOVES, STEP, OwnRobot, main
 
-ALPHA, EPSILON, FIRST_VALUE = 0.1, 0.1, 10.0
+ALPHA = 0.1
+EPSILON = 0.1
+FIRST_VALUE = 10.0
 DID_NOT_ASK, ANSWERED, REFUSED, LATE = range(4)
 MEMORY = ("values", "fined", "learned", "state", "step", "begun", "transitions")
 
@@ -32,9 +34,12 @@ class OwnLearningRobot(OwnRobot):
 
     def __init__(self, **place):
         super().__init__(**place)
-        self.values, self.fined, self.learned = defaultdict(first_values), set(), 0
+        self.values = defaultdict(first_values)
+        self.fined = set()
+        self.learned = 0
         self.acted = self.reward = self.asked = self.deadline = None
-        self.checkpoints, self.peers = {0: self.memory()}, {}
+        self.checkpoints = {0: self.memory()}
+        self.peers = {}
         self.percept = self.create_publisher(Path, "~/percept", STEP)
         self.create_timer(0.02, self.work_off)
 
@@ -49,7 +54,8 @@ class OwnLearningRobot(OwnRobot):
     def on_state(self, message):
         """Give the reward some time, from when a state is new."""
         if self.deadline is None or self.step_of(message) > self.step:
-            self.deadline, self.asked = time.monotonic() + self.run["percept_timeout"], None
+            self.deadline = time.monotonic() + self.run["percept_timeout"]
+            self.asked = None
         super().on_state(message)
 
     def on_reward(self, message):
@@ -114,7 +120,8 @@ class OwnLearningRobot(OwnRobot):
 
     def move(self, seen, percept):
         """Choose a move by the values of this cell, and of the peer's if it was perceived."""
-        peer, self.asked = self.asked or 0, None
+        peer = self.asked or 0
+        self.asked = None
         if percept != DID_NOT_ASK:
             poses = [self.state, seen] if seen else [self.state]
             self.percept.publish(Path(header=self.state.header, poses=poses))
@@ -122,7 +129,8 @@ class OwnLearningRobot(OwnRobot):
         values = self.values[place]
         best = [number for number, value in enumerate(values) if value == max(values)]
         move = random.randrange(4) if random.random() < EPSILON else random.choice(best)
-        self.acted, self.reward = (self.step, place, move), None
+        self.acted = (self.step, place, move)
+        self.reward = None
         said = {"percept": percept, "coordinate": percept != DID_NOT_ASK, "perceived": bool(seen)}
         self.act(**MOVES[move], peer=peer, learned=self.learned, **said)
         self.learned = 0

@@ -36,11 +36,19 @@ class OwnRobot(Node):
 
     def __init__(self, **place):
         super().__init__("robot", **place)
-        self.run, self.map, self.states, self.over = None, None, None, False
-        self.state, self.said = PoseStamped(), None
-        self.step, self.begun, self.transitions = -1, 0, 0
-        self.name, self.life = self.get_name(), uuid.uuid4().hex
-        self.obeyed, self.checkpoints = "", {}
+        self.run = None
+        self.map = None
+        self.states = None
+        self.over = False
+        self.state = PoseStamped()
+        self.said = None
+        self.step = -1
+        self.begun = 0
+        self.transitions = 0
+        self.name = self.get_name()
+        self.life = uuid.uuid4().hex
+        self.obeyed = ""
+        self.checkpoints = {}
         self.action = self.create_publisher(JointState, "~/action", STEP)
         self.progress = self.create_publisher(DiagnosticStatus, "~/_progress", LATCHED)
         service = self.create_service(GetPlan, "~/active_perception", self.on_asked)
@@ -97,7 +105,9 @@ class OwnRobot(Node):
             follows = step == self.step + 1
             self.begun = self.begun if follows else step
             self.transitions += follows
-            self.step, self.state, self.said = step, message, None
+            self.step = step
+            self.state = message
+            self.said = None
         self.work_off()
 
     def work_off(self):
@@ -112,13 +122,17 @@ class OwnRobot(Node):
 
     def cell_of(self, message):
         """Return (row, column) of a pose, from the top left."""
-        here, corner, side = message.pose.position, self.map.origin.position, self.map.resolution
-        row, column = (here.y - corner.y) // side, (here.x - corner.x) // side
+        here = message.pose.position
+        corner = self.map.origin.position
+        side = self.map.resolution
+        row = (here.y - corner.y) // side
+        column = (here.x - corner.x) // side
         return self.map.height - 1 - int(row), int(column)
 
     def rests(self):
         """Return whether no action is due: arrived, end of the episode, end of the run."""
-        game, age = self.run["scenario"], self.step - self.begun
+        game = self.run["scenario"]
+        age = self.step - self.begun
         home = self.cell_of(self.state) == tuple(game["robots"][self.name]["goal"])
         return home or age >= game["max_steps"] or self.transitions >= game["steps"]
 

@@ -84,7 +84,8 @@ def play(scenario, robots, trials):
     sums = dict.fromkeys(MEASURES, 0.0)
     seen, _ = env.reset(seed=0)
     for _ in range(trials):
-        worth, goals = 1.0, 0
+        worth = 1.0
+        goals = 0
         while env.agents:
             acts = {n: robots[n].choose(seen[n], learns=False) for n in env.agents}
             seen, rewards, arrived, _, infos = env.step(acts)
@@ -118,7 +119,8 @@ def main(steps=20_000, runs=20, trials=1000):
             error = values.std(ddof=1) / len(values) ** 0.5
             cells.append(f"{values.mean():.2f} ± {error:.2f}")
         print(f"| {title} | {' | '.join(cells)} |")
-    bound, best = sc.shipped_asking_team(scenario), sc.optimum(scenario)
+    bound = sc.shipped_asking_team(scenario)
+    best = sc.optimum(scenario)
     print(f"best asking team found {bound.value:.2f}, joint optimum {best.value:.2f}")
 
 

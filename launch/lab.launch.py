@@ -15,7 +15,8 @@ from sparse_coord_ros.learn.run_config import NO_CLOCK
 from sparse_coord_ros.nodes.parameters import PARAMETERS
 from sparse_coord_ros.nodes.transforms import TF, TF_STATIC
 
-WORLD, TABLE = PARAMETERS["world_simulator"], PARAMETERS["nav2_driver"]
+WORLD = PARAMETERS["world_simulator"]
+TABLE = PARAMETERS["nav2_driver"]
 DRIVER = (
     *("near", "step_seconds", "feedback_timeout", "detour", "bring", "behavior_tree"),
     *("map_frame", "pose_timeout"),

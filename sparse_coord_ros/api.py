@@ -360,7 +360,8 @@ def evaluate(
         TablesError: the tables do not fit the scenario.
     """
     problem, tables, who = _learned(learned, scenario, learner)
-    played, seed = evaluation.TRIALS.parse(trials), RUN_SETTINGS["seed"].parse(seed)
+    played = evaluation.TRIALS.parse(trials)
+    seed = RUN_SETTINGS["seed"].parse(seed)
     found = evaluation.play(problem, tables, trials=played, seed=seed, learner=who)
     return evaluation.summary(found)
 
@@ -509,9 +510,12 @@ def _learned(
 ) -> tuple[Scenario, Sequence[Tables], Learner | None]:
     """Return the problem to play, the tables, and who acts on them."""
     run = load_run(learned) if isinstance(learned, str | Path) else learned
-    tables, own = run, None
+    tables = run
+    own = None
     if isinstance(run, Training | SavedRun):
-        tables, own, learner = run.tables, run.scenario, learner or run.learner
+        tables = run.tables
+        own = run.scenario
+        learner = learner or run.learner
     if not isinstance(tables, list | tuple) or not all(isinstance(one, Tables) for one in tables):
         allowed = (
             "a Training, a SavedRun, its directory, or a list of the robots' Tables (of many "

@@ -24,7 +24,8 @@ from sparse_coord_ros.version import __version__
 FORMAT = 2
 """Number of the format. It changes where the arrays of any of these files change."""
 
-ENTRY, MOST_ARRAYS = b"PK\x01\x02", 2**16
+ENTRY = b"PK\x01\x02"
+MOST_ARRAYS = 2**16
 """What an entry of a zip file's directory begins with; how many there may be."""
 
 MOST_UPDATES = 2**31

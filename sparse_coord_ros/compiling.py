@@ -239,7 +239,8 @@ def jit(loops: Sequence[Callable[..., Any]], rule: type | None = None) -> list[C
     """
     for function in (*_before, *_inner, *_overloads):
         _registered(function)
-    place, config = folder(rule), vars(numba().config)
+    place = folder(rule)
+    config = vars(numba().config)
     before = config["CACHE_DIR"]
     if place is not None:
         config["CACHE_DIR"] = str(place)

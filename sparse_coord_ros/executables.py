@@ -45,7 +45,8 @@ def check_middleware() -> None:
     Raises:
         RunError: RMW_IMPLEMENTATION names none.
     """
-    name, folders = os.environ.get("RMW_IMPLEMENTATION", ""), [Path(sys.prefix) / "lib"]
+    name = os.environ.get("RMW_IMPLEMENTATION", "")
+    folders = [Path(sys.prefix) / "lib"]
     folders += map(Path, os.environ.get("LD_LIBRARY_PATH", "").split(":"))
     if name and not any((folder / f"lib{name}.so").exists() for folder in folders):
         raise RunError(f"RMW_IMPLEMENTATION is {name!r}, which is not installed; unset it")

@@ -39,7 +39,8 @@ from sparse_coord_ros.nodes.transforms import TF, TF_STATIC
 from sparse_coord_ros.share import PACKAGE
 from sparse_coord_ros.wire import CLOCK, RECORDER, WORLD
 
-_WORLD, OF_WORLD = PARAMETERS[WORLD], ("seed", "learner", "greedy", "improve", "tables", "rate")
+_WORLD = PARAMETERS[WORLD]
+OF_WORLD = ("seed", "learner", "greedy", "improve", "tables", "rate")
 ARGUMENTS = SettingTable(
     [
         Setting("scenario", str, "env1", "a shipped scenario's name, or a scenario file"),
@@ -74,7 +75,8 @@ class TeamFailed(Event):
     name = f"{PACKAGE}.TeamFailed"
 
     def __init__(self, namespace: str, why: Iterable[str]) -> None:
-        self.namespace, self.why = namespace, tuple(why)
+        self.namespace = namespace
+        self.why = tuple(why)
 
 
 def description(

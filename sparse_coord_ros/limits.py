@@ -120,7 +120,8 @@ def parse_yaml(text: str, **how: Any) -> dict[str, Any]:
     """Read YAML text whose top level is a mapping; arguments and errors as of `yaml_value`."""
     data = yaml_value(text, **how)
     if not isinstance(data, dict):
-        error, kind = how.get("error", ScenarioError), type(data).__name__
+        error = how.get("error", ScenarioError)
+        kind = type(data).__name__
         raise error(f"{how['where']}: must be 'key: value' lines, is {kind}")
     return data
 
@@ -162,7 +163,8 @@ class _Composer:
 
     def __init__(self, text: str, limit: Limit) -> None:
         self._events = yaml.parse(text, Loader=_LOADER)
-        self._limit, self._left = limit, limit.elements
+        self._limit = limit
+        self._left = limit.elements
 
     def whole(self) -> Any:
         """Return the text's one document; None of an empty text."""

@@ -19,7 +19,9 @@ ROBOT_COLOURS = (
 DOORWAY_COLOUR = "#D55E00"
 WALL_COLOUR = "#404040"
 
-ANSWERED, REFUSED, FAILED = "answered", "refused", "failed"
+ANSWERED = "answered"
+REFUSED = "refused"
+FAILED = "failed"
 """How a question ended, as shown: the peer said where it is; it refused; no answer came in time,
 or there was nobody to ask."""
 

@@ -93,7 +93,8 @@ class SparseCoordEnv(ParallelEnv):
         self._number = {name: k for k, name in enumerate(self.possible_agents)}
         self._phase = EVALUATION if starts == "fixed" else LEARNING
         self._goal_value = scenario.discount * scenario.goal_value if goal_value else 0.0
-        cells, team = len(scenario.map.cells), len(scenario.robots)
+        cells = len(scenario.map.cells)
+        team = len(scenario.robots)
         self.state_space = spaces.MultiDiscrete([cells] * team + [2] * team + [2])
         self._world: World | None = None
         self._half = False
@@ -214,12 +215,15 @@ class SparseCoordEnv(ParallelEnv):
         """Return the map and the robots as a picture, shape (height, width, 3), uint8."""
         if self.render_mode is None:
             return None
-        world, grid = self._running(), self.scenario.map
+        world = self._running()
+        grid = self.scenario.map
         rows, columns = grid.shape
         picture = np.full((rows * SIDE, columns * SIDE, 3), 255, dtype=np.uint8)
 
         def fill(row: int, column: int, colour: str, inset: int) -> None:
-            top, left, far = row * SIDE + inset, column * SIDE + inset, SIDE - 2 * inset
+            top = row * SIDE + inset
+            left = column * SIDE + inset
+            far = SIDE - 2 * inset
             picture[top : top + far, left : left + far] = [round(255 * c) for c in rgb(colour)]
 
         for row, line in enumerate(grid.rows):
@@ -261,7 +265,8 @@ class SparseCoordEnv(ParallelEnv):
         return {name: self._observation(self._number[name]) for name in self.agents}
 
     def _observation(self, k: int) -> dict[str, np.ndarray]:
-        world, seen = self._running(), self._seen.get(k)
+        world = self._running()
+        seen = self._seen.get(k)
         shown = dict(zip(self._asked.get(k, ()), seen or (), strict=False))
         others = [shown.get(j, -1) + 1 for j in range(len(self.possible_agents)) if j != k]
         values = [world.cells[k], self._half, seen is not None, *others]

@@ -46,8 +46,11 @@ START_SECONDS = 60.0
 LIMIT_SECONDS = 90.0
 """A team that has not ended so long after its last fault never will."""
 
-KILL, STOP, DELETE = "killed", "stopped", "its directory deleted"
-VISIT, LIE = "visited by a stranger", "has a second server"
+KILL = "killed"
+STOP = "stopped"
+DELETE = "its directory deleted"
+VISIT = "visited by a stranger"
+LIE = "has a second server"
 STRANGERS = {VISIT: (), LIE: ("--lie", ROBOTS[1])}
 """What they are given as options."""
 
@@ -92,13 +95,16 @@ class Plan(NamedTuple):
 def plan_of(seed: int) -> Plan:
     """Draw a run."""
     chance = random.Random(seed)
-    steps, faults = chance.randrange(300, 601), []
+    steps = chance.randrange(300, 601)
+    faults = []
     kind = chance.choice((KILL, KILL, KILL, "continue", "continue", DELETE, VISIT, LIE))
     for _ in range(2 if kind == "continue" else chance.choice((1, 1, 2, 3))):
         who = chance.choice((*((node,) for node in NODES), *((node,) for node in NODES), NODES))
-        what, seconds = KILL, chance.choice((0.0, chance.uniform(0.0, 2.0)))
+        what = KILL
+        seconds = chance.choice((0.0, chance.uniform(0.0, 2.0)))
         if len(who) == 1 and kind != "continue" and chance.random() < 0.3:
-            what, seconds = STOP, chance.uniform(0.1, 3.0)
+            what = STOP
+            seconds = chance.uniform(0.1, 3.0)
         faults.append(Fault(chance.randrange(1, steps // 4), who, what, seconds))
     if kind in STRANGERS or kind == DELETE:
         seconds = 0.0 if kind == DELETE else chance.uniform(2.0, 4.0)
@@ -118,7 +124,9 @@ class Team:
     """
 
     def __init__(self, plan: Plan, seed: int, folder: Path) -> None:
-        self._plan, self._seed, self._folder = plan, seed, folder
+        self._plan = plan
+        self._seed = seed
+        self._folder = folder
         self.out = folder / "run"
         (folder / "log").touch()
         self.running: dict[str, subprocess.Popen[bytes]] = {}
@@ -223,7 +231,8 @@ BEGUN = " robots, "
 
 def one_run(seed: int, folder: Path) -> tuple[Plan, list[str]]:
     """Make one run and return what is wrong with it."""
-    plan, wrong = plan_of(seed), []
+    plan = plan_of(seed)
+    wrong = []
     team = Team(plan, seed, folder)
     try:
         team.wait(lambda: BEGUN in team.log, START_SECONDS, "the start")

@@ -14,7 +14,8 @@ DOMAINS = (*range(1, 99), *range(215, 232))
 """ROS domains whose ports are not those that Linux hands out by itself; 99 and 100 are left for
 the tests of this module."""
 
-FIRST_PORT, PORTS_OF_A_DOMAIN = 7400, 250
+FIRST_PORT = 7400
+PORTS_OF_A_DOMAIN = 250
 """DDS: a domain's ports begin here, so many after those of the one before."""
 
 PARTICIPANTS = 40

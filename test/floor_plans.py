@@ -14,7 +14,9 @@ from scipy import ndimage
 
 from sparse_coord_ros.game.grid import GridMap
 
-UNKNOWN, WALL, FREE = 205, 0, 254
+UNKNOWN = 205
+WALL = 0
+FREE = 254
 PIXEL = 0.05
 """Metres."""
 
@@ -48,7 +50,8 @@ class Drawing:
     def fill(self, x: float, y: float, x2: float, y2: float, value: int = WALL) -> None:
         """Fill a rectangle."""
         rows = len(self.pixels)
-        top, bottom = rows - round(y2 / PIXEL), rows - round(y / PIXEL)
+        top = rows - round(y2 / PIXEL)
+        bottom = rows - round(y / PIXEL)
         self.pixels[max(0, top) : bottom, max(0, round(x / PIXEL)) : round(x2 / PIXEL)] = value
 
     def wall(self, x: float, y: float, x2: float, y2: float) -> None:
@@ -65,7 +68,8 @@ class Drawing:
     def outline(self) -> None:
         """Draw the outer walls."""
         left = low = self.thick / 2
-        right, high = self.width - left, self.height - low
+        right = self.width - left
+        high = self.height - low
         for y in (low, high):
             self.wall(left, y, right, y)
         for x in (left, right):
@@ -96,7 +100,8 @@ def hall(width: float, height: float, racks: list[tuple[float, ...]], seed: int)
 
     A wall crosses it in the middle; racks are rectangles.
     """
-    plan, random = Drawing(width, height), np.random.default_rng(seed)
+    plan = Drawing(width, height)
+    random = np.random.default_rng(seed)
     plan.outline()
     plan.wall(0, height / 2, width, height / 2)
     for share in (0.25, 0.75):
@@ -136,7 +141,8 @@ def scanned(plan: Drawing, degrees: float, seed: int) -> Drawing:
     padded = np.pad(plan.pixels, margin, constant_values=UNKNOWN)
     turned = ndimage.rotate(padded, degrees, reshape=True, order=0, cval=UNKNOWN)
     # Walls are seen from inside, a few pixels deep; behind them it is unknown.
-    walls, free = turned == WALL, turned == FREE
+    walls = turned == WALL
+    free = turned == FREE
     seen = walls & ndimage.binary_dilation(free, iterations=3)
     values = np.where(free, FREE, UNKNOWN)
     ragged = ndimage.binary_dilation(seen) & free & (random.random(seen.shape) < 0.25)
@@ -148,7 +154,8 @@ def scanned(plan: Drawing, degrees: float, seed: int) -> Drawing:
     made.pixels = values.astype(np.uint8)
     angle = math.radians(degrees)
     for x, y in plan.doors:
-        dx, dy = x - plan.width / 2, y - plan.height / 2
+        dx = x - plan.width / 2
+        dy = y - plan.height / 2
         made.doors.append(
             (
                 made.width / 2 + dx * math.cos(angle) - dy * math.sin(angle),
@@ -158,7 +165,8 @@ def scanned(plan: Drawing, degrees: float, seed: int) -> Drawing:
     return made
 
 
-RAYS, REACH = 720, 9.0
+RAYS = 720
+REACH = 9.0
 """Of a scanner: rays a turn, metres."""
 
 
@@ -181,7 +189,8 @@ def explored(plan: Drawing, degrees: float, seed: int) -> Drawing:
     lattice[:: round(1.1 / PIXEL), :: round(1.1 / PIXEL)] = True
     places = np.argwhere(lattice & (clear > 0.35))
     places = places[random.random(len(places)) < 0.75]
-    hits, misses = np.zeros(true.shape, dtype=np.int32), np.zeros(true.shape, dtype=np.int32)
+    hits = np.zeros(true.shape, dtype=np.int32)
+    misses = np.zeros(true.shape, dtype=np.int32)
     walks = np.arange(1, int(REACH / PIXEL) + 1)
 
     def line(place: np.ndarray, angles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -258,7 +267,8 @@ def write(name: str, directory: Path) -> list[tuple[float, float]]:
 
 def matched(true: list[tuple[float, float]], grid: GridMap) -> tuple[int, int]:
     """Return how many true doorways a map has, and how many of its doorway cells lie in none."""
-    side, (x, y) = grid.resolution or 1.0, grid.origin
+    side = grid.resolution or 1.0
+    (x, y) = grid.origin
     places = (grid.cells[cell] for cell in grid.doorways)
     found = [(x + (c + 0.5) * side, y + (grid.shape[0] - r - 0.5) * side) for r, c in places]
     hits = sum(any(math.dist(t, f) <= NEAR for f in found) for t in true)

@@ -157,7 +157,8 @@ def right_of(bag: Bag, forgery: Forgery) -> frozenset[Outcome]:
         return ANY
     operation, target, how = forgery
     if operation in ("message", "topic", "record"):
-        operation, target = f"{operation} {how}", target[:1]
+        operation = f"{operation} {how}"
+        target = target[:1]
     elif operation in ("field", "beside"):
         topic, _, path, *_ = target
         target = (topic, *_template(path))
@@ -210,7 +211,8 @@ def _owed(bag: Bag, name: str) -> bool:
     match = TABLES.fullmatch(name)
     if match is None:
         return True
-    robot, step = match[1], int(match[2])
+    robot = match[1]
+    step = int(match[2])
     found = [TABLES.fullmatch(one.name) for file in bag for one in file.attachments]
     steps = sorted({int(one[2]) for one in found if one is not None and one[1] == robot})
     acted = [f.messages[n].log_ns // PERIOD_NS for f, n in places_of(bag, f"/{robot}/action")]

@@ -31,7 +31,9 @@ from rclpy.serialization import deserialize_message, serialize_message
 PERIOD_NS = 100_000_000
 """Nanoseconds of a time step in all runs that are forged."""
 
-RUN_RECORD, RUN_TEXT, SCENARIO_TEXT = "sparse_coord_ros", "run.yaml", "scenario.yaml"
+RUN_RECORD = "sparse_coord_ros"
+RUN_TEXT = "run.yaml"
+SCENARIO_TEXT = "scenario.yaml"
 OF_THE_CONTAINER = "rosbag2"
 """A metadata record that only repeats what else the file says."""
 
@@ -234,11 +236,14 @@ def _field(bag: Bag, target: tuple[Any, ...], how: str) -> None:
     kind = class_of(bag, topic)
     message = deserialize_message(said.data, kind)
     before = repr([*leaves(message)])
-    owner, last = _follow(message, path[:-1]), path[-1]
+    owner = _follow(message, path[:-1])
+    last = path[-1]
     if last == "length":
         values = list(owner)
         changed = values[:-1] if how == "shorter" else [*values, deepcopy(values[-1])]
-        owner, last, value = _follow(message, path[:-2]), path[-2], changed
+        owner = _follow(message, path[:-2])
+        last = path[-2]
+        value = changed
     else:
         value = other_value(_follow(message, path), how)
     if isinstance(last, str):
@@ -296,7 +301,8 @@ def _message(bag: Bag, target: tuple[Any, ...], how: str) -> None:
     elif how == "doubled":
         file.messages.insert(place, said)
     elif how == "exchanged":
-        file.messages[place], after.messages[next_place] = other, said
+        file.messages[place] = other
+        after.messages[next_place] = said
     elif how == "content of the next":
         file.messages[place] = said._replace(data=other.data)
     elif how == "later":
@@ -323,7 +329,8 @@ def _beside(bag: Bag, target: tuple[Any, ...], how: str) -> None:
     file, place = places_of(bag, topic)[number]
     said = file.messages[place]
     _field(bag, (topic, number, path), how)
-    copy, file.messages[place] = file.messages[place], said
+    copy = file.messages[place]
+    file.messages[place] = said
     file.messages.insert(place + (where == "behind"), copy)
     numbered_anew(bag, topic)
 
@@ -397,7 +404,8 @@ def unpacked(data: bytes) -> dict[str, np.ndarray]:
 
 def packed(arrays: dict[str, np.ndarray]) -> bytes:
     """Return arrays as an .npz file whose digest is right."""
-    head, rest = arrays["format"], {n: a for n, a in arrays.items() if n != "format"}
+    head = arrays["format"]
+    rest = {n: a for n, a in arrays.items() if n != "format"}
     digest = hashlib.sha256()
     for name in sorted(rest):
         array = rest[name]

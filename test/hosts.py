@@ -123,7 +123,8 @@ def _host(k: int, end: str) -> Iterator[list[str]]:
 
 def whole_checksums(card: str) -> None:
     """Let a host compute checksums itself: a virtual cable would leave them to a card."""
-    set_checksum, ioctl = 0x17, 0x8946  # ETHTOOL_STXCSUM, SIOCETHTOOL
+    set_checksum = 0x17
+    ioctl = 0x8946  # ETHTOOL_STXCSUM, SIOCETHTOOL
     wish = ctypes.create_string_buffer(struct.pack("II", set_checksum, 0))
     request = struct.pack("16sP", card.encode(), ctypes.addressof(wish)) + bytes(16)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as any_socket:
@@ -138,7 +139,8 @@ def hub(ends: Sequence[str], loss: float, delay: float) -> None:
         cable = socket.socket(socket.AF_PACKET, socket.SOCK_RAW, socket.htons(every_protocol))
         cable.bind((end, 0))
         cables[cable.fileno()] = cable
-    chance, count = random.Random(0), itertools.count()
+    chance = random.Random(0)
+    count = itertools.count()
     waiting: list[tuple[float, int, int, bytes]] = []
     poll = select.poll()
     for number in cables:
@@ -181,7 +183,8 @@ def row(condition: Condition) -> str:
             raise RuntimeError(f"a node failed: exit codes {codes}; see the lines above")
         summary = yaml.safe_load((out / "summary.yaml").read_text())
         verdict = "the same bits" if same_tables(out) else "others"
-    rate, timeouts = summary["steps_per_second"], summary["timeouts"]
+    rate = summary["steps_per_second"]
+    timeouts = summary["timeouts"]
     return f"| {condition.name} | {rate:.0f} | {timeouts} | {verdict} |"
 
 

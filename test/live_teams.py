@@ -61,7 +61,8 @@ def odd_counts(out: Path, found: Verification | None = None) -> list[str]:
         found: what `verify` says of its bag; None: it has none, or not the end of the run.
     """
     summary = yaml.safe_load((out / SUMMARY_FILE).read_text())
-    history, names = load_history(out), [r.name for r in load_run(out).scenario.robots]
+    history = load_history(out)
+    names = [r.name for r in load_run(out).scenario.robots]
     asks = dict(zip(names, history.asks.sum(axis=0).tolist(), strict=True))
     due = {
         "transitions, and those of history.npz and lost": (
@@ -89,7 +90,8 @@ def odd_counts(out: Path, found: Verification | None = None) -> list[str]:
 def _of_the_log(summary: dict, found: Verification) -> dict[str, tuple[object, object]]:
     """Return pairs that are to be equal: what the summary counts, and what the bag says last."""
     last: dict[str, str] = {}
-    orders, bag = set(), found.log.bag
+    orders = set()
+    bag = found.log.bag
     for message in bag.messages([interface.DIAGNOSTICS.name]):
         for said in deserialize_message(message.data, interface.DIAGNOSTICS.type).status:
             last = values_of(said) if said.name.endswith(": run") else last

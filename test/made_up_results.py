@@ -21,7 +21,8 @@ def made_up(condition, **changes):
     """
     draw = np.random.default_rng(list(condition.id.encode()))
     scenario = condition.scenario
-    robots, cells = len(scenario.robots), len(scenario.map.cells)
+    robots = len(scenario.robots)
+    cells = len(scenario.map.cells)
     optimum = known_optimum(scenario)
     centre = {
         "reward": optimum.value - 2,

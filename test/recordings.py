@@ -91,14 +91,25 @@ class Recording:
         failing=(),
     ):
         self.bag = BagWriter(directory, **({} if chunk is None else {"chunk_size": chunk}))
-        self.run, self.convert = run, Converter(run)
+        self.run = run
+        self.convert = Converter(run)
         self.names = [robot.name for robot in run.scenario.robots]
-        self.lost, self.deaf, self.resets = set(lost), set(deaf), set(resets)
-        self.patient, self.alone, self.failing = patient, alone, set(failing)
-        self.late, self.held = set(late), {}
-        self.lost_now, self.again = [], {}
-        self.queue, self.wall, self.now, self.clock = deque(), WALL, 0, 0
-        self.sequences, self.tables = {}, {}
+        self.lost = set(lost)
+        self.deaf = set(deaf)
+        self.resets = set(resets)
+        self.patient = patient
+        self.alone = alone
+        self.failing = set(failing)
+        self.late = set(late)
+        self.held = {}
+        self.lost_now = []
+        self.again = {}
+        self.queue = deque()
+        self.wall = WALL
+        self.now = 0
+        self.clock = 0
+        self.sequences = {}
+        self.tables = {}
         text = run.to_yaml()
         record = {
             **run.record(),
@@ -112,7 +123,8 @@ class Recording:
         self.world = WorldSide(run, self, game)
         begin = [None] * len(self.names)
         if tables is not None:
-            scenario, rule = run.scenario, run.rule
+            scenario = run.scenario
+            rule = run.rule
             begin = [taught(scenario, rule, k, one.memory) for k, one in enumerate(tables)]
         self.robots = [
             RobotSide(
@@ -236,7 +248,8 @@ class Recording:
 
     def plan(self):
         """Attach what the robots make of what they have learned; the silent ones keep theirs."""
-        scenario, rule = self.run.scenario, self.run.rule
+        scenario = self.run.scenario
+        rule = self.run.rule
         found = improve(scenario, rule, [robot.agent.memory() for robot in self.robots])
         for k, robot in enumerate(self.robots):
             tables = robot.agent.tables if k in self.alone else found.tables[k]
@@ -326,13 +339,15 @@ class LoggedRobot:
     """A robot's port."""
 
     def __init__(self, recording, k):
-        self.all, self.k = recording, k
+        self.all = recording
+        self.k = k
 
     def ask(self, peer, step, cell):
         self.all.ask(self.k, peer, step, cell)
 
     def act(self, step, action, account):
-        everything, k = self.all, self.k
+        everything = self.all
+        k = self.k
         data = everything.convert.pack_action(step, action, account)
         everything.write(f"/{everything.names[k]}/action", TYPES["action"], data, step)
         if everything.arrives("action", k, step):
@@ -403,7 +418,8 @@ def rolled_back(run, directory, step, *, after, missed=0, again=None):
     The recorder that writes the second file gets tables of before from the robots, and misses the
     first steps if it is told to. The world says the states of the time step `again` twice.
     """
-    bag, period = open_bag(run.bag), run.run.step_period * 1e9
+    bag = open_bag(run.bag)
+    period = run.run.step_period * 1e9
 
     def before(found):
         return [one for one in found if one.log_time_ns < (step + after) * period]

@@ -103,7 +103,8 @@ def build(prefix: Path) -> None:
     for package, files in PACKAGES.items():
         if (prefix / "share" / package).exists():
             continue
-        source, made = prefix / "source" / package, prefix / "made" / package
+        source = prefix / "source" / package
+        made = prefix / "made" / package
         for name, text in files.items():
             (source / name).parent.mkdir(parents=True, exist_ok=True)
             (source / name).write_text(text)

@@ -45,7 +45,8 @@ def damaged(chance: random.Random, data: bytes) -> bytes:
     """Return data with some bytes, bits, or numbers changed, or a part cut, doubled or zeroed."""
     changed = bytearray(data)
     for _ in range(chance.choice((0, 1, 1, 1, 2, 3, 8))):
-        at, size = chance.randrange(len(changed) + 1), chance.choice((1, 2, 4, 8))
+        at = chance.randrange(len(changed) + 1)
+        size = chance.choice((1, 2, 4, 8))
         long = chance.choice((1, 4, 50, 500, 5000))
         part = changed[at : at + long]
         number = chance.choice((*ODD_NUMBERS, chance.randrange(1000))) % 256**size
@@ -102,7 +103,8 @@ def _drawn(chance: random.Random, said: str, before: Any, stamp: Callable[[], in
         return chance.random() < 0.5
     if said == "octet":
         return bytes([chance.randrange(4)])
-    bits, signed = int(re.sub(r"\D", "", said)), not said.startswith("u")
+    bits = int(re.sub(r"\D", "", said))
+    signed = not said.startswith("u")
     number = chance.choice((*ODD_NUMBERS, chance.randrange(100))) % 2 ** (bits - signed)
     return -number if signed and chance.random() < 0.2 else number
 
@@ -120,7 +122,9 @@ class Visitor:
     """
 
     def __init__(self, node: Node, robots: Sequence[str], seed: int) -> None:
-        self._chance, self.node, self.said = random.Random(seed), node, 0
+        self._chance = random.Random(seed)
+        self.node = node
+        self.said = 0
         owners = {ROBOT: tuple(robots), NODE: (*robots, wire.WORLD, wire.RECORDER)}
         self._publishers = []
         for topic in wire.TOPICS:
@@ -167,7 +171,8 @@ def lie(node: Node, robot: str) -> None:
     """Serve a robot's `active_perception` too: it is where the asker is."""
 
     def answer(request: Any, response: Any) -> Any:
-        response.plan.header, response.plan.poses = request.start.header, [request.start]
+        response.plan.header = request.start.header
+        response.plan.poses = [request.start]
         return response
 
     node.create_service(message_class(_ASK.type_name), _ASK.of(robot), answer)

@@ -139,7 +139,8 @@ def by_agents(scenario, learner, seed):
 
 def chosen(agent, world, percepts):
     """Return what an agent decides, perceives and does; None where it does not act."""
-    k, step = agent.number, world.step
+    k = agent.number
+    step = world.step
     if world.arrived[k]:
         return None
     cell = world.cells[k]

@@ -7,7 +7,8 @@ import socket
 import pytest
 from domains import FIRST_PORT, PORTS_OF_A_DOMAIN, is_free, ros_domain
 
-A, B = 99, 100
+A = 99
+B = 100
 
 
 @pytest.mark.parametrize("port", [0, 10, 14])

@@ -55,7 +55,9 @@ def test_where_naming_fails_nothing_has_changed(file, monkeypatch):
 
 @pytest.mark.parametrize("sync", [False, True])
 def test_the_disk_has_the_content_before_the_name_and_then_the_name(file, monkeypatch, sync):
-    done, fsync, replace = [], os.fsync, os.replace
+    done = []
+    fsync = os.fsync
+    replace = os.replace
 
     def synced(descriptor):
         folder = stat.S_ISDIR(os.fstat(descriptor).st_mode)

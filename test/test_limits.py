@@ -109,7 +109,8 @@ def test_what_is_written_is_read_back(value):
 
 
 def test_regular_files_only(tmp_path):
-    file, pipe = tmp_path / "file", tmp_path / "pipe"
+    file = tmp_path / "file"
+    pipe = tmp_path / "pipe"
     file.write_bytes(b"a\r\nb")
     os.mkfifo(pipe)
     (tmp_path / "link").symlink_to(file)

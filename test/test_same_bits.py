@@ -46,8 +46,10 @@ def digest(tables):
 
 def sparse_arrays(table, k):
     """Return Q^C over joint states as version 0.1.0 wrote it."""
-    cells, digits = len(table.q_star), len(table.scenario.robots)
-    keys, states = table.memory["q_coord_keys"], []
+    cells = len(table.q_star)
+    digits = len(table.scenario.robots)
+    keys = table.memory["q_coord_keys"]
+    states = []
     for place in reversed(range(digits)):
         states.append(keys // cells**place % cells)
     return {

@@ -100,7 +100,8 @@ def find_teams(options: argparse.Namespace) -> None:
     for name in MANY:
         condition = make_condition(name, "factored", LONG)
         rewards = computed(condition, CROWDS.plan(condition)).run_means("reward")
-        scenario, judged = condition.scenario, []
+        scenario = condition.scenario
+        judged = []
         prepare("factored")
         team = Team(scenario, learner_of("factored"), compiled=True)
         for seed in (SEED + np.argsort(rewards)[-FEW:]).tolist():
@@ -146,14 +147,16 @@ def _with_conflict(kind: str, robots: int) -> Iterator[tuple[Scenario, dict[str,
         if not wanted[seed % 2]:
             continue
         scenario = load_scenario(f"{VERSION}-{kind}-{robots}r-{seed}")
-        paths, optimum = shortest_path_reference(scenario).reward, joint_optimum(scenario)
+        paths = shortest_path_reference(scenario).reward
+        optimum = joint_optimum(scenario)
         facts: dict[str, object] = {"shortest_paths": paths}
         best = optimum.value
         if optimum.exact:
             facts["optimum"] = best
         if robots > 2:
             plan = route_plan(scenario)
-            facts["routes"], best = asdict(plan), plan.value
+            facts["routes"] = asdict(plan)
+            best = plan.value
         if best > paths + CONFLICT:
             wanted[seed % 2] -= 1
             yield scenario, facts

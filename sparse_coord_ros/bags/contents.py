@@ -47,7 +47,8 @@ OWN_LIBRARY = "sparse_coord_ros "
 CUT_OFF = "the file ends here, without an end: it was cut off"
 SEARCHED = 1 << 24
 """Bytes of records that are tried, beside the file's size, in searching where it goes on."""
-SEARCH, TRIED = 1 << 12, 1 << 11
+SEARCH = 1 << 12
+TRIED = 1 << 11
 """What a search, and each place in it where a record may begin, cost beside."""
 
 TOGETHER = 1 << 20
@@ -158,7 +159,8 @@ class BagFile:
         self._grows = not checked
         self._lost: list[tuple[int, int, str]] = []
         self._flaw: str | None = None
-        self.size, self.readable_bytes = 0, len(MAGIC)
+        self.size = 0
+        self.readable_bytes = len(MAGIC)
         self.topics: dict[int, BagTopic] = {}
         self.counts: Counter[str] = Counter()
         self.sizes: Counter[str] = Counter()
@@ -226,15 +228,18 @@ class BagFile:
 
     def extend(self) -> bool:
         """Go on to where the file ends now; return whether there was anything new."""
-        before, size = self.readable_bytes, self._source.size
+        before = self.readable_bytes
+        size = self._source.size
         if size == self.size:
             return False
-        self.size, self.finished = size, _has_end(self._source, size)
+        self.size = size
+        self.finished = _has_end(self._source, size)
         while self._end is None and (begin := self.readable_bytes) < self.size:
             try:
                 record = self._source.record(begin, self.size)
                 self._take(record)
-                stop, end = begin, record.end
+                stop = begin
+                end = record.end
             except Damage as damage:
                 found = self._behind(begin)
                 if found is None and isinstance(damage, Cut) and self._grows and not self.finished:
@@ -284,7 +289,8 @@ class BagFile:
 
     def _lose(self, begin: int, end: int, why: str) -> None:
         """Note that bytes cannot be read; what lies side by side is one gap."""
-        lost, blocks = self._lost, self.blocks
+        lost = self._lost
+        blocks = self.blocks
         if not lost and self.finished:
             with suppress(Damage):  # what a lost chunk defined is there again
                 summary = self._source.read(self.size - len(MAGIC) - 20, 8)
@@ -433,7 +439,8 @@ class BagFile:
     def _take_attachment(self, record: RecordPlace) -> None:
         body = self._body(record)
         found = parse(AttachmentRecord, body, record.offset)
-        expected, what = int.from_bytes(body[-_CRC_BYTES:], "little"), f"attachment {found.name!r}"
+        expected = int.from_bytes(body[-_CRC_BYTES:], "little")
+        what = f"attachment {found.name!r}"
         crc = zlib.crc32(body[:-_CRC_BYTES])
         check_crc(expected, crc, record.offset, what, required=self._crcs)
         self._crcs |= expected != 0
@@ -474,11 +481,14 @@ class BagFile:
 
     def _check_summary(self, offset: int) -> None:
         """Check the end of a file; only the channels in it are of interest, as nobody seeks."""
-        crc, read, definitions = 0, self._source.read, []
+        crc = 0
+        read = self._source.read
+        definitions = []
         while (record := self._source.record(offset, self.size)).opcode != Opcode.FOOTER:
             if record.opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
                 definitions.append(record)
-            crc, offset = zlib.crc32(read(offset, record.end - offset), crc), record.end
+            crc = zlib.crc32(read(offset, record.end - offset), crc)
+            offset = record.end
         data = read(offset, record.end - offset)
         footer = parse(Footer, data[HEAD.size :], offset)
         crc = zlib.crc32(data[:-4], crc)
@@ -504,7 +514,8 @@ class BagFile:
             for other in self.topics.values():
                 if other.name == topic.name and other.type_name != topic.type_name:
                     raise Damage(offset, f"topic {topic.name!r} has a second type")
-            self._channels[channel.id], self.topics[channel.id] = channel, topic
+            self._channels[channel.id] = channel
+            self.topics[channel.id] = topic
             self.counts[topic.name] += 0
             self._known[channel.id] = True
 

@@ -29,7 +29,9 @@ CONTINUED_RECORD = "continued"
 STALLED_RECORD = "stalled"
 """Name of the metadata record of a recorder that stood still for a while: `step`, the time step
 from which on messages may have been lost, and for how many `seconds` it stood still."""
-SPLIT, RESTARTED, ROLLED_BACK = "split", "restarted", "rolled_back"
+SPLIT = "split"
+RESTARTED = "restarted"
+ROLLED_BACK = "rolled_back"
 """Why a file begins: the one before was big or long enough; its recorder had ended; the run went
 back to a checkpoint, and what the files before say from there on is superseded."""
 
@@ -138,7 +140,8 @@ def bag_information(files: Sequence[FileSummary], topics: Iterable[BagTopic]) ->
 def _times(files: Sequence[FileSummary]) -> dict[str, dict[str, int]]:
     """Return when files begin and how long they last."""
     filled = [file for file in files if file.message_count]
-    start, length = LATEST_NS, 0  # what rosbag2 leaves as start of a bag without messages
+    start = LATEST_NS
+    length = 0  # what rosbag2 leaves as start of a bag without messages
     if filled:
         start = min(file.start_ns for file in filled)
         length = max(file.end_ns for file in filled) - start

@@ -46,7 +46,8 @@ class Playback:
 
     def __post_init__(self) -> None:
         """Begin at the playlist's start."""
-        self.done, self.published = False, 0
+        self.done = False
+        self.published = 0
         self.late_ns: int | None = None
         self._go_on_from(self.playlist.start_ns)
 
@@ -121,7 +122,9 @@ class Playback:
         return self._anchor_ns + round((time_ns - self._from_ns) / self.rate)
 
     def _go_on_from(self, time_ns: int) -> None:
-        self._from_ns, self._anchor_ns = time_ns, self.now_ns()
+        anchor_ns = self.now_ns()
+        self._from_ns = time_ns
+        self._anchor_ns = anchor_ns
 
     def _end(self) -> int | None:
         """Be done, or begin again: the first message follows the last as one step the other."""

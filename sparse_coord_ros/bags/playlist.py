@@ -36,7 +36,8 @@ class Playlist:
         self._bag = bag
         self._topics = frozenset(topics)
         numbers = {name: number for number, name in enumerate(sorted(self._topics))}
-        log_times, kinds = array("q"), array("H")
+        log_times = array("q")
+        kinds = array("H")
         for message in bag.messages(self._topics):
             log_times.append(message.log_time_ns)
             kinds.append(numbers[message.topic])
@@ -44,14 +45,16 @@ class Playlist:
             raise BagError(f"bag {bag.path}: no message to play on {', '.join(sorted(topics))}")
         times = np.frombuffer(log_times, np.int64)
         order = np.argsort(times, kind="stable")
-        self._times, self._kinds = times[order], np.frombuffer(kinds, np.uint16)[order]
+        self._times = times[order]
+        self._kinds = np.frombuffer(kinds, np.uint16)[order]
         self._places = np.empty(len(order), np.int64)
         self._places[order] = np.arange(len(order))
         self._kept = [numbers[name] for name in sorted(kept) if name in numbers]
         clock = numbers.get(bag.clock or "")
         ticks = self._times[self._kinds == clock] if clock in self._kinds else self._times
         self._ticks = np.unique(np.append(ticks, self._times[0]))
-        self.start_ns, self.end_ns = int(self._times[0]), int(self._times[-1])
+        self.start_ns = int(self._times[0])
+        self.end_ns = int(self._times[-1])
         self.step_count = len(self._ticks)
         self._stream: Iterator[tuple[int, Message]] = iter(())
         self._waiting: dict[int, Message] = {}

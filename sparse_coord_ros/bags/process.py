@@ -112,7 +112,8 @@ class BagProcess:
             self._end()
 
     def _hand_over(self) -> None:
-        batch, self._batch = self._batch, []
+        batch = self._batch
+        self._batch = []
         self.message_count += len(batch)
         self._send("write_all", batch)
 
@@ -150,12 +151,15 @@ class BagProcess:
 
     def _fail(self, error: OSError | EOFError) -> NoReturn:
         """Raise BagError: the child hangs, or it is gone."""
-        what, remedy = "has ended", "'sparse_coord recover' finishes it"
+        what = "has ended"
+        remedy = "'sparse_coord recover' finishes it"
         so = "; the recording ends there, unfinished"
         if not self._begun:
-            so, remedy = " before it had begun it; nothing is recorded", "see what it says above"
+            so = " before it had begun it; nothing is recorded"
+            remedy = "see what it says above"
         if isinstance(error, BlockingIOError):
-            what, remedy = f"has not moved for {PATIENCE_SECONDS:g} s", "look at its disk"
+            what = f"has not moved for {PATIENCE_SECONDS:g} s"
+            remedy = "look at its disk"
         self._refusal = f"the writer process of the bag {self._directory} {what}{so}: {remedy}"
         raise BagError(self._refusal)
 

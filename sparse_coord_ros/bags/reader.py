@@ -67,7 +67,9 @@ class Bag:
         blocks: Sequence[Sequence[Block]] | None = None,
         missing: Sequence[Gap] = (),
     ) -> None:
-        self.files, self._blocks, self.missing = tuple(files), blocks, tuple(missing)
+        self.files = tuple(files)
+        self._blocks = blocks
+        self.missing = tuple(missing)
         self.path = files[0].path if len(files) == 1 else files[0].path.parent
         self.part = blocks is not None
         topics: dict[str, BagTopic] = {}
@@ -143,7 +145,8 @@ class Bag:
         It is known by its type. Of several it is the one of the usual name, else the one that says
         most.
         """
-        topics, counts = self.topics, self.counts
+        topics = self.topics
+        counts = self.counts
         found = sorted(name for name in topics if topics[name].type_name == CLOCK.type_name)
         return max(found, key=lambda one: (one == f"/{CLOCK.name}", counts[one]), default=None)
 
@@ -239,7 +242,8 @@ class Bag:
             names = self.channels
             mine = [one for one, name in names.items() if topics is None or name in topics]
             here = np.isin(part.heads["channel"], mine)
-            heads, begins = part.heads[here], part.begins[here]
+            heads = part.heads[here]
+            begins = part.begins[here]
             ends = begins + heads["length"].astype(np.int64) - MESSAGE.size
             fields = (heads[name] for name in ("channel", "log_ns", "publish_ns", "sequence"))
             columns = (column.tolist() for column in (begins, ends, *fields))

@@ -141,7 +141,8 @@ class Source:
         """Return the record at an offset; raises Damage unless `size` bytes hold all of it."""
         record = self.head(offset, size)
         if record.end > size:
-            said, left = f"{describe(record.opcode)} of {record.length} bytes", size - record.body
+            said = f"{describe(record.opcode)} of {record.length} bytes"
+            left = size - record.body
             raise Cut(offset, f"{said}, of which {left} are in the file")
         return record
 
@@ -254,8 +255,10 @@ def message_heads(
         Damage: a record does not fit into the content.
     """
     places: list[int] = []
-    place, size = 0, len(content)
-    append, length_at = places.append, LENGTH.unpack_from
+    place = 0
+    size = len(content)
+    append = places.append
+    length_at = LENGTH.unpack_from
     while place <= size - HEAD.size:
         append(place)
         length = length_at(content, place + 1)[0]

@@ -120,7 +120,8 @@ def _mended(bag: Bag, directory: Path) -> Recovery:
     renamed = False
     for place, one in enumerate(bag.files):
         stem, number = stem_and_number(one.path)
-        file, finished = one.path, directory / f"{stem}_{number}.mcap"
+        file = one.path
+        finished = directory / f"{stem}_{number}.mcap"
         if not one.finished or one.damage is not None:
             gaps = [gap for gap in bag.gaps if gap.place == place and gap.end]
             with _draft(Bag([one]), gaps, directory / _DRAFT) as draft:
@@ -132,7 +133,8 @@ def _mended(bag: Bag, directory: Path) -> Recovery:
             file.rename(file.with_name(file.name.removesuffix(PARTIAL)))
             renamed = True
     mended = open_bag(directory)
-    said, names = read_information(metadata), [file.path.name for file in mended.files]
+    said = read_information(metadata)
+    names = [file.path.name for file in mended.files]
     told = said.get("relative_file_paths"), said.get("message_count")
     described = told == (names, mended.message_count)
     if not described:

@@ -83,7 +83,8 @@ class BagWriter:
         """Make the directory and start the file, as the class says."""
         self._compression = CompressionType[compression.upper()]
         self._chunk_size = chunk_size
-        self._max_bytes, self._max_ns = max_bytes, max_ns
+        self._max_bytes = max_bytes
+        self._max_ns = max_ns
         self._directory = Path(directory)
         stem = self._directory.name if name is None else name
         self._files: list[FileSummary] = []
@@ -93,7 +94,8 @@ class BagWriter:
             number = last + 1
             self._files += [file.summary for file in earlier.files]
             self._topics_before = earlier.topics
-        self._stem, self._number = stem, number
+        self._stem = stem
+        self._number = number
         self._gone: Path | None = None
         self._bytes_before = 0
         self._channels: dict[str, int] = {}

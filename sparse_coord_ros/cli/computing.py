@@ -40,7 +40,8 @@ def note_without_numba() -> None:
     note("numba is not installed: plain Python, about 100 times slower; pip install numba")
 
 
-FIRST_SECONDS, LINE_SECONDS = 1.5, 15.0
+FIRST_SECONDS = 1.5
+LINE_SECONDS = 15.0
 """Of work until a first line says what goes on, and until the next one does."""
 
 
@@ -57,7 +58,9 @@ class Bar(ExitStack):
 
     def __init__(self, unit: str, doing: str = "computing", *, quiet: bool = False) -> None:
         super().__init__()
-        self._unit, self._doing, self._quiet = unit, doing, quiet
+        self._unit = unit
+        self._doing = doing
+        self._quiet = quiet
         self._bar: tqdm | None = None
         self._over = threading.Event()
 

@@ -63,7 +63,8 @@ OPTIONS = (
 
 def execute(options: argparse.Namespace) -> None:
     """Run the verb."""
-    episodes, seed = options.episodes, options.seed
+    episodes = options.episodes
+    seed = options.seed
     kind = "" if options.out is None else pictures.check_out(options.out, pictures.KINDS)
     given = DRIVE_SETTINGS.parse(parse_assignments(options.assignments))
     values = {**DRIVE_SETTINGS.defaults(), **given}

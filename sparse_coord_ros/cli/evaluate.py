@@ -114,7 +114,8 @@ def by_game(found: list[Evaluated]) -> list[list[Evaluated]]:
 def facts_of(one: Evaluated) -> dict[str, Any]:
     """Return plain data of a run and its value."""
     scenario = one.run.scenario
-    bound, team = shipped.shipped_asking_team(scenario), shipped.shipped_best_team(scenario)
+    bound = shipped.shipped_asking_team(scenario)
+    team = shipped.shipped_best_team(scenario)
     optimum = shipped.known_optimum(scenario)
     return {
         "directory": one.directory,
@@ -143,7 +144,8 @@ def result_table(found: Sequence[Evaluated]) -> str:
 
     Runs of one learner are told apart by their directories.
     """
-    scenario, rows = found[0].run.scenario, []
+    scenario = found[0].run.scenario
+    rows = []
     titles = [run.title for _, run, _ in found]
     papers: dict[str, dict] = {}
     for directory, run, result in found:

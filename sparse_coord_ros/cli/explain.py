@@ -32,7 +32,8 @@ def execute(options: argparse.Namespace) -> None:
     steps = sorted({t for k in asked for t in coordinations(log, k)})
     step = next((t for t in steps if t >= wanted), None)
     found = [] if step is None else [one for k in asked for one in explained(log, k, [step])]
-    who, lines = options.robot or "nobody", [f"lost: {loss}" for loss in log.losses]
+    who = options.robot or "nobody"
+    lines = [f"lost: {loss}" for loss in log.losses]
     if step is None:
         last = max(steps, default="none")
         lines.append(f"{who}: no COORDINATE from step {wanted} on; the last: {last}")

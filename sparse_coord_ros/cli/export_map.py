@@ -32,7 +32,8 @@ def execute(options: argparse.Namespace) -> None:
     """Run the verb."""
     grid = map_of(options.map)
     resolution = options.resolution or grid.resolution or 1.0
-    pixels, folder = options.pixels, options.out or Path()
+    pixels = options.pixels
+    folder = options.out or Path()
     if grid.shape[0] * grid.shape[1] * pixels**2 > IMAGE.elements:
         raise MapError(
             f"--pixels {pixels}: the image would have more than {IMAGE.elements:,} pixels"

@@ -163,7 +163,8 @@ def make(options: argparse.Namespace, plan: FloorPlan) -> Made:
     chosen = {name: getattr(options, name) for name in names}
     imported = import_map(plan, robots=[*robots, *waiting], **chosen)
     text, scenario_file, _ = _paths(options)
-    notes, files = list(imported.notes), {text: imported.grid.to_text()}
+    notes = list(imported.notes)
+    files = {text: imported.grid.to_text()}
     if not robots:
         return Made(plan, imported, None, {}, notes, files)
     scenario, suggested, odd = scenario_of(imported, robots, given)
@@ -181,7 +182,8 @@ def write(options: argparse.Namespace, made: Made) -> Path:
         from sparse_coord_ros.experiments.report.charts import rendered
         from sparse_coord_ros.look.paths import floor_figure
 
-        grid, robots = made.imported.grid, () if made.scenario is None else made.scenario.robots
+        grid = made.imported.grid
+        robots = () if made.scenario is None else made.scenario.robots
         figure = floor_figure(grid, robots, made.plan, side=grid.resolution or 1.0, cells=True)
         data = rendered(figure, "png", DPI)
     write_whole(picture, data)

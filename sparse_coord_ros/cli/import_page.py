@@ -34,7 +34,8 @@ from sparse_coord_ros.maps.image import data_url, read_floor_plan
 from sparse_coord_ros.maps.plan import Place
 from sparse_coord_ros.palette import DOORWAY_COLOUR, ROBOT_COLOURS
 
-CELL_AT_FIRST, RADIUS_AT_FIRST = 0.5, 0.2
+CELL_AT_FIRST = 0.5
+RADIUS_AT_FIRST = 0.2
 """Metres, unless the options say otherwise."""
 
 EPISODES = 20
@@ -49,7 +50,8 @@ PLACES = ("start", "goal", "doorway", "no_doorway")
 
 def serve(options: argparse.Namespace) -> None:
     """Serve the page until Ctrl-C; teams learn and drive in this thread, one after the other."""
-    learning, board = Board(), Board()
+    learning = Board()
+    board = Board()
     board.source = page = ImportPage(options, board)
     threading.Thread(target=page.work, daemon=True).start()
     with served(options, learning, board, index="import.html"):
@@ -77,7 +79,9 @@ class ImportPage(Controlled):
 
     def __init__(self, options: argparse.Namespace, board: Board) -> None:
         super().__init__()
-        self._options, self._board, self._replace = options, board, options.replace
+        self._options = options
+        self._board = board
+        self._replace = options.replace
         self._plan = plan = read_floor_plan(options.map)
         self._busy = self._stopped = self._learned = False
         self._lock = threading.Lock()
@@ -216,7 +220,8 @@ class ImportPage(Controlled):
 
     def stopped(self) -> bool:
         """Return whether an interrupt is the page's wish to stop; then it is told so."""
-        stopped, self._stopped = self._stopped, False
+        stopped = self._stopped
+        self._stopped = False
         if stopped and self._busy:  # else its end was faster
             saved = self._out is not None and (self._out / CHECKPOINT_FILE).exists()
             self._tell(

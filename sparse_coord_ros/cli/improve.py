@@ -30,7 +30,8 @@ OPTIONS = (
 
 def execute(options: argparse.Namespace) -> None:
     """Run the verb."""
-    out, run = options.directory, load_run(options.directory)
+    out = options.directory
+    run = load_run(options.directory)
     run.check_code()
     tell(options, *planned(out, run, load_team(out, run.scenario, run.rule)))
 

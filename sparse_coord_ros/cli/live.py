@@ -110,7 +110,8 @@ def _run_processes(values: dict[str, Any], stop: Stop, quiet: bool) -> dict[str,
         interrupted = _wait(processes, bag, stop)
     finally:
         _end(processes.values())
-    error, recorder = None, processes.get(RECORDER)
+    error = None
+    recorder = processes.get(RECORDER)
     if recorder is not None and recorder.returncode:
         error = BagError(
             f"recorder ended with exit code {recorder.returncode}; the bag {bag} holds what was "

@@ -33,7 +33,8 @@ def execute(options: argparse.Namespace) -> None:
 
 
 def _in_words(grid: GridMap) -> str:
-    (height, width), (x, y) = grid.shape, grid.origin
+    (height, width) = grid.shape
+    (x, y) = grid.origin
     lines = [f"{grid.name}: {grid.title}", f"source: {grid.source}"]
     lines.append(f"provenance: {grid.provenance}")
     lines.append(f"{height} x {width}, {len(grid.cells)} cells, {grid.doorways_in_words}")

@@ -53,7 +53,8 @@ def execute(options: argparse.Namespace) -> None:
     optimum = joint_optimum(scenario)
     bound = independent_bound(scenario)
     paths = shortest_path_reference(scenario)
-    shipped, team = shipped_asking_team(scenario), shipped_best_team(scenario)
+    shipped = shipped_asking_team(scenario)
+    team = shipped_best_team(scenario)
     routes = shipped_routes(scenario)
     facts = {"scenario": scenario.name, **asdict(optimum), "robots_alone": bound}
     facts |= {"shortest_paths": paths, "best_asking_team": shipped, "best_team": team}

@@ -61,7 +61,8 @@ def add_options(parser: argparse.ArgumentParser, options: Iterable[Option | Sett
     for one in options:
         if isinstance(one, Setting):
             one = Option(f"--{one.name}", one, one.help)
-        words, several = one.words.strip("[]"), one.words.rstrip("]").endswith("...")
+        words = one.words.strip("[]")
+        several = one.words.rstrip("]").endswith("...")
         name, _, metavar = words.removesuffix("...").partition(" ")
         how: dict[str, Any] = {"help": one.help, **({"metavar": metavar} if metavar else {})}
         if several or words != one.words:

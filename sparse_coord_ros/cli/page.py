@@ -93,7 +93,8 @@ def one_by_one(
                     wish = next_wish(server, lambda: bool(stop))
             except KeyboardInterrupt:
                 return None
-            options.scenario, options.penalty = wish["scenario"], wish["penalty"]
+            options.scenario = wish["scenario"]
+            options.penalty = wish["penalty"]
             options.out = options.resume = None
             out, team = begin(options)
 

@@ -67,7 +67,8 @@ def execute(options: argparse.Namespace) -> None:
 def _lines(out: Path, done: ExperimentResults) -> Iterator[str]:
     rows = []
     for name, result in done.items():
-        reward, asks = result.measure("reward"), result.measure("asks")
+        reward = result.measure("reward")
+        asks = result.measure("asks")
         error = f"{reward.standard_error:.2f}" if result.runs > 1 else "-"
         rows.append(
             [

@@ -130,7 +130,9 @@ def _counted(options: argparse.Namespace, summary: dict[str, Any]) -> Iterator[s
 
 def _lines(options: argparse.Namespace, out: Path, summary: dict[str, Any]) -> Iterator[str]:
     yield from _counted(options, summary)
-    saved, plan, interrupted = (out / TEAM_FILE).exists(), out / IMPROVED, summary["interrupted"]
+    saved = (out / TEAM_FILE).exists()
+    plan = out / IMPROVED
+    interrupted = summary["interrupted"]
     if saved:
         yield f"tables  {out / TEAM_FILE}"
     if (plan / TEAM_FILE).exists():

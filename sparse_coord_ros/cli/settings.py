@@ -52,7 +52,8 @@ OPTIONS = (
 
 def execute(options: argparse.Namespace) -> None:
     """Run the verb."""
-    names, everything = options.names, list(groups())
+    names = options.names
+    everything = list(groups())
     known = [name for group, _, some in everything for name in (group, *some)]
     for name in names:
         if name not in known:
@@ -60,7 +61,8 @@ def execute(options: argparse.Namespace) -> None:
                 f"unknown setting {name!r}{did_you_mean(name, known)}; allowed: the name of a "
                 "setting, a learner or a group; 'sparse_coord settings' lists them all"
             )
-    facts, parts = {}, []
+    facts = {}
+    parts = []
     for group, title, some in everything:
         chosen = {k: v for k, v in some.items() if not names or group in names or k in names}
         if chosen:
@@ -102,7 +104,8 @@ def _setting(one: Setting) -> Entry:
     default = one.default if one.default not in ("", [""]) else "none"
     said = f"{default:g}" if isinstance(default, float) else str(default)
     said = said.lower() if isinstance(default, bool) else said
-    lines, facts = [], []
+    lines = []
+    facts = []
     for form in () if isinstance(one.kind, type) else one.kind.forms:
         ranges = ", ".join(f"{n.name.upper()}: {n.allowed}" for n in form.numbers)
         lines.append(f"{form.text}: {form.meaning}" + (f" ({ranges})" if ranges else ""))

@@ -125,7 +125,8 @@ def learn(
 def _learn_there(
     options: argparse.Namespace, out: Path, run: RunConfig, board: Board | None
 ) -> None:
-    checkpoint, resumed = out / CHECKPOINT_FILE, options.resume is not None
+    checkpoint = out / CHECKPOINT_FILE
+    resumed = options.resume is not None
     view = None
     bar = Bar("steps", "setting up", quiet=options.json)
     try:
@@ -210,14 +211,17 @@ def _save(out: Path, done: Training) -> None:
 
 def _say(options: argparse.Namespace, out: Path, run: RunConfig, done: Training) -> None:
     """Print what was learned and where it is, and what was made of it."""
-    scenario, trials, lines = run.scenario, options.trials, []
+    scenario = run.scenario
+    trials = options.trials
+    lines = []
     facts: dict[str, Any] = {"directory": out, "learner": run.learner, "seed": run.seed}
     facts |= {"engine": done.engine, "episodes": done.history.episodes}
     plan, text = planned(out, run, done.tables) if run.improve else ({}, "")
     if trials != 0:
         exact = None if trials is None else False
         result = evaluation_of(run, done.tables, trials or TRIALS.default, 0, exact=exact)
-        word, optimum = last_word(scenario, run.rule, result), known_optimum(scenario)
+        word = last_word(scenario, run.rule, result)
+        optimum = known_optimum(scenario)
         facts |= {"optimum": optimum.value, "optimum_exact": optimum.exact, "last_word": word}
         facts["evaluation"] = result.to_dict()
         lines = [result_table([Evaluated(out, run, result)]), word.text]
@@ -244,7 +248,8 @@ def advice(scenario: Scenario, done: Training) -> list[str]:
     history = done.history
     last = slice(history.episodes // 2, None)
     arrived = history.arrived[last][history.present[last]].mean()
-    left, tips = scenario.discount**moves, []
+    left = scenario.discount**moves
+    tips = []
     if left < FAR:
         tips.append(
             f"The goal is {moves} moves away, and discount {scenario.discount:g} leaves "

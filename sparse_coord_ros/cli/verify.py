@@ -41,7 +41,8 @@ def execute(options: argparse.Namespace) -> int:
     from sparse_coord_ros.runlog import verify
 
     found = verify(options.bag)
-    log, facts = found.log, {name: one for name, one in vars(found).items() if name != "log"}
+    log = found.log
+    facts = {name: one for name, one in vars(found).items() if name != "log"}
     facts |= {"bag": log.bag.path, "identical": found.same, "cannot_tell": found.cannot_tell}
     facts |= {"rollbacks": log.tracks.rollbacks, "gaps": log.gaps, "losses": log.losses}
     shown = None if options.all else SHOWN
@@ -94,10 +95,12 @@ def _outcome(found, shown: int | None) -> Iterator[str]:
         yield f"not compared: {NOT_COMPARED}"
         return
     yield from (f"broke off: {sentence}" for sentence in found.broke_off)
-    word, odd = "differs", found.differences
+    word = "differs"
+    odd = found.differences
     if found.cannot_tell:
         yield _verdict(found)
-        word, odd = "open", found.open
+        word = "open"
+        odd = found.open
     yield from found.not_computed
     yield from (f"{word}: {difference}" for difference in odd[:shown])
     if shown is not None and shown < len(odd):

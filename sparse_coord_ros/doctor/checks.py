@@ -16,7 +16,9 @@ from sparse_coord_ros.nodes.middleware import DOMAIN, PROFILES, RANGE, ros_domai
 from sparse_coord_ros.share import PACKAGE, share_folder
 from sparse_coord_ros.version import __version__
 
-FINE, HINT, WRONG = "ok", "hint", "wrong"
+FINE = "ok"
+HINT = "hint"
+WRONG = "wrong"
 """It works; it works, and could be better or may surprise; it does not work."""
 
 RANGES = {"SUBNET": "this network", "SYSTEM_DEFAULT": "the system's", "LOCALHOST": "this machine"}
@@ -109,7 +111,8 @@ def shared_memory(folder: Path = Path("/dev/shm")) -> Iterator[Finding]:
 
     if not folder.is_dir():
         return
-    left, free = leftovers(folder), shutil.disk_usage(folder).free
+    left = leftovers(folder)
+    free = shutil.disk_usage(folder).free
     if left:
         text = f"{len(left)} files of processes that are gone in {folder}"
         remedy = "harmless until it is full; the next node that starts removes them"

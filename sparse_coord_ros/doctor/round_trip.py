@@ -66,7 +66,8 @@ def findings() -> Iterator[Finding]:
     if "problem" not in said:
         for name, value, meaning in OTHER_WAYS:
             if os.environ.get(name) != value and "round_trip" in round_trip({name: value}):
-                text, remedy = meaning, f"export {name}={value}, or mend it"
+                text = meaning
+                remedy = f"export {name}={value}, or mend it"
                 break
     yield Finding(WRONG, "round trip", text, remedy)
 
@@ -81,8 +82,10 @@ def round_trip(changes: Mapping[str, str] | None = None) -> dict[str, Any]:
         `rmw`, and `round_trip`, the seconds until the first answer, where one came; or `missing`,
         why rclpy cannot be imported; or `problem`.
     """
-    name, env = f"sparse_coord_doctor_{os.getpid()}", {**os.environ, **(changes or {})}
-    run, pipe = [sys.executable, "-P", "-m", __name__], subprocess.PIPE
+    name = f"sparse_coord_doctor_{os.getpid()}"
+    env = {**os.environ, **(changes or {})}
+    run = [sys.executable, "-P", "-m", __name__]
+    pipe = subprocess.PIPE
     echo, asker = (
         subprocess.Popen([*run, role, name], env=env, stdout=pipe, stderr=pipe, text=True)
         for role in ("echo", "ask")

@@ -30,7 +30,8 @@ TRACK = 1.6
 BIAS = 0.25
 """How far wheels differ in size from what the odometry takes them for, in shares of the noise."""
 
-IN_DOORWAY, ELSEWHERE = "doorway", "elsewhere"
+IN_DOORWAY = "doorway"
+ELSEWHERE = "elsewhere"
 
 
 class Noise(NamedTuple):
@@ -79,7 +80,8 @@ class Body:
     """
 
     def __init__(self, ground: Ground, noise: Noise, seed: int, robot: int) -> None:
-        self._ground, self._noise = ground, noise
+        self._ground = ground
+        self._noise = noise
         draws = (bit_generator(seed, robot, role, BODIES) for role in (WHEELS, SENSORS))
         self._wheels, self._sensors = map(np.random.Generator, draws)
         self._bias = 1.0 + BIAS * noise.wheels * self._wheels.standard_normal(2)
@@ -149,7 +151,8 @@ class Arena:
     """
 
     def __init__(self, ground: Ground, count: int, seed: int, noise: Noise, period: float) -> None:
-        self.ground, self.period = ground, period
+        self.ground = ground
+        self.period = period
         self.bodies = [Body(ground, noise, seed, k) for k in range(count)]
         self.ticks = self._number = 0
         self.touches: list[Touch] = []

@@ -35,7 +35,8 @@ class Driver(Mover):
         """As of `Mover`."""
         new = super().take(goals)
         if new:
-            self._way, self._answered = [], math.nan
+            self._way = []
+            self._answered = math.nan
         return new
 
     def begin_again(self) -> None:
@@ -66,7 +67,8 @@ class Driver(Mover):
         if self._began is None:
             self._began = look.stamp
         self._way = way = self._way or self._find_way(look)
-        pose, near = look.pose, self._limits.near
+        pose = look.pose
+        near = self._limits.near
         while len(way) > 1 and distance(pose, way[0]) <= near:
             way.pop(0)
         if distance(pose, way[0]) <= near:
@@ -77,7 +79,9 @@ class Driver(Mover):
 
     def _find_way(self, look: Look) -> list[tuple[float, float]]:
         """Return the places to pass, the goal last: through free cells, wherever the body is."""
-        ground, robot, (_, goal, pose, _, target) = self._ground, self._robot, look
+        ground = self._ground
+        robot = self._robot
+        (_, goal, pose, _, target) = look
         here = ground.cell(pose.x, pose.y)
         if here is None or here == goal.end:
             return [target]
@@ -97,5 +101,6 @@ class Driver(Mover):
 
 def _off_line(pose: Pose, start: tuple[float, float], end: tuple[float, float]) -> float:
     """Return the metres from a pose to the line through two places."""
-    dx, dy = end[0] - start[0], end[1] - start[1]
+    dx = end[0] - start[0]
+    dy = end[1] - start[1]
     return abs(dx * (pose.y - start[1]) - dy * (pose.x - start[0])) / math.hypot(dx, dy)

@@ -73,15 +73,18 @@ class Ground:
         if cell in self.grid.doorways:
             return x, y
         east, north = QUADRANTS[robot % len(QUADRANTS)]
-        lane, (west_most, east_most, south_most, north_most) = LANE * self.side, self._lanes[cell]
+        lane = LANE * self.side
+        (west_most, east_most, south_most, north_most) = self._lanes[cell]
         x += min(max(east * lane, west_most), east_most)
         return x, y + min(max(north * lane, south_most), north_most)
 
     @cached_property
     def _lanes(self) -> list[list[float]]:
         """How far from the middle of each cell a body may be: west, east, south, north."""
-        lead, clear = self.grid.next_cell, self.room - CLEAR * self.side
-        lane, itself = LANE * self.side, np.arange(len(lead))
+        lead = self.grid.next_cell
+        clear = self.room - CLEAR * self.side
+        lane = LANE * self.side
+        itself = np.arange(len(lead))
         north, south, east, west = (lead[:, move] for move in range(PRIMITIVES))
         bounds = []
         for low, high, along in ((west, east, (north, south)), (south, north, (east, west))):
@@ -113,10 +116,14 @@ class Ground:
         """Whether a body there would touch a wall, or the space outside the map."""
         left, low = self._frame.origin
         rows, columns = self.grid.shape
-        side, radius = self.side, self.radius
-        east, north = x - left, y - low
-        first, last = math.floor((east - radius) / side), math.floor((east + radius) / side)
-        below, above = math.floor((north - radius) / side), math.floor((north + radius) / side)
+        side = self.side
+        radius = self.radius
+        east = x - left
+        north = y - low
+        first = math.floor((east - radius) / side)
+        last = math.floor((east + radius) / side)
+        below = math.floor((north - radius) / side)
+        above = math.floor((north + radius) / side)
         for column in range(first, last + 1):
             for level in range(below, above + 1):
                 row = rows - 1 - level

@@ -57,7 +57,8 @@ class Mover:
     """
 
     def __init__(self, ground: Ground, robot: int) -> None:
-        self._ground, self._robot = ground, robot
+        self._ground = ground
+        self._robot = robot
         self._goals = NO_GOALS
         self._goal: BodyGoal | None = None
         self._began: float | None = None
@@ -104,7 +105,8 @@ class Mover:
             self._began = None
             self._other_clock = True
         self._since_goals += 1
-        self._stamp, self.pose = seconds, pose
+        self._stamp = seconds
+        self.pose = pose
 
     def _look(self) -> Look | None:
         """Return what the goal is judged by; None: there is no goal, or no pose."""

@@ -20,7 +20,8 @@ from sparse_coord_ros.lockstep.bodies import Reached
 SETTLE_SECONDS = 1.0
 """How long a newer pose is waited for: some localisations are silent where a body stands."""
 
-BACKOFF_SECONDS, LONGEST_BACKOFF = 0.25, 4.0
+BACKOFF_SECONDS = 0.25
+LONGEST_BACKOFF = 4.0
 """Until a goal is sent again; twice as long after each time."""
 
 ANSWER_SECONDS = 2.0
@@ -99,7 +100,8 @@ class Navigator(Mover):
 
     def __init__(self, ground: Ground, limits: NavLimits, robot: int, port: NavPort) -> None:
         super().__init__(ground, robot)
-        self._limits, self._port = limits, port
+        self._limits = limits
+        self._port = port
         self._sent: _Sent | None = None
         self._tickets = self._number = self._tries = 0
         self._taken = self._again = 0.0
@@ -195,8 +197,11 @@ class Navigator(Mover):
         """Do what is to be done now; return how the goal ended if it has."""
         self._watch(now)
         if self._goals.number != self._number:
-            self._number, self._taken, self._again = self._goals.number, now, now
-            self._tries, self._over = 0, None
+            self._number = self._goals.number
+            self._taken = now
+            self._again = now
+            self._tries = 0
+            self._over = None
         if self.held:
             self._taken = now  # a move's time does not pass while nothing may be driven
         if self.held or self._goal is None or (self._sent and self._sent.goals != self._number):
@@ -269,7 +274,8 @@ class Navigator(Mover):
 
     def _watch(self, now: float) -> None:
         """Look whether the server still speaks."""
-        sent, silence = self._sent, self._limits.silence
+        sent = self._sent
+        silence = self._limits.silence
         if sent is None:
             return
         since = sent.since if sent.cancelled is None else sent.cancelled

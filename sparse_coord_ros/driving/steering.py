@@ -10,7 +10,8 @@ from sparse_coord_ros.driving.ground import Pose
 TURN_FIRST = 0.5
 """Radians off the bearing from which the body turns on the spot; nearer, it drives faster."""
 
-TURN_GAIN, SPEED_GAIN = 3.0, 3.0
+TURN_GAIN = 3.0
+SPEED_GAIN = 3.0
 """Per second: how fast an angle or a distance that is left is worked off."""
 
 CRAWL = 0.1

@@ -45,9 +45,11 @@ class Tree:
         The time is the newest one on the way: that of the odometry, which comes more often than a
         localisation corrects it. None: there is no way, or only a static one.
         """
-        parent, frame = parent.lstrip("/"), child.lstrip("/")
+        parent = parent.lstrip("/")
+        frame = child.lstrip("/")
         self.way = []
-        here, newest = Pose(0.0, 0.0, 0.0), None
+        here = Pose(0.0, 0.0, 0.0)
+        newest = None
         for _ in range(DEEPEST):
             if frame == parent:
                 return None if newest is None else (newest, here)
@@ -71,7 +73,8 @@ def parent_of(pose: Pose, here: Pose) -> Pose:
 
 def _within(frame: Pose, pose: Pose) -> Pose:
     """Return a pose of a frame as one of the frame's parent."""
-    cos, sin = math.cos(frame.yaw), math.sin(frame.yaw)
+    cos = math.cos(frame.yaw)
+    sin = math.sin(frame.yaw)
     x = frame.x + cos * pose.x - sin * pose.y
     y = frame.y + sin * pose.x + cos * pose.y
     return Pose(x, y, math.remainder(frame.yaw + pose.yaw, math.tau))

@@ -25,7 +25,8 @@ from sparse_coord_ros.learners.tables import Tables
 from sparse_coord_ros.lockstep.bodies import BodiesSide, BodyWorld, Goals
 
 _TABLES = tables_from_yaml(Path(__file__).with_name("settings.yaml"))
-DRIVER_SETTINGS, BODY_SETTINGS = _TABLES["driver"], _TABLES["body"]
+DRIVER_SETTINGS = _TABLES["driver"]
+BODY_SETTINGS = _TABLES["body"]
 """What a driver is told of its robot's body, and what the simulator of bodies is told."""
 
 NAV2_SETTINGS = _TABLES["nav2_driver"]
@@ -190,15 +191,18 @@ def drive(
     """
     scenario = run.scenario
     team = greedy_team(scenario, tables, seed, run.learner)
-    horizon, slips = scenario.horizon, values["slips"]
+    horizon = scenario.horizon
+    slips = values["slips"]
     world = BodyWorld(scenario, seed, slips=slips, phase=EVALUATION, max_steps=horizon)
     floor = Floor(run, values, seed, world)
-    arena, sent = floor.arena, floor.bodies
+    arena = floor.arena
+    sent = floor.bodies
     found: list[tuple[Any, ...]] = []
     for episode in range(episodes):
         world.begin_episode()
         floor.followed = episode if episode < followed else None
-        touched, before = len(arena.touches), sent.seconds
+        touched = len(arena.touches)
+        before = sent.seconds
         times = np.full(len(tables), horizon)
         asks = np.zeros(len(tables), dtype=np.int64)
         steps = miscoordinations = 0
@@ -211,7 +215,8 @@ def drive(
             miscoordinations += outcome.miscoordination
             asks += [action is not None and action.asked for action in actions]
             times[list(outcome.arrived)] = steps
-        seconds, arrived = sent.seconds - before, list(world.arrived)
+        seconds = sent.seconds - before
+        arrived = list(world.arrived)
         places = [touch.where for touch in arena.touches[touched:]]
         touches = places.count(IN_DOORWAY), places.count(ELSEWHERE)
         drift = [math.dist(body.pose[:2], body.odometry[:2]) for body in arena.bodies]

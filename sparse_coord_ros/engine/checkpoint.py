@@ -75,7 +75,8 @@ def load_checkpoint(path: Path, scenario: Scenario, learner: Learner, seed: int)
         raise RunError(f"{path}: there is no such file; {remedy}")
     said = f"learner {learner.label}, seed {seed}"
     arrays = checkpoint.read(path, run_digest(scenario, learner, seed), said=said)
-    robots, groups = len(scenario.robots), len(groups_of(scenario, learner))
+    robots = len(scenario.robots)
+    groups = len(groups_of(scenario, learner))
     try:
         memories = [_memory(arrays, scenario, learner, k) for k in range(robots)]
         histories = [history_from(arrays, f"history_{g}_") for g in range(1, groups + 1)]

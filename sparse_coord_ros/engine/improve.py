@@ -47,7 +47,8 @@ IMPROVED = "improved"
 LEAD = 1.0
 """How much more than any other the action is worth that an improved table says."""
 
-TRIALS, LOOKED_AT = 2000, 200
+TRIALS = 2000
+LOOKED_AT = 200
 """Trials by which more robots are judged; trials after which most changes are given up."""
 
 SURE = 2.0
@@ -146,7 +147,8 @@ def learned_scenario(scenario: Scenario, learner: Learner, memories: Sequence[Me
     moved, successor, door = (
         np.array([memory[name] for memory in memories]) for name in ("moved", "successor", "door")
     )
-    most, leads = moved.argmax(axis=0)[None], moved.any(axis=0)
+    most = moved.argmax(axis=0)[None]
+    leads = moved.any(axis=0)
     felt = door.sum(axis=1) / np.maximum(1, (door != 0.0).sum(axis=1))
     paid = felt / (learner.weights(scenario).common or 1.0)
     same = {field.name: getattr(scenario.map, field.name) for field in fields(GridMap)}
@@ -218,7 +220,8 @@ def one_at_a_time(learned: Scenario, learner: Learner, memories: Sequence[Memory
                 continue
             star[x] = preferring(star[x], COORDINATE)
             waits = int(np.where(ahead[x] == entered, -np.inf, u[x]).argmax())
-            inside, before = passage == entered, (ahead == entered).any(axis=1)
+            inside = passage == entered
+            before = (ahead == entered).any(axis=1)
             for j in range(len(goals)):
                 first = inside | before & (j < k)
                 first[goals[j]] = False
@@ -235,7 +238,8 @@ def _climb(
     team = Team(learned, learner, compiled=has_numba())
     minds = team.initial(memories)
     best = team.play(minds, 0, TRIALS, paired=True)
-    before, better = float(best.reward.mean()), True
+    before = float(best.reward.mean())
+    better = True
     while better:
         better = False
         for change in _changes(learned, team, minds, best.stays):
@@ -244,14 +248,16 @@ def _climb(
                 row[:] = new
             found = _better(team, minds, best)
             if found is not None:
-                best, better = found, True
+                best = found
+                better = True
                 continue
             for (row, _), value in zip(change, old, strict=True):
                 row[:] = value
     improved = []
     for k in range(len(memories)):
         memory = memory_of(team.mind(minds, k))
-        star, u = memory["q_star"], memory["u"]
+        star = memory["q_star"]
+        u = memory["u"]
         improved.append(_with_values(learned, learner, memory, star, u))
     return before, float(best.reward.mean()), improved
 
@@ -301,7 +307,8 @@ def _changes(learned: Scenario, team: Team, minds: Any, stays: np.ndarray) -> It
 
 def _other_route(mind: Any, route: np.ndarray) -> Change:
     """Return the change of a robot that takes another route, with U of that, [cell, move]."""
-    u, star = np.array(mind.u), np.array(mind.q_star)
+    u = np.array(mind.u)
+    star = np.array(mind.q_star)
     star += np.column_stack([route, route.max(axis=1)]) - np.column_stack([u, u.max(axis=1)])
     change = [(mind.q_star[x], row) for x, row in enumerate(star)]
     return change + [(mind.u[x], row) for x, row in enumerate(route)]
@@ -309,7 +316,8 @@ def _other_route(mind: Any, route: np.ndarray) -> Change:
 
 def _on_routes(learned: Scenario, avoided: Sequence[Collection[int]]) -> np.ndarray:
     """Return U of robots alone that keep out of cells, shape (robots, cells, moves)."""
-    after, p = alone(learned, avoided), learned.move_success
+    after = alone(learned, avoided)
+    p = learned.move_success
     routes: np.ndarray = p * after[:, learned.map.next_cell] + (1.0 - p) * after[:, :, None]
     return routes
 
@@ -349,7 +357,9 @@ def _acting(
         star: its new Q*, shape (cells, 5).
         after: its move by own cell, peer and the peer's cell, as of `states_of`.
     """
-    u, cells, robots = memory["u"], len(memory["u"]), len(scenario.robots)
+    u = memory["u"]
+    cells = len(memory["u"])
+    robots = len(scenario.robots)
     states = states_of(memory["rho_keys"], cells, robots)
     rows = dict(zip(map(tuple, states.tolist()), memory["rho_values"], strict=True))
     for state, move in after.items():

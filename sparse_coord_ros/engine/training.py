@@ -31,7 +31,8 @@ EVERY = Setting("evaluate-every", int, 0, "steps between evaluations", low=0, hi
 UNTIL = Setting("until", int, 0, "transitions after which to stop", low=0)
 EVERY_TRIALS = Setting("trials", int, 200, "trials of each of them", low=2, high=10_000_000)
 
-WORTH_COMPILING, WORTH_LOADING = 500_000, 100_000
+WORTH_COMPILING = 500_000
+WORTH_LOADING = 100_000
 """Agent-steps that plain Python makes while numba compiles, or is imported and finds the compiled
 loops on disk: a shorter run is quicker without."""
 
@@ -134,7 +135,8 @@ def train(
         PluginError: a learner or perception model of the user's own failed.
     """
     rule = chosen_learner(learner)
-    scenario, seed = rule.with_defaults(loaded(scenario)), RUN_SETTINGS["seed"].parse(seed)
+    scenario = rule.with_defaults(loaded(scenario))
+    seed = RUN_SETTINGS["seed"].parse(seed)
     evaluate_every = None if evaluate_every is None else EVERY.parse(evaluate_every)
     trials = EVERY_TRIALS.parse(trials)
     until = scenario.steps if until is None else UNTIL.parse(until)
@@ -147,7 +149,8 @@ def train(
             raise SettingError("setting resume: value is True, which needs a checkpoint to go on")
         saved = load_checkpoint(checkpoint, scenario, rule, seed)
         if evaluate_every is None:
-            evaluate_every, trials = saved.evaluate_every, saved.trials
+            evaluate_every = saved.evaluate_every
+            trials = saved.trials
     used = engine_for(scenario, rule, engine)
     if used == "numba":
         batch.prepare(rule, history=True)
@@ -191,8 +194,11 @@ class _RunUnderWay:
         return self.learning
 
     def _learn(self, until: int, caught: list[int]) -> None:
-        learning, every = self.learning, self.evaluate_every
-        budget, part, saved = learning.scenario.steps, FIRST_PART, time.monotonic()
+        learning = self.learning
+        every = self.evaluate_every
+        budget = learning.scenario.steps
+        part = FIRST_PART
+        saved = time.monotonic()
         self.progress(learning.done, budget)
         while learning.done < until and not caught:
             wanted = self._look(until)
@@ -219,7 +225,9 @@ class _RunUnderWay:
 
     def _look(self, until: int) -> int | None:
         """Let the watcher look; return what it returns."""
-        learning, watcher, every = self.learning, self.watcher, self.evaluate_every
+        learning = self.learning
+        watcher = self.watcher
+        every = self.evaluate_every
         if watcher is None:
             return None
         following = learning.done + 1

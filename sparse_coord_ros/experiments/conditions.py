@@ -99,7 +99,8 @@ def _changed(scenario: Scenario) -> dict[str, object] | None:
     """Return what was changed of a shipped scenario or building; None: it is none of these."""
     if not _is_known(scenario.name):
         return None
-    shipped, plain = _load(scenario.name), scenario.plain_settings
+    shipped = _load(scenario.name)
+    plain = scenario.plain_settings
     if (shipped.map, shipped.robots) != (scenario.map, scenario.robots):
         raise _misnamed("scenario", scenario)
     new = scenario.given - shipped.given
@@ -122,13 +123,16 @@ def make_condition(
         ScenarioError: no such scenario, or a malformed one.
         SettingError: an unknown learner or setting, or a bad value.
     """
-    rule, given = learner_of(learner), None
+    rule = learner_of(learner)
+    given = None
     if isinstance(name, Scenario):
         changed_already = _changed(name)
         given = name if changed_already is None else None
-        name, settings = name.name, {**(changed_already or {}), **settings}
+        name = name.name
+        settings = {**(changed_already or {}), **settings}
     base = given or _load(name)
-    scenario, changed = rule.with_defaults(base), rule.with_defaults(base.changed(settings))
+    scenario = rule.with_defaults(base)
+    changed = rule.with_defaults(base.changed(settings))
     rule.check(changed)
     kept = [
         (key, as_text(getattr(changed, key)))

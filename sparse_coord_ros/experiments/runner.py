@@ -148,7 +148,8 @@ class ExperimentResults(Mapping[str, ConditionResult]):
 
     @property
     def _title(self) -> str:
-        plan, many = self.plan, f"{len(self)} condition{'s' * (len(self) != 1)}"
+        plan = self.plan
+        many = f"{len(self)} condition{'s' * (len(self) != 1)}"
         return f"<{many}; runs of each: {plan.runs}, trials of a run: {plan.trials}>"
 
     @property
@@ -273,7 +274,8 @@ def parse_targets(asked: Sequence[str | Condition], plan: Plan) -> Targets:
     digests: dict[str, str] = {}
     for target in asked:
         if isinstance(target, Condition):
-            condition, number = target, None
+            condition = target
+            number = None
         elif target in NAMES:
             continue
         elif "/" not in target:
@@ -403,7 +405,8 @@ def compute(
     conditions = list(conditions)
     found = {one.id: None if results is None else results.load(one) for one in conditions}
     missing = [one for one in conditions if found[one.id] is None]
-    done, total = 0, sum(agent_steps(one.scenario) * plan.runs for one in missing)
+    done = 0
+    total = sum(agent_steps(one.scenario) * plan.runs for one in missing)
     parts: dict[Condition, dict[int, list[Sample]]] = {one: {} for one in missing}
     for one in missing[:1]:
         progress(one.id, done, total)
@@ -438,7 +441,8 @@ def _on_cluster(conditions: Sequence[Condition], plan: Plan, by: Computing) -> C
     work: list[tuple[Scenario, Learner, Sequence[int], int, str]] = []
     whose: list[Condition] = []
     for one in conditions:
-        steps, runs = agent_steps(one.scenario), plan.runs * len(conditions)
+        steps = agent_steps(one.scenario)
+        runs = plan.runs * len(conditions)
         for share in by.cluster.shares(plan.seeds, steps, runs):
             whose.append(one)
             rule = learner_of(one.learner)
@@ -474,7 +478,8 @@ def one_run(results: Results, condition: Condition, number: int, by: Computing) 
     Raises:
         ResultsError: something else is in its place.
     """
-    seed, trials = results.plan.seed + number, results.plan.trials
+    seed = results.plan.seed + number
+    trials = results.plan.trials
     folder = results.directory / "runs" / condition.id / str(number)
     if folder.exists():
         wanted = make_run(condition.scenario, {"seed": seed, "learner": condition.learner})

@@ -157,7 +157,8 @@ class ConditionResult:
 
         The runs are the independent samples: the standard error is that of their means.
         """
-        means, variances = np.array(self.means[name]), np.array(self.variances[name])
+        means = np.array(self.means[name])
+        variances = np.array(self.variances[name])
         spread = math.sqrt(variances.mean() + means.var())
         return Measure(float(means.mean()), spread, standard_error(means))
 
@@ -166,7 +167,8 @@ class ConditionResult:
 
         The spread is that of the trials; the standard error says how much the runs differ.
         """
-        means, spread = self.run_means(name), self.measure(name).spread
+        means = self.run_means(name)
+        spread = self.measure(name).spread
         return Measure(float(means.mean()), spread, standard_error(means))
 
     def run_means(self, name: str) -> np.ndarray:

@@ -121,7 +121,8 @@ def _starts_and_goals(
     for _ in range(building.robots):
         # The fullest rooms first, so that two different ones with places are left to the end.
         order = sorted(free, key=lambda room: (-len(free[room]), draw.random()))
-        one, other = order[0], order[1 + draw.randrange(len(order) - 1)]
+        one = order[0]
+        other = order[1 + draw.randrange(len(order) - 1)]
         other = other if free[other] else order[1]
         start, goal = (one, other) if draw.random() < 0.5 else (other, one)
         pairs.append((free[start].pop(), free[goal].pop()))

@@ -116,7 +116,8 @@ def compiled_draws(
 @inlined
 def _jumped_to(draws: CompiledDraws, role: int, k: int, step: int, column: int) -> float:
     """As `drawn`; of each role and robot the time step is not before the last one's."""
-    source, width = draws.sources[role, k], WIDTHS[role]
+    source = draws.sources[role, k]
+    width = WIDTHS[role]
     steps = step - draws.since[role, k]
     if (steps + 1) * width > MOST:
         _go_on(draws, role, k, step)
@@ -128,7 +129,8 @@ def _jumped_to(draws: CompiledDraws, role: int, k: int, step: int, column: int) 
 @inner
 def _go_on(draws: CompiledDraws, role: int, k: int, step: int) -> None:
     """Let a generator go on to a time step's beginning."""
-    source, width = draws.sources[role, k], WIDTHS[role]
+    source = draws.sources[role, k]
+    width = WIDTHS[role]
     while draws.since[role, k] < step:
         steps = min(step - draws.since[role, k], MOST // width)
         high, low = jumped(source, draws.jumps[steps * width])

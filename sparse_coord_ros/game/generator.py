@@ -31,10 +31,13 @@ _UNIT = 1.0 / (1 << 53)
 
 def jump_table() -> np.ndarray:
     """Return A_n and G_n of n = 0 to `MOST` steps: high and low word each; uint64, (n, 4)."""
-    rows, power, total = [], 1, 0
+    rows = []
+    power = 1
+    total = 0
     for _ in range(MOST + 1):
         rows.append([*divmod(power, 2**WORD), *divmod(total, 2**WORD)])
-        power, total = power * MULTIPLIER & _WHOLE, (total * MULTIPLIER + 1) & _WHOLE
+        power = power * MULTIPLIER & _WHOLE
+        total = (total * MULTIPLIER + 1) & _WHOLE
     return np.array(rows, dtype=np.uint64)
 
 
@@ -74,7 +77,8 @@ def jumped(source: np.ndarray, jump: np.ndarray) -> tuple[int, int]:
 
 def uniform(high: int, low: int) -> float:
     """Return the draw in [0, 1) of a state: PCG XSL-RR, and the upper 53 bits of what it gives."""
-    folded, turn = high ^ low, high >> 58
+    folded = high ^ low
+    turn = high >> 58
     bits = (folded >> turn | folded << (-turn & 63)) & _LOW
     return (bits >> 11) * _UNIT
 
@@ -88,7 +92,8 @@ def _let_call(options: dict[str, Any]) -> None:
     """
     names = ("llvmlite.ir", "numba.core.types", "numba.extending")
     ir, types, extending = map(import_module, names)
-    word, wide = ir.IntType(WORD), ir.IntType(2 * WORD)
+    word = ir.IntType(WORD)
+    wide = ir.IntType(2 * WORD)
 
     def words_of_sum(
         _: Any, x1: Any, x0: Any, c1: Any, c0: Any, a1: Any, a0: Any, g1: Any, g0: Any
@@ -114,7 +119,9 @@ def _let_call(options: dict[str, Any]) -> None:
         return pair(*[types.uint64] * 8), generate
 
     product_sum = extending.intrinsic(words_of_sum)
-    shift, around, unused = np.uint64(58), np.uint64(63), np.uint64(11)
+    shift = np.uint64(58)
+    around = np.uint64(63)
+    unused = np.uint64(11)
 
     # Numba wants the very signature of the function outside, annotations included.
     def make_jumped(source: Any, jump: Any) -> Callable[..., Any]:
@@ -127,7 +134,8 @@ def _let_call(options: dict[str, Any]) -> None:
 
     def make_uniform(high: Any, low: Any) -> Callable[..., Any]:
         def uniform(high: Any, low: Any) -> Any:
-            folded, turn = high ^ low, high >> shift
+            folded = high ^ low
+            turn = high >> shift
             back = (np.uint64(64) - turn) & around
             bits = folded >> turn | folded << back
             return np.float64(bits >> unused) * _UNIT

@@ -22,7 +22,9 @@ from sparse_coord_ros.game.actions import DIRECTIONS
 from sparse_coord_ros.limits import MAP, MAP_HEADER, read_text, to_yaml, yaml_value
 from sparse_coord_ros.share import share_file, share_names
 
-WALL, FREE, DOORWAY = "#", ".", "D"
+WALL = "#"
+FREE = "."
+DOORWAY = "D"
 SYMBOLS = "'#' wall, '.' free, 'D' doorway, '1' to '9' start"
 UNREACHABLE = -1
 
@@ -92,7 +94,8 @@ class GridMap:
     @property
     def doorway_count(self) -> int:
         """How many doorways there are: doorway cells side by side, or in a row, are one."""
-        left, count = set(self.doorways), 0
+        left = set(self.doorways)
+        count = 0
         while left:
             count += 1
             reached = [left.pop()]
@@ -111,7 +114,8 @@ class GridMap:
     @property
     def doorways_in_words(self) -> str:
         """How many doorways there are, and of how many cells where these are more."""
-        doorways, cells = self.doorway_count, len(self.doorways)
+        doorways = self.doorway_count
+        cells = len(self.doorways)
         more = f" ({cells} cells)" if cells > doorways else ""
         return f"{doorways} doorway{'s' * (doorways != 1)}{more}"
 
@@ -170,7 +174,8 @@ def moves_to(lead: np.ndarray, goal: int, avoided: Collection[int] = ()) -> np.n
         Shape (cells,), int64.
     """
     far = np.full(len(lead), UNREACHABLE, dtype=np.int64)
-    front, moves = np.zeros(len(lead), dtype=np.bool_), 0
+    front = np.zeros(len(lead), dtype=np.bool_)
+    moves = 0
     front[goal] = True
     while front.any():
         far[front] = moves

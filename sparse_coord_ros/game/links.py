@@ -77,7 +77,8 @@ def check_up(link: Spec, what: str) -> None:
 
 def link_of(link: Spec, seed: int, agent: int, phase: int = LEARNING) -> Link:
     """Return the link of one robot of a run; arguments as of `game.streams.Stream`."""
-    pattern, dead_from = np.zeros(0, dtype=np.bool_), NEVER
+    pattern = np.zeros(0, dtype=np.bool_)
+    dead_from = NEVER
     if link.kind == "dead":
         dead_from = int(link.numbers[0])
     elif link.kind != "up":
@@ -91,7 +92,8 @@ def link_of(link: Spec, seed: int, agent: int, phase: int = LEARNING) -> Link:
 
 def _bursts(draws: np.ndarray, p_down: float, p_up: float) -> np.ndarray:
     """Return the pattern of a link that goes down and comes back, shape (PERIOD,), bool."""
-    down, found = False, []
+    down = False
+    found = []
     for draw in draws.tolist():
         down = draw >= p_up if down else draw < p_down
         found.append(down)

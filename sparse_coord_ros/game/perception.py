@@ -295,9 +295,12 @@ def _sees(grid: GridMap, here: tuple[int, int], there: tuple[int, int]) -> bool:
     A line through a corner point of four cells passes when one of the two cells beside the
     corner is free.
     """
-    (r, c), (end_r, end_c) = here, there
-    rows, columns = abs(end_r - r), abs(end_c - c)
-    step_r, step_c = (1 if end_r > r else -1), (1 if end_c > c else -1)
+    (r, c) = here
+    (end_r, end_c) = there
+    rows = abs(end_r - r)
+    columns = abs(end_c - c)
+    step_r = 1 if end_r > r else -1
+    step_c = 1 if end_c > c else -1
     # Twice the (signed) distance to the next row border against that to the next column border.
     error = columns - rows
     while (r, c) != (end_r, end_c):
@@ -305,7 +308,8 @@ def _sees(grid: GridMap, here: tuple[int, int], there: tuple[int, int]) -> bool:
             beside = ((r + step_r, c), (r, c + step_c))
             if not any(cell in grid.number for cell in beside):
                 return False
-            r, c = r + step_r, c + step_c
+            r = r + step_r
+            c = c + step_c
             error += 2 * (columns - rows)
         elif error > 0:
             c += step_c

@@ -97,7 +97,8 @@ class Registry(Generic[T]):
     """
 
     def __init__(self, kind: str, group: str, check: Callable[[str, object], T]) -> None:
-        self.kind, self.group = kind, group
+        self.kind = kind
+        self.group = group
         self._check = check
         self._known: dict[str, T] = {}
 
@@ -226,7 +227,8 @@ def path_of(thing: type | Callable[..., object]) -> str | None:
 
     None where they could not: it was made within a function or typed in, not read from a file.
     """
-    module, name = getattr(thing, "__module__", ""), getattr(thing, "__qualname__", "")
+    module = getattr(thing, "__module__", "")
+    name = getattr(thing, "__qualname__", "")
     if module == "__main__":  # a script: others find it by its file's name
         module = Path(getattr(sys.modules["__main__"], "__file__", None) or "").stem
     path = f"{module}:{name}"

@@ -75,7 +75,8 @@ def problem_of(scenario: Scenario, *, plain: bool, percepts: bool = True) -> Pro
         plain: whether plain Python is to use it.
         percepts: whether `perceive` will be called; the model of percepts may be unknown.
     """
-    grid, robots = scenario.map, scenario.robots
+    grid = scenario.map
+    robots = scenario.robots
     free = [grid.leading_to(robot.goal) for robot in robots]
     percept = np.zeros((0, 0))
     if percepts:
@@ -140,7 +141,8 @@ def perceive(problem: Problem, draws: Any, k: int, step: int, cells: Any) -> int
         if succeeds(percept_draw(draws, k, step), problem.percept[cells[k], cells[1 - k]]):
             return 2 - k
         return 0
-    first, end = 0, team
+    first = 0
+    end = team
     if not problem.all_peers and team > 1:
         which = drawn(draws, POLICY, k, step, PEER) if team > 2 else 0.0
         first = drawn_peer(k, team, which)

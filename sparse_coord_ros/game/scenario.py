@@ -167,7 +167,8 @@ class Scenario:
 
     def __repr__(self) -> str:
         """Return what it is, on one line."""
-        robots, cells = len(self.robots), len(self.map.cells)
+        robots = len(self.robots)
+        cells = len(self.map.cells)
         return f"<Scenario {self.label}; {robots} robots, {cells} cells>"
 
     @property

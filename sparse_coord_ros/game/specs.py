@@ -102,7 +102,8 @@ class SpecFamily:
     """
 
     def __init__(self, setting: str, *forms: Form) -> None:
-        self.setting, self._forms = setting, forms
+        self.setting = setting
+        self._forms = forms
 
     @property
     def forms(self) -> tuple[Form, ...]:

@@ -9,7 +9,8 @@ they are used or not, and `advance` finds the draws of any step.
 
 import numpy as np
 
-LEARNING, EVALUATION = 0, 1
+LEARNING = 0
+EVALUATION = 1
 """Phases of a run: the same seed gives independent draws in each."""
 
 POLICY, MOTION, PERCEPT, START, REPLAY, BLIND = range(6)
@@ -60,5 +61,6 @@ class Stream:
         bits = bit_generator(*self._key)
         bits.advance(block * BLOCK * self._width)
         draws = np.random.Generator(bits).random((BLOCK, self._width))
-        self._first, self._last = block * BLOCK, (block + 1) * BLOCK
+        self._first = block * BLOCK
+        self._last = (block + 1) * BLOCK
         self._rows = draws.tolist()

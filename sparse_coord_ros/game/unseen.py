@@ -62,11 +62,13 @@ def generated(
 
 def unseen(name: str) -> dict[str, Any] | None:
     """Return the building of that name as `generated` does; None: no such name."""
-    kinds, teams = "|".join(KINDS), "|".join(map(str, TEAMS))
+    kinds = "|".join(KINDS)
+    teams = "|".join(map(str, TEAMS))
     found = re.fullmatch(f"{VERSION}-({kinds})-({teams})r-(0|[1-9][0-9]{{0,8}})", name)
     if found is None:
         return None
-    kind, robots = found[1], int(found[2])
+    kind = found[1]
+    robots = int(found[2])
     draw = random.Random(name)
     plan = KINDS[kind](draw, robots > 2)
     pairs = zip(*_places(plan, robots, draw), strict=True)
@@ -130,7 +132,8 @@ def _corridor(draw: random.Random, large: bool) -> Building:
 
 def _rooms(draw: random.Random, large: bool) -> Building:
     """Return rooms in a grid, connected by a random tree of doorways and some more."""
-    high, wide = 2, draw.randint(2, 3)
+    high = 2
+    wide = draw.randint(2, 3)
     heights = [draw.randint(2, 3 + large) for _ in range(high)]
     widths = [draw.randint(2, 3 + large) for _ in range(wide)]
     grid = _blank(sum(heights) + high - 1, sum(widths) + wide - 1)
@@ -146,7 +149,8 @@ def _rooms(draw: random.Random, large: bool) -> Building:
     draw.shuffle(walls)
     joined = list(range(high * wide))
     for one, other in walls:
-        beside, free = draw.random() < BESIDE, joined[one] != joined[other]
+        beside = draw.random() < BESIDE
+        free = joined[one] != joined[other]
         along = draw.randrange(1000)
         if not (free or beside):
             continue
@@ -161,11 +165,13 @@ def _rooms(draw: random.Random, large: bool) -> Building:
 
 def _loop(draw: random.Random, large: bool) -> Building:
     """Return a corridor round a block, with a room at either end and doorways in both ways."""
-    rows, length = draw.randint(3, 4), draw.randint(3, 5)
+    rows = draw.randint(3, 4)
+    length = draw.randint(3, 5)
     room = 2 + large
     grid = _blank(rows, length + 2 * room)
     parts = [_carve(grid, 0, 0, rows, room), _carve(grid, 0, room + length, rows, room)]
-    upper, lower = 0, rows - 1
+    upper = 0
+    lower = rows - 1
     for row in (upper, lower):
         _carve(grid, row, room, 1, length)
         grid[row][room + draw.randrange(length)] = DOORWAY

@@ -186,15 +186,18 @@ class World:
         """Return where the game is."""
         if self.step == self._episode_start:
             return before_episode(self.transitions, self.step, len(self.cells))
-        cells, arrived = tuple(self.cells), tuple(self.arrived)
+        cells = tuple(self.cells)
+        arrived = tuple(self.arrived)
         return Position(self.transitions, self.step, True, self._episode_start, cells, arrived)
 
     def go_on_from(self, position: Position) -> None:
         """Go on where another world of the same run was; `episode` counts from 0 again."""
-        self.transitions, self.step = position.transitions, position.step
+        self.transitions = position.transitions
+        self.step = position.step
         self._episode_start = position.episode_start
         if position.under_way:
-            self.cells, self.arrived = list(position.cells), list(position.arrived)
+            self.cells = list(position.cells)
+            self.arrived = list(position.arrived)
         else:
             self._begin_here()
 
@@ -207,7 +210,8 @@ class World:
         Returns:
             The outcome; `step` and `cells` are then those of the next time step.
         """
-        cells, arrivals = self.cells, []
+        cells = self.cells
+        arrivals = []
         for k in self.agents:
             action = actions[k]
             if action is not None and not self.arrived[k]:

@@ -83,7 +83,8 @@ def positions_from(
     Raises:
         ValueError: something is missing, or has another type, shape or range than it must have.
     """
-    robots, cells = len(scenario.robots), len(scenario.map.cells)
+    robots = len(scenario.robots)
+    cells = len(scenario.map.cells)
     like = position_arrays([before_episode(0, 0, robots)] * games)
     fields = [
         archive.member(

@@ -103,7 +103,8 @@ class History(NamedTuple):
         else:
             order = np.flatnonzero(self.present[:, robot - 1])
             values = values[:, robot - 1] if values.ndim == 2 else values
-        steps, values = self.first_step[order], values[order]
+        steps = self.first_step[order]
+        values = values[order]
         window = min(window, max(1, len(values)))
         sums = np.cumsum(np.concatenate([np.zeros(1), values]))
         return steps[window - 1 :], (sums[window:] - sums[:-window]) / window
@@ -238,7 +239,8 @@ class HistoryRecorder:
             if not self._goes_on:
                 self._begin(step)
             self._goes_on = False
-        rows, last = self._rows, self._used - 1
+        rows = self._rows
+        last = self._used - 1
         rows.length[last] += 1
         rows.miscoordinations[last] += outcome.miscoordination
         for k in self._members:

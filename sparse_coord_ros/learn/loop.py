@@ -220,7 +220,8 @@ def choose_all(state: State, minds: Any, step: int, epsilon: float) -> None:
             continue
         mind = mind_of(minds, k)
         action = choose(mind.q_star[cell], rule.actions, epsilon, draws, k, step)
-        move, seen = action, 0
+        move = action
+        seen = 0
         if action == COORDINATE:
             seen = perceive(rule.problem, draws, k, step, cells)
             task = task_of(rule, k)
@@ -234,7 +235,8 @@ def choose_all(state: State, minds: Any, step: int, epsilon: float) -> None:
 def move_all(state: State, step: int) -> bool:
     """Move every robot that acts; return whether the step ends in a miscoordination."""
     rule, game, choice, draws, _ = state
-    problem, cells = rule.problem, game.cells
+    problem = rule.problem
+    cells = game.cells
     for k in rule.members:
         if not game.arrived[k]:
             cells[k] = led(problem, draws, k, step, cells[k], choice.moves[k])
@@ -253,7 +255,8 @@ def learn_from(
 ) -> None:
     """Let robot k learn from the step that was made."""
     rule, game, choice, draws, _ = state
-    problem, weights = rule.problem, rule.weights
+    problem = rule.problem
+    weights = rule.weights
     cells = game.cells
     next_cell = int(cells[k])
     action = int(choice.actions[k])
@@ -301,8 +304,11 @@ def learn_until(state: State, minds: Any, record: Record | None, budget: int) ->
         budget: transitions to make from the run's beginning on.
     """
     rule, game, choice, _, _ = state
-    problem, members = rule.problem, rule.members
-    clock, arrived, cells = game.clock, game.arrived, game.cells
+    problem = rule.problem
+    members = rule.members
+    clock = game.clock
+    arrived = game.arrived
+    cells = game.cells
     last = len(rule.epsilon) - 1
     step = clock[STEP]
     done = clock[DONE]
@@ -313,7 +319,8 @@ def learn_until(state: State, minds: Any, record: Record | None, budget: int) ->
             if record is not None:
                 begin_row(record, step)
         scheduled = min(step, last)
-        epsilon, floor = rule.epsilon[scheduled], rule.floors[scheduled]
+        epsilon = rule.epsilon[scheduled]
+        floor = rule.floors[scheduled]
         choose_all(state, minds, step, epsilon)
         conflict = move_all(state, step)
         if record is not None:
@@ -362,8 +369,11 @@ def play_until(
         paired: whether a trial has the same draws whatever happened in those before it.
     """
     rule, game, choice, _, _ = state
-    problem, members = rule.problem, rule.members
-    clock, cells, arrived = game.clock, game.cells, game.arrived
+    problem = rule.problem
+    members = rule.members
+    clock = game.clock
+    cells = game.cells
+    arrived = game.arrived
     discount = 1.0
     while clock[DONE] < trials and not state.stop[0]:
         if not clock[PLACED]:

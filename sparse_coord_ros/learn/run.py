@@ -156,7 +156,8 @@ class Team:
         tables: dict[str, Any] = {
             name: array("d", getattr(rule, name).tobytes()) for name in names
         }
-        members, weights = rule.members.tolist(), rule.weights.tolist()
+        members = rule.members.tolist()
+        weights = rule.weights.tolist()
         listed = rule._replace(members=members, weights=weights, **tables)
         tasks = [
             self.learner.task(self.scenario, k, listed.step_sizes)
@@ -245,7 +246,8 @@ class Team:
             Stopped: the run is not wanted any more.
         """
         scenario = self.scenario
-        team, cells = len(scenario.robots), len(scenario.map.cells)
+        team = len(scenario.robots)
+        cells = len(scenario.map.cells)
         position = before_episode(0, FIRST_STEP + EPISODE_GAP, team)
         state = self.state(self._trying, seed, streams.EVALUATION, position)
         results = np.zeros((trials, team, 4))
@@ -283,7 +285,8 @@ class Team:
 
     def _q_coord(self, mind: Any, k: int) -> np.ndarray | None:
         """Return Q^C of a pair by the compiled loop; None where there is no such loop."""
-        team, cells = len(self.scenario.robots), len(self.scenario.map.cells)
+        team = len(self.scenario.robots)
+        cells = len(self.scenario.map.cells)
         if not self.compiled or self.scenario.sparse or team == 1:
             return None
         peer = 1 if k == 0 else 0
@@ -329,7 +332,8 @@ class LearningRun:
         self.scenario = team.scenario
         self.learner = team.learner
         self.seed = seed
-        robots, groups = len(team.scenario.robots), len(team.rules)
+        robots = len(team.scenario.robots)
+        groups = len(team.rules)
         if state is None:
             first = before_episode(0, FIRST_STEP, robots)
             state = LearningState((first,) * groups, (), (blank_history(0, robots),) * groups)
@@ -379,9 +383,11 @@ class LearningRun:
         for state, before in zip(self._states, positions, strict=True):
             members = state.rule.members
             for k in members:
-                cell, action = before.cells[k], None
+                cell = before.cells[k]
+                action = None
                 if not (before.under_way and before.arrived[k]):
-                    cell, action = int(state.choice.cells[k]), self._action(state, k, before.step)
+                    cell = int(state.choice.cells[k])
+                    action = self._action(state, k, before.step)
                 rows.append((cell, action, int(state.game.cells[k])))
             met |= bool(miscoordination(state.rule.problem, state.game.cells, members))
         cells, actions, after = zip(*rows, strict=True)
@@ -443,7 +449,8 @@ class LearningRun:
         return tuple(map(self._history, there))
 
     def _history(self, number: int) -> History:
-        record, state = self._records[number], self._states[number]
+        record = self._records[number]
+        state = self._states[number]
         assert record is not None
         return history_of(record, len(self.scenario.robots), state.rule.members)
 
@@ -498,8 +505,10 @@ def history_of(record: loop.Record, robots: int, members: Any) -> History:
 
 
 def _position(game: loop.Game) -> Position:
-    clock, team = game.clock, len(game.cells)
-    transitions, step = int(clock[DONE]), int(clock[STEP])
+    clock = game.clock
+    team = len(game.cells)
+    transitions = int(clock[DONE])
+    step = int(clock[STEP])
     if not clock[PLACED]:
         return before_episode(transitions, step, team)
     cells = tuple(int(cell) for cell in game.cells)

@@ -28,13 +28,16 @@ from sparse_coord_ros.learners.registry import LEARNERS, check_improvable, learn
 from sparse_coord_ros.limits import SCENARIO, parse_yaml, read_text, to_yaml
 from sparse_coord_ros.version import __version__
 
-RUN_FILE, SCENARIO_FILE, MAP_FILE = "run.yaml", "scenario.yaml", "map.txt"
+RUN_FILE = "run.yaml"
+SCENARIO_FILE = "scenario.yaml"
+MAP_FILE = "map.txt"
 """The files that say what a run is: in its directory the first, in its bag all."""
 
 FORMAT = 2
 """Number of the format of `run.yaml`, its field `format`. Format 1 did not say `bodies`."""
 
-OWN_CLOCK, NO_CLOCK = "own", "none"
+OWN_CLOCK = "own"
+NO_CLOCK = "none"
 """Whether a run owns /clock."""
 
 RUN_RECORD = "sparse_coord_ros"
@@ -82,7 +85,8 @@ class LiveLearnerName(LearnerName):
         return [(name, one) for name, one in super()._registered() if one.runs_live]
 
 
-LEARNER, LIVE_LEARNER = LearnerName("learner"), LiveLearnerName("learner")
+LEARNER = LearnerName("learner")
+LIVE_LEARNER = LiveLearnerName("learner")
 
 
 @dataclass(frozen=True, kw_only=True)

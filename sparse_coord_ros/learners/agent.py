@@ -296,6 +296,7 @@ class Agent:
 
 def action_of(decision: Decision, move: int, *, perceived: bool) -> Action:
     """Return what an agent does, its decision having become a move."""
-    asks, peers = decision.action == COORDINATE, decision.peers
+    asks = decision.action == COORDINATE
+    peers = decision.peers
     peer = peers[0] if asks and len(peers) == 1 else NOBODY
     return Action(move, asks, peer, asks and perceived)

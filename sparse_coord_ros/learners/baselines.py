@@ -63,7 +63,8 @@ class NonCoop(Learner):
     def learn(mind: Mind, task: Task, now: Transition) -> None:
         """Update Q* (equation 3)."""
         after = expected(mind, task, now)
-        values, updates = mind.q_star[now.cell], mind.updates[now.cell]
+        values = mind.q_star[now.cell]
+        updates = mind.updates[now.cell]
         ql_update(values, updates, now.action, task, now.floor, reward_of(now), after)
 
 

@@ -94,7 +94,9 @@ class Coop(Learner):
         after = expected(mind, task, now)
         if now.seen != 0:  # line 12
             row = row_of_state(mind.q_coord, task, now.cell, now.seen, now.cells)
-            values, updates = mind.q_coord.values[row], mind.q_coord.updates[row]
+            values = mind.q_coord.values[row]
+            updates = mind.q_coord.updates[row]
             ql_update(values, updates, now.move, task, now.floor, reward, after)  # line 13
-        values, updates = mind.q_star[now.cell], mind.updates[now.cell]
+        values = mind.q_star[now.cell]
+        updates = mind.updates[now.cell]
         ql_update(values, updates, now.action, task, now.floor, reward, after)  # line 18

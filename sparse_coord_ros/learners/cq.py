@@ -134,7 +134,8 @@ class CQ(Learner):
         """Sample the reward; learn Q^C in joint states that are marked."""
         cell = now.cell
         mind.updates[cell][now.action] += 1
-        values, samples = mind.q_star[cell], mind.samples[cell]
+        values = mind.q_star[cell]
+        samples = mind.samples[cell]
         if now.action != COORDINATE:
             if not is_marked(values) and differs(samples[now.move], now.common):
                 values[COORDINATE] = greatest(values, PRIMITIVES) + MARK
@@ -145,7 +146,8 @@ class CQ(Learner):
             if differs(samples[PRIMITIVES + peer_cell], now.common):
                 after = expected(mind, task, now)
                 row = place(mind.q_coord, key)
-                values, updates = mind.q_coord.values[row], mind.q_coord.updates[row]
+                values = mind.q_coord.values[row]
+                updates = mind.q_coord.updates[row]
                 ql_update(values, updates, now.move, task, now.floor, reward_of(now), after)
 
 

@@ -130,7 +130,8 @@ class Factored(Learner):
 
     def learned_rows(self, scenario: Scenario, memory: Memory) -> np.ndarray:
         """As of `Learner`: corrections that are not 0."""
-        cells, robots = len(scenario.map.cells), len(scenario.robots)
+        cells = len(scenario.map.cells)
+        robots = len(scenario.robots)
         keys = memory["rho_keys"][memory["rho_values"].any(axis=1)]
         return np.bincount(states_of(keys, cells, robots)[:, 0], minlength=cells)
 
@@ -156,7 +157,8 @@ class Factored(Learner):
         known = np.array_equal(np.sort(memory["tried"][:used]), np.flatnonzero(made))
         if not known or memory["tried"][used:].any():
             raise ValueError("tried are not the moves that were counted")
-        successor, left = memory["successor"], memory["moved"] > 0
+        successor = memory["successor"]
+        left = memory["moved"] > 0
         check_range(successor, 0, cells, "successor")
         if successor[~left].any() or (successor == np.arange(cells)[:, None])[left].any():
             raise ValueError("successor is not another cell just where a move led out of its own")
@@ -167,7 +169,8 @@ class Factored(Learner):
     @staticmethod
     def initial(scenario: Scenario, robot: int) -> Mind:
         """Return the factors before learning: U is `q_coord_init`, all else 0."""
-        cells, team = len(scenario.map.cells), len(scenario.robots)
+        cells = len(scenario.map.cells)
+        team = len(scenario.robots)
         moves = (cells, PRIMITIVES)
         u = np.full(moves, scenario.q_coord_init)
         q_star = np.full((cells, len(ACTIONS)), scenario.q_coord_init + 0.0)
@@ -260,7 +263,8 @@ class Factored(Learner):
     def replay(mind: Mind, task: Task, now: Transition) -> None:
         """Set U of a move that was tried to what the own model says of it (Dyna)."""
         pair = mind.tried[int(now.draw * mind.used[0])]
-        x, b = pair // PRIMITIVES, pair % PRIMITIVES
+        x = pair // PRIMITIVES
+        b = pair % PRIMITIVES
         s = mind.successor[x][b]
         share = mind.moved[x][b] / mind.updates[x][b]
         if s == task.goal:
@@ -376,7 +380,9 @@ def corrections_of(
 @inlined
 def refresh(mind: Any, task: Task, cell: int) -> None:
     """Set Q*(cell, .) from the factors."""
-    u, r_bar, q_star = mind.u[cell], mind.r_bar[cell], mind.q_star[cell]
+    u = mind.u[cell]
+    r_bar = mind.r_bar[cell]
+    q_star = mind.q_star[cell]
     for b in range(PRIMITIVES):
         q_star[b] = u[b] + r_bar[b]
     q_star[COORDINATE] = greatest(u, PRIMITIVES) - task.ask_cost + mind.w[cell]
@@ -439,7 +445,9 @@ def toward(value: float, alpha: float, target: float) -> float:
 @inlined
 def learn_move(mind: Any, task: Task, now: Transition) -> None:
     """Learn U and the model from a move and, if the robot did not ask, r_bar."""
-    x, b, y = now.cell, now.move, now.next_cell
+    x = now.cell
+    b = now.move
+    y = now.next_cell
     common = now.common if now.partners != 0 else 0.0
     count = mind.updates[x][b] + 1
     mind.updates[x][b] = count
@@ -491,7 +499,8 @@ def learn_asking(mind: Any, task: Task, now: Transition) -> None:
 @inlined
 def learn_rho(mind: Any, task: Task, now: Transition, row: int, b: int, common: float) -> None:
     """Learn one entry of rho from the r^C that is its peer's doing."""
-    updates, values = mind.rho.updates[row], mind.rho.values[row]
+    updates = mind.rho.updates[row]
+    values = mind.rho.values[row]
     count = updates[b] + 1
     updates[b] = count
     values[b] = toward(values[b], step_of_rho(task, count, now.floor), common)
@@ -575,7 +584,8 @@ def learn_first(
         here: what the second question would have been worth in the first cell.
     """
     row = place(mind.rho, key)
-    rho, updates = mind.rho.values[row], mind.rho.updates[row]
+    rho = mind.rho.values[row]
+    updates = mind.rho.updates[row]
     owed = here if rho[best_move(mind.u[first])] < 0.0 else 0.0
     for b in range(PRIMITIVES):
         if mind.updates[first][b] == 0:
@@ -607,7 +617,9 @@ def share_of(mind: Any, task: Task, peers: int, b: int) -> float:
         peers: the sum of 2^j.
         b: the move.
     """
-    count, some, whole = 0, 0.0, 0.0
+    count = 0
+    some = 0.0
+    whole = 0.0
     for j in range(task.robots):
         whole += mind.blame[b][j]
         if (peers >> j) & 1:

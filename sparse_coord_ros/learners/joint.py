@@ -107,6 +107,7 @@ class Joint(Learner):
         after = expected(mind, task, now)
         reward = reward_of(now) - mind.price[0]
         row = place(mind.q_coord, joint_state(task, now.cell, now.seen, now.cells))
-        values, updates = mind.q_coord.values[row], mind.q_coord.updates[row]
+        values = mind.q_coord.values[row]
+        updates = mind.q_coord.updates[row]
         ql_update(values, updates, now.move, task, now.floor, reward, after)
         mind.updates[now.cell][COORDINATE] += 1

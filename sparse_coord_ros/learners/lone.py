@@ -18,7 +18,8 @@ def lone_values(scenario: Scenario, robot: int, price: float = 0.0) -> np.ndarra
         price: what it pays in every step until it arrives. That is as if it paid for ever and got
             it all back at the goal.
     """
-    goal, success = scenario.robots[robot].goal, scenario.move_success
+    goal = scenario.robots[robot].goal
+    success = scenario.move_success
     for_ever = price / (1.0 - scenario.discount)
     arrival = scenario.goal_reward + scenario.discount * (scenario.goal_value + for_ever)
     value = np.zeros(len(scenario.map.cells))

@@ -267,7 +267,8 @@ def _stacked_rows(
     tables: Sequence[Rows], room: int, memories: Sequence[Memory], name: str
 ) -> Rows:
     first = np.stack([rows.first for rows in tables])
-    table, team = tables[0], len(tables)
+    table = tables[0]
+    team = len(tables)
     if table.most <= DENSE_ROWS:
         values = np.zeros((team, table.most, PRIMITIVES))  # no memory until it is written to
         if first.any():

@@ -33,7 +33,8 @@ def greedy_action(values: Values, count: int, draws: Any, k: int, step: int, col
         column: the column of POLICY that decides between ties.
     """
     best = greatest(values, count)
-    ties, last = 0, 0
+    ties = 0
+    last = 0
     for action in range(count):
         if values[action] == best:
             ties += 1

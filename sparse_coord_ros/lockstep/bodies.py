@@ -139,13 +139,16 @@ class BodiesSide:
     """
 
     def __init__(self, world: BodyWorld, tell: Callable[[Goals], None]) -> None:
-        self._world, self._tell = world, tell
+        self._world = world
+        self._tell = tell
         self._step: int | None = None
         self._expected: list[int] | None = None
         self.placing = False
         self._ahead: list[tuple[BodyGoal, ...]] = []
         self._under_way: dict[int, BodyGoal] = {}
-        self._number, self._longest, self._since = 0, 0.0, BEGIN
+        self._number = 0
+        self._longest = 0.0
+        self._since = BEGIN
         self.failed = self.lost = 0
         self.seconds = 0.0
 
@@ -162,8 +165,10 @@ class BodiesSide:
         """
         world = self._world
         if self._step != world.step:
-            self._step, self._ahead = world.step, []
-            self._under_way, self._longest = {}, 0.0
+            self._step = world.step
+            self._ahead = []
+            self._under_way = {}
+            self._longest = 0.0
             left = self._expected
             self._expected = world.there = list(world.cells)
             if left != world.there:  # an episode begins, or goes on after a break
@@ -205,7 +210,9 @@ class BodiesSide:
     def _go_on(self) -> None:
         """Send those that come next when all others are there."""
         while not self._under_way:
-            self.seconds, self._longest, self.placing = self.seconds + self._longest, 0.0, False
+            self.seconds = self.seconds + self._longest
+            self._longest = 0.0
+            self.placing = False
             if not self._ahead:
                 return
             self._send(self._ahead.pop(0))

@@ -37,7 +37,8 @@ BEGINNING = 0
 EVENTS = "events"
 """In place of a step in a file's name: what was counted."""
 
-KEPT_OWN, KEPT_COMMON = 3, 2
+KEPT_OWN = 3
+KEPT_COMMON = 2
 """How many of its newest files a node keeps, and how many of those that all nodes here have."""
 
 
@@ -80,7 +81,9 @@ class Checkpoints(Store):
     """
 
     def __init__(self, out: Path, node: str, run: RunConfig) -> None:
-        self._node, self._run, self._names = node, run, run.scenario.names
+        self._node = node
+        self._run = run
+        self._names = run.scenario.names
         self.broken: list[str] = []
         self._readable: set[int] = set()
         self._folder = out / CHECKPOINTS
@@ -182,7 +185,8 @@ class Checkpoints(Store):
             fields["position"] = checkpoint.positions_from(arrays, self._run.scenario)[0]
             fields["history"] = history_from(arrays, "history_")
         else:
-            scenario, k = self._run.scenario, self._names.index(self._node)
+            scenario = self._run.scenario
+            k = self._names.index(self._node)
             memory = memory_from(arrays, k + 1)
             fields["memory"] = check_memory(scenario, self._run.rule, k, memory)
         for name in set(kind._fields) - set(fields):
@@ -208,7 +212,8 @@ class Checkpoints(Store):
         write_whole(path, checkpoint.pack(self._run.digest, named), sync=what != EVENTS)
 
     def _read(self, what: int | str) -> dict[str, np.ndarray]:
-        path, run = self._path(what), self._run
+        path = self._path(what)
+        run = self._run
         said = f"{run.scenario.name}, learner {run.learner}, seed {run.seed}"
         arrays = checkpoint.read(path, run.digest, said=said)
         name = str(arrays.pop("name", ""))
@@ -225,7 +230,8 @@ def steps_of(folder: Path, node: str) -> list[int]:
 
 def robots_elsewhere(out: Path, scenario: Scenario) -> list[str]:
     """Return which robots of a run that has come on in a directory never had anything there."""
-    folder, names = out / CHECKPOINTS, scenario.names
+    folder = out / CHECKPOINTS
+    names = scenario.names
     begun = any(steps_of(folder, name) for name in (WORLD, *names))
     return [name for name in names if begun and not (folder / f"{name}.lock").exists()]
 

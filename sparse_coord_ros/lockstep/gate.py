@@ -48,5 +48,6 @@ class StepGate:
         self.said = max(self.said, said)
         if not self.newest < self._first <= self.said + NEAR:
             return False
-        self.newest, self._first = self._last, 0
+        self.newest = self._last
+        self._first = 0
         return True

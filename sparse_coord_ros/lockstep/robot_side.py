@@ -101,8 +101,10 @@ class RobotSide:
     def __init__(self, run: RunConfig, agent: Agent, port: RobotPort) -> None:
         self.newest = (NO_STEP, -1)
         self._asks_before: tuple[int, ...] = ()
-        self._port, self._checkpoint = port, run.checkpoint
-        self._max_steps, self._budget = run.scenario.max_steps, run.scenario.steps
+        self._port = port
+        self._checkpoint = run.checkpoint
+        self._max_steps = run.scenario.max_steps
+        self._budget = run.scenario.steps
         self._states: deque[tuple[int, int]] = deque()
         self._reward: Reward | None = None
         self._choice: Choice | None = None  # whose outcome is still to come
@@ -161,7 +163,8 @@ class RobotSide:
 
     def answer(self, peer: int, request_step: int, answer: Answer) -> None:
         """Take in a peer's answer to the request of a time step."""
-        step, asked = self._handled, self._asked
+        step = self._handled
+        asked = self._asked
         if asked is None or step != request_step or self.asking != peer:
             return
         if answer.step < step:
@@ -239,7 +242,9 @@ class RobotSide:
         begin = (BEFORE_ANY_STEP, -1, 0, NO_STEP, False, (0,) * (len(ASKS) + 2))
         place = begin if state is None else state[:-1]
         step, cell, self.transitions, self._episode_start, self._learned_last, counts = place
-        self._handled, self._cell, self.newest = step, cell, (max(step, NO_STEP), cell)
+        self._handled = step
+        self._cell = cell
+        self.newest = (max(step, NO_STEP), cell)
         *asks, self.learned, self.dropped = counts
         self.asks = dict(zip(ASKS, asks, strict=True))
 
@@ -247,7 +252,8 @@ class RobotSide:
         """Work off the states that have come, as far as what belongs to them is there."""
         while self._states:
             step, cell = self._states[0]
-            before, choice = self._handled, self._choice
+            before = self._handled
+            choice = self._choice
             if choice is not None and step == before + 1:
                 if self._reward is None:
                     return
@@ -261,7 +267,8 @@ class RobotSide:
             else:
                 self._episode_start = step
                 self._port.episode(step)
-            self._handled, self._cell = step, cell
+            self._handled = step
+            self._cell = cell
             if self._checkpoint and before // self._checkpoint < step // self._checkpoint:
                 if before != BEFORE_ANY_STEP:
                     self._port.checkpoint(step)
@@ -294,9 +301,11 @@ class RobotSide:
             self._act(None, PerceptEnd.DID_NOT_ASK)
 
     def _act(self, perceived: tuple[int, ...] | None, ended: PerceptEnd) -> None:
-        decision, self._asked = self._asked, None
+        decision = self._asked
+        self._asked = None
         assert decision is not None
-        step, cell = self._handled, self._cell
+        step = self._handled
+        cell = self._cell
         if ended in (PerceptEnd.ANSWERED, PerceptEnd.REFUSED, PerceptEnd.LATE):
             self.asks[ended.words] += 1
         action = self.agent.act(step, cell, decision, perceived)

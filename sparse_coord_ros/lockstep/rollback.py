@@ -40,13 +40,15 @@ class WorldRollback:
     def __init__(self, side: WorldSide, store: Store, robots: int) -> None:
         self.order = Order()
         self.events = Counter(store.counted())
-        self._side, self._store = side, store
+        self._side = side
+        self._store = store
         self.said: list[Progress | None] = [None] * robots
         self.waiting: set[int] = set()
 
     def heard(self, robot: int, said: Progress) -> bool:
         """Take in what a robot says; return whether it is a new process in an old one's place."""
-        before, self.said[robot] = self.said[robot], said
+        before = self.said[robot]
+        self.said[robot] = said
         new = before is not None and before.life != said.life
         if new and self._side.world.transitions:
             self.events["returned_robots" if said.resumed else "replaced_robots"] += 1
@@ -117,8 +119,11 @@ class RobotRollback:
     def __init__(
         self, side: RobotSide, store: Store, fresh: Callable[[], Agent], life: str, resumed: bool
     ) -> None:
-        self._side, self._store, self._fresh = side, store, fresh
-        self._life, self._resumed = life, resumed
+        self._side = side
+        self._store = store
+        self._fresh = fresh
+        self._life = life
+        self._resumed = resumed
         self._obeyed = NO_ORDER
 
     def begin(self) -> int:
@@ -155,5 +160,6 @@ class RobotRollback:
 
     def progress(self) -> Progress:
         """Return what to say to the world: on joining, after saving, after `obey`."""
-        at, steps = (self._side.handled, self._side.transitions), tuple(self._store.steps())
+        at = (self._side.handled, self._side.transitions)
+        steps = tuple(self._store.steps())
         return Progress(self._life, *at, steps, self._obeyed, self._resumed)

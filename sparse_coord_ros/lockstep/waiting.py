@@ -30,7 +30,8 @@ class Silence:
     """
 
     def __init__(self, now: float) -> None:
-        self._ticked, self._repeated = now, 0.0
+        self._ticked = now
+        self._repeated = 0.0
         self.begin(now)
 
     def begin(self, now: float) -> None:
@@ -106,7 +107,8 @@ class Deadline:
             now: the time.
         """
         if waiting is None or waiting != self._waiting:
-            self._waiting, self._since = waiting, now
+            self._waiting = waiting
+            self._since = now
             return False
         if now - max(self._since, heard) < self._silence and now - self._since < self._longest:
             return False
@@ -128,7 +130,9 @@ class WorldPresence:
     """
 
     def __init__(self, run_id: str, budget: int, patience: float, now: float) -> None:
-        self._run_id, self._budget, self._patience = run_id, budget, patience
+        self._run_id = run_id
+        self._budget = budget
+        self._patience = patience
         self._heard = now
         self._other = False
         self.end: int | None = None
@@ -144,7 +148,8 @@ class WorldPresence:
             raise ValueError(f"is of run {run_id or '(none)'}, not of this run {self._run_id}")
         if state == RunState.FINISHED and transitions < self._budget:
             raise ValueError(f"finished after {transitions} of {self._budget} steps")
-        self._heard, self._other = now, False
+        self._heard = now
+        self._other = False
         if state in (RunState.FINISHED, RunState.STOPPED):
             self.ended = now if self.end is None else self.ended
             self.end = step

@@ -83,8 +83,11 @@ class WorldSide:
         self.absent: set[int] = set()
         self.history = HistoryRecorder(len(run.scenario.robots))
         self.watcher: Callable[[Glimpse], None] | None = None
-        self.held, self._begins = False, True
-        self._port, self._budget, self._checkpoint = port, run.scenario.steps, run.checkpoint
+        self.held = False
+        self._begins = True
+        self._port = port
+        self._budget = run.scenario.steps
+        self._checkpoint = run.checkpoint
         self._robots = range(len(run.scenario.robots))
         self._begin_step()
         self._beginning = self.snapshot()
@@ -102,10 +105,13 @@ class WorldSide:
         if step <= world.step:
             return
         lost = max(0, transitions - world.transitions)
-        episode, done = world.episode, world.transitions + lost
+        episode = world.episode
+        done = world.transitions + lost
         anew = world.position()._replace(step=step, under_way=False, episode_start=step)
         world.go_on_from(anew._replace(transitions=done))
-        world.episode, self.began, self._begins = episode + 1, Began.RESET, True
+        world.episode = episode + 1
+        self.began = Began.RESET
+        self._begins = True
         self.lost += lost
 
     @property
@@ -149,21 +155,26 @@ class WorldSide:
             return None
         own = (self.timeouts, self.left_out, self.stale, self.lost)
         counts = (world.episode, world.miscoordinations, *own)
-        step, absent = world.step if step is None else step, tuple(sorted(self.absent))
+        step = world.step if step is None else step
+        absent = tuple(sorted(self.absent))
         history = self.history.history()
         return WorldState(step, world.position(), counts, self.began, absent, history)
 
     def go_on_from(self, state: WorldState | None) -> None:
         """Go on where the world of the same run was; None: at its beginning. Then call `start`."""
-        state, world = state or self._beginning, self.world
+        state = state or self._beginning
+        world = self.world
         assert state is not None and isinstance(world, ResumableGame)
         world.go_on_from(state.position)
-        self.began, self.absent = state.began, set(state.absent)
+        self.began = state.began
+        self.absent = set(state.absent)
         world.episode, world.miscoordinations, *own = state.counts
         self.timeouts, self.left_out, self.stale, self.lost = own
-        under_way, robots = state.position.under_way, len(self._robots)
+        under_way = state.position.under_way
+        robots = len(self._robots)
         self.history = HistoryRecorder(robots, history=state.history, under_way=under_way)
-        self.held, self._begins = True, not under_way
+        self.held = True
+        self._begins = not under_way
         self._begin_step()
 
     def action(self, robot: int, step: int, action: Action) -> bool:

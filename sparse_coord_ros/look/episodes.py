@@ -20,7 +20,8 @@ from sparse_coord_ros.learners.tables import Tables
 from sparse_coord_ros.look.steps import logged_step
 from sparse_coord_ros.runlog.log import RunLog
 
-LAST, BEST = "last", "best"
+LAST = "last"
+BEST = "best"
 BUSIEST = "asks"
 """The episode with the most questions among those that end well."""
 
@@ -122,7 +123,8 @@ def _play(world: World, team: GreedyTeam, recorder: HistoryRecorder) -> Iterator
     """Play an episode."""
     world.begin_episode()
     while not world.episode_over:
-        step, cells = world.step, tuple(world.cells)
+        step = world.step
+        cells = tuple(world.cells)
         actions = team.act(world)
         outcome = world.advance(actions)
         recorder.add(world.episode, step, actions, outcome)
@@ -152,6 +154,7 @@ def _chosen(wanted: int | str, history: History, own: np.ndarray, where: str) ->
     if wanted == LAST:
         return int(np.flatnonzero(whole)[-1])
     among = np.flatnonzero(whole & own) if (whole & own).any() else np.flatnonzero(whole)
-    reward, asks = history.reward.sum(axis=1), history.asks.sum(axis=1)
+    reward = history.reward.sum(axis=1)
+    asks = history.asks.sum(axis=1)
     keys = (among, -history.length[among], reward[among])
     return int(among[np.lexsort((*keys, asks[among]) if wanted == BUSIEST else keys)[-1]])

@@ -37,7 +37,9 @@ LEAST_WIDTH = 4.0
 CURVE = (2.75, 2.5)
 """Width and height of a panel with a curve, in inches."""
 
-POLICY_MAP, SHADED_MAP, SMALLEST_CELL = 3.4, 2.8, 0.3
+POLICY_MAP = 3.4
+SHADED_MAP = 2.8
+SMALLEST_CELL = 0.3
 """Inches of the longer side of a small map, and of a cell of a large one."""
 
 SCALE_WIDTH = 0.8
@@ -273,8 +275,10 @@ def _draw_policy(
     for place, k in enumerate(robots):
         policy = policy_of(shown.tables[k], scenario.robots[k].goal)
         side = place - (len(robots) - 1) / 2
-        x, y = columns + 0.5 + 0.4 * side, rows + 0.6 + 0.2 * side
-        colour, alpha = robot_colour(k), np.ones(len(scenario.map.cells))
+        x = columns + 0.5 + 0.4 * side
+        y = rows + 0.6 + 0.2 * side
+        colour = robot_colour(k)
+        alpha = np.ones(len(scenario.map.cells))
         if shown.played is not None:
             alpha[shown.played.stays[k] == 0] = 0.3
         cells, moves = np.nonzero(policy.moves)
@@ -343,7 +347,8 @@ def _asked_by_cell(shown: Shown) -> np.ndarray:
 
 
 def _asks(shown: Shown, label: str, most: float) -> Iterator[Panel]:
-    asked, names = _asked_by_cell(shown), _names(shown)
+    asked = _asked_by_cell(shown)
+    names = _names(shown)
     titles = [f"{len(names)} robots ask {asked.sum():.2f} times"]
     if len(asked) == len(names):
         titles = [
@@ -353,7 +358,8 @@ def _asks(shown: Shown, label: str, most: float) -> Iterator[Panel]:
 
 
 def _sparsity(shown: Shown, label: str) -> Iterator[Panel]:
-    rule, scenario = shown.config.rule, shown.config.scenario
+    rule = shown.config.rule
+    scenario = shown.config.scenario
     learned = [rule.learned_rows(scenario, one.memory) for one in shown.tables]
     counts = np.array(learned, dtype=np.float64)
     possible = rule.rows_of_a_cell(scenario) * len(scenario.map.cells)
@@ -387,7 +393,8 @@ def _draw_curve(runs: Sequence[Shown], labels: Sequence[str], name: str, axes: A
             axes.plot(*points, ".", color="0.72", markersize=3, label="one episode")
     for number, (shown, robot) in enumerate(lines):
         points = _thinned(*shown.history.curve(name, _window(shown), robot=robot))
-        style, colour = LINES[number % len(LINES)], robot_colour(number)
+        style = LINES[number % len(LINES)]
+        colour = robot_colour(number)
         axes.plot(*points, color=colour, linestyle=style, linewidth=1.6, label=labels[number])
     axes.set(yscale="log" if name == "length" else "linear", xlabel="time step")
     axes.set_ylabel(CURVES[name])

@@ -22,7 +22,9 @@ from sparse_coord_ros.look.episodes import Episode
 from sparse_coord_ros.look.steps import Question, questions_of
 
 DPI = 100
-LONGEST_SIDE, LARGEST_CELL, SMALLEST_CELL = 7.2, 0.72, 0.24
+LONGEST_SIDE = 7.2
+LARGEST_CELL = 0.72
+SMALLEST_CELL = 0.24
 """Inches: of the map's longer side, if its cells then keep a size within the other two."""
 
 LEAST_WIDTH = 3.6
@@ -38,7 +40,8 @@ SMOOTH_STEPS = 60
 """Up to so many steps robots glide; in longer films they jump."""
 
 OUTCOME_LINES = {"answered": "-", "refused": (0, (4, 2)), "failed": (0, (1, 2))}
-TALK, HOLD = 1.6, 4.0
+TALK = 1.6
+HOLD = 4.0
 """How long a question stands still, and the last frame, in time steps."""
 
 SHARED = 0.27
@@ -57,7 +60,8 @@ def film(scenario: Scenario, episode: Episode, *, title: str, rate: float = 2.0)
     shown = min(len(episode.steps), MOST_STEPS)
     glide = (0.35, 0.7) if shown <= SMOOTH_STEPS else ()
     stage = _Stage(scenario, episode, title)
-    images, lasting = [], []
+    images = []
+    lasting = []
     for step in range(shown):
         if questions_of(episode.steps[step]):
             images.append(stage.shoot(step, 0.0, speaking=True))
@@ -66,7 +70,8 @@ def film(scenario: Scenario, episode: Episode, *, title: str, rate: float = 2.0)
         lasting += [*[0.15] * len(glide), 0.7 if glide else 1.0]
     durations = [max(20, round(100 * lasts / rate) * 10) for lasts in lasting]
     durations[-1] += round(1000 * HOLD / rate)
-    file, rest = io.BytesIO(), images[1:]
+    file = io.BytesIO()
+    rest = images[1:]
     images[0].save(file, "gif", save_all=True, append_images=rest, duration=durations, loop=0)
     return file.getvalue()
 
@@ -75,19 +80,23 @@ class _Stage:
     """The map, drawn once, and what moves on it, drawn anew for every frame."""
 
     def __init__(self, scenario: Scenario, episode: Episode, title: str) -> None:
-        self._scenario, self._episode = scenario, episode
+        self._scenario = scenario
+        self._episode = episode
         self._names = [robot.name for robot in scenario.robots]
         steps = episode.steps
         rows, columns = scenario.map.shape
         cell = min(LARGEST_CELL, LONGEST_SIDE / max(rows, columns))
         self._cell = cell = max(SMALLEST_CELL, cell)
         self._spoken = min(SENTENCES, max(len(questions_of(one)) for one in steps))
-        above, below = 0.32, 0.34 + 0.2 * self._spoken
-        width, height = max(LEAST_WIDTH, columns * cell + 0.2), rows * cell + above + below
+        above = 0.32
+        below = 0.34 + 0.2 * self._spoken
+        width = max(LEAST_WIDTH, columns * cell + 0.2)
+        height = rows * cell + above + below
         self._figure = figure = Figure(figsize=(width, height), dpi=DPI)
         canvas: Any = FigureCanvasAgg(figure)
         self._canvas = canvas
-        wide, high = columns * cell / width, rows * cell / height
+        wide = columns * cell / width
+        high = rows * cell / height
         self._axes = figure.add_axes(((1 - wide) / 2, below / height, wide, high))
         draw_map(self._axes, scenario, label_size=max(5.0, 11 * cell), label_height=0.14)
         for k, robot in enumerate(scenario.robots):
@@ -184,7 +193,8 @@ class _Stage:
         peer = ask.peers[0] if len(ask.peers) == 1 else ask.asker
         x, y = 0.45 * places[ask.asker] + 0.55 * places[peer]
         if len(ask.peers) > 1:
-            x, y = x + 0.38, y - 0.38
+            x = x + 0.38
+            y = y - 0.38
         if np.isfinite(x):
             colour = palette.OUTCOME_COLOURS[ask.outcome]
             yield Circle((x, y), 0.22, facecolor="white", edgecolor=colour, linewidth=1.8)

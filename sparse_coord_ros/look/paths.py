@@ -49,18 +49,22 @@ def floor_figure(
         cells: whether free cells are blue, as on a chessboard.
         title: above the picture.
     """
-    (rows, columns), (left, low) = grid.shape, grid.origin
-    width, height = columns * side, rows * side
+    (rows, columns) = grid.shape
+    (left, low) = grid.origin
+    width = columns * side
+    height = rows * side
     scale = LONGEST / max(width, height)
     figure = Figure(figsize=(width * scale, height * scale + 0.9), layout="constrained")
     axes = figure.add_subplot()
     box = left, left + width, low, low + height
     signs = np.array([list(row) for row in grid.rows])
-    floor, extent = np.where(signs == WALL, 64, 255), box
+    floor = np.where(signs == WALL, 64, 255)
+    extent = box
     if plan is not None:
         x, y = plan.origin
         high, wide = (count * plan.resolution for count in plan.free.shape)
-        floor, extent = grey(plan), (x, x + wide, y, y + high)
+        floor = grey(plan)
+        extent = (x, x + wide, y, y + high)
     axes.imshow(floor, cmap="gray", vmin=0, vmax=255, extent=extent)
     shades = np.zeros((*grid.shape, 4))
     if cells:
@@ -97,7 +101,8 @@ def paths_figure(run: RunConfig, driven: Drive) -> Figure:
     axes = figure.axes[0]
     key = []
     for k, robot in enumerate(scenario.robots):
-        colour, style = robot_colour(k), LINES[k % len(LINES)]
+        colour = robot_colour(k)
+        style = LINES[k % len(LINES)]
         for _, moments in groupby(driven.floor.path, key=lambda moment: moment.episode):
             path = np.array([moment.places[k] for moment in moments])
             axes.plot(*path.T, color=colour, ls=style, lw=1.2, alpha=max(THINNEST, 1 / episodes))

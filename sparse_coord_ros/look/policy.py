@@ -46,8 +46,10 @@ def entered(policy: Policy, grid: GridMap, start: int) -> np.ndarray:
 
     Where it asks, if only at times, any of its moves may follow.
     """
-    follows, after = policy.moves | policy.may_ask[:, None], grid.next_cell
-    new, reached = np.array([start]), np.zeros(len(after), dtype=bool)
+    follows = policy.moves | policy.may_ask[:, None]
+    after = grid.next_cell
+    new = np.array([start])
+    reached = np.zeros(len(after), dtype=bool)
     while len(new):
         reached[new] = True
         led = np.unique(after[new][follows[new]])

@@ -55,7 +55,8 @@ def run_report(shown: Shown, *, baselines: bool = True) -> str:
     Raises:
         SparseCoordError: it is no run.
     """
-    config, scenario = shown.config, shown.config.scenario
+    config = shown.config
+    scenario = shown.config.scenario
     sections: dict[str, Iterable[Part]] = {"": _begin(shown)}
     sections["The value of the team"] = _value(shown, baselines)
     sections["What was learned"] = _learned(shown)
@@ -79,7 +80,8 @@ def _begin(shown: Shown) -> Iterator[Part]:
 
 
 def _value(shown: Shown, baselines: bool) -> Iterator[Part]:
-    config, scenario = shown.config, shown.config.scenario
+    config = shown.config
+    scenario = shown.config.scenario
     rows: list[list[str]] = []
     missing: list[str] = []
     if shown.has("tables"):
@@ -184,7 +186,8 @@ def _scenario(scenario: Scenario) -> Iterator[Part]:
 
 
 def _again(shown: Shown) -> Iterator[Part]:
-    config, verify = shown.config, ""
+    config = shown.config
+    verify = ""
     if shown.bag is not None:
         verify = f"\nsparse_coord verify {shlex.quote(str(shown.bag))}"
     yield code(_command(config) + verify)
@@ -196,7 +199,8 @@ def _again(shown: Shown) -> Iterator[Part]:
 
 def _command(config: RunConfig) -> str:
     """Return the command that computes the run again."""
-    scenario, base = config.scenario, None
+    scenario = config.scenario
+    base = None
     with contextlib.suppress(SparseCoordError):  # it was made by hand
         known = load_scenario(scenario.name)
         base = known if (known.map, known.robots) == (scenario.map, scenario.robots) else None

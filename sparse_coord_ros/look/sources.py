@@ -126,7 +126,8 @@ class Shown:
     @cached_property
     def trials(self) -> Trials:
         """Greedy episodes of what it has learned, always the same ones; errors as of `tables`."""
-        scenario, tables = self.config.scenario, self.tables
+        scenario = self.config.scenario
+        tables = self.tables
         self.say(f"playing {PLAYED_EPISODES} greedy episodes")
         return play(scenario, tables, trials=PLAYED_EPISODES, seed=0, learner=self.config.rule)
 

@@ -84,7 +84,8 @@ def logged_step(log: RunLog, row: int) -> Glimpse:
     met = bool(acted and miscoordinations(log.run.scenario, log.cells[[row + 1]])[0])
     told = [PerceptEnd.said(end) for end in log.ended[row]]
     ends = [PerceptEnd.LATE if end is None else end for end in told]
-    step, cells = int(log.step[row]), _known(log.cells[row])
+    step = int(log.step[row])
+    cells = _known(log.cells[row])
     return Glimpse(step, cells, actions, after, met, rewards, ends)
 
 

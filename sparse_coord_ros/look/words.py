@@ -73,7 +73,8 @@ class Words:
             return f"in {the}", int(doorways.of[cell])
         next_ones = doorways.on_the_way(cell, self._home[robot])
         if (next_ones < FAR).any():
-            away, door = int(next_ones.min()), int(next_ones.argmin())
+            away = int(next_ones.min())
+            door = int(next_ones.argmin())
             entered = -1 if toward is None else int(doorways.of[toward])
             if away == 1 and entered >= 0 and next_ones[entered] == 1:
                 door = entered
@@ -81,7 +82,8 @@ class Words:
         ways = np.where(doorways.ways[:, cell] < 0, FAR, doorways.ways[:, cell])
         if not (ways < FAR).any():
             return self._cell(cell), None
-        away, door = int(ways.min()), int(ways.argmin())
+        away = int(ways.min())
+        door = int(ways.argmin())
         if self.past(robot, cell, door):
             return f"{away} move{'s' * (away > 1)} past {the}", door
         return f"next to {the}" if away == 1 else f"{away} moves from {the}", door
@@ -112,7 +114,8 @@ class Words:
         if self.doorways.of[cell] == door:
             side = self._ahead(robot, cell, door, at)
             if far == 1 and side:
-                side, away = f"right {side}", ""
+                side = f"right {side}"
+                away = ""
         else:
             side = self.doorways.side(door, cell, at)
             if far == 1:
@@ -153,7 +156,8 @@ class Words:
         return f"stays: its move {ACTIONS[move]} fails"
 
     def _goes(self, robot: int, cell: int, after: int, move: int) -> str:
-        now, then = self._home[robot][cell], self._home[robot][after]
+        now = self._home[robot][cell]
+        then = self._home[robot][after]
         if now >= FAR or then >= FAR or now == then:
             return f"goes {ACTIONS[move]}"
         return "goes on" if then < now else "steps back"
@@ -189,7 +193,8 @@ class Words:
     def question(self, seen: Glimpse, question: Question) -> str:
         """Return a question of a time step in sentences."""
         k, peers, end, move = question
-        cell, after = seen.cells[k], None if seen.after is None else seen.after[k]
+        cell = seen.cells[k]
+        after = None if seen.after is None else seen.after[k]
         name = self.names[k]
         others = [(peer, at) for peer in peers if (at := seen.cells[peer]) is not None]
         ended = ENDED[question.outcome]

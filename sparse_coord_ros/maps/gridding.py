@@ -100,7 +100,8 @@ def without_specks(pixels: np.ndarray, size: int) -> np.ndarray:
     labels, count = ndimage.label(pixels, structure=np.ones((3, 3), dtype=bool), output=np.int32)
     keep = np.zeros(count + 1, dtype=bool)
     for places in np.nonzero(pixels):
-        first, last = np.full(count + 1, max(pixels.shape)), np.full(count + 1, -1)
+        first = np.full(count + 1, max(pixels.shape))
+        last = np.full(count + 1, -1)
         np.minimum.at(first, labels[pixels], places)
         np.maximum.at(last, labels[pixels], places)
         keep |= last - first >= size
@@ -128,7 +129,8 @@ def _neighbours(array: np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray]:
 
 def _apart(free: np.ndarray, past: np.ndarray, axis: int) -> np.ndarray:
     """Return which pairs of free neighbours have something between them, by what came before."""
-    (first, second), (before, after) = _neighbours(free, axis), _neighbours(past, axis)
+    (first, second) = _neighbours(free, axis)
+    (before, after) = _neighbours(past, axis)
     return np.asarray(first & second & (before != after))
 
 
@@ -218,7 +220,8 @@ def across(free: np.ndarray, longest: int = 2) -> np.ndarray:
         wall = np.pad(~view, 1, constant_values=True)
         between = view & wall[:-2, 1:-1] & wall[2:, 1:-1]  # walls north and south: passed east
         edges = np.diff(np.pad(between, ((0, 0), (1, 1))).astype(np.int8), axis=1)
-        begins, ends = np.argwhere(edges == 1), np.argwhere(edges == -1)
+        begins = np.argwhere(edges == 1)
+        ends = np.argwhere(edges == -1)
         columns = view.shape[1]
         for (row, begin), (_, end) in zip(begins.tolist(), ends.tolist(), strict=True):
             if end - begin > longest or begin == 0 or end == columns:
@@ -235,7 +238,8 @@ def two_wide(free: np.ndarray, longest: int = 2) -> list[tuple[int, int]]:
     Arguments as of `across`.
     """
     padded = np.pad(free, 2)
-    inner, before = padded[2:-2, 2:-2], across(free, longest)
+    inner = padded[2:-2, 2:-2]
+    before = across(free, longest)
     found = []
     for north_south in (True, False):
         grid = padded if north_south else padded.T
@@ -262,7 +266,8 @@ def _leads_on(free: np.ndarray, row: int, column: int, run: tuple[int, int]) -> 
         column: the one beside the run.
         run: its first column, and the one behind it.
     """
-    top, left = max(0, row - CRUMB), max(0, column - CRUMB)
+    top = max(0, row - CRUMB)
+    left = max(0, column - CRUMB)
     near = free[top : row + CRUMB + 1, left : column + CRUMB + 1].copy()
     near[row - top, max(0, run[0] - left) : max(0, run[1] - left)] = False
     labels, _ = ndimage.label(near)

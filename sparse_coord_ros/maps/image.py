@@ -49,7 +49,9 @@ LEVEL = 1e-6
 SHARPEST = 4096
 """Pixels along the longer side of a picture into which one can zoom."""
 
-UNKNOWN, FREE, OCCUPIED = 200, 255, 0
+UNKNOWN = 200
+FREE = 255
+OCCUPIED = 0
 """Shades of grey."""
 
 
@@ -106,17 +108,21 @@ def read_floor_plan(path: Path) -> FloorPlan:
     with retold(MapError, SettingError, f"{path}"):
         data = {name: one.parse(said.get(name, one.default)) for name, one in FIELDS.items()}
     origin = _origin(said.get("origin", [0.0, 0.0, 0.0]), f"{path}: field 'origin'")
-    above, below, negate = data["occupied_thresh"], data["free_thresh"], data["negate"]
+    above = data["occupied_thresh"]
+    below = data["free_thresh"]
+    negate = data["negate"]
     if below >= above:
         allowed = f"less than occupied_thresh ({above:g})"
         raise MapError(f"{path}: setting free_thresh: value is {below:g}, allowed: {allowed}")
     values, known = _pixels(path.parent / data["image"])
     if data["mode"] == "raw":  # the value is the probability in percent; more is unknown
         occupancy = np.round(values if not negate else 255.0 - values)
-        known, occupancy = known & (occupancy <= 100.0), occupancy / np.float32(100.0)
+        known = known & (occupancy <= 100.0)
+        occupancy = occupancy / np.float32(100.0)
     else:
         occupancy = (values if negate else 255.0 - values) / np.float32(255.0)
-    free, occupied = known & (occupancy < below), known & (occupancy > above)
+    free = known & (occupancy < below)
+    occupied = known & (occupancy > above)
     doubtful = float((values[free] == UNKNOWN_GREY).mean()) if free.any() else 0.0
     return FloorPlan(path, free, occupied, data["resolution"], origin, doubtful)
 
@@ -204,7 +210,8 @@ def write_floor_plan(
     values = np.where(free, 254, 0).astype(np.uint8).repeat(pixels, axis=0).repeat(pixels, axis=1)
     file = io.BytesIO()
     Image.fromarray(values).save(file, format={"pgm": "PPM", "png": "PNG"}[image])
-    picture, said = directory / f"{name}.{image}", directory / f"{name}.yaml"
+    picture = directory / f"{name}.{image}"
+    said = directory / f"{name}.yaml"
     fields = {name: one.default for name, one in FIELDS.items()} | {"image": picture.name}
     fields |= {"resolution": resolution / pixels, "origin": [*grid.origin, 0.0]}
     write_whole(picture, file.getvalue())
@@ -215,7 +222,8 @@ def write_floor_plan(
 def grey(plan: FloorPlan) -> np.ndarray:
     """Return a floor plan as a grey picture, shape (rows, columns), uint8, top row first."""
     shade = np.full(plan.free.shape, UNKNOWN, dtype=np.uint8)
-    shade[plan.free], shade[plan.occupied] = FREE, OCCUPIED
+    shade[plan.free] = FREE
+    shade[plan.occupied] = OCCUPIED
     return shade
 
 

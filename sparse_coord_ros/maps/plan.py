@@ -114,8 +114,10 @@ def import_map(
     doors = _doorways(frame, gridding.across(free, run), doorway, no_doorway)
     # Nothing but walls around the map is of use: a border of one cell stays.
     rows, columns = (np.flatnonzero(free.any(axis=axis)) for axis in (1, 0))
-    top, bottom = max(0, rows[0] - 1), min(free.shape[0], rows[-1] + 2)
-    left, right = max(0, columns[0] - 1), min(free.shape[1], columns[-1] + 2)
+    top = max(0, rows[0] - 1)
+    bottom = min(free.shape[0], rows[-1] + 2)
+    left = max(0, columns[0] - 1)
+    right = min(free.shape[1], columns[-1] + 2)
     symbols = np.where(doors > 0, DOORWAY, np.where(free, FREE, WALL))[top:bottom, left:right]
     grid = GridMap(
         name=plan.name,
@@ -226,7 +228,10 @@ class _Frame:
     """Cells of a grid by their places in metres, and back."""
 
     def __init__(self, free: np.ndarray, corner: Place, side: float, name: str) -> None:
-        self._free, self._corner, self._side, self._name = free.copy(), corner, side, name
+        self._free = free.copy()
+        self._corner = corner
+        self._side = side
+        self._name = name
 
     def centre(self, cell: tuple[int, int]) -> Place:
         """Return (x, y) of the middle of a cell (row, column)."""
@@ -361,7 +366,9 @@ def scenario_of(
 
 def _oddities(scenario: Scenario) -> Iterator[str]:
     """Yield what is legal but odd about robots on a map."""
-    grid, robots, needed = scenario.map, scenario.robots, 0.0
+    grid = scenario.map
+    robots = scenario.robots
+    needed = 0.0
     if len({robot.start for robot in robots}) < len(robots):
         yield "two robots start in the same cell: that is no conflict, but hardly possible"
     if len({robot.goal for robot in robots}) < len(robots):

@@ -107,7 +107,8 @@ class BodyNode(Follower):
 
     def _say(self, *, look: bool) -> None:
         """Publish where the bodies are; `look`: they are looked at anew, else as last time."""
-        arena, self._said = self.arena, time.monotonic()
+        arena = self.arena
+        self._said = time.monotonic()
         if look:
             self._looks = [body.seen() for body in arena.bodies]
             if self.values["paths"] and len(self._paths) < MOST_MOMENTS:
@@ -143,7 +144,8 @@ class BodyNode(Follower):
 
     def summary(self) -> dict[str, Any]:
         """Return what happened, as plain data."""
-        arena, where = self.arena, Counter(touch.where for touch in self.arena.touches)
+        arena = self.arena
+        where = Counter(touch.where for touch in self.arena.touches)
         return {
             "seconds": round(arena.seconds - BEGIN, 3),
             "touches_in_doorways": where[IN_DOORWAY],

@@ -40,10 +40,15 @@ from sparse_coord_ros.wire.status import ROLL_CALL, Order, Progress, Said, read_
 SETTINGS = {"steps": 100, "max_steps": 8, "starts": "fixed", "epsilon": "constant:1"}
 SETTINGS |= {"perception": "always", "link": "up"}
 TIMING = {"step_timeout": 2.0, "percept_timeout": 0.5, "checkpoint": 10}
-START_SECONDS, END_SECONDS, QUIET_SECONDS, STATUS_SECONDS = 20.0, 10.0, 0.3, 0.2
+START_SECONDS = 20.0
+END_SECONDS = 10.0
+QUIET_SECONDS = 0.3
+STATUS_SECONDS = 0.2
 
 
-KEPT, BROKEN, NOT_SEEN = "kept", "BROKEN", "not seen"
+KEPT = "kept"
+BROKEN = "BROKEN"
+NOT_SEEN = "not seen"
 """What is said of an obligation; the last: the robot did nothing that it is about."""
 
 
@@ -126,7 +131,9 @@ class Stage(WorldTopics):
         self.name = robot or self.names[0]
         self.k = robot_number(self.run, self.name, "give --robot one of them")
         self.node = ParameterNode(WORLD, PARAMETERS[WORLD], values={}, **place)
-        self.world, self._executor, self._ended = World(game, 0), executor, ended
+        self.world = World(game, 0)
+        self._executor = executor
+        self._ended = ended
         self._checkpoints = checkpoints
         super().__init__(self.node, self.run, self.world, self.keep)
         self.side = WorldSide(self.run, self, self.world)
@@ -135,11 +142,13 @@ class Stage(WorldTopics):
         self.notes: defaultdict[int, Note] = defaultdict(Note)
         self.progress = Progress("", 0, 0)
         self.kept: dict[int, WorldState | None] = {0: None}
-        self.doing, self.order = RunState.WAITING, Order()
+        self.doing = RunState.WAITING
+        self.order = Order()
         self._lost = -1
         self.node.create_timer(STATUS_SECONDS, lambda: self.say(self.doing, self.side, self.order))
         listen = self.node.intake.listen
-        action, read = interface.ACTION, self.convert.unpack_account
+        action = interface.ACTION
+        read = self.convert.unpack_account
         self.actions = [listen(action, self._on_action, name, unpack=read) for name in self.names]
         listen(interface.PERCEPT, self._on_percept, self.name)
         tell = partial(setattr, self, "progress")
@@ -155,7 +164,8 @@ class Stage(WorldTopics):
     def state(self, robot: int, step: int, cell: int) -> None:
         """Publish a state; note whether the robot is to answer it."""
         if robot == self.k:
-            game, note = self.run.scenario, self.notes[step]
+            game = self.run.scenario
+            note = self.notes[step]
             home = cell == game.robots[robot].goal
             note.states += 1
             note.due = not (home or self._age >= game.max_steps or self.side.finished)
@@ -217,7 +227,9 @@ class Stage(WorldTopics):
             self._judge(step, note)
 
     def _judge(self, step: int, note: Note) -> None:
-        said, questions, poses = note.said, note.questions, note.poses
+        said = note.said
+        questions = note.questions
+        poses = note.poses
         asked = any(action.asked for _, action, _ in said)
         if said:
             _, action, account = said[0]
@@ -243,7 +255,8 @@ class Stage(WorldTopics):
 
         As the world does, say everything again meanwhile.
         """
-        said, deadline = self.notes[step].said, time.monotonic() + self.run.step_timeout
+        said = self.notes[step].said
+        deadline = time.monotonic() + self.run.step_timeout
         while not self.wait(lambda: said, REPEAT_SECONDS) and time.monotonic() < deadline:
             self.side.repeat()
         return said[0] if said else None
@@ -318,7 +331,8 @@ class Stage(WorldTopics):
 
     def says_again(self, what: str) -> None:
         """Say a state again that the robot has answered, then once more when it is over."""
-        step, cell = self.world.step, self.world.cells[self.k]
+        step = self.world.step
+        cell = self.world.cells[self.k]
         self.answer(step)
         self.state(self.k, step, cell)
         again = self.wait(lambda: len(self.notes[step].said) > 1, self.run.step_timeout)
@@ -343,9 +357,11 @@ class Stage(WorldTopics):
 
     def ends_episode(self, what: str) -> None:
         """Let the robot arrive while it chooses, be quiet, and begin an episode."""
-        step, robot = self.world.step, self.run.scenario.robots[self.k]
+        step = self.world.step
+        robot = self.run.scenario.robots[self.k]
         self.answer(step)
-        self.world.cells[self.k], self.world.arrived[self.k] = robot.goal, True
+        self.world.cells[self.k] = robot.goal
+        self.world.arrived[self.k] = True
         paid = self.run.scenario.goal_reward
         self.reward(self.k, step, Reward(paid, 0.0, 0.0, paid))
         self.side.advance()
@@ -411,8 +427,11 @@ class Stage(WorldTopics):
             yield Judged(name, text, BROKEN if broken else kept, broken, place)
 
 
-BEGIN, STEP, ASKING = "when-a-world-begins", "a-time-step", "questions"
-BACK, END = "going-back", "the-end-of-a-run"
+BEGIN = "when-a-world-begins"
+STEP = "a-time-step"
+ASKING = "questions"
+BACK = "going-back"
+END = "the-end-of-a-run"
 """Where obligations stand in docs/interface.md."""
 
 OBLIGATIONS: dict[str, tuple[str, str, Callable[[Stage, str], None] | None]] = {

@@ -36,7 +36,10 @@ class Exchange:
     """
 
     def __init__(self, node: ParameterNode, run: RunConfig, packed: Callable[[], bytes]) -> None:
-        self._node, self._run, self._packed, self._clients = node, run, packed, node.shared_clients
+        self._node = node
+        self._run = run
+        self._packed = packed
+        self._clients = node.shared_clients
         self._names = run.scenario.names
         self._number = self._names.index(node.get_name())
         self._learned: dict[int, bytes] = {}
@@ -92,7 +95,8 @@ class Exchange:
         answer = future.result()
         if answer is None or not answer.success or k in self._learned:
             return
-        service, run = LEARNED.of(self._names[k]), self._run
+        service = LEARNED.of(self._names[k])
+        run = self._run
         try:
             data = base64.b64decode(answer.message[: 2 * TABLES.bytes], validate=True)
             [saved] = unpack_saved(data, [k + 1], where=service, limit=TABLES)

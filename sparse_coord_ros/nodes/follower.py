@@ -74,7 +74,8 @@ class Follower(ParameterNode):
         Raises:
             RunError: no world simulator has announced one within `startup_timeout`.
         """
-        topic, limit = self.resolve_topic_name(interface.RUN.name), self.values["startup_timeout"]
+        topic = self.resolve_topic_name(interface.RUN.name)
+        limit = self.values["startup_timeout"]
         self.remind(self.reminder, f"a world simulator on {topic}")
         if 0 < limit < time.monotonic() - self.born:
             raise RunError(

@@ -121,7 +121,8 @@ class Guard:
 
     def watch(self, topics: Iterable[str], services: Iterable[str] = ()) -> None:
         """Guard topics and services, by their full names."""
-        self._topics, self._services = list(topics), list(services)
+        self._topics = list(topics)
+        self._services = list(services)
 
     def counts(self) -> Counter[str]:
         """Return how many topics and services had a second owner."""

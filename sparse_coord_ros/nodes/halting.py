@@ -65,7 +65,8 @@ class Asked:
             return
         response = self.answer.result()
         self.answer = None
-        self.done, self.said = response.success, response.message
+        self.done = response.success
+        self.said = response.message
 
 
 class Halting:
@@ -97,10 +98,13 @@ class Halting:
             hold: which of them.
             now: the time, by `time.monotonic`.
         """
-        self.hold, self.asking, self._since = hold, True, now
+        self.hold = hold
+        self.asking = True
+        self._since = now
         for one in self.asked.values():
             one.forget()
-            one.said, one.done = "", False
+            one.said = ""
+            one.done = False
 
     def tick(self, now: float) -> None:
         """Do what is due; to be called several times a second."""
@@ -138,7 +142,8 @@ class Halting:
 
     def _look(self) -> None:
         """Find the nodes of the namespace itself that offer the service; forget those gone."""
-        ending, found = f"/{services.HALT.name}", set()
+        ending = f"/{services.HALT.name}"
+        found = set()
         for service, types in self._node.get_service_names_and_types():
             if not (service.startswith(self._prefix) and service.endswith(ending)):
                 continue

@@ -30,7 +30,8 @@ PROFILES = {
 }
 """How each is offered, always reliably (rclpy's default). The lock step needs a depth of 2; the
 rest is for a recorder that lags."""
-STEP_QOS, LATCHED_QOS = PROFILES[Delivery.STEP], PROFILES[Delivery.LATCHED]
+STEP_QOS = PROFILES[Delivery.STEP]
+LATCHED_QOS = PROFILES[Delivery.LATCHED]
 
 
 def message_class(type_name: str) -> Any:
@@ -57,7 +58,8 @@ class RosTopic(wire.Topic):
 @functools.cache
 def bind(topic: wire.Topic) -> RosTopic:
     """Return a topic of the vocabulary with its message class and QoS profile."""
-    kind, qos = message_class(topic.type_name), PROFILES[topic.delivery]
+    kind = message_class(topic.type_name)
+    qos = PROFILES[topic.delivery]
     return RosTopic(**vars(topic), type=kind, qos=qos)
 
 

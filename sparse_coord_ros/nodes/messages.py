@@ -83,7 +83,8 @@ class Converter(Messages):
 
     def reached_message(self, step: int, reached: Reached) -> JointState:
         """Return a driver's report as a message."""
-        labels, numbers = list(REACHED.labels), list(map(float, reached[1:]))
+        labels = list(REACHED.labels)
+        numbers = list(map(float, reached[1:]))
         return JointState(header=self.header(step), name=labels, position=numbers)
 
     def read_reached(self, robot: int, message: JointState) -> Reached:

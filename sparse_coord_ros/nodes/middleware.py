@@ -14,7 +14,8 @@ from sparse_coord_ros.share import share_folder
 PROFILES = "FASTRTPS_DEFAULT_PROFILES_FILE"
 
 
-DOMAIN, RANGE = "ROS_DOMAIN_ID", "ROS_AUTOMATIC_DISCOVERY_RANGE"
+DOMAIN = "ROS_DOMAIN_ID"
+RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 MOST_PARTICIPANTS = 32
 """How many participants find each other with the range LOCALHOST: rmw_fastrtps looks for the first
 32 of a domain (maxInitialPeersRange)."""

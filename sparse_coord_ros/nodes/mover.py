@@ -84,7 +84,8 @@ class MoverNode(Follower, LifecycleNodeMixin):
         self._word: HaltWord | None = None
         self._stood = 0.0
         self._mover: Mover | None = None
-        self._step, self._seen = 0, 0.0
+        self._step = 0
+        self._seen = 0.0
         self._stopped = self._leaving = False
         self._reached_publisher: Any = None
         self._tree = Tree()
@@ -163,7 +164,8 @@ class MoverNode(Follower, LifecycleNodeMixin):
     def _read_transforms(self, static: bool, message: Any) -> tuple[float, Pose] | None:
         """Return when the body was where; None: it says nothing of that, or not enough."""
         for one in message.transforms:
-            place, turn = one.transform.translation, one.transform.rotation
+            place = one.transform.translation
+            turn = one.transform.rotation
             pose = Pose(place.x, place.y, yaw_of(turn.x, turn.y, turn.z, turn.w))
             seconds = None if static else _seconds(one.header)
             self._tree.hear(one.header.frame_id, one.child_frame_id, pose, seconds)
@@ -178,7 +180,8 @@ class MoverNode(Follower, LifecycleNodeMixin):
 
     def _read_pose(self, inside: Any, message: Any) -> tuple[float, Pose]:
         """Return when the body was where; ValueError: in another frame, or no pose."""
-        wanted, frame = self.values["map_frame"], message.header.frame_id
+        wanted = self.values["map_frame"]
+        frame = message.header.frame_id
         if frame.lstrip("/") != wanted:
             raise ValueError(f"frame_id is {frame!r}, not {wanted!r} (parameter map_frame)")
         pose = inside(message)
@@ -192,7 +195,8 @@ class MoverNode(Follower, LifecycleNodeMixin):
         now = time.monotonic()
         if seen[0] == self._mover.heard and now - self._seen < HEAP_SECONDS:
             return  # they came while this node slept: the body does not wait for an answer
-        self._seen, self._stopped = now, False
+        self._seen = now
+        self._stopped = False
         self._mover.sees(*seen)
         if self.may_drive:
             self.drive()

@@ -72,9 +72,12 @@ class Nav2DriverNode(MoverNode):
 
     def make(self, ground: Ground, number: int) -> Navigator:
         """Return what decides on goals."""
-        values, side = self.values, ground.side
-        near, detour = values["near"] * side, values["detour"] * side
-        seconds, silence = values["step_seconds"], values["feedback_timeout"]
+        values = self.values
+        side = ground.side
+        near = values["near"] * side
+        detour = values["detour"] * side
+        seconds = values["step_seconds"]
+        silence = values["feedback_timeout"]
         limits = NavLimits(near, seconds, silence, detour, values["bring"])
         self.navigator = Navigator(ground, limits, number, self)
         return self.navigator

@@ -46,8 +46,16 @@ DETOUR_METRES = 50.0
 NO_PROGRESS = 105
 """Nav2's error code of an aborted goal whose robot made no progress."""
 
-NONE, ABORT, REJECT, LATE, DEAF = "none", "abort", "reject", "late", "deaf"
-SILENT, DETOUR, LIE, TAKE_AWAY, STUCK = "silent", "detour", "lie", "take_away", "stuck"
+NONE = "none"
+ABORT = "abort"
+REJECT = "reject"
+LATE = "late"
+DEAF = "deaf"
+SILENT = "silent"
+DETOUR = "detour"
+LIE = "lie"
+TAKE_AWAY = "take_away"
+STUCK = "stuck"
 """What becomes of a goal. The base gets there; it is aborted at once; rejected; accepted much too
 late; never answered; accepted, and nothing is said of it; the way left is 50 m; it is said to be
 reached, and is not; it ends as if somebody else had cancelled it; nothing moves."""
@@ -120,7 +128,8 @@ class Base:
         turn = wanted.orientation
         yaw = yaw_of(turn.x, turn.y, turn.z, turn.w)
         self._target = Pose(wanted.position.x, wanted.position.y, yaw)
-        self.active, self.fault = handle, self._accepted.pop(0)
+        self.active = handle
+        self.fault = self._accepted.pop(0)
         self._over = over = Future()
         at_once = {
             ABORT: GoalStatus.STATUS_ABORTED,
@@ -131,7 +140,8 @@ class Base:
             over.set_result(at_once[self.fault])
         result = self._node.action.Result()
         if self.fault == ABORT:
-            result.error_code, result.error_msg = NO_PROGRESS, "no progress"
+            result.error_code = NO_PROGRESS
+            result.error_msg = "no progress"
         how = await over
         if how == GoalStatus.STATUS_SUCCEEDED:
             handle.succeed()

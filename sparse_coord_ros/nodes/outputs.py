@@ -142,7 +142,8 @@ class Output:
     """
 
     def __init__(self, node: ParameterNode, name: str, run: RunConfig, own: Sequence[str]) -> None:
-        self.node, self._text = node, run.to_yaml()
+        self.node = node
+        self._text = run.to_yaml()
         self._out = Path(node.values["out"]) if node.values["out"] else None
         self._counted: Counter[str] = Counter()
         self.store = Store()
@@ -218,7 +219,8 @@ class Output:
         """
         if self._out is None:
             return None
-        out, say = self._out, self.node.get_logger()
+        out = self._out
+        say = self.node.get_logger()
 
         def fill(place: Path) -> None:
             self._describe(place)

@@ -154,7 +154,8 @@ class ParameterNode(Node):
         self.done = False
         self.at_end = ExitStack()
         self._table = table
-        self.tap, self.shared_clients = place.get("tap"), place.get("shared_clients", {})
+        self.tap = place.get("tap")
+        self.shared_clients = place.get("shared_clients", {})
         self.intake = Intake(self)
         try:
             self.values = self._declare()
@@ -204,7 +205,8 @@ class ParameterNode(Node):
         """As `Node`'s; the callback is guarded, and rclpy's own refuse what they cannot read."""
         rclpys = ""
         if srv_type.__module__.startswith("rcl_interfaces."):
-            rclpys, callback = srv_name, _bounded(callback)
+            rclpys = srv_name
+            callback = _bounded(callback)
         return super().create_service(srv_type, srv_name, self.guarded(callback, rclpys), **more)
 
     def create_timer(self, timer_period_sec, callback, *args, **more):
@@ -258,7 +260,8 @@ class ParameterNode(Node):
 
         They are stamped with the wall clock, whoever owns /clock, and in no frame.
         """
-        publish, name = self.announce(DIAGNOSTICS).publish, f"{self.full_name}: {part}"
+        publish = self.announce(DIAGNOSTICS).publish
+        name = f"{self.full_name}: {part}"
 
         def report(doing: str, values: Mapping[str, object], *, warn: bool = False) -> None:
             sec, nanosec = divmod(time.time_ns(), SECOND)

@@ -43,7 +43,8 @@ AGAIN_SECONDS = 0.5
 
 def _introspect(node: Node, endpoint: Client | Service) -> None:
     """Publish the dialogue of a client or service, so that it can be recorded."""
-    clock, what = node.get_clock(), ServiceIntrospectionState.CONTENTS
+    clock = node.get_clock()
+    what = ServiceIntrospectionState.CONTENTS
     endpoint.configure_introspection(clock, STEP_QOS, what)
 
 
@@ -65,7 +66,8 @@ class Peer:
     fits: Callable[[int, Path], bool] | None = None
 
     def __init__(self, node: Node, client: Client, answered: Callable[[int, Path], None]) -> None:
-        self._client, self._answered = client, answered
+        self._client = client
+        self._answered = answered
         self._request = GetPlan.Request()
         self._request.goal.header.frame_id = node.get_name()
         self._seen = self._silent = False
@@ -106,7 +108,8 @@ class Peer:
             self._unsent = self._step
         if self._unsent is None or not self.ready():
             return
-        step, self._unsent = self._unsent, None
+        step = self._unsent
+        self._unsent = None
         self._sent = now
         self._forget()
         self._open = self._client.call_async(self._request)
@@ -130,12 +133,14 @@ class Peer:
 
     def start_anew(self) -> None:
         """Forget what was asked: the run goes back to an earlier time step, with every robot."""
-        self._silent, self._unsent = False, None
+        self._silent = False
+        self._unsent = None
         self._forget()
 
     def gave_up(self) -> None:
         """Note that the deadline passed without an answer."""
-        self._silent, self._unsent = True, None
+        self._silent = True
+        self._unsent = None
 
     def _on_done(self, step: int, future: Future) -> None:
         if future.cancelled() or future.result() is None:
@@ -167,7 +172,10 @@ class Peers:
     def __init__(
         self, node: ParameterNode, run: RunConfig, convert: Converter, side: RobotSide
     ) -> None:
-        self._node, self._intake, self._convert, self._side = node, node.intake, convert, side
+        self._node = node
+        self._intake = node.intake
+        self._convert = convert
+        self._side = side
         self._names = convert.names
         self._service = ACTIVE_PERCEPTION.of(node.get_name())
         self._deadline = Deadline(run.percept_timeout, run.step_timeout)
@@ -197,7 +205,8 @@ class Peers:
 
     def _look_for_another_server(self, peer: int) -> None:
         """Doubt a peer's answers from now on where somebody else offers its service too."""
-        name, one = self._names[peer], self._peers[peer]
+        name = self._names[peer]
+        one = self._peers[peer]
         if one.fits is not None or self._node.count_services(ACTIVE_PERCEPTION.of(name)) < 2:
             return
         one.fits = self._node.guarded(partial(self._fits, peer))
@@ -210,7 +219,8 @@ class Peers:
 
     def _fits(self, peer: int, step: int, plan: Path) -> bool:
         """Whether an answer is what a peer answers that is where the world says."""
-        said, now = plan.header.stamp, self._convert.header(step).stamp
+        said = plan.header.stamp
+        now = self._convert.header(step).stamp
         if self._side.waiting != ("percept", step):
             return True  # it is too late
         if (said.sec, said.nanosec) < (now.sec, now.nanosec):
@@ -251,7 +261,8 @@ class Peers:
 
     def _answer(self, request: GetPlan.Request, response: GetPlan.Response) -> GetPlan.Response:
         """Answer a peer (or a person, who gives no stamp and no name)."""
-        stamp, position = request.start.header.stamp, request.start.pose.position
+        stamp = request.start.header.stamp
+        position = request.start.pose.position
         asker = request.goal.header.frame_id
         try:
             step = self._convert.checked_step(stamp.sec, stamp.nanosec)

@@ -81,7 +81,8 @@ class Player(ParameterNode):
         self._table = SettingTable([*self._table.values(), last])
         self.parse(self._table, {"position": values["position"]})
         how = {"rate": values["rate"], "loop": values["loop"], "paused": values["start_paused"]}
-        publish, now = stage.publish, time.monotonic_ns
+        publish = stage.publish
+        now = time.monotonic_ns
         self._playback = Playback(playlist, publish, now, on_time=stage.tell, **how)
         self.get_logger().info(
             f"{stage.bag.path}: {len(playlist)} messages on {len(stage.publishers)} topics, "
@@ -164,7 +165,9 @@ class Player(ParameterNode):
         """Do what a key says, and return what the player does then."""
         if key == "pause":
             return self._pause(not self._playback.paused)[1]
-        rate, at, limits = self.values["rate"], self._position, PARAMETERS["player"]["rate"]
+        rate = self.values["rate"]
+        at = self._position
+        limits = PARAMETERS["player"]["rate"]
         name, value = {
             "start": ("position", 0.0),
             "back": ("position", max(0.0, at - SEEK_SECONDS)),

@@ -62,7 +62,9 @@ class Keyboard:
 
     def close(self) -> None:
         """Put the terminal back as it was; a second call does nothing."""
-        before, self._before, self.there = self._before, None, False
+        before = self._before
+        self._before = None
+        self.there = False
         if before is not None and self._in_front():
             with contextlib.suppress(termios.error):  # it is gone by now
                 termios.tcsetattr(self._descriptor, termios.TCSADRAIN, before)

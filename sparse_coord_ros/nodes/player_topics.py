@@ -58,7 +58,8 @@ class Stage:
         for name in names:
             topic = bag.topics[name]
             try:
-                kind, qos = class_of(topic), offered_qos(topic.qos)
+                kind = class_of(topic)
+                qos = offered_qos(topic.qos)
                 self.publishers[name] = node.create_publisher(kind, name, qos)
             except (ImportError, AttributeError, ValueError, InvalidTopicNameException) as error:
                 skipped.append(f"{name} ({' '.join(str(error).split())})")
@@ -68,7 +69,8 @@ class Stage:
         if skipped:
             warn(f"not played: {', '.join(skipped)}")
         self._send = {name: publisher.publish for name, publisher in self.publishers.items()}
-        own, clock = bag.clock, interface.CLOCK
+        own = bag.clock
+        clock = interface.CLOCK
         self.clock_name = node.resolve_topic_name(clock.name) if own is None else own
         self.clock: Publisher | None = None
         if own not in self.publishers or not bag.counts[own]:

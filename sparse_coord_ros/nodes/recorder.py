@@ -73,8 +73,10 @@ class Recording:
 
     def __init__(self, node: "Recorder", run: RunConfig, bag: BagWriter | BagProcess) -> None:
         assert node.presence is not None
-        self._node, self._presence = node, node.presence
-        self.run, self.bag = run, bag
+        self._node = node
+        self._presence = node.presence
+        self.run = run
+        self.bag = bag
         self._report = node.reporter("bag")
         self._progress = node.announce(interface.PROGRESS, RECORDER)
         self.convert = Converter(run)
@@ -91,7 +93,8 @@ class Recording:
 
     def begin(self) -> None:
         """Write down what the run is; not where its bag is continued, which has it."""
-        bag, run_text = self.bag, self.run.to_yaml()
+        bag = self.bag
+        run_text = self.run.to_yaml()
         record = {**self.run.record(), wire.FORMAT_KEY: str(wire.BAG_FORMAT)}
         bag.add_metadata(RUN_RECORD, record)
         for name, text in bag_files(self.run, run_text).items():
@@ -141,7 +144,8 @@ class Recording:
 
     def flush(self) -> None:
         """Let all that was recorded survive this process."""
-        self._steps, self._flushed = 0, time.monotonic()
+        self._steps = 0
+        self._flushed = time.monotonic()
         self.bag.flush()
         with contextlib.suppress(OSError):  # the directory is gone: the bag's own error says so
             free = shutil.disk_usage(self._node.directory).free >> 20
@@ -169,7 +173,8 @@ class Recording:
             for topic in (*of_robot, *of_node):
                 self._record(topic, robot.name)
             attach = partial(self.attach_tables, robot.name)
-            tables, qos = interface.TABLES, interface.recorder_qos(interface.TABLES)
+            tables = interface.TABLES
+            qos = interface.recorder_qos(interface.TABLES)
             node.intake.listen(tables, attach, robot.name, read=read_tables_message, qos=qos)
 
     def _channel(self, topic: interface.RosTopic, name: str) -> int:
@@ -180,9 +185,11 @@ class Recording:
 
     def _record(self, topic: interface.RosTopic, owner: str) -> None:
         """Write down a topic, at the time that its messages say, or at the world's."""
-        node, name = self._node, topic.of(owner)
+        node = self._node
+        name = topic.of(owner)
         channel = self._channel(topic, name)
-        write_down, unpack_stamp = self.bag.write, STAMPED.unpack_from
+        write_down = self.bag.write
+        unpack_stamp = STAMPED.unpack_from
 
         def stamped(data: bytes) -> None:
             self._count += 1
@@ -204,7 +211,8 @@ class Recording:
         if node.tap is not None and topic.tapped:
             node.tap.line(node.resolve_topic_name(name)).write = node.guarded(write)
         else:
-            shared, qos = topic.name == interface.DIAGNOSTICS.name, interface.recorder_qos(topic)
+            shared = topic.name == interface.DIAGNOSTICS.name
+            qos = interface.recorder_qos(topic)
             unpack = self._of_this_namespace if shared else bytes
             node.intake.listen(
                 topic, lambda data: data and write(data), owner, unpack=unpack, qos=qos
@@ -238,7 +246,8 @@ class Recording:
         self._moved = now
         self._moved_ns = self.now_ns
         if self._count:
-            self._count, self.heard = 0, now
+            self._count = 0
+            self.heard = now
         waited = now - self._flushed
         if self.heard > self._flushed and waited >= self._node.values["flush_seconds"]:
             self.flush()
@@ -276,7 +285,9 @@ class Recording:
         Nodes leave when all that they said has arrived. Those in this process stay until the
         recorder has ended; their last words are the robots' tables.
         """
-        node, names, tables = self._node, self.run.scenario.names, interface.TABLES.of
+        node = self._node
+        names = self.run.scenario.names
+        tables = interface.TABLES.of
         if node.tap is None:
             speakers = [*map(tables, names), interface.STATUS.name]
         else:
@@ -333,7 +344,8 @@ class Recorder(Follower):
         if self.tap is None or self.recording is None or not isinstance(error, BagError):
             super().fail(error)
         elif self.error is None:
-            self.error, self.done = error, True
+            self.error = error
+            self.done = True
             self.tap.close()
             self.get_logger().error(f"{error}; the run goes on unrecorded")
 
@@ -353,7 +365,8 @@ class Recorder(Follower):
         if before.get("id", run.id) != run.id:
             remedy = "choose another one for parameter 'out'"
             raise RunError(f"{self.directory}: holds the recording of another run; {remedy}")
-        values, longest = self.values, round(self.values["max_bagfile_duration"] * SECOND)
+        values = self.values
+        longest = round(self.values["max_bagfile_duration"] * SECOND)
         options: dict[str, Any] = {"compression": values["compression"], "max_ns": longest}
         options["max_bytes"] = values["max_bagfile_size"]
         order = Order() if self.status is None else self.status.order

@@ -32,7 +32,9 @@ class Returning(WorldRollback):
     ) -> None:
         self._names = run.scenario.names
         super().__init__(side, output.store, len(self._names))
-        self._output, self._run, self._changed = output, run, changed
+        self._output = output
+        self._run = run
+        self._changed = changed
         node = self._node = output.node
         self._warn = node.get_logger().warning
         self._under_way = False
@@ -76,7 +78,8 @@ class Returning(WorldRollback):
         recorded = not self._run.recorded or self._recorder_obeyed == self.order.name
         if not late and not (recorded and all_listen()):
             return
-        waiting, lost = [self._names[k] for k in sorted(self.waiting)], self._side.lost
+        waiting = [self._names[k] for k in sorted(self.waiting)]
+        lost = self._side.lost
         if not self.go_on(anyway=late):
             return
         if waiting:
@@ -87,7 +90,8 @@ class Returning(WorldRollback):
 
     def begin(self, now: float) -> None:
         """The run is under way from now on; so long a resumed team has had to obey."""
-        self._under_way, self._since = True, now
+        self._under_way = True
+        self._since = now
 
     def _on_progress(self, robot: int, said: Progress) -> None:
         """Take in what a robot says of its checkpoints; one that comes back may take us along."""
@@ -96,7 +100,8 @@ class Returning(WorldRollback):
         self._output.count(self.events)
 
     def _came_back(self, robot: int, said: Progress) -> None:
-        name, step = self._names[robot], self._side.world.step
+        name = self._names[robot]
+        step = self._side.world.step
         if not said.resumed:
             self._warn(
                 f"{name} was replaced at step {step}: a new node has its name, with tables of its "

@@ -58,8 +58,10 @@ class Member:
 
     def __init__(self, node: "RobotNode", run: RunConfig) -> None:
         assert node.presence is not None
-        self._node, self._presence = node, node.presence
-        self._name, self.run = node.get_name(), run
+        self._node = node
+        self._presence = node.presence
+        self._name = node.get_name()
+        self.run = run
         remedy = f"name the node with --ros-args -r __node:={run.scenario.robots[0].name}"
         self._number = robot_number(run, self._name, remedy)
         self._convert = Converter(run)
@@ -73,7 +75,9 @@ class Member:
         self._report = node.reporter("agent")
         self.lockstep = RobotSide(run, self._fresh_agent(), self)
         self._unsaid = resumed = node.values["resume"]
-        side, store, life = self.lockstep, self.output.store, node.guard.claim.id
+        side = self.lockstep
+        store = self.output.store
+        life = node.guard.claim.id
         self._back = RobotRollback(side, store, self._fresh_agent, life, resumed)
         if resumed:
             step = self._back.begin()
@@ -91,7 +95,9 @@ class Member:
 
     def _fresh_agent(self) -> Agent:
         """Return an agent as it is at the run's beginning."""
-        run, number, learning = self.run, self._number, not self.run.greedy
+        run = self.run
+        number = self._number
+        learning = not self.run.greedy
         source = self._node.values["tables"]
         if run.greedy and not source:
             raise TablesError(
@@ -210,7 +216,8 @@ class Member:
         if not self._ears:
             run = self.run
             self._node.get_logger().info(f"joined run {run.scenario.name}, seed {run.seed}")
-        listen, convert = self._node.intake.listen, self._convert
+        listen = self._node.intake.listen
+        convert = self._convert
 
         def on_reward(said: tuple[int, Reward]) -> None:
             self.lockstep.reward(*said)
@@ -223,7 +230,8 @@ class Member:
 
     def _not_heard_by(self) -> str:
         """Return who is to hear this robot and does not yet, or an empty text."""
-        heard_by, robots = self._node.heard_by, self.run.scenario.robots
+        heard_by = self._node.heard_by
+        robots = self.run.scenario.robots
         if not heard_by(self._action, WORLD):
             return "the world simulator to listen to this robot"
         dialogue = (interface.SERVICE_EVENTS.of(robot.name) for robot in robots)
@@ -236,7 +244,9 @@ class Member:
 
     def all_done(self, now: float) -> bool:
         """Whether all is learned that happened, or what is missing has had its time to come."""
-        side, end, ended = self.lockstep, self._presence.end, self._presence.ended
+        side = self.lockstep
+        end = self._presence.end
+        ended = self._presence.ended
         heard_all = self.joined and end is not None and side.newest[0] >= end
         if not (heard_all and side.waiting is None) and now - ended <= LAST_WORDS_SECONDS:
             return False
@@ -256,14 +266,16 @@ class Member:
 
     def _save(self) -> Path | None:
         """Write the tables and return where; None: no directory was given."""
-        packed, name = self._packed(), self._name
+        packed = self._packed()
+        name = self._name
         place = self.output.save(lambda out: write_whole(robot_file(out, name), packed))
         return None if place is None else robot_file(place, name)
 
     def _improve(self) -> None:
         """Save and publish what the robot makes of what all have learned, or has learned."""
         assert self._exchange is not None
-        plan, number = self._exchange.plan(), self._number
+        plan = self._exchange.plan()
+        number = self._number
         tables = self.lockstep.agent.tables if plan is None else plan.tables[number]
         packed = pack_tables({number + 1: tables.memory}, counts=self.lockstep.counts)
 
@@ -278,7 +290,8 @@ class Member:
     def _packed(self) -> bytes:
         """Return the tables as they are, with what they are of."""
         agent = self.lockstep.agent
-        number, counts = agent.number + 1, self.lockstep.counts
+        number = agent.number + 1
+        counts = self.lockstep.counts
         return pack_tables({number: agent.memory()}, counts=counts)
 
     def finish(self, *, interrupted: bool) -> None:

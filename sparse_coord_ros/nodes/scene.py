@@ -70,8 +70,10 @@ class Scene:
     def _text(self, space: str, k: int, text: str, north: float) -> Marker:
         """Return a text `north` of a robot's cell's centre, in cells."""
         marker = self._marker(space, k, Marker.TEXT_VIEW_FACING)
-        metres, (x, y) = self.convert.resolution, self.convert.centres[self.cells[k]]
-        marker.text, marker.scale.z = text, 0.22 * metres
+        metres = self.convert.resolution
+        (x, y) = self.convert.centres[self.cells[k]]
+        marker.text = text
+        marker.scale.z = 0.22 * metres
         marker.pose.position = Point(x=x, y=y + north * metres, z=0.7 * metres)
         return marker
 
@@ -149,7 +151,8 @@ class ScenePublisher:
             stamp: the ROS time, (sec, nanosec).
             always: publish it even then.
         """
-        now, convert = time.monotonic(), self._convert
+        now = time.monotonic()
+        convert = self._convert
         if now - self._last < 1 / MOST_OFTEN and not always:
             return
         self._last = now

@@ -54,7 +54,8 @@ class Stop:
 
     def __init__(self) -> None:
         self.signal: int | None = None
-        self._since, self._at_once = 0.0, False
+        self._since = 0.0
+        self._at_once = False
 
     def __bool__(self) -> bool:
         """Whether to stop."""
@@ -63,7 +64,8 @@ class Stop:
     def handle(self, number: int, frame: object) -> None:
         """Note a signal."""
         if self.signal is None:
-            self.signal, self._since = number, time.monotonic()
+            self.signal = number
+            self._since = time.monotonic()
             if self._at_once:
                 raise KeyboardInterrupt
         elif time.monotonic() - self._since > PATIENCE_SECONDS:

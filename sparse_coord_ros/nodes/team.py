@@ -167,7 +167,8 @@ def main() -> int:
 def _run(stop: Stop) -> None:
     with ros_context(sys.argv) as context:
         node = ParameterNode("team", TEAM_PARAMETERS, context=context)
-        values, namespace = node.values, node.get_namespace()
+        values = node.values
+        namespace = node.get_namespace()
         node.destroy_node()
         summary = run_team(values, context=context, namespace=namespace, stop=lambda: bool(stop))
     if "recording_error" in summary:

@@ -24,9 +24,11 @@ from std_msgs.msg import Header
 from sparse_coord_ros.driving.ground import Pose
 from sparse_coord_ros.nodes.parameters import ParameterNode
 
-ODOM, BASE = "odom", "base_link"
+ODOM = "odom"
+BASE = "base_link"
 
-TF, TF_STATIC = "tf", "tf_static"
+TF = "tf"
+TF_STATIC = "tf_static"
 """The topics of transforms, relative to a namespace."""
 
 

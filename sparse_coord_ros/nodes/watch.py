@@ -137,11 +137,13 @@ class Controls(Controlled):
         response = future.result()
         if control.name == RATE:
             result = response.results[0]
-            success, text = result.successful, result.reason
+            success = result.successful
+            text = result.reason
             if success:
                 self.rate = control.value
         else:
-            success, text = response.success, response.message
+            success = response.success
+            text = response.message
         self.view.notice("" if success else f"{control.name}: {text}")
 
 
@@ -162,9 +164,12 @@ class InsideWatch(ParameterNode):
         **place: Unpack[Place],
     ) -> None:
         super().__init__("watch", PARAMETERS["watch"], **place)
-        self._board, self._world, self._robots = board, world, robots
+        self._board = board
+        self._world = world
+        self._robots = robots
         self._controls = Controls(self)
-        title, controls = world.values["out"], (*CONTROLS, NEXT)
+        title = world.values["out"]
+        controls = (*CONTROLS, NEXT)
         self._view = LiveView(world.run, board, source="live", title=title, controls=controls)
         self._controls.view = self._view
         world.lockstep.watcher = self._on_transition
@@ -190,8 +195,10 @@ class InsideWatch(ParameterNode):
         self.done = self._world.done
 
     def _show(self, state: str) -> None:
-        world, self._view.state = self._world.lockstep.world, state
-        made, rate = world.transitions, self._world.values["rate"]
+        world = self._world.lockstep.world
+        self._view.state = state
+        made = world.transitions
+        rate = self._world.values["rate"]
         still = world.step, list(world.cells)
         self._view.show(transitions=made, episode=world.episode, rate=rate, still=still)
 
@@ -349,7 +356,9 @@ class HeardTeam:
     """
 
     def __init__(self, node: ParameterNode, run: RunConfig, view: LiveView) -> None:
-        self.view, self._node, self._run = view, node, run
+        self.view = view
+        self._node = node
+        self._run = run
         self._goals = [robot.goal for robot in run.scenario.robots]
         self._places = meeting_places(run.scenario).tolist()
         self.history = HistoryRecorder(len(self._goals))
@@ -362,7 +371,8 @@ class HeardTeam:
         self._last_made: int | None = None
         self._said: Said | None = None
         convert = Converter(run)
-        listen, self._subscriptions = node.intake.listen, []
+        listen = node.intake.listen
+        self._subscriptions = []
         for k, robot in enumerate(run.scenario.robots):
             for topic, then, how in (
                 (interface.LOCAL_STATE, self._on_state, {"unpack": convert.unpack_state}),
@@ -395,7 +405,8 @@ class HeardTeam:
             elif self._newest is not None and step <= self._newest:
                 self._forget(self._newest)
                 self._lack("the run went back to a checkpoint: the curves hold what it took back")
-            self._newest, self._steps[step].since = step, self._ticks
+            self._newest = step
+            self._steps[step].since = self._ticks
         self._steps[step].cells.setdefault(k, cell)
         self.catch_up()
 
@@ -429,7 +440,8 @@ class HeardTeam:
 
         After it comes the next one that was heard; where that is another, an episode ended.
         """
-        here, then = self._steps[step], self._steps[after]
+        here = self._steps[step]
+        then = self._steps[after]
         late = self._ticks - then.since > LATE_TICKS
         if after != step + 1:
             return late or not here.said

@@ -52,7 +52,9 @@ class WorldBodies:
         there: Callable[[], None],
         told_to_halt: Callable[[str], None],
     ) -> None:
-        self._node, self._there, self._convert = node, there, Converter(run)
+        self._node = node
+        self._there = there
+        self._convert = Converter(run)
         self._told_to_halt = told_to_halt
         self._names = self._convert.names
         self.game = BodyWorld(run.scenario, run.seed, slips=run.slips)
@@ -150,7 +152,9 @@ class WorldBodies:
 
     def summary(self) -> dict[str, Any]:
         """Return what happened, as plain data."""
-        failed, lost, seconds = self.side.failed, self.side.lost, round(self.side.seconds, 3)
+        failed = self.side.failed
+        lost = self.side.lost
+        seconds = round(self.side.seconds, 3)
         return {"moves_failed": failed, "bodies_lost": lost, "body_seconds": seconds}
 
     def _on_reached(self, reached: Reached) -> None:

@@ -34,7 +34,8 @@ from sparse_coord_ros.nodes.world_speed import WorldSpeed
 from sparse_coord_ros.nodes.world_topics import WorldTopics
 from sparse_coord_ros.wire import WORLD, services
 
-GO_ON, END = "go_on", "end"
+GO_ON = "go_on"
+END = "end"
 """What `lost_robot` says; else the world waits."""
 
 EVENTS = (
@@ -92,7 +93,8 @@ class WorldSimulator(ParameterNode):
         run = self.run
         self.bodies: WorldBodies | None = None
         if run.bodies:
-            there, told_to_halt = self._advance_where_due, self._halt_as_a_driver
+            there = self._advance_where_due
+            told_to_halt = self._halt_as_a_driver
             self.bodies = WorldBodies(self, run, there, told_to_halt)
         game: Game = self.bodies.game if self.bodies else World(self.run.scenario, self.run.seed)
         self.topics = WorldTopics(self, self.run, game, self._save)
@@ -120,7 +122,8 @@ class WorldSimulator(ParameterNode):
             return wire.RunState.FINISHED
         if self._stopped:
             return wire.RunState.STOPPED
-        started, resumed = self.speed.begun, self.values["resume"]
+        started = self.speed.begun
+        resumed = self.values["resume"]
         calling = self._output is not None and self.returning.calling
         if calling or (resumed and not started and not self._paused):
             return wire.RunState.RESUMING  # where the team is will be known when all have answered
@@ -193,7 +196,8 @@ class WorldSimulator(ParameterNode):
         """Hold, and make one time step where every robot has acted."""
         if self._halted:
             return False, HALTED
-        self._paused, step = True, self.lockstep.world.step
+        self._paused = True
+        step = self.lockstep.world.step
         ready = self.speed.begun and self.lockstep.complete and not self.done
         if ready:
             self._single = True
@@ -293,7 +297,9 @@ class WorldSimulator(ParameterNode):
 
     def _wait_for_the_lost(self, now: float) -> None:
         """Say for whom the world stands still; go on or end where the parameters say so."""
-        side, silent, stands = self.lockstep, self._silence.lasts(now), self._silence.stands(now)
+        side = self.lockstep
+        silent = self._silence.lasts(now)
+        stands = self._silence.stands(now)
         missing = side.missing()
         names = ", ".join(self._names[k] for k in sorted(missing or side.absent))
         self.remind(self.reminder, f"{names} at step {side.world.step}")
@@ -327,7 +333,8 @@ class WorldSimulator(ParameterNode):
             beat: it is time for the next step, where there is a `rate`. Bodies are sent before,
                 and a step that they are late for is made as soon as they are there.
         """
-        rated, self._beat = self.values["rate"] > 0, self._beat or beat
+        rated = self.values["rate"] > 0
+        self._beat = self._beat or beat
         waits = self._halted or (self._paused and not self._single)
         if waits or self._stopped or not self.lockstep.complete:
             return
@@ -398,7 +405,8 @@ class WorldSimulator(ParameterNode):
 
     def _report(self, now: float) -> None:
         self._guard.look()
-        world, run = self.lockstep.world, self.run
+        world = self.lockstep.world
+        run = self.run
         rate, moved = self.speed.report(now)
         values = {
             **self._counts(),

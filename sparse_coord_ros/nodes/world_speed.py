@@ -20,7 +20,8 @@ class WorldSpeed:
         self._world = world
         self._began: tuple[float, int] | None = None
         self._ended: float | None = None
-        self.reported, self._transitions = now, 0
+        self.reported = now
+        self._transitions = 0
 
     @property
     def begun(self) -> bool:
@@ -40,7 +41,8 @@ class WorldSpeed:
         """Return (transitions a second since the last report, whether there were any)."""
         made = self._world.transitions - self._transitions
         rate = max(0, made) / (now - self.reported + 1e-9)
-        self.reported, self._transitions = now, self._world.transitions
+        self.reported = now
+        self._transitions = self._world.transitions
         return rate, self.begun and made != 0
 
     def summary(self) -> dict[str, float]:

@@ -42,8 +42,11 @@ class WorldTopics:
     def __init__(
         self, node: ParameterNode, run: RunConfig, game: Game, save: Callable[[int], None]
     ) -> None:
-        self._node, self._run, self._game = node, run, game
-        self.silence, self.checkpoint = Silence(time.monotonic()), save
+        self._node = node
+        self._run = run
+        self._game = game
+        self.silence = Silence(time.monotonic())
+        self.checkpoint = save
         self.convert = Converter(run)
         self._names = self.convert.names
         self._clock_step = -1
@@ -97,7 +100,8 @@ class WorldTopics:
 
         A robot of which all but one end is there comes with what it lacks.
         """
-        heard_by, missing = self._node.heard_by, []
+        heard_by = self._node.heard_by
+        missing = []
         of_each = zip(self._names, self.states, self.rewards, self.actions, strict=True)
         for name, *own, action in of_each:
             ends = [one.topic_name for one in own if not heard_by(one, name)]
@@ -143,7 +147,9 @@ class WorldTopics:
 
     def show(self, *, scene: bool = True, always: bool = False) -> None:
         """Publish where the robots are; the scene not too often, but for `always`."""
-        step, cells, stamp = self._game.step, self._game.cells, self._ros_time()
+        step = self._game.step
+        cells = self._game.cells
+        stamp = self._ros_time()
         self._marker_publisher.publish(self.convert.pack_markers(stamp, cells))
         if scene:
             self._scene.publish(step, cells, stamp, always=always)

@@ -63,7 +63,9 @@ class AgentCheck:
     """
 
     def __init__(self, log: RunLog, k: int, stretch: Stretch) -> None:
-        self.log, self.k, self.stretch = log, k, stretch
+        self.log = log
+        self.k = k
+        self.stretch = stretch
         self.name = log.names[k]
         self.trajectory = trajectory_of(log, k, stretch)
         self.choices = self.updates = self.compared = 0
@@ -215,7 +217,8 @@ class AgentCheck:
 
     def _odd_count(self, entry: RecordedTables, to: int, end: int) -> tuple[str, str, str] | None:
         """Return (quantity, logged, computed) of the first number that cannot be."""
-        log, trajectory = self.log, self.trajectory
+        log = self.log
+        trajectory = self.trajectory
         ended = log.ended[trajectory.row[:end], self.k]
         base = Counter(self.stretch.counts(self.k))
         due = {end.words: base[end.words] + int((ended == end).sum()) for end in wire.PerceptEnd}
@@ -241,7 +244,8 @@ class AgentCheck:
 
     def _missing_tables(self) -> Iterator[Difference]:
         """Yield the tables that ought to be in the log and are not."""
-        log, run = self.log, self.log.run
+        log = self.log
+        run = self.log.run
         states = log.tracks.states[self.k].step
         steps = {entry.step for entry in self.recorded}
         due = [0]

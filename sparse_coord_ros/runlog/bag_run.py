@@ -72,7 +72,8 @@ def check_bag_run(bag: Bag, source: BagRun) -> Iterator[Difference]:
         bag: the bag.
         source: its run.
     """
-    run, said = source.run, source.said
+    run = source.run
+    said = source.said
     announced = [count for name, count in bag.counts.items() if name.endswith(f"/{RUN.name}")]
     records = [texts for name, texts in bag.metadata_records if name == RUN_RECORD]
     yield from _once(f"topic {RUN.name}", 0 if said is None else max(announced), "the settings")

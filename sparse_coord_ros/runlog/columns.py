@@ -17,7 +17,8 @@ from sparse_coord_ros.wire.cdr import rows_at
 from sparse_coord_ros.wire.frame import SECOND
 from sparse_coord_ros.wire.messages import MessageForm
 
-READABLE, COMPLETE = "readable", "one that says all"
+READABLE = "readable"
+COMPLETE = "one that says all"
 """What a message ought to be. One that is not readable is none of the run's; one that lacks
 something, but names the run, or is as long as the run's, may be one that was changed."""
 
@@ -103,7 +104,8 @@ class Columns:
         self, name: str, content: bytes, heads: np.ndarray, begins: np.ndarray
     ) -> np.ndarray:
         """Return the rows of a topic's messages that can be read, note the others."""
-        (topic, form), sizes = self._forms[name], heads["length"].astype(np.int64) - MESSAGE.size
+        (topic, form) = self._forms[name]
+        sizes = heads["length"].astype(np.int64) - MESSAGE.size
         if isinstance(form, MessageForm):
             rows, fits = form.rows(content, begins, sizes)
             why = "has another form than the run's"
@@ -111,7 +113,8 @@ class Columns:
             due_of = np.where(altered, COMPLETE, READABLE).tolist()
             odd = {place: (why, due_of[place]) for place in np.flatnonzero(~fits).tolist()}
         else:
-            rows, odd = np.empty(len(heads), dtype=object), {}
+            rows = np.empty(len(heads), dtype=object)
+            odd = {}
             ends = (begins + sizes).tolist()
             for place, (begin, end) in enumerate(zip(begins.tolist(), ends, strict=True)):
                 due = READABLE
@@ -129,11 +132,13 @@ class Columns:
 
     def _check_numbers(self, name: str, heads: np.ndarray) -> None:
         """Every message has the next number of its topic."""
-        said, times = heads["sequence"].astype(np.int64), heads["log_ns"].astype(np.int64)
+        said = heads["sequence"].astype(np.int64)
+        times = heads["log_ns"].astype(np.int64)
         due_first, newest = self._due[name]
         due = np.concatenate([[due_first], said[:-1] + 1])
         for place in np.flatnonzero(said != due).tolist():
-            at, before = int(times[place]), int(times[place - 1]) if place else newest
+            at = int(times[place])
+            before = int(times[place - 1]) if place else newest
             logged = f"number {said[place]} after {due[place] - 1}"
             odd = Difference(at // self._period, None, f"topic {name}", logged, "the next one")
             if said[place] < due[place]:

@@ -178,7 +178,8 @@ class _Dialogue:
     """
 
     def __init__(self, names: Sequence[str], period: int) -> None:
-        self._names, self._period = names, period
+        self._names = names
+        self._period = period
         self.requests: dict[tuple[int, int, int, int], Request] = {}
         self.problems: list[Difference] = []
 
@@ -219,7 +220,8 @@ class _Dialogue:
             event: the event.
             newest: the newest clock of its writer before.
         """
-        kind, due = EventKind(event.kind), step * self._period
+        kind = EventKind(event.kind)
+        due = step * self._period
         odd = request.take(kind, event.wall_ns, step, event.said)
         if event.ns != due:
             odd.append((f"stamp {event.ns} ns", f"{due} ns"))

@@ -14,7 +14,8 @@ NO_REQUEST = "without its request"
 """What is logged of something that is not in the log, and of an answer to such a request."""
 NOTHING_TO_LEARN = "0: there was nothing to learn from"
 """What is due of `learned` where the log holds no reward, or no state, of the action before."""
-DIALOGUE, LOG_TIME = "dialogue", "log_time"
+DIALOGUE = "dialogue"
+LOG_TIME = "log_time"
 """Quantities that are no topic's."""
 QUANTITIES = (
     wire.LOCAL_STATE.name,

@@ -93,7 +93,8 @@ def explained(log: RunLog, robot: int, steps: Sequence[int]) -> Iterator[Coordin
         robot: the robot's number.
         steps: the time steps, ascending.
     """
-    begun, doubt = None, log.hides(robot)
+    begun = None
+    doubt = log.hides(robot)
     if doubt is None and log.run.known_rule is not None:
         begun, odd = first_memory(log, robot)
         doubt = None if odd is None else f"{odd}"
@@ -105,7 +106,8 @@ def explained(log: RunLog, robot: int, steps: Sequence[int]) -> Iterator[Coordin
         if not mine:
             continue
         trajectory = trajectory_of(log, robot, part)
-        replay, why = None, doubt
+        replay = None
+        why = doubt
         if part.lost:
             why = "by which values, and what it learned, is lost as a part of the log is"
         elif begun is not None:
@@ -119,10 +121,13 @@ def explained(log: RunLog, robot: int, steps: Sequence[int]) -> Iterator[Coordin
 
 def _logged(log: RunLog, robot: int, trajectory: Trajectory, place: int) -> Coordination:
     """Return what the log says of an action that is COORDINATE."""
-    step, row = int(trajectory.step[place]), trajectory.row[place]
+    step = int(trajectory.step[place])
+    row = trajectory.row[place]
     asked = tuple(r for r in log.requests if (r.asker, r.step) == (robot, step))
-    where, peers = int(trajectory.cell[place]), tuple(trajectory.peers[place].tolist())
-    end, perceived = percept_end(log.ended[row, robot]), trajectory.perceived_at(place)
+    where = int(trajectory.cell[place])
+    peers = tuple(trajectory.peers[place].tolist())
+    end = percept_end(log.ended[row, robot])
+    perceived = trajectory.perceived_at(place)
     move = int(log.move[row, robot])
     return Coordination(step, robot, where, peers, asked, end, perceived, move)
 
@@ -131,7 +136,9 @@ def _replayed(
     log: RunLog, one: Coordination, trajectory: Trajectory, replay: Replay, place: int
 ) -> Coordination:
     """Replay a robot up to its COORDINATE and over it; return also what it went by and learned."""
-    agent, cell, perceived = replay.agent, one.cell, one.perceived
+    agent = replay.agent
+    cell = one.cell
+    perceived = one.perceived
     agrees = replay.advance(place)
     values = tuple(agent.values_asking(cell, perceived)[:PRIMITIVES])
     entries: list[tuple[int, ...]] = [(cell, COORDINATE)]

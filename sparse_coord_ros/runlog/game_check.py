@@ -48,7 +48,9 @@ class WorldCheck:
     """
 
     def __init__(self, log: RunLog, stretch: Stretch) -> None:
-        self.log, self.stretch, self.odd = log, stretch, log.tracks.odd
+        self.log = log
+        self.stretch = stretch
+        self.odd = log.tracks.odd
         self.centres = np.array(log.frame.centres)
         run = log.run
         self.world = World(run.scenario, run.seed)
@@ -65,7 +67,8 @@ class WorldCheck:
         self.acted = [set(track.step.tolist()) for track in tracks.actions]
         known = set(self.steps)
         self.statuses = [status for status in tracks.statuses if status.step in known]
-        self.move, self.asked = log.move.tolist(), log.asked.tolist()
+        self.move = log.move.tolist()
+        self.asked = log.asked.tolist()
         self.parts = len(wire.REWARD.labels) + bool(log.run.scenario.referee)
         self.transitions = self.left_out = self.resets = 0
         self.starts: list[int] = []
@@ -76,7 +79,8 @@ class WorldCheck:
             self.world.go_on_from(position)
             self.reasons = tuple(wire.Began)
             if position.under_way:
-                self.starts, self.went_on = [position.episode_start], True
+                self.starts = [position.episode_start]
+                self.went_on = True
         self.first = next(self._made_again(), None)
 
     def differences(self) -> list[Difference]:
@@ -123,9 +127,11 @@ class WorldCheck:
             self.starts.append(step)
 
     def _states(self, step: int) -> Iterator[Difference]:
-        log, row = self.log, self.log.row_of.get(step)
+        log = self.log
+        row = self.log.row_of.get(step)
         for k, cell in enumerate(self.world.cells):
-            track, due = log.tracks.states[k], self.centres[cell]
+            track = log.tracks.states[k]
+            due = self.centres[cell]
             if row is None or not _says(log.position[row, k], due, track.others.get(step, ())):
                 logged = self._place(log.position[row, k]) if step in track.step else MISSING
                 yield self.odd(step, k, wire.LOCAL_STATE.name, logged, self._place(due))
@@ -158,7 +164,8 @@ class WorldCheck:
 
     def _transition(self, step: int) -> Iterator[Difference]:
         """Let the world make a transition with the actions of whom the log rewards."""
-        world, row = self.world, self.log.row_of[step]
+        world = self.world
+        row = self.log.row_of[step]
         rewarded = [k for k in self.robots if step in self.rewarded[k]]
         left = [k for k in self.robots if k not in rewarded and not world.arrived[k]]
         for k in rewarded:
@@ -191,7 +198,8 @@ class WorldCheck:
 
     def _rewarded(self, step: int, k: int) -> Iterator[Difference]:
         """Yield why a robot cannot have been rewarded in a time step."""
-        row, world = self.log.row_of[step], self.world
+        row = self.log.row_of[step]
+        world = self.world
         over = world.episode_over or world.transitions == world.scenario.steps
         if over or world.arrived[k]:
             logged = f"{tuple(self.log.rewards[row, k, : self.parts].tolist())}"
@@ -213,7 +221,8 @@ class WorldCheck:
 
     def _end(self) -> Iterator[Difference]:
         """The log must say how the run ended, and end there."""
-        world, status = self.world, (self.world.step, None, wire.STATUS.name)
+        world = self.world
+        status = (self.world.step, None, wire.STATUS.name)
         left = world.scenario.steps - world.transitions
         end = next(reversed(self.log.tracks.statuses), None)
         if self.went_on or (world.episode_over and left):
@@ -229,7 +238,9 @@ class WorldCheck:
 
     def _maps(self) -> Iterator[Difference]:
         """Yield what is missing of what is shown as an episode begins, and maps too many."""
-        log, last, maps = self.log, self.stretch.last, self.log.tracks.maps
+        log = self.log
+        last = self.stretch.last
+        maps = self.log.tracks.maps
         of_robots = enumerate(log.tracks.coordination_maps)
         shown: list[tuple[int | None, wire.Topic, np.ndarray]] = [(None, wire.MAP, maps)]
         shown += [(k, wire.COORDINATION_MAP, at) for k, (at, _) in of_robots if not log.hides(k)]

@@ -61,7 +61,8 @@ def _of_plan(
         due: what it ought to be.
         own: what the robot had learned.
     """
-    log, k = robot.log, robot.k
+    log = robot.log
+    k = robot.k
     counts = robot.last_counts
     if counts is None:  # its last tables are missing, which is said elsewhere
         counts = {name: int(arrays.get(f"{COUNT}{name}", 0)) for name in wire.COUNTS}

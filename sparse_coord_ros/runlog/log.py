@@ -61,9 +61,13 @@ class RunLog:
     """
 
     def __init__(self, tracks: Tracks) -> None:
-        self.tracks, self.bag, self.run, self.names = tracks, tracks.bag, tracks.run, tracks.names
+        self.tracks = tracks
+        self.bag = tracks.bag
+        self.run = tracks.run
+        self.names = tracks.names
         self.frame = frame = Frame(self.run)
-        self.all_tables, self.requests = tuple(tracks.tables), tuple(tracks.requests)
+        self.all_tables = tuple(tracks.tables)
+        self.requests = tuple(tracks.requests)
         robots = range(len(self.names))
         steps = [track.step for k in robots for track in tracks.of(k)]
         self.step = step = np.unique(np.concatenate(steps))
@@ -81,7 +85,8 @@ class RunLog:
         self.cells = cell_numbers(frame, self.position)
         pairs = map(tuple, numbers[..., :2].reshape(-1, 2).tolist())
         move = np.array([MOVE_OF.get(pair, NONE) for pair in pairs], dtype=np.int8).reshape(shape)
-        self.move, self.peer = move, np.full(shape, NOBODY, dtype=np.int16)
+        self.move = move
+        self.peer = np.full(shape, NOBODY, dtype=np.int16)
         said = numbers[..., ACTION.column("peer")]
         move[~np.isfinite(said)] = NONE
         known = (move != NONE) & (said >= 0) & (said <= len(robots))

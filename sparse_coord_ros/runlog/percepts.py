@@ -44,7 +44,9 @@ class _Due(NamedTuple):
 
 class _Judge:
     def __init__(self, log: RunLog, stretch: Stretch) -> None:
-        self.log, self.stretch, self.frame = log, stretch, log.frame
+        self.log = log
+        self.stretch = stretch
+        self.frame = log.frame
         self.odd = log.tracks.odd
         self.percepts = Percepts(log.run.scenario, log.run.seed)
         self.heard: dict[tuple[int, int, int], list[Request]] = {}
@@ -60,8 +62,10 @@ class _Judge:
             yield from self._request(request)
 
     def _robot(self, k: int) -> Iterator[Difference]:
-        log, trajectory = self.log, trajectory_of(self.log, k, self.stretch)
-        acted, percepts = set(log.tracks.actions[k].step.tolist()), log.tracks.percepts[k]
+        log = self.log
+        trajectory = trajectory_of(self.log, k, self.stretch)
+        acted = set(log.tracks.actions[k].step.tolist())
+        percepts = log.tracks.percepts[k]
         rows = dict(zip(percepts.step.tolist(), percepts.rows, strict=True))
         asked = set(log.step[log.asked[:, k]].tolist())
         for step in sorted({*rows} ^ asked):
@@ -83,7 +87,8 @@ class _Judge:
     ) -> Iterator[Difference]:
         """Judge one percept: what it shows, how it is said to have ended, what was answered."""
         own, *seen = [tuple(place) for place in row["places"].tolist()][: int(row["count"])]
-        here, due = self._cell(k, step), self._due(k, step, peers)
+        here = self._cell(k, step)
+        due = self._due(k, step, peers)
         where = [] if due is None else [one.where for one in due]
         if here is None or own != self.frame.centres[here]:
             yield self.odd(step, k, "percept own", f"{own}", f"cell {here}")
@@ -120,7 +125,8 @@ class _Judge:
 
     def _due(self, k: int, step: int, peers: Sequence[int]) -> list[_Due] | None:
         """Return what peers must answer a robot; None where the log lacks a state of theirs."""
-        here, found = self._cell(k, step), []
+        here = self._cell(k, step)
+        found = []
         for peer in peers:
             cell = self._cell(peer, step)
             if here is None or cell is None:
@@ -156,14 +162,17 @@ class _Judge:
 
     def _request(self, request: Request) -> Iterator[Difference]:
         """Judge whether the four sides of an answered request are there, agree and are true."""
-        k, step, quantity = request.asker, request.step, self._with(request.peer)
+        k = request.asker
+        step = request.step
+        quantity = self._with(request.peer)
         answered = EventKind.RETURNED in request.wall_ns
         for kind in sorted(set(EventKind) - request.wall_ns.keys()) if answered else ():
             yield self.odd(step, k, f"{quantity}, {kind.words}", MISSING, "one")
         if request.answer is not None and request.said not in (None, request.answer):
             received = f"{request.answer}, as it was received"
             yield self.odd(step, k, quantity, f"{request.said}", received)
-        here, due = self._cell(k, step), self._due(k, step, [request.peer])
+        here = self._cell(k, step)
+        due = self._due(k, step, [request.peer])
         if here is not None and request.position != self.frame.centres[here]:
             logged = f"asked from {request.position}"
             yield self.odd(step, k, quantity, logged, f"{self.frame.centres[here]}")

@@ -88,7 +88,8 @@ class Relearned:
         Raises:
             BagError, TablesError: the log or its tables cannot be read.
         """
-        run, recorded = self._log.run, self._recorded(step)
+        run = self._log.run
+        recorded = self._recorded(step)
         if run.greedy or all(one.step == step for one in recorded):
             return {one.robot: (step, one.tables) for one in recorded}
         part = None if run.known_rule is None else self._reached(step, still)
@@ -159,21 +160,26 @@ class Relearned:
         first = self._first(step)
         if first is None:
             return None
-        part, self._part, sought = self._part, None, False
+        part = self._part
+        self._part = None
+        sought = False
         if part is None or not first <= self._at <= step:
-            part, sought = self._begin(self._kept.get(first) or self._recorded(first)), True
+            part = self._begin(self._kept.get(first) or self._recorded(first))
+            sought = True
         while part is not None and still() and part.advance(min(step, part.first + AT_ONCE)):
             if step < part.first + AT_ONCE:
                 if sought and step > part.first:  # who came here may come again
                     self._keep(part, step)
-                self._part, self._at = part, step
+                self._part = part
+                self._at = step
                 return part
             part = self._begin(self._keep(part, part.first + AT_ONCE))
         return None
 
     def _begin(self, saved: Sequence[RecordedTables]) -> _Part | None:
         """Begin a part; None where some of it is lost, or not said what it takes to go on."""
-        first, wait = saved[0].step, self._log.run.scenario.max_steps + EPISODE_GAP
+        first = saved[0].step
+        wait = self._log.run.scenario.max_steps + EPISODE_GAP
         # The state before the first one says whether an episode begins there.
         log = self._log.read(max(0, first - 1), first + AT_ONCE + wait, [*MOVES, wire.PERCEPT])
         if log.bag.gaps or log.tracks.gaps:

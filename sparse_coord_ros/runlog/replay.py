@@ -90,7 +90,8 @@ def restored(log: RunLog, recorded: RecordedTables) -> Agent:
 
 def stretches(log: RunLog) -> list[Stretch]:
     """Return the stretches of a log in order, also those that are lost; without gaps it is one."""
-    found, stretch = [], Stretch()
+    found = []
+    stretch = Stretch()
     for gap in log.gaps:
         if gap.last is not None and gap.last + MARGIN < stretch.first:
             continue
@@ -126,7 +127,8 @@ def _start(log: RunLog, at: int, after: int, recorded: tuple[RecordedTables, ...
     Its states say where the robots are and when the episode began, and the next status how many
     transitions there have been, no fewer than before the gap.
     """
-    step, statuses = log.step, log.tracks.statuses
+    step = log.step
+    statuses = log.tracks.statuses
     breaks = np.flatnonzero(np.diff(step[step <= at]) != 1)[-1:].tolist()
     said = next((one for one in statuses if one.step >= at), None)
     if at not in step or not breaks or said is None:
@@ -135,13 +137,15 @@ def _start(log: RunLog, at: int, after: int, recorded: tuple[RecordedTables, ...
     if before <= after or episode_start - before != EPISODE_GAP:
         return None
     row, end = np.searchsorted(step, [at, said.step]).tolist()
-    cells, goals = log.cells[row], np.array([robot.goal for robot in log.run.scenario.robots])
+    cells = log.cells[row]
+    goals = np.array([robot.goal for robot in log.run.scenario.robots])
     if NONE in cells:
         return None
     rewarded = ~np.isnan(log.reward[row:end, :, 0])
     made = rewarded.any(axis=1)
     left = (~rewarded & (log.cells[row:end] != goals))[made]
-    transitions, left_out = said.transitions - int(made.sum()), said.left_out - int(left.sum())
+    transitions = said.transitions - int(made.sum())
+    left_out = said.left_out - int(left.sum())
     earlier = [one for one in statuses if one.step <= after]
     if any(transitions < one.transitions or left_out < one.left_out for one in earlier):
         return None
@@ -251,13 +255,16 @@ class Replay:
         self.agent = agent
         self.reached = 0
         self.other: Action | None = None
-        self._log, self._trajectory = log, trajectory
+        self._log = log
+        self._trajectory = trajectory
 
     def advance(self, to: int) -> bool:
         """Go on to an action; return whether all before it are the logged ones."""
         if self.reached >= to or self.other is not None:
             return self.other is None
-        agent, done, k = self.agent, self._trajectory, self.agent.number
+        agent = self.agent
+        done = self._trajectory
+        k = self.agent.number
         part = slice(self.reached, to)
         at = done.row[part]
         columns = (

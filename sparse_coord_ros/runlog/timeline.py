@@ -155,7 +155,8 @@ def gaps(
             end hears nothing else.
     """
     of_file: Mapping[int, Rollback] = {back.file: back for back in backs}
-    found, known = [], []
+    found = []
+    known = []
     end = 0
     for place, steps in enumerate(clocks):
         back = of_file.get(place)
@@ -191,8 +192,10 @@ def lost(jumps: Sequence[Jump], period: int, known: Sequence[LostSteps]) -> list
     found = list(known)
     for jump in sorted(jumps, key=lambda one: abs(one.after - one.before)):
         ends = sorted((jump.before // period, jump.after // period))
-        first, last = ends[0] + 1, max(ends[0] + 1, ends[1] - 1)
-        low, high = first - MARGIN, last + MARGIN
+        first = ends[0] + 1
+        last = max(ends[0] + 1, ends[1] - 1)
+        low = first - MARGIN
+        high = last + MARGIN
         if not any(low <= gap.first and (gap.last or gap.first) <= high for gap in found):
             found.append(LostSteps(first, last))
     return found

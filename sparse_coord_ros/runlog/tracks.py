@@ -93,7 +93,9 @@ class Tracks:
     """
 
     def __init__(self, bag: Bag, found: BagRun, only: Only = None) -> None:
-        self.bag, self.run, self.prefix = bag, found.run, found.prefix
+        self.bag = bag
+        self.run = found.run
+        self.prefix = found.prefix
         self.names = tuple(robot.name for robot in self.run.scenario.robots)
         self.clock_topic = bag.clock or f"/{wire.CLOCK.name}"
         self.tables: list[RecordedTables] = []
@@ -106,7 +108,8 @@ class Tracks:
         self.stalls = timeline.stalls(bag)
         begins = {back.file: (back.first - 1) * self._period for back in self._backs}
         columns = Columns(bag, forms, only, self._period, begins)
-        self.problems, self.suspects = columns.problems, columns.suspects
+        self.problems = columns.problems
+        self.suspects = columns.suspects
         self._files = columns.rows
         robots = range(len(self.names))
         self.clock = self._track(wire.CLOCK)
@@ -129,7 +132,8 @@ class Tracks:
         self.rosout: list[Any] = [message for rows in logged for message in rows.tolist()]
 
     def _forms(self) -> Forms:
-        run, frame = self.run, Frame(self.run)
+        run = self.run
+        frame = Frame(self.run)
         of_team: dict[wire.Topic, Reading] = {
             wire.CLOCK: messages.CLOCK_FORM,
             wire.MAP: messages.grid_form(frame, OccupancyData(frame).map),
@@ -170,7 +174,8 @@ class Tracks:
     @property
     def _cut(self) -> bool:
         """Whether the end of the bag is lost."""
-        bag, steps = self.bag, [track.step[-1] for track in self.states if len(track.step)]
+        bag = self.bag
+        steps = [track.step[-1] for track in self.states if len(track.step)]
         newest = int(max(steps, default=0)) * self._period
         cut = any(gap.last_ns is None or gap.last_ns > newest for gap in bag.gaps)
         return cut or not bag.finished or bag.recovered is not None
@@ -241,7 +246,8 @@ class Tracks:
         # Questions that were under way when the run went back are answered from then, or from
         # the checkpoint by who has gone back already, without a request here.
         for one in problems:
-            step, unasked = one.step or 0, one.logged == NO_REQUEST
+            step = one.step or 0
+            unasked = one.logged == NO_REQUEST
             if unasked and step > newest:
                 self.suspects.append(one)
             elif step < limit and not (unasked and _under_way(step, back)):
@@ -255,7 +261,8 @@ class Tracks:
         due = steps * self._period
         right = (rows["ns"] == due) & (rows["ns"] >= 0)
         for place in np.flatnonzero(~right).tolist():
-            ns, step = int(rows["ns"][place]), int(steps[place])
+            ns = int(rows["ns"][place])
+            step = int(steps[place])
             of = (step, f"{due[place]} ns") if ns >= 0 else (None, "0 or later")
             self.suspects.append(self.odd(of[0], k, f"{topic.name} stamp", f"{ns} ns", of[1]))
         return steps[right], rows[right]
@@ -272,16 +279,20 @@ class Tracks:
         repeats: list[int] = []
         others: dict[int, list[Any]] = {}
         for place in np.flatnonzero(~ordered).tolist():
-            step, last = int(steps[place]), int(newest[place])
+            step = int(steps[place])
+            last = int(newest[place])
             known_at = int(first[np.searchsorted(found, step)])
             if known_at == place:
-                words, where = (f"after that of step {last}", "before it"), self.problems
+                words = (f"after that of step {last}", "before it")
+                where = self.problems
             elif rows[place].tobytes() != rows[known_at].tobytes():
                 others.setdefault(step, []).append(rows[place])
                 two = (rows[known_at].tolist()[1:], rows[place].tolist()[1:])
-                words, where = (f"twice, with {two[0]} and {two[1]}", "once"), self.suspects
+                words = (f"twice, with {two[0]} and {two[1]}", "once")
+                where = self.suspects
             elif step < last:
-                words, where = (f"again after that of step {last}", "once"), self.suspects
+                words = (f"again after that of step {last}", "once")
+                where = self.suspects
             else:
                 repeats.append(step)
                 continue
@@ -342,7 +353,8 @@ class Tracks:
         ordered = in_order(np.array([one.step for one in found], dtype=np.int64)).tolist()
         over = False
         for one, right in zip(found, ordered, strict=True):
-            state, ended = one.state, one.state == RunState.FINISHED
+            state = one.state
+            ended = one.state == RunState.FINISHED
             if not right or (ended and one.transitions < self.run.scenario.steps):
                 what = f"{state!r} after {one.transitions} transitions"
                 self.suspects.append(_odd(one, what, "another step or state"))
@@ -402,7 +414,8 @@ def in_order(steps: np.ndarray, *, each_once: bool = False) -> np.ndarray:
         at = bisect(places, -int(steps[place]), key=lambda begin: -int(steps[begin]))
         then[place] = places[at - 1] if at else -1
         places[at : at + 1] = [place]
-    right, place = np.zeros(len(steps), dtype=bool), places[-1]
+    right = np.zeros(len(steps), dtype=bool)
+    place = places[-1]
     while place >= 0:
         right[place] = True
         place = int(then[place])

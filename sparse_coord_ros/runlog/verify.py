@@ -157,7 +157,9 @@ def _of_part(
     world: WorldCheck, team: Sequence[AgentCheck], say: Callable[[str], None]
 ) -> list[Difference]:
     """Return in what a part differs; say what is not computed."""
-    log, part, found = world.log, world.stretch, list[Difference]()
+    log = world.log
+    part = world.stretch
+    found = list[Difference]()
     with leaving_out("percepts and answers", say):
         found += check_percepts(log, part)
     found += [*log.problems, *world.differences()]
@@ -350,7 +352,9 @@ def _said(
     log: RunLog, topic: wire.Topic, read: Callable[[Any], Any], k: int | None = None
 ) -> Iterator[tuple[int, Any]]:
     """Yield the log's time step and what is read of each message of a topic."""
-    decode, period, name = Decoder(log.bag.topics), log.frame.period, log.tracks.topic(topic, k)
+    decode = Decoder(log.bag.topics)
+    period = log.frame.period
+    name = log.tracks.topic(topic, k)
     for message in log.bag.messages({name}) if name in log.bag.topics else ():
         with suppress(AttributeError, ValueError):  # another message; its reader says so
             yield round(message.log_time_ns / period), read(decode(name, message.data))

@@ -149,16 +149,22 @@ class LongLog:
             begin: the time step at which an episode begins; 0: the log.
             also: what else to read than what the history is computed from.
         """
-        finished, size, last_ns = self.bag.finished, 0, 0
+        finished = self.bag.finished
+        size = 0
+        last_ns = 0
         places = [one for one in self.blocks if one.end_ns >= begin * self.period]
         for number, place in enumerate(places, start=1):
-            size, last_ns = size + place.length, max(last_ns, place.end_ns)
+            size = size + place.length
+            last_ns = max(last_ns, place.end_ns)
             whole = number == len(places)
             if size < STRETCH_BYTES and not whole:
                 continue
             last = last_ns // self.period
             log = self.read(begin, last, (*MOVES, *also))
-            history, size, end, open_step = log.history(), 0, last + 1, None
+            history = log.history()
+            size = 0
+            end = last + 1
+            open_step = None
             read_to = last
             if not whole and history.episodes < 2:
                 size = -3 * STRETCH_BYTES  # an episode may be longer

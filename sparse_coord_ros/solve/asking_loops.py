@@ -143,14 +143,17 @@ def reach(game: WeightedGame, policy: AskingPolicies, free: np.ndarray, space: W
     space.tried[:] = -1
     space.stack[0] = game.starts[0] * cells + game.starts[1]
     space.tried[space.stack[0]] = 0
-    depth, count = 1, 0
+    depth = 1
+    count = 0
     while depth > 0:
         state = space.stack[depth - 1]
-        x, y = state // cells, state % cells
+        x = state // cells
+        y = state % cells
         index = space.tried[state]
         found = -1
         while index < OUTCOMES * OUTCOMES and found < 0:
-            one, other = index // OUTCOMES, index % OUTCOMES
+            one = index // OUTCOMES
+            other = index % OUTCOMES
             index += 1
             if can_do(game, policy, free, 0, x, y, one) and can_do(
                 game, policy, free, 1, y, x, other
@@ -210,7 +213,8 @@ def expected(
     Returns:
         Expected reward, and value of what comes after unless both stay; probability of staying.
     """
-    gain, stay = 0.0, 0.0
+    gain = 0.0
+    stay = 0.0
     for i in range(3):
         a, p = outcome(game.lead, game.success, x, sees[0], seen[0], unseen[0], i)
         if p == 0.0:
@@ -250,20 +254,27 @@ def best_at(
 
     Of moves that are equally good the first is chosen.
     """
-    asks0, asks1 = asks_at(game, policy, 0, x), asks_at(game, policy, 1, y)
+    asks0 = asks_at(game, policy, 0, x)
+    asks1 = asks_at(game, policy, 1, y)
     sees = game.percept[x, y] if asks0 else 0.0, game.percept[y, x] if asks1 else 0.0
     cost = (game.cost[0] if asks0 else 0.0) + (game.cost[1] if asks1 else 0.0)
     move0 = STAY if x == game.goals[0] else policy.moves[0, x]
     move1 = STAY if y == game.goals[1] else policy.moves[1, y]
-    chooses0, chooses1 = sees[0] > 0.0 and free[0], sees[1] > 0.0 and free[1]
-    seen0, seen1 = policy.seen[0, x, y], policy.seen[1, y, x]
-    best, best0, best1 = -np.inf, seen0, seen1
+    chooses0 = sees[0] > 0.0 and free[0]
+    chooses1 = sees[1] > 0.0 and free[1]
+    seen0 = policy.seen[0, x, y]
+    seen1 = policy.seen[1, y, x]
+    best = -np.inf
+    best0 = seen0
+    best1 = seen1
     for i in tried(chooses0, seen0):
         for j in tried(chooses1, seen1):
             gain, stay = expected(game, value, x, y, sees, (i, j), (move0, move1))
             found = (gain - cost) / (1.0 - game.discount * stay)
             if found > best + 1e-12:
-                best, best0, best1 = found, i, j
+                best = found
+                best0 = i
+                best1 = j
     if chooses0:
         policy.seen[0, x, y] = best0
     if chooses1:
@@ -306,7 +317,8 @@ def sweep(
     for _ in range(sweeps):
         change = 0.0
         for state in order:
-            x, y = state // cells, state % cells
+            x = state // cells
+            y = state % cells
             new = best_at(game, policy, free, value, x, y)
             change = max(change, abs(new - value[x, y]))
             value[x, y] = new
@@ -322,7 +334,8 @@ def visit(game: WeightedGame, policy: AskingPolicies, space: Workspace) -> None:
     space.visited[:] = False
     space.inside[:] = False
     for state in space.order[: reach(game, policy, space.nobody, space)]:
-        x, y = state // cells, state % cells
+        x = state // cells
+        y = state % cells
         space.inside[state] = True
         if x != game.goals[0]:
             space.visited[0, x] = True
@@ -340,7 +353,8 @@ def surround(
     count = 0
     for state in game.everything:
         if not space.inside[state]:
-            x, y = state // cells, state % cells
+            x = state // cells
+            y = state % cells
             space.value[x, y] = game.above[x, y]
             space.order[count] = state
             count += 1
@@ -395,22 +409,27 @@ def climb(
     cells = game.lead.shape[0]
     best = solve(game, policy, free, space, -np.inf)
     surround(game, policy, free, space)
-    failed, i = 0, 0
+    failed = 0
+    i = 0
     while failed < len(trials):
         trial = trials[i]
         i = (i + 1) % len(trials)
         failed += 1
-        k, x, option = trial // (cells * OPTIONS), trial // OPTIONS % cells, trial % OPTIONS
+        k = trial // (cells * OPTIONS)
+        x = trial // OPTIONS % cells
+        option = trial % OPTIONS
         if not free[k] or not space.visited[k, x]:
             continue
-        old_move, old_asks = policy.moves[k, x], policy.asks[k, x]
+        old_move = policy.moves[k, x]
+        old_asks = policy.asks[k, x]
         asks = option >= PRIMITIVES
         move = old_move if option == ASK_AS_NOW else option % PRIMITIVES
         if asks and (option == ASK_AS_NOW) == game.fails[x]:
             continue
         if asks == old_asks and move == old_move:
             continue
-        policy.moves[k, x], policy.asks[k, x] = move, asks
+        policy.moves[k, x] = move
+        policy.asks[k, x] = asks
         if promising(game, policy, free, space, k, x):
             copy(space.value, space.kept)
             found = solve(game, policy, free, space, best + BETTER)
@@ -420,7 +439,8 @@ def climb(
                 surround(game, policy, free, space)
                 continue
             copy(space.kept, space.value)
-        policy.moves[k, x], policy.asks[k, x] = old_move, old_asks
+        policy.moves[k, x] = old_move
+        policy.asks[k, x] = old_asks
     best = solve(game, policy, free, space, -np.inf)
     visit(game, policy, space)
     return best

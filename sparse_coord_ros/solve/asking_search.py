@@ -90,7 +90,8 @@ def find_asking_team(
     """
     scenario = loaded(scenario)
     check_two_robots(scenario)
-    restarts, seed = RESTARTS.parse(restarts), RUN_SETTINGS["seed"].parse(seed)
+    restarts = RESTARTS.parse(restarts)
+    seed = RUN_SETTINGS["seed"].parse(seed)
     file = None if file is None else path_argument("file", file)
     check_function("progress", progress)
     game = _game(scenario)
@@ -200,7 +201,8 @@ def _climbed(
     game: WeightedGame, free: np.ndarray, best: AskingPolicies, rng: np.random.Generator
 ) -> tuple[AskingPolicies, float]:
     """Climb from a team, which is changed, and again from where shakes lead; as `_restart`."""
-    loops, space = asking_loops.compiled(), _space(game)
+    loops = asking_loops.compiled()
+    space = _space(game)
     trials = np.arange(2 * len(game.lead) * OPTIONS)
     top = loops.climb(game, best, free, space, rng.permutation(trials))
     vain = 0
@@ -210,7 +212,9 @@ def _climbed(
         policy = _shaken(game, best, space.visited & free[:, None], rng)
         value = loops.climb(game, policy, free, space, rng.permutation(trials))
         if value > top + asking_loops.BETTER:
-            best, top, vain = policy, value, 0
+            best = policy
+            top = value
+            vain = 0
     return best, top
 
 
@@ -223,7 +227,8 @@ def climbed(
         Its value before and after; what it does then, in every joint state; and whether a robot
         acts in a cell, shape (2, cells).
     """
-    game, nobody = _game(scenario), np.zeros(2, dtype=np.bool_)
+    game = _game(scenario)
+    nobody = np.zeros(2, dtype=np.bool_)
     before = asking_loops.compiled().solve(game, team, nobody, _space(game), -np.inf)
     found, value = _climbed(game, ~nobody, _copy(team), np.random.default_rng(0))
     return before, value, *_everywhere(game, found)
@@ -274,7 +279,8 @@ def _everywhere(game: WeightedGame, policy: AskingPolicies) -> tuple[AskingPolic
 
     A robot that never gets to a cell does not ask there.
     """
-    loops, new = asking_loops.compiled(), _copy(policy)
+    loops = asking_loops.compiled()
+    new = _copy(policy)
     space = _space(game)
     both = np.ones(2, dtype=np.bool_)
     loops.solve(game, new, both, space, -np.inf)
@@ -315,7 +321,8 @@ def _from_texts(scenario: Scenario, robots: Sequence[RobotPolicy]) -> AskingPoli
 
 def _gain(scenario: Scenario, robots: Sequence[RobotPolicy], k: int, seed: int) -> float:
     """Return the most that robot k was found to gain for itself, the other staying as it is."""
-    loops, alone = asking_loops.compiled(), np.arange(2) == k
+    loops = asking_loops.compiled()
+    alone = np.arange(2) == k
     game = _game(scenario, alone)
     fixed = _from_texts(scenario, robots)
     now = loops.solve(game, fixed, np.zeros(2, dtype=np.bool_), _space(game), -np.inf)
@@ -384,7 +391,8 @@ def _acting(
     for state in np.sort(space.order[:count]):
         here = (int(state // cells), int(state % cells))
         for k in range(2):
-            x, z = here[k], here[1 - k]
+            x = here[k]
+            z = here[1 - k]
             if x != game.goals[k] and team.asks[k, x] and game.percept[x, z] > 0.0:
                 seen[k].setdefault(x, []).append(z)
     return team, space.visited, seen

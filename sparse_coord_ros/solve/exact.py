@@ -39,7 +39,8 @@ from sparse_coord_ros.solve.exact_loops import (
 MOST_ROBOTS = 2
 """The joint chain of more robots is too large; they are evaluated by trials."""
 
-MOST_STATES, MOST_OUTCOMES = 2**20, 50_000_000
+MOST_STATES = 2**20
+MOST_OUTCOMES = 50_000_000
 """Joint states within reach, which take up to a gigabyte, and outcomes of steps that are followed,
 which take up to five seconds: beyond that trials are quicker."""
 
@@ -102,13 +103,15 @@ def evaluate_exact(
     """
     check_exact(scenario)
     evaluation.check_tables(scenario, tables, learner)
-    robots, team = _robots(scenario, tables, learner), len(scenario.robots)
+    robots = _robots(scenario, tables, learner)
+    team = len(scenario.robots)
     own = _within_reach(scenario, robots)
     sums = _carried(_pair(scenario, robots, own), spreads=True, most=MOST_OUTCOMES)
     if sums is None:
         raise _does_not_pay(scenario, f"over {MOST_OUTCOMES:,} outcomes of steps", "as many")
     asked, stays = np.zeros((2, team, len(scenario.map.cells)))
-    asked[:, own], stays[:, own] = sums.asked[:team], sums.stays[:team]
+    asked[:, own] = sums.asked[:team]
+    stays[:, own] = sums.stays[:team]
     squares = sums.squares[:-1].reshape(3, 2)
     reward, time_to_goal, asks = map(_measure, sums.robots[:, :team], squares[:, :team])
     return ExactEvaluation(
@@ -240,7 +243,8 @@ def _robots(
 
 
 def _choices(tables: Tables) -> Greedy:
-    cells, actions = tables.task.cells, tables.task.actions
+    cells = tables.task.cells
+    actions = tables.task.actions
     chosen = _greedy(tables.q_star[:, :actions])
     asks = chosen[:, COORDINATE] if actions > COORDINATE else np.zeros(cells)
     blind = np.zeros((cells, PRIMITIVES))
@@ -254,7 +258,8 @@ def _within_reach(scenario: Scenario, robots: Sequence[Greedy]) -> np.ndarray:
     moving = [(one.moves > 0.0) | (one.blind > 0.0) for one in robots]
     reached = [np.empty(0, dtype=np.int64)] * len(robots)
     while True:
-        before, reached = reached, [_closure(scenario, k, moves) for k, moves in enumerate(moving)]
+        before = reached
+        reached = [_closure(scenario, k, moves) for k, moves in enumerate(moving)]
         own = np.union1d(reached[0], reached[-1])
         if len(own) ** 2 > MOST_STATES:
             raise _does_not_pay(scenario, f"{len(own) ** 2:,} joint states", f"{MOST_STATES:,}")
@@ -268,8 +273,10 @@ def _within_reach(scenario: Scenario, robots: Sequence[Greedy]) -> np.ndarray:
 
 def _closure(scenario: Scenario, k: int, moves: np.ndarray) -> np.ndarray:
     """Return the cells that robot k can come to by moves, shape (cells, moves), bool."""
-    robot, lead = scenario.robots[k], scenario.map.next_cell
-    found, left = {robot.start, robot.goal}, [robot.start]
+    robot = scenario.robots[k]
+    lead = scenario.map.next_cell
+    found = {robot.start, robot.goal}
+    left = [robot.start]
     while left:
         x = left.pop()
         if x != robot.goal:
@@ -281,7 +288,8 @@ def _closure(scenario: Scenario, k: int, moves: np.ndarray) -> np.ndarray:
 
 def _pair(scenario: Scenario, robots: Sequence[Greedy], own: np.ndarray) -> Pair:
     """Return the two robots on the cells `own`, ascending, which they do not leave."""
-    cells, alone = len(own), len(robots) == 1
+    cells = len(own)
+    alone = len(robots) == 1
     percepts = percept_probabilities(scenario.perception, scenario.map)[np.ix_(own, own)]
     if alone:  # it has nobody to ask: its percepts fail
         percepts = np.zeros_like(percepts)
@@ -290,10 +298,14 @@ def _pair(scenario: Scenario, robots: Sequence[Greedy], own: np.ndarray) -> Pair
     starts = np.searchsorted(own, [robot.start for robot in scenario.robots])
     goals = np.searchsorted(own, [robot.goal for robot in scenario.robots])
     places = meeting_places(scenario)[own]
-    meets, penalties = together(places[:, None], places[None, :]), scenario.penalties
+    meets = together(places[:, None], places[None, :])
+    penalties = scenario.penalties
     if alone:
-        starts, goals, penalties = np.append(starts, goals), np.tile(goals, 2), (*penalties, 0.0)
-        asking, moves = np.repeat(asking, 2, axis=0), np.repeat(moves, 2, axis=0)
+        starts = np.append(starts, goals)
+        goals = np.tile(goals, 2)
+        penalties = (*penalties, 0.0)
+        asking = np.repeat(asking, 2, axis=0)
+        moves = np.repeat(moves, 2, axis=0)
         meets = np.zeros_like(meets)
     # Where a move leads out of the cells, nobody makes it.
     lead = np.minimum(np.searchsorted(own, scenario.map.next_cell[own]), cells - 1)
@@ -324,7 +336,8 @@ def _carried(pair: Pair, *, spreads: bool, most: float = np.inf) -> Sums | None:
     None: steps have more than `most` outcomes in all.
     """
     cells = len(pair.lead)
-    likely, places = np.zeros((2, cells**2)), np.zeros((2, cells**2), dtype=np.int64)
+    likely = np.zeros((2, cells**2))
+    places = np.zeros((2, cells**2), dtype=np.int64)
     sums = Sums(
         robots=np.zeros((3, 2)),
         team=np.zeros(2),
@@ -346,7 +359,8 @@ def _moves(robot: Greedy, own: np.ndarray, percepts: np.ndarray) -> np.ndarray:
     both[0] = robot.moves[own, None, :]
     where = np.flatnonzero(robot.asks[own])
     if len(where):
-        there, seen = own[where], percepts[where, :, None]
+        there = own[where]
+        seen = percepts[where, :, None]
         after = seen * _greedy(_rows(robot.coord, there, own))
         after += (1.0 - seen) * robot.blind[there, None, :]
         both[1, where] = robot.asks[there, None, None] * after

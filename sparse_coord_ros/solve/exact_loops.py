@@ -106,12 +106,15 @@ def carry(
         most: outcomes of steps after which to give up.
     """
     cells = len(pair.lead)
-    one, other = pair.goals[0], pair.goals[1]
+    one = pair.goals[0]
+    other = pair.goals[1]
     home = one * cells + other
     squared = sums.so_far.shape[1] > 0
     here[0] = pair.starts[0] * cells + pair.starts[1]
     likely[here[0]] = 1.0
-    count, factor, followed = 1, 1.0, 0
+    count = 1
+    factor = 1.0
+    followed = 0
     for t in range(pair.horizon):
         found = 0
         if followed > most:
@@ -120,7 +123,8 @@ def carry(
             state = here[i]
             p = likely[state]
             likely[state] = 0.0
-            x, z = state // cells, state % cells
+            x = state // cells
+            z = state % cells
             acts(pair, sums, 0, x, p, factor)
             acts(pair, sums, 1, z, p, factor)
             for a in range(OUTCOMES):
@@ -132,7 +136,8 @@ def carry(
                     if q == 0.0:
                         continue
                     followed += 1
-                    y, w = pair.lead[x, a], pair.lead[z, b]
+                    y = pair.lead[x, a]
+                    w = pair.lead[z, b]
                     target = y * cells + w
                     pay(pair, sums, x, z, y, w, factor * q, q)
                     if squared:
@@ -222,7 +227,8 @@ def pass_on(sums: Sums, now: int, state: int, target: int, q: float, share: floa
     (X + c)^2 is X^2 + 2 c X + c^2. The step's probability is q, `share` that of the state's.
     """
     for i in range(QUANTITIES):
-        mean, square = sums.brought[0, i], sums.brought[1, i]
+        mean = sums.brought[0, i]
+        square = sums.brought[1, i]
         before = share * sums.so_far[now, state, i]
         sums.so_far[1 - now, target, i] += before + q * mean
         sums.squares[i] += 2.0 * mean * before + q * square

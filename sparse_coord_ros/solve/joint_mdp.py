@@ -61,7 +61,8 @@ def joint_mdp(scenario: ScenarioLike) -> JointMDP:
     from scipy import sparse
 
     scenario = loaded(scenario)
-    cells, team = len(scenario.map.cells), range(len(scenario.robots))
+    cells = len(scenario.map.cells)
+    team = range(len(scenario.robots))
     states = cells ** len(team)
     if states > LARGEST:
         more = f"allowed for a joint MDP: up to {LARGEST:,}; choose fewer robots or a smaller map"

@@ -47,7 +47,8 @@ def joint_optimum(scenario: ScenarioLike) -> Optimum:
     same but for that.
     """
     scenario = loaded(scenario)
-    cells, team = len(scenario.map.cells), len(scenario.robots)
+    cells = len(scenario.map.cells)
+    team = len(scenario.robots)
     states = cells**team
     if states > LARGEST:
         return Optimum(independent_bound(scenario), False, states)
@@ -73,7 +74,9 @@ def _solve(scenario: Scenario, leads: Sequence[np.ndarray], paid: np.ndarray) ->
 
 def _worth(scenario: Scenario, leads: Sequence[np.ndarray], paid: np.ndarray) -> np.ndarray:
     """Return the worth of joint actions, last robot first, in joint states."""
-    value, every, p = np.zeros(paid.shape), (slice(None),) * len(leads), scenario.move_success
+    value = np.zeros(paid.shape)
+    every = (slice(None),) * len(leads)
+    p = scenario.move_success
     goal = tuple(robot.goal for robot in scenario.robots)
     while True:
         # What the joint state is worth that a step leads to; each robot adds its axis in front.
@@ -93,7 +96,8 @@ def independent_bound(scenario: Scenario) -> float:
 
     Each robot is alone on a shortest path.
     """
-    robots, ways = scenario.robots, scenario.map.distances_to
+    robots = scenario.robots
+    ways = scenario.map.distances_to
     far = np.array([ways(robot.goal)[robot.start] for robot in robots])
     return float(np.mean(worth_alone(scenario, far)))
 
@@ -113,7 +117,8 @@ def worth_alone(scenario: Scenario, far: np.ndarray, *, moved: bool = False) -> 
     Returns:
         Shape of `far`.
     """
-    gamma, p = scenario.discount, scenario.move_success
+    gamma = scenario.discount
+    p = scenario.move_success
     prize = scenario.goal_reward / (1.0 - gamma)
     later = gamma ** np.maximum(far if moved else far - 1, 0)
     worth = prize * later * (p / (1.0 - gamma * (1.0 - p))) ** far
@@ -129,7 +134,8 @@ def successors(scenario: Scenario, k: int) -> np.ndarray:
 
 def payment(scenario: Scenario) -> np.ndarray:
     """Shape (cells,) * robots: average reward of a step that ends in that joint state."""
-    cells, team = len(scenario.map.cells), len(scenario.robots)
+    cells = len(scenario.map.cells)
+    team = len(scenario.robots)
     paid = np.zeros((cells,) * team)
     states = np.indices(paid.shape)
     for k, robot in enumerate(scenario.robots):

@@ -63,7 +63,8 @@ def shortest_path_reference(scenario: ScenarioLike, *, keep_right: bool = False)
 
 def _miscoordination_probability(scenario: Scenario, keep_right: bool) -> np.ndarray:
     """Shape (steps,): that step 1, 2, ... is made and ends in a miscoordination."""
-    robots, places = scenario.robots, meeting_places(scenario)
+    robots = scenario.robots
+    places = meeting_places(scenario)
     meeting = [np.flatnonzero(places == one) for one in np.unique(places[places != NOWHERE])]
     goals = np.array([robot.goal for robot in robots])
     numbers = np.arange(len(robots))

@@ -69,7 +69,8 @@ class Ways(NamedTuple):
         for j, own in enumerate(self.order):
             for i, other in enumerate(self.order[:j]):
                 order = list(self.order)
-                order[i], order[j] = own, other
+                order[i] = own
+                order[j] = other
                 yield self._replace(order=tuple(order))
         for k, kept in enumerate(self.avoided):
             for doorway in doorways:
@@ -115,21 +116,25 @@ def route_plan(scenario: Scenario, *, restarts: int = 4, seed: int = 0) -> Route
         restarts: how often to begin anew, in a random order.
         seed: of every random draw.
     """
-    team, doorways = len(scenario.robots), sorted(scenario.map.doorways)
+    team = len(scenario.robots)
+    doorways = sorted(scenario.map.doorways)
     found: list[tuple[float, Ways]] = []
     for restart in range(restarts):
         rng = np.random.default_rng([seed, restart])
         draws = rng.random((SEARCHED, scenario.horizon, team))
         order = rng.permutation(team).tolist() if restart else range(team)
         ways = Ways(tuple(order), (frozenset(),) * team)
-        best, better = float(_play(scenario, ways, draws).mean()), True
+        best = float(_play(scenario, ways, draws).mean())
+        better = True
         while better:
             better = False
             changed = list(ways.changes(doorways))
             for number in rng.permutation(len(changed)).tolist():
                 worth = float(_play(scenario, changed[number], draws).mean())
                 if worth > best + BETTER:
-                    best, ways, better = worth, changed[number], True
+                    best = worth
+                    ways = changed[number]
+                    better = True
                     break
         found.append((best, ways))
     _, ways = max(found, key=lambda one: one[0])
@@ -147,7 +152,8 @@ def route_plan(scenario: Scenario, *, restarts: int = 4, seed: int = 0) -> Route
 
 def _play(scenario: Scenario, ways: Ways, draws: np.ndarray) -> np.ndarray:
     """Play trials; return the team's mean reward in each."""
-    grid, places = scenario.map, meeting_places(scenario)
+    grid = scenario.map
+    places = meeting_places(scenario)
     routed = Routed(
         lead=np.ascontiguousarray(grid.next_cell, dtype=np.int64),
         places=places,
@@ -180,7 +186,8 @@ def alone(scenario: Scenario, avoided: Sequence[Collection[int]]) -> np.ndarray:
 
 def passages(scenario: Scenario) -> np.ndarray:
     """Return the passage of each cell, its least doorway, or `NOWHERE`; shape (cells,), int64."""
-    found, lead = meeting_places(scenario), scenario.map.next_cell
+    found = meeting_places(scenario)
+    lead = scenario.map.next_cell
     doorways = sorted(scenario.map.doorways)
     for _ in doorways:  # no passage is longer
         for x in doorways:
@@ -233,9 +240,11 @@ def choose(routed: Routed, space: np.ndarray, place: int) -> None:
         place: which robot, by its place in the sequence.
     """
     cells, chosen, sequence = space
-    claims, k = routed.claims, sequence[place]
+    claims = routed.claims
+    k = sequence[place]
     x = cells[k]
-    chosen[k], best = x, -np.inf
+    chosen[k] = x
+    best = -np.inf
     if x == routed.goals[k]:
         return
     for b in range(PRIMITIVES):
@@ -267,7 +276,8 @@ def play(routed: Routed, draws: np.ndarray, space: np.ndarray, rewards: np.ndarr
     cells, chosen, sequence = space
     team = len(cells)
     for trial in range(len(draws)):
-        total, factor = 0.0, 1.0
+        total = 0.0
+        factor = 1.0
         for k in range(team):
             cells[k] = routed.starts[k]
         for step in range(draws.shape[1]):

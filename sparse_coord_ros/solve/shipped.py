@@ -159,7 +159,8 @@ def shipped_routes(scenario: Scenario) -> RoutePlan | None:
     routes = _shipped(UNSEEN, "buildings").get(game_digest(scenario), {}).get("routes")
     if routes is None:
         return None
-    order, avoided = tuple(routes["order"]), tuple(map(tuple, routes["avoided"]))
+    order = tuple(routes["order"])
+    avoided = tuple(map(tuple, routes["avoided"]))
     return RoutePlan(**{**routes, "order": order, "avoided": avoided})
 
 

@@ -32,8 +32,13 @@ Once in twenty episodes changes nothing that a robot does: such asks are leftove
 SURE = 3.0
 """Standard errors by which a team must be worse to be called worse."""
 
-LOST, WORSE, NEEDLESS, IN_VAIN = "lost", "worse", "needless", "in vain"
-SILENT, LEARNED, FAILING = "silent", "learned", "failing"
+LOST = "lost"
+WORSE = "worse"
+NEEDLESS = "needless"
+IN_VAIN = "in vain"
+SILENT = "silent"
+LEARNED = "learned"
+FAILING = "failing"
 
 
 def needless(scenario: Scenario) -> bool:

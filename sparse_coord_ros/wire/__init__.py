@@ -139,13 +139,20 @@ PARTNERS = "partners"
 
 TEAM, ROBOT, NODE = Owner
 _STEP, _EVENT, _LATCHED, _TABLES = Delivery
-_STRING, _STATUS = "std_msgs/msg/String", "diagnostic_msgs/msg/DiagnosticStatus"
+_STRING = "std_msgs/msg/String"
+_STATUS = "diagnostic_msgs/msg/DiagnosticStatus"
 _TRUTH = "std_msgs/msg/Bool"
-_POSE, _NUMBERS = "geometry_msgs/msg/PoseStamped", "sensor_msgs/msg/JointState"
-_GRID, _MARKERS = "nav_msgs/msg/OccupancyGrid", "visualization_msgs/msg/MarkerArray"
-_CLOCK, _PATH, _ODOMETRY = "rosgraph_msgs/msg/Clock", "nav_msgs/msg/Path", "nav_msgs/msg/Odometry"
-_REPORT, _BYTES = "diagnostic_msgs/msg/DiagnosticArray", "std_msgs/msg/UInt8MultiArray"
-_ROSOUT, _PARAMETERS = "rcl_interfaces/msg/Log", "rcl_interfaces/msg/ParameterEvent"
+_POSE = "geometry_msgs/msg/PoseStamped"
+_NUMBERS = "sensor_msgs/msg/JointState"
+_GRID = "nav_msgs/msg/OccupancyGrid"
+_MARKERS = "visualization_msgs/msg/MarkerArray"
+_CLOCK = "rosgraph_msgs/msg/Clock"
+_PATH = "nav_msgs/msg/Path"
+_ODOMETRY = "nav_msgs/msg/Odometry"
+_REPORT = "diagnostic_msgs/msg/DiagnosticArray"
+_BYTES = "std_msgs/msg/UInt8MultiArray"
+_ROSOUT = "rcl_interfaces/msg/Log"
+_PARAMETERS = "rcl_interfaces/msg/ParameterEvent"
 
 RUN = Topic("run", _STRING, TEAM, _LATCHED, limit=limits.SCENARIO)
 STATUS = Topic("status", _STATUS, TEAM, _LATCHED)
@@ -221,7 +228,8 @@ PARAMETER_EVENTS = Topic("/parameter_events", _PARAMETERS, TEAM, _EVENT, limit=l
 TOPICS = tuple(one for one in list(globals().values()) if isinstance(one, Topic))
 """All of them, as they stand above."""
 
-TABLES_FOLDER, PLANS_FOLDER = "tables/", "improved/"
+TABLES_FOLDER = "tables/"
+PLANS_FOLDER = "improved/"
 """What the names of a bag's attached tables begin with, and those of the plans made of them."""
 
 
@@ -235,16 +243,22 @@ def improved_attachment(robot: str) -> str:
     return f"{PLANS_FOLDER}{robot}.npz"
 
 
-WORLD, RECORDER = "world_simulator", "recorder"
+WORLD = "world_simulator"
+RECORDER = "recorder"
 """Roles, and what their nodes are called unless they are renamed: the world is who announces
 `run`, a recorder who publishes `_recording`; a robot's node has the robot's name."""
 
 MAP_FRAME = "map"
 
-DOORWAYS, GOALS, ROBOTS = "doorways", "goals", "robots"
+DOORWAYS = "doorways"
+GOALS = "goals"
+ROBOTS = "robots"
 """The namespaces of the markers."""
 
-ROBOT_NAMES, QUESTIONS, WORDS, OCCUPANCY = "names", "questions", "words", "occupancy"
+ROBOT_NAMES = "names"
+QUESTIONS = "questions"
+WORDS = "words"
+OCCUPANCY = "occupancy"
 """The namespaces of the scene's markers: texts over the robots, lines from who asks to whom, what
 came of it in words, boxes over the doorways."""
 

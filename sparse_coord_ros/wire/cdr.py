@@ -52,7 +52,8 @@ class Layout:
     """
 
     def __init__(self, items: Iterable[Item]) -> None:
-        expected, checked = bytearray(LITTLE_ENDIAN_CDR), bytearray(b"\1\1\1\1")
+        expected = bytearray(LITTLE_ENDIAN_CDR)
+        checked = bytearray(b"\1\1\1\1")
         free: dict[str, tuple[np.dtype, int]] = {}
 
         def put(data: bytes, alignment: int, *, check: bool) -> int:
@@ -90,12 +91,15 @@ class Layout:
                 where = slice(places[0], places[-1] + 1)
                 self._columns.append((where, np.frombuffer(bytes(expected[where]), np.uint8)))
         # Of single messages: all bytes as one number, and a struct of the free fields.
-        mask, codes, end = bytearray(b"\xff" * self.size), "<", 0
+        mask = bytearray(b"\xff" * self.size)
+        codes = "<"
+        end = 0
         for kind, begin in free.values():
             codes += f"{begin - end}x{_struct_code(kind)}"
             end = begin + kind.itemsize
             mask[begin:end] = bytes(kind.itemsize)
-        self._fixed, self._expected = int.from_bytes(mask), int.from_bytes(expected)
+        self._fixed = int.from_bytes(mask)
+        self._expected = int.from_bytes(expected)
         self._struct = struct.Struct(f"{codes}{self.size - end}x")
 
     def pack(self, *values: Any) -> bytes:
@@ -132,7 +136,8 @@ class Layout:
 
 def _struct_code(kind: np.dtype) -> str:
     """Return how `struct` calls a NumPy type."""
-    base, count = kind.base, int(np.prod(kind.shape))
+    base = kind.base
+    count = int(np.prod(kind.shape))
     if base.itemsize == 1 or base.kind == "V":
         return f"{kind.itemsize}s"
     code = {"i4": "i", "u4": "I", "i8": "q", "f4": "f", "f8": "d"}[base.str[1:]]

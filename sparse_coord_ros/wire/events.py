@@ -80,11 +80,15 @@ def event_form(names: Sequence[str]) -> MessageForm:
 def _fill(asker: int, kinds: tuple[EventKind, ...]) -> Fill:
     def fill(rows: np.ndarray, fields: np.ndarray) -> np.ndarray:
         known = fields.dtype.names or ()
-        rows["kind"], rows["client"] = fields["kind"], fields["client"]
-        rows["number"], rows["wall_ns"] = fields["number"], stamps_of(fields, "wall_")
+        rows["kind"] = fields["kind"]
+        rows["client"] = fields["client"]
+        rows["number"] = fields["number"]
+    rows["wall_ns"] = stamps_of(fields, "wall_")
         rows["ns"] = stamps_of(fields) if "sec" in known else 0
-        rows["request"], rows["asker"] = kinds is QUESTIONS, asker
-        rows["seen"], rows["xy"] = "0_xy" in known, np.nan
+        rows["request"] = kinds is QUESTIONS
+        rows["asker"] = asker
+        rows["seen"] = "0_xy" in known
+        rows["xy"] = np.nan
         for name in {"xy", "0_xy"}.intersection(known):
             rows["xy"] = places_of(fields, name)
         return np.isin(fields["kind"], kinds)

@@ -44,7 +44,9 @@ class Frame:
         self.names = run.scenario.names
         self.robots = len(self.names)
         self.period = round(run.step_period * SECOND)
-        rows, side, cells = self.grid.shape[0], self.resolution, self.grid.cells
+        rows = self.grid.shape[0]
+        side = self.resolution
+        cells = self.grid.cells
         self.centres = [(x + (c + 0.5) * side, y + (rows - r - 0.5) * side) for r, c in cells]
         self._cells = {centre: cell for cell, centre in enumerate(self.centres)}
 

@@ -130,7 +130,8 @@ def read_pose(message: Any) -> tuple[int, tuple[float, float]]:
     Raises:
         ValueError: another frame than `map`, or a pose that is turned or off the ground.
     """
-    place, turn = message.pose.position, message.pose.orientation
+    place = message.pose.position
+    turn = message.pose.orientation
     if (place.z, turn.x, turn.y, turn.z, turn.w) != (0.0, 0.0, 0.0, 0.0, 1.0):
         raise ValueError("holds a pose that is not flat on the map")
     return read_header(message.header), (place.x, place.y)
@@ -159,7 +160,8 @@ def read_labelled(message: Any) -> tuple[int, dict[str, float]]:
     Raises:
         ValueError: another frame, a label that is given twice, or labels without numbers.
     """
-    ns, labels = read_header(message.header), [str(label) for label in message.name]
+    ns = read_header(message.header)
+    labels = [str(label) for label in message.name]
     if len(set(labels)) < len(labels):
         raise ValueError(f"labels a number twice: {', '.join(labels)[:200]}")
     if len(labels) != len(message.position):
@@ -191,7 +193,9 @@ def percept_form(robots: int) -> MessageForm:
 
     def fill(count: int) -> Fill:
         def put(rows: np.ndarray, fields: np.ndarray) -> None:
-            rows["ns"], rows["count"], rows["places"] = stamps_of(fields), count, np.nan
+            rows["ns"] = stamps_of(fields)
+            rows["count"] = count
+            rows["places"] = np.nan
             for number in range(count):
                 rows["places"][:, number] = places_of(fields, f"{number}_xy")
 
@@ -217,7 +221,10 @@ def grid_form(frame: Frame, due: bytes | None = None) -> MessageForm:
     return MessageForm(np.dtype([NS, *column]), [(Layout([*header(), *items]), by_name)])
 
 
-CUBE, SPHERE, CYLINDER, SHOW = 1, 2, 3, 0
+CUBE = 1
+SPHERE = 2
+CYLINDER = 3
+SHOW = 0
 """Shapes of visualization_msgs/Marker, and what is to be done with it."""
 
 

@@ -7,7 +7,9 @@ import numpy as np
 from sparse_coord_ros.learners.policy import asks_surely
 from sparse_coord_ros.wire.frame import Frame
 
-UNKNOWN, EMPTY, OCCUPIED = -1, 0, 100
+UNKNOWN = -1
+EMPTY = 0
+OCCUPIED = 100
 
 
 class OccupancyData:

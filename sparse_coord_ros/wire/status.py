@@ -84,7 +84,8 @@ def read_status(message: Any) -> Said:
     if len(steps) != (2 if name else 0):
         raise ValueError(f"says rollback {values['rollback']!r}")
     order = Order(name, *map(int, steps))
-    began, run = values["began"], values.get("run", "")
+    began = values["began"]
+    run = values.get("run", "")
     return Said(run, str(message.message), step, transitions, left_out, began, order)
 
 
@@ -121,7 +122,8 @@ def read_progress(message: Any) -> Progress:
         ValueError: it is malformed.
     """
     values = values_of(message, *Progress._fields)
-    step, transitions = int(values["step"]), int(values["transitions"])
+    step = int(values["step"])
+    transitions = int(values["transitions"])
     checkpoints = tuple(int(text) for text in values["checkpoints"].split())
     if not all(0 <= number <= FURTHEST_STEP for number in (step, transitions, *checkpoints)):
         raise ValueError(f"says step {step} with {transitions} transitions: no run comes there")

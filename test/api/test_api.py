@@ -215,7 +215,8 @@ def test_what_is_shown_is_short(scenario, training, tmp_path):
     saved = sc.load_run(training.save(tmp_path / "saved"))
     many = sc.train_many(scenario, runs=30, trials=3, history=False)
     result = sc.run_experiment(IDS[0], runs=2, trials=3)[IDS[0]]
-    mdp, bound = sc.joint_mdp(scenario), sc.shipped_asking_team(scenario)
+    mdp = sc.joint_mdp(scenario)
+    bound = sc.shipped_asking_team(scenario)
     for thing in (scenario, training, saved, training.tables, training.history, result, mdp):
         assert "\n" not in repr(thing) and len(repr(thing)) < 200, thing
     assert repr(scenario) == "<Scenario env1, steps=2000, penalty=-100; 2 robots, 21 cells>"
@@ -244,7 +245,8 @@ def test_a_learner_keeps_its_defaults_where_the_scenario_is_named_again(tmp_path
 
 def test_references_are_those_of_optimum(printed, scenario):
     found = printed("optimum", "env1", "--penalty", -100)
-    optimum, paths = sc.optimum(scenario), sc.shortest_paths(scenario)
+    optimum = sc.optimum(scenario)
+    paths = sc.shortest_paths(scenario)
     assert (found["value"], found["exact"]) == (optimum.value, optimum.exact)
     assert found["shortest_paths"]["reward"] == paths.reward
     assert sc.optimum("env1").value != optimum.value

@@ -28,7 +28,8 @@ def test_pettingzoos_own_check(name, starts):
 
 def random_run(env, seed, episodes=3):
     """Return all that an environment says while the same choices are made."""
-    random, said = np.random.default_rng(7), []
+    random = np.random.default_rng(7)
+    said = []
     for episode in range(episodes):
         seen, infos = env.reset(seed=seed if episode == 0 else None)
         said.append(repr((seen, infos)))
@@ -71,7 +72,9 @@ def test_our_learner_learns_the_same_bits_through_it(name, settings):
     rule = learner_of("coop")
     agents = {name: Agent(rule, scenario, k, 3) for k, name in enumerate(env.possible_agents)}
     seen, _ = env.reset(seed=3)
-    asked, done, step = 0, 0, 1
+    asked = 0
+    done = 0
+    step = 1
     while done < 1200:
         cells = {name: int(seen[name]["observation"][0]) for name in env.agents}
         decided = {name: agents[name].decide(step, cells[name]) for name in env.agents}
@@ -122,7 +125,8 @@ def test_discounted_returns_are_the_rewards_of_evaluate(goal_value):
     seen, _ = env.reset(seed=5)
     returns = []
     for _ in range(400):
-        total, discount = 0.0, 1.0
+        total = 0.0
+        discount = 1.0
         while env.agents:
             acts = {}
             for name in env.agents:

@@ -15,7 +15,8 @@ from sparse_coord_ros.bags import BagWriter, QoS, open_bag
 from sparse_coord_ros.bags.recover import recover
 from sparse_coord_ros.errors import BagError
 
-STRING, HEADER = "std_msgs/msg/String", "std_msgs/msg/Header"
+STRING = "std_msgs/msg/String"
+HEADER = "std_msgs/msg/Header"
 LATCHED = QoS(durability="transient_local", depth=1)
 COMPRESSIONS = ("zstd", "lz4", "none")
 COPIES = 1_002

@@ -32,7 +32,8 @@ def bag(tmp_path, samples):
     """Return a bag that is being written, with 20 messages of two topics handed over."""
     writer = BagWriter(tmp_path / "run", chunk_size=300)
     writer.add_metadata("run", {"seed": "7"})
-    a, b = writer.add_topic("/a", STRING, QoS()), writer.add_topic("/b", STRING, LATCHED)
+    a = writer.add_topic("/a", STRING, QoS())
+    b = writer.add_topic("/b", STRING, LATCHED)
     for i in range(20):
         writer.write(b if i % 4 == 0 else a, samples.cdr(STRING, i), 1_000 - i, i)
     writer.attach("map.txt", b"#", "text/plain", 3)
@@ -47,7 +48,8 @@ def test_everything_that_was_written_is_read(tmp_path, bag, samples):
     for finished in (False, True):
         bag = open_bag(tmp_path / "run")
         assert (bag.finished, bag.damage, bag.whole, bag.lost_bytes) == (finished, None, True, 0)
-        text, digest = schema_text(STRING), type_hash(STRING)
+        text = schema_text(STRING)
+        digest = type_hash(STRING)
         assert bag.topics == {
             "/a": BagTopic("/a", STRING, text, (QoS(),), digest),
             "/b": BagTopic("/b", STRING, text, (LATCHED,), digest),
@@ -296,7 +298,8 @@ def test_huge_lengths_take_no_memory(tmp_path, length):
 
 def places_of(data, wanted):
     """Return (begin, end) of each record of one kind in the bytes of a file."""
-    found, place = [], 8
+    found = []
+    place = 8
     while place < len(data) - 8:
         opcode, length = struct.unpack_from("<BQ", data, place)
         if opcode == wanted:
@@ -448,7 +451,8 @@ FIRST = chunk(schema() + channel() + message(1))
 def both_ways(path, data):
     """Return a bag that is read checked, and by looking through it; they agree."""
     path.write_bytes(data)
-    bag, lazy = open_bag(path), open_bag(path, checked=False)
+    bag = open_bag(path)
+    lazy = open_bag(path, checked=False)
     assert list(lazy.messages()) == list(bag.messages())
     assert lazy.gaps == bag.gaps
     return bag
@@ -510,7 +514,8 @@ ATTACHED = record(9, bytes(16) + text(b"a") + text(b"") + struct.pack("<Q", 3) +
 @pytest.mark.parametrize("end", [b"", b"x"])
 def test_the_last_record_behind_broken_framing_is_found(tmp_path, end):
     """Where the file ends, or so little is left that nobody can tell what it is."""
-    path, begin = tmp_path / "a.mcap.partial", len(START + FIRST)
+    path = tmp_path / "a.mcap.partial"
+    begin = len(START + FIRST)
     path.write_bytes(START + FIRST + b"junk!" + ATTACHED + end)
     for checked in (True, False):
         bag = open_bag(path, checked=checked)
@@ -541,7 +546,8 @@ def test_a_bag_has_not_too_many_of_anything(tmp_path, monkeypatch, records, said
 
 def test_holes_and_what_lies_in_them_take_no_time(tmp_path):
     """100 GB that are not there, between two chunks or as an attachment's."""
-    path, first = tmp_path / "a.mcap.partial", START + FIRST
+    path = tmp_path / "a.mcap.partial"
+    first = START + FIRST
     far = 100 * 2**30
     for junk in (b"junk!", record(9, b"")[:1] + struct.pack("<Q", far - len(first) - 9)):
         path.write_bytes(first + junk)
@@ -556,10 +562,12 @@ def test_holes_and_what_lies_in_them_take_no_time(tmp_path):
 @pytest.mark.parametrize(("tail", "lost"), [(b"", 0), (struct.pack("<BQ", 0x85, 35), 1)])
 def test_chunks_that_are_read_together_are_judged_each_by_itself(tmp_path, tail, lost):
     """No record reaches into the next chunk, and the last one need not have a message."""
-    one, defines = message(1), chunk(schema() + channel(), (5, 5))
+    one = message(1)
+    defines = chunk(schema() + channel(), (5, 5))
     assert len(one) == 35
     data = START + FIRST + chunk(one + tail) + chunk(one + one) + defines * (not lost)
-    found, first = both_ways(tmp_path / "a.mcap.partial", data), START + FIRST
+    found = both_ways(tmp_path / "a.mcap.partial", data)
+    first = START + FIRST
     before = both_ways(tmp_path / "b.mcap.partial", first).message_count
     assert found.message_count == before + 3 - lost
     assert [gap.begin for gap in found.gaps] == [len(first)] * lost

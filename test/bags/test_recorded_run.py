@@ -20,7 +20,9 @@ from sparse_coord_ros.nodes.team import run_team
 from sparse_coord_ros.runlog import read_run, verify
 from sparse_coord_ros.wire import ACTION, REWARD
 
-SEED, STEPS, CHECKPOINT = 5, 120, 50
+SEED = 5
+STEPS = 120
+CHECKPOINT = 50
 PERIOD_NS = 200_000_000
 NAMES = ("robot_1", "robot_2")
 CLAIMS = {f"/{name}/_claim" for name in ("world_simulator", *NAMES)}
@@ -107,7 +109,8 @@ def said(event):
 def test_an_independent_reader_finds_what_the_log_says(recorded):
     """The log itself is verified against the simulation: `verify`."""
     assert verify(recorded.out).same
-    convert, log = Converter(recorded.run), recorded.log
+    convert = Converter(recorded.run)
+    log = recorded.log
     rows = {step: row for row, step in enumerate(log.step.tolist())}
     for k, name in enumerate(NAMES):
         counts = Counter()
@@ -131,7 +134,8 @@ def test_an_independent_reader_finds_what_the_log_says(recorded):
                     assert cells[0] == log.cells[row, k]
                     assert (len(cells) > 1) == log.perceived[row, k]
         acted = np.isfinite(log.reward[:, k, 0]).sum()
-        asked, perceived = log.asked[:, k].sum(), log.perceived[:, k].sum()
+        asked = log.asked[:, k].sum()
+        perceived = log.perceived[:, k].sum()
         assert counts["local_state"] == (log.cells[:, k] >= 0).sum()
         assert counts["reward"] == counts["action"] == acted
         assert counts["percept"] == asked > perceived > 0

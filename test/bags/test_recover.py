@@ -153,7 +153,8 @@ def test_cut_bag_loses_its_tail(tmp_path, samples, capsys):
     for number, ending in enumerate((".damaged", ".damaged2")):
         chunks = open_bag(bag).files[0].readable_bytes
         os.truncate(file, chunks // 2 + number)
-        cut, read = file.read_bytes(), open_bag(bag)
+        cut = file.read_bytes()
+        read = open_bag(bag)
         assert 0 < read.message_count < 20
         code, printed = run(capsys, bag)
         assert code == 1

@@ -84,7 +84,8 @@ def test_schema_hashes_to_the_installed_type_hash(type_name):
 @pytest.mark.parametrize("part", ["Event", "Request", "Response"])
 def test_a_service_has_schemas_and_their_hashes(part):
     """All parts parse, every type they use is there, and the hashes are the installed ones."""
-    typestore, type_name = get_typestore(Stores.EMPTY), f"nav_msgs/srv/GetPlan_{part}"
+    typestore = get_typestore(Stores.EMPTY)
+    type_name = f"nav_msgs/srv/GetPlan_{part}"
     typestore.register(get_types_from_msg(schema_text(type_name), type_name))
     typestore.hash_rihs01(f"nav_msgs/srv/msg/GetPlan_{part}")
     hashes = installed_hashes(share("nav_msgs") / "srv" / "GetPlan.json")

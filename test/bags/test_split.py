@@ -198,7 +198,8 @@ def test_a_directory_that_was_deleted_loses_only_what_was_closed(
     tmp_path, samples, writer_of, split, taken
 ):
     """The open file is copied out whole, and one line says where; a name that is taken is not."""
-    directory, rescued = tmp_path / "out" / "bag", tmp_path / "out" / "bag_rescued"
+    directory = tmp_path / "out" / "bag"
+    rescued = tmp_path / "out" / "bag_rescued"
     writer = writer_of(directory, chunk_size=200)
     channel = writer.add_topic("/a", STRING, QoS())
     for time in range(30):

@@ -78,7 +78,8 @@ def mcap_reader(directory, **options):
 
 def test_every_message_decodes_with_both_readers(bag_directory, samples):
     """Fields equal what went in, by both decoders; log times and order are kept."""
-    by_rosbags, by_mcap = defaultdict(list), defaultdict(list)
+    by_rosbags = defaultdict(list)
+    by_mcap = defaultdict(list)
     with AnyReader([bag_directory]) as reader:
         for connection, time, data in reader.messages():
             message = reader.deserialize(data, connection.msgtype)
@@ -96,7 +97,8 @@ def test_every_message_decodes_with_both_readers(bag_directory, samples):
 def test_channels_carry_schema_hash_and_qos(bag_directory):
     """What rosbag2 and Foxglove need stands in the file itself."""
     reader = mcap_reader(bag_directory)
-    header, summary = reader.get_header(), reader.get_summary()
+    header = reader.get_header()
+    summary = reader.get_summary()
     assert (header.profile, header.library) == ("ros2", f"sparse_coord_ros {__version__}")
     assert {s.name: s.data.decode() for s in summary.schemas.values()} == {
         name: schema_text(name) for name in TYPES
@@ -293,7 +295,8 @@ class Disk:
     """A file on a disk that has room for so many bytes more."""
 
     def __init__(self, file, room):
-        self._file, self._room = file, room
+        self._file = file
+        self._room = room
 
     def write(self, data):
         if not self._room:

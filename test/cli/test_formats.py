@@ -32,7 +32,8 @@ def arrays(path):
 
 
 def same(path, other):
-    found, due = arrays(path), arrays(other)
+    found = arrays(path)
+    due = arrays(other)
     assert found.keys() == due.keys()
     for name in due:
         np.testing.assert_array_equal(found[name], due[name], strict=True)

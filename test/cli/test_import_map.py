@@ -41,7 +41,8 @@ def test_a_scenario_that_learns_as_the_original(sparse_coord, folder, exported):
     code, out, _ = sparse_coord("import-map", exported, *ENV1, *GOALS, "--out", "i")
     assert code == 0
     assert "1 doorway; lower left corner at 0,0" in out
-    made, original = load_scenario(folder / "i" / "env1.yaml"), load_scenario("env1")
+    made = load_scenario(folder / "i" / "env1.yaml")
+    original = load_scenario("env1")
     assert made.map.doorways == original.map.doorways
     assert [(r.start, r.goal) for r in made.robots] == [(r.start, r.goal) for r in original.robots]
     assert min(Image.open(folder / "i" / "env1.png").size) > 600

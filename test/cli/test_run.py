@@ -108,7 +108,8 @@ def test_the_page_chooses_the_next_team(monkeypatch):
     """It begins anew, in a directory of its own, whatever the first one went on from."""
     from sparse_coord_ros.cli import page
 
-    begun, played = [], []
+    begun = []
+    played = []
     options = SimpleNamespace(scenario=None, penalty=None, out="a", resume="a")
     wish = {"scenario": "isr", "penalty": -3.0}
     server = SimpleNamespace(board=None)

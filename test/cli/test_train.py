@@ -65,7 +65,8 @@ def test_train(sparse_coord, folder):
     assert out.split()[-6:] == [*files, "runs/a/run.yaml"]
     directory = folder / "runs" / "a"
     assert names(directory) == ["history.npz", "run.yaml", "tables.npz"]
-    expected, run = learned(directory), load_run(directory)
+    expected = learned(directory)
+    run = load_run(directory)
     assert (run.learner, run.seed, run.scenario.max_steps) == ("indiv", 4, 40)
     assert load_history(directory).same_bits(expected.history)
     assert tables_equal(tables_in(directory), expected.tables)

@@ -19,7 +19,8 @@ from sparse_coord_ros.look.page.bag_source import BagSource
 from sparse_coord_ros.look.page.board import Board
 
 NAMED = ("coop", "theirs:Team")
-REFUSED, NOTHING = "refused", "nothing is missing"
+REFUSED = "refused"
+NOTHING = "nothing is missing"
 PERCEPTS = "percepts and answers"
 ACTIONS = "actions and tables"
 EPISODES = "greedy episodes"

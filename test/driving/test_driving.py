@@ -141,7 +141,9 @@ def test_noise_makes_odometry_drift_and_comes_from_the_seed():
 
 def test_each_wheel_has_a_size_of_its_own():
     """For good: a straight drive bends by it, far beyond what the noise of each tick adds."""
-    wheels, ticks, ahead = 0.1, 900, 0.005
+    wheels = 0.1
+    ticks = 900
+    ahead = 0.005
     bends = []
     for seed in range(8):
         ground = Ground(RUN)
@@ -211,11 +213,13 @@ def test_when_time_is_over_the_cell_of_the_pose_counts(ground, x, y, cell):
 def test_a_driver_in_a_foreign_cell_goes_round_the_walls(ground):
     """The body is on the other side of the wall that the grid has it on."""
     arena = Arena(ground, 1, 1, SURE, 0.1)
-    body, goal = arena.bodies[0], CELLS[0, 3]
+    body = arena.bodies[0]
+    goal = CELLS[0, 3]
     body.put(*ground.place(0, CELLS[0, 1]))
     driver = Driver(ground, Limits(0.5, 1.5, 0.05, 100.0), 0)
     driver.take(goals(CELLS[1, 3], goal))
-    visited, reached = set(), None
+    visited = set()
+    reached = None
     while reached is None:
         command, reached = seen(driver, arena.seconds, *body.pose)
         body.command = command
@@ -362,7 +366,9 @@ def test_transforms_make_a_pose():
 
 
 def test_a_localisation_is_where_the_odometry_s_frame_is():
-    tree, odometry, seen = Tree(), Pose(1.0, 2.0, 0.3), Pose(-4.0, 7.0, 2.9)
+    tree = Tree()
+    odometry = Pose(1.0, 2.0, 0.3)
+    seen = Pose(-4.0, 7.0, 2.9)
     tree.hear("map", "odom", parent_of(seen, odometry), 5.0)
     tree.hear("odom", "base_link", odometry, 5.0)
     assert tree.find("map", "base_link")[1] == pytest.approx(seen)

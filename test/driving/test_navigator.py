@@ -14,7 +14,8 @@ from sparse_coord_ros.lockstep.bodies import LOST, BodyGoal, Goals
 
 RUN = make_run(load_scenario("env1"), {})
 CELLS = RUN.scenario.map.number
-START, END = CELLS[0, 0], CELLS[1, 0]
+START = CELLS[0, 0]
+END = CELLS[1, 0]
 GROUND = Ground(RUN)
 LIMITS = NavLimits(near=0.1, seconds=10.0, silence=1.0, detour=3.0)
 
@@ -23,7 +24,9 @@ class Server:
     """The port, and a clock: keeps what was asked for."""
 
     def __init__(self, limits=LIMITS):
-        self.sent, self.cancelled, self.said = [], [], []
+        self.sent = []
+        self.cancelled = []
+        self.said = []
         self.all = 0
         self.there = True
         self.now = 100.0
@@ -145,7 +148,8 @@ def test_an_abort_is_said_and_learned_as_stayed(server):
 
 
 def test_a_rejected_goal_is_sent_again_with_backoff_until_time_is_over():
-    server, reached = Server(), None
+    server = Server()
+    reached = None
     server.pose(START)
     server.go()
     times = [server.now]
@@ -206,7 +210,8 @@ def test_silence_of_feedback_ends_the_move(server):
 
 
 def test_a_killed_server_costs_a_bounded_time(server):
-    found, begin = None, server.now
+    found = None
+    begin = server.now
     while found is None:
         assert server.now - begin < LIMITS.silence + ANSWER_SECONDS + 0.5
         found = server.pose(START)

@@ -70,8 +70,10 @@ def test_the_learned_game_is_what_was_counted_and_felt():
 def test_the_robot_that_moved_most_says_where_a_move_leads():
     run = trained(drawn("1..D..2"), steps=200)
     one, other = memories_of(run)
-    moved, there = one["moved"].copy(), one["successor"].copy()
-    moved[0, NORTH], there[0, NORTH] = 10**6, 3
+    moved = one["moved"].copy()
+    there = one["successor"].copy()
+    moved[0, NORTH] = 10**6
+    there[0, NORTH] = 3
     told = (changed(one, moved=moved, successor=there), other)
     assert learned(run, told).map.next_cell[0, NORTH] == 3
     assert learned(run, told).map.distances_to(3)[0] == 1
@@ -80,9 +82,11 @@ def test_the_robot_that_moved_most_says_where_a_move_leads():
 @needs_numba
 def test_the_plan_for_a_corridor_is_the_best_of_all():
     run = trained(drawn("1D.2"), steps=1500, q_coord_init=200)
-    scenario, loops = learned(run), asking_loops.compiled()
+    scenario = learned(run)
+    loops = asking_loops.compiled()
     game = asking_search._game(scenario)
-    space, both = asking_search._space(game), np.ones(2, dtype=bool)
+    space = asking_search._space(game)
+    both = np.ones(2, dtype=bool)
     choices = itertools.product((NORTH, EAST, WEST, COORDINATE), repeat=3)
     robots = [np.array(choice) for choice in choices]
     best = -np.inf
@@ -102,7 +106,8 @@ def test_the_plan_for_a_corridor_is_the_best_of_all():
 @pytest.mark.parametrize("settings", [{}, {"perception": "probability:0.7"}])
 def test_greedy_reading_of_the_tables_is_the_plan(settings):
     run = trained(**settings)
-    found, scenario = improved(run), learned(run)
+    found = improved(run)
+    scenario = learned(run)
     value = evaluate_exact(scenario, found.tables, learner=FACTORED).reward.mean
     assert value == pytest.approx(found.value, abs=1e-3)  # trials end after 100 steps
     before = evaluate_exact(scenario, run.tables, learner=FACTORED).reward.mean
@@ -131,7 +136,8 @@ def test_it_plans_with_the_learned_map_not_with_the_true_one():
 
     blind = []
     for memory in memories_of(run):
-        moved, there = memory["moved"].copy(), memory["successor"].copy()
+        moved = memory["moved"].copy()
+        there = memory["successor"].copy()
         moved[run.scenario.map.next_cell == upper] = 0
         there[moved == 0] = 0
         blind.append(changed(memory, moved=moved, successor=there))
@@ -159,7 +165,8 @@ def few_trials(monkeypatch):
 @needs_numba
 def test_more_robots_climb_by_trials_all_to_the_same_plan(few_trials):
     run = trained("crowd-4r", steps=3000)
-    found, again = improved(run), improved(run)
+    found = improved(run)
+    again = improved(run)
     assert found.value > found.before
     assert tables_equal(list(found.tables), list(again.tables))
     team = Team(learned(run), FACTORED, compiled=True)

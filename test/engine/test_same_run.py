@@ -59,7 +59,8 @@ CASES = [
     pytest.param(name, settings, learner, id=f"{learner}, {what}")
     for what, (name, learner, settings) in TEAMS.items()
 ]
-SEED, TRIALS = 7, 20
+SEED = 7
+TRIALS = 20
 
 
 def problem(name, settings, learner):
@@ -80,7 +81,8 @@ def assert_same_memories(one, other):
 
 def assert_same_trials(one, other):
     for field in fields(one):
-        mine, theirs = getattr(one, field.name), getattr(other, field.name)
+        mine = getattr(one, field.name)
+        theirs = getattr(other, field.name)
         assert mine.shape == theirs.shape and mine.dtype == theirs.dtype, field.name
         assert mine.tobytes() == theirs.tobytes(), field.name
 

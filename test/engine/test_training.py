@@ -163,7 +163,8 @@ def test_what_cannot_be_gone_on_with(tmp_path):
 def test_auto_compiles_only_what_is_long(monkeypatch):
     monkeypatch.setattr(batch, "is_prepared", lambda **_: False)
     monkeypatch.setattr(batch, "is_loaded", lambda **_: False)
-    short, long = problem("env1", steps=1000), problem("env1", steps=10**6)
+    short = problem("env1", steps=1000)
+    long = problem("env1", steps=10**6)
     assert engine_for(short, "coop") == "python"
     assert engine_for(long, "coop") == "numba"
     assert engine_for(short, "coop", "numba") == "numba"
@@ -177,7 +178,8 @@ def test_auto_compiles_only_what_is_long(monkeypatch):
 
 def test_training_in_another_thread(tmp_path):
     """Signals are the main thread's: elsewhere nothing is held back."""
-    scenario, found = problem("env1", steps=300), []
+    scenario = problem("env1", steps=300)
+    found = []
     work = lambda: found.append(train(scenario, checkpoint=tmp_path / "c.npz"))  # noqa: E731
     thread = threading.Thread(target=work)
     thread.start()
@@ -186,7 +188,8 @@ def test_training_in_another_thread(tmp_path):
 
 
 def test_other_evaluations_may_be_wanted_where_a_run_goes_on(tmp_path):
-    scenario, file = problem("env1"), tmp_path / "checkpoint.npz"
+    scenario = problem("env1")
+    file = tmp_path / "checkpoint.npz"
     train(scenario, "coop", 4, checkpoint=file, until=450, evaluate_every=200, trials=4)
     known = {"checkpoint": file, "resume": True, "until": 700}
     done = train(scenario, "coop", 4, evaluate_every=300, trials=9, **known)

@@ -39,7 +39,8 @@ def said(tmp_path, monkeypatch, capsys):
 
 def test_all_of_them_are_listed_and_run_here():
     names = {path.name for path in EXAMPLES.glob("*.py")}
-    source, listed = Path(__file__).read_text(), (EXAMPLES / "README.md").read_text()
+    source = Path(__file__).read_text()
+    listed = (EXAMPLES / "README.md").read_text()
     assert [name for name in names if f'"{name}"' not in source] == []
     assert [name for name in names if f"({name})" not in listed] == []
 

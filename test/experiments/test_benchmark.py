@@ -47,9 +47,11 @@ def test_both_splits_have_as_many_of_each_kind_and_team():
 
 @pytest.mark.parametrize("name", [name for name in SHIPPED if team_of(name) == 2])
 def test_two_robots_are_in_one_anothers_way(name):
-    scenario, said = load_scenario(name), SHIPPED[name]
+    scenario = load_scenario(name)
+    said = SHIPPED[name]
     assert said["game"] == game_digest(scenario)
-    paths, optimum = shortest_path_reference(scenario).reward, joint_optimum(scenario).value
+    paths = shortest_path_reference(scenario).reward
+    optimum = joint_optimum(scenario).value
     assert said["shortest_paths"] == pytest.approx(paths, abs=1e-9)
     assert said["optimum"] == pytest.approx(optimum, abs=1e-7)
     assert optimum > paths + 1
@@ -59,7 +61,8 @@ def test_two_robots_are_in_one_anothers_way(name):
 
 @pytest.mark.parametrize("name", [name for name in SHIPPED if team_of(name) > 2])
 def test_more_are_too(name):
-    scenario, said = load_scenario(name), SHIPPED[name]
+    scenario = load_scenario(name)
+    said = SHIPPED[name]
     assert said["game"] == game_digest(scenario)
     plan = shipped_routes(scenario)
     assert shortest_path_reference(scenario).reward == pytest.approx(said["shortest_paths"])
@@ -114,7 +117,8 @@ def test_a_learner_is_judged(monkeypatch):
 
 
 def test_how_teams_stand():
-    reward, share = Measure(115.0, 1.0, 0.5), Measure(0.75, float("nan"), 0.025)
+    reward = Measure(115.0, 1.0, 0.5)
+    share = Measure(0.75, float("nan"), 0.025)
     one = Standing(2, 60, 100.0, 120.0, reward, share, 0.5, 1.0, 0.0, 0, 3)
     assert one.of_teams(one.failed) == "3 of 60"
     assert one.of_teams(one.below) == "0 of 60 (< 4.9 %)"
@@ -123,7 +127,8 @@ def test_how_teams_stand():
 
 def test_the_error_of_a_share_is_that_of_other_buildings_and_teams():
     """Alike teams: of the buildings. One building, or alike ones: of the teams."""
-    low, high = np.zeros(40), np.full(40, 10.0)
+    low = np.zeros(40)
+    high = np.full(40, 10.0)
     shares = np.linspace(0.2, 1.0, 40)
     alike = [np.full(5, 10.0 * one) for one in shares]
     found = pooled_share(alike, low, high)

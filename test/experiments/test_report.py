@@ -187,7 +187,8 @@ def test_distance_in_standard_errors():
 
 
 def test_gap_closed_has_the_error_of_paired_runs():
-    coop, base = np.array([110.0, 112.0, 108.0]), np.array([100.0, 104.0, 96.0])
+    coop = np.array([110.0, 112.0, 108.0])
+    base = np.array([100.0, 104.0, 96.0])
     closed = gap_closed(coop, base, 120.0)
     assert closed.mean == pytest.approx(0.5)
     assert closed.standard_error == pytest.approx(0, abs=1e-12)  # coop - base / 2 is constant
@@ -311,7 +312,8 @@ def test_loses_less_means_surely():
         ("env1", "factored"): [2.0, 2.0, 2.0, 2.0],
         ("env2-2r", "factored"): [2.0, 2.0, 2.0, 2.0],
     }
-    changes, conditions = {}, []
+    changes = {}
+    conditions = []
     for (name, learner), fall in falls.items():
         for penalty in (0, -100):
             one = make_condition(name, learner, {"penalty": penalty, "steps": 10_000})
@@ -376,7 +378,8 @@ def test_worth_it_means_also_worth_more_than_robots_that_cannot_ask():
 
 def test_worth_it_up_to_a_cost_means_at_every_lower_cost():
     shortest = {"reward": 100.0, "time_to_goal": 10.0, "miscoordinations": 0.4}
-    good, bad = rewards(109.0, 110.0, 109.0, 110.0), rewards(99.0, 100.0, 99.0, 100.0)
+    good = rewards(109.0, 110.0, 109.0, 110.0)
+    bad = rewards(99.0, 100.0, 99.0, 100.0)
     good_at = {"env1": (0, 0.5, 1, 10), "env2-2r": (0.5, 1), "pentagon": (0, 10)}
     changes = {}
     for one in experiment("ask_cost").conditions:
@@ -422,8 +425,10 @@ def test_asks_near_doorways_beside_the_time_spent_there():
     one = make_condition("env1", "coop", LONG)
     near = np.flatnonzero(near_doorways(one.scenario.map))
     asked, stays = np.zeros((2, 2, 21))
-    asked[0, near[0]], asked[1, 0] = 0.3, 0.1
-    stays[:, near[0]], stays[:, 0] = 4, 6
+    asked[0, near[0]] = 0.3
+    asked[1, 0] = 0.1
+    stays[:, near[0]] = 4
+    stays[:, 0] = 6
     found = section("where", {one.id: {"asked": asked.tolist(), "stays": stays.tolist()}})
     line = row_of(found.rows, scenario="env1")
     assert (line["asked near"], line["time near"]) == ("75.0 %", "40.0 %")

@@ -200,7 +200,8 @@ def is_refused(folder, capsys, name):
 
 def is_computed_again(folder, original, condition=COOP):
     """Check that who writes puts the file aside, says so once, and computes the same again."""
-    path, lines = file_of(folder, condition), []
+    path = file_of(folder, condition)
+    lines = []
     damaged = path.read_bytes()
     found = run_experiment([condition], out=folder, seed=PLAN.seed, **FEW, say=lines.append)
     aside = path.with_name(path.name + ".broken")
@@ -274,7 +275,8 @@ def test_a_file_from_elsewhere_is_not_shown(folder, originals, capsys, whose, co
 
 
 def test_files_that_changed_places_are_both_computed_again(folder, originals):
-    one, other = file_of(folder), file_of(folder, NONCOOP)
+    one = file_of(folder)
+    other = file_of(folder, NONCOOP)
     texts = one.read_text(), other.read_text()
     one.write_text(texts[1])
     other.write_text(texts[0])

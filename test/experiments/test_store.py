@@ -49,8 +49,10 @@ def made_up(seed):
         asked=asked,
         stays=stays,
     )
-    scenario, visited = CONDITION.scenario, np.array([40, 60 + seed])
-    tables, history = [untrained(scenario)] * 2, blank_history(0, 2)
+    scenario = CONDITION.scenario
+    visited = np.array([40, 60 + seed])
+    tables = [untrained(scenario)] * 2
+    history = blank_history(0, 2)
     done = scenario, learner_of("coop"), seed, "python", tables, history, visited, scenario.steps
     return Training(*done, trials=trials)
 

@@ -80,14 +80,18 @@ def wrong_with(error: BaseException) -> str:
 
 def attempt(read: Callable[[], object], folder: Path) -> tuple[str, str]:
     """Let a case be read; return what came of it and nothing, or what is wrong and where."""
-    before, files = held("VmRSS"), set(os.listdir(folder))
+    before = held("VmRSS")
+    files = set(os.listdir(folder))
     Path("/proc/self/clear_refs").write_text("5")  # VmHWM begins anew
-    came, wrong, where = "read", "", ""
+    came = "read"
+    wrong = ""
+    where = ""
     signal.setitimer(signal.ITIMER_PROF, SECONDS)
     try:
         read()
     except BaseException as error:  # noqa: B036  also what is no Exception is a finding
-        came, wrong = type(error).__name__, wrong_with(error)
+        came = type(error).__name__
+        wrong = wrong_with(error)
         frames = traceback.extract_tb(error.__traceback__)
         ours = [one for one in frames if "/sparse_coord_ros/" in one.filename] or frames
         where = " < ".join(f"{Path(f.filename).name}:{f.lineno}" for f in reversed(ours[-3:]))
@@ -160,7 +164,8 @@ def fuzz(
     """Compute cases of a target; return how often they came to what, and the findings."""
     came: Counter[str] = Counter()
     findings: list[Finding] = []
-    case, end = first, time.monotonic() + seconds
+    case = first
+    end = time.monotonic() + seconds
     while time.monotonic() < end and case <= last and len(findings) < MOST:
         ours, theirs = os.pipe()
         child = os.fork()

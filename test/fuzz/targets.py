@@ -64,7 +64,8 @@ def changed_text(chance: random.Random, text: str) -> bytes:
         return damaged(chance, text.encode())
     lines = text.split("\n")
     for _ in range(chance.choice((1, 1, 2, 4))):
-        at, kind = chance.randrange(len(lines)), chance.randrange(8)
+        at = chance.randrange(len(lines))
+        kind = chance.randrange(8)
         line = lines[at]
         if kind < 4:  # a value: a number, a text, or all after a colon
             spots = list(re.finditer(r'(?<=: ).+|-?[0-9.]+|"[a-z_]*"', line)) or [None]
@@ -111,7 +112,8 @@ def forged(chance: random.Random, arrays: Mapping[str, np.ndarray]) -> bytes:
     """Return arrays as a file, some with other shapes, types, values or names, or damaged."""
     found = {name: array.copy() for name, array in arrays.items()}
     for _ in range(chance.choice((1, 1, 2, 3))):
-        name, kind = chance.choice(sorted(found)), chance.randrange(8)
+        name = chance.choice(sorted(found))
+        kind = chance.randrange(8)
         array = found[name]
         with contextlib.suppress(ValueError, TypeError, OverflowError, IndexError):
             if kind == 0 and len(found) > 1:
@@ -186,7 +188,9 @@ def read_history(run: Path) -> None:
 
 def read_checkpoint(run: Path) -> None:
     """Read the checkpoint of a learning run, and go on from it with either engine."""
-    scenario, path, rule = load_scenario("env1"), run / CHECKPOINT_FILE, learner_of("coop")
+    scenario = load_scenario("env1")
+    path = run / CHECKPOINT_FILE
+    rule = learner_of("coop")
     [position] = load_checkpoint(path, scenario, rule, 1).state.positions
     engine = ("numba", "python")[path.stat().st_size % 2]
     until = position.transitions + 20
@@ -199,7 +203,8 @@ def image(sample: Path, folder: Path) -> Cases:
 
     where = {"resolution": 1.0, "pixels": 4, "image": "png"}
     said, picture = write_floor_plan(load_map("env1"), folder, "plan", **where)  # type: ignore[arg-type]
-    text, pictures = said.read_text(), [b"P2\n9 9\n255\n" + b"1 " * 81, b"P5\n60000 60000\n255\n"]
+    text = said.read_text()
+    pictures = [b"P2\n9 9\n255\n" + b"1 " * 81, b"P5\n60000 60000\n255\n"]
     with Image.open(picture) as opened:
         for kind in ("png", "ppm", "bmp", "tiff", "jpeg", "gif"):
             file = io.BytesIO()
@@ -224,7 +229,8 @@ def verb(words: Sequence[str]) -> None:
         SparseCoordError: its error.
         ValueError: it prints something that a terminal obeys.
     """
-    out, errors = io.StringIO(), io.StringIO()
+    out = io.StringIO()
+    errors = io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(errors):
         code = cli.main(words)
     lines = (out.getvalue() + errors.getvalue()).split("\n")
@@ -236,9 +242,12 @@ def verb(words: Sequence[str]) -> None:
 
 def bag(sample: Path, folder: Path) -> Cases:
     """Return the cases of bags: damaged, or with forged messages and right checksums."""
-    source, place = open_bag(sample / "run" / "bag"), folder / "bag"
-    path, messages = source.files[0].path, list(source.messages())
-    data, metadata = path.read_bytes(), (path.parent / "metadata.yaml").read_text()
+    source = open_bag(sample / "run" / "bag")
+    place = folder / "bag"
+    path = source.files[0].path
+    messages = list(source.messages())
+    data = path.read_bytes()
+    metadata = (path.parent / "metadata.yaml").read_text()
 
     def cases(chance: random.Random) -> Read:
         shutil.rmtree(folder)
@@ -267,7 +276,8 @@ def _forge_bag(chance: random.Random, source: Any, messages: Sequence[Any], plac
                 new.add_metadata(name, {**texts, **odd})
         channels = {topic.name: new.add_known_topic(topic) for topic in source.topics.values()}
         for one in messages:
-            data, at = one.data, one.log_time_ns
+            data = one.data
+            at = one.log_time_ns
             kind = chance.random()
             if kind < rate:
                 data = damaged(chance, data)
@@ -333,7 +343,8 @@ class Nodes:
         context: Any = self._stack.enter_context(ros_context())
         self._executor = make_executor("events", context)
         free: dict[str, Any] = {"claim_window": 0.0, "startup_timeout": 0.0}
-        calm, out = {"startup_timeout": 0.0}, str(folder / str(time.monotonic_ns()))
+        calm = {"startup_timeout": 0.0}
+        out = str(folder / str(time.monotonic_ns()))
         world = {"scenario": "env1", "rate": 0.001, "recorded": True, "seed": 1, **free}
         place: Any = {"context": context}
         self.world = WorldSimulator(values=world, **place)
@@ -390,7 +401,8 @@ class Nodes:
             raise RuntimeError(f"{node.get_name()} was kept for {took:.2f} s")
         self._spin(2)
         for one in self.all:
-            failure, one.failure = one.failure, None
+            failure = one.failure
+            one.failure = None
             if failure is not None and one in self.waiting:
                 raise failure
             if failure is not None:
@@ -409,13 +421,16 @@ def of_nodes(*, services: bool) -> Target:
         os.environ["ROS_LOG_DIR"] = str(sample / "log")
         scratch = sample / f"scratch_{os.getpid()}"
         scratch.mkdir()
-        run_text, said = (sample / "run" / RUN_FILE).read_text(), {}
+        run_text = (sample / "run" / RUN_FILE).read_text()
+        said = {}
         for one in open_bag(sample / "run" / "bag").messages():
             said.setdefault(one.topic.rpartition("/")[2], []).append(one.data)
-        now, turns = [Nodes(scratch)], [0]
+        now = [Nodes(scratch)]
+        turns = [0]
 
         def data_for(chance: random.Random, topic: Any) -> bytes:
-            name, kind = topic.topic_name.rpartition("/")[2], chance.random()
+            name = topic.topic_name.rpartition("/")[2]
+            kind = chance.random()
             if name == "run" and kind < 0.7:
                 text = now[0].world.run.to_yaml() if kind < 0.3 else run_text
                 changed = changed_text(chance, text).decode("utf-8", "replace")
@@ -439,7 +454,8 @@ def of_nodes(*, services: bool) -> Target:
             if services and node in robots and chance.random() < 0.3:  # an answer, of anybody
                 plan = message_with(chance, NavPath, stamp(chance))
                 peers = node.member._peers._peers
-                peer, step = peers[len(robots) - 1 - robots.index(node)], chance.randrange(3)
+                peer = peers[len(robots) - 1 - robots.index(node)]
+                step = chance.randrange(3)
                 return lambda: nodes.hear(node, lambda: peer._answered(step, plan))
             if services:
                 service: Any = chance.choice(list(node.services))

@@ -18,7 +18,8 @@ FAILING = ["lost:0.3", "bursts:0.05:0.2", "dead:150"]
 @pytest.mark.parametrize("text", ["up", *FAILING])
 def test_a_percept_is_lost_while_the_link_is_down(text):
     percepts = Percepts(load_scenario("env1", link=text), 3)
-    plain, link = Stream(3, 1, PERCEPT), link_of(LINKS.parse(text), 3, 1)
+    plain = Stream(3, 1, PERCEPT)
+    link = link_of(LINKS.parse(text), 3, 1)
     for step in (0, 700, 3, PERIOD + 5, 149, 150):  # in any order
         expected = LOST if link.down(step) else plain.at(step)[0]
         assert percepts.draw(step, 1) == expected

@@ -35,7 +35,8 @@ def test_one_rule_for_numbers_arrays_and_the_loops(conflict, places):
     data = {**parse_yaml(CORRIDOR, where=""), "conflict": conflict}
     scenario = scenario_from_dict(data, where="", name="corridor")
     assert meeting_places(scenario).tolist() == places
-    problem, members = problem_of(scenario, plain=True), [0, 1, 2]
+    problem = problem_of(scenario, plain=True)
+    members = [0, 1, 2]
     due = []
     for cells in STATES.tolist():
         at = [places[cell] for cell in cells]

@@ -54,7 +54,8 @@ def crosses_a_wall(grid, one, other):
 
     By the signs of the cross products of a cell's corners, in exact integers (twice the scale).
     """
-    (r0, c0), (r1, c1) = one, other
+    (r0, c0) = one
+    (r1, c1) = other
     free = grid.number
     for r in range(min(r0, r1), max(r0, r1) + 1):
         for c in range(min(c0, c1), max(c0, c1) + 1):

@@ -142,7 +142,8 @@ def test_whoever_reads_a_run_later_finds_its_learner_and_its_model(module, small
 
 
 def test_names_are_not_inherited(module, small):
-    heir, parent = learner_of(f"{module}:Heir"), learner_of(f"{module}:Team")
+    heir = learner_of(f"{module}:Heir")
+    parent = learner_of(f"{module}:Team")
     assert (heir.label, heir.name) == ("their_code:Heir", None)
     assert heir.weights(small) == parent.weights(small)
 

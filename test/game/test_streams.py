@@ -45,7 +45,8 @@ def test_the_draw_of_a_percept_is_that_of_the_contract():
 @pytest.mark.parametrize("role", ROLES)
 def test_order_does_not_matter(role):
     steps = [500, 3, BLOCK, 3, 10_000, BLOCK - 1, 500, 0]
-    one, other = Stream(7, 1, role), Stream(7, 1, role)
+    one = Stream(7, 1, role)
+    other = Stream(7, 1, role)
     forward = {step: one.at(step) for step in steps}
     backward = {step: other.at(step) for step in reversed(steps)}
     assert forward == backward

@@ -25,7 +25,8 @@ def test_version_1_is_what_it_was():
 def test_every_robot_gets_to_its_goal_through_a_doorway(kind, team):
     for seed in range(12):
         scenario = load_scenario(f"{VERSION}-{kind}-{team}r-{seed}", ask_cost=2)
-        grid, robots = scenario.map, scenario.robots
+        grid = scenario.map
+        robots = scenario.robots
         assert (scenario.penalty, scenario.steps, scenario.ask_cost) == (-100, 100_000, 2)
         assert len(robots) == team_of(scenario.name) == team
         for places in ([r.start for r in robots], [r.goal for r in robots]):
@@ -37,7 +38,8 @@ def test_every_robot_gets_to_its_goal_through_a_doorway(kind, team):
 
 
 def _needs_a_doorway(grid, start, goal):
-    seen, front = {start}, [start]
+    seen = {start}
+    front = [start]
     while front:
         front = [int(y) for x in front for y in grid.next_cell[x] if y not in grid.doorways]
         front = list(set(front) - seen)

@@ -124,7 +124,8 @@ def test_greatest(values, count, maximum):
 )
 def test_ql_update_by_hand(value, alpha, reward, discount, after, expected):
     task = Coop().task(load_scenario("env1"), 0, [9.0, alpha])._replace(discount=discount)
-    values, updates = [1.0, value, 3.0, 4.0], [0, 0, 7, 0]
+    values = [1.0, value, 3.0, 4.0]
+    updates = [0, 0, 7, 0]
     ql_update(values, updates, 1, task, 0.0, reward, after)
     assert values == [1.0, pytest.approx(expected, rel=1e-15), 3.0, 4.0]
     assert updates == [0, 1, 7, 0]

@@ -45,7 +45,8 @@ def test_a_lone_robot_is_worth_its_shortest_path():
 
 def test_a_lone_robot_that_pays_in_every_step():
     scenario = problem()
-    goal, next_cell = scenario.robots[0].goal, scenario.map.next_cell
+    goal = scenario.robots[0].goal
+    next_cell = scenario.map.next_cell
     q = lone_values(scenario, 0, 2.0)
     after = 0.95 * q.max(axis=1)
     after[goal] = 10 + 0.95 * 200
@@ -65,7 +66,8 @@ def test_students_test(hits, found):
 def test_begins_at_the_lone_values_with_no_mark():
     scenario = problem()
     for k in range(2):
-        tables, q = Agent(CQ(), scenario, k, 0).tables, lone_values(scenario, k)
+        tables = Agent(CQ(), scenario, k, 0).tables
+        q = lone_values(scenario, k)
         assert (tables.q_star[:, :4] == q).all() and (tables.q_coord == q[:, None]).all()
         assert not any(map(is_marked, tables.q_star))
     begun = [CQ.initial(scenario, k).q_star for k in range(2)]
@@ -74,8 +76,11 @@ def test_begins_at_the_lone_values_with_no_mark():
 
 def test_cq_marks_asks_and_learns_on_the_lone_values():
     scenario = problem()
-    agent, q = agent_of(scenario), lone_values(scenario, 0)
-    x, y, z = scenario.robots[0].start, scenario.robots[0].start + 1, 7
+    agent = agent_of(scenario)
+    q = lone_values(scenario, 0)
+    x = scenario.robots[0].start
+    y = scenario.robots[0].start + 1
+    z = 7
     for _ in range(WINDOW):
         assert not is_marked(agent.values(x))
         step(agent, x, EAST, y, -30.0)
@@ -99,7 +104,8 @@ def test_cq_marks_asks_and_learns_on_the_lone_values():
 
 def test_cq_learns_nothing_from_failed_percepts():
     scenario = problem()
-    agent, x = agent_of(scenario), scenario.robots[0].start
+    agent = agent_of(scenario)
+    x = scenario.robots[0].start
     for _ in range(3 * WINDOW):
         step(agent, x, EAST, x + 1, -30.0, asked=True)
     assert not is_marked(agent.values(x)) and not agent.memory()["samples"].any()

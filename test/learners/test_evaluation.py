@@ -56,7 +56,8 @@ def test_a_perceived_peer_means_acting_on_q_coord(make):
 
 
 def test_tables_that_do_not_fit():
-    scenario, other = load_scenario("env1"), load_scenario("isr")
+    scenario = load_scenario("env1")
+    other = load_scenario("isr")
     good = untrained(scenario)
     with pytest.raises(TablesError, match=r"tables of 1 robots for scenario env1, which has 2"):
         summary(play(scenario, [good], trials=1, seed=0))

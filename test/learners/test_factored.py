@@ -111,7 +111,10 @@ def test_a_percept_teaches_rho_w_and_r_bar_but_not_by_the_move_itself():
     one = agent()
     asked(one, 1, 2, SOUTH, 3, paid(common=-20.0, cost=-1.0), (5,))
     memory = one.memory()
-    u, r_bar, w, rho = memory["u"], memory["r_bar"], memory["w"], memory["rho_values"]
+    u = memory["u"]
+    r_bar = memory["r_bar"]
+    w = memory["w"]
+    rho = memory["rho_values"]
     assert rows(one) == {(2, 1, 5): [0, -20 * ALPHA, 0, 0]}
     assert u[2, SOUTH] == 40 + ALPHA * (0.95 * 40 - 40)  # no cost of asking, no r^C in U
     # The other moves are as good as before: the percept was worth nothing.
@@ -127,7 +130,9 @@ def test_w_is_what_a_percept_changes_in_the_best_move():
     for move in range(4):
         asked(one, 1 + move, 2, move, 3, paid(common=-20.0), (5,))
     memory = one.memory()
-    u, w, rho = memory["u"], memory["w"], memory["rho_values"]
+    u = memory["u"]
+    w = memory["w"]
+    rho = memory["rho_values"]
     # By the last percept every move was known to be bad.
     assert w[2] == ALPHA * ((u[2] + rho[0]).max() - u[2].max()) < 0
 
@@ -170,7 +175,8 @@ def test_replays_make_u_what_the_own_model_says():
 
 
 def test_two_percepts_in_a_row_teach_what_other_moves_would_have_brought():
-    one, other = agent(), agent(NoLookingBack)
+    one = agent()
+    other = agent(NoLookingBack)
     for each in (one, other):
         moved(each, 1, 2, EAST, 3, paid(common=-20.0))  # to 3: a doorway, as r^C is felt there
         moved(each, 3, 2, EAST, 2, paid())  # half of the moves east succeed
@@ -189,7 +195,8 @@ def test_a_wait_is_worth_what_the_next_percept_shows():
     for step in range(4):
         asked(one, 1 + 2 * step, 2, step, 2, paid(common=-20.0), (5,))
     asked(one, 20, 2, NORTH, 2, paid(), (5,))
-    before, worth = one.memory()["rho_values"][0], one.memory()["w"][2]
+    before = one.memory()["rho_values"][0]
+    worth = one.memory()["w"][2]
     assert worth < 0
     asked(one, 21, 2, NORTH, 2, paid(), (6,))  # the way is free, waiting is over
     # All moves were tried and led nowhere: each is worth -W more than U says, and no r^C was felt
@@ -204,7 +211,8 @@ def test_a_wait_is_worth_what_the_next_percept_shows():
 
 
 def test_where_a_move_leads_is_worth_what_the_second_percept_would_be_there():
-    one, other = agent(), agent(NoLookingBack)
+    one = agent()
+    other = agent(NoLookingBack)
     for each in (one, other):
         for step in range(4):  # whoever meets a peer in 7 while in 3 pays for any move
             asked(each, 1 + 2 * step, 3, step, 3, paid(common=-20.0), (7,))
@@ -369,8 +377,10 @@ def test_a_robot_learns_only_from_its_own_miscoordination_by_the_peer_in_the_doo
 def test_of_several_robots_in_one_cell_the_higher_numbers_give_way(name, number, learner, counted):
     """They see the same: were it not so, each would wait for the others for ever."""
     one = agent(learner, name=name, number=number)
-    cells, robots = one.task.cells, one.task.robots
-    begun, rho = one.memory(), {}
+    cells = one.task.cells
+    robots = one.task.robots
+    begun = one.memory()
+    rho = {}
     for peer in one.peers:
         rho[key_of((2, peer, 2), cells, robots)] = [0.0, -(10.0**peer), 0.0, 0.0]
         rho[key_of((2, peer, 7), cells, robots)] = [0.0, -7.0, 0.0, 0.0]
@@ -389,7 +399,8 @@ def test_of_several_robots_in_one_cell_the_higher_numbers_give_way(name, number,
 
 
 def test_numbers_of_rows():
-    cells, robots = 7, 4
+    cells = 7
+    robots = 4
     states = [(x, j, z) for x in range(cells) for j in range(robots) for z in range(cells)]
     states += [(x, UNKNOWN, UNKNOWN) for x in range(cells)]
     keys = np.array([key_of(state, cells, robots) for state in states])

@@ -118,7 +118,8 @@ def test_forged_tables(tmp_path, name, learner):
     scenario, rule, run = learned(name, learner)
     save_team(tmp_path, run.memories)
     whole = unpack((tmp_path / TEAM_FILE).read_bytes())
-    usable, refused = [], 0
+    usable = []
+    refused = 0
     for what, arrays in forgeries(whole):
         (tmp_path / TEAM_FILE).write_bytes(archive.pack(arrays))
         try:

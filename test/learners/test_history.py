@@ -14,7 +14,8 @@ from sparse_coord_ros.learn.history import (
     load_history,
 )
 
-MOVE, ASK = Action(0, False, -1, False), Action(1, True, 1, True)
+MOVE = Action(0, False, -1, False)
+ASK = Action(1, True, 1, True)
 
 
 def reward(individual=0.0, common=0.0, cost=0.0):
@@ -52,7 +53,8 @@ def test_what_is_counted():
 
 
 def test_asking_for_it_in_between_changes_nothing():
-    recorder, whole = HistoryRecorder(1), HistoryRecorder(1)
+    recorder = HistoryRecorder(1)
+    whole = HistoryRecorder(1)
     for episode in range(300):
         for step in range(1 + episode % 3):
             what = (episode, 10 * episode + step, [ASK], outcome(reward(0.1, -0.2), met=True))

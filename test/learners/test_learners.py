@@ -105,7 +105,8 @@ def test_a_learner_that_cannot_be_compiled_runs_in_plain_python(capsys, learner,
 
 def test_a_learner_with_a_memory_of_its_own(tmp_path):
     """Compiled, plain, by agents and through files: written once."""
-    scenario, rule = load_scenario("env1").with_settings(SHORT), learner_of(Traces)
+    scenario = load_scenario("env1").with_settings(SHORT)
+    rule = learner_of(Traces)
     assert agrees(rule)
     quick, plain = (learn(scenario, rule, 3, compiled=compiled) for compiled in (True, False))
     assert tables_equal(quick, plain)

@@ -84,7 +84,8 @@ def put(place, value):
 def test_a_model_that_contradicts_its_counts():
     scenario, rule, run = learned("factored")
     memory = run.memories[0]
-    moved, made = memory["moved"], memory["updates"][:, :4]
+    moved = memory["moved"]
+    made = memory["updates"][:, :4]
     left = tuple(np.argwhere(moved > 0)[0])
     stayed = tuple(np.argwhere(moved == 0)[0])
     cases = {

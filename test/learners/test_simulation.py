@@ -29,7 +29,9 @@ class Reference:
     """
 
     def __init__(self, scenario, learner, seed):
-        self.scenario, self.learner, self.seed = scenario, learner, seed
+        self.scenario = scenario
+        self.learner = learner
+        self.seed = seed
         self.columns = 5 if learner == "coop" else 4
         self.epsilons = probabilities(scenario.epsilon, scenario.steps)
         self.alphas, self.floor = step_sizes(scenario.step_size, scenario.steps)
@@ -75,7 +77,8 @@ class Reference:
 
     def exploring(self, t):
         """Return the probability of an exploring start at time step t."""
-        kind, numbers = self.scenario.starts.kind, self.scenario.starts.numbers
+        kind = self.scenario.starts.kind
+        numbers = self.scenario.starts.numbers
         if kind != "exploring":
             return {"fixed": 0, "random": 1}.get(kind, sum(numbers))
         first, last, fraction = numbers
@@ -86,15 +89,19 @@ class Reference:
         return self.scenario.steps + 10
 
     def learn_together(self, members):
-        scenario, robots = self.scenario, self.scenario.robots
+        scenario = self.scenario
+        robots = self.scenario.robots
         policy = {k: self.draws(k, 0, 5) for k in members}
         motion = {k: self.draws(k, 1, 1) for k in members}
         percept = {k: self.draws(k, 2, 1) for k in members}
         start = {k: self.draws(k, 3, 2) for k in members}
         counts = [({}, {}) for _ in robots]
-        t, made = 1, 0
+        t = 1
+        made = 0
         while True:
-            begun, x, active = t, {}, set(members)
+            begun = t
+            x = {}
+            active = set(members)
             for k in members:
                 x[k] = robots[k].start
                 if start[k][t, 0] < self.exploring(t):
@@ -126,7 +133,9 @@ class Reference:
                         self.update(q_coord, counts[k][1], entry, t, reward, value)
                     self.update(q_star, counts[k][0], (x[k], action), t, reward, value)
                 active = {k for k in active if y[k] != robots[k].goal}
-                x, t, made = y, t + 1, made + 1
+                x = y
+                t = t + 1
+                made = made + 1
                 if made == scenario.steps:
                     return
             t += 2

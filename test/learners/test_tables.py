@@ -28,7 +28,8 @@ from sparse_coord_ros.learners.tables import memories_equal, tables_equal
 def team():
     """Return tables of two robots on env1 that cannot ask."""
     draws = np.random.default_rng(0)
-    scenario, made = load_scenario("env1"), []
+    scenario = load_scenario("env1")
+    made = []
     for k in range(2):
         q_star = draws.random((21, 5))
         q_star[:, 4] = np.nan
@@ -84,7 +85,8 @@ def test_sparse_team_round_trip(tmp_path, sparse_run):
 
 
 def test_keys_are_the_digits_of_joint_states(sparse_run):
-    memory, tables = sparse_run.memories[1], sparse_run.tables[1]
+    memory = sparse_run.memories[1]
+    tables = sparse_run.tables[1]
     for key, row in zip(memory["q_coord_keys"].tolist(), memory["q_coord_values"], strict=True):
         state = (key // 59**2, key // 59 % 59, key % 59)
         assert tables.q_coord[state].tolist() == row.tolist()
@@ -169,7 +171,8 @@ def test_who_reads_tables_can_learn_on(tmp_path, name, learner):
 
 def test_tables_from_elsewhere_act_as_their_values_say():
     scenario = load_scenario("env1")
-    q_star, q_coord = np.zeros((21, 5)), np.zeros((21, 21, 4))
+    q_star = np.zeros((21, 5))
+    q_coord = np.zeros((21, 21, 4))
     q_coord[3, 4] = [0.0, 1.0, 2.0, 1.0]
     tables = tables_from_values(scenario, 1, q_star, q_coord)
     assert (tables.q_coord == q_coord).all() and (tables.q_star == q_star).all()

@@ -49,7 +49,9 @@ class Store:
     """Checkpoints in memory, kept as those on disk are."""
 
     def __init__(self, disks, who):
-        self.disks, self.who, self.killed = disks, who, None
+        self.disks = disks
+        self.who = who
+        self.killed = None
         disks.setdefault(who, {})
 
     def steps(self):
@@ -76,7 +78,9 @@ class Store:
 
 class WorldProcess:
     def __init__(self, team, resume):
-        self.team, self.life, self.resume = team, team.new_life(), resume
+        self.team = team
+        self.life = team.new_life()
+        self.resume = resume
         self.store = Store(team.disks, WORLD)
         self.side = WorldSide(team.run, self)
         self.back = WorldRollback(self.side, self.store, team.robots)
@@ -146,7 +150,9 @@ class WorldProcess:
 
 class RobotProcess:
     def __init__(self, team, number, resume):
-        self.team, self.number, self.life = team, number, team.new_life()
+        self.team = team
+        self.number = number
+        self.life = team.new_life()
         self.store = Store(team.disks, number)
         self.side = RobotSide(team.run, self.fresh(), self)
         self.back = RobotRollback(self.side, self.store, self.fresh, self.life, resume)
@@ -254,15 +260,24 @@ class Team:
         lost=0.0,
     ):
         self.run = make_run(scenario, {"seed": 5, "learner": learner, "checkpoint": checkpoint})
-        self.scenario, self.rule = self.run.scenario, learner_of(learner)
-        self.random, self.doubled, self.lost = random.Random(seed), doubled, lost
+        self.scenario = self.run.scenario
+        self.rule = learner_of(learner)
+        self.random = random.Random(seed)
+        self.doubled = doubled
+        self.lost = lost
         self.rolls_back = rolls_back
         self.robots = len(scenario.robots)
         self.happened = defaultdict(set)
-        self.percepts, self.losses = [], []
-        self.disks, self.lives, self.disturbed = {}, 0, False
-        self.queues, self.kept, self.missed = defaultdict(deque), {}, set()
-        self.up, self.asleep = {}, set()
+        self.percepts = []
+        self.losses = []
+        self.disks = {}
+        self.lives = 0
+        self.disturbed = False
+        self.queues = defaultdict(deque)
+        self.kept = {}
+        self.missed = set()
+        self.up = {}
+        self.asleep = set()
         self.deliveries = self.clock = self.stalled = self.repeated = 0
         self.mark = None
         self.faults = []
@@ -377,7 +392,9 @@ class Team:
             world = self.world
             mark = None if world is None else (world.life, world.side.world.step)
             if mark != self.mark:
-                self.mark, self.stalled, self.repeated = mark, 0, 0
+                self.mark = mark
+                self.stalled = 0
+                self.repeated = 0
             passed = 1 if moved else QUIET
             self.clock += passed
             self.stalled += passed

@@ -40,7 +40,8 @@ SOUTHWARD = (go(SOUTH), go(SOUTH))
 def made():
     """Return a world with sure moves and fixed starts, its side of the bodies, and the port."""
     scenario = load_scenario("env1").with_settings({"move_success": 1.0, "starts": "fixed"})
-    world, port = BodyWorld(scenario, 1), Port()
+    world = BodyWorld(scenario, 1)
+    port = Port()
     return world, BodiesSide(world, port.send), port
 
 
@@ -128,7 +129,8 @@ def test_a_new_episode_places_them_again_even_in_the_middle_of_a_move(made):
 
 def test_who_slips_is_sent_nowhere():
     scenario = load_scenario("env1").with_settings({"move_success": 0.01, "starts": "fixed"})
-    world, port = BodyWorld(scenario, 1), Port()
+    world = BodyWorld(scenario, 1)
+    port = Port()
     side = BodiesSide(world, port.send)
     side.made(SOUTHWARD)
     arrive(side, port.goals[0])
@@ -136,7 +138,10 @@ def test_who_slips_is_sent_nowhere():
     assert BodyWorld(scenario, 1, slips=False).wanted(0, SOUTH) != world.cells[0]
 
 
-A, B, C, DOOR = 1, 2, 3, 9
+A = 1
+B = 2
+C = 3
+DOOR = 9
 
 
 @pytest.mark.parametrize(

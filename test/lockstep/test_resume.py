@@ -183,7 +183,8 @@ def saved(out, run, played, steps=(40, 80)):
 
 def test_a_file_gives_back_what_was_saved(tmp_path, run, played):
     stores = saved(tmp_path, run, played)
-    world, state = stores["world_simulator"].load(80), played.world.side.snapshot(80)
+    world = stores["world_simulator"].load(80)
+    state = played.world.side.snapshot(80)
     assert world[:-1] == state[:-1]
     assert world.history.same_bits(state.history)
     robot = stores["robot_2"].load(80)
@@ -312,7 +313,8 @@ def heard_at(back, robot, step, **more):
 def test_a_world_that_goes_on_alone_begins_where_no_robot_takes_it_for_its_next_step():
     """It may have seen one state more than it has worked off; from the next it would learn."""
     team = Team(problem("env1"), 4)
-    side, back = team.world.side, WorldRollback(team.world.side, team.world.store, 2)
+    side = team.world.side
+    back = WorldRollback(team.world.side, team.world.store, 2)
     for robot, step in enumerate((17, 19)):
         heard_at(back, robot, step)
     assert back.go_back(together=False)

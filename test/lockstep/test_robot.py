@@ -14,8 +14,10 @@ from sparse_coord_ros.learners.coop import Coop
 from sparse_coord_ros.lockstep.robot_side import Answer, RobotSide
 from sparse_coord_ros.wire import COUNTS, Account, PerceptEnd
 
-SOUTH, EAST = 1, 2
-ASKING_CELL, GOAL = 5, 20
+SOUTH = 1
+EAST = 2
+ASKING_CELL = 5
+GOAL = 20
 SETTINGS = {"step_size": "constant:0.5", "epsilon": "constant:0", "max_steps": 50, "steps": 100}
 
 
@@ -23,7 +25,9 @@ class Port:
     """Writes down what the robot does."""
 
     def __init__(self):
-        self.done, self.episodes, self.accounts = [], [], []
+        self.done = []
+        self.episodes = []
+        self.accounts = []
 
     def ask(self, peer, step, cell):
         self.done.append(("ask", peer, step, cell))
@@ -42,7 +46,8 @@ class Port:
         self.done.append(("checkpoint", step))
 
     def take(self):
-        done, self.done = self.done, []
+        done = self.done
+        self.done = []
         return done
 
 

@@ -80,8 +80,10 @@ def test_a_reminder_comes_every_five_seconds_of_one_wait():
     ids=["a silent peer", "one that falls silent", "one that always says: not there yet"],
 )
 def test_a_peer_that_is_behind_is_waited_for_longer(heard, at):
-    deadline, question = Deadline(2.0, 5.0), ("percept", 9)
-    last, now = 0.0, 0.0
+    deadline = Deadline(2.0, 5.0)
+    question = ("percept", 9)
+    last = 0.0
+    now = 0.0
     while not deadline.passed(question, last, now):
         now += 0.5
         last = max([last, *(one for one in heard if one <= now)])

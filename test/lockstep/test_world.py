@@ -10,11 +10,9 @@ from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.lockstep.world_side import WorldSide
 from sparse_coord_ros.wire import Began
 
-EAST, WEST, NORTH = (
-    Action(2, False, -1, False),
-    Action(3, False, -1, False),
-    Action(0, False, -1, False),
-)
+EAST = Action(2, False, -1, False)
+WEST = Action(3, False, -1, False)
+NORTH = Action(0, False, -1, False)
 DOWN = Action(1, False, -1, False)
 
 
@@ -22,7 +20,8 @@ class Port:
     """Writes down what the world says."""
 
     def __init__(self):
-        self.said, self.episodes = [], []
+        self.said = []
+        self.episodes = []
 
     def state(self, robot, step, cell):
         self.said.append(("state", robot, step, cell))
@@ -34,7 +33,8 @@ class Port:
         self.episodes.append(step)
 
     def take(self):
-        said, self.said = self.said, []
+        said = self.said
+        self.said = []
         return said
 
 
@@ -201,7 +201,8 @@ def test_a_silent_robot_is_left_out_and_taken_back(world, port):
 def test_a_silent_robot_beside_an_arrived_one_ends_the_episode(world):
     """The arrived one goes on with a new episode instead of waiting for ever."""
     arrive(world)
-    step, made = world.world.step, world.world.transitions
+    step = world.world.step
+    made = world.world.transitions
     assert world.expire() == [1]
     assert (world.timeouts, world.absent) == (1, {1})
     assert (world.world.episode, world.world.step, world.world.transitions) == (1, step + 2, made)
@@ -326,7 +327,8 @@ def test_each_robot_that_misses_a_deadline_is_counted():
 
 
 def test_an_episode_that_goes_on_is_not_told_again():
-    world, port = make_world(), Port()
+    world = make_world()
+    port = Port()
     play(world, DOWN, DOWN)
     again = WorldSide(make_run(world.world.scenario, {}), port)
     again.go_on_from(world.snapshot())

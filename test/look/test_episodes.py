@@ -29,7 +29,8 @@ def log(bag):
 
 
 def test_every_episode_of_a_log(log):
-    history, outcomes = log.history(), set()
+    history = log.history()
+    outcomes = set()
     for number in range(history.episodes):
         one = logged_episode(log, number)
         assert len(one.steps) == history.length[number]
@@ -63,7 +64,8 @@ def test_how_a_question_ended_is_what_the_robot_says(log, end, outcome, words):
 
 
 def test_how_a_question_ended_is_guessed_only_where_nobody_tells_it():
-    asks, moves = Action(2, True, -1, False), Action(1, False, -1, False)
+    asks = Action(2, True, -1, False)
+    moves = Action(1, False, -1, False)
     seen = Glimpse(5, (3, 4, 9), (asks, moves, None), (4, 5, 9), True)
     [question] = questions_of(seen)
     assert question == (0, (1, 2), PerceptEnd.REFUSED, 2)

@@ -36,7 +36,8 @@ ENV1 = load_scenario("env1")
 def episode(cells, questions=(), met=False):
     """Return an episode; questions are those of its first step, robots meet in its last one."""
     still = [Action(0, False, -1, False)] * len(cells[0])
-    asking, ends = list(still), [None] * len(still)
+    asking = list(still)
+    ends = [None] * len(still)
     for k, peers, end, move in questions:
         peer = peers[0] if len(peers) == 1 else -1
         asking[k] = Action(move, True, peer, end == wire.PerceptEnd.ANSWERED)

@@ -114,7 +114,8 @@ def test_the_row_that_decides_after_a_question(name, learner, peers):
     scenario = rule.with_defaults(scenario)
     tables = learn(scenario, learner, 1)
     others = scenario.perceived - 1
-    draws, differ = np.random.default_rng(0), set()
+    draws = np.random.default_rng(0)
+    differ = set()
     for k, agent in enumerate(greedy_agents(scenario, tables, 0, learner)):
         for cell in range(len(scenario.map.cells)):
             for perceived in (None, tuple(draws.integers(0, cell + 1, others).tolist())):

@@ -111,7 +111,8 @@ def test_whatever_comes_from_files_is_escaped(trained, tmp_path):
 
 
 def test_report_writes_the_file_and_says_what_is_wrong(bag, tmp_path, capsys, quick):
-    out, odd = tmp_path / "r.html", tmp_path / "odd.mcap"
+    out = tmp_path / "r.html"
+    odd = tmp_path / "odd.mcap"
     data = (bag / "bag_0.mcap").read_bytes()
     place = open_shown(bag).recording.blocks[-1].offset + 200
     odd.write_bytes(data[:place] + bytes(64) + data[place + 64 :])

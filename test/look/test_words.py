@@ -26,7 +26,8 @@ class Told:
     """Says on a map, by [row, column], what `Words` says."""
 
     def __init__(self, scenario):
-        self.scenario, self.words = scenario, Words(scenario)
+        self.scenario = scenario
+        self.words = Words(scenario)
         self.number = scenario.map.number
 
     def where(self, robot, place):
@@ -125,7 +126,8 @@ def test_several_doorways():
     told = Told(load_scenario("env2-2r"))  # four rooms in a ring
     assert told.where(1, (0, 1)) == "4 moves before a doorway"
     assert told.where(1, (2, 2)) == "before a doorway"
-    cell, number = told.number[2, 2], told.number
+    cell = told.number[2, 2]
+    number = told.number
     east, south = (told.words.where(0, cell, number[place])[1] for place in ((2, 3), (3, 2)))
     assert east != south, "it is said by the doorway that the robot enters"
     seen = {
@@ -251,7 +253,8 @@ def test_a_robot_that_moves_against_a_wall_waits(env1):
 
 def moves_from(grid, begin, closed=()):
     """Return the moves from a cell to all that can be reached without entering closed cells."""
-    found, front = {begin: 0}, deque([begin])
+    found = {begin: 0}
+    front = deque([begin])
     while front:
         cell = front.popleft()
         for after in grid.next_cell[cell].tolist():
@@ -265,7 +268,8 @@ class Ways:
     """What is true of cells of a map."""
 
     def __init__(self, scenario):
-        self.grid, self.robots = scenario.map, scenario.robots
+        self.grid = scenario.map
+        self.robots = scenario.robots
         self.doorways = self.grid.doorways
         self.moves = cache(lambda cell: moves_from(self.grid, cell))
         self.closed = cache(lambda cell, closed: moves_from(self.grid, cell, closed))
@@ -287,7 +291,8 @@ class Ways:
 
     def on_the_way(self, doorway, begin, end):
         """Whether a shortest way leads through a doorway."""
-        one, other = self.moves(begin), self.moves(end)
+        one = self.moves(begin)
+        other = self.moves(end)
         return any(one[door] + other[door] == one[end] for door in doorway)
 
     def first_moves(self, doorway, begin, end):
@@ -300,7 +305,9 @@ class Ways:
 
     def is_true(self, part, k, cell, doorway, peer, at):
         """Whether a part of a phrase is true."""
-        far, name, goal = self.moves(cell)[at], self.robots[k].name, self.robots[k].goal
+        far = self.moves(cell)[at]
+        name = self.robots[k].name
+        goal = self.robots[k].goal
         if part.startswith("right "):
             return far == 1 and self.is_true(part[6:], k, cell, doorway, peer, at)
         if away := re.fullmatch("([0-9]+) moves away", part):
@@ -341,8 +348,10 @@ MAPS = ("env1", "env2-2r", "pentagon", "crowd-3r", "cit", *(f"unseen1-{one}" for
 def test_every_phrase_is_true_of_all_cells(name):
     """Of a robot in each cell and a peer in each cell; no phrase is too much, and one is there."""
     scenario = load_scenario(name)
-    words, ways = Words(scenario), Ways(scenario)
-    cells, last = range(len(scenario.map.cells)), len(scenario.robots) - 1
+    words = Words(scenario)
+    ways = Ways(scenario)
+    cells = range(len(scenario.map.cells))
+    last = len(scenario.robots) - 1
     said = set()
     for (k, peer), cell in product(((0, last), (last, 0)), cells):
         place, door = words.where(k, cell)
@@ -359,7 +368,8 @@ def test_every_phrase_is_true_of_all_cells(name):
 
 def check_place(ways, place, k, cell, doorway):
     """Check where a robot is said to be."""
-    goal, start = ways.robots[k].goal, ways.robots[k].start
+    goal = ways.robots[k].goal
+    start = ways.robots[k].start
     far = min(ways.moves(cell)[door] for door in doorway)
     ahead = ways.on_the_way(doorway, cell, goal)
     the = "the doorway" if len(set(ways.passage.values())) == 1 else "a doorway"

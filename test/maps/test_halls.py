@@ -19,9 +19,12 @@ from sparse_coord_ros.solve.verdict import LOST, last_word
 def test_all_arrive(tmp_path, hall, robots):
     write(hall, tmp_path)
     plan = read_floor_plan(tmp_path / f"{hall}.yaml")
-    (x, y), (rows, columns) = plan.origin, plan.free.shape
-    west, east = x + 1.5, x + columns * plan.resolution - 1.5
-    south, north = y + 1.5, y + rows * plan.resolution - 1.5
+    (x, y) = plan.origin
+    (rows, columns) = plan.free.shape
+    west = x + 1.5
+    east = x + columns * plan.resolution - 1.5
+    south = y + 1.5
+    north = y + rows * plan.resolution - 1.5
     corners = [(west, south), (east, north), (east, south), (west, north)]
     pairs = [(corners[k], corners[k ^ 1]) for k in range(robots)]
     done = import_map(plan, cell=0.5, radius=0.2, robots=pairs)

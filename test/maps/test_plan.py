@@ -111,7 +111,8 @@ def test_cells_lie_where_the_pixels_are_free(tmp_path):
     for row, column in grid.cells:
         x = (grid.origin[0] - plan.origin[0] + (column + 0.5) * 0.5) / 0.05
         y = rows - (grid.origin[1] - plan.origin[1] + (grid.shape[0] - row - 0.5) * 0.5) / 0.05
-        i, j = math.floor(y + 1e-3), math.floor(x + 1e-3)
+        i = math.floor(y + 1e-3)
+        j = math.floor(x + 1e-3)
         assert not taken[i, j]
         if (row, column + 1) in grid.number:
             assert not taken[i, j : j + 10].any()
@@ -300,7 +301,8 @@ def test_a_map_lies_on_its_floor_plan_as_long_as_that_is_there(tmp_path):
     grid = parse_map(import_map(plan, cell=0.5, radius=0.2).grid.to_text(), name="o", where="o")
     picture = under(grid)
     assert picture["href"].startswith("data:image/png;base64,")
-    (high, wide), places = plan.free.shape, np.array(grid.cells) + 0.5
+    (high, wide) = plan.free.shape
+    places = np.array(grid.cells) + 0.5
     rows = (places[:, 0] - picture["y"]) / picture["height"] * high
     columns = (places[:, 1] - picture["x"]) / picture["width"] * wide
     assert plan.free[rows.astype(int), columns.astype(int)].all()
@@ -352,7 +354,8 @@ def test_a_picture_of_the_floor():
     figure = floor_figure(done.grid, scenario.robots, plan, side=0.5, cells=True)
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
-    picture, [start, goal] = np.asarray(canvas.buffer_rgba()), figure.axes[0].patches
+    picture = np.asarray(canvas.buffer_rgba())
+    [start, goal] = figure.axes[0].patches
 
     def colour(x, y):
         """Return red, green and blue at a place in metres."""

@@ -69,7 +69,8 @@ class Bench:
     """Nodes of a team in one context and observers in another, spun in the test's own thread."""
 
     def __init__(self, stack: ExitStack, executor: str) -> None:
-        self._stack, self._kind = stack.enter_context(ExitStack()), executor
+        self._stack = stack.enter_context(ExitStack())
+        self._kind = executor
         self._places: dict[str, tuple] = {}
         self._nodes: dict[Node, object] = {}
         self._finished: set[Node] = set()

@@ -18,7 +18,8 @@ from sparse_coord_ros.nodes.spin import ros_context
 from sparse_coord_ros.nodes.team import run_team
 from sparse_coord_ros.runlog import verify
 
-SEED, STEPS = 7, 250
+SEED = 7
+STEPS = 250
 
 
 @pytest.fixture(scope="module")

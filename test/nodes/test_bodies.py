@@ -55,7 +55,8 @@ def with_bodies(bench, out, *, steps=8, body=None, driver=None, namespace="", **
 def test_bodies_that_get_there_learn_what_the_grid_teaches(
     bench, tmp_path, simulate, assert_same_tables
 ):
-    out, paths = tmp_path / "out", tmp_path / "paths.npz"
+    out = tmp_path / "out"
+    paths = tmp_path / "paths.npz"
     world, *_, body = with_bodies(bench, out, body={"paths": str(paths)})
     poses = bench.observer().listen(PoseStamped, "robot_1/pose")
     bench.spin_until_done()
@@ -149,13 +150,15 @@ def test_poses_that_came_while_a_driver_slept_are_no_complaint(bench, tmp_path):
     """Else it would say again what the body has heard, which then goes a tick too far."""
     world, _, drivers, _ = with_bodies(bench, tmp_path / "out", steps=400)
     bench.spin_until(lambda: world.lockstep.world.transitions > 1, "under way")
-    taken, mover = [], Mover(Ground(world.run), 0)
+    taken = []
+    mover = Mover(Ground(world.run), 0)
 
     def sees(seconds, pose):
         taken.append(seconds)
         Mover.sees(mover, seconds, pose)
 
-    drivers[0]._mover, mover.sees = mover, sees
+    drivers[0]._mover = mover
+    mover.sees = sees
     drivers[0].drive = lambda: None
     for seconds in (7.0, *[7.1] * 9, 7.2):
         drivers[0]._see((seconds, Pose(0.0, 0.0, 0.0)))
@@ -175,7 +178,8 @@ def test_in_many_processes_the_same_bits_and_paths(
 ):
     found = []
     for run in ("one", "two"):
-        out, paths = tmp_path / run, tmp_path / f"{run}.npz"
+        out = tmp_path / run
+        paths = tmp_path / f"{run}.npz"
         nodes = [start_node("body", "body", paths=paths)]
         for name in ROBOTS:
             nodes.append(start_node("driver", f"{name}_driver", robot=name, **QUICK))
@@ -233,7 +237,8 @@ def test_at_their_own_speed(bench, tmp_path):
 
 def test_the_waiting_for_bodies_is_counted_from_their_goals(bench):
     """Else each step adds to it, and a team that is under way seems to stand still."""
-    bodies, now = bench.world(bodies=True).bodies, time.monotonic()
+    bodies = bench.world(bodies=True).bodies
+    now = time.monotonic()
     bodies._reminder.due(now - 100.0)
     bodies.send(Goals(1, 1, False, 0.0, (BodyGoal(0, 0, 1),)))
     assert bodies._reminder.due(now) == 0.0
@@ -319,9 +324,11 @@ def test_poses_of_other_types(bench, pose_type, kind):
     publisher = observer.create_publisher(kind, "robot_2/pose", 10)
     bench.spin_until(lambda: driver.presence is not None, "the run is known")
     message = kind()
-    message.header.frame_id, message.header.stamp.sec = "here", 3
+    message.header.frame_id = "here"
+    message.header.stamp.sec = 3
     message.pose.pose.position.x = 1.5
-    message.pose.pose.orientation.z, message.pose.pose.orientation.w = 1.0, 0.0
+    message.pose.pose.orientation.z = 1.0
+    message.pose.pose.orientation.w = 0.0
     observer.say(publisher, message, lambda: driver.driver.pose is not None, "the pose is there")
     assert driver.driver.pose == pytest.approx((1.5, 0.0, np.pi))
     assert world.run.scenario.name == "env1"
@@ -374,11 +381,14 @@ def test_a_body_whose_poses_stop_is_stopped(bench):
     poses = observer.create_publisher(PoseStamped, "robot_1/pose", 10)
     bench.spin_until(lambda: driver.presence is not None, "the run is known")
     pose = PoseStamped()
-    pose.header.frame_id, pose.header.stamp.sec = "odom", 1
+    pose.header.frame_id = "odom"
+    pose.header.stamp.sec = 1
     observer.say(poses, pose, lambda: driver.intake.total > 0, "another frame is dropped")
     x, y = world.topics.convert.centres[0]
-    pose.header.frame_id, pose.pose.orientation.w = "map", 1.0
-    pose.pose.position.x, pose.pose.position.y = x, y
+    pose.header.frame_id = "map"
+    pose.pose.orientation.w = 1.0
+    pose.pose.position.x = x
+    pose.pose.position.y = y
     observer.say(poses, pose, lambda: driver.driver.pose is not None, "the pose is there")
     world.bodies.send(
         Goals(1, 1, False, 0.0, (BodyGoal(0, 0, int(world.run.scenario.map.next_cell[0, 1])),))
@@ -416,7 +426,9 @@ def test_a_driver_that_somebody_manages_waits_for_its_activation(bench):
     commands = observer.listen(TwistStamped, "robot_1/cmd_vel")
     bench.spin_until(lambda: driver.presence is not None, "the run is known")
     pose = PoseStamped()
-    pose.header.frame_id, pose.header.stamp.sec, pose.pose.orientation.w = "map", 1, 1.0
+    pose.header.frame_id = "map"
+    pose.header.stamp.sec = 1
+    pose.pose.orientation.w = 1.0
     observer.say(poses, pose, lambda: driver.driver.pose is not None, "the pose is there")
     assert driver._reached_publisher is None and not driver.active
     driver.trigger_configure()

@@ -36,7 +36,8 @@ def header(sec, nanosec, frame_id="map"):
 
 def pose(sec, nanosec, x, y, frame_id="map"):
     message = PoseStamped(header=header(sec, nanosec, frame_id))
-    message.pose.position.x, message.pose.position.y = x, y
+    message.pose.position.x = x
+    message.pose.position.y = y
     return message
 
 

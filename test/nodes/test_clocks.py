@@ -28,7 +28,8 @@ def stamps(arrays):
 @pytest.mark.parametrize("clock", ["own", "none"])
 def test_markers_have_the_run_s_time_only_where_it_is_that_of_the_clock(bench, tmp_path, clock):
     """Where the clock is others', time steps of some seconds would be long gone."""
-    out, observer = tmp_path / "out", bench.observer()
+    out = tmp_path / "out"
+    observer = bench.observer()
     heard = [observer.listen(MarkerArray, name, latched=True) for name in ("markers", "scene")]
     begun = time.time()
     bench.recorder(out / "bag")

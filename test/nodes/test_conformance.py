@@ -88,7 +88,8 @@ def test_checkpoints_may_be_required(judged, example):
     )
 
 
-PLAIN, LEARNS = "own_robot", "own_learning_robot"
+PLAIN = "own_robot"
+LEARNS = "own_learning_robot"
 BROKEN = [
     ("begins", PLAIN, "self.create_subscription(JointState", "print(JointState"),
     ("begins", PLAIN, "self.listen()\n            self.say_progress()", "self.listen()"),
@@ -186,7 +187,8 @@ def test_where_no_robot_runs_the_verb_says_what_is_missing(capfd, monkeypatch):
 def test_a_run_with_a_robot_of_ones_own(bench, tmp_path, example, capfd):
     """World, peer and recorder take it for one of theirs; verify checks all that can be known."""
     world = bench.world(set=["steps=150"], out=str(tmp_path), recorded=True)
-    recorder, peer = bench.recorder(tmp_path / "bag"), bench.robot("robot_2")
+    recorder = bench.recorder(tmp_path / "bag")
+    peer = bench.robot("robot_2")
     context = bench.place()[0]
     own = bench.add(example("own_learning_robot")(context=context, cli_args=NAME))
     bench.spin_until_done(world, peer)

@@ -63,7 +63,8 @@ def test_a_robot_keeps_its_tables_where_a_peer_says_nothing(tmp_path, monkeypatc
     with ros_context() as context:
         run_team(values(out, step_timeout=0.6, percept_timeout=0.5), context=context)
     assert "robot_2 did not say what was learned" in capfd.readouterr().err
-    learned, plan = tables_in(out), tables_in(out / "improved")
+    learned = tables_in(out)
+    plan = tables_in(out / "improved")
     assert tables_equal(plan[:1], learned[:1]) and not tables_equal(plan[1:], learned[1:])
     found = verify(out / "bag")
     assert found.cannot_tell and found.kept == 1

@@ -89,7 +89,9 @@ def test_minutes_of_fuzz_change_nothing(bench, tmp_path, simulate, assert_same_t
     bench.robots(out=str(tmp_path))
     bench.spin_until(lambda: world.lockstep.complete, "the first barrier")
     visitor = Visitor(bench.observer(), NAMES, 2)
-    begun, memory, turns = time.monotonic(), [], itertools.count()
+    begun = time.monotonic()
+    memory = []
+    turns = itertools.count()
 
     def over():
         if next(turns) % 6 == 0:  # a turn takes in one message of each executor

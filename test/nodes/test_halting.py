@@ -26,7 +26,8 @@ from sparse_coord_ros.nodes.watch import WatchNode
 from sparse_coord_ros.wire import RunState
 
 ROBOTS = ("robot_1", "robot_2")
-HALT, GO_ON = SetBool.Request(data=True), SetBool.Request(data=False)
+HALT = SetBool.Request(data=True)
+GO_ON = SetBool.Request(data=False)
 
 
 @pytest.fixture
@@ -69,7 +70,8 @@ def test_one_call_halts_all_and_another_lets_them_go_on(bench, team):
     bench.spin_until(lambda: observer.call(SetBool, call, HALT).success, "all confirm it")
     assert all(driver.halted for driver in drivers.values())
     assert world.doing == RunState.HALTED
-    made, failed = world.lockstep.world.transitions, world.summary()["moves_failed"]
+    made = world.lockstep.world.transitions
+    failed = world.summary()["moves_failed"]
     for heard in commands:
         heard.clear()
     spin_for(bench, 2.0)  # twice body_timeout
@@ -233,7 +235,8 @@ def obstinate(bench):
 
     def answer(request, response):
         asked.append(request.data)
-        response.success, response.message = False, "not yet"
+        response.success = False
+        response.message = "not yet"
         return response
 
     node = bench.observer(namespace="fleet")

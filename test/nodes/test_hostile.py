@@ -240,7 +240,9 @@ def test_a_second_server_of_a_robots_service_changes_nothing(
 ):
     """It answers with a wrong cell, an old step, a refusal, in turn, and before the robot does."""
     settings = {"steps": 70, "epsilon": "constant:1"}
-    stranger, asked, answered = bench.observer(), [], []
+    stranger = bench.observer()
+    asked = []
+    answered = []
 
     def lie(request, response):
         asked.append(request)

@@ -30,7 +30,8 @@ from sparse_coord_ros.wire.status import values_of
 
 SETTINGS = {"steps": 2000, "perception": "probability:0.5", "epsilon": "constant:1"}
 SEED = 11
-PERIOD, RESOLUTION = 0.25, 0.5
+PERIOD = 0.25
+RESOLUTION = 0.5
 NAMES = ("robot_1", "robot_2")
 
 TEAM = {
@@ -92,7 +93,8 @@ def team(module_bench, tmp_path_factory):
         lambda: all(ns(m[-1].header.stamp) == newest for m in seen.actions.values()),
         "last actions",
     )
-    seen.world, seen.robots = world, robots
+    seen.world = world
+    seen.robots = robots
     seen.run = run_from_yaml(world.run.to_yaml(), where="here")
     seen.convert = Converter(seen.run)
     return seen
@@ -214,7 +216,9 @@ def test_a_stranger_is_refused(team):
 
 def test_pause_stops_and_resumes(team):
     """The team is paused; it makes one step a time with the pause lifted for it."""
-    observer, bench, world = team.observer, team.bench, team.world
+    observer = team.observer
+    bench = team.bench
+    world = team.world
     status = observer.listen(DiagnosticStatus, "status", latched=True)
     bench.spin_until(lambda: status, "status")
     assert status[-1].message == "paused"
@@ -267,7 +271,8 @@ def test_rviz_gets_what_its_file_subscribes_to(team):
     manager = yaml.safe_load(share_file("rviz", "team.rviz").read_text())["Visualization Manager"]
     frame = manager["Global Options"]["Fixed Frame"]
     assert manager["Views"]["Current"]["Target Frame"] == frame
-    rviz, got = team.bench.observer(), {}
+    rviz = team.bench.observer()
+    got = {}
     for display in displays(manager):
         kind = RVIZ_READS.get(display["Class"])
         if kind is None:

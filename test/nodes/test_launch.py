@@ -41,7 +41,8 @@ class Kept:
     """Stands for whatever a launch file makes: keeps what it was given."""
 
     def __init__(self, *parts, **options):
-        self.parts, self.options = parts, options
+        self.parts = parts
+        self.options = options
 
 
 @pytest.fixture

@@ -31,14 +31,16 @@ STALL_SECONDS = 0.05
 
 @pytest.mark.parametrize("topic", wire.TOPICS, ids=lambda topic: topic.name)
 def test_a_large_message_is_dropped_unread(topic):
-    heard, said = {}, []
+    heard = {}
+    said = []
 
     def create_subscription(kind, name, take, qos, raw):
         heard[name] = take
 
     logger = SimpleNamespace(warning=said.append)
     node = SimpleNamespace(create_subscription=create_subscription, get_logger=lambda: logger)
-    intake, bound = Intake(node), interface.bind(topic)
+    intake = Intake(node)
+    bound = interface.bind(topic)
     intake.listen(bound, None, name="x", unpack=None, read=None)
     heard["x"](bytes(topic.limit.bytes + 1))
     assert intake.dropped == {"x": 1}

@@ -72,7 +72,8 @@ def test_x_points_east_and_y_north():
 )
 def test_a_state_elsewhere_is_a_value_error(frame, x, text):
     message = PoseStamped(header=Header(frame_id=frame))
-    message.pose.position.x, message.pose.position.y = x, 4.5
+    message.pose.position.x = x
+    message.pose.position.y = 4.5
     with pytest.raises(ValueError, match=re.escape(text)):
         converter("env1").unpack_state(serialize_message(message))
 

@@ -30,7 +30,8 @@ pytestmark = [pytest.mark.long, pytest.mark.timeout(600)]
 ROBOTS = ("robot_1", "robot_2")
 STEP_SECONDS = 8.0
 
-SPEED, AT_FIRST = 20.0, "0.5,0.5"
+SPEED = 20.0
+AT_FIRST = "0.5,0.5"
 """Of the bases: metres a second, and where they are."""
 
 
@@ -113,8 +114,11 @@ class Together:
     """Counts how often bodies come to be in one doorway at once, while they make moves."""
 
     def __init__(self, world, server):
-        self.count, self._before = 0, set()
-        self._world, self._server, self._ground = world, server, Ground(world.run, 0.0)
+        self.count = 0
+        self._before = set()
+        self._world = world
+        self._server = server
+        self._ground = Ground(world.run, 0.0)
         server.create_timer(TICK_SECONDS, self._look)
 
     def _look(self):
@@ -149,11 +153,13 @@ def test_what_was_learned_in_simulation_nav2_drives(
     world, drivers, server = start_team(
         scenario=scenario, recorder=True, world=values, step_seconds=50.0
     )
-    together, begun = Together(world, server), time.monotonic()
+    together = Together(world, server)
+    begun = time.monotonic()
     bench.spin_until(lambda: world.done, "the run's end", seconds=400)
     seconds = time.monotonic() - begun
     bench.spin_until_done(but=server)
-    game, at_once = world.lockstep.world, together.count
+    game = world.lockstep.world
+    at_once = together.count
     with capfd.disabled():
         counts = sum((driver.navigator.counts for driver in drivers), Counter())
         print(
@@ -174,13 +180,15 @@ def test_learning_goes_on_in_steps_of_seconds_and_over_a_restart(
     start_team, bench, tmp_path, simulate, assert_same_tables
 ):
     """Robots of unequal speed, without exploring; the world's deadlines are those of robots."""
-    observer, steps = bench.observer(), 6
+    observer = bench.observer()
+    steps = 6
     said = {"epsilon": "constant:0", "starts": "fixed"}
     sets = [f"steps={steps}", *(f"{name}={value}" for name, value in said.items())]
     values = {"step_timeout": 2.0, "percept_timeout": 1.0, "rate": 0.5}
     world, drivers, server = start_team(world={"set": sets, "checkpoint": 2, **values})
     bench.spin_until(moved(world, 1), "under way")
-    server.bases["robot_1"].speed, begun = 0.2, time.monotonic()
+    server.bases["robot_1"].speed = 0.2
+    begun = time.monotonic()
     bench.spin_until(moved(world, 4), "slowly")
     assert time.monotonic() - begun > 5.0
     bench.destroy(world)
@@ -214,7 +222,8 @@ def test_each_fault_of_the_server_is_said_and_nothing_hangs_or_drives_on(
 ):
     world, drivers, server = start_team()
     bench.spin_until(moved(world, 2), "under way")
-    robot, driver = server.bases["robot_1"], drivers[0]
+    robot = server.bases["robot_1"]
+    driver = drivers[0]
     robot.faults += [fault]
     before = world.summary()["moves_failed"]
     bench.spin_until(lambda: not robot.faults, f"a goal to {fault}")
@@ -342,7 +351,8 @@ def test_halted_all_goals_of_nav2_are_cancelled_and_then_it_goes_on(start_team, 
         seconds=60,
     )
     observer = bench.observer()
-    hold, go_on = SetBool.Request(data=True), SetBool.Request(data=False)
+    hold = SetBool.Request(data=True)
+    go_on = SetBool.Request(data=False)
     call = "world_simulator/halt"
     observer.call(SetBool, call, hold)
     bench.spin_until(lambda: not server.driving, "cancelled")
@@ -362,7 +372,8 @@ def test_halted_all_goals_of_nav2_are_cancelled_and_then_it_goes_on(start_team, 
     for robot in server.bases.values():
         robot.faults.clear()
     observer.call(SetBool, call, go_on)
-    made, failed = world.lockstep.world.transitions, world.summary()["moves_failed"]
+    made = world.lockstep.world.transitions
+    failed = world.summary()["moves_failed"]
     bench.spin_until(moved(world, made + 3), "it goes on")
     assert world.summary()["moves_failed"] == failed
     client.destroy()
@@ -410,7 +421,8 @@ def test_deactivated_it_cancels_and_activated_it_goes_on(start_team, bench):
     assert change(Transition.TRANSITION_DEACTIVATE)
     bench.spin_until(lambda: robot.active is None, "cancelled")
     assert not change(Transition.TRANSITION_DEACTIVATE)  # and the node lives
-    begin, goals = time.monotonic(), robot.goals
+    begin = time.monotonic()
+    goals = robot.goals
     bench.spin_until(lambda: time.monotonic() > begin + 0.5, "a while")
     assert robot.goals == goals
     assert change(Transition.TRANSITION_ACTIVATE)
@@ -425,10 +437,12 @@ def test_lost_poses_cancel_and_a_lifted_robot_is_lost_and_found(start_team, benc
     robot.lost = True
     bench.spin_until(lambda: drivers[0].navigator.counts["poses lost"] >= 1, "blind")
     bench.spin_until(lambda: robot.active is None, "cancelled")
-    robot.pose, robot.lost = Pose(50.0, 50.0, 0.0), False
+    robot.pose = Pose(50.0, 50.0, 0.0)
+    robot.lost = False
     robot.faults += ["detour"] * 2
     bench.spin_until(lambda: world.summary()["bodies_lost"] >= 1, "lost")
-    robot.pose, robot.faults = Pose(0.5, 0.5, 0.0), []
+    robot.pose = Pose(0.5, 0.5, 0.0)
+    robot.faults = []
     made = world.lockstep.world.transitions
     bench.spin_until(moved(world, made + 5), "found")
 
@@ -438,7 +452,8 @@ def test_with_transforms_for_poses_the_same_bits(
 ):
     from tf2_msgs.msg import TFMessage
 
-    out, place = tmp_path / "out", {"context": bench.place()[0], "namespace": "fleet"}
+    out = tmp_path / "out"
+    place = {"context": bench.place()[0], "namespace": "fleet"}
     given = {"set": ["steps=8"], "out": str(out), "seed": 7, "namespace": "fleet"}
     world = bench.world(bodies=True, **given)
     bench.robots(out=str(out), namespace="fleet")

@@ -41,7 +41,8 @@ def write(out):
 
 
 def test_a_full_disk_is_left_for_another_place(opened, tmp_path):
-    out, asked = tmp_path / "out", []
+    out = tmp_path / "out"
+    asked = []
 
     def refuse_first(place):
         asked.append(place)
@@ -58,7 +59,8 @@ def test_a_full_disk_is_left_for_another_place(opened, tmp_path):
 
 def test_two_runs_are_not_rescued_into_one_place(opened, tmp_path):
     """Nor into one that somebody else made, nor through a link; nodes of a run meet in one."""
-    out, other = tmp_path / "out", replace(RUN, seed=5)
+    out = tmp_path / "out"
+    other = replace(RUN, seed=5)
     (tmp_path / "out_rescued").symlink_to(tmp_path / "else")
     (tmp_path / "out_rescued2").write_text("a file")
 

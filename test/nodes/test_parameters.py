@@ -187,17 +187,16 @@ def test_the_rate_can_be_set_while_the_node_runs(bench):
 
 def test_more_parameters_than_a_request_may_name_get_an_empty_answer(bench, capfd):
     """Each costs rclpy's service time in Python: 200,000 names took 10 s of the lock step."""
-    world, observer = bench.world(), bench.observer()
+    world = bench.world()
+    observer = bench.observer()
 
     def answer(kind, **asked):
         name = re.sub("(?<!^)(?=[A-Z])", "_", kind.__name__).lower()
         return observer.call(kind, f"world_simulator/{name}", kind.Request(**asked))
 
     assert len(answer(GetParameters, names=["seed"] * ASKED).values) == ASKED
-    many, texts = (
-        [Parameter(name="rate", value=double(100.0))] * (ASKED + 1),
-        ["rate"] * (ASKED + 1),
-    )
+    many = [Parameter(name="rate", value=double(100.0))] * (ASKED + 1)
+    texts = ["rate"] * (ASKED + 1)
     assert not answer(GetParameters, names=texts).values
     assert not answer(GetParameterTypes, names=texts).types
     assert not answer(DescribeParameters, names=texts).descriptors
@@ -212,7 +211,8 @@ def test_more_parameters_than_a_request_may_name_get_an_empty_answer(bench, capf
 
 def test_a_request_that_rclpy_cannot_read_ends_no_node(bench, capfd):
     """A type of a parameter that there is none of: rclpy raises in its own service."""
-    world, observer = bench.world(), bench.observer()
+    world = bench.world()
+    observer = bench.observer()
     odd = Parameter(name="rate", value=ParameterValue(type=255))
     request = SetParameters.Request(parameters=[odd])
     assert observer.call(SetParameters, "world_simulator/set_parameters", request).results == []

@@ -19,7 +19,8 @@ from sparse_coord_ros.nodes.robot import LAST_WORDS_SECONDS, Member
 
 class Future:
     def __init__(self):
-        self.callbacks, self.answer = [], None
+        self.callbacks = []
+        self.answer = None
 
     def add_done_callback(self, callback):
         self.callbacks.append(callback)
@@ -123,7 +124,8 @@ def test_a_doubted_peer_is_not_behind_for_ever(repeats, believed):
     convert = Converter(make_run(load_scenario("env1"), {}))
     side = SimpleNamespace(waiting=("percept", 7))
     peers = SimpleNamespace(_side=side, _convert=convert, _peers={1: SimpleNamespace()})
-    peers._peers[1].repeats, told = repeats, []
+    peers._peers[1].repeats = repeats
+    told = []
     peers._on_answer = lambda *what: told.append(what)
     behind = convert.path(6, ())
     assert Peers._fits(peers, 1, 7, behind) is believed
@@ -151,7 +153,8 @@ def test_a_robot_leaves_when_all_is_learned(waiting, newest, done):
 def test_a_robot_that_plans_leaves_when_the_exchange_is_over():
     presence = WorldPresence("this", 9, 0.0, 0.0)
     presence.hear("this", "finished", 9, 9, 1.0)
-    lockstep, exchange = SimpleNamespace(waiting=None, newest=(9, 3)), SimpleNamespace()
+    lockstep = SimpleNamespace(waiting=None, newest=(9, 3))
+    exchange = SimpleNamespace()
     member = SimpleNamespace(joined=True, lockstep=lockstep, _presence=presence, _finished=True)
     member._exchange = exchange
     for over in (False, True):
@@ -173,7 +176,8 @@ def test_the_deadline_of_what_is_waited_for():
     assert done == []
     Peers.keep_the_deadline(peers, 11.0)
     assert done == ["gave up", "expired"]
-    lockstep.waiting, lockstep.asking = ("reward", 4), -1
+    lockstep.waiting = ("reward", 4)
+    lockstep.asking = -1
     Peers.keep_the_deadline(peers, 11.1)
     Peers.keep_the_deadline(peers, 12.0)
     assert done == ["gave up", "expired"]
@@ -193,12 +197,14 @@ def test_the_deadline_of_what_is_waited_for():
 )
 def test_an_answer_of_a_doubted_peer_is_what_the_world_says(there, said, fits):
     convert = Converter(make_run(load_scenario("env1"), {}))
-    dropped, again = [], []
+    dropped = []
+    again = []
     side = SimpleNamespace(waiting=("percept", 7), due=lambda cell: cell)
     intake = SimpleNamespace(drop=lambda *what: dropped.append(what))
     peer = SimpleNamespace(send_again=lambda: again.append(True))
     peers = SimpleNamespace(_side=side, _convert=convert, _intake=intake, _peers={1: peer})
-    peers._places, peers._names = {1: there}, convert.names
+    peers._places = {1: there}
+    peers._names = convert.names
     assert Peers._fits(peers, 1, 7, convert.path(*said)) is fits
     assert bool(dropped) == (not fits and there[0] == 7)
     assert bool(again) == (there[0] == 6)

@@ -93,7 +93,8 @@ def ros2_launch(tmp_path):
 
 
 def test_an_argument_wins_over_the_file_also_where_it_is_the_default(ros2_launch, tmp_path):
-    file, out = tmp_path / "p.yaml", tmp_path / "run"
+    file = tmp_path / "p.yaml"
+    out = tmp_path / "run"
     file.write_text("world_simulator:\n  ros__parameters: {penalty: -55.0, seed: 7, steps: 200}\n")
     given = ("set:=penalty=-11", "seed:=0", f"params_file:={file}", f"out:={out}", "resume:=true")
     assert ros2_launch(LAUNCH / "team.launch.py", *given).ends() == 0

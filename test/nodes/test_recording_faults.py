@@ -69,7 +69,8 @@ def test_a_killed_run_keeps_what_was_recorded_but_for_the_last_second(start, tmp
     out = tmp_path / "out"
     process = start("cli.main", "run", "env1", "--rate", "20", "--out", str(out))
     process.wait_for(" of 10000 steps, ")
-    first, told = transitions_told(process)[0], time.monotonic()
+    first = transitions_told(process)[0]
+    told = time.monotonic()
     while last_step(out / "bag") < first:
         assert time.monotonic() < told + 3.0, "what was told is not flushed"
         time.sleep(0.05)

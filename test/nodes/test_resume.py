@@ -142,7 +142,8 @@ def test_who_goes_back_listens_anew(bench, tmp_path):
 
 
 def test_the_team_goes_on_when_all_listen_and_the_recorder_has_obeyed():
-    gone_on, logger = [], SimpleNamespace(warning=print)
+    gone_on = []
+    logger = SimpleNamespace(warning=print)
     intake = SimpleNamespace(listen=lambda *what, **how: None)
     node = SimpleNamespace(intake=intake, get_logger=lambda: logger)
     side = SimpleNamespace(held=True, lost=0, start=lambda: None)
@@ -249,7 +250,8 @@ def _of(out):
 @pytest.mark.parametrize(("its_step", "lost"), [(30, 10), (40, 0), (41, 0)])
 def test_what_a_robot_has_lost_that_goes_on_alone_is_counted(its_step, lost):
     """It may have worked off a state that the world, too, was about to count."""
-    lines, counted = [], {}
+    lines = []
+    counted = {}
     intake = SimpleNamespace(listen=lambda *what, **how: None)
     node = SimpleNamespace(
         intake=intake,
@@ -268,7 +270,8 @@ def test_what_a_robot_has_lost_that_goes_on_alone_is_counted(its_step, lost):
 
 
 def test_the_team_goes_on_without_who_does_not_obey_in_time():
-    lines, gone_on = [], []
+    lines = []
+    gone_on = []
     intake = SimpleNamespace(listen=lambda *what, **how: None)
     logger = SimpleNamespace(warning=lines.append)
     node = SimpleNamespace(intake=intake, get_logger=lambda: logger)
@@ -277,7 +280,8 @@ def test_the_team_goes_on_without_who_does_not_obey_in_time():
     output = SimpleNamespace(store=Store(), node=node)
     team = Returning(run, side, output, lambda: gone_on.append(True))
     team.begin(100.0)
-    team.order, team.waiting = Order("an order", 0, 1), {1}
+    team.order = Order("an order", 0, 1)
+    team.waiting = {1}
     team.look(100.0 + run.step_timeout - 0.1, all_listen=lambda: True)
     assert not gone_on
     team.look(100.0 + run.step_timeout, all_listen=lambda: False)

@@ -62,7 +62,8 @@ def test_names_hang_over_the_robots(scene):
 )
 def test_a_question_is_a_line_to_the_peer_and_words(scene, percept, perceived, outcome):
     found = markers(scene, [9, 11], {0: asking(scene, percept, perceived=perceived)})
-    line, words = found["questions", 0], found["words", 0]
+    line = found["questions", 0]
+    words = found["words", 0]
     assert line.type == Marker.LINE_LIST and line.action == Marker.ADD
     ends = [(point.x, point.y) for point in line.points]
     assert ends == [scene.convert.centres[9], scene.convert.centres[11]]
@@ -119,7 +120,8 @@ def test_transforms_are_published_where_tf2_is(scene, monkeypatch):
         def create_publisher(self, kind, topic, qos):
             return Anything(publish=lambda message: published.append((topic, message)))
 
-    package, module = ModuleType("tf2_msgs"), ModuleType("tf2_msgs.msg")
+    package = ModuleType("tf2_msgs")
+    module = ModuleType("tf2_msgs.msg")
     module.TFMessage = lambda transforms: transforms
     monkeypatch.setitem(sys.modules, "tf2_msgs", package)
     monkeypatch.setitem(sys.modules, "tf2_msgs.msg", module)

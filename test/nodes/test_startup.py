@@ -106,7 +106,8 @@ def test_a_second_robot_of_a_name_stops_though_no_world_is_there_yet(bench):
 @pytest.mark.parametrize("rank", [ClaimRank.STARTING, ClaimRank.HOLDING])
 def test_of_two_nodes_of_a_name_one_ends(rank):
     """Who has come less far; of two that are equally far, who has the higher identity."""
-    low, high = Claim("1", rank), Claim("2", rank)
+    low = Claim("1", rank)
+    high = Claim("2", rank)
     assert high.yields_to(low) and not low.yields_to(high)
     further = Claim("3", rank + 1)
     assert low.yields_to(further) and not further.yields_to(low)
@@ -279,7 +280,8 @@ def test_a_robot_that_is_partly_there_is_told_by_what_it_lacks(bench):
     bench.robot("robot_1")
     context = bench.place("mine")[0]
     mine = bench.add(Node("robot_2", context=context), "mine")
-    action, state = interface.ACTION, interface.LOCAL_STATE
+    action = interface.ACTION
+    state = interface.LOCAL_STATE
     mine.create_publisher(action.type, action.of("robot_2"), action.qos)
     mine.create_subscription(state.type, state.of("robot_2"), lambda said: None, state.qos)
     text = (

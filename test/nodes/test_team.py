@@ -165,7 +165,8 @@ def test_a_world_that_does_not_own_the_clock_leaves_it_to_others(
     bench, tmp_path, simulate, assert_same_tables
 ):
     """Another's clock runs beside: the log has the run's own, from a topic that is hidden."""
-    observer, out = bench.observer(), tmp_path / "out"
+    observer = bench.observer()
+    out = tmp_path / "out"
     others = observer.create_publisher(Clock, "/clock", 10)
     said = observer.listen(DiagnosticArray, "/diagnostics")
     given = {"set": ["steps=40"], "seed": 7, "out": str(out), "clock": "none"}

@@ -122,7 +122,8 @@ def test_a_robot_reads_no_tables_but_those_it_was_given(bench, tmp_path, capfd):
     run = make_run(load_scenario("env1"), {})
     (tmp_path / "run.yaml").write_text(run.to_yaml())
     save_team(tmp_path, [untrained(run.scenario, k=k).memory for k in range(2)])
-    robot, told = bench.robot("robot_1"), bench.robot("robot_2", tables=str(tmp_path))
+    robot = bench.robot("robot_1")
+    told = bench.robot("robot_2", tables=str(tmp_path))
     say(bench, String(data=replace(run, id="theirs", tables=str(tmp_path)).to_yaml()))
     bench.spin_until(lambda: robot.intake.dropped["run"] and told.member, "the run is heard")
     assert robot.member is None and robot.failure is None

@@ -55,7 +55,8 @@ def test_what_a_stranger_says_of_far_time_steps_is_forgotten(monkeypatch):
 @pytest.mark.parametrize("name", ["env1", "env2-4r"])
 def test_what_is_heard_is_what_the_log_says(record, name):
     recorded = record(name, settings={"perception": "probability:0.5"})
-    log, seen = read_run(recorded.bag), {}
+    log = read_run(recorded.bag)
+    seen = {}
     team_heard, heard, view = heard_of(recorded.run)
     for message in open_bag(recorded.bag).messages(set(heard)):
         before = view.last
@@ -87,7 +88,8 @@ def test_topics_may_overtake_one_another(good, late):
     Neither by who stood still for seconds, with all that in the queue: no clock is read.
     """
     team, takes, _ = heard_of(good.run)
-    held, states = [], 0
+    held = []
+    states = 0
     for message in open_bag(good.bag).messages(set(takes)):
         states += message.topic == "/robot_1/local_state"
         if message.topic == f"/robot_2/{late}":
@@ -108,7 +110,8 @@ def test_a_run_that_goes_back_is_shown_on(good):
     messages = list(open_bag(good.bag).messages(set(takes)))
     for message in messages[:200]:
         takes[message.topic](message.data)
-    seen, waiting = team.seen, set(team._steps)
+    seen = team.seen
+    waiting = set(team._steps)
     for message in messages:
         takes[message.topic](message.data)
     assert "went back to a checkpoint" in view.board.get("notice")["text"] and not team.whole
@@ -125,12 +128,14 @@ def test_details_have_the_row_of_the_newest_tables(good):
                 takes[f"/robot_{k + 1}/tables"](serialize_message(tables_message(one.data, 0, "")))
                 [saved] = unpack_saved(one.data, [k + 1], where=one.name)
                 tables[k] = tables_of(good.run.scenario, good.run.rule, k, saved.memory)
-    log, told = read_run(good.bag), 0
+    log = read_run(good.bag)
+    told = 0
     for message in open_bag(good.bag).messages(set(takes)):
         takes[message.topic](message.data)
         view.show(transitions=0, episode=0)
     for entry in view.board.get("dialogue")["entries"]:
-        k, row = entry["robot"], int(np.searchsorted(log.step, entry["step"]))
+        k = entry["robot"]
+        row = int(np.searchsorted(log.step, entry["step"]))
         cell, peer = log.cells[row, [k, 1 - k]].tolist()
         known = entry["outcome"] == "answered"
         due = tables[k].q_coord[cell, peer] if known else tables[k].q_star[cell, :4]
@@ -141,7 +146,8 @@ def test_details_have_the_row_of_the_newest_tables(good):
 
 def test_trails_are_those_of_the_episode(good):
     _, takes, view = heard_of(good.run)
-    log, seen = read_run(good.bag), 0
+    log = read_run(good.bag)
+    seen = 0
     for message in open_bag(good.bag).messages(set(takes)):
         takes[message.topic](message.data)
         view.show(transitions=0, episode=0)
@@ -269,8 +275,10 @@ def test_a_team_in_one_process_with_a_page(bench, tmp_path):
         values |= {"claim_window": 0.0, "seed": 3}
         context = bench.place()[0]
         team.run_team(values, context=context, page=page.board)
-        log, board = read_run(tmp_path / "run/bag"), page.board
-        frame, curves = board.get("frame"), board.get("curves")
+        log = read_run(tmp_path / "run/bag")
+        board = page.board
+        frame = board.get("frame")
+        curves = board.get("curves")
         assert frame["state"] == "finished" and frame["transitions"] == 300
         history = log.history()
         assert curves["length"] == history.length.tolist()
@@ -286,7 +294,8 @@ def test_a_team_in_one_process_with_a_page(bench, tmp_path):
 
 def test_a_team_that_goes_on_with_a_page_has_asked_before(tmp_path):
     """How often it asked in each cell is counted from the run's beginning, as its curves are."""
-    out, board = tmp_path / "run", Board()
+    out = tmp_path / "run"
+    board = Board()
     values = {"scenario": "env1", "set": ["steps=600", "ask_cost=0", "epsilon=constant:0.5"]}
     values |= {"claim_window": 0.0, "seed": 3, "checkpoint": 150, "out": str(out)}
     folder = out / "checkpoint"

@@ -156,7 +156,8 @@ def test_trails_follow_the_cells_though_frames_are_skipped(browser, start, bag):
 def shown(browser):
     """Return a function that shows frames of a run, made up, and one that gives a frame."""
     scenario = load_scenario("crowd-4r")
-    board, number = Board(), scenario.map.number
+    board = Board()
+    number = scenario.map.number
     fields = messages.run_fields(make_run(scenario, {}))
     board.put("run", source="live", title="made up", controls=(), **fields)
     server = Server(board, port=0)

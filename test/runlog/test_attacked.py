@@ -68,7 +68,8 @@ def test_what_a_later_version_adds_to_the_record_is_no_difference(alter):
 
 def logged_again(messages):
     """Return messages with markers, which have no stamp, logged at the newest stamp before."""
-    newest, found = 0, []
+    newest = 0
+    found = []
     for one in messages:
         if one.topic == "/markers":
             at = min(one.log_time_ns, newest)
@@ -86,7 +87,8 @@ def test_lost_copies_are_a_note(good, rewritten, tmp_path, capsys, topic):
         return logged_again(rest)
 
     bag = rewritten(good.bag, tmp_path / "bag", change)
-    found, whole = verify(bag), verify(good.bag)
+    found = verify(bag)
+    whole = verify(good.bag)
     assert found.same and list(found.lost) == [topic] and found.lost[topic] > 1
     assert topic != "/map" or found.lost[topic] == open_bag(good.bag).counts[topic] - 1
     for one in ("choices", "updates", "tables"):
@@ -179,7 +181,8 @@ def plain_no_more(messages):
 
 
 def extra(message):
-    message.name, message.position = [*message.name, "more"], [*message.position, 3.0]
+    message.name = [*message.name, "more"]
+    message.position = [*message.position, 3.0]
 
 
 @pytest.mark.parametrize("change", [plain_no_more, each("/robot_1/action", JointState, extra)])

@@ -49,7 +49,8 @@ HONEST = {name: {Outcome.IDENTICAL} for name in RUNS} | {
     "live": {Outcome.IDENTICAL, Outcome.NOTED},  # what a busy machine loses is said again
 }
 
-FEW, MANY = 1, 100
+FEW = 1
+MANY = 100
 
 
 @pytest.fixture(scope="session")

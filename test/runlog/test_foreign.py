@@ -31,7 +31,8 @@ def convert(good):
 
 def relogged(messages):
     """Return messages that have no stamp logged at the newest stamp before, as recorders do."""
-    newest, found = 0, []
+    newest = 0
+    found = []
     for one in messages:
         if one.topic.endswith(tuple(STAMPED)):
             newest = max(newest, one.log_time_ns)
@@ -71,7 +72,9 @@ def is_foreign(found, count=1):
     assert found.foreign == count
 
 
-STATE, REWARD, ACTION = "/robot_1/local_state", "/robot_1/reward", "/robot_1/action"
+STATE = "/robot_1/local_state"
+REWARD = "/robot_1/reward"
+ACTION = "/robot_1/action"
 PERCEPT = "/robot_1/percept"
 EVENTS = "/robot_2/active_perception/_service_event"
 

@@ -50,14 +50,16 @@ def test_what_is_shown_as_an_episode_begins(alter, topic, how):
         of = places(messages, topic)
         mine = of[len(of) // 2]
         other = next(p for p in of[len(of) // 2 + 1 :] if messages[p].data != messages[mine].data)
-        one, two = messages[mine], messages[other]
+        one = messages[mine]
+        two = messages[other]
         if how == "changed":
             data = bytearray(one.data)
             at = len(data) // 2 if topic == "/markers" else len(data) - 12
             data[at : at + 4] = bytes(byte ^ 0x64 for byte in data[at : at + 4])
             messages[mine] = one._replace(data=bytes(data))
         elif how == "swapped":
-            messages[mine], messages[other] = two, one
+            messages[mine] = two
+            messages[other] = one
         else:
             messages[mine] = one._replace(data=two.data)
             messages[other] = two._replace(data=one.data)
@@ -290,7 +292,8 @@ def test_swapped_service_events(alter):
             for place in places(messages, EVENT)
             if deserialize_message(messages[place].data, GetPlan.Event).info.event_type == 0
         ]
-        one, two = of[3], of[4]
+        one = of[3]
+        two = of[4]
         data = messages[one].data, messages[two].data
         messages[one] = messages[one]._replace(data=data[1])
         messages[two] = messages[two]._replace(data=data[0])
@@ -316,7 +319,9 @@ def test_what_a_person_asks_may_be_anything(alter, good, frame, sec, ahead):
         asked.info.stamp = answer.info.stamp
         asked.info.stamp.sec += ahead
         header = asked.request[0].start.header
-        header.frame_id, header.stamp.sec, header.stamp.nanosec = frame, sec, 0
+        header.frame_id = frame
+        header.stamp.sec = sec
+        header.stamp.nanosec = 0
         for event in (answer, asked):
             event.info.client_gid[0] = 77
             person = messages[answered]._replace(data=serialize_message(event))
@@ -384,6 +389,7 @@ def test_explain_says_what_it_cannot_know(good, rewritten, tmp_path):
     log = read_run(rewritten(good.bag, tmp_path / "bag", attach=attach))
     right = read_run(good.bag)
     step = coordinations(log, 0)[5]
-    [told], [known] = explained(log, 0, [step]), explained(right, 0, [step])
+    [told] = explained(log, 0, [step])
+    [known] = explained(right, 0, [step])
     assert "tables q_star[3, 2]" in told.doubt and known.doubt is None
     assert told.q_values == known.q_values

@@ -78,7 +78,8 @@ def verified(bag):
 
 def check(run, path, block):
     """Check what is said of a bag in which one chunk is lost."""
-    whole, found = verified(run.bag), verify(path)
+    whole = verified(run.bag)
+    found = verify(path)
     period = run.run.step_period * 1e9
     assert found.differences == (), found.first
     assert found.cannot_tell and (found.not_compared or found.open)
@@ -163,14 +164,16 @@ def unpacks(record):
 @pytest.mark.parametrize("finished", [True, False])
 def test_the_table_of_damages(chunked, tmp_path, finished):
     """All but what was hit is kept, named and verified; `-m long -s -k table_of` prints it."""
-    draw, bag = random.Random(7), as_recorded(chunked.bag, tmp_path / "copy")
+    draw = random.Random(7)
+    bag = as_recorded(chunked.bag, tmp_path / "copy")
     data = bag.path.read_bytes()
     if not finished:
         data = data[: bag.files[0].readable_bytes]
     path = tmp_path / ("bag_0.mcap" if finished else "bag_0.mcap.partial")
     blocks = [(one.offset, one.offset + one.length) for one in bag.blocks[0]]
     counts = [len(part.begins) for one in bag.blocks[0] for part in bag.files[0].parts([one])]
-    every, total = len(bag.attachments), sum(counts)
+    every = len(bag.attachments)
+    total = sum(counts)
     cases = {"one bit of a chunk": [], "junk between two chunks": [], "cut": []}
 
     def note(case, changed, kept, gaps, attached):
@@ -236,7 +239,8 @@ def test_a_recovered_bag_has_the_same_gap(chunked, flipped):
 
 def test_a_difference_elsewhere_still_differs(chunked, rewritten, flipped, tmp_path):
     """Also one behind the gap, in what is computed from the next checkpoint on."""
-    log, period = verify(chunked.bag).log, chunked.run.step_period * 1e9
+    log = verify(chunked.bag).log
+    period = chunked.run.step_period * 1e9
     rewarded = log.tracks.rewards[0].step
 
     def lower(message):
@@ -309,7 +313,8 @@ def test_a_count_of_the_world_that_goes_back_is_no_checkpoint(
     """Who hides an action and its reward before the next status takes one from its count."""
     period = chunked.run.step_period * 1e9
     path, _ = flipped(chunked.bag, 5)
-    [(_, last)], lost_at = verify(path).not_compared, verify(path).log.gaps[0].first
+    [(_, last)] = verify(path).not_compared
+    lost_at = verify(path).log.gaps[0].first
     log = verify(chunked.bag).log
     both = np.intersect1d(*(track.step for track in log.tracks.rewards))
     step = int(both[both > last][0])
@@ -331,7 +336,8 @@ def test_a_lost_attachment_costs_no_time_step(chunked, tmp_path):
     data[one.offset + one.size // 2] ^= 1
     path = tmp_path / "bad_0.mcap"
     path.write_bytes(data)
-    found, whole = verify(path), verify(chunked.bag)
+    found = verify(path)
+    whole = verify(chunked.bag)
     assert found.differences == () and found.cannot_tell
     assert not found.not_compared and found.log.gaps == []
     assert [one.quantity for one in found.open] == ["tables"]
@@ -347,12 +353,14 @@ def test_an_undamaged_log_whose_numbers_jump_differs(chunked, rewritten, tmp_pat
 
 def test_each_coordinate_is_explained_as_far_as_it_is_known(chunked, flipped, capsys):
     path, _ = flipped(chunked.bag, 5)
-    log, whole = read_run(path), read_run(chunked.bag)
+    log = read_run(path)
+    whole = read_run(chunked.bag)
     present = [step for step in coordinations(log, 1) if list(explained(log, 1, [step]))]
     [(first, last), *_] = verify(path).not_compared
     seen = set()
     for step in present:
-        [told], [due] = explained(log, 1, [step]), explained(whole, 1, [step])
+        [told] = explained(log, 1, [step])
+        [due] = explained(whole, 1, [step])
         lost_then = first <= step <= last
         seen.add(lost_then)
         assert (told.q_values == ()) == lost_then and told.agrees
@@ -369,8 +377,10 @@ def test_each_coordinate_is_explained_as_far_as_it_is_known(chunked, flipped, ca
 
 def test_the_history_leaves_out_what_is_cut(chunked, flipped):
     path, _ = flipped(chunked.bag, 5)
-    log, whole = read_run(path), read_run(chunked.bag).history()
-    cut, [gap] = log.history(), log.gaps
+    log = read_run(path)
+    whole = read_run(chunked.bag).history()
+    cut = log.history()
+    [gap] = log.gaps
     rows = np.isin(whole.first_step, cut.first_step)
     assert np.array_equal(whole.length[rows], cut.length)
     assert np.array_equal(whole.reward[rows], cut.reward)
@@ -393,7 +403,8 @@ def test_a_part_of_a_bag_has_no_gap_before_it(chunked, flipped):
 
 def test_where_numbers_say_that_a_gap_is():
     """The topic that speaks most often knows it best."""
-    clock, rare = Jump("/clock", 100, 200, None), Jump("/robot_1/percept", 20, 700, None)
+    clock = Jump("/clock", 100, 200, None)
+    rare = Jump("/robot_1/percept", 20, 700, None)
     assert lost([rare, clock], 10, []) == [LostSteps(11, 19)]
     late = Jump("/robot_1/reward", 90, 210, None)
     assert lost([rare, late, clock], 10, []) == [LostSteps(11, 19)]

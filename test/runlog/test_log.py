@@ -34,13 +34,16 @@ def run(request, record):
 
 
 def test_arrays_are_what_the_simulation_says(run):
-    scenario, log = run.run.scenario, read_run(run.bag)
+    scenario = run.run.scenario
+    log = read_run(run.bag)
     robots = range(len(run.names))
     agents = [Agent(Coop(), scenario, k, 7) for k in robots]
     percepts = Percepts(scenario, 7)
     world = World(scenario, 7)
     rows = {step: row for row, step in enumerate(log.step.tolist())}
-    frame, seen, outcomes = Frame(run.run), set(), Counter()
+    frame = Frame(run.run)
+    seen = set()
+    outcomes = Counter()
 
     def check_states():
         row = rows[world.step]
@@ -133,7 +136,8 @@ def test_a_history_counts_whole_transitions_only(run):
     """Those whose reward and next state are in the log, and questions that brought a reward."""
     log = read_run(run.bag)
     whole = log.history()
-    first, length = int(whole.first_step[0]), int(whole.length[0])
+    first = int(whole.first_step[0])
+    length = int(whole.length[0])
     assert length > 8
     half = log.between(first, first + length // 2).history()
     assert half.length.tolist() == [length // 2]
@@ -155,7 +159,8 @@ def test_a_history_without_penalty_has_its_miscoordinations(record):
 
 
 def test_a_team_in_a_namespace_with_a_clock_of_its_own(good, tmp_path):
-    source, bag = open_bag(good.bag), tmp_path / "bag"
+    source = open_bag(good.bag)
+    bag = tmp_path / "bag"
     with BagWriter(bag) as new:
         new.add_metadata("sparse_coord_ros", source.metadata["sparse_coord_ros"])
         copied(new, source, source.messages(), source.attachments, prefix="/team_a")

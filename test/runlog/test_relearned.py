@@ -21,7 +21,9 @@ def bag(record, request):
 
 def check(bag, count):
     """Compare the tables of so many random steps with those of `train`, stopped there."""
-    log, whole, rng = LongLog(bag), read_run(bag), np.random.default_rng(3)
+    log = LongLog(bag)
+    whole = read_run(bag)
+    rng = np.random.default_rng(3)
     steps = [*rng.integers(0, log.last_step + 1, count).tolist(), 0, log.last_step]
     steps += [333, 334, 340, 333, 335]  # back and on again
     done = np.searchsorted(whole.step[~np.isnan(whole.reward[:, :, 0]).all(axis=1)], steps)

@@ -35,7 +35,8 @@ def restarted(good, rewritten, tmp_path):
 
     As ROS keeps tables for late readers, the second recorder gets some a second time.
     """
-    bag, directory = open_bag(good.bag), tmp_path / "bag"
+    bag = open_bag(good.bag)
+    directory = tmp_path / "bag"
 
     def written(after, at=AT):
         cut = round(at * good.run.step_period * 1e9)
@@ -177,8 +178,10 @@ def request(sent, returned, peer=1, step=9, answer=9):
 def test_of_requests_sent_again_the_newest_counts():
     """A peer that stood still answers all of them, when its asker has given the others up."""
 
-    superseded, newest = request(1, 30), request(20, 31)
-    behind, asked_again = request(1, 2, step=8), request(3, 4, step=8)
+    superseded = request(1, 30)
+    newest = request(20, 31)
+    behind = request(1, 2, step=8)
+    asked_again = request(3, 4, step=8)
     other = request(1, 30, peer=2)
     found = heard([superseded, newest, behind, asked_again, other])
     assert superseded not in found

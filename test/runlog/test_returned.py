@@ -29,7 +29,8 @@ def returned(good, tmp_path):
 
     The tables `which` of a robot are changed; the attachment `again` is there twice.
     """
-    bag, directory = open_bag(good.bag), tmp_path / "bag"
+    bag = open_bag(good.bag)
+    directory = tmp_path / "bag"
     period = round(good.run.step_period * 1e9)
 
     def written(*said, other, which=-1, again=None, call=False, without=None):

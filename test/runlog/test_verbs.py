@@ -113,7 +113,8 @@ def test_explain_tells_the_whole_dialogue(sparse_coord, good):
     row = int((log.step == step).argmax())
     code, out, err = sparse_coord("explain", good.bag, "--step", step, "--robot", "robot_2")
     assert (code, err) == (0, "")
-    own, peer = log.cells[row, 1], log.cells[row, 0]
+    own = log.cells[row, 1]
+    peer = log.cells[row, 0]
     lines = out.splitlines()
     assert lines[0].startswith(f"step {step}: robot_2 in cell {own} [")
     assert lines[1].startswith(f"  asks robot_1: answers cell {peer} [")
@@ -132,7 +133,8 @@ def test_explain_tells_the_whole_dialogue(sparse_coord, good):
 
 def test_explain_names_the_table_entries_as_they_become(good):
     """The last change of an entry that is told is what the final tables hold."""
-    log, final = read_run(good.bag), {}
+    log = read_run(good.bag)
+    final = {}
     for one in explained(log, 0, coordinations(log, 0)):
         if one.update is not None and one.update.coord is not None:
             entry, _, after = one.update.coord

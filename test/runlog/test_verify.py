@@ -300,7 +300,8 @@ def test_a_changed_number_of_an_action(alter, convert, asked, place):
 
 def test_a_changed_percept(alter, convert, log, asked):
     row = int(np.flatnonzero(log.step == asked[0])[0])
-    own, seen = int(log.cells[row, 0]), int(log.percept[row, 0, 1])
+    own = int(log.cells[row, 0])
+    seen = int(log.percept[row, 0, 1])
     assert seen == log.cells[row, 1]
 
     def says(*cells):
@@ -532,7 +533,8 @@ def test_tables_that_are_changed_or_not_there(alter, which, how):
         nonlocal step
         mine = [p for p, one in enumerate(found) if one.name.startswith("tables/robot_2_")]
         place = mine[which]
-        name, data = found[place].name, found[place].data
+        name = found[place].name
+        data = found[place].data
         step = int(name.removesuffix(".npz").rpartition("_")[2])
         if how == "missing":
             del found[place]

@@ -30,10 +30,12 @@ ARRAYS = ("step", "cells", "action", "move", "peer", "asked", "perceived", "perc
 
 
 def test_a_stretch_is_what_the_whole_log_has_there(bag):
-    whole, log = read_run(bag), LongLog(bag)
+    whole = read_run(bag)
+    log = LongLog(bag)
     assert len(log.blocks) > 2
     for first, last in ((1, 30), (200, 290), (560, 10_000)):
-        part, due = log.read(first, last), whole.between(first, last)
+        part = log.read(first, last)
+        due = whole.between(first, last)
         for name in ARRAYS:
             assert np.array_equal(getattr(part, name), getattr(due, name)), name
         assert part.reward.tobytes() == due.reward.tobytes()
@@ -52,13 +54,15 @@ def test_of_several_files_what_was_superseded_is_left_out(record, tmp_path):
     steps = [int(name[15:-4]) for name in names if name.startswith("tables/robot_1_")]
     step = min(n for n in steps if n > 200)
     directory = recordings.rolled_back(run, tmp_path / "bag", step, after=60)
-    due, log = read_run(run.bag), LongLog(directory)
+    due = read_run(run.bag)
+    log = LongLog(directory)
     read = read_run(directory)
     assert len(log.bag.files) == 2 and read.tracks.rollbacks and not read.problems
     assert read.tracks.statuses == due.tracks.statuses
     assert log.last_step == due.step[-1] and log.table_steps() == LongLog(run.bag).table_steps()
     for first, last in ((1, 30), (step - 30, step + 90), (560, 10_000)):
-        part, same = log.read(first, last), due.between(first, last)
+        part = log.read(first, last)
+        same = due.between(first, last)
         assert all(np.array_equal(getattr(part, name), getattr(same, name)) for name in ARRAYS)
     parts = [part.history for part in log.episodes()]
     assert concatenated(parts).same_bits(due.history())
@@ -68,7 +72,8 @@ def test_of_several_files_what_was_superseded_is_left_out(record, tmp_path):
 @pytest.mark.parametrize("size", [1, 20_000, 10**9])
 def test_the_history_stretch_by_stretch_is_that_of_the_log(bag, monkeypatch, size):
     monkeypatch.setattr(window, "STRETCH_BYTES", size)
-    whole, log = read_run(bag), LongLog(bag)
+    whole = read_run(bag)
+    log = LongLog(bag)
     parts = list(log.episodes())
     assert len(parts) >= 3 or size > 1
     assert concatenated([part.history for part in parts]).same_bits(whole.history())
@@ -108,7 +113,8 @@ def test_what_was_said_at_time_0_is_found_at_once(tmp_path, monkeypatch):
 
 def test_the_whole_log_as_far_as_some_topics_tell(bag):
     """Read once, without a look at every byte; the rest of it is empty, not wrong."""
-    due, log = read_run(bag), LongLog(bag)
+    due = read_run(bag)
+    log = LongLog(bag)
     found = log.whole((*window.MOVES, wire.STATUS))
     for name in ("step", "cells", "action", "asked", "perceived", "reward", "numbers"):
         assert getattr(found, name).tobytes() == getattr(due, name).tobytes(), name

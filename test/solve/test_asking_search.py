@@ -41,7 +41,8 @@ def made(grid=SMALL, robots=None, **settings):
 def class_value(scenario, robots):
     """Return what a team of these policies is worth to infinity, averaged over the robots."""
     game = asking_search._game(scenario)
-    team, nobody = asking_search._from_texts(scenario, robots), np.zeros(2, dtype=bool)
+    team = asking_search._from_texts(scenario, robots)
+    nobody = np.zeros(2, dtype=bool)
     return LOOPS.solve(game, team, nobody, asking_search._space(game), -np.inf)
 
 
@@ -50,7 +51,8 @@ def class_tables(scenario, robots):
     cells = len(scenario.map.cells)
     tables = []
     for robot in robots:
-        q_star, q_coord = np.zeros((cells, 5)), np.zeros((cells, cells, 4))
+        q_star = np.zeros((cells, 5))
+        q_coord = np.zeros((cells, cells, 4))
         for x, letter in enumerate(robot.moves):
             q_star[x, LETTERS.index(letter)] = 1.0
         for cell, letters in robot.asks.items():
@@ -75,7 +77,8 @@ def every_team(scenario):
             np.zeros((2, cells, cells), dtype=np.int64),
         )
         for (k, x), option in zip(places, choice, strict=True):
-            policy.moves[k, x], policy.asks[k, x] = option % 8, option == 8
+            policy.moves[k, x] = option % 8
+            policy.asks[k, x] = option == 8
         space = asking_search._space(game)
         yield LOOPS.solve(game, policy, np.ones(2, dtype=bool), space, -np.inf)
 
@@ -130,14 +133,18 @@ def test_no_other_moves_after_percepts_are_better():
 @pytest.mark.parametrize("seed", (6, 9))
 def test_no_single_other_choice_is_better_where_climbing_ends(seed):
     scenario = made("1.D.2\n..D..", ask_cost=0.1)
-    game, rng = asking_search._game(scenario), np.random.default_rng(seed)
-    team, both = asking_search._random(game, rng), np.ones(2, dtype=bool)
-    space, options = asking_search._space(game), asking_loops.OPTIONS
+    game = asking_search._game(scenario)
+    rng = np.random.default_rng(seed)
+    team = asking_search._random(game, rng)
+    both = np.ones(2, dtype=bool)
+    space = asking_search._space(game)
+    options = asking_loops.OPTIONS
     cells = len(scenario.map.cells)
     best = LOOPS.climb(game, team, both, space, rng.permutation(2 * cells * options))
     for k, x, move, asks in itertools.product(range(2), range(cells), range(4), (False, True)):
         other = asking_loops.AskingPolicies(*(array.copy() for array in team))
-        other.moves[k, x], other.asks[k, x] = move, asks
+        other.moves[k, x] = move
+        other.asks[k, x] = asks
         fresh = asking_search._space(game)
         value = LOOPS.solve(game, other, both, fresh, -np.inf)
         assert value <= best + 2 * asking_loops.BETTER
@@ -166,7 +173,8 @@ def test_known_values(name, value):
 def test_of_equally_good_moves_after_a_percept_the_first_is_chosen():
     scenario = made("1..\n.D.\n..2", {"a": (1, 2), "b": (2, 1)}, penalty=0, ask_cost=0)
     game = asking_search._game(scenario)
-    asking, seen = np.ones((2, 9), dtype=bool), np.full((2, 9, 9), 3)
+    asking = np.ones((2, 9), dtype=bool)
+    seen = np.full((2, 9, 9), 3)
     team = asking_loops.AskingPolicies(np.zeros((2, 9), dtype=np.int64), asking, seen)
     far = [scenario.map.distances_to(robot.goal) for robot in scenario.robots]
     value = np.add.outer(0.9 ** far[0], 0.9 ** far[1])

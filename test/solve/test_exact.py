@@ -68,7 +68,8 @@ def misses(scenario, tables):
         compare(name, measure.mean, samples.mean(axis=1))
         square = measure.spread**2 + measure.mean**2
         compare(f"square of {name}", square, (samples**2).mean(axis=1))
-    share, likely = trials.arrived.all(axis=1).mean(), found.all_arrived
+    share = trials.arrived.all(axis=1).mean()
+    likely = found.all_arrived
     if abs(likely - share) > 4 * math.sqrt(likely * (1 - likely) / TRIALS) + 1 / TRIALS:
         said.append(f"arrival: {likely} by the chain, {share} of trials")
     for name in ("asked", "stays"):
@@ -108,7 +109,8 @@ def test_one_robot_is_negative_binomial(horizon):
     scenario = made("1.....", {"a": (1, [0, 5])}, horizon=horizon)
     tables = walking(scenario)
     found = evaluate_exact(scenario, tables)
-    moves, p = 5, 0.8
+    moves = 5
+    p = 0.8
     times = np.arange(moves, min(horizon, 400) + 1)
     chance = np.array(
         [math.comb(t - 1, moves - 1) * p**moves * (1 - p) ** (t - moves) for t in times]
@@ -217,7 +219,8 @@ def test_means_of_a_batch_are_the_exact_ones_and_plain_python_s(
     scenario = load_scenario(name).with_settings({"steps": 3000, "penalty": -100, **settings})
     scenario = learner_of(learner).with_defaults(scenario)
     [run] = run_batch(scenario, learner, [7], trials=2, engine="numba", jobs=1)
-    found, means = evaluate_exact(scenario, run.tables, learner=learner), run.exact
+    found = evaluate_exact(scenario, run.tables, learner=learner)
+    means = run.exact
     assert tuple(means.reward) == found.robots
     assert means.time_to_goal.mean() == found.time_to_goal.mean
     assert means.asks.mean() == found.asks.mean
@@ -234,11 +237,13 @@ def test_a_batch_of_larger_teams_has_no_exact_means():
 
 def test_cells_that_nobody_comes_to_do_not_count(monkeypatch):
     """A hall that no greedy robot enters changes no bit; where percepts lead to counts."""
-    small, hall = made("1..D..2\n#.###.#"), made("1..D..2\n#.###.#\n.......\n.......\n.......")
+    small = made("1..D..2\n#.###.#")
+    hall = made("1..D..2\n#.###.#\n.......\n.......\n.......")
     asks = [walking(scenario, coordinate=9.0) for scenario in (small, hall)]
     for tables, scenario in zip(asks, (small, hall), strict=True):
         aside = scenario.map.number[1, 1]
-        q_star, q_coord = tables[0].q_star, tables[0].q_coord
+        q_star = tables[0].q_star
+        q_coord = tables[0].q_coord
         q_coord[1, 4] = [0, 9, 0, 0]  # it steps aside where its peer is behind the door
         q_star[aside] = [9, 0, 0, 0, 0]
         tables[0] = tables_from_values(scenario, 0, q_star, q_coord)

@@ -34,7 +34,8 @@ def test_exact_values(name):
 
 
 def test_it_is_computed_once_for_what_differs_only_in_learning(monkeypatch):
-    scenario, solved = load_scenario("env1").with_settings({"penalty": -33}), []
+    scenario = load_scenario("env1").with_settings({"penalty": -33})
+    solved = []
     solve = optimum._solve
     monkeypatch.setattr(optimum, "_solved", {})
     monkeypatch.setattr(optimum, "_solve", lambda *game: solved.append(1) or solve(*game))
@@ -120,7 +121,8 @@ def test_robots_that_have_all_arrived_in_a_doorway_pay_no_more(
 ):
     robots = {"a": (1, goals[0]), "b": (2, goals[1])}
     scenario = make(grid, robots, conflict=conflict, move_success=move_success)
-    optimum, reference = joint_optimum(scenario), shortest_path_reference(scenario)
+    optimum = joint_optimum(scenario)
+    reference = shortest_path_reference(scenario)
     assert optimum.value >= reference.reward - 1e-9
     if move_success == 1 and conflict == "same_cell":
         assert reference.reward == pytest.approx(200 - 20)  # one step ends with both in there

@@ -104,7 +104,8 @@ def test_equals_the_joint_markov_chain(make, conflict, grid, robots):
 
 def joint_chain(scenario):
     """Return the discounted reward and the miscoordinations within the horizon, by brute force."""
-    grid, team = scenario.map, scenario.robots
+    grid = scenario.map
+    team = scenario.robots
     goals = tuple(robot.goal for robot in team)
     reward = steps = 0.0
     states = {tuple(robot.start for robot in team): 1.0}

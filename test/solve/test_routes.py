@@ -23,7 +23,8 @@ def small(**settings):
 @needs_numba
 def test_two_robots_come_near_the_optimum_and_not_above():
     for scenario in (load_scenario("env1", penalty=-100), small()):
-        plan, optimum = route_plan(scenario, restarts=2), joint_optimum(scenario).value
+        plan = route_plan(scenario, restarts=2)
+        optimum = joint_optimum(scenario).value
         assert optimum - 1.5 < plan.value < optimum + 3 * plan.standard_error
         assert sorted(plan.order) == [0, 1]
         assert plan == route_plan(scenario, restarts=2)
@@ -56,7 +57,8 @@ def test_a_miscoordination_is_paid_when_it_happens():
 def test_a_route_keeps_out_of_its_doorways():
     scenario = drawn("1.D.2\n..#..\n..D..", penalty=-100)
     near, far = sorted(scenario.map.doorways)
-    goal, lead = scenario.robots[0].goal, scenario.map.next_cell
+    goal = scenario.robots[0].goal
+    lead = scenario.map.next_cell
     start = scenario.robots[0].start
     assert routes.moves_to(lead, goal, frozenset())[start] == 4
     assert routes.moves_to(lead, goal, frozenset({near}))[start] == 8

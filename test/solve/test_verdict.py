@@ -125,7 +125,8 @@ def earning_of_paths(scenario):
 def test_a_team_that_is_worse_than_one_that_ignores_its_peers(penalty):
     """Also where coordination is not needed."""
     scenario = load_scenario("env1", penalty=penalty)
-    paths, slight = earning_of_paths(scenario), SLIGHT * independent_bound(scenario)
+    paths = earning_of_paths(scenario)
+    slight = SLIGHT * independent_bound(scenario)
     found = earning(scenario, paths - 1.01 * slight)
     assert found.kind == WORSE and f"{paths:.2f}" in found.text
     assert earning(scenario, paths - 0.99 * slight).kind != WORSE

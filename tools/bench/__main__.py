@@ -21,7 +21,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--repeats", type=int, default=3, help="of each figure (default: 3)")
     parser.add_argument("--runs", type=int, default=1000, help="of a batch (default: 1000)")
     options = parser.parse_args(arguments)
-    steps, repeats = options.steps, options.repeats
+    steps = options.steps
+    repeats = options.repeats
     if options.part != "batch":
         from tools.bench import live
 

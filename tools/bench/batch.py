@@ -31,7 +31,8 @@ MEASURED = (
 PYTHON_RUNS = 3
 """Learning runs of the plain Python measurement: it is hundreds of times slower."""
 
-ENGINE, PYTHON = "engine (numba)", "plain Python"
+ENGINE = "engine (numba)"
+PYTHON = "plain Python"
 
 
 def measured(scenario: str, learner: str, steps: int, runs: int, repeats: int) -> str:

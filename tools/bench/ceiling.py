@@ -50,10 +50,12 @@ class BareWorld(Node):
 
     def __init__(self, context: Context, steps: int) -> None:
         super().__init__("bare_world", context=context)
-        self._left, self._acted = steps, 0
+        self._left = steps
+        self._acted = 0
         self.started = 0.0
         self.seconds = 0.0
-        reward, state = CONVERT.pack_reward(1, Reward(0, 0, 0, 0)), CONVERT.pack_state(1, 0)
+        reward = CONVERT.pack_reward(1, Reward(0, 0, 0, 0))
+        state = CONVERT.pack_state(1, 0)
         self._messages = [(publisher(self, interface.CLOCK), CLOCK_FORM.layout.pack(1, 0))]
         for robot in ROBOTS:
             self._messages.append((publisher(self, interface.REWARD, robot), reward))
@@ -92,7 +94,8 @@ class BareRobot(Node):
     """Answers every state with an action, every tenth after asking its peer."""
 
     def __init__(self, context: Context, number: int) -> None:
-        name, peer = ROBOTS[number], ROBOTS[1 - number]
+        name = ROBOTS[number]
+        peer = ROBOTS[1 - number]
         super().__init__(name, context=context)
         self._count = 0
         self._action = CONVERT.pack_action(1, Action(0, False, -1, False), Account(0, False))
@@ -147,7 +150,8 @@ def separate_processes(steps: int) -> float:
 
 def main() -> int:
     """Run one bare node as a process: `robot NUMBER`, or `world STEPS`, which prints the rate."""
-    role, number = sys.argv[1], int(sys.argv[2])
+    role = sys.argv[1]
+    number = int(sys.argv[2])
     with ros_context() as context:
         node: Node
         if role == "robot":

@@ -20,8 +20,11 @@ SCENARIO = "env1"
 TEAMS = (2, 4, 8, 16, 32)
 """Robots of the teams whose speed is measured, each on the same generated building."""
 
-ONE, MANY = "one process", "processes"
-BARE, LEARNING, RECORDING = ", bare rclpy nodes", ", learning", ", learning and recording"
+ONE = "one process"
+MANY = "processes"
+BARE = ", bare rclpy nodes"
+LEARNING = ", learning"
+RECORDING = ", learning and recording"
 
 
 def ways(steps: int, repeats: int) -> str:

@@ -79,7 +79,8 @@ def with_text(page: str, mark: str, text: str) -> str:
     Raises:
         SparseCoordError: it has no such marks.
     """
-    begin, end = f"<!-- table: {mark} -->\n", "<!-- end of table -->"
+    begin = f"<!-- table: {mark} -->\n"
+    end = "<!-- end of table -->"
     pattern = re.compile(re.escape(begin) + ".*?" + re.escape(end), re.DOTALL)
     if not pattern.search(page):
         raise SparseCoordError(f"document: no {begin.strip()} ... {end}; add them")

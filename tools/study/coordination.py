@@ -122,8 +122,10 @@ def _mean(result: ConditionResult, measure: str, digits: int = 2) -> str:
 
 def _pairs(found: Found) -> Rows:
     for name in ONE_PAIR:
-        own, base = found(_factored(name, LONG)), found(make_condition(name, "noncoop", LONG))
-        bound, share = best_asking_team(own), None
+        own = found(_factored(name, LONG))
+        base = found(make_condition(name, "noncoop", LONG))
+        bound = best_asking_team(own)
+        share = None
         if bound is not None and name in CLOSE:
             share = gap_closed(own.run_means("reward"), base.run_means("reward"), bound)
         yield {

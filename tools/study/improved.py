@@ -31,7 +31,8 @@ SEED = 1_400_000
 TRIALS = 2000
 """Fresh trials of a team of more than two robots."""
 
-LONG, SHORT = 100_000, 10_000
+LONG = 100_000
+SHORT = 10_000
 PAIRS = ((*CLOSE, SHORT, 200), ("env2-2r", "cmu", LONG, 200))
 BUILDINGS = ((2, SHORT, 10), (2, LONG, 10), (4, LONG, 9))
 MANY = ("env2-4r", "crowd-6r", "crowd-8r", LONG, 100)
@@ -59,7 +60,8 @@ def table(
         given = {"penalty": -100, "steps": steps}
         for name in names:
             own, base = (make_condition(name, one, given) for one in ("factored", "noncoop"))
-            low, bound = found(base).best("reward").mean, known_best(own.scenario)
+            low = found(base).best("reward").mean
+            bound = known_best(own.scenario)
             yield _row(name, [(own, low, bound or planners[name])], count, kept)
     for robots, steps, count in BUILDINGS:
         made = unseen_conditions("factored", "tuning", {"steps": steps}, [robots])
@@ -74,7 +76,8 @@ def _row(
     what: str, judged: Sequence[tuple[Condition, float, float | None]], count: int, kept: Path
 ) -> Row:
     """Return a row: mean and standard error over the teams, each building alike."""
-    teams, steps = [_teams(one, count, kept) for one, _, _ in judged], judged[0][0].scenario.steps
+    teams = [_teams(one, count, kept) for one, _, _ in judged]
+    steps = judged[0][0].scenario.steps
     low, bound = (float(np.mean([one[place] for one in judged])) for place in (1, 2))
     values = np.array([[(one.learned, one.improved) for one in own] for own in teams])
     means = values.mean(axis=(0, 1))
@@ -96,7 +99,8 @@ def _row(
 
 def _teams(condition: Condition, count: int, kept: Path) -> list[Team]:
     """Let teams learn and improve, and judge them in the true game; keep each."""
-    scenario, learner = condition.scenario, learner_of(condition.learner)
+    scenario = condition.scenario
+    learner = learner_of(condition.learner)
     file = kept / f"{condition.id.replace('/', '-')}.json"
     found = [Team(*one) for one in json.loads(file.read_text())] if file.exists() else []
     kept.mkdir(parents=True, exist_ok=True)

@@ -17,7 +17,9 @@ from sparse_coord_ros.solve.shipped import known_best
 from tools.study import coordination
 from tools.study.coordination import Found, Rows, Study, learning_seconds, reward_and_failed
 
-SEED, RUNS, TRIALS = 1_300_000, 100, 200
+SEED = 1_300_000
+RUNS = 100
+TRIALS = 200
 """Seeds that no search has seen."""
 
 LEARNERS: Mapping[str, tuple[str, ...]] = {

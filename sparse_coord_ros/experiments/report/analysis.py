@@ -80,7 +80,8 @@ def implied_reward(result: ConditionResult) -> Measure | None:
 
 def contradicts_itself(result: ConditionResult) -> bool:
     """Whether the paper's reward does not follow from its own number of miscoordinations."""
-    implied, printed = implied_reward(result), paper(result, "reward")
+    implied = implied_reward(result)
+    printed = paper(result, "reward")
     if implied is None or printed is None:
         return False
     error = math.hypot(implied.standard_error, printed.standard_error)
@@ -93,7 +94,8 @@ def is_shortest(result: ConditionResult) -> bool:
     Where all runs came to the same route there is no standard error: equal routes may differ by
     less than `SAME`.
     """
-    reward, exact = result.best("reward"), result.reference["reward"]
+    reward = result.best("reward")
+    exact = result.reference["reward"]
     return abs(reward.mean - exact) < SAME or abs(errors_from(reward, exact)) <= AGREE
 
 

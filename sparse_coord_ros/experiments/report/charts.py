@@ -27,7 +27,8 @@ from sparse_coord_ros.learn.evaluation import Measure
 from sparse_coord_ros.learners.registry import learner_of
 from sparse_coord_ros.solve.optimum import independent_bound
 
-BYTES, GAIN = "$Q^C$ of one robot [bytes]", "reward above\nNon-coop. (paired)"
+BYTES = "$Q^C$ of one robot [bytes]"
+GAIN = "reward above\nNon-coop. (paired)"
 LABELS = {
     "reward": "total discounted reward",
     "time_to_goal": "time to goal [steps]",
@@ -50,7 +51,9 @@ LEAST_SPANS = {
 }
 """How much each vertical axis spans at least, so that rounding noise looks like none."""
 
-OPTIMUM, BOUND, SHORTEST = "exact joint optimum", "bound of the optimum", "shortest paths, exact"
+OPTIMUM = "exact joint optimum"
+BOUND = "bound of the optimum"
+SHORTEST = "shortest paths, exact"
 ASKING = "best asking team found"
 BASELINE = "Non-coop., at any cost"
 INDIV, NONCOOP, COOP, FACTORED = (learner_of(name).title for name in LEARNERS)
@@ -61,7 +64,8 @@ LEARNER_STYLES: Mapping[str, Mapping[str, Any]] = {
     COOP: {"color": "#009E73", "marker": "o", "linestyle": "-"},
     FACTORED: {"color": "#CC79A7", "marker": "P", "linestyle": (0, (5, 1))},
 }
-HOLLOW, ALONE = {"markerfacecolor": "white"}, {"linestyle": "none"}
+HOLLOW = {"markerfacecolor": "white"}
+ALONE = {"linestyle": "none"}
 STYLES: Mapping[str, Mapping[str, Any]] = {
     **LEARNER_STYLES,
     **{
@@ -368,7 +372,8 @@ def _panel(axes: Axes, data: pd.DataFrame) -> dict[str, Any]:
         shift = 0.0 if joined else own["shift"].iloc[0]
         beside = ScaledTranslation(shift * DODGE / 72, 0, axes.figure.dpi_scale_trans)
         moved = axes.transData + beside
-        low, high = own["low"].fillna(0.0), own["high"].fillna(0.0)  # a single run has no error
+        low = own["low"].fillna(0.0)
+        high = own["high"].fillna(0.0)  # a single run has no error
         for end in (own["y"] - low, own["y"] + high):
             axes.update_datalim(np.column_stack([own["x"], end]))  # `moved` hides the data
         handles[str(line)] = axes.errorbar(own["x"], own["y"], bars, transform=moved, **style)

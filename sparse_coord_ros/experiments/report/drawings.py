@@ -187,7 +187,8 @@ def crowd_line(result: ConditionResult) -> str:
 
 def crowd_gains(results: Results) -> dict[str, list[Measure]]:
     """Return by how much each way to coordinate is worth more than Non-coop., by team size."""
-    base, coop = pick(results, learner="noncoop"), pick(results, learner="coop")
+    base = pick(results, learner="noncoop")
+    coop = pick(results, learner="coop")
     ways = {
         ONE: pick(coop, peers="one"),
         ALL: pick(coop, peers="all"),
@@ -200,7 +201,8 @@ def _crowd(name: str, results: Results) -> dict[str, Figure]:
     lines = (NONCOOP, ONE, ALL, FACTORED)
 
     def where(result: ConditionResult, end: str = "") -> dict[str, Any]:
-        x, line = len(result.scenario.robots), crowd_line(result)
+        x = len(result.scenario.robots)
+        line = crowd_line(result)
         place = {"panel": "", "x": x, "shift": lines.index(line) - 1.5}
         return {**place, "line": line + end, "xlabel": "robots"}
 

@@ -16,7 +16,9 @@ from matplotlib.patches import Rectangle
 from sparse_coord_ros.experiments.store import ConditionResult
 from sparse_coord_ros.game.scenario import Scenario
 
-COLOUR_MAP, DOORWAY, WALL = "Blues", "#D55E00", "0.25"
+COLOUR_MAP = "Blues"
+DOORWAY = "#D55E00"
+WALL = "0.25"
 CELL = 0.3
 """Inches a cell."""
 
@@ -55,7 +57,8 @@ def draw_map(
         label_size: size of the labels of starts and goals in points.
         label_height: their place in the cell, 0 at its top, 1 at its bottom.
     """
-    grid, (left, top) = scenario.map, corner
+    grid = scenario.map
+    (left, top) = corner
     rows, columns = grid.shape
     dark = np.zeros(len(grid.cells)) if shades is None else shades
     labels: dict[int, list[str]] = {}
@@ -98,14 +101,17 @@ def asked_maps(results: Sequence[ConditionResult]) -> Figure:
         rows, columns = one.scenario.map.shape
         wide = max(LEAST, columns)
         if left + wide > WIDTH:
-            left, top, deep = 0.0, top + deep, 0.0
+            left = 0.0
+            top = top + deep
+            deep = 0.0
         title = _title(one)
         above = TITLE_LINE * len(title)
         corner = (left + (wide - columns) / 2, top + above + 0.2)
         shades = np.asarray(norm(totals[one.id]))
         draw_map(axes, one.scenario, shades, corner=corner, label_size=6.5)
         axes.text(corner[0] + columns / 2, top + above, "\n".join(title), ha="center", fontsize=9)
-        left, deep = left + wide + 1, max(deep, rows + above + 0.6)
+        left = left + wide + 1
+        deep = max(deep, rows + above + 0.6)
     axes.set(xlim=(-0.2, WIDTH + 0.2), ylim=(top + deep, 0))
     axes.axis("off")
     height = (top + deep) * CELL + SCALE

@@ -36,14 +36,16 @@ def misses(results: Iterable[ConditionResult]) -> list[Row]:
 
 def _reason(result: ConditionResult, printed: Measure) -> str:
     """Return why the paper's reward of a row is not reproduced."""
-    best, alone = result.optimum, independent_bound(result.scenario)
+    best = result.optimum
+    alone = independent_bound(result.scenario)
     bound = "exact joint optimum" if result.optimum_exact else "upper bound of the optimum"
     ideal = abs(errors_from(printed, alone)) <= AGREE
     untouched = f"the {alone:.2f} of robots that never miscoordinate, wait or ask"
     if analysis.above_optimum(result):
         text = f"The paper's row lies above the {bound} {best:.2f}: no policy can reach it."
         return text + f" It equals, within its sampling error, {untouched}." * ideal
-    implied, turning = analysis.implied_reward(result), _turning(result)
+    implied = analysis.implied_reward(result)
+    turning = _turning(result)
     counted = paper(result, "miscoordinations")
     if counted and implied and analysis.contradicts_itself(result):
         return (

@@ -187,7 +187,8 @@ def reward_claims(
         results: theirs.
         elsewhere: the results of the other experiments, by their names.
     """
-    more, less = {}, {}
+    more = {}
+    less = {}
     for own in by_scenario(results):
         base = max((e for e in own if not e.learner.asks), key=lambda e: e.best("reward").mean)
         lead = difference(pick(own, learner="coop")[0], base)
@@ -195,7 +196,8 @@ def reward_claims(
             more[base.scenario.name] = signed(lead)
         elif surely_below(lead):
             less[base.scenario.name] = signed(lead)
-    indiv, coop = pick(results, learner="indiv"), pick(results, learner="coop")
+    indiv = pick(results, learner="indiv")
+    coop = pick(results, learner="coop")
     exact = sum(map(analysis.is_shortest, indiv))
     arrived = sum(e.arrived * e.runs for e in coop) / sum(e.runs for e in coop)
     losers = {name: pick(own, learner="coop") for name, own in elsewhere.items()}
@@ -224,7 +226,8 @@ def _counted(found: Mapping[str, str], cases: int) -> str:
 
 
 def _table2(results: Results) -> Section:
-    rows, claims = [], []
+    rows = []
+    claims = []
     words = {"time_to_goal": "times to goal", "miscoordinations": "miscoordinations"}
     for measure, text in words.items():
         rows += _beside_paper(results, measure, {"measure": text})
@@ -255,7 +258,10 @@ def _fall(results: Results) -> np.ndarray:
 
 def _figure4(results: Results) -> Section:
     """Return what learners lose from the least penalty to the greatest, run by run."""
-    rows, falls, coop_falls, less = [], {}, [], 0
+    rows = []
+    falls = {}
+    coop_falls = []
+    less = 0
     for own in _by_budget(results):
         dear, free = _ends(own, lambda one: one.scenario.penalty)
         lost = {name: _fall(pick(own, learner=name)) for name in LEARNERS}
@@ -276,7 +282,8 @@ def _figure4(results: Results) -> Section:
         over = [paired(lost[name] - lost["coop"]) for name in ("indiv", "noncoop")]
         less += all(map(surely_above, over))
     lowest = f"{min(one.scenario.penalty for one in results):g}"
-    least, most = min(coop_falls), max(coop_falls)
+    least = min(coop_falls)
+    most = max(coop_falls)
     claims = [
         finding("constant", less, len(rows), lowest=lowest, least=least, most=most),
         _falls(lowest, falls),
@@ -320,13 +327,15 @@ def _penalty100(results: Results) -> Section:
     closed: dict[str, dict[str, Measure | None]] = {"coop": {}, "factored": {}}
     for own in by_scenario(results):
         [base] = pick(own, learner="noncoop")
-        name, shortest = base.scenario.name, base.reference["reward"]
+        name = base.scenario.name
+        shortest = base.reference["reward"]
         better = max(shortest, base.best("reward").mean)
         for one in own:
             if not one.learner.asks:
                 continue
             gap = partial(analysis.gap_closed, one.run_means("reward"))
-            learned, bound = base.run_means("reward"), best_asking_team(one)
+            learned = base.run_means("reward")
+            bound = best_asking_team(one)
             whole = gap(learned, optimum=one.optimum)
             harder = whole if better > shortest else gap(shortest, optimum=one.optimum)
             reached = None if bound is None else gap(learned, optimum=bound)
@@ -364,7 +373,9 @@ def _penalty100(results: Results) -> Section:
 
 
 def _ask_cost(results: Results) -> Section:
-    rows, told, less = [], {}, []
+    rows = []
+    told = {}
+    less = []
     for own in by_scenario(results):
         [base] = pick(own, learner="noncoop")
         coop = pick(own, learner="coop")
@@ -390,7 +401,8 @@ def _ask_cost(results: Results) -> Section:
 
 
 def _perception(results: Results) -> Section:
-    rows, gains = [], {}
+    rows = []
+    gains = {}
     for own in by_scenario(results):
         drawn = [one for one in own if one.scenario.perception.kind == "probability"]
         never, always = _ends(drawn, lambda one: one.scenario.perception.numbers)
@@ -411,9 +423,11 @@ def _perception(results: Results) -> Section:
 
 
 def _uneven(results: Results) -> Section:
-    rows, gains = [], []
+    rows = []
+    gains = []
     for coop in pick(results, learner="coop"):
-        spec, name = coop.scenario.common_reward, coop.scenario.name
+        spec = coop.scenario.common_reward
+        name = coop.scenario.name
         [base] = pick(results, learner="noncoop", name=name, common_reward=spec)
         gains.append(difference(coop, base))
         rows.append(
@@ -465,8 +479,11 @@ def _crowd(results: Results) -> Section:
 
 def _where(results: Results) -> Section:
     rows = []
-    more_often, always_near, silent = [], [], []
-    costs, asks_in_vain = {}, 0
+    more_often = []
+    always_near = []
+    silent = []
+    costs = {}
+    asks_in_vain = 0
     for one in results:
         name = one.scenario.name
         asked, time = (analysis.share_near(one.scenario, n) for n in (one.asked, one.stays))

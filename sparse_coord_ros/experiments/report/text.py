@@ -107,7 +107,8 @@ def bound_of(result: ConditionResult) -> str | None:
 
     Marked where no search found it: the best of many learned teams, of more than two robots.
     """
-    team, bound = best_team(result), best_asking_team(result)
+    team = best_team(result)
+    bound = best_asking_team(result)
     if team is not None:
         return f">= {team:.2f}"
     return None if bound is None else f"{bound:.2f}"

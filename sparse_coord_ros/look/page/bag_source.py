@@ -97,7 +97,8 @@ class BagSource(controls.Controlled):
         self.first = int(begin.step[acted[0]] if len(acted) else begin.step[0])
         self.position = float(self.log.last_step if self.growing else self.first)
         self.paused = False
-        self.rate, self._shown_rate = rate, SHOWN_RATE
+        self.rate = rate
+        self._shown_rate = SHOWN_RATE
         self._words = Words(self.run.scenario)
         self._moments = Moments(self.run, self._words)
         self._highlight: Highlight | None = None
@@ -112,7 +113,8 @@ class BagSource(controls.Controlled):
         self._rows: dict[tuple[int, int], str] = {}
         self._rows_known = 0
         self._stop = threading.Event()
-        place, fields = self.log.bag.path, messages.run_fields(self.run)
+        place = self.log.bag.path
+        fields = messages.run_fields(self.run)
         title = str(place if place.is_dir() else place.parent)
         board.put("run", source="bag", title=title, controls=CONTROLS, **fields)
         board.source = self
@@ -125,7 +127,8 @@ class BagSource(controls.Controlled):
 
     def _find_highlight(self) -> None:
         """Find the episode that shows what was learned, and say so."""
-        last, most = self.log.last_step, max(SHOWN_STEPS, 4 * self.run.scenario.max_steps)
+        last = self.log.last_step
+        most = max(SHOWN_STEPS, 4 * self.run.scenario.max_steps)
         try:
             log = self.log.read(max(0, last - most), last)
             whole = log.history().first_step[int(last > most) :]  # the first one may be cut
@@ -174,7 +177,9 @@ class BagSource(controls.Controlled):
         """Play the episode that shows what was learned, again and again."""
         if self._highlight is not None:
             self._go(self._highlight.first)
-            self._again, self._shown_rate, self.paused = True, SHOWN_RATE, False
+            self._again = True
+            self._shown_rate = SHOWN_RATE
+            self.paused = False
 
     def _go(self, step: int) -> None:
         """Show a time step, and what comes after it."""
@@ -237,7 +242,8 @@ class BagSource(controls.Controlled):
     def tick(self) -> None:
         """Do what was asked for, move on, and show the time step that is reached."""
         now = time.monotonic()
-        passed, self._then = now - self._then, now
+        passed = now - self._then
+        self._then = now
         for control in self.wishes():
             self._do(control)
         last = float(self.log.last_step)
@@ -257,7 +263,8 @@ class BagSource(controls.Controlled):
             if not self.paused and self.position >= last and not self.growing:
                 self.position = float(self.first)
         elif control.name == controls.RATE:
-            self.rate, self._shown_rate = control.value, np.inf
+            self.rate = control.value
+            self._shown_rate = np.inf
         elif control.name == controls.SEEK:
             self._go(control.value)
             if self.growing and self.position >= last:
@@ -304,7 +311,8 @@ class BagSource(controls.Controlled):
 
     def _around(self) -> RunLog:
         """Return the part of the log around the position."""
-        window, step = self._window, int(self.position)
+        window = self._window
+        step = int(self.position)
         margin = 2  # a transition needs the next state
         if window is None or not (
             len(window.step) and window.step[0] <= step <= window.step[-1] - margin
@@ -394,7 +402,8 @@ class BagSource(controls.Controlled):
 
         As long as a bag that grows is followed, the tables are the newest recorded ones.
         """
-        step, following = int(self.position), self.following
+        step = int(self.position)
+        following = self.following
         steps = self.log.table_steps() if following else None
 
         def still() -> bool:
@@ -485,6 +494,7 @@ class BagSource(controls.Controlled):
         """Show the value of the newest tables, where all robots have learned some."""
         found = self._newest()
         if any(one.step for one in found):
-            step, tables = min(one.step for one in found), [one.tables for one in found]
+            step = min(one.step for one in found)
+            tables = [one.tables for one in found]
             with leaving_out("their value", lambda said: self.board.put("notice", text=said)):
                 self.board.put("evaluation", **messages.evaluation_fields(self.run, tables, step))

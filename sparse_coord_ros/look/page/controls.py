@@ -10,7 +10,8 @@ from sparse_coord_ros.errors import SettingError, SparseCoordError, retold
 from sparse_coord_ros.game.scenario import load_scenario, scenario_names
 from sparse_coord_ros.game.settings import Setting, SettingTable
 
-HOST, PORT = "127.0.0.1", 8765
+HOST = "127.0.0.1"
+PORT = 8765
 """Where the page is, unless it is wanted elsewhere."""
 
 PAGE_SETTINGS = SettingTable(
@@ -20,15 +21,28 @@ PAGE_SETTINGS = SettingTable(
     ]
 )
 
-PAUSE, STEP, RATE, SEEK, RESET, NEXT = "pause", "step", "rate", "seek", "reset", "next"
-JUMP, IMPORT, SAVE, TRAIN, STOP, DRIVE = "jump", "import", "save", "train", "stop", "drive"
+PAUSE = "pause"
+STEP = "step"
+RATE = "rate"
+SEEK = "seek"
+RESET = "reset"
+NEXT = "next"
+JUMP = "jump"
+IMPORT = "import"
+SAVE = "save"
+TRAIN = "train"
+STOP = "stop"
+DRIVE = "drive"
 HALT = "halt"
 """What a page may ask for: hold or go on; so many time steps on or back; time steps a second (0:
 as fast as it goes); a time step to go to; a new episode; another run; the next moment of some
 kind; to import a map with other values, to save what came of it, to let a team learn on it, to
 stop that, and to drive the team that has learned; to let all bodies stand, or go on."""
 
-QUESTION, MISCOORDINATION, CROSSING, POLICY = "question", "miscoordination", "crossing", "policy"
+QUESTION = "question"
+MISCOORDINATION = "miscoordination"
+CROSSING = "crossing"
+POLICY = "policy"
 KINDS = (QUESTION, MISCOORDINATION, CROSSING, POLICY)
 """A robot asks; robots miscoordinate; for the first time some are at one doorway and all arrive
 without that; where a robot would ask changes."""
@@ -91,7 +105,8 @@ def parse_control(data: Mapping[str, Any], allowed: Collection[str]) -> Control:
         return Control(name, _next(value))
     number = isinstance(value, int | float) and not isinstance(value, bool)
     whole = number and isinstance(value, int)
-    mapping, bare = (isinstance(value, Mapping), "an object"), (RESET, STOP, DRIVE)
+    mapping = (isinstance(value, Mapping), "an object")
+    bare = (RESET, STOP, DRIVE)
     fits, words = {
         **dict.fromkeys((IMPORT, SAVE, TRAIN), mapping),
         **dict.fromkeys((PAUSE, HALT), (isinstance(value, bool), "true or false")),
@@ -114,7 +129,8 @@ def _next(value: Any) -> dict[str, Any]:
     """Return a shipped scenario's name and a penalty; no page names a file."""
     if not isinstance(value, Mapping):
         raise _bad(NEXT, value, "a scenario and a penalty")
-    scenario, penalty = value.get("scenario"), value.get("penalty")
+    scenario = value.get("scenario")
+    penalty = value.get("penalty")
     if not isinstance(scenario, str) or scenario not in scenario_names():
         raise _bad("scenario", scenario, f"one of: {', '.join(scenario_names())}")
     if isinstance(penalty, bool) or not isinstance(penalty, int | float):

@@ -21,7 +21,8 @@ from sparse_coord_ros.runlog import explain
 SLOW_SECONDS = 1.0
 """Between two messages of curves, tables and asks, or longer:"""
 
-SLOW_SHARE, LONGEST_SECONDS = 0.01, 5.0
+SLOW_SHARE = 0.01
+LONGEST_SECONDS = 5.0
 """Share of the time that making them may take, as a long run has long curves; but after so long
 they come in any case."""
 
@@ -50,8 +51,11 @@ class LiveView:
     def __init__(
         self, run: RunConfig, board: Board, *, source: str, title: str, controls: Sequence[str]
     ) -> None:
-        self.run, self.board, self.state = run, board, "waiting"
-        robots, cells = len(run.scenario.robots), len(run.scenario.map.cells)
+        self.run = run
+        self.board = board
+        self.state = "waiting"
+        robots = len(run.scenario.robots)
+        cells = len(run.scenario.map.cells)
         self.asked = [[0] * cells for _ in range(robots)]
         self.last: Glimpse | None = None
         self.newest: messages.TablesThen = {}
@@ -60,7 +64,8 @@ class LiveView:
         self.known: Container[int] = range(robots)
         self._shown: tuple[Glimpse | None, str, float | None] | None = None
         self._told: deque[Message] = deque(maxlen=messages.DIALOGUE)
-        self._slow, self._began = -np.inf, 0.0
+        self._slow = -np.inf
+        self._began = 0.0
         self._counted: tuple[float, int] | None = None
         self._speed: int | None = None
         self._lacking = ""

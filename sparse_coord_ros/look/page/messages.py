@@ -125,7 +125,8 @@ def curve_fields(history: History) -> Message:
     Each point is the mean over `window` episodes in the order of their beginnings; the last one
     over what is left.
     """
-    first, count = history.first_step, history.episodes
+    first = history.first_step
+    count = history.episodes
     order: Any = slice(None)
     if (first[1:] < first[:-1]).any():  # of robots that learned alone, one after the other
         order = np.argsort(first, kind="stable")
@@ -143,7 +144,8 @@ def curve_fields(history: History) -> Message:
         with np.errstate(invalid="ignore", divide="ignore"):
             return _plain((sums / counts).T)
 
-    every, own = np.ones(count), history.present
+    every = np.ones(count)
+    own = history.present
     return {
         "episodes": count,
         "window": window,
@@ -233,10 +235,12 @@ def in_words(
     """
     for question in questions_of(seen):
         k, peers, end, move = question
-        cell, after = seen.cells[k], None if seen.after is None else seen.after[k]
+        cell = seen.cells[k]
+        after = None if seen.after is None else seen.after[k]
         whom = ", ".join(words.names[peer] for peer in peers) or "nobody"
         asked = asked_of(seen, question)
-        told, perceived = end.words, None if asked is None else asked.perceived
+        told = end.words
+        perceived = None if asked is None else asked.perceived
         if perceived is not None:
             places = ", ".join(explain.cell_in_words(run, one) for one in perceived)
             told = f"answers {places}"

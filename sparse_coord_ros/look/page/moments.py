@@ -46,8 +46,10 @@ class Moments:
 
     def add(self, part: Episodes) -> None:
         """Take in a part of the log."""
-        log, history = part.log, part.history
-        scenario, asked = self._run.scenario, log.asked.any(axis=1)
+        log = part.log
+        history = part.history
+        scenario = self._run.scenario
+        asked = log.asked.any(axis=1)
         followed = np.diff(log.step, append=-1) == 1
         met = np.roll(miscoordinations(scenario, log.cells), -1) & followed
         found = {QUESTION: log.step[asked], MISCOORDINATION: log.step[met]}
@@ -79,7 +81,8 @@ class Moments:
 
         None: it would not.
         """
-        last, known = None, self.changes[robot]
+        last = None
+        known = self.changes[robot]
         for step, asks in known:
             last = (step if last is None else last) if asks[cell] else None
         return (known[0][0] if known else 0), last
@@ -120,7 +123,8 @@ def highlight(log: RunLog, tables: Sequence[Tables], moments: Moments, words: Wo
     Raises:
         TablesError: the tables do not fit the run.
     """
-    history, robots = log.history(), range(len(log.names))
+    history = log.history()
+    robots = range(len(log.names))
     begins = np.searchsorted(log.step, history.first_step)
     good = history.arrived.all(axis=1) & (history.miscoordinations == 0)
     policies = [policy_of(tables[k], log.run.scenario.robots[k].goal) for k in robots]
@@ -131,8 +135,10 @@ def highlight(log: RunLog, tables: Sequence[Tables], moments: Moments, words: Wo
     reached = [entered(policies[k], log.run.scenario.map, starts[k]) for k in robots]
     for k in robots:
         at = np.flatnonzero(log.asked[:, k] & log.perceived[:, k])
-        cells, moves = log.cells[at, k], log.move[at, k]
-        asks, other = policies[k].asks[cells], ~policies[k].moves[cells, moves]
+        cells = log.cells[at, k]
+        moves = log.move[at, k]
+        asks = policies[k].asks[cells]
+        other = ~policies[k].moves[cells, moves]
         by_answer = np.array([greedy.holds(log, row, k) for row in at.tolist()], dtype=bool)
         there = np.isin(cells, reached[k])
         rank[at, k] = 1 + 16 * there + 8 * by_answer + 4 * asks + 2 * other + close[at]
@@ -142,10 +148,12 @@ def highlight(log: RunLog, tables: Sequence[Tables], moments: Moments, words: Wo
         for most in [int(rank[begin : begin + length].max())]
     ]
     number = len(best) - 1 - int(np.argmax(best[::-1]))
-    begin, end = int(begins[number]), int(begins[number] + history.length[number])
+    begin = int(begins[number])
+    end = int(begins[number] + history.length[number])
     row, k = divmod(int(rank[begin:end].argmax()), len(log.names))
     row += begin
-    first, last = int(log.step[begin]), int(log.step[end - 1])
+    first = int(log.step[begin])
+    last = int(log.step[end - 1])
     if not rank[row, k]:
         what = "no question is answered" if log.asked.any() else "no robot asks another one"
         text = f"In the last episodes {what}."
@@ -174,7 +182,8 @@ def _told(log: RunLog, row: int, k: int, words: Words, *, learned: bool) -> str:
     if not learned or len(question.peers) != 1:
         return f"Here {words.question(step, question)}"
     [peer] = question.peers
-    cell, move = int(log.cells[row, k]), question.move
+    cell = int(log.cells[row, k])
+    move = question.move
     led = int(log.run.scenario.map.next_cell[cell, move])
     place, door = words.where(k, cell, led)
     answer = words.answer(k, cell, door, [(peer, int(log.cells[row, peer]))])

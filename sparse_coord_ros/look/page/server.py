@@ -89,7 +89,8 @@ class Page:
     """
 
     def __init__(self, *boards: Board, host: str = HOST, index: str = "index.html") -> None:
-        self.boards, self._index = boards, index
+        self.boards = boards
+        self._index = index
         self.token = secrets.token_urlsafe(18)
         self._guests: dict[web.WebSocketResponse, asyncio.Transport] = {}
         self.streams: set[asyncio.BaseProtocol] = set()
@@ -265,8 +266,10 @@ class Server:
     ) -> None:
         self._listening = _listen(host, port)
         self.port = self._listening.getsockname()[1]
-        self.board, self.page = boards[0], Page(*boards, host=host, index=index)
-        self._loop, self._stop = asyncio.new_event_loop(), asyncio.Event()
+        self.board = boards[0]
+        self.page = Page(*boards, host=host, index=index)
+        self._loop = asyncio.new_event_loop()
+        self._stop = asyncio.Event()
         self._thread = threading.Thread(target=self._serve, daemon=True)
         self._thread.start()
         shown = f"[{host}]" if ":" in host else host

@@ -44,7 +44,8 @@ class TrainingView(LiveView, Controlled):
         The last transition is made apart, so that the last frame shows it.
         """
         self._learning = learning
-        stepping, self._stepping = self._stepping, False
+        stepping = self._stepping
+        self._stepping = False
         if glimpse is not None:
             self.take(glimpse)
         elif stepping:  # it could not be made apart
@@ -79,7 +80,8 @@ class TrainingView(LiveView, Controlled):
         if control.name == PAUSE:
             self._held = bool(control.value)
         elif control.name == RATE:
-            self._rate, self._due = control.value, time.monotonic()
+            self._rate = control.value
+            self._due = time.monotonic()
         elif control.name == STEP:
             self._held = self._stepping = True
 
@@ -109,7 +111,8 @@ class TrainedView(LiveView):
     """
 
     def __init__(self, shown: Shown, board: Board) -> None:
-        run, tables = shown.config, shown.tables
+        run = shown.config
+        tables = shown.tables
         super().__init__(run, board, source="train", title=str(shown.path), controls=())
         self.state = RunState.GREEDY
         groups = len(groups_of(run.scenario, run.rule))

@@ -120,7 +120,8 @@ def test_details_have_the_row_that_decided(team, record):
     """Of every question that is shown, as `explain` has it; found when nothing else is to do."""
     name, settings, values = TEAMS[team]
     recorded = record(name, settings=settings, values={"checkpoint": 100, **values})
-    player, log = Player(recorded.bag), read_run(recorded.bag)
+    player = Player(recorded.bag)
+    log = read_run(recorded.bag)
     steps = log.step[log.asked.any(axis=1)]
     for step in (int(steps[len(steps) // 2]), int(log.step[-1])):
         player.do(SEEK, step)
@@ -191,9 +192,11 @@ def test_counts_are_those_up_to_the_time_step_that_is_shown(player, bag):
 def test_sums_of_many_questions_are_the_questions(bag, monkeypatch):
     """However many are summed up at once, and whatever is read again."""
     monkeypatch.setattr("sparse_coord_ros.look.page.counts.SUM_EVERY", 7)
-    log, long = read_run(bag), LongLog(bag)
+    log = read_run(bag)
+    long = LongLog(bag)
     monkeypatch.setattr("sparse_coord_ros.runlog.window.STRETCH_BYTES", 1)
-    counts, begin = Counts(2, len(log.run.scenario.map.cells)), 0
+    counts = Counts(2, len(log.run.scenario.map.cells))
+    begin = 0
     for part in long.episodes():
         for _ in range(2):
             counts = counts.with_part(begin, part)
@@ -220,7 +223,8 @@ def test_sums_of_many_questions_are_the_questions(bag, monkeypatch):
 
 
 def test_trails_lead_through_the_cells_that_the_log_has(player, bag):
-    log, lead = read_run(bag), read_run(bag).run.scenario.map.next_cell
+    log = read_run(bag)
+    lead = read_run(bag).run.scenario.map.next_cell
     for row in (0, 50, 51, 200, 333):
         frame = player.do(SEEK, int(log.step[row]))
         for k, trail in enumerate(frame["trails"]):
@@ -256,7 +260,8 @@ def test_of_a_robot_without_tables_it_is_told_what_happened(bag, tmp_path, rewri
 
 def test_curves_and_evaluation_are_those_of_the_log(player, bag):
     player.source._read_through()
-    curves, history = player.board.get("curves"), read_run(bag).history()
+    curves = player.board.get("curves")
+    history = read_run(bag).history()
     assert curves["episodes"] == history.episodes and curves["read"] == 1.0
     assert curves["asks"] == history.asks.T.tolist()
     assert curves["length"] == history.length.tolist()  # so few that each is a point
@@ -295,8 +300,10 @@ def learned(record):
 
 def test_a_bag_opens_on_what_was_learned(learned):
     """The sentences are true of the log, and the episode is played again and again."""
-    player, log = Player(learned, step=None), read_run(learned)
-    said, frame = player.board.get("learned"), player.board.get("frame")
+    player = Player(learned, step=None)
+    log = read_run(learned)
+    said = player.board.get("learned")
+    frame = player.board.get("frame")
     assert frame["step"] == said["first"] and frame["rate"] == 2.0
     [text] = said["lines"]
     row = int(np.searchsorted(log.step, said["step"]))
@@ -380,7 +387,8 @@ def test_what_its_tables_do_not_confirm_is_told_as_what_happened(learned, monkey
     else:
         without = lambda *given: (p := policy_of(*given))._replace(asks=p.asks & False)  # noqa: E731
         monkeypatch.setattr(moments, "policy_of", without)
-    player, log = Player(learned, step=None), read_run(learned)
+    player = Player(learned, step=None)
+    log = read_run(learned)
     said = player.board.get("learned")
     [text] = said["lines"]
     assert re.match(r"Here robot_[12] asks .*\. Answer: robot_[12] is .*\. robot_[12] .*\.$", text)
@@ -410,7 +418,8 @@ def test_robots_without_a_way_to_a_doorway_do_not_meet_at_it(make):
 
 
 def test_jumps_lead_to_what_matters(learned):
-    player, log = Player(learned), read_run(learned)
+    player = Player(learned)
+    log = read_run(learned)
     player.source._read_through()
     marks = player.board.get("marks")
     met = miscoordinations(log.run.scenario, log.cells)[1:] & (np.diff(log.step) == 1)

@@ -23,7 +23,8 @@ def view(monkeypatch):
     clock = SimpleNamespace(monotonic=lambda: made.time, thread_time=lambda: made.worked)
     monkeypatch.setattr("sparse_coord_ros.look.page.live_source.time", clock)
     made = LiveView(run, Board(), source="live", title="", controls=())
-    made.time, made.worked = 100.0, 0.0
+    made.time = 100.0
+    made.worked = 0.0
     return made
 
 

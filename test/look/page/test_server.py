@@ -229,7 +229,8 @@ async def test_a_slow_page_gets_the_newest_and_nobody_waits_for_it(client, page)
     slow_transport = slow._conn.transport
     slow_transport.pause_reading()  # it stops reading altogether
     async with client.ws_connect("/ws") as quick:
-        began, text = time.monotonic(), "x" * 200_000
+        began = time.monotonic()
+        text = "x" * 200_000
         for number in range(60):
             page.boards[0].put("frame", step=number, text=text)
             await asyncio.sleep(0.005)
@@ -248,7 +249,8 @@ async def test_a_slow_page_gets_the_newest_and_nobody_waits_for_it(client, page)
 async def test_of_too_many_pages_those_without_the_token_give_way(client, page):
     """The oldest first; where all have shown it, a new one is refused."""
     streams = [await client.ws_connect("/ws") for _ in range(MOST_PAGES)]
-    known, hello = streams[:2], {"token": "secret", "do": "hello"}
+    known = streams[:2]
+    hello = {"token": "secret", "do": "hello"}
     for stream in known:
         await stream.send_json(hello)
         while not (await next_of(stream, "hello"))["control"]:
@@ -324,7 +326,8 @@ def test_a_page_that_is_closed_while_it_is_answered_prints_nothing(caplog):
 
 def test_half_sent_requests_use_up_nothing():
     """Each holds a descriptor of the team's process, which then could not save its tables."""
-    server, page = Server(board(), port=0), STREAM
+    server = Server(board(), port=0)
+    page = STREAM
     try:
         with ExitStack() as stack:
 

@@ -44,7 +44,8 @@ def test_both_engines_show_the_same_transitions(name, learner, settings):
     for _ in range(60):
         for engine in (plain, compiled):
             engine.advance(engine.done + 2)
-        seen, other = plain.glimpse(), compiled.glimpse()
+        seen = plain.glimpse()
+        other = compiled.glimpse()
         assert seen == other and plain.done == compiled.done
         assert all(isinstance(one, Action | None) for one in seen.actions)
     assert np.array_equal(plain.asked, compiled.asked)
@@ -58,7 +59,8 @@ class Clock:
     """Time that passes when somebody sleeps."""
 
     def __init__(self):
-        self.now, self.then = 0.0, {}
+        self.now = 0.0
+        self.then = {}
 
     def monotonic(self):
         return self.now
@@ -82,7 +84,8 @@ def clock(monkeypatch):
 
 @pytest.mark.parametrize("every", [0, 50])
 def test_looking_changes_no_bit_and_shows_what_there_is(every, clock):
-    problem, board = scenario(), Board()
+    problem = scenario()
+    board = Board()
     board.pages += 1
     view = TrainingView(make_run(problem, {}), board, title="")
     view.control(Control(RATE, 100.0))
@@ -107,7 +110,8 @@ def test_looking_changes_no_bit_and_shows_what_there_is(every, clock):
     assert [n for n, _ in done.evaluations] == [n for n, _ in alone.evaluations]
     assert 2.8 < clock.now < 3.6  # 300 steps, 100 a second
     assert len(steps) > 60
-    frame, curves = board.get("frame"), board.get("curves")
+    frame = board.get("frame")
+    curves = board.get("curves")
     assert frame["state"] == "finished" and frame["transitions"] == 300
     assert curves["length"] == alone.history.length.tolist()
     assert board.get("tables")["robots"][1]["q_star"][0][COORDINATE] is not None
@@ -121,12 +125,14 @@ def test_the_last_frame_shows_what_was_learned_at_the_end(learner, every, clock)
     Whether a page was open, and though hardly a transition was shown on the way.
     """
     for pages in (0, 1):
-        problem, board = scenario(steps=5000), Board()
+        problem = scenario(steps=5000)
+        board = Board()
         board.pages = pages
         view = TrainingView(make_run(problem, {"learner": learner}), board, title="")
         done = train(problem, learner, 0, evaluate_every=every, trials=2, watcher=view)
         view.end()
-        frame, tables = board.get("frame"), board.get("tables")["robots"]
+        frame = board.get("frame")
+        tables = board.get("tables")["robots"]
         assert (frame["state"], frame["transitions"]) == ("finished", 5000)
         alone = plain_run(problem, learner, 0)
         alone.advance(4999)
@@ -144,7 +150,8 @@ def test_tables_on_the_way_are_of_the_time_step_that_is_reached(clock, monkeypat
     """Not of the transition that was shown last."""
     monkeypatch.setattr(training, "FIRST_PART", 100)
     monkeypatch.setattr(training, "PART_SECONDS", (0.0, 100.0))
-    problem, board = scenario(steps=3000), Board()
+    problem = scenario(steps=3000)
+    board = Board()
     view = TrainingView(make_run(problem, {}), board, title="")
     found = []
 
@@ -174,7 +181,8 @@ def test_a_run_that_is_stopped_is_not_said_to_learn(tmp_path, clock, monkeypatch
     monkeypatch.setattr(TrainingView, "look", interrupted(TrainingView.look))
     with pytest.raises(KeyboardInterrupt):
         train_verb.learn(options, out, run, board)
-    frame, tables = board.get("frame"), board.get("tables")["robots"][0]
+    frame = board.get("frame")
+    tables = board.get("tables")["robots"][0]
     assert frame["state"] == "stopped" and 0 < frame["transitions"] < 100_000
     assert tables["step"] > frame["step"]
 
@@ -193,7 +201,8 @@ def interrupted(look):
 
 
 def test_holding_and_stepping(clock):
-    problem, board = scenario(steps=40), Board()
+    problem = scenario(steps=40)
+    board = Board()
     view = TrainingView(make_run(problem, {}), board, title="")
     view.control(Control(PAUSE, True))
     held = []
@@ -227,7 +236,8 @@ def test_the_last_step_is_made_though_it_cannot_be_shown_apart(clock):
     [(0.0, " past the doorway. Answer: "), (-99.0, "arrive no robot asks another")],
 )
 def test_a_run_without_a_bag_is_shown_by_a_greedy_episode(asking, said, clock):
-    board, run = Board(), make_run(scenario(), {})
+    board = Board()
+    run = make_run(scenario(), {})
     tables = walking(run.scenario, asking)
     view = TrainedView(in_memory(run, tables, blank_history(0, 2)), board)
     assert said in board.get("learned")["lines"][0]
