@@ -38,6 +38,7 @@ study: $(VENV)/runs
 lint: $(VENV)/tests
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/lint-imports --no-cache
 
 types: $(VENV)/tests
 	$(BIN)/mypy

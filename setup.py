@@ -26,11 +26,11 @@ setup(
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
     package_data={
         PACKAGE: ["py.typed"],
-        f"{PACKAGE}.driving": ["*.yaml"],
-        f"{PACKAGE}.experiments.report": ["templates/*"],
-        f"{PACKAGE}.look": ["templates/*"],
-        f"{PACKAGE}.nodes": ["*.yaml"],
-        f"{PACKAGE}.look.page": ["static/*"],
+        f"{PACKAGE}.lab.driving": ["*.yaml"],
+        f"{PACKAGE}.studies.report": ["templates/*"],
+        f"{PACKAGE}.show": ["templates/*"],
+        f"{PACKAGE}.ros.nodes": ["*.yaml"],
+        f"{PACKAGE}.show.page": ["static/*"],
     },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
@@ -40,8 +40,16 @@ setup(
         (
             f"share/{PACKAGE}/config",
             glob("config/*.yaml")
-            + ["config/fastdds.xml", "config/fastdds_one_host.xml", "config/sros2_policy.xml"]
-            + ["config/asking_teams.json", "config/best_teams.json", "config/unseen.json"],
+            + [
+                "config/fastdds.xml",
+                "config/fastdds_one_host.xml",
+                "config/sros2_policy.xml",
+            ]
+            + [
+                "config/asking_teams.json",
+                "config/best_teams.json",
+                "config/unseen.json",
+            ],
         ),
         (f"share/{PACKAGE}/maps", glob("maps/*.txt")),
         (f"share/{PACKAGE}/launch", glob("launch/*.launch.py")),
@@ -88,12 +96,21 @@ setup(
             "rosbags",
             "pymcap-cli",
         ],
-        "lint": ["ruff", "mypy", "types-PyYAML", "types-tqdm", "pandas-stubs"],
+        "lint": [
+            "ruff",
+            "mypy",
+            "import-linter>=2.5",
+            "types-PyYAML",
+            "types-tqdm",
+            "pandas-stubs",
+        ],
         # The documentation as pages (make docs), and how much of the code the tests run.
         "docs": ["sphinx", "myst-nb", "ipykernel", "furo", "sphinx-argparse>=0.5"],
         "coverage": ["pytest-cov"],
         # What is published (make dist).
         "dist": ["build", "twine"],
     },
-    entry_points={"console_scripts": ["sparse_coord = sparse_coord_ros.executables:sparse_coord"]},
+    entry_points={
+        "console_scripts": ["sparse_coord = sparse_coord_ros.executables:sparse_coord"]
+    },
 )

@@ -46,4 +46,6 @@ generate.everything()
 
 asked = ["git", "-C", str(HERE), "remote", "get-url", "origin"]
 place = subprocess.run(asked, capture_output=True, text=True).stdout.strip()
-myst_substitutions = {"repository": place or "the checkout that these pages were built from"}
+myst_substitutions = {
+    "repository": place or "the checkout that these pages were built from"
+}

@@ -18,11 +18,11 @@ import sparse_coord_ros as sc
 from sparse_coord_ros import api
 from sparse_coord_ros.cli.main import make_parser
 from sparse_coord_ros.cli.verbs import VERBS, add_verb
-from sparse_coord_ros.experiments.report.charts import rendered
-from sparse_coord_ros.experiments.report.map_pictures import draw_map
-from sparse_coord_ros.game.plugins import is_shipped
-from sparse_coord_ros.learners.registry import LEARNERS, learner_of
-from sparse_coord_ros.solve.shipped import yardsticks
+from sparse_coord_ros.core.game.plugins import is_shipped
+from sparse_coord_ros.core.learners.registry import LEARNERS, learner_of
+from sparse_coord_ros.core.solve.shipped import yardsticks
+from sparse_coord_ros.studies.report.charts import rendered
+from sparse_coord_ros.studies.report.map_pictures import draw_map
 
 HERE = Path(__file__).parent
 FOLDER = HERE / "generated"
@@ -30,10 +30,21 @@ PENALTIES = (-20.0, -100.0)
 """Those of the paper's tables, and where coordination pays."""
 
 BELOW = {
-    "learners": ("Learners from within", ["learners.learner", "learners.rules", "learners.mind"]),
-    "game": ("The game", ["game.scenario", "game.perception", "game.world", "game.game"]),
-    "measures": ("Measures", ["learn.evaluation", "learn.trials"]),
-    "logs": ("Logs and bags", ["runlog", "bags"]),
+    "learners": (
+        "Learners from within",
+        ["core.learners.learner", "core.learners.rules", "core.learners.mind"],
+    ),
+    "game": (
+        "The game",
+        [
+            "core.game.scenario",
+            "core.game.perception",
+            "core.game.world",
+            "core.game.game",
+        ],
+    ),
+    "measures": ("Measures", ["core.runs.evaluation", "core.runs.trials"]),
+    "logs": ("Logs and bags", ["log.runlog", "log.bags"]),
 }
 """Pages of modules below the names of `sparse_coord_ros`, which they leave out."""
 
@@ -67,7 +78,9 @@ def _table(head, rows, rest="--:"):
 
 def _results():
     """Return what is known of conditions in which nothing but penalty and steps was changed."""
-    frames = [pd.read_csv(HERE / "tables" / f"{name}.csv") for name in ("figure4", "crowd")]
+    frames = [
+        pd.read_csv(HERE / "tables" / f"{name}.csv") for name in ("figure4", "crowd")
+    ]
     found = pd.concat(frames).drop_duplicates("id")
     plain = found.id.str.fullmatch(r"[^/]+/[^/]+/penalty=[^,]+(,steps=\d+)?")
     return found[plain & found.penalty.isin(PENALTIES)]
@@ -75,7 +88,9 @@ def _results():
 
 def _measures(row):
     best = "" if pd.isna(row["exact_reward_mean"]) else "exact_"
-    pairs = ([row[f"{best}{n}_{of}"] for of in ("mean", "standard_error")] for n in MEASURES)
+    pairs = (
+        [row[f"{best}{n}_{of}"] for of in ("mean", "standard_error")] for n in MEASURES
+    )
     return ["{:.2f} ({:.2f})".format(*pair) for pair in pairs]
 
 
@@ -95,7 +110,9 @@ def _scenarios():
     for name in names:
         scenario = sc.load_scenario(name)
         made[f"scenarios/{name}.svg"] = _picture(scenario)
-        made[f"scenarios/{name}.md"] = _scenario(scenario, results[results.scenario == name])
+        made[f"scenarios/{name}.md"] = _scenario(
+            scenario, results[results.scenario == name]
+        )
     text = "Nine are the paper's. The crowds have two to eight robots in one building."
     made["scenarios/index.md"] = f"# Scenarios\n\n{text}\n\n{_contents(names)}"
     return made
@@ -117,7 +134,8 @@ def _scenario(scenario, results):
         "Where it is from": grid.provenance,
         "Cells": f"{len(grid.cells)}, of which {len(grid.doorways)} doorways",
         "Robots": ", ".join(
-            f"{r.name} {grid.cells[r.start]} to {grid.cells[r.goal]}" for r in scenario.robots
+            f"{r.name} {grid.cells[r.start]} to {grid.cells[r.goal]}"
+            for r in scenario.robots
         ),
         "Steps of learning": f"{scenario.steps:,}",
     }
@@ -125,7 +143,8 @@ def _scenario(scenario, results):
     for (penalty, steps), own in results.groupby(["penalty", "steps"], sort=False):
         where = [f"{penalty:g}", f"{steps:,}"]
         rows += [
-            [learner_of(row.learner).title, *where, *_measures(row)] for _, row in own.iterrows()
+            [learner_of(row.learner).title, *where, *_measures(row)]
+            for _, row in own.iterrows()
         ]
     known = []
     for penalty in PENALTIES:
@@ -187,18 +206,23 @@ def _learner(rule, results):
     module = inspect.getmodule(type(rule)).__name__
     facts = {
         "COORDINATE": "it can ask" if rule.asks else "it never asks",
-        "Alone": "each robot learns with no other in the world; not live" if rule.alone else "",
+        "Alone": "each robot learns with no other in the world; not live"
+        if rule.alone
+        else "",
         "Its defaults": ", ".join(f"`{k}={v}`" for k, v in rule.defaults.items()),
     }
     told = f".. automodule:: {module}\n   :no-members:\n   :no-index:"
     rows = [
-        [f"[{row.scenario}](../scenarios/{row.scenario}.md)", f"{row.penalty:g}", f"{row.steps:,}"]
+        [
+            f"[{row.scenario}](../scenarios/{row.scenario}.md)",
+            f"{row.penalty:g}",
+            f"{row.steps:,}",
+        ]
         + _measures(row)
         for _, row in results.iterrows()
     ]
-    learned = (
-        f"## What it learned\n\n{MEANS}\n\n{_table(['scenario', 'penalty', 'steps', *HEAD], rows)}"
-    )
+    table = _table(["scenario", "penalty", "steps", *HEAD], rows)
+    learned = f"## What it learned\n\n{MEANS}\n\n{table}"
     return f"""# {rule.title}
 
 {rule.summary}.
@@ -235,7 +259,9 @@ def _api():
     made = {}
     pages = []
     source = inspect.getsource(api)
-    for title, lists in re.findall(r"^# (.+)\n((?:__all__ \+?= \[.*\]\n)+)", source, re.M):
+    for title, lists in re.findall(
+        r"^# (.+)\n((?:__all__ \+?= \[.*\]\n)+)", source, re.M
+    ):
         page = re.sub(r"\W+", "_", title.lower())
         text = "\n".join(_named(name) for name in re.findall(r'"(\w+)"', lists))
         made[f"api/{page}.md"] = f"# {title}\n\n```{{eval-rst}}\n{text}\n```\n"
@@ -256,7 +282,9 @@ def _named(name):
 def _module(name):
     out = ", ".join(sc.__all__)
     members = (
-        "imported-members" if Path(import_module(name).__file__).stem == "__init__" else "members"
+        "imported-members"
+        if Path(import_module(name).__file__).stem == "__init__"
+        else "members"
     )
     return f".. automodule:: {name}\n   :{members}:\n   :exclude-members: {out}\n"
 

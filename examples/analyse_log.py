@@ -22,7 +22,9 @@ print("identical" if verification.same else f"differs: {verification.first}")
 
 for k, name in enumerate(log.names):
     asked = log.asked[:, k]
-    print(f"{name} asked {asked.sum()} times, {log.perceived[:, k].sum()} answered; most often in")
+    print(
+        f"{name} asked {asked.sum()} times, {log.perceived[:, k].sum()} answered; most often in"
+    )
     cells, counts = np.unique(log.cells[asked, k], return_counts=True)
     for place in np.argsort(-counts)[:3]:
         row, column = log.run.scenario.map.cells[cells[place]]

@@ -12,7 +12,7 @@ On the command line: sparse_coord train env1 --learner expected_sarsa:ExpectedSa
 import sys
 
 import sparse_coord_ros as sc
-from sparse_coord_ros.learners.rules import greatest
+from sparse_coord_ros.core.learners.rules import greatest
 
 
 class ExpectedSarsa(sc.Coop):
@@ -41,4 +41,6 @@ if __name__ == "__main__":
     scenario = sc.load_scenario("env1", penalty=-20, steps=steps)
     for learner in ("coop", "expected_sarsa"):
         training = sc.train(scenario, learner, seed=1)
-        print(f"{learner}: reward {sc.evaluate(training).reward.mean:.1f}, {training.engine}")
+        print(
+            f"{learner}: reward {sc.evaluate(training).reward.mean:.1f}, {training.engine}"
+        )

@@ -48,8 +48,12 @@ class OwnLearningRobot(OwnRobot):
         super().on_run(message)
         for number, name in enumerate(self.run["scenario"]["robots"], start=1):
             if name != self.name and number not in self.peers:
-                self.peers[number] = self.create_client(GetPlan, f"{name}/active_perception")
-                self.peers[number].configure_introspection(self.get_clock(), STEP, CONTENTS)
+                self.peers[number] = self.create_client(
+                    GetPlan, f"{name}/active_perception"
+                )
+                self.peers[number].configure_introspection(
+                    self.get_clock(), STEP, CONTENTS
+                )
 
     def on_state(self, message):
         """Give the reward some time, from when a state is new."""
@@ -69,7 +73,9 @@ class OwnLearningRobot(OwnRobot):
         if self.said or self.deadline is None:
             return
         late = time.monotonic() > self.deadline
-        if self.acted and self.acted[0] == self.step - 1:  # else left out, or a new episode
+        if (
+            self.acted and self.acted[0] == self.step - 1
+        ):  # else left out, or a new episode
             if self.reward:
                 self.learn()
             elif not late:
@@ -116,7 +122,9 @@ class OwnLearningRobot(OwnRobot):
         if self.asked and self.step_of(plan) < self.step:
             self.ask()
         elif self.asked:
-            self.move(plan.poses[0], ANSWERED) if plan.poses else self.move(None, REFUSED)
+            self.move(plan.poses[0], ANSWERED) if plan.poses else self.move(
+                None, REFUSED
+            )
 
     def move(self, seen, percept):
         """Choose a move by the values of this cell, and of the peer's if it was perceived."""
@@ -131,7 +139,11 @@ class OwnLearningRobot(OwnRobot):
         move = random.randrange(4) if random.random() < EPSILON else random.choice(best)
         self.acted = (self.step, place, move)
         self.reward = None
-        said = {"percept": percept, "coordinate": percept != DID_NOT_ASK, "perceived": bool(seen)}
+        said = {
+            "percept": percept,
+            "coordinate": percept != DID_NOT_ASK,
+            "perceived": bool(seen),
+        }
         self.act(**MOVES[move], peer=peer, learned=self.learned, **said)
         self.learned = 0
 
@@ -143,7 +155,9 @@ class OwnLearningRobot(OwnRobot):
         """Go back to a checkpoint, and hear nothing more of what is taken back."""
         if step in self.checkpoints:
             vars(self).update(copy.deepcopy(self.checkpoints[step]))
-            self.checkpoints = {k: kept for k, kept in self.checkpoints.items() if k <= step}
+            self.checkpoints = {
+                k: kept for k, kept in self.checkpoints.items() if k <= step
+            }
             self.said = self.acted = self.asked = self.deadline = None
             self.destroy_subscription(self.rewards)
             self.destroy_subscription(self.states)

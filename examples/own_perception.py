@@ -25,6 +25,10 @@ sc.register_perception("fog", fog)
 if __name__ == "__main__":
     steps = int(sys.argv[1]) if len(sys.argv) > 1 else 50_000
     for perception in ("always", "fog:4", "fog:1"):
-        scenario = sc.load_scenario("env1", penalty=-100, steps=steps, perception=perception)
+        scenario = sc.load_scenario(
+            "env1", penalty=-100, steps=steps, perception=perception
+        )
         result = sc.evaluate(sc.train(scenario, seed=2))
-        print(f"{perception}: reward {result.reward.mean:.1f}, asks {result.asks.mean:.2f}")
+        print(
+            f"{perception}: reward {result.reward.mean:.1f}, asks {result.asks.mean:.2f}"
+        )

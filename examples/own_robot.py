@@ -70,11 +70,18 @@ class OwnRobot(Node):
         values = {one.key: one.value for one in message.values}
         if not self.run or not self.map or values["run"] != self.run["id"]:
             return
-        if not self.states and self.action.get_subscription_count() > self.run["recorded"]:
+        if (
+            not self.states
+            and self.action.get_subscription_count() > self.run["recorded"]
+        ):
             self.listen()
             self.say_progress()
         order, step, _ = values["rollback"].split() or (self.obeyed, -1, 0)
-        if self.states and order != self.obeyed and int(step) in (-1, *self.checkpoints):
+        if (
+            self.states
+            and order != self.obeyed
+            and int(step) in (-1, *self.checkpoints)
+        ):
             self.obeyed = order
             self.go_back(int(step))
             self.say_progress()
@@ -82,8 +89,12 @@ class OwnRobot(Node):
 
     def listen(self):
         """Hear the world; without this it does not begin."""
-        self.rewards = self.create_subscription(JointState, "~/reward", self.on_reward, STEP)
-        self.states = self.create_subscription(PoseStamped, "~/local_state", self.on_state, STEP)
+        self.rewards = self.create_subscription(
+            JointState, "~/reward", self.on_reward, STEP
+        )
+        self.states = self.create_subscription(
+            PoseStamped, "~/local_state", self.on_state, STEP
+        )
 
     def go_back(self, step):
         """Stay: it keeps no checkpoints, and is asked only where it is (step -1)."""
@@ -91,7 +102,11 @@ class OwnRobot(Node):
     def say_progress(self):
         """Say where this robot is, and to which time steps it can go back."""
         checkpoints = " ".join(map(str, self.checkpoints))
-        said = {"life": self.life, "step": max(self.step, 0), "transitions": self.transitions}
+        said = {
+            "life": self.life,
+            "step": max(self.step, 0),
+            "transitions": self.transitions,
+        }
         said |= {"checkpoints": checkpoints, "obeyed": self.obeyed, "resumed": 0}
         values = [KeyValue(key=key, value=str(value)) for key, value in said.items()]
         self.progress.publish(DiagnosticStatus(values=values))

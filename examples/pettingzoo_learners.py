@@ -15,8 +15,8 @@ from open_spiel.python.algorithms.tabular_qlearner import QLearner
 from open_spiel.python.rl_environment import StepType, TimeStep
 
 import sparse_coord_ros as sc
-from sparse_coord_ros.game.actions import COORDINATE
-from sparse_coord_ros.pettingzoo_env import parallel_env
+from sparse_coord_ros.core.game.actions import COORDINATE
+from sparse_coord_ros.core.pettingzoo_env import parallel_env
 
 MEASURES = ("reward", "miscoordinations", "asks", "arrived")
 STEP_SIZE = 0.1
@@ -41,7 +41,10 @@ class Robot(QLearner):
         allowed = np.flatnonzero(seen["action_mask"]).tolist()
         if not self.asks:
             allowed = [action for action in allowed if action != COORDINATE]
-        state = {"info_state": [seen["observation"].tolist()], "legal_actions": [allowed]}
+        state = {
+            "info_state": [seen["observation"].tolist()],
+            "legal_actions": [allowed],
+        }
         now = TimeStep(state, [reward], None, StepType.MID)
         return self.step(now, is_evaluation=not learns).action
 
@@ -59,7 +62,9 @@ def learn(scenario, asks, seed):
     """Return the robots of one run, which have learned for the scenario's steps."""
     np.random.seed(seed)  # OpenSpiel's learners draw from NumPy's global generator
     env = parallel_env(scenario, starts="protocol")
-    robots = {n: Robot(scenario.steps, scenario.discount, asks) for n in env.possible_agents}
+    robots = {
+        n: Robot(scenario.steps, scenario.discount, asks) for n in env.possible_agents
+    }
     done = 0
     seen, _ = env.reset(seed=seed)
     while done < scenario.steps:
@@ -73,7 +78,9 @@ def learn(scenario, asks, seed):
             for name in acts:
                 if arrived[name]:
                     robots[name].arrive(seen[name], rewards[name])
-            acts = {n: robots[n].choose(seen[n], rewards[n], half=half) for n in env.agents}
+            acts = {
+                n: robots[n].choose(seen[n], rewards[n], half=half) for n in env.agents
+            }
         seen, _ = env.reset()
     return robots
 
@@ -92,7 +99,9 @@ def play(scenario, robots, trials):
             sums["asks"] += sum(a == COORDINATE for a in acts.values()) / len(robots)
             if not any(info["half_step"] for info in infos.values()):
                 sums["reward"] += worth * sum(rewards.values()) / len(robots)
-                sums["miscoordinations"] += any(i["miscoordination"] for i in infos.values())
+                sums["miscoordinations"] += any(
+                    i["miscoordination"] for i in infos.values()
+                )
                 goals += sum(arrived.values())
                 worth *= scenario.discount
         sums["arrived"] += goals == len(robots)
@@ -104,13 +113,20 @@ def main(steps=20_000, runs=20, trials=1000):
     """Print means and standard errors over the runs."""
     scenario = sc.load_scenario("env1", penalty=-100, steps=steps)
     results = {}
-    for title, asks in (("OpenSpiel Q-learner", False), ("OpenSpiel Q-learner, asks", True)):
+    for title, asks in (
+        ("OpenSpiel Q-learner", False),
+        ("OpenSpiel Q-learner, asks", True),
+    ):
         teams = (learn(scenario, asks, seed) for seed in range(runs))
         results[title] = [play(scenario, robots, trials) for robots in teams]
     for learner in ("noncoop", "coop", "factored"):
         many = sc.train_many(scenario, learner, runs=runs, trials=trials)
-        results[f"ours: {learner}"] = many.to_pandas()[list(MEASURES)].to_dict("records")
-    print(f"| env1, penalty -100, {steps} steps, {runs} runs | {' | '.join(MEASURES)} |")
+        results[f"ours: {learner}"] = many.to_pandas()[list(MEASURES)].to_dict(
+            "records"
+        )
+    print(
+        f"| env1, penalty -100, {steps} steps, {runs} runs | {' | '.join(MEASURES)} |"
+    )
     print("|---" * 5 + "|")
     for title, rows in results.items():
         cells = []

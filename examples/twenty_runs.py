@@ -9,13 +9,21 @@ import sparse_coord_ros as sc
 
 def main() -> None:
     """Learn on all cores, then compare the learners."""
-    steps, runs = [int(text) for text in sys.argv[1:]] + [20_000, 20][len(sys.argv) - 1 :]
+    steps, runs = [int(text) for text in sys.argv[1:]] + [20_000, 20][
+        len(sys.argv) - 1 :
+    ]
     scenario = sc.load_scenario("env1", penalty=-100, steps=steps)
     swept = sc.sweep(scenario, {"learner": ["noncoop", "coop"]}, runs=runs, trials=200)
     frame = swept.to_pandas(by_run=True)
-    print(frame.groupby("learner")[["reward", "miscoordinations", "asks"]].agg(["mean", "std"]))
+    print(
+        frame.groupby("learner")[["reward", "miscoordinations", "asks"]].agg(
+            ["mean", "std"]
+        )
+    )
     frame.to_csv("twenty_runs.csv", index=False)
 
 
-if __name__ == "__main__":  # plain Python learns in processes, which import this file again
+if (
+    __name__ == "__main__"
+):  # plain Python learns in processes, which import this file again
     main()

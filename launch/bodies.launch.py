@@ -8,13 +8,15 @@ owns the clock, as simulators do: poses and transforms have its time, not that o
 
 from dataclasses import replace
 
-from sparse_coord_ros.errors import SettingError
-from sparse_coord_ros.game.settings import Setting
-from sparse_coord_ros.launching import ARGUMENTS, description
-from sparse_coord_ros.learn.run_config import NO_CLOCK, OWN_CLOCK
-from sparse_coord_ros.nodes.parameters import PARAMETERS
+from sparse_coord_ros.base.errors import SettingError
+from sparse_coord_ros.core.game.settings import Setting
+from sparse_coord_ros.core.runs.run_config import NO_CLOCK, OWN_CLOCK
+from sparse_coord_ros.ros.launching import ARGUMENTS, description
+from sparse_coord_ros.ros.nodes.parameters import PARAMETERS
 
-WORLD, DRIVER, BODY = (PARAMETERS[node] for node in ("world_simulator", "driver", "body"))
+WORLD, DRIVER, BODY = (
+    PARAMETERS[node] for node in ("world_simulator", "driver", "body")
+)
 OF_DRIVER = ("radius", "speed", "turn", "step_seconds", "pose_type")
 OF_BODY = ("radius", "body_rate", "paths")
 OWN = {
@@ -39,7 +41,11 @@ def start(team):
     team.sim_time = team.given.get("use_sim_time", body_clock)
     team.add_team(bodies=True, **team.of(["slips"]))
     for robot in team.scenario.robots:
-        team.add("driver", {**team.of(OF_DRIVER), "robot": robot.name}, f"{robot.name}_driver")
+        team.add(
+            "driver",
+            {**team.of(OF_DRIVER), "robot": robot.name},
+            f"{robot.name}_driver",
+        )
     if team.get("simulate"):
         team.add("body", {**team.of(OF_BODY), "body_clock": body_clock})
     team.add_views()

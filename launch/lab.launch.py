@@ -8,12 +8,12 @@ robot's name, as Nav2's own launch files have it.
 
 from dataclasses import replace
 
-from sparse_coord_ros.game.scenario import SETTINGS
-from sparse_coord_ros.game.settings import Setting
-from sparse_coord_ros.launching import ARGUMENTS, description, one_for_each
-from sparse_coord_ros.learn.run_config import NO_CLOCK
-from sparse_coord_ros.nodes.parameters import PARAMETERS
-from sparse_coord_ros.nodes.transforms import TF, TF_STATIC
+from sparse_coord_ros.core.game.scenario import SETTINGS
+from sparse_coord_ros.core.game.settings import Setting
+from sparse_coord_ros.core.runs.run_config import NO_CLOCK
+from sparse_coord_ros.ros.launching import ARGUMENTS, description, one_for_each
+from sparse_coord_ros.ros.nodes.parameters import PARAMETERS
+from sparse_coord_ros.ros.nodes.transforms import TF, TF_STATIC
 
 WORLD = PARAMETERS["world_simulator"]
 TABLE = PARAMETERS["nav2_driver"]
@@ -27,7 +27,9 @@ OWN = {
         "namespaces of the robots' Nav2, in the scenario's order, separated by commas; empty: the "
         "robots' names",
     ),
-    "base_frame": Setting("base_frame", str, "base_link", "of each body in its own /NAMESPACE/tf"),
+    "base_frame": Setting(
+        "base_frame", str, "base_link", "of each body in its own /NAMESPACE/tf"
+    ),
     "clock": replace(WORLD["clock"], default=NO_CLOCK),
     "slips": replace(WORLD["slips"], default=False),
     "epsilon": replace(

@@ -8,13 +8,13 @@ docs/real_robots.md. Give both the same `scenario` and `robots`.
 
 from launch_ros.actions import Node
 
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.game.settings import Setting
-from sparse_coord_ros.launching import ARGUMENTS, described, one_for_each, typed
-from sparse_coord_ros.learn.run_config import make_run
-from sparse_coord_ros.nodes.parameters import PARAMETERS
-from sparse_coord_ros.share import PACKAGE
-from sparse_coord_ros.wire.frame import Frame
+from sparse_coord_ros.base.share import PACKAGE
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.game.settings import Setting
+from sparse_coord_ros.core.runs.run_config import make_run
+from sparse_coord_ros.protocol.wire.frame import Frame
+from sparse_coord_ros.ros.launching import ARGUMENTS, described, one_for_each, typed
+from sparse_coord_ros.ros.nodes.parameters import PARAMETERS
 
 STAND_IN = PARAMETERS["nav2_stand_in"]
 OWN = {
@@ -41,7 +41,9 @@ def start(given, context):
         **{name: values[name] for name in ("speed", "fault") if name in values},
     }
     executable = "nav2_stand_in"
-    return [Node(package=PACKAGE, executable=executable, parameters=[said], output="screen")]
+    return [
+        Node(package=PACKAGE, executable=executable, parameters=[said], output="screen")
+    ]
 
 
 def generate_launch_description():

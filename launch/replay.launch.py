@@ -6,9 +6,9 @@ from dataclasses import replace
 
 from launch_ros.actions import Node
 
-from sparse_coord_ros.launching import described, typed
-from sparse_coord_ros.nodes.parameters import PARAMETERS
-from sparse_coord_ros.share import PACKAGE
+from sparse_coord_ros.base.share import PACKAGE
+from sparse_coord_ros.ros.launching import described, typed
+from sparse_coord_ros.ros.nodes.parameters import PARAMETERS
 
 PLAYER = PARAMETERS["player"]
 ARGUMENTS = {
@@ -20,7 +20,9 @@ ARGUMENTS = {
 def start(given, context):
     """Start the player."""
     values = typed(ARGUMENTS, given)
-    return [Node(package=PACKAGE, executable="player", parameters=[values], output="screen")]
+    return [
+        Node(package=PACKAGE, executable="player", parameters=[values], output="screen")
+    ]
 
 
 def generate_launch_description():

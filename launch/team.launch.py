@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A team, every node in its own process: `ros2 launch sparse_coord_ros team.launch.py`."""
 
-from sparse_coord_ros.launching import ARGUMENTS, description
+from sparse_coord_ros.ros.launching import ARGUMENTS, description
 
 
 def start(team):

@@ -16,7 +16,7 @@ from importlib import import_module
 from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
-from sparse_coord_ros.version import __version__ as __version__
+from sparse_coord_ros.base.version import __version__ as __version__
 
 if TYPE_CHECKING:
     from sparse_coord_ros.api import *  # noqa: F403 - it says what its names are
@@ -24,7 +24,9 @@ if TYPE_CHECKING:
 
 def __getattr__(name: str) -> object:
     """Load the API when one of its names is first used (PEP 562)."""
-    if name == "__all__" or not (name.startswith("_") or find_spec(f"{__name__}.{name}")):
+    if name == "__all__" or not (
+        name.startswith("_") or find_spec(f"{__name__}.{name}")
+    ):
         api = import_module(f"{__name__}.api")
         if name in ("__all__", *api.__all__):
             return globals().setdefault(name, getattr(api, name))

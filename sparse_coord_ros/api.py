@@ -16,66 +16,77 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sparse_coord_ros.dataframes import data_frame, shown_as
-from sparse_coord_ros.engine.batch import run_batch
-from sparse_coord_ros.engine.cluster import SchedulerLike, check_place, cluster_at
-from sparse_coord_ros.engine.improve import Improvement
-from sparse_coord_ros.engine.improve import improve as plan
-from sparse_coord_ros.engine.trained import Training
-from sparse_coord_ros.engine.training import train
-from sparse_coord_ros.errors import (
+from sparse_coord_ros.base.dataframes import data_frame, shown_as
+from sparse_coord_ros.base.errors import (
     SparseCoordError,
     TablesError,
     check_argument,
     check_function,
     wrong_argument,
 )
-from sparse_coord_ros.experiments.benchmark import Benchmark, Standing, benchmark
-from sparse_coord_ros.experiments.catalogue import experiment_names
-from sparse_coord_ros.experiments.conditions import make_condition
-from sparse_coord_ros.experiments.runner import (
-    ExperimentResults,
-    Progress,
-    no_progress,
-    run_experiment,
-    warn,
-)
-from sparse_coord_ros.experiments.store import RUNS, SUMS, TRIALS_OR_NONE, Plan, Say
-from sparse_coord_ros.files import path_argument
-from sparse_coord_ros.game.perception import perception_model, register_perception
-from sparse_coord_ros.game.plugins import allow_modules, allow_named
-from sparse_coord_ros.game.scenario import (
+from sparse_coord_ros.base.files import path_argument
+from sparse_coord_ros.core.engine.batch import run_batch
+from sparse_coord_ros.core.engine.cluster import SchedulerLike, check_place, cluster_at
+from sparse_coord_ros.core.engine.improve import Improvement
+from sparse_coord_ros.core.engine.improve import improve as plan
+from sparse_coord_ros.core.engine.trained import Training
+from sparse_coord_ros.core.engine.training import train
+from sparse_coord_ros.core.game.perception import perception_model, register_perception
+from sparse_coord_ros.core.game.plugins import allow_modules, allow_named
+from sparse_coord_ros.core.game.scenario import (
     Scenario,
     ScenarioLike,
     load_scenario,
     loaded,
     scenario_names,
 )
-from sparse_coord_ros.game.world import RewardWeights
-from sparse_coord_ros.learn import evaluation, run_config
-from sparse_coord_ros.learn.evaluation import Evaluation
-from sparse_coord_ros.learn.history import History, load_history
-from sparse_coord_ros.learn.run_config import RUN_SETTINGS, RunConfig
-from sparse_coord_ros.learn.tables import load_team
-from sparse_coord_ros.learners.baselines import NonCoop
-from sparse_coord_ros.learners.coop import Coop
-from sparse_coord_ros.learners.cq import CQ
-from sparse_coord_ros.learners.factored import Factored
-from sparse_coord_ros.learners.learner import Learner
-from sparse_coord_ros.learners.registry import LearnerLike, chosen_learner, register_learner
-from sparse_coord_ros.learners.tables import Tables
-from sparse_coord_ros.solve import exact
-from sparse_coord_ros.solve.asking_search import find_asking_team
-from sparse_coord_ros.solve.exact import ExactEvaluation
-from sparse_coord_ros.solve.joint_mdp import JointMDP, joint_mdp
-from sparse_coord_ros.solve.optimum import joint_optimum as optimum
-from sparse_coord_ros.solve.reference import shortest_path_reference as shortest_paths
-from sparse_coord_ros.solve.shipped import AskingTeam, RobotPolicy, shipped_asking_team
+from sparse_coord_ros.core.game.world import RewardWeights
+from sparse_coord_ros.core.learners.baselines import NonCoop
+from sparse_coord_ros.core.learners.coop import Coop
+from sparse_coord_ros.core.learners.cq import CQ
+from sparse_coord_ros.core.learners.factored import Factored
+from sparse_coord_ros.core.learners.learner import Learner
+from sparse_coord_ros.core.learners.registry import (
+    LearnerLike,
+    chosen_learner,
+    register_learner,
+)
+from sparse_coord_ros.core.learners.tables import Tables
+from sparse_coord_ros.core.runs import evaluation, run_config
+from sparse_coord_ros.core.runs.evaluation import Evaluation
+from sparse_coord_ros.core.runs.history import History, load_history
+from sparse_coord_ros.core.runs.run_config import RUN_SETTINGS, RunConfig
+from sparse_coord_ros.core.runs.tables import load_team
+from sparse_coord_ros.core.solve import exact
+from sparse_coord_ros.core.solve.asking_search import find_asking_team
+from sparse_coord_ros.core.solve.exact import ExactEvaluation
+from sparse_coord_ros.core.solve.joint_mdp import JointMDP, joint_mdp
+from sparse_coord_ros.core.solve.optimum import joint_optimum as optimum
+from sparse_coord_ros.core.solve.reference import (
+    shortest_path_reference as shortest_paths,
+)
+from sparse_coord_ros.core.solve.shipped import (
+    AskingTeam,
+    RobotPolicy,
+    shipped_asking_team,
+)
+from sparse_coord_ros.studies.benchmark import Benchmark, benchmark
+from sparse_coord_ros.studies.catalogue import experiment_names
+from sparse_coord_ros.studies.conditions import make_condition
+from sparse_coord_ros.studies.runner import (
+    ExperimentResults,
+    Progress,
+    no_progress,
+    run_experiment,
+    warn,
+)
+from sparse_coord_ros.studies.standings import Standing
+from sparse_coord_ros.studies.store import RUNS, SUMS, TRIALS_OR_NONE, Plan, Say
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from sparse_coord_ros.runlog import RunLog, Verification
+    from sparse_coord_ros.log.runlog import RunLog, Verification
 
 # Scenarios
 __all__ = ["load_scenario", "scenario_names", "Scenario"]
@@ -133,7 +144,9 @@ class Runs:
 
     def _repr_html_(self) -> str:
         """Return the same for a notebook, and the pictures of the first run."""
-        return shown_as(self._head, self._measures, markup=True) + _in_html(self.runs[0])
+        return shown_as(self._head, self._measures, markup=True) + _in_html(
+            self.runs[0]
+        )
 
     @property
     def _head(self) -> str:
@@ -151,7 +164,9 @@ class Runs:
         """
         said = {"scenario": self.scenario.name, "learner": self.learner}
         every = {**said, **self.scenario.plain_settings}
-        return data_frame({**{n: [v] * len(self) for n, v in every.items()}, **self._measures})
+        return data_frame(
+            {**{n: [v] * len(self) for n, v in every.items()}, **self._measures}
+        )
 
     @property
     def _measures(self) -> dict[str, Sequence[object]]:
@@ -159,7 +174,9 @@ class Runs:
         played = [run.trials for run in self.runs if run.trials is not None]
         if played:
             for name in SUMS:
-                columns[name] = [float(np.mean(getattr(trials, name))) for trials in played]
+                columns[name] = [
+                    float(np.mean(getattr(trials, name))) for trials in played
+                ]
             columns["arrived"] = [float(t.arrived.all(axis=1).mean()) for t in played]
         return columns
 
@@ -221,12 +238,14 @@ class SavedRun:
 
 def _in_html(run: "Training | SavedRun") -> str:
     """Return a run as notebooks show it."""
-    from sparse_coord_ros.look.figures import in_html
-    from sparse_coord_ros.look.sources import in_memory, open_shown
+    from sparse_coord_ros.show.figures import in_html
+    from sparse_coord_ros.show.sources import in_memory, open_shown
 
     if isinstance(run, SavedRun):
         return in_html(repr(run), open_shown(run.directory))
-    config = run_config.make_run(run.scenario, {"seed": run.seed, "learner": run.learner})
+    config = run_config.make_run(
+        run.scenario, {"seed": run.seed, "learner": run.learner}
+    )
     return in_html(repr(run), in_memory(config, run.tables, run.history))
 
 
@@ -394,7 +413,7 @@ def evaluate_exact(
 def __getattr__(name: str) -> object:
     """Load what reads logs when its names are first used: it takes as long as all the rest."""
     if name in ("RunLog", "Verification"):
-        return getattr(import_module("sparse_coord_ros.runlog"), name)
+        return getattr(import_module("sparse_coord_ros.log.runlog"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
@@ -411,7 +430,7 @@ def read_log(bag: str | Path, *, allow: str | Iterable[str] = ()) -> "RunLog":
         RunError: `bag` is no path.
         SettingError: its learner or its perception model is missing here.
     """
-    from sparse_coord_ros.runlog import read_run
+    from sparse_coord_ros.log.runlog import read_run
 
     allow_modules(allow)
     return read_run(path_argument("bag", bag))
@@ -429,7 +448,7 @@ def verify(bag: str | Path, *, allow: str | Iterable[str] = ()) -> "Verification
     Raises:
         BagError, RunError, SettingError: as `read_log`.
     """
-    from sparse_coord_ros import runlog
+    from sparse_coord_ros.log import runlog
 
     allow_modules(allow)
     return runlog.verify(path_argument("bag", bag))
@@ -516,7 +535,9 @@ def _learned(
         tables = run.tables
         own = run.scenario
         learner = learner or run.learner
-    if not isinstance(tables, list | tuple) or not all(isinstance(one, Tables) for one in tables):
+    if not isinstance(tables, list | tuple) or not all(
+        isinstance(one, Tables) for one in tables
+    ):
         allowed = (
             "a Training, a SavedRun, its directory, or a list of the robots' Tables (of many "
             "runs, one: runs[0])"
@@ -527,5 +548,7 @@ def _learned(
         own = loaded(scenario)
         own = own if rule is None else rule.with_defaults(own)
     if own is None:
-        raise TablesError("tables alone do not say their scenario; give evaluate(scenario=...)")
+        raise TablesError(
+            "tables alone do not say their scenario; give evaluate(scenario=...)"
+        )
     return own, tables, rule

@@ -15,15 +15,20 @@ import sys
 from pathlib import Path
 from typing import NoReturn
 
-from sparse_coord_ros.errors import EXIT_BAD_INPUT, EXIT_INTERRUPTED, RunError, SparseCoordError
-from sparse_coord_ros.signals import STOPPING
+from sparse_coord_ros.base.errors import (
+    EXIT_BAD_INPUT,
+    EXIT_INTERRUPTED,
+    RunError,
+    SparseCoordError,
+)
+from sparse_coord_ros.base.signals import STOPPING
 
 COMMAND_LINE = "sparse_coord"
 NODES = (
     *("world_simulator", "robot", "recorder", "team", "watch", "player"),
     *("driver", "nav2_driver", "nav2_stand_in", "body"),
 )
-"""Executables; each is the module of its name in `sparse_coord_ros.nodes`."""
+"""Executables; each is the module of its name in `sparse_coord_ros.ros.nodes`."""
 
 
 def sparse_coord() -> int:
@@ -49,7 +54,9 @@ def check_middleware() -> None:
     folders = [Path(sys.prefix) / "lib"]
     folders += map(Path, os.environ.get("LD_LIBRARY_PATH", "").split(":"))
     if name and not any((folder / f"lib{name}.so").exists() for folder in folders):
-        raise RunError(f"RMW_IMPLEMENTATION is {name!r}, which is not installed; unset it")
+        raise RunError(
+            f"RMW_IMPLEMENTATION is {name!r}, which is not installed; unset it"
+        )
 
 
 def main(name: str) -> int:
@@ -60,7 +67,9 @@ def main(name: str) -> int:
     """
     is_node = name != COMMAND_LINE
     is_live = is_node or runs_nodes(sys.argv[1:2])
-    module = f"sparse_coord_ros.nodes.{name}" if is_node else "sparse_coord_ros.cli.main"
+    module = (
+        f"sparse_coord_ros.ros.nodes.{name}" if is_node else "sparse_coord_ros.cli.main"
+    )
 
     def leave(number: int, frame: object) -> NoReturn:
         # An exception could be lost: rclpy takes one in its import for a missing library.
@@ -72,9 +81,12 @@ def main(name: str) -> int:
     before = {
         number: signal.signal(number, leave)
         for number in STOPPING
-        if signal.getsignal(number) != signal.SIG_IGN  # nohup: a closed terminal is no matter
+        if signal.getsignal(number)
+        != signal.SIG_IGN  # nohup: a closed terminal is no matter
     }
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, before)  # whoever started this may hold them back
+    signal.pthread_sigmask(
+        signal.SIG_UNBLOCK, before
+    )  # whoever started this may hold them back
     try:
         if is_live:
             check_middleware()
@@ -91,6 +103,9 @@ def main(name: str) -> int:
 if __name__ == "__main__":
     known = (COMMAND_LINE, *NODES)
     if len(sys.argv) < 2 or sys.argv[1] not in known:
-        print(f"error: give the name of an executable: {', '.join(known)}", file=sys.stderr)
+        print(
+            f"error: give the name of an executable: {', '.join(known)}",
+            file=sys.stderr,
+        )
         sys.exit(EXIT_BAD_INPUT)
     sys.exit(main(sys.argv.pop(1)))

@@ -46,7 +46,10 @@ class Browser:
         self._profile = tempfile.mkdtemp(prefix="sparse_coord_browser_")
         command = [path, *FLAGS, f"--user-data-dir={self._profile}", "about:blank"]
         self._process = subprocess.Popen(
-            command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
+            command,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
         )
         self._loop = asyncio.new_event_loop()
         self._number = 0
@@ -80,7 +83,9 @@ class Browser:
             json.dumps({"id": self._number, "method": method, "params": parameters})
         )
         while True:
-            message = json.loads(await self._socket.receive_str(timeout=PATIENCE_SECONDS))
+            message = json.loads(
+                await self._socket.receive_str(timeout=PATIENCE_SECONDS)
+            )
             self._note(message)
             if message.get("id") == self._number:
                 if "error" in message:
@@ -92,8 +97,13 @@ class Browser:
         said = message.get("params", {})
         if message.get("method") == "Runtime.exceptionThrown":
             details = said["exceptionDetails"]
-            self.problems.append(details.get("exception", {}).get("description", details["text"]))
-        elif message.get("method") == "Log.entryAdded" and said["entry"]["level"] == "error":
+            self.problems.append(
+                details.get("exception", {}).get("description", details["text"])
+            )
+        elif (
+            message.get("method") == "Log.entryAdded"
+            and said["entry"]["level"] == "error"
+        ):
             self.problems.append(said["entry"]["text"])
 
     def ask(self, method: str, **parameters: Any) -> dict[str, Any]:
@@ -142,14 +152,18 @@ class Browser:
                 return found
             if time.monotonic() > deadline:
                 text = self.value("document.body?.innerText?.slice(0, 2000)")
-                raise AssertionError(f"still not {expression}; problems {self.problems}; {text}")
+                raise AssertionError(
+                    f"still not {expression}; problems {self.problems}; {text}"
+                )
             self._loop.run_until_complete(asyncio.sleep(0.03))
 
     def press(self, key: str, code: str = "", text: str = "") -> None:
         """Press a key."""
         for kind in ("keyDown", "keyUp"):
             more = {"text": text} if text and kind == "keyDown" else {}
-            self.ask("Input.dispatchKeyEvent", type=kind, key=key, code=code or key, **more)
+            self.ask(
+                "Input.dispatchKeyEvent", type=kind, key=key, code=code or key, **more
+            )
 
     def close(self) -> None:
         """End the browser and remove its profile."""

@@ -32,11 +32,11 @@ from typing import NamedTuple
 import strangers
 from live_teams import command, node_words, odd_counts, same_tables
 
-from sparse_coord_ros.bags.reader import BAG_DIRECTORY
+from sparse_coord_ros.base.errors import SparseCoordError
 from sparse_coord_ros.cli.live import sole_team
-from sparse_coord_ros.errors import SparseCoordError
-from sparse_coord_ros.runlog import verify
-from sparse_coord_ros.wire import RECORDER, WORLD
+from sparse_coord_ros.log.bags.reader import BAG_DIRECTORY
+from sparse_coord_ros.log.runlog import verify
+from sparse_coord_ros.protocol.wire import RECORDER, WORLD
 
 ROBOTS = ("robot_1", "robot_2")
 NODES = (WORLD, *ROBOTS, RECORDER)
@@ -99,7 +99,9 @@ def plan_of(seed: int) -> Plan:
     faults = []
     kind = chance.choice((KILL, KILL, KILL, "continue", "continue", DELETE, VISIT, LIE))
     for _ in range(2 if kind == "continue" else chance.choice((1, 1, 2, 3))):
-        who = chance.choice((*((node,) for node in NODES), *((node,) for node in NODES), NODES))
+        who = chance.choice(
+            (*((node,) for node in NODES), *((node,) for node in NODES), NODES)
+        )
         what = KILL
         seconds = chance.choice((0.0, chance.uniform(0.0, 2.0)))
         if len(who) == 1 and kind != "continue" and chance.random() < 0.3:
@@ -154,7 +156,9 @@ class Team:
                 "percept_timeout": 20.0,
             }
         out = self.out / BAG_DIRECTORY if name == RECORDER else self.out
-        words = command("robot" if name in ROBOTS else name, *node_words(name, out=out, **given))
+        words = command(
+            "robot" if name in ROBOTS else name, *node_words(name, out=out, **given)
+        )
         with (self._folder / "log").open("ab") as log:
             self.running[name] = subprocess.Popen(
                 words, stdout=log, stderr=log, start_new_session=True
@@ -205,16 +209,28 @@ class Team:
             return
         if fault.what in STRANGERS:
             with (self._folder / "stranger").open("ab") as log:
-                words = [strangers.__file__, "--seed", str(self._seed), *STRANGERS[fault.what]]
-                stranger = subprocess.Popen([sys.executable, *words], stdout=log, stderr=log)
+                words = [
+                    strangers.__file__,
+                    "--seed",
+                    str(self._seed),
+                    *STRANGERS[fault.what],
+                ]
+                stranger = subprocess.Popen(
+                    [sys.executable, *words], stdout=log, stderr=log
+                )
             time.sleep(fault.seconds)
             stranger.terminate()
             stranger.wait()
         elif fault.what == DELETE:
-            gone = self.out.rename(self._folder / "deleted")  # at once, whoever writes into it
+            gone = self.out.rename(
+                self._folder / "deleted"
+            )  # at once, whoever writes into it
             shutil.rmtree(gone)
         elif fault.what == STOP:
-            for number, pause in ((signal.SIGSTOP, fault.seconds), (signal.SIGCONT, 0.0)):
+            for number, pause in (
+                (signal.SIGSTOP, fault.seconds),
+                (signal.SIGCONT, 0.0),
+            ):
                 for name in alive:
                     self.running[name].send_signal(number)
                 time.sleep(pause)
@@ -243,9 +259,15 @@ def one_run(seed: int, folder: Path) -> tuple[Plan, list[str]]:
         wrong.append(str(error))
     finally:
         team.kill(list(team.running))
-    late = "node recorder heard of no world simulator" in team.log  # it came after the run's end
-    rescued = (team.out / f"{BAG_DIRECTORY}_rescued").exists()  # it says so, and ends with 2
-    codes = [(n, c) for n, c in team.codes if c and not ((late or rescued) and n == RECORDER)]
+    late = (
+        "node recorder heard of no world simulator" in team.log
+    )  # it came after the run's end
+    rescued = (
+        team.out / f"{BAG_DIRECTORY}_rescued"
+    ).exists()  # it says so, and ends with 2
+    codes = [
+        (n, c) for n, c in team.codes if c and not ((late or rescued) and n == RECORDER)
+    ]
     wrong += [f"{name} ended with exit code {code}" for name, code in codes]
     if "Traceback" in team.log:
         wrong.append("a traceback")
@@ -262,10 +284,14 @@ def judge(plan: Plan, out: Path) -> list[str]:
     except SparseCoordError as error:
         return [str(error)]
     struck = {fault.what for fault in plan.faults if RECORDER in fault.who}
-    if VISIT not in struck and not alone:  # a stranger's words, and runs that nobody can compute
+    if (
+        VISIT not in struck and not alone
+    ):  # a stranger's words, and runs that nobody can compute
         wrong += [f"verify: {one}" for one in found.differences[:2]]
         if not struck & {KILL, STOP}:
-            wrong += [f"verify does not compare steps {one}" for one in found.not_compared]
+            wrong += [
+                f"verify does not compare steps {one}" for one in found.not_compared
+            ]
     # Fast DDS may leave a process deaf that stood still for more than a second.
     if STOP not in struck and not alone:
         wrong += [f"verify is open about {one}" for one in found.open[:1]]
@@ -290,7 +316,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             told = "; ".join(map(str, plan.faults))
             what = f"{plan.steps} steps, saved each {plan.checkpoint}, {plan.returning}: {told}"
             took = f"{time.monotonic() - began:.1f} s"
-            print(f"run {seed} ({took}): {what}: {'; '.join(wrong) or 'ok'}", flush=True)
+            print(
+                f"run {seed} ({took}): {what}: {'; '.join(wrong) or 'ok'}", flush=True
+            )
             if not wrong or options.keep is None:
                 shutil.rmtree(folder)
     print(f"{options.runs - failed} of {options.runs} runs as they are to be")

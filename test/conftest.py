@@ -13,10 +13,10 @@ from domains import ros_domain
 from patience import PATIENCE_SECONDS
 from teams import drawn
 
-from sparse_coord_ros.compiling import FOLDER_VARIABLE
-from sparse_coord_ros.game.perception import MODELS
-from sparse_coord_ros.game.plugins import ALLOW_VARIABLE
-from sparse_coord_ros.learners.registry import LEARNERS
+from sparse_coord_ros.base.compiling import FOLDER_VARIABLE
+from sparse_coord_ros.core.game.perception import MODELS
+from sparse_coord_ros.core.game.plugins import ALLOW_VARIABLE
+from sparse_coord_ros.core.learners.registry import LEARNERS
 
 
 @pytest.fixture
@@ -69,7 +69,9 @@ def record(tmp_path_factory):
 
         key = repr((given, sorted(options.items())))
         if key not in known:
-            known[key] = recorded(tmp_path_factory.mktemp("recorded"), *given, **options)
+            known[key] = recorded(
+                tmp_path_factory.mktemp("recorded"), *given, **options
+            )
         return known[key]
 
     return record

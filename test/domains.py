@@ -56,11 +56,16 @@ def is_free(domain: int) -> bool:
     It listens on the multicast port, which all share, and on a port of its own.
     """
     multicast = FIRST_PORT + PORTS_OF_A_DOMAIN * domain
-    ports = [multicast, *(multicast + 10 + 2 * number for number in range(PARTICIPANTS))]
+    ports = [
+        multicast,
+        *(multicast + 10 + 2 * number for number in range(PARTICIPANTS)),
+    ]
     with ExitStack() as stack:
         for port in ports:
             try:
-                stack.enter_context(socket.socket(type=socket.SOCK_DGRAM)).bind(("", port))
+                stack.enter_context(socket.socket(type=socket.SOCK_DGRAM)).bind(
+                    ("", port)
+                )
             except OSError:
                 return False
     return True

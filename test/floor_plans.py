@@ -12,7 +12,7 @@ import yaml
 from PIL import Image
 from scipy import ndimage
 
-from sparse_coord_ros.game.grid import GridMap
+from sparse_coord_ros.core.game.grid import GridMap
 
 UNKNOWN = 205
 WALL = 0
@@ -52,14 +52,18 @@ class Drawing:
         rows = len(self.pixels)
         top = rows - round(y2 / PIXEL)
         bottom = rows - round(y / PIXEL)
-        self.pixels[max(0, top) : bottom, max(0, round(x / PIXEL)) : round(x2 / PIXEL)] = value
+        self.pixels[
+            max(0, top) : bottom, max(0, round(x / PIXEL)) : round(x2 / PIXEL)
+        ] = value
 
     def wall(self, x: float, y: float, x2: float, y2: float) -> None:
         """Draw a wall along a line, with its thickness to both sides."""
         half = self.thick / 2
         self.fill(x - half, y - half, x2 + half, y2 + half)
 
-    def door(self, x: float, y: float, wide: float = 0.9, *, north: bool = True) -> None:
+    def door(
+        self, x: float, y: float, wide: float = 0.9, *, north: bool = True
+    ) -> None:
         """Break a doorway into a wall; `north`: one that is passed northward."""
         along, through = (wide / 2, self.thick) if north else (self.thick, wide / 2)
         self.fill(x - along, y - through, x + along, y + through, FREE)
@@ -95,7 +99,9 @@ def drawn(name: str) -> Drawing:
     return plan
 
 
-def hall(width: float, height: float, racks: list[tuple[float, ...]], seed: int) -> Drawing:
+def hall(
+    width: float, height: float, racks: list[tuple[float, ...]], seed: int
+) -> Drawing:
     """Return a hall as SLAM draws it: racks unknown inside, pillars, furniture, dust, two doors.
 
     A wall crosses it in the middle; racks are rectangles.
@@ -181,7 +187,10 @@ def explored(plan: Drawing, degrees: float, seed: int) -> Drawing:
     turned = scanned(plan, degrees, seed)  # for its doorways and its size
     margin = round(1.5 / PIXEL)
     true = ndimage.rotate(
-        np.pad(plan.pixels, margin, constant_values=UNKNOWN), degrees, order=0, cval=UNKNOWN
+        np.pad(plan.pixels, margin, constant_values=UNKNOWN),
+        degrees,
+        order=0,
+        cval=UNKNOWN,
     )
     free = true == FREE
     clear = ndimage.distance_transform_edt(free) * PIXEL
@@ -203,12 +212,16 @@ def explored(plan: Drawing, degrees: float, seed: int) -> Drawing:
         return rows, columns
 
     for place in places:
-        angles = np.linspace(0, 2 * math.pi, RAYS, endpoint=False) + random.uniform(0, 0.01)
+        angles = np.linspace(0, 2 * math.pi, RAYS, endpoint=False) + random.uniform(
+            0, 0.01
+        )
         blocked = ~free[line(place, angles)]
         length = np.where(blocked.any(axis=1), blocked.argmax(axis=1), len(walks))
         hit = blocked.any(axis=1) & (random.random(RAYS) > 0.02)
         people = random.random(RAYS) < 0.004
-        length = np.where(people, (length * random.uniform(0.2, 1.0, RAYS)).astype(int), length)
+        length = np.where(
+            people, (length * random.uniform(0.2, 1.0, RAYS)).astype(int), length
+        )
         length = length + np.round(random.normal(0, 0.015 / PIXEL, RAYS)).astype(int)
         rows, columns = line(
             place + random.normal(0, 0.012 / PIXEL, 2), angles + random.normal(0, 0.003)
@@ -233,12 +246,16 @@ PLANS: dict[str, tuple[Callable[[], Drawing], str, tuple[float, float]]] = {
     "slam_clinic": (lambda: explored(drawn("clinic"), 0.8, 3), "pgm", (-4.0, -21.5)),
     "slam_school": (lambda: explored(drawn("school"), -1.2, 4), "png", (0.0, 0.0)),
     "depot": (
-        lambda: hall(30.0, 15.0, [(14 + 3 * k, 2.0, 15.3 + 3 * k, 3.3) for k in range(5)], 5),
+        lambda: hall(
+            30.0, 15.0, [(14 + 3 * k, 2.0, 15.3 + 3 * k, 3.3) for k in range(5)], 5
+        ),
         "pgm",
         (0.0, 0.0),
     ),
     "store": (
-        lambda: hall(31.0, 50.0, [(5 + 7 * k, 3.0, 7 + 7 * k, 20.0) for k in range(4)], 6),
+        lambda: hall(
+            31.0, 50.0, [(5 + 7 * k, 3.0, 7 + 7 * k, 20.0) for k in range(4)], 6
+        ),
         "pgm",
         (-15.0, -25.0),
     ),
@@ -270,6 +287,8 @@ def matched(true: list[tuple[float, float]], grid: GridMap) -> tuple[int, int]:
     side = grid.resolution or 1.0
     (x, y) = grid.origin
     places = (grid.cells[cell] for cell in grid.doorways)
-    found = [(x + (c + 0.5) * side, y + (grid.shape[0] - r - 0.5) * side) for r, c in places]
+    found = [
+        (x + (c + 0.5) * side, y + (grid.shape[0] - r - 0.5) * side) for r, c in places
+    ]
     hits = sum(any(math.dist(t, f) <= NEAR for f in found) for t in true)
     return hits, sum(all(math.dist(t, f) > NEAR for t in true) for f in found)

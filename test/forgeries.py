@@ -39,7 +39,7 @@ from rclpy._rclpy_pybind11 import RMWError
 from rclpy.serialization import deserialize_message
 
 import sparse_coord_ros as sc
-from sparse_coord_ros.errors import SparseCoordError
+from sparse_coord_ros.base.errors import SparseCoordError
 
 
 class Outcome(StrEnum):
@@ -94,7 +94,9 @@ def outcome(directory: Path) -> Outcome:
     return Outcome.NOTED if noted else Outcome.IDENTICAL
 
 
-def wrong(bag: Bag, cases: Sequence[Case], folder: Path) -> Iterator[tuple[Case, Outcome]]:
+def wrong(
+    bag: Bag, cases: Sequence[Case], folder: Path
+) -> Iterator[tuple[Case, Outcome]]:
     """Yield the cases of one bag of which `verify` says something wrong."""
     for number, case in enumerate(cases):
         directory = write(forged(bag, case.forgeries), folder / f"{number}")
@@ -115,13 +117,19 @@ SHOWN = r"/markers|/robot_\d/coordination_map"
 NO_CLAIM = (
     ("field", rf"({OTHERS}) .*"),
     ("beside", rf"({OTHERS}) .*"),
-    *((f"message {how}", OTHERS) for how in ("removed", "doubled", "garbled", "cut", "exchanged")),
+    *(
+        (f"message {how}", OTHERS)
+        for how in ("removed", "doubled", "garbled", "cut", "exchanged")
+    ),
     ("message content of the next", OTHERS),
     ("topic removed", OTHERS),
     ("topic renamed", OTHERS),
     ("field", r"/status (name|level|hardware_id|values length|values \* key)"),
     ("field", r"\S+_service_event info stamp \w+"),
-    ("field", r"(\S+_service_event response \* plan|/robot_\d/percept) poses \* header stamp \w+"),
+    (
+        "field",
+        r"(\S+_service_event response \* plan|/robot_\d/percept) poses \* header stamp \w+",
+    ),
     ("message doubled", rf"{SHOWN}|/status"),
     ("message removed", rf"{SHOWN}|/status"),
     ("message content of the next", rf"{SHOWN}|/status"),
@@ -144,7 +152,10 @@ ONLY_NAMED = (
     ),
     ("message doubled", r"/robot_\d/local_state"),
     ("message content of the next", "/map"),
-    *((f"message {how}", rf"{SHOWN}|/map|/status") for how in ("garbled", "cut", "exchanged")),
+    *(
+        (f"message {how}", rf"{SHOWN}|/map|/status")
+        for how in ("garbled", "cut", "exchanged")
+    ),
     ("message doubled", r"\S+_service_event"),
     ("beside", r".*"),
 )
@@ -164,7 +175,9 @@ def right_of(bag: Bag, forgery: Forgery) -> frozenset[Outcome]:
         target = (topic, *_template(path))
     words = " ".join(str(one) for one in target)
     for patterns, right in ((NO_CLAIM, ANY), (ONLY_NAMED, NAMED)):
-        if any(op == operation and re.fullmatch(pattern, words) for op, pattern in patterns):
+        if any(
+            op == operation and re.fullmatch(pattern, words) for op, pattern in patterns
+        ):
             return right
     return FOUND
 
@@ -181,7 +194,12 @@ def _superseded(bag: Bag, forgery: Forgery) -> bool:
     else:
         return False
     later = bag[bag.index(file) + 1 :]
-    firsts = [int(texts["first"]) for one in later for _, texts in one.records if "first" in texts]
+    firsts = [
+        int(texts["first"])
+        for one in later
+        for _, texts in one.records
+        if "first" in texts
+    ]
     return any(step >= first for first in firsts)
 
 
@@ -193,7 +211,9 @@ def _unowed(bag: Bag, forgery: Forgery) -> bool:
     name = forgery.target[0]
     if forgery[::2] == ("attachment", "removed"):
         return not _owed(bag, name)
-    if forgery.operation in ("field", "message") and name.endswith(("/action", "/percept")):
+    if forgery.operation in ("field", "message") and name.endswith(
+        ("/action", "/percept")
+    ):
         last = len(places_of(bag, name)) - 1
         return not _finished(bag) and forgery.target[1] == last
     return False
@@ -214,8 +234,12 @@ def _owed(bag: Bag, name: str) -> bool:
     robot = match[1]
     step = int(match[2])
     found = [TABLES.fullmatch(one.name) for file in bag for one in file.attachments]
-    steps = sorted({int(one[2]) for one in found if one is not None and one[1] == robot})
-    acted = [f.messages[n].log_ns // PERIOD_NS for f, n in places_of(bag, f"/{robot}/action")]
+    steps = sorted(
+        {int(one[2]) for one in found if one is not None and one[1] == robot}
+    )
+    acted = [
+        f.messages[n].log_ns // PERIOD_NS for f, n in places_of(bag, f"/{robot}/action")
+    ]
     return step != steps[-1] or max(acted, default=0) > steps[-2]
 
 
@@ -232,7 +256,12 @@ def drawn(run: str, bag: Bag, seed: int, count: int | None = None) -> Iterator[C
         count: how many; None: all kinds.
     """
     draw = random.Random(f"{run} {seed}")
-    kinds = [*_field_kinds(bag), *_message_kinds(bag), *_array_kinds(bag), *_other_kinds(bag)]
+    kinds = [
+        *_field_kinds(bag),
+        *_message_kinds(bag),
+        *_array_kinds(bag),
+        *_other_kinds(bag),
+    ]
     draw.shuffle(kinds)
     left = len(kinds) if count is None else count
     for kind in kinds:
@@ -273,7 +302,9 @@ def _field_kinds(bag: Bag) -> Iterator[Any]:
             yield lambda draw, t=topic, found=found: _field_of(draw, t, found)
         every = [place for found in places.values() for place in found]
         for where in ("before", "behind"):
-            yield lambda draw, t=topic, every=every, w=where: _copy_of(draw, t, every, w)
+            yield lambda draw, t=topic, every=every, w=where: _copy_of(
+                draw, t, every, w
+            )
 
 
 def _topics(bag: Bag) -> list[str]:
@@ -296,7 +327,9 @@ def _field_of(draw: random.Random, topic: str, found: list[Any]) -> Forgery | No
     return Forgery("field", (topic, number, path), how)
 
 
-def _copy_of(draw: random.Random, topic: str, every: list[Any], where: str) -> Forgery | None:
+def _copy_of(
+    draw: random.Random, topic: str, every: list[Any], where: str
+) -> Forgery | None:
     number, path, value = draw.choice(every)
     how = _way(draw, path, value)
     return None if how is None else Forgery("beside", (topic, number, path, where), how)
@@ -307,7 +340,9 @@ def _message_kinds(bag: Bag) -> Iterator[Any]:
     for topic in _topics(bag):
         count = len(places_of(bag, topic))
         for how in MESSAGE_WAYS:
-            last = count - (how == "cut out")  # nothing shows that a last one is missing
+            last = count - (
+                how == "cut out"
+            )  # nothing shows that a last one is missing
             if last > 0:
                 yield lambda draw, t=topic, n=last, how=how: Forgery(
                     "message", (t, draw.randrange(n)), how
@@ -326,9 +361,13 @@ def _array_kinds(bag: Bag) -> Iterator[Any]:
                 group = f"{one.name.split('/')[0]} {robot}"
                 files.setdefault(group, {})[one.name] = unpacked(one.data)
     for group in files.values():
-        names = sorted({name for arrays in group.values() for name in arrays} - {"format"})
+        names = sorted(
+            {name for arrays in group.values() for name in arrays} - {"format"}
+        )
         for array in names:
-            having = {name: arrays[array] for name, arrays in group.items() if array in arrays}
+            having = {
+                name: arrays[array] for name, arrays in group.items() if array in arrays
+            }
             for which in (0, -1, None):
                 yield lambda draw, a=array, h=having, w=which: _entry_of(draw, a, h, w)
             for how in ARRAY_WAYS:
@@ -360,7 +399,9 @@ def _other_kinds(bag: Bag) -> Iterator[Any]:
             yield lambda draw, n=name, how=how: Forgery("record", (n,), how)
         for key in texts:
             for how in ("changed", "removed"):
-                yield lambda draw, n=name, k=key, how=how: Forgery("record", (n, k), how)
+                yield lambda draw, n=name, k=key, how=how: Forgery(
+                    "record", (n, k), how
+                )
 
 
 # Cases that are named one by one.
@@ -423,7 +464,9 @@ def named(run: str, bag: Bag) -> Iterator[Case]:
     for where, old, new in TEXTS:
         yield Case(run, (Forgery("text", (where,), (old, new)),), FOUND)
     names = [one.name for file in bag for one in file.attachments]
-    robots = sorted({TABLES.fullmatch(one)[1] for one in names if TABLES.fullmatch(one)})
+    robots = sorted(
+        {TABLES.fullmatch(one)[1] for one in names if TABLES.fullmatch(one)}
+    )
     for robot in robots:
         mine = [one for one in names if one.startswith(f"tables/{robot}_")]
         for source in (mine[0], mine[-1]):
@@ -447,10 +490,14 @@ def _without_effect(bag: Bag) -> set[tuple[str, ...]]:
 def everywhere(run: str, bag: Bag, seed: int, count: int) -> Iterator[Case]:
     """Yield cases in which an element is changed in all tables of a robot."""
     draw = random.Random(f"{run} everywhere {seed}")
-    tables = [one for file in bag for one in file.attachments if TABLES.fullmatch(one.name)]
+    tables = [
+        one for file in bag for one in file.attachments if TABLES.fullmatch(one.name)
+    ]
     while count:
         one = draw.choice(tables)
-        arrays = {n: a for n, a in unpacked(one.data).items() if a.size and n != "format"}
+        arrays = {
+            n: a for n, a in unpacked(one.data).items() if a.size and n != "format"
+        }
         array = draw.choice(sorted(arrays))
         place = draw.randrange(arrays[array].size)
         group = one.name.rpartition("_")[0]
@@ -486,7 +533,9 @@ def lost(run: str, bag: Bag, seed: int, count: int) -> Iterator[Case]:
     """Yield cases of a recorder that stood still and lost messages, and says so, or does not."""
     draw = random.Random(f"{run} lost {seed}")
     topics = [topic for topic in _topics(bag) if re.fullmatch(EVERY_STEP, topic)]
-    tables = sorted({t.rpartition("_")[0] + "_" for t in _names(bag) if TABLES.fullmatch(t)})
+    tables = sorted(
+        {t.rpartition("_")[0] + "_" for t in _names(bag) if TABLES.fullmatch(t)}
+    )
     last = max(one.log_ns for file in bag for one in file.messages) // PERIOD_NS
     while count:
         first = draw.randrange(1, last)

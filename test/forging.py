@@ -119,7 +119,9 @@ def _read_file(path: Path) -> File:
                 topic = names[record.channel_id]
                 found.messages.append(Said(topic, record.data, *times, record.sequence))
             elif isinstance(record, Attachment):
-                data = _plain(record.data) if record.name.endswith(".npz") else record.data
+                data = (
+                    _plain(record.data) if record.name.endswith(".npz") else record.data
+                )
                 about = record.name, record.media_type
                 found.attachments.append(Attached(*about, data, record.log_time))
             elif isinstance(record, Metadata) and record.name != OF_THE_CONTAINER:
@@ -141,8 +143,12 @@ def _write_file(file: File, writer: Writer) -> None:
         writer.add_metadata(name, texts)
     channels = {}
     for topic in file.topics:
-        schema = writer.register_schema(topic.type_name, topic.encoding, topic.definition)
-        channels[topic.name] = writer.register_channel(topic.name, "cdr", schema, topic.about)
+        schema = writer.register_schema(
+            topic.type_name, topic.encoding, topic.definition
+        )
+        channels[topic.name] = writer.register_channel(
+            topic.name, "cdr", schema, topic.about
+        )
     for one in file.messages:
         channel = channels[one.topic]
         writer.add_message(channel, one.log_ns, one.data, one.publish_ns, one.sequence)
@@ -182,7 +188,9 @@ def forged(bag: Bag, forgeries: Sequence[Forgery]) -> Bag:
 
 def places_of(bag: Bag, topic: str) -> list[tuple[File, int]]:
     """Return where a topic's messages are: the file, and the place in it."""
-    return [(f, n) for f in bag for n, one in enumerate(f.messages) if one.topic == topic]
+    return [
+        (f, n) for f in bag for n, one in enumerate(f.messages) if one.topic == topic
+    ]
 
 
 def numbered_anew(bag: Bag, topic: str) -> None:
@@ -201,7 +209,9 @@ def message_class(topic: str, type_name: str) -> Any:
 
 def class_of(bag: Bag, topic: str) -> Any:
     """Return the class of a topic's messages in a bag."""
-    [type_name] = {one.type_name for file in bag for one in file.topics if one.name == topic}
+    [type_name] = {
+        one.type_name for file in bag for one in file.topics if one.name == topic
+    }
     return message_class(topic, type_name)
 
 
@@ -251,7 +261,9 @@ def _field(bag: Bag, target: tuple[Any, ...], how: str) -> None:
     else:
         owner[last] = value
     data = serialize_message(message)
-    if repr([*leaves(deserialize_message(data, kind))]) != before:  # else it has fewer bits
+    if (
+        repr([*leaves(deserialize_message(data, kind))]) != before
+    ):  # else it has fewer bits
         file.messages[place] = said._replace(data=data)
 
 
@@ -280,7 +292,15 @@ def other_value(value: Any, how: str) -> Any:
 
 WAYS = ("near", "negative", "nan", "far")
 MESSAGE_WAYS = (
-    *("removed", "cut out", "doubled", "exchanged", "content of the next", "later", "published"),
+    *(
+        "removed",
+        "cut out",
+        "doubled",
+        "exchanged",
+        "content of the next",
+        "later",
+        "published",
+    ),
     *("another number", "garbled", "cut"),
 )
 
@@ -306,14 +326,20 @@ def _message(bag: Bag, target: tuple[Any, ...], how: str) -> None:
     elif how == "content of the next":
         file.messages[place] = said._replace(data=other.data)
     elif how == "later":
-        file.messages[place] = said._replace(log_ns=said.log_ns + 7, publish_ns=said.log_ns + 7)
+        file.messages[place] = said._replace(
+            log_ns=said.log_ns + 7, publish_ns=said.log_ns + 7
+        )
     elif how == "published":
         file.messages[place] = said._replace(publish_ns=said.publish_ns + 7)
     elif how == "another number":
         file.messages[place] = said._replace(sequence=said.sequence + 3)
     elif how == "garbled":
         middle = len(said.data) // 2
-        data = said.data[:middle] + bytes([said.data[middle] ^ 0x55]) + said.data[middle + 1 :]
+        data = (
+            said.data[:middle]
+            + bytes([said.data[middle] ^ 0x55])
+            + said.data[middle + 1 :]
+        )
         file.messages[place] = said._replace(data=data)
     elif how == "cut":
         file.messages[place] = said._replace(data=said.data[: len(said.data) // 2])
@@ -343,8 +369,12 @@ def _topic(bag: Bag, target: tuple[Any, ...], how: str) -> None:
             file.messages = [one for one in file.messages if one.topic != topic]
             continue
         name = f"{topic}_other"
-        file.topics = [t._replace(name=name) if t.name == topic else t for t in file.topics]
-        file.messages = [m._replace(topic=name) if m.topic == topic else m for m in file.messages]
+        file.topics = [
+            t._replace(name=name) if t.name == topic else t for t in file.topics
+        ]
+        file.messages = [
+            m._replace(topic=name) if m.topic == topic else m for m in file.messages
+        ]
 
 
 def _lost(bag: Bag, target: tuple[Any, ...], how: str) -> None:
@@ -357,15 +387,21 @@ def _lost(bag: Bag, target: tuple[Any, ...], how: str) -> None:
         bag[-1].records.append(("stalled", {"step": str(first), "seconds": "9.0"}))
     gone = range(first * PERIOD_NS, end * PERIOD_NS)
     for file in bag:
-        file.messages = [m for m in file.messages if m.topic != name or m.log_ns not in gone]
+        file.messages = [
+            m for m in file.messages if m.topic != name or m.log_ns not in gone
+        ]
         file.attachments = [
-            a for a in file.attachments if not a.name.startswith(name) or a.log_ns not in gone
+            a
+            for a in file.attachments
+            if not a.name.startswith(name) or a.log_ns not in gone
         ]
     numbered_anew(bag, name)
     _time_anew(bag)
 
 
-UNSTAMPED = re.compile(r"/(run|status|markers|scene)|\S+/(_service_event|_claim|_progress)")
+UNSTAMPED = re.compile(
+    r"/(run|status|markers|scene)|\S+/(_service_event|_claim|_progress)"
+)
 """Topics whose messages begin with no time of the run: a recorder logs them at the newest one."""
 
 
@@ -424,7 +460,9 @@ def _plain(data: bytes) -> bytes:
 
 def attachments_of(bag: Bag, name: str) -> list[tuple[File, int]]:
     """Return where attachments of a name are: the file, and the place in it."""
-    return [(f, n) for f in bag for n, one in enumerate(f.attachments) if one.name == name]
+    return [
+        (f, n) for f in bag for n, one in enumerate(f.attachments) if one.name == name
+    ]
 
 
 def _entry(bag: Bag, target: tuple[Any, ...], how: str) -> None:
@@ -458,7 +496,9 @@ def _array(bag: Bag, target: tuple[Any, ...], how: str) -> None:
         if how == "removed":
             del arrays[array_name]
         elif how == "longer":
-            arrays[array_name] = np.concatenate([array.reshape(-1), array.reshape(-1)[:1] + 1])
+            arrays[array_name] = np.concatenate(
+                [array.reshape(-1), array.reshape(-1)[:1] + 1]
+            )
         elif how == "other type":
             arrays[array_name] = array.astype("f4" if array.dtype.kind == "f" else "i2")
         elif how == "renamed":
@@ -484,7 +524,9 @@ def _elsewhere(bag: Bag, name: str, array_name: str, array: np.ndarray) -> np.nd
     return array
 
 
-def _change_arrays(bag: Bag, name: str, change: Callable[[dict[str, np.ndarray]], None]) -> None:
+def _change_arrays(
+    bag: Bag, name: str, change: Callable[[dict[str, np.ndarray]], None]
+) -> None:
     for file, place in attachments_of(bag, name):
         one = file.attachments[place]
         arrays = unpacked(one.data)
@@ -493,7 +535,15 @@ def _change_arrays(bag: Bag, name: str, change: Callable[[dict[str, np.ndarray]]
 
 
 ATTACHMENT_WAYS = (
-    *("removed", "doubled", "forged before", "forged behind", "of another", "renamed", "garbled"),
+    *(
+        "removed",
+        "doubled",
+        "forged before",
+        "forged behind",
+        "of another",
+        "renamed",
+        "garbled",
+    ),
 )
 
 
@@ -513,10 +563,14 @@ def _attachment(bag: Bag, target: tuple[Any, ...], how: str) -> None:
         others = [a.data for f in bag for a in f.attachments if a.name != name]
         file.attachments[place] = one._replace(data=others[len(name) % len(others)])
     elif how == "renamed":
-        file.attachments[place] = one._replace(name=one.name.replace("robot_1", "robot_9") + "_")
+        file.attachments[place] = one._replace(
+            name=one.name.replace("robot_1", "robot_9") + "_"
+        )
     elif how == "garbled":
         half = len(one.data) // 2
-        file.attachments[place] = one._replace(data=one.data[:half] + b"?" + one.data[half:])
+        file.attachments[place] = one._replace(
+            data=one.data[:half] + b"?" + one.data[half:]
+        )
     else:
         raise KeyError(how)
 
@@ -538,7 +592,9 @@ def _record(bag: Bag, target: tuple[Any, ...], how: str) -> None:
     """Change a metadata record, or a text of it: (record,) or (record, key)."""
     name, *key = target
     for file in bag:
-        place = next((n for n, record in enumerate(file.records) if record[0] == name), None)
+        place = next(
+            (n for n, record in enumerate(file.records) if record[0] == name), None
+        )
         if place is None:
             continue
         texts = file.records[place][1]
@@ -573,7 +629,10 @@ def run_text(bag: Bag) -> str:
 def _say_run(bag: Bag, text: str, run: dict[str, Any]) -> None:
     """Put a run into a bag, in all the places."""
     kind = importlib.import_module("std_msgs.msg").String
-    texts = {RUN_TEXT: text, SCENARIO_TEXT: yaml.safe_dump(run["scenario"], sort_keys=False)}
+    texts = {
+        RUN_TEXT: text,
+        SCENARIO_TEXT: yaml.safe_dump(run["scenario"], sort_keys=False),
+    }
     for file in bag:
         for place, one in enumerate(file.messages):
             if one.topic == "/run":

@@ -31,7 +31,7 @@ from typing import NamedTuple
 import yaml
 from live_teams import command, node_words, same_tables
 
-from sparse_coord_ros.wire import WORLD
+from sparse_coord_ros.protocol.wire import WORLD
 
 INSIDE = "SPARSE_COORD_HOSTS"
 """Set in the environment once this program runs in namespaces of its own."""
@@ -68,7 +68,19 @@ def refusal() -> str:
     """Return why this machine cannot do it, in one line; empty where it can."""
     try:
         done = subprocess.run(
-            ["unshare", "-rnm", "ip", "link", "add", "sc0", "type", "veth", "peer", "name", "sc1"],
+            [
+                "unshare",
+                "-rnm",
+                "ip",
+                "link",
+                "add",
+                "sc0",
+                "type",
+                "veth",
+                "peer",
+                "name",
+                "sc1",
+            ],
             capture_output=True,
             text=True,
             check=False,
@@ -100,7 +112,9 @@ def _host(k: int, end: str) -> Iterator[list[str]]:
     whole_checksums(f"eth{k}")
     script = "mount -t tmpfs none /dev/shm && echo ready && exec sleep infinity"
     with subprocess.Popen(
-        ["unshare", "--net", "--mount", "sh", "-c", script], stdout=subprocess.PIPE, text=True
+        ["unshare", "--net", "--mount", "sh", "-c", script],
+        stdout=subprocess.PIPE,
+        text=True,
     ) as holder:
         try:
             assert holder.stdout is not None
@@ -136,7 +150,9 @@ def hub(ends: Sequence[str], loss: float, delay: float) -> None:
     every_protocol = 3  # ETH_P_ALL
     cables = {}
     for end in ends:
-        cable = socket.socket(socket.AF_PACKET, socket.SOCK_RAW, socket.htons(every_protocol))
+        cable = socket.socket(
+            socket.AF_PACKET, socket.SOCK_RAW, socket.htons(every_protocol)
+        )
         cable.bind((end, 0))
         cables[cable.fileno()] = cable
     chance = random.Random(0)
@@ -180,7 +196,9 @@ def row(condition: Condition) -> str:
                     member.kill()
                     member.wait()
         if any(codes):
-            raise RuntimeError(f"a node failed: exit codes {codes}; see the lines above")
+            raise RuntimeError(
+                f"a node failed: exit codes {codes}; see the lines above"
+            )
         summary = yaml.safe_load((out / "summary.yaml").read_text())
         verdict = "the same bits" if same_tables(out) else "others"
     rate = summary["steps_per_second"]
@@ -191,7 +209,9 @@ def row(condition: Condition) -> str:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure, in namespaces of its own."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--only", type=int, choices=range(len(CONDITIONS)), help="one condition")
+    parser.add_argument(
+        "--only", type=int, choices=range(len(CONDITIONS)), help="one condition"
+    )
     options = parser.parse_args(arguments)
     if INSIDE not in os.environ:
         why = refusal()

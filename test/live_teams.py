@@ -9,15 +9,15 @@ from pathlib import Path
 import yaml
 from rclpy.serialization import deserialize_message
 
-from sparse_coord_ros.learn.history import load_history
-from sparse_coord_ros.learn.run import learn
-from sparse_coord_ros.learn.run_config import load_run
-from sparse_coord_ros.learn.tables import load_team
-from sparse_coord_ros.learners.tables import tables_equal
-from sparse_coord_ros.nodes import interface
-from sparse_coord_ros.nodes.outputs import SUMMARY_FILE
-from sparse_coord_ros.runlog import Verification
-from sparse_coord_ros.wire.status import ROLL_CALL, read_status, values_of
+from sparse_coord_ros.core.learners.tables import tables_equal
+from sparse_coord_ros.core.runs.history import load_history
+from sparse_coord_ros.core.runs.run import learn
+from sparse_coord_ros.core.runs.run_config import load_run
+from sparse_coord_ros.core.runs.tables import load_team
+from sparse_coord_ros.log.runlog import Verification
+from sparse_coord_ros.protocol.wire.status import ROLL_CALL, read_status, values_of
+from sparse_coord_ros.ros.nodes import interface
+from sparse_coord_ros.ros.nodes.outputs import SUMMARY_FILE
 
 
 def command(executable: str, *words: str) -> list[str]:
@@ -42,7 +42,8 @@ def same_tables(out: Path) -> bool:
     """
     run = load_run(out)
     return tables_equal(
-        load_team(out, run.scenario, run.rule), learn(run.scenario, run.learner, run.seed)
+        load_team(out, run.scenario, run.rule),
+        learn(run.scenario, run.learner, run.seed),
     )
 
 
@@ -82,9 +83,18 @@ def odd_counts(out: Path, found: Verification | None = None) -> list[str]:
     if found is not None:
         due |= _of_the_log(summary, found)
         if quiet:
-            for name, times in zip(names, found.log.asked.sum(axis=0).tolist(), strict=True):
-                due[f"how often {name} asked, in history.npz and the bag"] = (asks[name], times)
-    return [f"{what}: {one} and {other}" for what, (one, other) in due.items() if one != other]
+            for name, times in zip(
+                names, found.log.asked.sum(axis=0).tolist(), strict=True
+            ):
+                due[f"how often {name} asked, in history.npz and the bag"] = (
+                    asks[name],
+                    times,
+                )
+    return [
+        f"{what}: {one} and {other}"
+        for what, (one, other) in due.items()
+        if one != other
+    ]
 
 
 def _of_the_log(summary: dict, found: Verification) -> dict[str, tuple[object, object]]:
@@ -93,7 +103,9 @@ def _of_the_log(summary: dict, found: Verification) -> dict[str, tuple[object, o
     orders = set()
     bag = found.log.bag
     for message in bag.messages([interface.DIAGNOSTICS.name]):
-        for said in deserialize_message(message.data, interface.DIAGNOSTICS.type).status:
+        for said in deserialize_message(
+            message.data, interface.DIAGNOSTICS.type
+        ).status:
             last = values_of(said) if said.name.endswith(": run") else last
     status = None
     for message in bag.messages([f"/{interface.STATUS.name}"]):
@@ -107,7 +119,10 @@ def _of_the_log(summary: dict, found: Verification) -> dict[str, tuple[object, o
         if name in last and name not in ("messages_dropped", "steps_per_second")
     }
     at = (summary["transitions"], summary["last_step"])
-    due["transitions and step, in summary and status"] = (at, (status.transitions, status.step))
+    due["transitions and step, in summary and status"] = (
+        at,
+        (status.transitions, status.step),
+    )
     orders.discard("")
     taken = summary["taken_back"]
     due["orders to go back, in summary and bag"] = (taken, max(taken, len(orders)))

@@ -6,10 +6,10 @@ from dataclasses import asdict
 
 import numpy as np
 
-from sparse_coord_ros.experiments.conditions import make_condition
-from sparse_coord_ros.experiments.store import SUMS, ConditionResult, Plan
-from sparse_coord_ros.solve.reference import shortest_path_reference
-from sparse_coord_ros.solve.shipped import known_optimum
+from sparse_coord_ros.core.solve.reference import shortest_path_reference
+from sparse_coord_ros.core.solve.shipped import known_optimum
+from sparse_coord_ros.studies.conditions import make_condition
+from sparse_coord_ros.studies.store import SUMS, ConditionResult, Plan
 
 PLAN = Plan(seed=5, runs=4, trials=50)
 
@@ -37,7 +37,9 @@ def made_up(condition, **changes):
         "optimum": optimum.value,
         "optimum_exact": optimum.exact,
         "reference": asdict(shortest_path_reference(scenario)),
-        "means": {name: list(centre[name] + draw.normal(0, 0.1, PLAN.runs)) for name in SUMS},
+        "means": {
+            name: list(centre[name] + draw.normal(0, 0.1, PLAN.runs)) for name in SUMS
+        },
         "variances": {name: [1.0] * PLAN.runs for name in SUMS},
         "robot_means": {
             "reward": [optimum.value - k for k in range(robots)],
@@ -52,4 +54,6 @@ def made_up(condition, **changes):
 
 
 def result_of(name, learner="coop", settings=None, **changes):
-    return made_up(make_condition(name, learner, settings or {"penalty": -20}), **changes)
+    return made_up(
+        make_condition(name, learner, settings or {"penalty": -20}), **changes
+    )

@@ -12,23 +12,23 @@ from nav_msgs.srv import GetPlan
 from rclpy.serialization import deserialize_message, serialize_message
 from std_msgs.msg import String
 
-from sparse_coord_ros import wire
-from sparse_coord_ros.bags import BagWriter, QoS
-from sparse_coord_ros.bags.metadata import ROLLED_BACK
-from sparse_coord_ros.bags.reader import open_bag
-from sparse_coord_ros.bags.recover import continued
-from sparse_coord_ros.engine.improve import improve
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learn.run_config import bag_files, make_run
-from sparse_coord_ros.learn.tables import pack_tables, unpack_saved
-from sparse_coord_ros.learners.agent import Agent
-from sparse_coord_ros.learners.memory import taught
-from sparse_coord_ros.lockstep.bodies import BodyWorld
-from sparse_coord_ros.lockstep.robot_side import RobotSide
-from sparse_coord_ros.lockstep.world_side import WorldSide
-from sparse_coord_ros.nodes.messages import Converter, status
-from sparse_coord_ros.nodes.peers import AT_ONCE
-from sparse_coord_ros.wire.status import Said
+from sparse_coord_ros.core.engine.improve import improve
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.learners.agent import Agent
+from sparse_coord_ros.core.learners.memory import taught
+from sparse_coord_ros.core.runs.run_config import bag_files, make_run
+from sparse_coord_ros.core.runs.tables import pack_tables, unpack_saved
+from sparse_coord_ros.log.bags import BagWriter, QoS
+from sparse_coord_ros.log.bags.metadata import ROLLED_BACK
+from sparse_coord_ros.log.bags.reader import open_bag
+from sparse_coord_ros.log.bags.recover import continued
+from sparse_coord_ros.protocol import wire
+from sparse_coord_ros.protocol.lockstep.bodies import BodyWorld
+from sparse_coord_ros.protocol.lockstep.robot_side import RobotSide
+from sparse_coord_ros.protocol.lockstep.world_side import WorldSide
+from sparse_coord_ros.protocol.wire.status import Said
+from sparse_coord_ros.ros.nodes.messages import Converter, status
+from sparse_coord_ros.ros.nodes.peers import AT_ONCE
 
 OFTEN = {"q_star_init": 100, "ask_cost": 0, "epsilon": "constant:0.3"}
 """Settings with which COORDINATE is chosen in every fifth step or so."""
@@ -90,7 +90,9 @@ class Recording:
         alone=(),
         failing=(),
     ):
-        self.bag = BagWriter(directory, **({} if chunk is None else {"chunk_size": chunk}))
+        self.bag = BagWriter(
+            directory, **({} if chunk is None else {"chunk_size": chunk})
+        )
         self.run = run
         self.convert = Converter(run)
         self.names = [robot.name for robot in run.scenario.robots]
@@ -119,13 +121,17 @@ class Recording:
         for name, content in bag_files(run, text).items():
             self.bag.attach(name, content.encode(), "text/plain")
         self.write("/run", "std_msgs/msg/String", serialize_message(String(data=text)))
-        game = BodyWorld(run.scenario, run.seed, slips=run.slips) if run.bodies else None
+        game = (
+            BodyWorld(run.scenario, run.seed, slips=run.slips) if run.bodies else None
+        )
         self.world = WorldSide(run, self, game)
         begin = [None] * len(self.names)
         if tables is not None:
             scenario = run.scenario
             rule = run.rule
-            begin = [taught(scenario, rule, k, one.memory) for k, one in enumerate(tables)]
+            begin = [
+                taught(scenario, rule, k, one.memory) for k, one in enumerate(tables)
+            ]
         self.robots = [
             RobotSide(
                 run,
@@ -195,7 +201,9 @@ class Recording:
                 step = self.world.world.step
                 assert self.world.missing(), "nobody is missing and nothing moves"
                 self.world.expire()
-                if self.world.world.step == step:  # nobody is left: it goes on saying so
+                if (
+                    self.world.world.step == step
+                ):  # nobody is left: it goes on saying so
                     self.deaf.clear()
                     self.late.clear()
                     self.world.repeat()
@@ -222,9 +230,15 @@ class Recording:
         """Publish the world's status."""
         world = self.world.world
         side = self.world
-        said = Said(self.run.id, state, world.step, world.transitions, side.left_out, side.began)
+        said = Said(
+            self.run.id, state, world.step, world.transitions, side.left_out, side.began
+        )
         message = status(self.run.scenario.name, state, said.values())
-        self.write("/status", "diagnostic_msgs/msg/DiagnosticStatus", serialize_message(message))
+        self.write(
+            "/status",
+            "diagnostic_msgs/msg/DiagnosticStatus",
+            serialize_message(message),
+        )
 
     def mark(self):
         """Publish the markers."""
@@ -234,7 +248,9 @@ class Recording:
 
     def coordination_map(self, k, step):
         """Publish a robot's coordination map."""
-        data = self.convert.pack_coordination_map(step, self.robots[k].agent.tables.q_star)
+        data = self.convert.pack_coordination_map(
+            step, self.robots[k].agent.tables.q_star
+        )
         self.write(f"/{self.names[k]}/coordination_map", GRID, data, step)
 
     def attach(self, k, step):
@@ -244,7 +260,9 @@ class Recording:
         if self.tables.get(k) == (step, data):  # the recorder attaches them but once
             return
         self.tables[k] = (step, data)
-        self.bag.attach(f"tables/{self.names[k]}_{step}.npz", data, "application/x-npz", self.now)
+        self.bag.attach(
+            f"tables/{self.names[k]}_{step}.npz", data, "application/x-npz", self.now
+        )
 
     def plan(self):
         """Attach what the robots make of what they have learned; the silent ones keep theirs."""
@@ -254,7 +272,9 @@ class Recording:
         for k, robot in enumerate(self.robots):
             tables = robot.agent.tables if k in self.alone else found.tables[k]
             data = pack_tables({k + 1: tables.memory}, counts=robot.counts)
-            self.bag.attach(f"improved/{self.names[k]}.npz", data, "application/x-npz", self.now)
+            self.bag.attach(
+                f"improved/{self.names[k]}.npz", data, "application/x-npz", self.now
+            )
 
     def arrives(self, kind, k, step):
         """Whether a message arrives."""
@@ -302,7 +322,9 @@ class Recording:
         self.wall += 150_000
         event = GetPlan.Event()
         event.info.event_type = kind
-        event.info.stamp.sec, event.info.stamp.nanosec = divmod(self.wall, 1_000_000_000)
+        event.info.stamp.sec, event.info.stamp.nanosec = divmod(
+            self.wall, 1_000_000_000
+        )
         event.info.client_gid[0] = 1 + asker
         event.info.client_gid[15] = 3 if kind in (0, 3) else 4
         event.info.sequence_number = sequence
@@ -311,18 +333,26 @@ class Recording:
         else:
             event.response = [content]
         topic = "active_perception/_service_event"
-        self.write(f"/{self.names[peer]}/{topic}", TYPES[topic], serialize_message(event))
+        self.write(
+            f"/{self.names[peer]}/{topic}", TYPES[topic], serialize_message(event)
+        )
 
     def ask(self, asker, peer, step, cell):
         """Send a request."""
         request = GetPlan.Request()
         request.start = self.convert.pose(step, cell)
         request.goal.header.frame_id = self.names[asker]
-        sequence = self.sequences[asker, peer] = self.sequences.get((asker, peer), 0) + 1
+        sequence = self.sequences[asker, peer] = (
+            self.sequences.get((asker, peer), 0) + 1
+        )
         self.event(peer, 0, asker, sequence, request)
-        again = self.again[asker, peer, step] = self.again.get((asker, peer, step), 0) + 1
+        again = self.again[asker, peer, step] = (
+            self.again.get((asker, peer, step), 0) + 1
+        )
         if again <= AT_ONCE and self.arrives("request", asker, step):
-            self.queue.append(lambda: self.answer(asker, peer, step, cell, sequence, request))
+            self.queue.append(
+                lambda: self.answer(asker, peer, step, cell, sequence, request)
+            )
 
     def answer(self, asker, peer, step, cell, sequence, request):
         """Let the peer answer, and the answer arrive."""
@@ -384,7 +414,9 @@ def rewritten(
         for name, texts in source.metadata.items():
             if name != "rosbag2":
                 new.add_metadata(name, {**texts, **(record or {})})
-        channels = {topic.name: new.add_known_topic(topic) for topic in source.topics.values()}
+        channels = {
+            topic.name: new.add_known_topic(topic) for topic in source.topics.values()
+        }
         for one in change(list(source.messages())):
             channel = channels[one.topic]
             if (one.topic, one.sequence) == gap:
@@ -407,7 +439,9 @@ def copied(writer, source, messages, attachments=(), *, prefix=""):
         for topic in source.topics.values()
     }
     for one in messages:
-        writer.write(channels[one.topic], one.data, one.log_time_ns, one.publish_time_ns)
+        writer.write(
+            channels[one.topic], one.data, one.log_time_ns, one.publish_time_ns
+        )
     for one in attachments:
         writer.attach(one.name, one.data, one.media_type, one.log_time_ns)
 
@@ -427,7 +461,9 @@ def rolled_back(run, directory, step, *, after, missed=0, again=None):
     rewritten(run.bag, directory, before, before)
     why = {"why": ROLLED_BACK, "step": str(step), "first": str(step)}
     with BagWriter(directory, earlier=continued(directory), why=why) as writer:
-        messages = [m for m in bag.messages() if m.log_time_ns >= (step + missed) * period]
+        messages = [
+            m for m in bag.messages() if m.log_time_ns >= (step + missed) * period
+        ]
         states = [one for one in messages if one.topic.endswith("/local_state")]
         for one in states if again else ():
             if one.log_time_ns == again * period:
@@ -459,9 +495,13 @@ def with_tables(attached, number, change):
     return attached._replace(data=data)
 
 
-def recorded(directory, name="env1", settings=None, *, values=None, identity="", **options):
+def recorded(
+    directory, name="env1", settings=None, *, values=None, identity="", **options
+):
     """Record a run in which robots often ask; return its bag, run, protocols and robots' names."""
-    scenario = load_scenario(name).with_settings({"steps": 400, **OFTEN, **(settings or {})})
+    scenario = load_scenario(name).with_settings(
+        {"steps": 400, **OFTEN, **(settings or {})}
+    )
     run = make_run(scenario, {"seed": 7, "checkpoint": 150, **(values or {})})
     run = replace(run, id=identity)
     recording = Recording(directory / "bag", run, **options)

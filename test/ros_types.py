@@ -39,14 +39,28 @@ float32 distance_remaining
 """What is built: as ROS 2 Jazzy has it."""
 
 WHEELS = (
-    *("ros-jazzy-rclpy[fastrtps]", "ros-jazzy-common-interfaces", "setuptools<80", "numpy"),
+    *(
+        "ros-jazzy-rclpy[fastrtps]",
+        "ros-jazzy-common-interfaces",
+        "setuptools<80",
+        "numpy",
+    ),
     *("catkin_pkg", "cmake", "ninja"),
     *(
         f"ros-jazzy-{name}"
         for name in (
-            *("ament-cmake", "ament-cmake-gmock", "ament-cmake-gtest", "ament-cmake-pytest"),
+            *(
+                "ament-cmake",
+                "ament-cmake-gmock",
+                "ament-cmake-gtest",
+                "ament-cmake-pytest",
+            ),
             *("ament-cmake-ros", "ament-cmake-include-directories", "ament-package"),
-            *("python-cmake-module", "rosidl-core-generators", "rosidl-default-generators"),
+            *(
+                "python-cmake-module",
+                "rosidl-core-generators",
+                "rosidl-default-generators",
+            ),
         )
     ),
 )
@@ -98,7 +112,12 @@ def build(prefix: Path) -> None:
     tools = prefix / "tools"
     if not tools.exists():
         venv.create(tools, with_pip=True)
-        pip = [tools / "bin" / "pip", "install", "--quiet", "--disable-pip-version-check"]
+        pip = [
+            tools / "bin" / "pip",
+            "install",
+            "--quiet",
+            "--disable-pip-version-check",
+        ]
         _run([*pip, *WHEELS])
     for package, files in PACKAGES.items():
         if (prefix / "share" / package).exists():
@@ -109,7 +128,9 @@ def build(prefix: Path) -> None:
             (source / name).parent.mkdir(parents=True, exist_ok=True)
             (source / name).write_text(text)
         named = " ".join(f'"{name}"' for name in files)
-        (source / "CMakeLists.txt").write_text(CMAKE.format(package=package, files=named))
+        (source / "CMakeLists.txt").write_text(
+            CMAKE.format(package=package, files=named)
+        )
         (source / "package.xml").write_text(MANIFEST.format(package=package))
         env = {name: str(tools) for name in ("AMENT_PREFIX_PATH", "CMAKE_PREFIX_PATH")}
         env["PATH"] = os.pathsep.join((str(tools / "bin"), os.environ["PATH"]))
@@ -128,7 +149,9 @@ def environment(prefix: Path) -> dict[str, str]:
         "AMENT_PREFIX_PATH": str(prefix),
     }
     more = {name: os.environ.get(name, "") for name in paths}
-    return {name: os.pathsep.join(filter(None, (paths[name], more[name]))) for name in paths}
+    return {
+        name: os.pathsep.join(filter(None, (paths[name], more[name]))) for name in paths
+    }
 
 
 def load(prefix: Path) -> None:
@@ -153,7 +176,9 @@ def _python_folder(prefix: Path) -> Path:
 
 def _run(command: list, env: Mapping[str, str] | None = None) -> None:
     texts = list(map(str, command))
-    done = subprocess.run(texts, capture_output=True, text=True, env={**os.environ, **(env or {})})
+    done = subprocess.run(
+        texts, capture_output=True, text=True, env={**os.environ, **(env or {})}
+    )
     if done.returncode:
         raise OSError(f"{texts[0]} fails: {(done.stderr or done.stdout)[-2000:]}")
 

@@ -24,16 +24,34 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.serialization import serialize_message
 
-from sparse_coord_ros import wire
-from sparse_coord_ros.nodes.interface import bind, message_class
-from sparse_coord_ros.nodes.spin import ros_context, signals, spin_nodes
-from sparse_coord_ros.wire import NODE, ROBOT, RunState, services
+from sparse_coord_ros.protocol import wire
+from sparse_coord_ros.protocol.wire import NODE, ROBOT, RunState, services
+from sparse_coord_ros.ros.nodes.interface import bind, message_class
+from sparse_coord_ros.ros.nodes.spin import ros_context, signals, spin_nodes
 
 ODD_NUMBERS = (0, 1, -1, 2**31 - 1, -(2**31), 2**63 - 1, 2**64 - 1, 10**5, 255, 65_536)
 ODD_FLOATS = (math.nan, math.inf, -math.inf, -1.0, 0.0, 1e300, 1e-300, 0.5, 2.0**53)
 ODD_TEXTS = (
-    *("", "map", "odom", "x" * 999, "robot_1", "robot_9", "../../etc", "\x1b[2J", "ä\u2028"),
-    *("a joined", "9 holding", "1:1:1", "[" * 400, "format: 3", "learner: os:system", "nan"),
+    *(
+        "",
+        "map",
+        "odom",
+        "x" * 999,
+        "robot_1",
+        "robot_9",
+        "../../etc",
+        "\x1b[2J",
+        "ä\u2028",
+    ),
+    *(
+        "a joined",
+        "9 holding",
+        "1:1:1",
+        "[" * 400,
+        "format: 3",
+        "learner: os:system",
+        "nan",
+    ),
 )
 FAR = (-(2**31), -1, 10**5, 2**31 - 1)
 """Seconds of a stamp that are no time of a short run."""
@@ -63,7 +81,9 @@ def damaged(chance: random.Random, data: bytes) -> bytes:
     return bytes(changed)
 
 
-def message_with(chance: random.Random, kind: type, stamp: Callable[[], int] | None = None) -> Any:
+def message_with(
+    chance: random.Random, kind: type, stamp: Callable[[], int] | None = None
+) -> Any:
     """Return a message of a type (or a request) whose fields are drawn, odd ones often.
 
     Args:
@@ -80,7 +100,9 @@ def message_with(chance: random.Random, kind: type, stamp: Callable[[], int] | N
     return message
 
 
-def _drawn(chance: random.Random, said: str, before: Any, stamp: Callable[[], int] | None) -> Any:
+def _drawn(
+    chance: random.Random, said: str, before: Any, stamp: Callable[[], int] | None
+) -> Any:
     """Return a value of a field's type; `before`: the one that a new message has."""
     several = re.fullmatch(r"sequence<(.+?)(?:, (\d+))?>|(.+)\[(\d+)\]", said)
     if several:
@@ -91,14 +113,20 @@ def _drawn(chance: random.Random, said: str, before: Any, stamp: Callable[[], in
         return bytes(found) if isinstance(before, bytes) else found
     if "/" in said:
         part = "srv" if re.search("_(Request|Response)$", said) else "msg"
-        return message_with(chance, message_class(said.replace("/", f"/{part}/")), stamp)
+        return message_with(
+            chance, message_class(said.replace("/", f"/{part}/")), stamp
+        )
     if said.startswith("string"):
         if chance.random() < 0.4:
             labels = (*wire.ACTION.labels, *wire.REWARD.labels, *wire.REACHED.labels)
             return chance.choice((*labels, *wire.BODY_GOALS.labels, *RunState))
         return chance.choice(ODD_TEXTS)
     if said in ("float", "double"):
-        return chance.choice((*ODD_FLOATS, chance.uniform(-9, 9))) if said == "double" else 0.5
+        return (
+            chance.choice((*ODD_FLOATS, chance.uniform(-9, 9)))
+            if said == "double"
+            else 0.5
+        )
     if said == "boolean":
         return chance.random() < 0.5
     if said == "octet":
@@ -130,7 +158,9 @@ class Visitor:
         for topic in wire.TOPICS:
             ros = bind(topic)
             for name in (topic.of(owner) for owner in owners.get(topic.owner, ())):
-                self._publishers.append((ros, node.create_publisher(ros.type, name, ros.qos)))
+                self._publishers.append(
+                    (ros, node.create_publisher(ros.type, name, ros.qos))
+                )
             if topic.owner not in owners:
                 publisher = node.create_publisher(ros.type, topic.name, ros.qos)
                 self._publishers.append((ros, publisher))

@@ -7,19 +7,19 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from sparse_coord_ros.engine.checkpoint import Checkpoint, load_checkpoint
-from sparse_coord_ros.game.links import Percepts
-from sparse_coord_ros.game.perception import MODELS
-from sparse_coord_ros.game.scenario import scenario_from_dict
-from sparse_coord_ros.game.world import World
-from sparse_coord_ros.learn.history import HistoryRecorder, concatenated
-from sparse_coord_ros.learn.run import LearningRun, Team, groups_of
-from sparse_coord_ros.learn.run_config import load_run
-from sparse_coord_ros.learn.tables import load_team, tables_from_values
-from sparse_coord_ros.learners.agent import Agent, Choice
-from sparse_coord_ros.learners.coop import Coop
-from sparse_coord_ros.learners.registry import LEARNERS, learner_of
-from sparse_coord_ros.learners.rules import expected, reward_of
+from sparse_coord_ros.core.engine.checkpoint import Checkpoint, load_checkpoint
+from sparse_coord_ros.core.game.perception import MODELS
+from sparse_coord_ros.core.game.percepts import Percepts
+from sparse_coord_ros.core.game.scenario import scenario_from_dict
+from sparse_coord_ros.core.game.world import World
+from sparse_coord_ros.core.learners.agent import Agent, Choice
+from sparse_coord_ros.core.learners.coop import Coop
+from sparse_coord_ros.core.learners.registry import LEARNERS, learner_of
+from sparse_coord_ros.core.learners.rules import expected, reward_of
+from sparse_coord_ros.core.runs.history import HistoryRecorder, concatenated
+from sparse_coord_ros.core.runs.run import LearningRun, Team, groups_of
+from sparse_coord_ros.core.runs.run_config import load_run
+from sparse_coord_ros.core.runs.tables import load_team, tables_from_values
 
 PROTOCOL = {
     "starts": "random",
@@ -51,10 +51,14 @@ def walking(scenario, coordinate=np.nan):
     """
     tables = []
     for robot in scenario.robots:
-        value = -scenario.map.distances_to(robot.goal)[scenario.map.next_cell].astype(float)
+        value = -scenario.map.distances_to(robot.goal)[scenario.map.next_cell].astype(
+            float
+        )
         q_star = np.column_stack([value, np.full(len(value), coordinate)])
         q_coord = (
-            None if np.isnan(coordinate) else np.repeat(value[:, None, :], len(value), axis=1)
+            None
+            if np.isnan(coordinate)
+            else np.repeat(value[:, None, :], len(value), axis=1)
         )
         tables.append(tables_from_values(scenario, len(tables), q_star, q_coord))
     return tables

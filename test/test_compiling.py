@@ -9,16 +9,16 @@ import sys
 
 import pytest
 
-from sparse_coord_ros import compiling
-from sparse_coord_ros.compiling import has_numba
+from sparse_coord_ros.base import compiling
+from sparse_coord_ros.base.compiling import has_numba
 
 pytestmark = pytest.mark.skipif(not has_numba(), reason="numba is not installed")
 
 PROGRAM = """
 import time
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.engine.batch import is_prepared, prepare, run_batch
-from sparse_coord_ros.learn.tables import pack_tables
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.engine.batch import is_prepared, prepare, run_batch
+from sparse_coord_ros.core.runs.tables import pack_tables
 import hashlib
 scenario = load_scenario("env1", ).with_settings({"steps": 3000})
 there = is_prepared()
@@ -67,10 +67,12 @@ def test_where_it_is(folder, monkeypatch):
     compiling.keep("tables")
     assert compiling.is_kept("tables") and not compiling.is_kept("factors")
     compiling.folder.cache_clear()
-    monkeypatch.setattr(compiling, "COMPILER", (*compiling.COMPILER, "mcap"))  # other versions
+    monkeypatch.setattr(
+        compiling, "COMPILER", (*compiling.COMPILER, "mcap")
+    )  # other versions
     assert not compiling.is_kept("tables")
     compiling.folder.cache_clear()
-    monkeypatch.setattr(compiling, "SOURCES", ("core",))  # other sources
+    monkeypatch.setattr(compiling, "SOURCES", ("cli/*.py",))  # other sources
     assert not compiling.is_kept("tables")
     assert len(list(folder.iterdir())) == 3
 

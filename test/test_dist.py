@@ -14,13 +14,13 @@ from pathlib import Path
 import pytest
 import yaml
 
-from sparse_coord_ros import archive
-from sparse_coord_ros.experiments.checked_json import FORMAT as RESULTS_FORMAT
-from sparse_coord_ros.game.scenario import scenario_names
-from sparse_coord_ros.learn import run_config
-from sparse_coord_ros.solve import asking_search
-from sparse_coord_ros.version import __version__
-from sparse_coord_ros.wire import BAG_FORMAT
+from sparse_coord_ros.base import archive
+from sparse_coord_ros.base.version import __version__
+from sparse_coord_ros.core.game.scenario import scenario_names
+from sparse_coord_ros.core.runs import run_config
+from sparse_coord_ros.core.solve import asking_search
+from sparse_coord_ros.protocol.wire import BAG_FORMAT
+from sparse_coord_ros.studies.checked_json import FORMAT as RESULTS_FORMAT
 
 ROOT = Path(__file__).resolve().parents[1]
 PYTHONS = ("3.11", "3.12", "3.13")
@@ -40,7 +40,9 @@ def test_one_version_and_one_licence():
     package = ET.parse(ROOT / "package.xml").getroot()
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
     setup = dict(
-        re.findall(r'^    (version|license)="(.*)",$', (ROOT / "setup.py").read_text(), re.M)
+        re.findall(
+            r'^    (version|license)="(.*)",$', (ROOT / "setup.py").read_text(), re.M
+        )
     )
     said = [setup, citation, {key: package.findtext(key) for key in setup}]
     assert [one["version"] for one in said] == [__version__] * 3
@@ -49,19 +51,25 @@ def test_one_version_and_one_licence():
     for page in ("README.md", "docs/installation.md"):
         wheels = re.findall(r"sparse_coord_ros-([\d.]+)-py3", (ROOT / page).read_text())
         assert wheels == [__version__]
-    released = re.findall(r"^## \[(\d.*)\] - (.*)$", (ROOT / "CHANGELOG.md").read_text(), re.M)
+    released = re.findall(
+        r"^## \[(\d.*)\] - (.*)$", (ROOT / "CHANGELOG.md").read_text(), re.M
+    )
     assert (__version__, str(citation["date-released"])) == released[0]
 
 
 def test_rosdep_gets_what_it_asks_for():
     """The changelog of ROS's tools has our versions; the keys that pip installs are all named."""
-    ours = re.findall(r"^## \[(\d.*)\] - (.*)$", (ROOT / "CHANGELOG.md").read_text(), re.M)
+    ours = re.findall(
+        r"^## \[(\d.*)\] - (.*)$", (ROOT / "CHANGELOG.md").read_text(), re.M
+    )
     heading = r"^([\d.]+) \((\d{4}-\d\d-\d\d)\)\n-+$"
     assert re.findall(heading, (ROOT / "CHANGELOG.rst").read_text(), re.M) == ours
     package = ET.parse(ROOT / "package.xml").getroot()
     needed = {(one.text, one.tag) for one in package if one.tag.endswith("_depend")}
     said = re.findall(
-        r"^ +\| `(.*?)` \| (\w+_depend) \|", (ROOT / "CONTRIBUTING.md").read_text(), re.M
+        r"^ +\| `(.*?)` \| (\w+_depend) \|",
+        (ROOT / "CONTRIBUTING.md").read_text(),
+        re.M,
     )
     # Packages of ROS have no hyphen in their names, apt's keys begin with python3-.
     with_hyphen = {one for one in needed if "-" in one[0]}
@@ -75,7 +83,13 @@ def test_the_formats_numbers_are_said():
     said = re.findall(
         r"^\| (run\.yaml|tables\.npz|bag|results|search) ?[^|]*\| (\d) \|", text, re.M
     )
-    numbers = (run_config.FORMAT, archive.FORMAT, BAG_FORMAT, RESULTS_FORMAT, asking_search.FORMAT)
+    numbers = (
+        run_config.FORMAT,
+        archive.FORMAT,
+        BAG_FORMAT,
+        RESULTS_FORMAT,
+        asking_search.FORMAT,
+    )
     assert [int(number) for _, number in said] == list(numbers)
 
 
@@ -100,7 +114,8 @@ def wheel(tmp_path_factory):
     subprocess.run([sys.executable, "-m", "venv", tools], check=True)
     pip_install(tools, "build", "twine")
     subprocess.run(
-        [tools / "bin/python", "-m", "build", "-o", folder, folder / "source"], check=True
+        [tools / "bin/python", "-m", "build", "-o", folder, folder / "source"],
+        check=True,
     )
     made = sorted(folder.glob("sparse_coord_ros-*"))
     subprocess.run([tools / "bin/twine", "check", "--strict", *made], check=True)
@@ -108,7 +123,13 @@ def wheel(tmp_path_factory):
 
 
 def pip_install(environment, *what):
-    pip = [environment / "bin/python", "-m", "pip", "install", "--disable-pip-version-check"]
+    pip = [
+        environment / "bin/python",
+        "-m",
+        "pip",
+        "install",
+        "--disable-pip-version-check",
+    ]
     subprocess.run([*pip, "--quiet", "--no-compile", *what], check=True)
 
 
@@ -125,11 +146,17 @@ def test_the_wheel_in_an_empty_environment(version, wheel, tmp_path, own_domain)
     own = tmp_path / "environment"
     subprocess.run([interpreter, "-m", "venv", own], check=True)
     pip_install(own, f"{wheel}[ros,fast]")
-    ours = ("PYTHONPATH", "LD_LIBRARY_PATH", "_ROS_WHEELS_BOOTSTRAP_COMPLETE")  # of the tests' ROS
+    ours = (
+        "PYTHONPATH",
+        "LD_LIBRARY_PATH",
+        "_ROS_WHEELS_BOOTSTRAP_COMPLETE",
+    )  # of the tests' ROS
     environment = {key: value for key, value in os.environ.items() if key not in ours}
 
     def output(*words):
-        done = subprocess.run(words, cwd=tmp_path, env=environment, capture_output=True, text=True)
+        done = subprocess.run(
+            words, cwd=tmp_path, env=environment, capture_output=True, text=True
+        )
         assert done.returncode == 0, (words, done.stdout, done.stderr)
         return done.stdout
 

@@ -30,7 +30,7 @@ def test_two_tests_have_two_domains():
 
 
 def test_a_domain_with_a_node_is_found_out():
-    spin = pytest.importorskip("sparse_coord_ros.nodes.spin")
+    spin = pytest.importorskip("sparse_coord_ros.ros.nodes.spin")
     with ros_domain([A, B]) as domain, pytest.MonkeyPatch.context() as patch:
         patch.setenv("ROS_DOMAIN_ID", str(domain))
         with spin.ros_context() as context:

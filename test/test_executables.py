@@ -16,7 +16,9 @@ ROOT = Path(__file__).parents[1]
 
 def test_every_node_has_a_script_for_ros2_run():
     assert sorted(path.name for path in (ROOT / "scripts").iterdir()) == sorted(NODES)
-    assert {path.resolve() for path in (ROOT / "scripts").iterdir()} == {ROOT / "resource/node"}
+    assert {path.resolve() for path in (ROOT / "scripts").iterdir()} == {
+        ROOT / "resource/node"
+    }
 
 
 def test_only_one_command_is_on_the_path():
@@ -34,10 +36,14 @@ def test_a_script_runs_the_node_of_its_name(command):
         [sys.executable, *command, *wrong], cwd=ROOT, capture_output=True, text=True
     )
     assert done.returncode == 2
-    assert done.stderr.startswith("error: node robot: unknown parameter 'colour'; allowed: ")
+    assert done.stderr.startswith(
+        "error: node robot: unknown parameter 'colour'; allowed: "
+    )
 
 
 def test_an_unknown_executable_is_one_line():
     command = [sys.executable, "-m", "sparse_coord_ros.executables", "wheel"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
-    assert done.returncode == 2 and done.stderr.startswith("error: give the name of an exec")
+    assert done.returncode == 2 and done.stderr.startswith(
+        "error: give the name of an exec"
+    )

@@ -7,7 +7,7 @@ import stat
 
 import pytest
 
-from sparse_coord_ros.files import PARTIAL, write_whole
+from sparse_coord_ros.base.files import PARTIAL, write_whole
 
 
 @pytest.fixture
@@ -54,7 +54,9 @@ def test_where_naming_fails_nothing_has_changed(file, monkeypatch):
 
 
 @pytest.mark.parametrize("sync", [False, True])
-def test_the_disk_has_the_content_before_the_name_and_then_the_name(file, monkeypatch, sync):
+def test_the_disk_has_the_content_before_the_name_and_then_the_name(
+    file, monkeypatch, sync
+):
     done = []
     fsync = os.fsync
     replace = os.replace
@@ -77,7 +79,7 @@ def test_the_disk_has_the_content_before_the_name_and_then_the_name(file, monkey
 SETTINGS = """
 import os
 from sparse_coord_ros.cli.pictures import drawing
-from sparse_coord_ros.compiling import has_numba, numba
+from sparse_coord_ros.base.compiling import has_numba, numba
 with drawing():
     import matplotlib
     assert not matplotlib.rcParams["text.usetex"]

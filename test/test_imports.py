@@ -1,17 +1,16 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The ROS-free parts import, and work, where ROS is not installed; imports point down only."""
+"""The parts that need no ROS import, and work, where ROS is not installed."""
 
-import ast
 from pathlib import Path
 
 import pytest
 
 import sparse_coord_ros
-from sparse_coord_ros.bags import BagWriter
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learn.run_config import make_run
-from sparse_coord_ros.wire import BAG_FORMAT, FORMAT_KEY
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.runs.run_config import make_run
+from sparse_coord_ros.log.bags import BagWriter
+from sparse_coord_ros.protocol.wire import BAG_FORMAT, FORMAT_KEY
 
 PACKAGE = Path(sparse_coord_ros.__file__).parent
 
@@ -38,69 +37,22 @@ def bare(python):
     return lambda code: python("-c", WITHOUT_ROS + code).stdout
 
 
-LEVELS = (
-    {
-        "version",
-        "errors",
-        "files",
-        "limits",
-        "share",
-        "signals",
-        "palette",
-        "dataframes",
-        "compiling",
-        "archive",
-    },
-    {"game"},
-    {"learners"},
-    {"learn"},
-    {"wire", "solve"},
-    {"engine", "lockstep", "bags"},
-    {"experiments", "driving", "runlog", "maps"},
-    {"look"},
-    {"nodes"},
-    {"doctor"},
-    {"api", "cli", "launching", "pettingzoo_env"},
-    {"executables"},
-)
-"""Packages and modules by how far up they stand: imports point down only."""
-
-
-def test_no_import_points_up():
-    """Nor to a neighbour of the same level, but for a package's own modules and the ground."""
-    level = {name: number for number, names in enumerate(LEVELS) for name in names}
-    upwards = set()
-    for path in PACKAGE.rglob("*.py"):
-        here = path.relative_to(PACKAGE).with_suffix("").parts[0]
-        for there in imported(path):
-            known = here in level and there != here
-            if known and level.get(there, len(LEVELS)) >= max(level[here], 1):
-                upwards.add(f"{here} -> {there}")
-    assert upwards == set()
+WITHOUT_ROS_PARTS = ("base", "core", "protocol", "studies", "log", "lab", "show")
+"""Parts that need no ROS: all below `ros` (see the layers in pyproject.toml)."""
 
 
 def test_imports_without_ros(bare):
-    below = sorted(set().union(*LEVELS[1 : LEVELS.index({"nodes"})]))
-    out = bare(f"for package in {below}: print(package, len(load(package)))")
+    out = bare(
+        f"for package in {WITHOUT_ROS_PARTS}: print(package, len(load(package)))"
+    )
     for package, modules in map(str.split, out.splitlines()):
         assert int(modules) > 1, package
-
-
-def imported(path):
-    """Return which packages and modules of ours a file names, wherever in it."""
-    for node in ast.walk(ast.parse(path.read_text())):
-        names = []
-        if isinstance(node, ast.ImportFrom) and node.module == PACKAGE.name:
-            names = [alias.name for alias in node.names]
-        elif isinstance(node, ast.ImportFrom) and node.module.startswith(PACKAGE.name + "."):
-            names = [node.module.split(".")[1]]
-        yield from names
 
 
 def test_learning_needs_numpy_and_yaml_only(bare):
     out = bare(
         "before = {n.split('.')[0] for n in sys.modules}  # site hooks\n"
-        "load('learn')\n"
+        "load('core.runs')\n"
         "known = sys.stdlib_module_names | {'sparse_coord_ros'}\n"
         "used = {n.split('.')[0] for n, m in sys.modules.items() if getattr(m, '__file__', '')}\n"
         "print(*sorted(n for n in used - known - before if n[0] != '_'))"
@@ -111,22 +63,24 @@ def test_learning_needs_numpy_and_yaml_only(bare):
 def test_help_and_small_verbs_start_fast(bare):
     out = bare(
         "from sparse_coord_ros.cli.main import main\n"
-        "heavy = {'argcomplete', 'numba', 'matplotlib', 'sparse_coord_ros.engine'}\n"
+        "heavy = {'argcomplete', 'numba', 'matplotlib', 'sparse_coord_ros.core.engine'}\n"
         "for line in ('--help', 'maps', 'optimum env1', 'reproduce --help'):\n"
         "    try:\n"
         "        main(line.split())\n"
         "    except SystemExit:\n"
         "        pass\n"
         "    print('HEAVY', heavy & sys.modules.keys())\n"
-        "    heavy -= {'sparse_coord_ros.engine'} if line == 'optimum env1' else set()"
+        "    heavy -= {'sparse_coord_ros.core.engine'} if line == 'optimum env1' else set()"
     )
-    assert [line for line in out.splitlines() if line.startswith("HEAVY")] == ["HEAVY set()"] * 4
+    assert [line for line in out.splitlines() if line.startswith("HEAVY")] == [
+        "HEAVY set()"
+    ] * 4
 
 
 def test_the_doctor_without_ros(bare):
     out = bare(
         "from sparse_coord_ros.cli.main import main\n"
-        "from sparse_coord_ros.doctor import round_trip\n"
+        "from sparse_coord_ros.ros.doctor import round_trip\n"
         "round_trip.round_trip = lambda changes=None: {'missing': 'no rclpy'}\n"
         "assert main(['doctor']) == 0"
     )
@@ -138,7 +92,9 @@ def test_command_line_without_ros(bare, tmp_path):
     (tmp_path / "other/text").write_text("no bag")
     with BagWriter(tmp_path / "bag") as bag:
         bag.add_metadata("sparse_coord_ros", {"seed": "1", FORMAT_KEY: str(BAG_FORMAT)})
-        bag.attach("run.yaml", make_run(load_scenario("env1"), {}).to_yaml().encode(), "")
+        bag.attach(
+            "run.yaml", make_run(load_scenario("env1"), {}).to_yaml().encode(), ""
+        )
     out = bare(
         "from sparse_coord_ros.cli.main import main\n"
         "assert main(['maps', 'env1']) == 0\n"
@@ -147,7 +103,13 @@ def test_command_line_without_ros(bare, tmp_path):
         f"for verb, code in dict(info=0, verify=1, explain=0, recover=0).items():\n"
         f"    assert main([verb, {str(tmp_path / 'bag')!r}]) == code, verb\n"
         f"    assert main([verb, {str(tmp_path / 'other/text')!r}]) == 2, verb\n"
-        "assert not [n for n in sys.modules if n.startswith('sparse_coord_ros.nodes')]"
+        "assert not [n for n in sys.modules if n.startswith('sparse_coord_ros.ros.nodes')]"
     )
-    for words in ("21 cells", "121.89", "env1, coop, seed 0", "differs: ", "no COORDINATE"):
+    for words in (
+        "21 cells",
+        "121.89",
+        "env1, coop, seed 0",
+        "differs: ",
+        "no COORDINATE",
+    ):
         assert words in out

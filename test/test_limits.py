@@ -10,15 +10,22 @@ from pathlib import Path
 
 import pytest
 
-from sparse_coord_ros.errors import MapError, ScenarioError, SparseCoordError
-from sparse_coord_ros.experiments.store import read_results
-from sparse_coord_ros.game.grid import load_map
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learn.history import load_history
-from sparse_coord_ros.learn.run_config import load_run
-from sparse_coord_ros.learn.tables import load_saved
-from sparse_coord_ros.limits import DEEPEST, Limit, parse_yaml, read_file, read_text, to_yaml
-from sparse_coord_ros.maps.image import read_floor_plan
+from sparse_coord_ros.base.errors import MapError, ScenarioError, SparseCoordError
+from sparse_coord_ros.base.limits import (
+    DEEPEST,
+    Limit,
+    parse_yaml,
+    read_file,
+    read_text,
+    to_yaml,
+)
+from sparse_coord_ros.core.game.grid import load_map
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.runs.history import load_history
+from sparse_coord_ros.core.runs.run_config import load_run
+from sparse_coord_ros.core.runs.tables import load_saved
+from sparse_coord_ros.lab.maps.image import read_floor_plan
+from sparse_coord_ros.studies.store import read_results
 
 SMALL = Limit("a test", 1000, 40)
 
@@ -74,7 +81,10 @@ NOT_READ = "anchors, aliases and tags are not read"
         ("a: \ud800\n", "surrogates not allowed"),
         ("- 1\n", "here: must be 'key: value' lines, is list"),
         ("", "here: must be 'key: value' lines, is NoneType"),
-        ("a: " + "[" * DEEPEST + "]" * DEEPEST, f"nested too deeply, allowed: {DEEPEST} levels"),
+        (
+            "a: " + "[" * DEEPEST + "]" * DEEPEST,
+            f"nested too deeply, allowed: {DEEPEST} levels",
+        ),
         ("a: [" + "1," * 40 + "]", "here are more than 40 values, allowed for a test"),
         ("a: " + 1000 * "x", "has 1,003 letters, allowed for a test: 1,000; take out"),
     ],
@@ -85,23 +95,57 @@ def test_what_is_not_read_is_told_in_one_line(text, words):
     assert "\n" not in str(error.value)
 
 
-@pytest.mark.parametrize("bomb", ["[" * 4_000_000, "{a: " * 1_000_000, "\n- 1" * 2_000_000])
+@pytest.mark.parametrize(
+    "bomb", ["[" * 4_000_000, "{a: " * 1_000_000, "\n- 1" * 2_000_000]
+)
 def test_bombs_end_early(bomb):
     before = time.process_time()
-    with pytest.raises(ScenarioError, match="nested too deeply|more than 20,000 values"):
+    with pytest.raises(
+        ScenarioError, match="nested too deeply|more than 20,000 values"
+    ):
         parse_yaml(f"x: {bomb}", where="bomb")
     assert time.process_time() - before < 1.0
 
 
 def test_shared_parts_are_written_out():
     part = [1, 2]
-    assert parse_yaml(to_yaml({"a": part, "b": part}), where="") == {"a": part, "b": part}
+    assert parse_yaml(to_yaml({"a": part, "b": part}), where="") == {
+        "a": part,
+        "b": part,
+    }
 
 
 @pytest.mark.parametrize(
     "value",
-    ["1e3", "12e45", "0o7", "0x1f", "1.5", "yes", "010", "2020-01-01", "1:1", ".5", "+1", "~"]
-    + ["", "true", ".inf", "a: b", "x\ny\n", "1_000", "<<", 1e16, 1e-7, 5, True, None, -math.inf],
+    [
+        "1e3",
+        "12e45",
+        "0o7",
+        "0x1f",
+        "1.5",
+        "yes",
+        "010",
+        "2020-01-01",
+        "1:1",
+        ".5",
+        "+1",
+        "~",
+    ]
+    + [
+        "",
+        "true",
+        ".inf",
+        "a: b",
+        "x\ny\n",
+        "1_000",
+        "<<",
+        1e16,
+        1e-7,
+        5,
+        True,
+        None,
+        -math.inf,
+    ],
 )
 def test_what_is_written_is_read_back(value):
     found = parse_yaml(to_yaml({"k": value}), where="")["k"]
@@ -127,7 +171,9 @@ def test_regular_files_only(tmp_path):
             read_file(path, **how)
         assert str(error.value).startswith(f"{path}: cannot be read (")
     file.write_bytes(b"\xff")
-    with pytest.raises(MapError, match="is no UTF-8 text .invalid start byte.; give another"):
+    with pytest.raises(
+        MapError, match="is no UTF-8 text .invalid start byte.; give another"
+    ):
         read_text(file, **how)
 
 
@@ -143,7 +189,9 @@ def test_large_files_are_not_read(tmp_path):
 def drawn(robots, rows=30, columns=100):
     """Return the text of a scenario with so many robots on a map with so many cells beside it."""
     cells = [f"[{k // columns}, {k % columns}]" for k in range(robots + 1)]
-    lines = (f"  r{k}: {{start: {cells[k]}, goal: {cells[k + 1]}}}\n" for k in range(robots))
+    lines = (
+        f"  r{k}: {{start: {cells[k]}, goal: {cells[k + 1]}}}\n" for k in range(robots)
+    )
     grid = "title: x\n---\n" + ("." * columns + "\n") * rows
     return "map: m.txt\nrobots:\n" + "".join(lines), grid
 
@@ -151,19 +199,31 @@ def drawn(robots, rows=30, columns=100):
 @pytest.mark.parametrize(
     ("robots", "rows", "columns", "words"),
     [
-        (20_000, 1000, 30, "here are more than 20,000 values, allowed for a scenario or a run"),
+        (
+            20_000,
+            1000,
+            30,
+            "here are more than 20,000 values, allowed for a scenario or a run",
+        ),
         (
             2,
             10_000,
             1000,
             "m.txt: cannot be read .it has 10,010,013 bytes, allowed for a map: ",
         ),
-        (2, 1001, 1000, "has 1,001,000 cells and walls, allowed: 1,000,000; use larger cells"),
+        (
+            2,
+            1001,
+            1000,
+            "has 1,001,000 cells and walls, allowed: 1,000,000; use larger cells",
+        ),
         pytest.param(1500, 1000, 1000, "", marks=pytest.mark.long),
     ],
     ids=["20,000 robots", "10 million cells", "too many cells", "as large as may be"],
 )
-def test_large_scenarios_are_read_or_refused_soon(tmp_path, robots, rows, columns, words):
+def test_large_scenarios_are_read_or_refused_soon(
+    tmp_path, robots, rows, columns, words
+):
     text, grid = drawn(robots, rows, columns)
     (tmp_path / "m.txt").write_text(grid)
     (tmp_path / "s.yaml").write_text(text)
@@ -191,7 +251,9 @@ def test_large_scenarios_are_read_or_refused_soon(tmp_path, robots, rows, column
         ("results.json", lambda at: read_results(at.parent)),
     ],
 )
-def test_what_is_no_regular_file_of_a_size_is_refused_at_once(tmp_path, name, read, kind):
+def test_what_is_no_regular_file_of_a_size_is_refused_at_once(
+    tmp_path, name, read, kind
+):
     (tmp_path / "plan.yaml").write_text("image: image.png\nresolution: 0.1\n")
     path = tmp_path / name
     if kind == "pipe":

@@ -9,11 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sparse_coord_ros.compiling import has_numba
-from sparse_coord_ros.engine.batch import run_batch
-from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.base.compiling import has_numba
+from sparse_coord_ros.core.engine.batch import run_batch
+from sparse_coord_ros.core.game.scenario import load_scenario
 
-DIGESTS = json.loads((Path(__file__).parent / "fixtures/0.1.0/digests.json").read_text())
+DIGESTS = json.loads(
+    (Path(__file__).parent / "fixtures/0.1.0/digests.json").read_text()
+)
 RUNS = {
     "env1_coop": ("env1", "coop", {}),
     "env1_noncoop": ("env1", "noncoop", {}),
@@ -36,7 +38,9 @@ def digest(tables):
             arrays[f"q_coord_{k}"] = table.q_coord
         else:  # a table that was never used
             cells = len(table.q_star)
-            arrays[f"q_coord_{k}"] = np.full((cells, cells, 4), table.scenario.q_coord_init)
+            arrays[f"q_coord_{k}"] = np.full(
+                (cells, cells, 4), table.scenario.q_coord_init
+            )
     found = hashlib.sha256()
     for name in sorted(arrays):
         found.update(name.encode())

@@ -20,7 +20,9 @@ from pathlib import Path
 TUTORIALS = Path(__file__).resolve().parents[1] / "docs" / "tutorials"
 PICTURES = TUTORIALS / "pictures"
 PAGES = ("five_minutes", "step_aside", "what_the_log_knows", "office")
-BLOCK = re.compile(r"(<!-- test: no[^\n]*-->\n)?^```bash\n(.*?)^```$", re.DOTALL | re.MULTILINE)
+BLOCK = re.compile(
+    r"(<!-- test: no[^\n]*-->\n)?^```bash\n(.*?)^```$", re.DOTALL | re.MULTILINE
+)
 
 
 def commands(page: str) -> str:
@@ -44,7 +46,9 @@ def make(page: str) -> None:
 
 def main() -> None:
     """Make the pictures of all pages, or of some."""
-    parser = argparse.ArgumentParser(prog="python -m tools.pictures", description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="python -m tools.pictures", description=__doc__
+    )
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument("pages", nargs="*", default=PAGES, metavar="PAGE")
     for page in parser.parse_args().pages:

@@ -26,21 +26,26 @@ from typing import Any
 
 import numpy as np
 
-from sparse_coord_ros.engine.batch import prepare
-from sparse_coord_ros.experiments.catalogue import LONG
-from sparse_coord_ros.experiments.conditions import make_condition
-from sparse_coord_ros.experiments.runner import Computing
-from sparse_coord_ros.files import write_whole
-from sparse_coord_ros.game.scenario import Scenario, load_scenario
-from sparse_coord_ros.game.unseen import KINDS, TEAMS, VERSION
-from sparse_coord_ros.learn.run import LearningRun, Team
-from sparse_coord_ros.learners.registry import learner_of
-from sparse_coord_ros.solve.asking_search import find_asking_team
-from sparse_coord_ros.solve.optimum import joint_optimum
-from sparse_coord_ros.solve.reference import shortest_path_reference
-from sparse_coord_ros.solve.routes import route_plan
-from sparse_coord_ros.solve.shipped import UNSEEN, AskingTeam, BestTeam, game_digest
-from sparse_coord_ros.version import __version__
+from sparse_coord_ros.base.files import write_whole
+from sparse_coord_ros.base.version import __version__
+from sparse_coord_ros.core.engine.batch import prepare
+from sparse_coord_ros.core.game.scenario import Scenario, load_scenario
+from sparse_coord_ros.core.game.unseen import KINDS, TEAMS, VERSION
+from sparse_coord_ros.core.learners.registry import learner_of
+from sparse_coord_ros.core.runs.run import LearningRun, Team
+from sparse_coord_ros.core.solve.asking_search import find_asking_team
+from sparse_coord_ros.core.solve.optimum import joint_optimum
+from sparse_coord_ros.core.solve.reference import shortest_path_reference
+from sparse_coord_ros.core.solve.routes import route_plan
+from sparse_coord_ros.core.solve.shipped import (
+    UNSEEN,
+    AskingTeam,
+    BestTeam,
+    game_digest,
+)
+from sparse_coord_ros.studies.catalogue import LONG
+from sparse_coord_ros.studies.conditions import make_condition
+from sparse_coord_ros.studies.runner import Computing
 from tools.study.__main__ import computing
 from tools.study.coordination import CROWDS, MANY, SEED
 
@@ -71,12 +76,18 @@ def write(file: str, entries: Mapping[str, Any], *, afresh: bool = False) -> Non
     said = json.loads((CONFIG / file).read_text(encoding="utf-8"))
     *head, key = said
     kept = dict(entries) if afresh else said[key] | entries
-    lines = ",\n".join(f"  {json.dumps(name)}: {json.dumps(one)}" for name, one in kept.items())
-    heads = "".join(f"{json.dumps(name)}: {json.dumps(said[name])},\n " for name in head)
+    lines = ",\n".join(
+        f"  {json.dumps(name)}: {json.dumps(one)}" for name, one in kept.items()
+    )
+    heads = "".join(
+        f"{json.dumps(name)}: {json.dumps(said[name])},\n " for name in head
+    )
     write_whole(CONFIG / file, f"{{{heads}{json.dumps(key)}: {{\n{lines}\n }}}}\n")
 
 
-def add_asking_team(scenario: Scenario, restarts: int, search: Path | None = None) -> AskingTeam:
+def add_asking_team(
+    scenario: Scenario, restarts: int, search: Path | None = None
+) -> AskingTeam:
     """Search for the best asking team of a scenario, and write it."""
     found = find_asking_team(scenario, restarts=restarts, seed=1, file=search)
     title = f"{scenario.name}, penalty {scenario.penalty:g}"
@@ -91,7 +102,9 @@ def find_asking_teams(options: argparse.Namespace) -> None:
     options.keep.mkdir(parents=True, exist_ok=True)
     for name, penalty in product(SCENARIOS, PENALTIES):
         scenario = load_scenario(name).with_settings({"penalty": penalty})
-        add_asking_team(scenario, options.restarts, options.keep / f"{name}_{penalty}.search.json")
+        add_asking_team(
+            scenario, options.restarts, options.keep / f"{name}_{penalty}.search.json"
+        )
 
 
 def find_teams(options: argparse.Namespace) -> None:
@@ -108,7 +121,9 @@ def find_teams(options: argparse.Namespace) -> None:
             learning = LearningRun(team, seed, gathering=False)
             learning.advance(scenario.steps)
             means = team.play(learning.minds, seed + FRESH, TRIALS).reward.mean(axis=1)
-            judged.append((float(means.mean()), float(means.std(ddof=1) / TRIALS**0.5), seed))
+            judged.append(
+                (float(means.mean()), float(means.std(ddof=1) / TRIALS**0.5), seed)
+            )
         value, error, seed = max(judged)
         best = BestTeam(
             value=value,
@@ -123,7 +138,9 @@ def find_teams(options: argparse.Namespace) -> None:
             date=f"{datetime.now(UTC):%Y-%m-%d}",
         )
         print(f"{name}: {best}", flush=True)
-        write("best_teams.json", {f"{name}, penalty {scenario.penalty:g}": asdict(best)})
+        write(
+            "best_teams.json", {f"{name}, penalty {scenario.penalty:g}": asdict(best)}
+        )
 
 
 def choose_unseen(_: argparse.Namespace) -> None:
@@ -138,7 +155,9 @@ def choose_unseen(_: argparse.Namespace) -> None:
     write(UNSEEN, chosen, afresh=True)
 
 
-def _with_conflict(kind: str, robots: int) -> Iterator[tuple[Scenario, dict[str, object]]]:
+def _with_conflict(
+    kind: str, robots: int
+) -> Iterator[tuple[Scenario, dict[str, object]]]:
     """Yield the buildings of a kind, and what is known of them, in the order of their seeds."""
     wanted = [COUNTS[robots]] * 2
     for seed in count():
@@ -167,12 +186,18 @@ FINDERS = {"asking": find_asking_teams, "teams": find_teams, "unseen": choose_un
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Compute, print, and write."""
-    parser = argparse.ArgumentParser(prog="python -m tools.shipped", description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="python -m tools.shipped", description=__doc__
+    )
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument("what", choices=FINDERS)
     parser.add_argument("--restarts", type=int, default=100, help="of each search")
-    parser.add_argument("--keep", type=Path, default=Path("searches"), metavar="SEARCHES")
-    parser.add_argument("--out", type=Path, default=Path("study"), help="results of tools.study")
+    parser.add_argument(
+        "--keep", type=Path, default=Path("searches"), metavar="SEARCHES"
+    )
+    parser.add_argument(
+        "--out", type=Path, default=Path("study"), help="results of tools.study"
+    )
     options = parser.parse_args(arguments)
     FINDERS[options.what](options)
 

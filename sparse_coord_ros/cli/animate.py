@@ -7,7 +7,7 @@ from pathlib import Path
 
 from sparse_coord_ros.cli import pictures
 from sparse_coord_ros.cli.options import JSON, SEED, Option, note
-from sparse_coord_ros.game.settings import Setting
+from sparse_coord_ros.core.game.settings import Setting
 
 KINDS = (".gif",)
 RATE = Setting("rate", float, 2.0, "time steps a second", low=0.1, high=20)
@@ -24,7 +24,11 @@ OPTIONS = (
         "with the most questions",
         {"default": "last"},
     ),
-    Option("--greedy", bool, "play on the learned tables, as always for a run without a bag"),
+    Option(
+        "--greedy",
+        bool,
+        "play on the learned tables, as always for a run without a bag",
+    ),
     SEED,
     RATE,
     pictures.out_option(KINDS),
@@ -36,10 +40,14 @@ def execute(options: argparse.Namespace) -> None:
     """Run the verb."""
     pictures.check_out(options.out, KINDS)
     with pictures.drawing():
-        from sparse_coord_ros.look import film
-        from sparse_coord_ros.look.episodes import episode_number, logged_episode, played_episode
-        from sparse_coord_ros.look.sources import open_shown
-        from sparse_coord_ros.look.steps import questions_of
+        from sparse_coord_ros.show import film
+        from sparse_coord_ros.show.episodes import (
+            episode_number,
+            logged_episode,
+            played_episode,
+        )
+        from sparse_coord_ros.show.sources import open_shown
+        from sparse_coord_ros.show.steps import questions_of
 
         wanted = episode_number(options.episode)
         say = note
@@ -48,7 +56,11 @@ def execute(options: argparse.Namespace) -> None:
         if options.greedy or shown.bag is None:
             say("playing greedy episodes on the learned tables")
             episode = played_episode(
-                scenario, shown.tables, wanted, seed=options.seed, learner=shown.config.rule
+                scenario,
+                shown.tables,
+                wanted,
+                seed=options.seed,
+                learner=shown.config.rule,
             )
         else:
             episode = logged_episode(shown.log, wanted)
@@ -59,6 +71,10 @@ def execute(options: argparse.Namespace) -> None:
         say(f"drawing {kind} {episode.number}, {steps} steps")
         title = f"{scenario.name}, {kind} {episode.number}"
         data = film.film(scenario, episode, title=title, rate=options.rate)
-    said = {"episode": episode.number, "greedy": episode.greedy, "arrived": episode.arrived}
+    said = {
+        "episode": episode.number,
+        "greedy": episode.greedy,
+        "arrived": episode.arrived,
+    }
     asks = sum(len(questions_of(step)) for step in episode.steps)
     pictures.write(options, data, **said, steps=steps, asks=asks)

@@ -9,17 +9,17 @@ from typing import Any
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli.computing import COMPUTING, Bar, computing_of
 from sparse_coord_ros.cli.options import Option, note
-from sparse_coord_ros.experiments.benchmark import (
+from sparse_coord_ros.core.game.scenario import SETTINGS
+from sparse_coord_ros.core.game.unseen import TEAMS
+from sparse_coord_ros.core.learners.registry import LEARNERS
+from sparse_coord_ros.studies.benchmark import (
     TEAM_RUNS,
     TEAM_TRIALS,
     Benchmark,
-    Standing,
     benchmark,
 )
-from sparse_coord_ros.experiments.catalogue import SPLITS
-from sparse_coord_ros.game.scenario import SETTINGS
-from sparse_coord_ros.game.unseen import TEAMS
-from sparse_coord_ros.learners.registry import LEARNERS
+from sparse_coord_ros.studies.catalogue import SPLITS
+from sparse_coord_ros.studies.standings import Standing
 
 EXAMPLE = "sparse_coord benchmark coop factored --robots 2 --runs 2 --steps 2000"
 
@@ -31,15 +31,23 @@ OPTIONS = (
         f"{', '.join(LEARNERS.registered)}; or one of your own as module:Class",
         {"names": lambda: LEARNERS.names},
     ),
-    Option("--split", SPLITS, "buildings to choose rules by, or those for closing figures alone"),
-    Option("--robots N...", int, "sizes of teams", {"choices": TEAMS, "default": TEAMS}),
+    Option(
+        "--split",
+        SPLITS,
+        "buildings to choose rules by, or those for closing figures alone",
+    ),
+    Option(
+        "--robots N...", int, "sizes of teams", {"choices": TEAMS, "default": TEAMS}
+    ),
     Option("--kinds", bool, "a row for each kind of building too"),
     Option("--steps", None, "step budget in transitions (default: 1e5)"),
     shared.changes("change a setting of learning, e.g. epsilon=linear:0.2:0.02:0.8"),
     TEAM_RUNS,
     TEAM_TRIALS,
     Option("--seed", shared.SEED, "seed of run 0; run i has seed + i"),
-    Option("--out", Path, "results directory; what it holds already is not computed again"),
+    Option(
+        "--out", Path, "results directory; what it holds already is not computed again"
+    ),
     *COMPUTING,
     shared.JSON,
 )
@@ -52,8 +60,17 @@ def execute(options: argparse.Namespace) -> None:
     rows = []
     for one in found:
         stood = one.standings() | (one.standings(by_kind=True) if options.kinds else {})
-        rows += [[one.learner, *_row(where, standing)] for where, standing in stood.items()]
-    head = ["learner", "teams of", "buildings", "reward (s.e.)", "shortest paths", "best known"]
+        rows += [
+            [one.learner, *_row(where, standing)] for where, standing in stood.items()
+        ]
+    head = [
+        "learner",
+        "teams of",
+        "buildings",
+        "reward (s.e.)",
+        "shortest paths",
+        "best known",
+    ]
     head += ["share of the gap", "worst", "below the paths", "failed teams"]
     head += ["asks", "miscoord."]
     shared.tell(

@@ -11,11 +11,15 @@ from typing import Any, Self
 from tqdm import tqdm
 
 from sparse_coord_ros.cli.options import Option, note
-from sparse_coord_ros.engine.batch import ENGINES, uses_numba
-from sparse_coord_ros.engine.cluster import JOBS
+from sparse_coord_ros.core.engine.batch import ENGINES, uses_numba
+from sparse_coord_ros.core.engine.cluster import JOBS
 
 COMPUTING = (
-    Option("--engine", ENGINES, "the results are the same; auto: numba where it is installed"),
+    Option(
+        "--engine",
+        ENGINES,
+        "the results are the same; auto: numba where it is installed",
+    ),
     Option("--jobs", JOBS.parse, f"{JOBS.help} (default: all cores)"),
     Option(
         "--scheduler ADDRESS",
@@ -37,7 +41,9 @@ def computing_of(options: argparse.Namespace) -> dict[str, Any]:
 
 def note_without_numba() -> None:
     """Say what numba would bring."""
-    note("numba is not installed: plain Python, about 100 times slower; pip install numba")
+    note(
+        "numba is not installed: plain Python, about 100 times slower; pip install numba"
+    )
 
 
 FIRST_SECONDS = 1.5
@@ -56,7 +62,9 @@ class Bar(ExitStack):
         quiet: whether to show nothing.
     """
 
-    def __init__(self, unit: str, doing: str = "computing", *, quiet: bool = False) -> None:
+    def __init__(
+        self, unit: str, doing: str = "computing", *, quiet: bool = False
+    ) -> None:
         super().__init__()
         self._unit = unit
         self._doing = doing

@@ -5,12 +5,12 @@
 import argparse
 from typing import TYPE_CHECKING
 
+from sparse_coord_ros.base.errors import EXIT_FAULT
 from sparse_coord_ros.cli import options as shared
-from sparse_coord_ros.errors import EXIT_FAULT
 
 if TYPE_CHECKING:
-    from sparse_coord_ros.nodes.conformance import Judged
-    from sparse_coord_ros.nodes.spin import Stop
+    from sparse_coord_ros.ros.nodes.conformance import Judged
+    from sparse_coord_ros.ros.nodes.spin import Stop
 
 EXAMPLE = (
     "sparse_coord conformance -- python examples/own_robot.py --ros-args -r __node:=robot_1\n"
@@ -25,10 +25,14 @@ OPTIONS = (
         None,
         "behind --: starts the robot (default: it runs already, and its peers do not)",
     ),
-    shared.Option("--robot NAME", None, "its name (default: the scenario's first robot)"),
+    shared.Option(
+        "--robot NAME", None, "its name (default: the scenario's first robot)"
+    ),
     shared.Option("--scenario NAME", None, "which it is to play", {"default": "env1"}),
     shared.Option("--namespace NAMESPACE", None, "in which it is"),
-    shared.Option("--checkpoints", bool, "it has to keep checkpoints, and to go back to them"),
+    shared.Option(
+        "--checkpoints", bool, "it has to keep checkpoints, and to go back to them"
+    ),
     shared.JSON,
 )
 
@@ -36,8 +40,8 @@ OPTIONS = (
 def execute(options: argparse.Namespace) -> int:
     """Run the verb; 1 where the robot breaks an obligation."""
     with shared.ros_needed():
-        from sparse_coord_ros.nodes.conformance import BROKEN, judge
-        from sparse_coord_ros.nodes.spin import exit_code_of
+        from sparse_coord_ros.ros.nodes.conformance import BROKEN, judge
+        from sparse_coord_ros.ros.nodes.spin import exit_code_of
     found: list[Judged] = []
 
     def run(stop: "Stop") -> None:

@@ -7,8 +7,8 @@ import textwrap
 from collections.abc import Iterator
 
 from sparse_coord_ros.cli import options as shared
-from sparse_coord_ros.doctor import checks
-from sparse_coord_ros.doctor.checks import WRONG, Finding
+from sparse_coord_ros.ros.doctor import checks
+from sparse_coord_ros.ros.doctor.checks import WRONG, Finding
 
 UNWELL = 1
 WIDTH = 100
@@ -34,7 +34,7 @@ def execute(options: argparse.Namespace) -> int:
 
 def findings() -> Iterator[Finding]:
     """Look at everything, one thing after the other."""
-    from sparse_coord_ros.doctor import round_trip
+    from sparse_coord_ros.ros.doctor import round_trip
 
     yield checks.installation()
     yield checks.compiler()

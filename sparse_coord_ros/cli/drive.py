@@ -5,26 +5,29 @@
 import argparse
 from pathlib import Path
 
+from sparse_coord_ros.base.files import write_whole
 from sparse_coord_ros.cli import pictures
 from sparse_coord_ros.cli.computing import Bar
 from sparse_coord_ros.cli.options import JSON, SEED, Option, changes, format_table, tell
-from sparse_coord_ros.driving.trials import DRIVE_SETTINGS, Drive, drive
-from sparse_coord_ros.files import write_whole
-from sparse_coord_ros.game.grid import CLEAR
-from sparse_coord_ros.game.settings import Setting, parse_assignments
-from sparse_coord_ros.learn.evaluation import play
-from sparse_coord_ros.learn.run_config import RunConfig, load_run
-from sparse_coord_ros.learn.tables import load_team
-from sparse_coord_ros.learn.trials import Trials
+from sparse_coord_ros.core.game.grid import CLEAR
+from sparse_coord_ros.core.game.settings import Setting, parse_assignments
+from sparse_coord_ros.core.runs.evaluation import play
+from sparse_coord_ros.core.runs.run_config import RunConfig, load_run
+from sparse_coord_ros.core.runs.tables import load_team
+from sparse_coord_ros.core.runs.trials import Trials
+from sparse_coord_ros.lab.driving.trials import DRIVE_SETTINGS, Drive, drive
 
-EPISODES = Setting("episodes", int, 100, "greedy episodes from the starts", low=2, high=1_000_000)
+EPISODES = Setting(
+    "episodes", int, 100, "greedy episodes from the starts", low=2, high=1_000_000
+)
 FOLLOWED = 10
 """Episodes in the picture, the first ones."""
 
 DPI = 110
 
 EXAMPLE = (
-    "sparse_coord train env1 --out runs/a && sparse_coord drive runs/a --episodes 20 --out a.png"
+    "sparse_coord train env1 --out runs/a && "
+    "sparse_coord drive runs/a --episodes 20 --out a.png"
 )
 
 
@@ -54,7 +57,10 @@ OPTIONS = (
     SEED,
     changes(
         "change a setting of the bodies; may be repeated: "
-        + "; ".join(f"{s.name}: {s.help} (default: {s.default})" for s in DRIVE_SETTINGS.values())
+        + "; ".join(
+            f"{s.name}: {s.help} (default: {s.default})"
+            for s in DRIVE_SETTINGS.values()
+        )
     ),
     Option("--out FILE", Path, "draw the paths of the first episodes over the map"),
     JSON,
@@ -65,7 +71,9 @@ def execute(options: argparse.Namespace) -> None:
     """Run the verb."""
     episodes = options.episodes
     seed = options.seed
-    kind = "" if options.out is None else pictures.check_out(options.out, pictures.KINDS)
+    kind = (
+        "" if options.out is None else pictures.check_out(options.out, pictures.KINDS)
+    )
     given = DRIVE_SETTINGS.parse(parse_assignments(options.assignments))
     values = {**DRIVE_SETTINGS.defaults(), **given}
     run = load_run(options.directory)
@@ -85,8 +93,8 @@ def execute(options: argparse.Namespace) -> None:
     facts = facts_of(run, driven, grid, values["speed"])
     if options.out is not None:
         with pictures.drawing():
-            from sparse_coord_ros.experiments.report.charts import rendered
-            from sparse_coord_ros.look.paths import paths_figure
+            from sparse_coord_ros.show.paths import paths_figure
+            from sparse_coord_ros.studies.report.charts import rendered
 
             write_whole(options.out, rendered(paths_figure(run, driven), kind, DPI))
     rows = [[name, *(text.format(**facts) for text in texts)] for name, *texts in ROWS]
@@ -113,8 +121,14 @@ def facts_of(run: RunConfig, driven: Drive, grid: Trials, speed: float) -> dict:
     alike = {
         "arrived": (driven.arrived.all(axis=1).sum(), grid.arrived.all(axis=1).sum()),
         "time_to_goal": (driven.times.mean(), grid.time_to_goal.mean()),
-        "seconds": (driven.seconds.mean(), straight * grid.time_to_goal.max(axis=1).mean()),
-        "miscoordinations": (driven.miscoordinations.sum(), grid.miscoordinations.sum()),
+        "seconds": (
+            driven.seconds.mean(),
+            straight * grid.time_to_goal.max(axis=1).mean(),
+        ),
+        "miscoordinations": (
+            driven.miscoordinations.sum(),
+            grid.miscoordinations.sum(),
+        ),
         "asks": (driven.asks.mean(), grid.asks.mean()),
     }
     return {

@@ -9,20 +9,26 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.cli.computing import Bar
 from sparse_coord_ros.cli.options import JSON, SEED, Option, format_table, note, tell
-from sparse_coord_ros.engine.checkpoint import CHECKPOINT_FILE
-from sparse_coord_ros.errors import SettingError
-from sparse_coord_ros.game.scenario import PAPER_MEASURES
-from sparse_coord_ros.learn.evaluation import TRIALS, Evaluation, play, summary, with_spread
-from sparse_coord_ros.learn.run_config import RunConfig, load_run
-from sparse_coord_ros.learn.tables import load_team
-from sparse_coord_ros.learners.tables import Tables
-from sparse_coord_ros.lockstep.checkpoints import CHECKPOINTS, robots_elsewhere
-from sparse_coord_ros.solve import shipped
+from sparse_coord_ros.core.engine.checkpoint import CHECKPOINT_FILE
+from sparse_coord_ros.core.game.scenario import PAPER_MEASURES
+from sparse_coord_ros.core.learners.tables import Tables
+from sparse_coord_ros.core.runs.evaluation import (
+    TRIALS,
+    Evaluation,
+    play,
+    summary,
+    with_spread,
+)
+from sparse_coord_ros.core.runs.run_config import RunConfig, load_run
+from sparse_coord_ros.core.runs.tables import load_team
+from sparse_coord_ros.core.solve import shipped
+from sparse_coord_ros.protocol.lockstep.checkpoints import CHECKPOINTS, robots_elsewhere
 
 if TYPE_CHECKING:
-    from sparse_coord_ros.solve.exact import ExactEvaluation
+    from sparse_coord_ros.core.solve.exact import ExactEvaluation
 
 PAPER_PENALTY = -20.0
 
@@ -53,17 +59,26 @@ class Evaluated(NamedTuple):
 def execute(options: argparse.Namespace) -> None:
     """Run the verb."""
     if options.exact and options.trials is not None:
-        raise SettingError("--trials: not allowed with --exact, which plays none; choose one")
+        raise SettingError(
+            "--trials: not allowed with --exact, which plays none; choose one"
+        )
     trials = options.trials or TRIALS.default
     several = len(options.directories) > 1
-    exact = True if options.exact else None if several and options.trials is None else False
-    found = [evaluated(path, trials, options.seed, exact=exact) for path in options.directories]
+    exact = (
+        True if options.exact else None if several and options.trials is None else False
+    )
+    found = [
+        evaluated(path, trials, options.seed, exact=exact)
+        for path in options.directories
+    ]
     facts = [facts_of(one) for one in found]
     tables = [result_table(runs) for runs in by_game(found)]
     tell(options, {"runs": facts} if several else facts[0], "\n\n".join(tables))
 
 
-def evaluated(directory: Path, trials: int, seed: int, *, exact: bool | None) -> Evaluated:
+def evaluated(
+    directory: Path, trials: int, seed: int, *, exact: bool | None
+) -> Evaluated:
     """Evaluate one run.
 
     Args:
@@ -77,21 +92,30 @@ def evaluated(directory: Path, trials: int, seed: int, *, exact: bool | None) ->
     """
     run = load_run(directory)
     for kept, verb in ((CHECKPOINTS, "run"), (CHECKPOINT_FILE, "train")):
-        if (directory / kept).exists() and not robots_elsewhere(directory, run.scenario):
+        if (directory / kept).exists() and not robots_elsewhere(
+            directory, run.scenario
+        ):
             note(
                 f"{directory}: the run is not finished, its tables are those of the way there; go "
                 f"on with: sparse_coord {verb} --resume {directory}"
             )
     tables = load_team(directory, run.scenario, run.rule)
-    return Evaluated(directory, run, evaluation_of(run, tables, trials, seed, exact=exact))
+    return Evaluated(
+        directory, run, evaluation_of(run, tables, trials, seed, exact=exact)
+    )
 
 
 def evaluation_of(
-    run: RunConfig, tables: Sequence[Tables], trials: int, seed: int, *, exact: bool | None
+    run: RunConfig,
+    tables: Sequence[Tables],
+    trials: int,
+    seed: int,
+    *,
+    exact: bool | None,
 ) -> Evaluation | ExactEvaluation:
     """Evaluate tables that fit their run; arguments as of `evaluated`."""
     how: dict[str, Any] = {"trials": trials, "seed": seed, "learner": run.rule}
-    from sparse_coord_ros.solve.exact import evaluate_best, evaluate_exact
+    from sparse_coord_ros.core.solve.exact import evaluate_best, evaluate_exact
 
     if exact:
         return evaluate_exact(run.scenario, tables, learner=run.rule)
@@ -107,7 +131,9 @@ def by_game(found: list[Evaluated]) -> list[list[Evaluated]]:
     groups: dict[tuple[str, str], list[Evaluated]] = {}
     for one in found:
         scenario = one.run.scenario
-        groups.setdefault((scenario.name, shipped.game_digest(scenario)), []).append(one)
+        groups.setdefault((scenario.name, shipped.game_digest(scenario)), []).append(
+            one
+        )
     return list(groups.values())
 
 
@@ -167,7 +193,10 @@ def result_table(found: Sequence[Evaluated]) -> str:
     for title, paper in papers.items():
         if paper:
             pairs = (paper.get(name) for name in PAPER_MEASURES)
-            cells = ["-" if pair is None else "{:.2f} ± {:.2f}".format(*pair) for pair in pairs]
+            cells = [
+                "-" if pair is None else "{:.2f} ± {:.2f}".format(*pair)
+                for pair in pairs
+            ]
             rows.append([f"{title}, paper", *cells, "-", "-"])
     for name, value in shipped.yardsticks(scenario):
         rows.append([name, f"{value:.2f}", "-", "-", "-", "-"])

@@ -4,13 +4,18 @@
 
 import argparse
 
+from sparse_coord_ros.base.errors import RunError, did_you_mean
 from sparse_coord_ros.cli.options import BAG, JSON, Option, note, tell
-from sparse_coord_ros.errors import RunError, did_you_mean
-from sparse_coord_ros.game.plugins import leaving_out
-from sparse_coord_ros.game.settings import Setting
+from sparse_coord_ros.core.game.plugins import leaving_out
+from sparse_coord_ros.core.game.settings import Setting
 
 STEP = Setting(
-    "step", int, 0, "time step, or the next one at which somebody coordinates", low=0, high=2**53
+    "step",
+    int,
+    0,
+    "time step, or the next one at which somebody coordinates",
+    low=0,
+    high=2**53,
 )
 
 EXAMPLE = "sparse_coord explain runs/demo/bag --step 9"
@@ -21,8 +26,8 @@ OPTIONS = (BAG, STEP, Option("--robot NAME", None, "of this robot only"), JSON)
 
 def execute(options: argparse.Namespace) -> None:
     """Run the verb."""
-    from sparse_coord_ros.runlog import read_run
-    from sparse_coord_ros.runlog.explain import coordinations, explained, in_words
+    from sparse_coord_ros.log.runlog import read_run
+    from sparse_coord_ros.log.runlog.explain import coordinations, explained, in_words
 
     wanted = options.step
     log = read_run(options.bag)
@@ -31,14 +36,20 @@ def execute(options: argparse.Namespace) -> None:
     asked = _robots(log, options.robot)
     steps = sorted({t for k in asked for t in coordinations(log, k)})
     step = next((t for t in steps if t >= wanted), None)
-    found = [] if step is None else [one for k in asked for one in explained(log, k, [step])]
+    found = (
+        []
+        if step is None
+        else [one for k in asked for one in explained(log, k, [step])]
+    )
     who = options.robot or "nobody"
     lines = [f"lost: {loss}" for loss in log.losses]
     if step is None:
         last = max(steps, default="none")
         lines.append(f"{who}: no COORDINATE from step {wanted} on; the last: {last}")
     elif wanted not in (0, step):
-        lines.append(f"{who}: no COORDINATE at step {wanted}; the next is at step {step}")
+        lines.append(
+            f"{who}: no COORDINATE at step {wanted}; the next is at step {step}"
+        )
     lines += [line for one in found for line in in_words(log, one)]
     facts = [{**one._asdict(), "robot": log.names[one.robot]} for one in found]
     tell(options, {"wanted": wanted, "step": step, "coordinations": facts}, *lines)

@@ -5,13 +5,13 @@
 import argparse
 from pathlib import Path
 
+from sparse_coord_ros.base.errors import MapError
+from sparse_coord_ros.base.limits import IMAGE
 from sparse_coord_ros.cli.maps import map_of
 from sparse_coord_ros.cli.options import Option
-from sparse_coord_ros.errors import MapError
-from sparse_coord_ros.game.grid import RESOLUTIONS
-from sparse_coord_ros.game.settings import Setting
-from sparse_coord_ros.limits import IMAGE
-from sparse_coord_ros.maps.image import write_floor_plan
+from sparse_coord_ros.core.game.grid import RESOLUTIONS
+from sparse_coord_ros.core.game.settings import Setting
+from sparse_coord_ros.lab.maps.image import write_floor_plan
 
 RESOLUTION = Setting("resolution", float, 1.0, "metres a cell", *RESOLUTIONS)
 PIXELS = Setting("pixels", int, 10, "pixels along the side of a cell", 1, 1000)
@@ -21,7 +21,9 @@ EXAMPLE = "sparse_coord export-map env1 --out env1_map"
 
 OPTIONS = (
     Option("map MAP", None, "a map's name, a map file, or a scenario file"),
-    Option("--resolution", RESOLUTION.parse, "metres a cell (default: the map's own, or 1)"),
+    Option(
+        "--resolution", RESOLUTION.parse, "metres a cell (default: the map's own, or 1)"
+    ),
     PIXELS,
     Option("--image", ("pgm", "png"), "the image's format"),
     Option("--out", Path, "directory (default: here)"),
@@ -40,10 +42,17 @@ def execute(options: argparse.Namespace) -> None:
         )
     for path in (folder / f"{grid.name}.yaml", folder / f"{grid.name}.{options.image}"):
         if path.exists():
-            raise MapError(f"{path}: exists already, nothing is overwritten; choose another --out")
+            raise MapError(
+                f"{path}: exists already, nothing is overwritten; choose another --out"
+            )
     folder.mkdir(parents=True, exist_ok=True)
     said, picture = write_floor_plan(
-        grid, folder, grid.name, resolution=resolution, pixels=pixels, image=options.image
+        grid,
+        folder,
+        grid.name,
+        resolution=resolution,
+        pixels=pixels,
+        image=options.image,
     )
     print(f"written: {said}, {picture}")
     if grid.doorways:

@@ -5,8 +5,8 @@
 import argparse
 import time
 
+from sparse_coord_ros.base.errors import EXIT_FAULT, RunError
 from sparse_coord_ros.cli import options as shared
-from sparse_coord_ros.errors import EXIT_FAULT, RunError
 
 WAIT_SECONDS = 10.0
 """How long world and drivers may take to be found, and to confirm."""
@@ -26,8 +26,13 @@ def execute(options: argparse.Namespace) -> int:
     with shared.ros_needed():
         from rclpy.node import Node
 
-        from sparse_coord_ros.nodes.halting import Halting
-        from sparse_coord_ros.nodes.spin import Stop, exit_code_of, make_executor, ros_context
+        from sparse_coord_ros.ros.nodes.halting import Halting
+        from sparse_coord_ros.ros.nodes.spin import (
+            Stop,
+            exit_code_of,
+            make_executor,
+            ros_context,
+        )
     confirmed = False
 
     def halt(stop: Stop) -> None:
@@ -48,8 +53,12 @@ def execute(options: argparse.Namespace) -> int:
             node.destroy_node()
         if not halting.asked:
             where = f"namespace /{options.namespace.strip('/')}"
-            remedy = "give --namespace, look at ROS_DOMAIN_ID, or stop the robots by hand"
-            raise RunError(f"no world with bodies and no driver is in {where}; {remedy}")
+            remedy = (
+                "give --namespace, look at ROS_DOMAIN_ID, or stop the robots by hand"
+            )
+            raise RunError(
+                f"no world with bodies and no driver is in {where}; {remedy}"
+            )
         nodes = {
             name: {"done": one.done, "said": one.said}
             for name, one in sorted(halting.asked.items())
@@ -57,7 +66,9 @@ def execute(options: argparse.Namespace) -> int:
         confirmed = world_told and not halting.left
         said = [halting.in_words(name) for name in nodes]
         if not world_told:
-            said.append("no world has confirmed it: drivers that start later are not told")
+            said.append(
+                "no world has confirmed it: drivers that start later are not told"
+            )
         facts = {"confirmed": confirmed, "world_told": world_told, "nodes": nodes}
         shared.tell(options, facts, *said)
 

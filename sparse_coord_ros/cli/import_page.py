@@ -10,18 +10,26 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from sparse_coord_ros.base.errors import (
+    RunError,
+    SettingError,
+    SparseCoordError,
+    failure_of,
+)
+from sparse_coord_ros.base.palette import DOORWAY_COLOUR, ROBOT_COLOURS
 from sparse_coord_ros.cli import train
-from sparse_coord_ros.cli.import_map import CELL, RADIUS, check_free, make, write
+from sparse_coord_ros.cli.imported_map import CELL, RADIUS, check_free, make, write
 from sparse_coord_ros.cli.main import make_parser
 from sparse_coord_ros.cli.page import served, show_end
-from sparse_coord_ros.driving.trials import DRIVE_SETTINGS, drive
-from sparse_coord_ros.engine.checkpoint import CHECKPOINT_FILE
-from sparse_coord_ros.errors import RunError, SettingError, SparseCoordError, failure_of
-from sparse_coord_ros.game.grid import FURTHEST, number_of
-from sparse_coord_ros.learn.run_config import load_run
-from sparse_coord_ros.learn.tables import load_team
-from sparse_coord_ros.look.page.board import Board
-from sparse_coord_ros.look.page.controls import (
+from sparse_coord_ros.core.engine.checkpoint import CHECKPOINT_FILE
+from sparse_coord_ros.core.game.grid import FURTHEST, number_of
+from sparse_coord_ros.core.runs.run_config import load_run
+from sparse_coord_ros.core.runs.tables import load_team
+from sparse_coord_ros.lab.driving.trials import DRIVE_SETTINGS, drive
+from sparse_coord_ros.lab.maps.image import data_url, read_floor_plan
+from sparse_coord_ros.lab.maps.plan import Place
+from sparse_coord_ros.show.page.board import Board
+from sparse_coord_ros.show.page.controls import (
     DRIVE,
     IMPORT,
     SAVE,
@@ -30,9 +38,6 @@ from sparse_coord_ros.look.page.controls import (
     Control,
     Controlled,
 )
-from sparse_coord_ros.maps.image import data_url, read_floor_plan
-from sparse_coord_ros.maps.plan import Place
-from sparse_coord_ros.palette import DOORWAY_COLOUR, ROBOT_COLOURS
 
 CELL_AT_FIRST = 0.5
 RADIUS_AT_FIRST = 0.2
@@ -89,7 +94,11 @@ class ImportPage(Controlled):
         self.wanted: queue.SimpleQueue[tuple[str, Path]] = queue.SimpleQueue()
         cell = CELL_AT_FIRST if options.cell is None else options.cell
         radius = RADIUS_AT_FIRST if options.radius is None else options.radius
-        first = {"cell": cell, "radius": radius, **{n: getattr(options, n) for n in PLACES}}
+        first = {
+            "cell": cell,
+            "radius": radius,
+            **{n: getattr(options, n) for n in PLACES},
+        }
         rows, columns = plan.free.shape
         board.put(
             "run",
@@ -143,7 +152,9 @@ class ImportPage(Controlled):
             self._stop()
             return
         if wish.name in (TRAIN, DRIVE) and self._busy:
-            raise RunError("a team learns or drives already: wait for its end, or stop it")
+            raise RunError(
+                "a team learns or drives already: wait for its end, or stop it"
+            )
         if wish.name == DRIVE:
             if self._out is None or not self._learned:
                 raise RunError("no team has learned yet")
@@ -208,7 +219,9 @@ class ImportPage(Controlled):
             episodes=EPISODES,
             seed=0,
             values=DRIVE_SETTINGS.defaults(),
-            progress=lambda n: self._tell(f"Driven: {n} of {EPISODES} episodes", busy=True),
+            progress=lambda n: self._tell(
+                f"Driven: {n} of {EPISODES} episodes", busy=True
+            ),
         )
         arena = driven.floor.arena
         self._tell(
@@ -225,7 +238,8 @@ class ImportPage(Controlled):
         if stopped and self._busy:  # else its end was faster
             saved = self._out is not None and (self._out / CHECKPOINT_FILE).exists()
             self._tell(
-                "Stopped." + f" Go on with: sparse_coord train --resume {self._out}" * saved
+                "Stopped."
+                + f" Go on with: sparse_coord train --resume {self._out}" * saved
             )
         return stopped
 
@@ -241,8 +255,12 @@ def _chosen(said: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _places(name: str, value: Any) -> list[Place]:
-    pairs = isinstance(value, list) and all(isinstance(p, list) and len(p) == 2 for p in value)
+    pairs = isinstance(value, list) and all(
+        isinstance(p, list) and len(p) == 2 for p in value
+    )
     if not pairs:
         raise SettingError(f"{name}: allowed: a list of places, each [x, y] in metres")
-    x_of, y_of = ([number_of(p[k], -FURTHEST, FURTHEST, name) for p in value] for k in (0, 1))
+    x_of, y_of = (
+        [number_of(p[k], -FURTHEST, FURTHEST, name) for p in value] for k in (0, 1)
+    )
     return list(zip(x_of, y_of, strict=True))

@@ -7,23 +7,32 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from sparse_coord_ros.cli.evaluate import Evaluated, evaluation_of, facts_of, result_table
+from sparse_coord_ros.cli.evaluate import (
+    Evaluated,
+    evaluation_of,
+    facts_of,
+    result_table,
+)
 from sparse_coord_ros.cli.options import JSON, Option, tell
-from sparse_coord_ros.engine.improve import IMPROVED, improve, save_improved
-from sparse_coord_ros.learn.evaluation import TRIALS
-from sparse_coord_ros.learn.run_config import RunConfig, load_run
-from sparse_coord_ros.learn.tables import load_team
-from sparse_coord_ros.learners.tables import Tables
+from sparse_coord_ros.core.engine.improve import IMPROVED, improve, save_improved
+from sparse_coord_ros.core.learners.tables import Tables
+from sparse_coord_ros.core.runs.evaluation import TRIALS
+from sparse_coord_ros.core.runs.run_config import RunConfig, load_run
+from sparse_coord_ros.core.runs.tables import load_team
 
 EXAMPLE = (
     "sparse_coord train env2-2r --learner factored --penalty -100 --out runs/f\n"
     "  sparse_coord improve runs/f"
 )
 
-IMPROVE = Option("--improve", bool, f"then plan on what was learned, into DIR/{IMPROVED}")
+IMPROVE = Option(
+    "--improve", bool, f"then plan on what was learned, into DIR/{IMPROVED}"
+)
 
 OPTIONS = (
-    Option("directory DIR", Path, f"output of run or train; the plan's is DIR/{IMPROVED}"),
+    Option(
+        "directory DIR", Path, f"output of run or train; the plan's is DIR/{IMPROVED}"
+    ),
     JSON,
 )
 
@@ -36,7 +45,9 @@ def execute(options: argparse.Namespace) -> None:
     tell(options, *planned(out, run, load_team(out, run.scenario, run.rule)))
 
 
-def planned(out: Path, run: RunConfig, tables: Sequence[Tables]) -> tuple[dict[str, Any], str]:
+def planned(
+    out: Path, run: RunConfig, tables: Sequence[Tables]
+) -> tuple[dict[str, Any], str]:
     """Plan on what a run's robots learned, and save that; return what it is worth, and in words.
 
     Raises:
@@ -55,6 +66,11 @@ def planned(out: Path, run: RunConfig, tables: Sequence[Tables]) -> tuple[dict[s
     lines.append(f"on the learned model: {found.before:.2f} -> {found.value:.2f}")
     if unfelt:
         where = ", ".join(str(run.scenario.map.cells[x]) for x in unfelt)
-        lines.append(f"no r^C was ever felt in doorway {where}: the plan takes it for a room")
-    facts = {"learned_model": {**model, "unfelt": unfelt}, "runs": list(map(facts_of, results))}
+        lines.append(
+            f"no r^C was ever felt in doorway {where}: the plan takes it for a room"
+        )
+    facts = {
+        "learned_model": {**model, "unfelt": unfelt},
+        "runs": list(map(facts_of, results)),
+    }
     return facts, "\n".join([*lines, f"tables   {folder}"])

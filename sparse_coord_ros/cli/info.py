@@ -6,11 +6,11 @@ import argparse
 from collections.abc import Iterator
 from typing import Any
 
-from sparse_coord_ros.bags.gaps import gap_lines
-from sparse_coord_ros.bags.topics import latched
+from sparse_coord_ros.base.errors import in_line
 from sparse_coord_ros.cli import options as shared
-from sparse_coord_ros.errors import in_line
-from sparse_coord_ros.learn.run_config import RUN_RECORD
+from sparse_coord_ros.core.runs.run_config import RUN_RECORD
+from sparse_coord_ros.log.bags.gaps import gap_lines
+from sparse_coord_ros.log.bags.topics import latched
 
 EXAMPLE = "sparse_coord info runs/demo/bag"
 
@@ -20,17 +20,21 @@ OPTIONS = (shared.BAG, shared.JSON)
 
 def execute(options: argparse.Namespace) -> None:
     """Run the verb; 0, also of a damaged bag: `recover` and `verify` judge it."""
-    from sparse_coord_ros.bags.layout import being_recorded
-    from sparse_coord_ros.bags.reader import open_bag
+    from sparse_coord_ros.log.bags.layout import being_recorded
+    from sparse_coord_ros.log.bags.reader import open_bag
 
     bag = open_bag(options.bag)
-    found = _information(bag, recording=not bag.finished and being_recorded(bag.files[-1].path))
+    found = _information(
+        bag, recording=not bag.finished and being_recorded(bag.files[-1].path)
+    )
     shared.tell(options, found, *_lines(found))
 
 
 def _information(bag, *, recording: bool) -> dict[str, Any]:
     record = dict(bag.metadata.get(RUN_RECORD, {}))
-    versions = {name: record.pop(name) for name in list(record) if name.startswith("version_")}
+    versions = {
+        name: record.pop(name) for name in list(record) if name.startswith("version_")
+    }
     return {
         "file": bag.path,
         "files": [file.path.name for file in bag.files],
@@ -42,7 +46,9 @@ def _information(bag, *, recording: bool) -> dict[str, Any]:
         "recovered": bag.recovered,
         "compression": bag.compressions,
         "run": record,
-        "versions": {name.removeprefix("version_"): said for name, said in versions.items()},
+        "versions": {
+            name.removeprefix("version_"): said for name, said in versions.items()
+        },
         "start_seconds": bag.start_ns / 1e9,
         "duration_seconds": (bag.end_ns - bag.start_ns) / 1e9,
         "messages": bag.message_count,
@@ -84,14 +90,21 @@ def _lines(found: dict[str, Any]) -> Iterator[str]:
             topic["name"],
             str(topic["messages"]),
             str(topic["bytes"]),
-            "latched" if topic["latched"] else "reliable" if topic["reliable"] else "best effort",
+            "latched"
+            if topic["latched"]
+            else "reliable"
+            if topic["reliable"]
+            else "best effort",
             topic["type"],
         ]
         for topic in found["topics"]
     ]
     yield shared.format_table(["topic", "messages", "bytes", "QoS", "type"], rows)
     if found["attachments"]:
-        rows = [[one["name"], str(one["bytes"]), one["type"]] for one in found["attachments"]]
+        rows = [
+            [one["name"], str(one["bytes"]), one["type"]]
+            for one in found["attachments"]
+        ]
         yield "\n" + shared.format_table(["attachment", "bytes", "type"], rows)
 
 
@@ -100,4 +113,8 @@ def _state(found: dict[str, Any]) -> str:
         return "being recorded (as far as its recorder has handed it over)"
     if found["damage"] is not None:
         return f"damaged: {found['damage']}"
-    return "finished" if found["finished"] else "unfinished (never closed; 'recover' restores it)"
+    return (
+        "finished"
+        if found["finished"]
+        else "unfinished (never closed; 'recover' restores it)"
+    )

@@ -17,18 +17,23 @@ from typing import Any, TypeAlias
 
 from rclpy.logging import LoggingSeverity, set_logger_level
 
-from sparse_coord_ros.bags.reader import BAG_DIRECTORY
+from sparse_coord_ros.base.errors import EXIT_BAD_INPUT, BagError, RunError
+from sparse_coord_ros.base.signals import held_back
 from sparse_coord_ros.cli.options import note
-from sparse_coord_ros.errors import EXIT_BAD_INPUT, BagError, RunError
-from sparse_coord_ros.learn.run_config import create_output
-from sparse_coord_ros.look.page.board import Board
-from sparse_coord_ros.nodes.middleware import DOMAIN, check_participants, one_host, ros_domain
-from sparse_coord_ros.nodes.outputs import gather
-from sparse_coord_ros.nodes.parameters import TEAM_PARAMETERS, of_node
-from sparse_coord_ros.nodes.spin import Stop, ros_context, signals
-from sparse_coord_ros.nodes.team import run_team, team_run
-from sparse_coord_ros.signals import held_back
-from sparse_coord_ros.wire import RECORDER, WORLD
+from sparse_coord_ros.core.runs.run_config import create_output
+from sparse_coord_ros.log.bags.reader import BAG_DIRECTORY
+from sparse_coord_ros.protocol.wire import RECORDER, WORLD
+from sparse_coord_ros.ros.nodes.environment import (
+    DOMAIN,
+    check_participants,
+    one_host,
+    ros_domain,
+)
+from sparse_coord_ros.ros.nodes.outputs import gather
+from sparse_coord_ros.ros.nodes.parameters import TEAM_PARAMETERS, of_node
+from sparse_coord_ros.ros.nodes.spin import Stop, ros_context, signals
+from sparse_coord_ros.ros.nodes.team import run_team, team_run
+from sparse_coord_ros.show.page.board import Board
 
 Process: TypeAlias = subprocess.Popen[bytes]
 
@@ -105,7 +110,9 @@ def _run_processes(values: dict[str, Any], stop: Stop, quiet: bool) -> dict[str,
     processes: dict[str, Process] = {}
     try:
         for name, kind in kinds.items():
-            own = of_node(kind, values) | ({"out": str(bag)} if kind == RECORDER else {})
+            own = of_node(kind, values) | (
+                {"out": str(bag)} if kind == RECORDER else {}
+            )
             processes[name] = _start(kind, name, own, quiet)
         interrupted = _wait(processes, bag, stop)
     finally:
@@ -120,9 +127,18 @@ def _run_processes(values: dict[str, Any], stop: Stop, quiet: bool) -> dict[str,
     return gather(out, run.scenario, interrupted=interrupted, recording_error=error)
 
 
-def _start(module: str, name: str, parameters: Mapping[str, Any], quiet: bool) -> Process:
+def _start(
+    module: str, name: str, parameters: Mapping[str, Any], quiet: bool
+) -> Process:
     """Start a node in a session of its own: a Ctrl-C reaches it once, through this process."""
-    command = [sys.executable, "-P", "-m", "sparse_coord_ros.executables", module, "--ros-args"]
+    command = [
+        sys.executable,
+        "-P",
+        "-m",
+        "sparse_coord_ros.executables",
+        module,
+        "--ros-args",
+    ]
     for key, value in parameters.items():
         command += ["-p", f"{key}:={json.dumps(value, ensure_ascii=False)}"]
     command += ["-r", f"__node:={name}", *["--log-level", "warn"] * quiet]
@@ -140,11 +156,18 @@ def _wait(processes: Mapping[str, Process], bag: Path, stop: Stop) -> bool:
         RunError: one of the others failed.
     """
     world = processes[WORLD]
-    robots = [process for name, process in processes.items() if name not in (WORLD, RECORDER)]
+    robots = [
+        process for name, process in processes.items() if name not in (WORLD, RECORDER)
+    ]
     last_robot = time.monotonic()
     while True:
-        running = any(one.poll() is None for one in processes.values())  # before what they say
-        _check({n: p for n, p in processes.items() if n != RECORDER or not bag.exists()}, running)
+        running = any(
+            one.poll() is None for one in processes.values()
+        )  # before what they say
+        _check(
+            {n: p for n, p in processes.items() if n != RECORDER or not bag.exists()},
+            running,
+        )
         if not running:
             return bool(
                 stop
@@ -167,7 +190,9 @@ def _check(needed: Mapping[str, Process], running: bool) -> None:
         raise RunError("a node stopped because of bad input (see its line above)")
     for name, code in codes.items():
         rest = "the others were stopped" if running else "the others had ended"
-        raise RunError(f"{name} ended with exit code {code}; {rest}, what they had is saved")
+        raise RunError(
+            f"{name} ended with exit code {code}; {rest}, what they had is saved"
+        )
 
 
 def _end(processes: Collection[Process]) -> None:

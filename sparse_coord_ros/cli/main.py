@@ -9,9 +9,14 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 
+from sparse_coord_ros.base.errors import (
+    EXIT_BAD_INPUT,
+    EXIT_INTERRUPTED,
+    SparseCoordError,
+    failure_of,
+)
+from sparse_coord_ros.base.version import __version__
 from sparse_coord_ros.cli.verbs import LIVE, VERBS, Parser, add_verb
-from sparse_coord_ros.errors import EXIT_BAD_INPUT, EXIT_INTERRUPTED, SparseCoordError, failure_of
-from sparse_coord_ros.version import __version__
 
 
 def make_parser(chosen: str | None = None) -> argparse.ArgumentParser:
@@ -23,7 +28,9 @@ def make_parser(chosen: str | None = None) -> argparse.ArgumentParser:
         "2 bad input (one line says what), 3 cannot tell (verify of an older log), "
         "130 interrupted.",
     )
-    parser.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
+    parser.add_argument(
+        "--version", action="version", version=f"%(prog)s {__version__}"
+    )
     verbs = parser.add_subparsers(dest="verb", required=True, metavar="VERB")
     for verb, text in VERBS.items():
         if verb == chosen:
@@ -44,7 +51,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     verb = _verb_of(arguments)
     try:
         options = make_parser(verb).parse_args(arguments)
-        from sparse_coord_ros.game.plugins import allow_modules, allow_named
+        from sparse_coord_ros.core.game.plugins import allow_modules, allow_named
 
         allow_modules(options.allow)
         allow_named(getattr(options, "learner", None))  # --set does so itself
@@ -57,7 +64,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"error: {_in_words(error)}", file=sys.stderr, flush=True)
         return getattr(error, "exit_code", EXIT_BAD_INPUT)
     except KeyboardInterrupt:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # impatience brings no traceback at the exit
+        signal.signal(
+            signal.SIGINT, signal.SIG_IGN
+        )  # impatience brings no traceback at the exit
         print("interrupted", file=sys.stderr, flush=True)
         return EXIT_INTERRUPTED
 
@@ -78,7 +87,9 @@ def _in_words(error: Exception) -> str:
 @contextmanager
 def _terminated_like_interrupted() -> Iterator[None]:
     """Let SIGTERM, and SIGHUP unless it is ignored, do what Ctrl-C does."""
-    hung_up = [signal.SIGHUP] if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN else []
+    hung_up = (
+        [signal.SIGHUP] if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN else []
+    )
     numbers = (signal.SIGTERM, *hung_up)
     before = {n: signal.signal(n, signal.default_int_handler) for n in numbers}
     try:

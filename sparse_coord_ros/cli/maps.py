@@ -5,15 +5,19 @@
 import argparse
 
 from sparse_coord_ros.cli.options import JSON, Option, format_table, tell
-from sparse_coord_ros.game.buildings import building
-from sparse_coord_ros.game.grid import GridMap, load_map, map_names
-from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.core.game.buildings import building
+from sparse_coord_ros.core.game.grid import GridMap, load_map, map_names
+from sparse_coord_ros.core.game.scenario import load_scenario
 
 EXAMPLE = "sparse_coord maps env1"
 
 
 OPTIONS = (
-    Option("[name NAME]", None, "a map's, a generated building's, or a map or scenario file"),
+    Option(
+        "[name NAME]",
+        None,
+        "a map's, a generated building's, or a map or scenario file",
+    ),
     JSON,
 )
 
@@ -25,7 +29,13 @@ def execute(options: argparse.Namespace) -> None:
         text = _in_words(grids[0])
     else:
         rows = [
-            [g.name, str(len(g.cells)), str(g.doorway_count), str(len(g.starts)), g.title]
+            [
+                g.name,
+                str(len(g.cells)),
+                str(g.doorway_count),
+                str(len(g.starts)),
+                g.title,
+            ]
             for g in grids
         ]
         text = format_table(["map", "cells", "doorways", "starts", "title"], rows)
@@ -37,9 +47,13 @@ def _in_words(grid: GridMap) -> str:
     (x, y) = grid.origin
     lines = [f"{grid.name}: {grid.title}", f"source: {grid.source}"]
     lines.append(f"provenance: {grid.provenance}")
-    lines.append(f"{height} x {width}, {len(grid.cells)} cells, {grid.doorways_in_words}")
+    lines.append(
+        f"{height} x {width}, {len(grid.cells)} cells, {grid.doorways_in_words}"
+    )
     if grid.resolution is not None:
-        lines.append(f"{grid.resolution:g} m a cell, lower left corner at {x:g},{y:g} m")
+        lines.append(
+            f"{grid.resolution:g} m a cell, lower left corner at {x:g},{y:g} m"
+        )
     return "\n".join([*lines, "", *grid.rows])
 
 

@@ -6,20 +6,35 @@ import argparse
 from dataclasses import asdict
 from pathlib import Path
 
+from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.cli import pictures
-from sparse_coord_ros.cli.options import JSON, SEED, Option, scenario_of, scenario_options, tell
-from sparse_coord_ros.errors import SettingError
-from sparse_coord_ros.game.scenario import Scenario
-from sparse_coord_ros.solve.asking_search import (
+from sparse_coord_ros.cli.options import (
+    JSON,
+    SEED,
+    Option,
+    scenario_of,
+    scenario_options,
+    tell,
+)
+from sparse_coord_ros.core.game.scenario import Scenario
+from sparse_coord_ros.core.solve.asking_search import (
     RESTARTS,
     WARNING,
     check_two_robots,
     find_asking_team,
     in_words,
 )
-from sparse_coord_ros.solve.optimum import LARGEST, independent_bound, joint_optimum
-from sparse_coord_ros.solve.reference import shortest_path_reference
-from sparse_coord_ros.solve.shipped import shipped_asking_team, shipped_best_team, shipped_routes
+from sparse_coord_ros.core.solve.optimum import (
+    LARGEST,
+    independent_bound,
+    joint_optimum,
+)
+from sparse_coord_ros.core.solve.reference import shortest_path_reference
+from sparse_coord_ros.core.solve.shipped import (
+    shipped_asking_team,
+    shipped_best_team,
+    shipped_routes,
+)
 
 OF_THE_SEARCH = ("restarts", "seed", "out")
 
@@ -35,8 +50,16 @@ OPTIONS = (
         {"dest": "asking"},
     ),
     Option("--restarts", RESTARTS.parse, f"with --class (default: {RESTARTS.default})"),
-    Option("--seed", SEED.parse, f"with --class: seed of the search (default: {SEED.default})"),
-    Option("--out", Path, "with --class: a JSON file to keep the search in, and to go on from"),
+    Option(
+        "--seed",
+        SEED.parse,
+        f"with --class: seed of the search (default: {SEED.default})",
+    ),
+    Option(
+        "--out",
+        Path,
+        "with --class: a JSON file to keep the search in, and to go on from",
+    ),
     JSON,
 )
 
@@ -103,7 +126,9 @@ def _search(options: argparse.Namespace, scenario: Scenario) -> None:
     lines += in_words(scenario, found.robots)
     for robot, gain in zip(scenario.robots, found.gains, strict=True):
         if gain:
-            lines.append(f"{robot.name} alone could gain {gain:.3f} for itself: no equilibrium")
+            lines.append(
+                f"{robot.name} alone could gain {gain:.3f} for itself: no equilibrium"
+            )
     if not any(found.gains):
         lines.append(
             "no robot was found to gain by changing alone: an equilibrium, as far as known"

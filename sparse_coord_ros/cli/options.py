@@ -13,12 +13,12 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from sparse_coord_ros.errors import RunError, in_line, needed
-from sparse_coord_ros.game.scenario import Scenario, load_scenario, scenario_names
-from sparse_coord_ros.game.settings import Setting, parse_assignments
-from sparse_coord_ros.learn.run_config import RUN_SETTINGS
-from sparse_coord_ros.learners.registry import LEARNERS
-from sparse_coord_ros.look.page.controls import PAGE_SETTINGS
+from sparse_coord_ros.base.errors import RunError, in_line, needed
+from sparse_coord_ros.core.game.scenario import Scenario, load_scenario, scenario_names
+from sparse_coord_ros.core.game.settings import Setting, parse_assignments
+from sparse_coord_ros.core.learners.registry import LEARNERS
+from sparse_coord_ros.core.runs.run_config import RUN_SETTINGS
+from sparse_coord_ros.show.page.controls import PAGE_SETTINGS
 
 FIXED = (
     *("scenario", "penalty", "assignments", "steps", "seed", "out", "learner"),
@@ -56,7 +56,9 @@ class Option(NamedTuple):
     more: Mapping[str, Any] = {}
 
 
-def add_options(parser: argparse.ArgumentParser, options: Iterable[Option | Setting]) -> None:
+def add_options(
+    parser: argparse.ArgumentParser, options: Iterable[Option | Setting]
+) -> None:
     """Add options to a parser; a `Setting` stands for the option of its name."""
     for one in options:
         if isinstance(one, Setting):
@@ -64,7 +66,10 @@ def add_options(parser: argparse.ArgumentParser, options: Iterable[Option | Sett
         words = one.words.strip("[]")
         several = one.words.rstrip("]").endswith("...")
         name, _, metavar = words.removesuffix("...").partition(" ")
-        how: dict[str, Any] = {"help": one.help, **({"metavar": metavar} if metavar else {})}
+        how: dict[str, Any] = {
+            "help": one.help,
+            **({"metavar": metavar} if metavar else {}),
+        }
         if several or words != one.words:
             how["nargs"] = "+" if words == one.words else "*" if several else "?"
         if one.kind is bool:
@@ -94,11 +99,18 @@ def _bag(text: str) -> Path:
 BAG = Option("bag BAG", _bag, "a bag's or a run's directory, or a file")
 JSON = Option("--json", bool, "print one JSON object for machines")
 SEED = RUN_SETTINGS["seed"]
-PAGE = (*PAGE_SETTINGS.values(), Option("--browser", bool, "open the page in the browser"))
+PAGE = (
+    *PAGE_SETTINGS.values(),
+    Option("--browser", bool, "open the page in the browser"),
+)
 """Where the page is served."""
 
 WATCH = (
-    Option("--watch", bool, "show the run on a page in the browser, which stays when it is over"),
+    Option(
+        "--watch",
+        bool,
+        "show the run on a page in the browser, which stays when it is over",
+    ),
     *PAGE,
 )
 
@@ -127,15 +139,27 @@ def run_options(resume: str) -> tuple[Option | Setting, ...]:
     Args:
         resume: help of --resume.
     """
-    known = [f"{name}: {learner.summary}" for name, learner in LEARNERS.registered.items()]
-    learner = {"default": RUN_SETTINGS["learner"].default, "names": lambda: LEARNERS.names}
+    known = [
+        f"{name}: {learner.summary}" for name, learner in LEARNERS.registered.items()
+    ]
+    learner = {
+        "default": RUN_SETTINGS["learner"].default,
+        "names": lambda: LEARNERS.names,
+    }
     return (
         *scenario_options(optional=True),
         Option("--steps", None, "step budget in transitions (default: the scenario's)"),
         SEED,
-        Option("--out", Path, "output directory, must not exist (default: runs/<name>_<time>)"),
         Option(
-            "--learner", None, f"{'; '.join(known)}; or one of your own as module:Class", learner
+            "--out",
+            Path,
+            "output directory, must not exist (default: runs/<name>_<time>)",
+        ),
+        Option(
+            "--learner",
+            None,
+            f"{'; '.join(known)}; or one of your own as module:Class",
+            learner,
         ),
         Option("--resume DIR", Path, resume),
     )
@@ -156,7 +180,9 @@ def nothing_else_given(options: argparse.Namespace) -> None:
     ]
     if given:
         remedy = f"leave it out: sparse_coord {options.verb} --resume {options.resume}"
-        raise RunError(f"{', '.join(given)} cannot change a run that is resumed; {remedy}")
+        raise RunError(
+            f"{', '.join(given)} cannot change a run that is resumed; {remedy}"
+        )
 
 
 def settings_of(options: argparse.Namespace) -> dict[str, str]:
@@ -226,5 +252,7 @@ def format_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     table = [list(map(in_line, row)) for row in (head, *rows)]
     widths = [max(map(len, column)) for column in zip(*table, strict=True)]
     table.insert(1, ["-" * width for width in widths])
-    form = "  ".join(f"{{:{'>' if place else '<'}{n}}}" for place, n in enumerate(widths))
+    form = "  ".join(
+        f"{{:{'>' if place else '<'}{n}}}" for place, n in enumerate(widths)
+    )
     return "\n".join(form.format(*row).rstrip() for row in table)

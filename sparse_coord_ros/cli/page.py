@@ -10,16 +10,16 @@ from contextlib import closing, contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from sparse_coord_ros.base.errors import RunError, SparseCoordError
 from sparse_coord_ros.cli.options import note
-from sparse_coord_ros.errors import RunError, SparseCoordError
-from sparse_coord_ros.learn.run_config import load_run
-from sparse_coord_ros.learn.tables import load_team
-from sparse_coord_ros.look.page.board import Board
-from sparse_coord_ros.look.page.controls import NEXT, Control, Controlled
+from sparse_coord_ros.core.runs.run_config import load_run
+from sparse_coord_ros.core.runs.tables import load_team
+from sparse_coord_ros.show.page.board import Board
+from sparse_coord_ros.show.page.controls import NEXT, Control, Controlled
 
 if TYPE_CHECKING:
-    from sparse_coord_ros.look.page.server import Server
-    from sparse_coord_ros.nodes.spin import Stop
+    from sparse_coord_ros.ros.nodes.spin import Stop
+    from sparse_coord_ros.show.page.server import Server
 
 Team = TypeVar("Team")
 
@@ -38,9 +38,11 @@ def served(
     Raises:
         RunError: aiohttp is missing, the port is taken, or the address cannot be served.
     """
-    from sparse_coord_ros.look.page.server import Server
+    from sparse_coord_ros.show.page.server import Server
 
-    server = Server(*(boards or [Board()]), host=options.host, port=options.port, index=index)
+    server = Server(
+        *(boards or [Board()]), host=options.host, port=options.port, index=index
+    )
     with closing(server):
         if server.warning:
             note(f"warning: {server.warning}")
@@ -101,7 +103,7 @@ def one_by_one(
 
 def show_end(board: Board, out: Path) -> None:
     """Show what a finished run has learned."""
-    from sparse_coord_ros.look.page.messages import put_end
+    from sparse_coord_ros.show.page.messages import put_end
 
     try:
         run = load_run(out)

@@ -9,9 +9,9 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
+from sparse_coord_ros.base.errors import RunError, SettingError
+from sparse_coord_ros.base.files import import_apart, write_whole
 from sparse_coord_ros.cli import options as shared
-from sparse_coord_ros.errors import RunError, SettingError
-from sparse_coord_ros.files import import_apart, write_whole
 
 KINDS = (".png", ".svg", ".pdf")
 """How the names of pictures end."""
@@ -39,7 +39,9 @@ def check_out(path: Path, kinds: Sequence[str] = ()) -> str:
     if kinds and kind not in kinds:
         raise SettingError(f"{shown}: allowed: a name that ends in {', '.join(kinds)}")
     if not path.parent.is_dir():
-        raise RunError(f"{shown}: there is no folder {path.parent}; make it, or choose another")
+        raise RunError(
+            f"{shown}: there is no folder {path.parent}; make it, or choose another"
+        )
     if path.is_dir() or not os.access(path if path.exists() else path.parent, os.W_OK):
         raise RunError(f"{shown}: cannot be written; choose another place")
     return kind.removeprefix(".")

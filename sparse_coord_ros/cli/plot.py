@@ -7,7 +7,7 @@ from pathlib import Path
 
 from sparse_coord_ros.cli import pictures
 from sparse_coord_ros.cli.options import JSON, Option, note
-from sparse_coord_ros.game.settings import Setting
+from sparse_coord_ros.core.game.settings import Setting
 
 DPI = Setting("dpi", int, 110, "dots an inch of a PNG", low=20, high=600)
 
@@ -15,7 +15,11 @@ EXAMPLE = "sparse_coord plot runs/demo --what policy,coordination --out demo.png
 
 
 OPTIONS = (
-    Option("sources RUN|BAG|RESULTS...", Path, "runs, bags, side by side, or one of results"),
+    Option(
+        "sources RUN|BAG|RESULTS...",
+        Path,
+        "runs, bags, side by side, or one of results",
+    ),
     Option(
         "--what",
         None,
@@ -33,10 +37,10 @@ def execute(options: argparse.Namespace) -> None:
     """Run the verb."""
     kind = pictures.check_out(options.out, pictures.KINDS)
     with pictures.drawing():
-        from sparse_coord_ros.experiments.report.charts import rendered
-        from sparse_coord_ros.look import figures
-        from sparse_coord_ros.look.results import results_figure
-        from sparse_coord_ros.look.sources import is_results, open_shown
+        from sparse_coord_ros.show import figures
+        from sparse_coord_ros.show.results import results_figure
+        from sparse_coord_ros.show.sources import is_results, open_shown
+        from sparse_coord_ros.studies.report.charts import rendered
 
         say = note
         if len(options.sources) == 1 and is_results(options.sources[0]):

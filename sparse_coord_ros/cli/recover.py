@@ -5,9 +5,9 @@
 import argparse
 from collections.abc import Iterator
 
-from sparse_coord_ros.bags.gaps import gap_lines
-from sparse_coord_ros.bags.recover import Recovery, recover
 from sparse_coord_ros.cli import options as shared
+from sparse_coord_ros.log.bags.gaps import gap_lines
+from sparse_coord_ros.log.bags.recover import Recovery, recover
 
 EXIT_LOST = 1
 """Exit code where a part of the original could not be restored."""
@@ -52,7 +52,10 @@ def _lines(recovery: Recovery) -> Iterator[str]:
 def _facts(recovery: Recovery) -> dict:
     bag = recovery.bag
     return {
-        **{name: getattr(bag, name) for name in ("damage", "lost_bytes", "gaps", "recovered")},
+        **{
+            name: getattr(bag, name)
+            for name in ("damage", "lost_bytes", "gaps", "recovered")
+        },
         "bag": recovery.path,
         "changed": recovery.changed,
         "complete": bag.whole,

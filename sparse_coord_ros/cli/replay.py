@@ -5,8 +5,8 @@
 import argparse
 import re
 
+from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.cli.options import BAG, Option, ros_needed
-from sparse_coord_ros.errors import SettingError
 
 NAMES = {"bag": "BAG", "rate": "--rate", "position": "--start", "topics": "--topics"}
 """What the player's parameters are called here."""
@@ -19,7 +19,9 @@ EXAMPLE = "sparse_coord replay runs/demo/bag --rate 2 --start 12.5"
 OPTIONS = (
     BAG,
     Option("--rate R", None, "seconds of the bag played a second", {"default": "1"}),
-    Option("--start T", None, "seconds after the bag's first message", {"default": "0"}),
+    Option(
+        "--start T", None, "seconds after the bag's first message", {"default": "0"}
+    ),
     Option("--loop", bool, "begin again at the end"),
     Option(
         "--topics TOPIC",
@@ -39,8 +41,8 @@ OPTIONS = (
 def execute(options: argparse.Namespace) -> int:
     """Run the verb."""
     with ros_needed():
-        from sparse_coord_ros.nodes.player import Player
-        from sparse_coord_ros.nodes.spin import run_node
+        from sparse_coord_ros.ros.nodes.player import Player
+        from sparse_coord_ros.ros.nodes.spin import run_node
     values = {
         "bag": str(options.bag),
         "rate": options.rate,
@@ -54,7 +56,9 @@ def execute(options: argparse.Namespace) -> int:
         try:
             return Player(context=context, values=values, keyboard=True)
         except SettingError as error:
-            text = PARAMETER.sub(lambda found: NAMES.get(found[1], found[1]), str(error))
+            text = PARAMETER.sub(
+                lambda found: NAMES.get(found[1], found[1]), str(error)
+            )
             raise SettingError(text) from None
 
     return run_node(make, [])

@@ -5,9 +5,9 @@
 import argparse
 from pathlib import Path
 
+from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.cli import pictures
 from sparse_coord_ros.cli.options import JSON, Option, note
-from sparse_coord_ros.errors import SettingError
 
 KINDS = (".html", ".htm")
 
@@ -15,8 +15,16 @@ EXAMPLE = "sparse_coord report runs/demo --out demo.html"
 
 
 OPTIONS = (
-    Option("source RUN|BAG|RESULTS", Path, "a run's directory; a bag's, or its file; results"),
-    Option("--no-baselines", bool, "do not let Indiv. and Non-coop. learn the same, to compare"),
+    Option(
+        "source RUN|BAG|RESULTS",
+        Path,
+        "a run's directory; a bag's, or its file; results",
+    ),
+    Option(
+        "--no-baselines",
+        bool,
+        "do not let Indiv. and Non-coop. learn the same, to compare",
+    ),
     pictures.out_option(KINDS),
     JSON,
 )
@@ -26,16 +34,18 @@ def execute(options: argparse.Namespace) -> None:
     """Run the verb."""
     pictures.check_out(options.out, KINDS)
     with pictures.drawing():
-        from sparse_coord_ros.look.sources import is_results, open_shown
+        from sparse_coord_ros.show.sources import is_results, open_shown
 
         if is_results(options.source):
             if options.no_baselines:
-                raise SettingError("--no-baselines is for runs, these are results; leave it out")
-            from sparse_coord_ros.look.results_report import results_report
+                raise SettingError(
+                    "--no-baselines is for runs, these are results; leave it out"
+                )
+            from sparse_coord_ros.show.results_report import results_report
 
             page = results_report(options.source, note)
         else:
-            from sparse_coord_ros.look.report import run_report
+            from sparse_coord_ros.show.report import run_report
 
             shown = open_shown(options.source, note)
             page = run_report(shown, baselines=not options.no_baselines)

@@ -9,11 +9,15 @@ from pathlib import Path
 from sparse_coord_ros.cli.computing import COMPUTING, Bar, computing_of
 from sparse_coord_ros.cli.evaluate import Evaluated, result_table
 from sparse_coord_ros.cli.options import JSON, SEED, Option, format_table, note, tell
-from sparse_coord_ros.experiments.catalogue import NAMES
-from sparse_coord_ros.experiments.runner import ExperimentResults, parse_targets, run_experiment
-from sparse_coord_ros.experiments.store import RUNS, TRIALS, Plan
-from sparse_coord_ros.learn.evaluation import summary
-from sparse_coord_ros.learn.run_config import make_run
+from sparse_coord_ros.core.runs.evaluation import summary
+from sparse_coord_ros.core.runs.run_config import make_run
+from sparse_coord_ros.studies.catalogue import NAMES
+from sparse_coord_ros.studies.runner import (
+    ExperimentResults,
+    parse_targets,
+    run_experiment,
+)
+from sparse_coord_ros.studies.store import RUNS, TRIALS, Plan
 
 EXAMPLE = (
     "sparse_coord reproduce table1 table2 --out results\n"
@@ -78,16 +82,28 @@ def _lines(out: Path, done: ExperimentResults) -> Iterator[str]:
                 f"{result.measure('miscoordinations').mean:.2f}",
                 f"{asks.mean:.2f}",
                 f"{result.arrived:.2%}",
-                f"{result.optimum:.2f}" if result.optimum_exact else f"<= {result.optimum:.2f}",
+                f"{result.optimum:.2f}"
+                if result.optimum_exact
+                else f"<= {result.optimum:.2f}",
             ]
         )
     if rows:
-        head = ["condition", "reward", "s.e.", "miscoord.", "asks", "all arrived", "optimum"]
+        head = [
+            "condition",
+            "reward",
+            "s.e.",
+            "miscoord.",
+            "asks",
+            "all arrived",
+            "optimum",
+        ]
         yield format_table(head, rows)
     if done.targets.experiments:
         yield f"report: {out / 'reproduction.md'}"
     for one in done.runs:
         scenario = one.condition.scenario
-        learned = make_run(scenario, {"seed": one.seed, "learner": one.condition.learner})
+        learned = make_run(
+            scenario, {"seed": one.seed, "learner": one.condition.learner}
+        )
         yield result_table([Evaluated(one.directory, learned, summary(one.trials))])
         yield f"tables  {one.directory / 'tables.npz'}"

@@ -8,24 +8,26 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from sparse_coord_ros.base.errors import EXIT_INTERRUPTED, BagError, RunError
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli.evaluate import evaluation_of
 from sparse_coord_ros.cli.improve import IMPROVE
-from sparse_coord_ros.engine.improve import IMPROVED
-from sparse_coord_ros.errors import EXIT_INTERRUPTED, BagError, RunError
-from sparse_coord_ros.learn.run_config import RUN_SETTINGS, load_run
-from sparse_coord_ros.learn.tables import TEAM_FILE, load_team
-from sparse_coord_ros.lockstep.checkpoints import CHECKPOINTS
-from sparse_coord_ros.look.page.board import Board
-from sparse_coord_ros.solve.verdict import last_word
+from sparse_coord_ros.core.engine.improve import IMPROVED
+from sparse_coord_ros.core.runs.run_config import RUN_SETTINGS, load_run
+from sparse_coord_ros.core.runs.tables import TEAM_FILE, load_team
+from sparse_coord_ros.core.solve.verdict import last_word
+from sparse_coord_ros.protocol.lockstep.checkpoints import CHECKPOINTS
+from sparse_coord_ros.show.page.board import Board
 
 if TYPE_CHECKING:
-    from sparse_coord_ros.nodes.spin import Stop
+    from sparse_coord_ros.ros.nodes.spin import Stop
 
 TRIALS = 200
 """Of the last word, where it cannot be computed."""
 
-EXAMPLE = "sparse_coord run env1 --steps 2000 --seed 7\n  sparse_coord run --resume runs/a"
+EXAMPLE = (
+    "sparse_coord run env1 --steps 2000 --seed 7\n  sparse_coord run --resume runs/a"
+)
 
 
 OPTIONS = (
@@ -38,8 +40,12 @@ OPTIONS = (
     shared.Option("--rate HZ", None, "time steps a second, to watch"),
     shared.Option("--no-record", bool, "write no bag"),
     shared.Option("--compression", ("zstd", "lz4", "none"), "of the bag"),
-    shared.Option("--max-bagfile-size BYTES", None, "begin another file of the bag after so many"),
-    shared.Option("--max-bagfile-duration SECONDS", None, "or after so many simulated seconds"),
+    shared.Option(
+        "--max-bagfile-size BYTES", None, "begin another file of the bag after so many"
+    ),
+    shared.Option(
+        "--max-bagfile-duration SECONDS", None, "or after so many simulated seconds"
+    ),
     shared.Option(
         "--checkpoint STEPS",
         RUN_SETTINGS["checkpoint"].parse,
@@ -61,7 +67,7 @@ def execute(options: argparse.Namespace) -> int | None:
     if not options.watch:
         return _run(options, *_begin(options))
     from sparse_coord_ros.cli import page
-    from sparse_coord_ros.nodes.spin import signals
+    from sparse_coord_ros.ros.nodes.spin import signals
 
     if options.processes:
         why = "leave out --processes, or run 'sparse_coord watch' beside it"
@@ -88,7 +94,9 @@ def _run(
     shared.tell(options, {"directory": out, **summary}, *_lines(options, out, summary))
     if not summary["interrupted"] and not (out / TEAM_FILE).exists():
         remedy = f"make room, then: sparse_coord run --resume {out}"
-        raise RunError(f"{out}: not all tables could be saved there (see above); {remedy}")
+        raise RunError(
+            f"{out}: not all tables could be saved there (see above); {remedy}"
+        )
     if "recording_error" in summary:
         raise BagError(summary["recording_error"])
     return EXIT_INTERRUPTED if summary["interrupted"] else 0
@@ -96,7 +104,13 @@ def _run(
 
 def _begin(options: argparse.Namespace) -> tuple[Path, dict[str, Any]]:
     """Return a team's output directory and its parameters."""
-    names = ["executor", "rate", "compression", "max_bagfile_size", "max_bagfile_duration"]
+    names = [
+        "executor",
+        "rate",
+        "compression",
+        "max_bagfile_size",
+        "max_bagfile_duration",
+    ]
     if options.resume is not None:
         shared.nothing_else_given(options)
         out = options.resume
@@ -104,9 +118,21 @@ def _begin(options: argparse.Namespace) -> tuple[Path, dict[str, Any]]:
     else:
         out = shared.output_directory(options, shared.scenario_of(options).name)
         if options.greedy and not options.tables:
-            raise RunError("--greedy needs --tables DIR, the output directory of a run to act on")
-        names += ["scenario", "seed", "learner", "tables", "greedy", "improve", "checkpoint"]
-        changed = [f"{name}={value}" for name, value in shared.settings_of(options).items()]
+            raise RunError(
+                "--greedy needs --tables DIR, the output directory of a run to act on"
+            )
+        names += [
+            "scenario",
+            "seed",
+            "learner",
+            "tables",
+            "greedy",
+            "improve",
+            "checkpoint",
+        ]
+        changed = [
+            f"{name}={value}" for name, value in shared.settings_of(options).items()
+        ]
         values = {"set": changed or [""], "record": not options.no_record}
     given = {name: getattr(options, name) for name in names}
     values |= {name: value for name, value in given.items() if value is not None}
@@ -125,10 +151,14 @@ def _counted(options: argparse.Namespace, summary: dict[str, Any]) -> Iterator[s
     if summary.get("transitions_dropped"):
         yield f"{summary['transitions_dropped']} transitions were not learned from"
     for robot, asks in summary.get("asks", {}).items():
-        yield f"{robot} asked: " + ", ".join(f"{count} {how}" for how, count in asks.items())
+        yield f"{robot} asked: " + ", ".join(
+            f"{count} {how}" for how, count in asks.items()
+        )
 
 
-def _lines(options: argparse.Namespace, out: Path, summary: dict[str, Any]) -> Iterator[str]:
+def _lines(
+    options: argparse.Namespace, out: Path, summary: dict[str, Any]
+) -> Iterator[str]:
     yield from _counted(options, summary)
     saved = (out / TEAM_FILE).exists()
     plan = out / IMPROVED
@@ -145,6 +175,8 @@ def _lines(options: argparse.Namespace, out: Path, summary: dict[str, Any]) -> I
     silent = interrupted or options.greedy or options.watch or options.json
     if saved and summary.get("steps_per_second", 0) and not silent:
         run = load_run(out)
-        tables = load_team(plan if (plan / TEAM_FILE).exists() else out, run.scenario, run.rule)
+        tables = load_team(
+            plan if (plan / TEAM_FILE).exists() else out, run.scenario, run.rule
+        )
         found = evaluation_of(run, tables, TRIALS, 0, exact=None)
         yield last_word(run.scenario, run.rule, found).text

@@ -10,19 +10,21 @@ from dataclasses import asdict
 from functools import partial
 from typing import Any, NamedTuple
 
+from sparse_coord_ros.base.errors import SettingError, did_you_mean
 from sparse_coord_ros.cli.options import JSON, Option, tell
-from sparse_coord_ros.driving.trials import DRIVE_SETTINGS
-from sparse_coord_ros.errors import SettingError, did_you_mean
-from sparse_coord_ros.game.scenario import DIALOGUE, PROTOCOL, SETTINGS
-from sparse_coord_ros.game.settings import Setting
-from sparse_coord_ros.learn.run_config import RUN_SETTINGS
-from sparse_coord_ros.learners.learner import Learner
-from sparse_coord_ros.learners.registry import LEARNERS
+from sparse_coord_ros.core.game.scenario import DIALOGUE, PROTOCOL, SETTINGS
+from sparse_coord_ros.core.game.settings import Setting
+from sparse_coord_ros.core.learners.learner import Learner
+from sparse_coord_ros.core.learners.registry import LEARNERS
+from sparse_coord_ros.core.runs.run_config import RUN_SETTINGS
+from sparse_coord_ros.lab.driving.trials import DRIVE_SETTINGS
 
 WIDEST = 100
 """Characters of a line."""
 
-wrap = partial(textwrap.wrap, width=WIDEST, break_long_words=False, break_on_hyphens=False)
+wrap = partial(
+    textwrap.wrap, width=WIDEST, break_long_words=False, break_on_hyphens=False
+)
 
 GROUPS = ("scenario", "dialogue", "protocol", "run", "drive", "learners")
 """Groups that there are without ROS 2, too."""
@@ -45,7 +47,9 @@ class Entry(NamedTuple):
 
 
 OPTIONS = (
-    Option("[names NAME...]", None, f"settings, learners, or groups: {', '.join(GROUPS)}"),
+    Option(
+        "[names NAME...]", None, f"settings, learners, or groups: {', '.join(GROUPS)}"
+    ),
     JSON,
 )
 
@@ -64,12 +68,16 @@ def execute(options: argparse.Namespace) -> None:
     facts = {}
     parts = []
     for group, title, some in everything:
-        chosen = {k: v for k, v in some.items() if not names or group in names or k in names}
+        chosen = {
+            k: v for k, v in some.items() if not names or group in names or k in names
+        }
         if chosen:
             facts[group] = {name: one.facts for name, one in chosen.items()}
             parts.append("\n".join([title, "", *lines_of(chosen, forms=bool(names))]))
     if not names:
-        parts.append("The forms of a setting with their numbers: sparse_coord settings NAME")
+        parts.append(
+            "The forms of a setting with their numbers: sparse_coord settings NAME"
+        )
     tell(options, facts, "\n\n".join(parts))
 
 
@@ -85,12 +93,18 @@ def groups() -> Iterator[tuple[str, str, dict[str, Entry]]]:
         yield group, f"{about} ({by_hand})", _entries(SETTINGS[name] for name in names)
     how = "options of run and train; ROS parameters of the world"
     yield "run", f"A run ({how})", _entries(RUN_SETTINGS.values())
-    yield "drive", "Simulated bodies (drive --set NAME=VALUE)", _entries(DRIVE_SETTINGS.values())
+    yield (
+        "drive",
+        "Simulated bodies (drive --set NAME=VALUE)",
+        _entries(DRIVE_SETTINGS.values()),
+    )
     with suppress(ImportError):  # where there is no ROS 2, there are no nodes
-        from sparse_coord_ros.nodes.parameters import PARAMETERS
+        from sparse_coord_ros.ros.nodes.parameters import PARAMETERS
 
         for node, table in PARAMETERS.items():
-            own = (one for name, one in table.items() if one is not RUN_SETTINGS.get(name))
+            own = (
+                one for name, one in table.items() if one is not RUN_SETTINGS.get(name)
+            )
             yield node, f"The node {node} (ROS parameters)", _entries(own)
     learners = {name: _learner(LEARNERS.find(name)) for name in LEARNERS.names}
     yield "learners", "Learners (--learner NAME)", learners
@@ -108,11 +122,17 @@ def _setting(one: Setting) -> Entry:
     facts = []
     for form in () if isinstance(one.kind, type) else one.kind.forms:
         ranges = ", ".join(f"{n.name.upper()}: {n.allowed}" for n in form.numbers)
-        lines.append(f"{form.text}: {form.meaning}" + (f" ({ranges})" if ranges else ""))
+        lines.append(
+            f"{form.text}: {form.meaning}" + (f" ({ranges})" if ranges else "")
+        )
         numbers = [asdict(number) for number in form.numbers]
         facts.append({"form": form.text, "meaning": form.meaning, "numbers": numbers})
     names = ("default", "allowed", "low", "high", "choices")
-    plain = {"meaning": one.help, **{name: getattr(one, name) for name in names}, "forms": facts}
+    plain = {
+        "meaning": one.help,
+        **{name: getattr(one, name) for name in names},
+        "forms": facts,
+    }
     return Entry([f"{said}   [{one.allowed}]", one.help], lines, plain)
 
 
@@ -130,6 +150,8 @@ def lines_of(entries: dict[str, Entry], *, forms: bool) -> Iterator[str]:
         first, *more = one.lines
         texts = [(f"{name:<{indent}}{first}", indent)]
         texts += [(" " * indent + text, indent) for text in more]
-        texts += [(" " * (indent + 2) + text, indent + 4) for text in one.forms if forms]
+        texts += [
+            (" " * (indent + 2) + text, indent + 4) for text in one.forms if forms
+        ]
         for text, further in texts:
             yield from wrap(text, subsequent_indent=" " * further)

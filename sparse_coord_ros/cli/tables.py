@@ -6,12 +6,12 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from sparse_coord_ros.base.errors import RunError
+from sparse_coord_ros.base.files import write_whole
 from sparse_coord_ros.cli.options import BAG, JSON, Option, tell
-from sparse_coord_ros.errors import RunError
-from sparse_coord_ros.files import write_whole
-from sparse_coord_ros.game.settings import Setting
-from sparse_coord_ros.learn.run_config import RUN_FILE, create_output
-from sparse_coord_ros.learn.tables import TEAM_FILE, save_team
+from sparse_coord_ros.core.game.settings import Setting
+from sparse_coord_ros.core.runs.run_config import RUN_FILE, create_output
+from sparse_coord_ros.core.runs.tables import TEAM_FILE, save_team
 
 STEP = Setting("step", int, 0, "time step", low=0)
 
@@ -31,10 +31,12 @@ OPTIONS = (
 
 def execute(options: argparse.Namespace) -> None:
     """Run the verb."""
-    from sparse_coord_ros.runlog.tracks import read_tracks
+    from sparse_coord_ros.log.runlog.tracks import read_tracks
 
     if (options.step is None) != (options.out is None):
-        raise RunError("--step N and --out DIR belong together; without both the steps are listed")
+        raise RunError(
+            "--step N and --out DIR belong together; without both the steps are listed"
+        )
     tracks = read_tracks(options.bag)
     of_each: list[dict[int, Any]] = [{} for _ in tracks.names]
     for one in tracks.tables:

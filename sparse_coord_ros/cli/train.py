@@ -9,47 +9,49 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
+from sparse_coord_ros.base.compiling import has_numba
+from sparse_coord_ros.base.errors import RunError, os_error_text
+from sparse_coord_ros.base.files import take_lock, write_whole
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli.computing import Bar, note_without_numba
 from sparse_coord_ros.cli.evaluate import Evaluated, evaluation_of, result_table
 from sparse_coord_ros.cli.improve import IMPROVE, planned
 from sparse_coord_ros.cli.options import Option
-from sparse_coord_ros.compiling import has_numba
-from sparse_coord_ros.engine.batch import ENGINES, is_prepared, prepare
-from sparse_coord_ros.engine.checkpoint import CHECKPOINT_FILE
-from sparse_coord_ros.engine.trained import Training
-from sparse_coord_ros.engine.training import (
+from sparse_coord_ros.core.engine.batch import ENGINES, is_prepared, prepare
+from sparse_coord_ros.core.engine.checkpoint import CHECKPOINT_FILE
+from sparse_coord_ros.core.engine.trained import Training
+from sparse_coord_ros.core.engine.training import (
     EVERY,
     EVERY_TRIALS,
     engine_for,
     train,
     worth_compiling,
 )
-from sparse_coord_ros.errors import RunError, os_error_text
-from sparse_coord_ros.files import take_lock, write_whole
-from sparse_coord_ros.game.scenario import SETTINGS, Scenario
-from sparse_coord_ros.game.settings import Setting
-from sparse_coord_ros.learn.evaluation import MEASURES
-from sparse_coord_ros.learn.history import HISTORY_FILE
-from sparse_coord_ros.learn.run_config import (
+from sparse_coord_ros.core.game.scenario import SETTINGS, Scenario
+from sparse_coord_ros.core.game.settings import Setting
+from sparse_coord_ros.core.runs.evaluation import MEASURES
+from sparse_coord_ros.core.runs.history import HISTORY_FILE
+from sparse_coord_ros.core.runs.run_config import (
     RUN_FILE,
     RunConfig,
     create_output,
     load_run,
     make_run,
 )
-from sparse_coord_ros.learn.tables import TEAM_FILE, save_team
-from sparse_coord_ros.lockstep.checkpoints import CHECKPOINTS
-from sparse_coord_ros.look.page.board import Board
-from sparse_coord_ros.solve.shipped import known_optimum
-from sparse_coord_ros.solve.verdict import LOST, last_word
-from sparse_coord_ros.wire import RunState
+from sparse_coord_ros.core.runs.tables import TEAM_FILE, save_team
+from sparse_coord_ros.core.solve.shipped import known_optimum
+from sparse_coord_ros.core.solve.verdict import LOST, last_word
+from sparse_coord_ros.protocol.lockstep.checkpoints import CHECKPOINTS
+from sparse_coord_ros.protocol.wire import RunState
+from sparse_coord_ros.show.page.board import Board
 
 EVALUATIONS_FILE = "evaluations.csv"
 FILES = (RUN_FILE, CHECKPOINT_FILE, HISTORY_FILE, EVALUATIONS_FILE, TEAM_FILE)
 """What this verb writes."""
 
-TRIALS = Setting("trials", int, 1000, "trials of the evaluation", low=0, high=10_000_000)
+TRIALS = Setting(
+    "trials", int, 1000, "trials of the evaluation", low=0, high=10_000_000
+)
 
 FAR = 0.05
 """A goal whose value is discounted to less than this share, seen from the start, is far away."""
@@ -64,8 +66,16 @@ OPTIONS = (
     *shared.run_options(
         "go on with an interrupted run, instead of SCENARIO; DIR is its output directory"
     ),
-    Option("--engine", ENGINES, "the bits are the same; auto: numba where it is worth compiling"),
-    Option("--evaluate-every STEPS", EVERY.parse, f"evaluate on the way too: {EVALUATIONS_FILE}"),
+    Option(
+        "--engine",
+        ENGINES,
+        "the bits are the same; auto: numba where it is worth compiling",
+    ),
+    Option(
+        "--evaluate-every STEPS",
+        EVERY.parse,
+        f"evaluate on the way too: {EVALUATIONS_FILE}",
+    ),
     Option(
         "--trials",
         TRIALS.parse,
@@ -92,17 +102,23 @@ def begin(options: argparse.Namespace) -> tuple[Path, RunConfig]:
     out = options.resume
     if out is None:
         scenario = shared.scenario_of(options)
-        chosen = {name: getattr(options, name) for name in ("seed", "learner", "improve")}
+        chosen = {
+            name: getattr(options, name) for name in ("seed", "learner", "improve")
+        }
         run = make_run(scenario, chosen)
         return shared.output_directory(options, scenario.name), run
     shared.nothing_else_given(options)
     run = load_run(out)
     run.check_code()
     if (out / CHECKPOINTS).is_dir():
-        raise RunError(f"{out}: holds a run of nodes; go on with: sparse_coord run --resume {out}")
+        raise RunError(
+            f"{out}: holds a run of nodes; go on with: sparse_coord run --resume {out}"
+        )
     if not (out / CHECKPOINT_FILE).exists():
         what = "is finished" if (out / TEAM_FILE).exists() else "has no checkpoint"
-        raise RunError(f"{out}: the run {what}, there is nothing to go on with; begin another one")
+        raise RunError(
+            f"{out}: the run {what}, there is nothing to go on with; begin another one"
+        )
     return out, run
 
 
@@ -110,13 +126,17 @@ def learn(
     options: argparse.Namespace, out: Path, run: RunConfig, board: Board | None = None
 ) -> None:
     """Let one team learn, save what it learned, and say so."""
-    engine_for(run.scenario, run.rule, options.engine)  # refused before a directory is made
+    engine_for(
+        run.scenario, run.rule, options.engine
+    )  # refused before a directory is made
     if options.resume is None:
         create_output(out)
     folder = os.open(out, os.O_RDONLY | os.O_DIRECTORY)
     try:
         if not take_lock(folder):
-            raise RunError(f"{out}: another process learns there; wait for its end, or stop it")
+            raise RunError(
+                f"{out}: another process learns there; wait for its end, or stop it"
+            )
         _learn_there(options, out, run, board)
     finally:
         os.close(folder)
@@ -133,7 +153,7 @@ def _learn_there(
         if not resumed:
             write_whole(out / RUN_FILE, run.to_yaml())
         if board is not None:
-            from sparse_coord_ros.look.page.training_source import TrainingView
+            from sparse_coord_ros.show.page.training_source import TrainingView
 
             view = TrainingView(run, board, title=str(out), last=not options.watch)
             board.source = view
@@ -209,7 +229,9 @@ def _save(out: Path, done: Training) -> None:
     (out / CHECKPOINT_FILE).unlink(missing_ok=True)
 
 
-def _say(options: argparse.Namespace, out: Path, run: RunConfig, done: Training) -> None:
+def _say(
+    options: argparse.Namespace, out: Path, run: RunConfig, done: Training
+) -> None:
     """Print what was learned and where it is, and what was made of it."""
     scenario = run.scenario
     trials = options.trials
@@ -219,17 +241,25 @@ def _say(options: argparse.Namespace, out: Path, run: RunConfig, done: Training)
     plan, text = planned(out, run, done.tables) if run.improve else ({}, "")
     if trials != 0:
         exact = None if trials is None else False
-        result = evaluation_of(run, done.tables, trials or TRIALS.default, 0, exact=exact)
+        result = evaluation_of(
+            run, done.tables, trials or TRIALS.default, 0, exact=exact
+        )
         word = last_word(scenario, run.rule, result)
         optimum = known_optimum(scenario)
-        facts |= {"optimum": optimum.value, "optimum_exact": optimum.exact, "last_word": word}
+        facts |= {
+            "optimum": optimum.value,
+            "optimum_exact": optimum.exact,
+            "last_word": word,
+        }
         facts["evaluation"] = result.to_dict()
         lines = [result_table([Evaluated(out, run, result)]), word.text]
         lines += advice(scenario, done) if word.kind == LOST else []
     lines += [f"tables   {out / TEAM_FILE}", f"history  {out / HISTORY_FILE}"]
     lines.append(f"run      {out / RUN_FILE}")
     if done.evaluations:
-        facts["evaluations"] = [{"steps": n, **e.to_dict()} for n, e in done.evaluations]
+        facts["evaluations"] = [
+            {"steps": n, **e.to_dict()} for n, e in done.evaluations
+        ]
         lines.append(f"on the way  {out / EVALUATIONS_FILE}")
     if run.improve:
         facts["improved"] = plan
@@ -244,7 +274,9 @@ def advice(scenario: Scenario, done: Training) -> list[str]:
         scenario: the problem.
         done: the run, in which they did not.
     """
-    moves = max(int(scenario.map.distances_to(r.goal)[r.start]) for r in scenario.robots)
+    moves = max(
+        int(scenario.map.distances_to(r.goal)[r.start]) for r in scenario.robots
+    )
     history = done.history
     last = slice(history.episodes // 2, None)
     arrived = history.arrived[last][history.present[last]].mean()

@@ -8,7 +8,7 @@ import re
 from collections.abc import Mapping
 from typing import Any, NoReturn
 
-from sparse_coord_ros.errors import EXIT_BAD_INPUT, did_you_mean
+from sparse_coord_ros.base.errors import EXIT_BAD_INPUT, did_you_mean
 
 VERBS: Mapping[str, str] = {
     "run": "let a team learn live over ROS 2 nodes, topics and services, recorded to MCAP",
@@ -95,5 +95,7 @@ def add_verb(verbs: Any, name: str) -> None:
     )
     add_options(parser, module.OPTIONS)
     what = "may be imported if what is read here names it: a learner or model of yours; repeatable"
-    parser.add_argument("--allow", metavar="MODULE", action="append", default=[], help=what)
+    parser.add_argument(
+        "--allow", metavar="MODULE", action="append", default=[], help=what
+    )
     parser.set_defaults(execute=module.execute, parser=parser)

@@ -38,12 +38,16 @@ OPTIONS = (
 
 def execute(options: argparse.Namespace) -> int:
     """Run the verb; 0: identical, 1: differs, 3: the log leaves it open."""
-    from sparse_coord_ros.runlog import verify
+    from sparse_coord_ros.log.runlog import verify
 
     found = verify(options.bag)
     log = found.log
     facts = {name: one for name, one in vars(found).items() if name != "log"}
-    facts |= {"bag": log.bag.path, "identical": found.same, "cannot_tell": found.cannot_tell}
+    facts |= {
+        "bag": log.bag.path,
+        "identical": found.same,
+        "cannot_tell": found.cannot_tell,
+    }
     facts |= {"rollbacks": log.tracks.rollbacks, "gaps": log.gaps, "losses": log.losses}
     shown = None if options.all else SHOWN
     tell(options, facts, *_account(found), *_outcome(found, shown))

@@ -9,12 +9,16 @@ from pathlib import Path
 
 from sparse_coord_ros.cli.options import PAGE, Option, ros_needed
 from sparse_coord_ros.cli.page import served
-from sparse_coord_ros.game.settings import Setting
+from sparse_coord_ros.core.game.settings import Setting
 
-RATE = Setting("rate", float, 10.0, "of a bag: time steps a second", low=0.001, high=1e6)
+RATE = Setting(
+    "rate", float, 10.0, "of a bag: time steps a second", low=0.001, high=1e6
+)
 STEP = Setting("step", int, 0, "of a bag: time step to begin at", low=0, high=2**53)
 
-EXAMPLE = "sparse_coord watch runs/demo\n  sparse_coord watch runs/demo runs/demo_factored"
+EXAMPLE = (
+    "sparse_coord watch runs/demo\n  sparse_coord watch runs/demo runs/demo_factored"
+)
 
 
 OPTIONS = (
@@ -25,7 +29,11 @@ OPTIONS = (
         "several are shown side by side (default: the team that runs now, over its ROS topics)",
     ),
     RATE,
-    Option("--step N", STEP.parse, "of a bag: time step to begin at (default: what was learned)"),
+    Option(
+        "--step N",
+        STEP.parse,
+        "of a bag: time step to begin at (default: what was learned)",
+    ),
     *PAGE,
 )
 
@@ -34,10 +42,10 @@ def execute(options: argparse.Namespace) -> int | None:
     """Run the verb."""
     if not options.bags:
         return _live(options)
-    from sparse_coord_ros.look.page.bag_source import BagSource
-    from sparse_coord_ros.look.page.board import Board
-    from sparse_coord_ros.look.page.training_source import TrainedView
-    from sparse_coord_ros.look.sources import open_shown
+    from sparse_coord_ros.show.page.bag_source import BagSource
+    from sparse_coord_ros.show.page.board import Board
+    from sparse_coord_ros.show.page.training_source import TrainedView
+    from sparse_coord_ros.show.sources import open_shown
 
     first, *others = (
         BagSource(path, Board(), rate=options.rate, step=options.step)
@@ -55,7 +63,9 @@ def execute(options: argparse.Namespace) -> int | None:
 
 def _live(options: argparse.Namespace) -> int:
     with ros_needed("sparse_coord watch BAG"):
-        from sparse_coord_ros.nodes.spin import run_node
-        from sparse_coord_ros.nodes.watch import WatchNode
+        from sparse_coord_ros.ros.nodes.spin import run_node
+        from sparse_coord_ros.ros.nodes.watch import WatchNode
     with served(options) as server:
-        return run_node(lambda context: WatchNode(context=context, values={}, server=server), [])
+        return run_node(
+            lambda context: WatchNode(context=context, values={}, server=server), []
+        )

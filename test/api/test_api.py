@@ -11,8 +11,8 @@ import pytest
 
 import sparse_coord_ros as sc
 from sparse_coord_ros.cli.main import main
-from sparse_coord_ros.learn.run import learn
-from sparse_coord_ros.learners.tables import tables_equal
+from sparse_coord_ros.core.learners.tables import tables_equal
+from sparse_coord_ros.core.runs.run import learn
 
 
 @pytest.fixture
@@ -55,7 +55,9 @@ def test_every_name_is_there_documented_and_typed(name):
 
 
 def test_an_unknown_name():
-    with pytest.raises(AttributeError, match="'sparse_coord_ros' has no attribute 'tarin'"):
+    with pytest.raises(
+        AttributeError, match="'sparse_coord_ros' has no attribute 'tarin'"
+    ):
         sc.tarin  # noqa: B018
     assert not hasattr(sc, "__path_of__")
 
@@ -65,7 +67,7 @@ def test_importing_it_imports_nothing_else(python):
         "-c",
         "import sys; before = set(sys.modules)\n"
         "import sparse_coord_ros as sc\n"
-        "from sparse_coord_ros import palette\n"
+        "from sparse_coord_ros.base import palette\n"
         "new = {n.partition(chr(46))[0] for n in set(sys.modules) - before}\n"
         "print(sorted(new - sys.stdlib_module_names), 'sparse_coord_ros.api' in sys.modules)\n",
     ).stdout
@@ -110,12 +112,24 @@ def test_scenarios(tmp_path):
         (lambda: sc.train("env1", seed=-1), "setting seed"),
         (lambda: sc.train("env1", 7), "is no learner"),
         (lambda: sc.train_many("env1", runs=0), "setting runs: value is 0"),
-        (lambda: sc.train_many("env1", trials=-1), "value is -1, allowed: 0, or a whole number"),
-        (lambda: sc.train("env1", engine="fast"), "'fast', allowed: auto, numba, python"),
-        (lambda: sc.train("env1", evaluate_every=-1), "setting evaluate-every: value is -1"),
+        (
+            lambda: sc.train_many("env1", trials=-1),
+            "value is -1, allowed: 0, or a whole number",
+        ),
+        (
+            lambda: sc.train("env1", engine="fast"),
+            "'fast', allowed: auto, numba, python",
+        ),
+        (
+            lambda: sc.train("env1", evaluate_every=-1),
+            "setting evaluate-every: value is -1",
+        ),
         (lambda: sc.train("env1", trials="many"), "setting trials: value is 'many'"),
         (lambda: sc.train_many("env1", runs=1, jobs=0), "setting jobs: value is 0"),
-        (lambda: sc.train_many("env1", runs=1, engine="fast"), "setting engine: value is 'fast'"),
+        (
+            lambda: sc.train_many("env1", runs=1, engine="fast"),
+            "setting engine: value is 'fast'",
+        ),
         (lambda: sc.run_experiment("table1", jobs=-1), "setting jobs: value is -1"),
         (lambda: sc.sweep("env1", {"penalti": [-1]}), "did you mean 'penalty'"),
         (
@@ -126,19 +140,34 @@ def test_scenarios(tmp_path):
             lambda: sc.sweep("env1", {"learner": "coop"}),
             "learner: value is 'coop', allowed: a list",
         ),
-        (lambda: sc.sweep("env1", {"steps": []}), "steps: value is [], allowed: a list of values"),
-        (lambda: sc.sweep("env1", ["penalty"]), "over: value is ['penalty'], allowed: the values"),
+        (
+            lambda: sc.sweep("env1", {"steps": []}),
+            "steps: value is [], allowed: a list of values",
+        ),
+        (
+            lambda: sc.sweep("env1", ["penalty"]),
+            "over: value is ['penalty'], allowed: the values",
+        ),
         (lambda: sc.sweep("env1", {}, jobs="two"), "setting jobs: value is 'two'"),
         (lambda: sc.benchmark(robots=3), "robots: value is 3, allowed: 2, 4, 8"),
         (lambda: sc.run_experiment([]), "no experiment is asked for"),
         (lambda: sc.run_experiment("env1/coop/penalty=-1", trials=0), "setting trials"),
-        (lambda: sc.run_experiment("env1/coop/penalty=-1/0"), "name a results directory"),
+        (
+            lambda: sc.run_experiment("env1/coop/penalty=-1/0"),
+            "name a results directory",
+        ),
         (lambda: sc.load_run("nowhere"), "run.yaml: cannot be read"),
         (lambda: sc.read_log("nowhere"), "nowhere"),
         (lambda: sc.verify("nowhere"), "nowhere"),
-        (lambda: sc.find_asking_team("env1", restarts=0), "setting restarts: value is 0"),
+        (
+            lambda: sc.find_asking_team("env1", restarts=0),
+            "setting restarts: value is 0",
+        ),
         (lambda: sc.evaluate([]), "give evaluate(scenario=...)"),
-        (lambda: sc.evaluate([], scenario="env1", trials=0), "setting trials: value is 0"),
+        (
+            lambda: sc.evaluate([], scenario="env1", trials=0),
+            "setting trials: value is 0",
+        ),
         (lambda: sc.evaluate([], scenario="env1"), "tables of 0 robots"),
         (lambda: sc.evaluate([1, 2], scenario="env1"), "a list of the robots' Tables"),
         (lambda: sc.evaluate(3), "value is 3, allowed: a Training"),
@@ -155,7 +184,9 @@ def test_errors_are_one_line(call, words, tmp_path, monkeypatch):
 
 
 def test_training_is_what_train_computes(printed, scenario, training):
-    directory = printed("train", "env1", "--penalty", -100, "--steps", 2000, "--seed", 3)
+    directory = printed(
+        "train", "env1", "--penalty", -100, "--steps", 2000, "--seed", 3
+    )
     run = sc.load_run(directory["directory"])
     assert (run.scenario, run.learner.label, run.seed) == (scenario, "coop", 3)
     assert tables_equal(run.tables, training.tables)
@@ -169,11 +200,13 @@ def test_training_is_what_train_computes(printed, scenario, training):
     assert evaluated.items() >= ours.to_dict().items()
 
 
-def test_a_training_that_cannot_be_saved_leaves_nothing(training, tmp_path, monkeypatch):
+def test_a_training_that_cannot_be_saved_leaves_nothing(
+    training, tmp_path, monkeypatch
+):
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("sparse_coord_ros.engine.trained.save_team", full)
+    monkeypatch.setattr("sparse_coord_ros.core.engine.trained.save_team", full)
     with pytest.raises(sc.SparseCoordError, match="cannot be written .No space left"):
         training.save(tmp_path / "saved")
     assert list(tmp_path.iterdir()) == []
@@ -197,10 +230,19 @@ def test_many_runs_are_the_single_ones(scenario, training):
     assert [run.seed for run in many] == [2, 3, 4]
     assert tables_equal(many[1].tables, training.tables)
     assert many[1].history.same_bits(training.history)
-    assert sc.evaluate(many[1], trials=9).to_dict() == sc.evaluate(training, trials=9).to_dict()
+    assert (
+        sc.evaluate(many[1], trials=9).to_dict()
+        == sc.evaluate(training, trials=9).to_dict()
+    )
     frame = many.to_pandas()
     measures = ["reward", "time_to_goal", "asks", "miscoordinations", "arrived"]
-    assert list(frame) == ["scenario", "learner", *scenario.plain_settings, "seed", *measures]
+    assert list(frame) == [
+        "scenario",
+        "learner",
+        *scenario.plain_settings,
+        "seed",
+        *measures,
+    ]
     assert set(frame.scenario + " " + frame.learner) == {"env1 coop"}
     assert (frame.penalty == -100).all()
     assert frame.reward[1] == sc.evaluate(training, trials=4, seed=3).reward.mean
@@ -217,9 +259,20 @@ def test_what_is_shown_is_short(scenario, training, tmp_path):
     result = sc.run_experiment(IDS[0], runs=2, trials=3)[IDS[0]]
     mdp = sc.joint_mdp(scenario)
     bound = sc.shipped_asking_team(scenario)
-    for thing in (scenario, training, saved, training.tables, training.history, result, mdp):
+    for thing in (
+        scenario,
+        training,
+        saved,
+        training.tables,
+        training.history,
+        result,
+        mdp,
+    ):
         assert "\n" not in repr(thing) and len(repr(thing)) < 200, thing
-    assert repr(scenario) == "<Scenario env1, steps=2000, penalty=-100; 2 robots, 21 cells>"
+    assert (
+        repr(scenario)
+        == "<Scenario env1, steps=2000, penalty=-100; 2 robots, 21 cells>"
+    )
     assert repr(sc.load_scenario("env1")) == "<Scenario env1; 2 robots, 21 cells>"
     assert "env1, steps=2000, penalty=-100; coop, seed 3;" in repr(training)
     assert repr(saved).endswith(f"coop, seed 3; in {saved.directory}>")
@@ -238,7 +291,9 @@ def test_a_learner_keeps_its_defaults_where_the_scenario_is_named_again(tmp_path
     training = sc.train(scenario, "factored")
     ours = sc.evaluate(training, trials=20).to_dict()
     assert sc.evaluate(training, scenario=scenario, trials=20).to_dict() == ours
-    tables = sc.evaluate(training.tables, scenario=scenario, learner="factored", trials=20)
+    tables = sc.evaluate(
+        training.tables, scenario=scenario, learner="factored", trials=20
+    )
     assert tables.to_dict() == ours
     assert sc.evaluate(training.save(tmp_path / "saved"), trials=20).to_dict() == ours
 
@@ -256,11 +311,16 @@ IDS = ("env1/coop/penalty=-20,steps=500", "env1/indiv/penalty=-20,ask_cost=2,ste
 
 
 def test_experiments_are_those_of_reproduce(printed, tmp_path):
-    found = printed("reproduce", *IDS, f"{IDS[0]}/1", "--runs", 2, "--trials", 3, "--out", "r")
+    found = printed(
+        "reproduce", *IDS, f"{IDS[0]}/1", "--runs", 2, "--trials", 3, "--out", "r"
+    )
     seen = []
     few = {"runs": 2, "trials": 3}
     ours = sc.run_experiment(
-        [*IDS, f"{IDS[0]}/1"], **few, out=tmp_path / "o", progress=lambda *all: seen.append(all)
+        [*IDS, f"{IDS[0]}/1"],
+        **few,
+        out=tmp_path / "o",
+        progress=lambda *all: seen.append(all),
     )
     for run in found["runs"]:
         run["directory"] = run["directory"].replace("r/", f"{tmp_path}/o/", 1)
@@ -290,7 +350,9 @@ def test_frames_of_experiments():
     result = done[IDS[0]]
     assert frame.reward[0] == result.measure("reward").mean
     assert frame.reward_standard_error[0] == result.measure("reward").standard_error
-    half = 12.706 * frame.reward_standard_error[0]  # Student's t of one degree of freedom
+    half = (
+        12.706 * frame.reward_standard_error[0]
+    )  # Student's t of one degree of freedom
     assert frame.reward_high[0] - frame.reward[0] == pytest.approx(half, rel=1e-4)
     by_run = done.to_pandas(by_run=True)
     assert list(by_run.seed) == [5, 6, 5, 6]
@@ -311,12 +373,21 @@ def test_a_sweep_is_the_conditions_that_it_names(tmp_path):
     scenario = sc.load_scenario("env1", steps=200)
     swept = sc.sweep(scenario, OVER, out=tmp_path / "r", **few)
     ids = [
-        f"env1/{who}/penalty={p},steps=200" for who in ("indiv", "noncoop") for p in (-20, -100)
+        f"env1/{who}/penalty={p},steps=200"
+        for who in ("indiv", "noncoop")
+        for p in (-20, -100)
     ]
     assert list(swept) == ids
     assert dict(sc.run_experiment(ids, **few)) == dict(swept)
     frame = swept.to_pandas(by_run=True)
-    assert list(frame)[:7] == ["condition", "scenario", "learner", "penalty", "ask_cost", *RUN]
+    assert list(frame)[:7] == [
+        "condition",
+        "scenario",
+        "learner",
+        "penalty",
+        "ask_cost",
+        *RUN,
+    ]
     assert len(frame) == 8
     seen = []
     again = sc.sweep(scenario, OVER, out=tmp_path / "r", progress=seen.append, **few)
@@ -328,7 +399,9 @@ def test_a_sweep_is_the_conditions_that_it_names(tmp_path):
     assert [axes.get_xlabel() for axes in swept.plot().axes] == ["penalty (log scale)"]
     assert swept.plot()._repr_png_().startswith(b"\x89PNG")
     assert len(swept.plot("penalty", ("reward", "asks")).axes) == 2
-    with pytest.raises(sc.SparseCoordError, match="x is 'ask_cost', allowed here: penalty"):
+    with pytest.raises(
+        sc.SparseCoordError, match="x is 'ask_cost', allowed here: penalty"
+    ):
         swept.plot("ask_cost")
 
 
@@ -341,16 +414,23 @@ def test_a_sweep_of_a_scenario_of_ones_own(tmp_path):
     few = {"runs": 1, "trials": 2, "out": tmp_path / "r", "jobs": "2"}
     swept = sc.sweep(sc.load_scenario(path, penalty=-3), {"ask_cost": [1, 2]}, **few)
     assert list(swept) == ["mine/coop/penalty=-3", "mine/coop/penalty=-3,ask_cost=2"]
-    assert list(sc.sweep(path, {"penalty": [-3], "ask_cost": [2]}, **few)) == list(swept)[1:]
+    assert (
+        list(sc.sweep(path, {"penalty": [-3], "ask_cost": [2]}, **few))
+        == list(swept)[1:]
+    )
     path.write_text("name: env1\nmap: env1\nrobots: {x: {start: 1, goal: 2}}\n")
-    with pytest.raises(sc.SparseCoordError, match="'env1' is that of a shipped scenario"):
+    with pytest.raises(
+        sc.SparseCoordError, match="'env1' is that of a shipped scenario"
+    ):
         sc.sweep(path, {})
 
 
 def test_exact_evaluation_is_what_trials_tend_to(training, scenario):
     found = sc.evaluate_exact(training)
     trials = sc.evaluate(training, trials=2000, seed=1)
-    assert abs(found.reward.mean - trials.reward.mean) < 4 * trials.reward.standard_error
+    assert (
+        abs(found.reward.mean - trials.reward.mean) < 4 * trials.reward.standard_error
+    )
     same = sc.evaluate_exact(training.tables, scenario=scenario, learner="coop")
     assert same.to_dict() == found.to_dict()
     assert isinstance(found, sc.ExactEvaluation)

@@ -7,7 +7,7 @@ import time
 import pytest
 
 import sparse_coord_ros as sc
-from sparse_coord_ros.errors import RunError, SparseCoordError
+from sparse_coord_ros.base.errors import RunError, SparseCoordError
 
 LONG = 5000 * "x"
 NUL = "a\0b"
@@ -29,21 +29,66 @@ def here(tmp_path, monkeypatch):
             lambda: sc.improve(5),
             "what was learned: value is 5, allowed: a Training, a SavedRun or",
         ),
-        (lambda: sc.run_experiment(None), "what: value is None, allowed: an experiment or a"),
-        (lambda: sc.benchmark(robots=None), "robots: value is None, allowed: a size of teams"),
-        (lambda: sc.load_run("r", allow=None), "allow: value is None, allowed: names of modules"),
-        (lambda: sc.verify("r", allow=5), "allow: value is 5, allowed: names of modules"),
-        (lambda: sc.benchmark(out=5), "out: value is 5, allowed: a path, as a text or a Path"),
-        (lambda: sc.run_experiment("table1", out=b"o"), "out: value is b'o', allowed: a path, as"),
-        (lambda: sc.train("env1", checkpoint=5), "checkpoint: value is 5, allowed: a path, as a"),
-        (lambda: sc.find_asking_team("env1", file=5), "file: value is 5, allowed: a path, as a"),
-        (lambda: sc.train("env1", until="x"), "setting until: value is 'x', allowed: a whole num"),
-        (lambda: sc.train("env1", progress=5), "progress: value is 5, allowed: a function"),
-        (lambda: sc.train_many("env1", progress=5), "progress: value is 5, allowed: a function"),
-        (lambda: sc.sweep("env1", SWEPT, progress=5), "progress: value is 5, allowed: a function"),
-        (lambda: sc.sweep("env1", SWEPT, say=5), "say: value is 5, allowed: a function"),
-        (lambda: sc.sweep("env1", 5), "over: value is 5, allowed: the values of each setting by"),
-        (lambda: sc.find_asking_team("env1", progress=5), "progress: value is 5, allowed: a func"),
+        (
+            lambda: sc.run_experiment(None),
+            "what: value is None, allowed: an experiment or a",
+        ),
+        (
+            lambda: sc.benchmark(robots=None),
+            "robots: value is None, allowed: a size of teams",
+        ),
+        (
+            lambda: sc.load_run("r", allow=None),
+            "allow: value is None, allowed: names of modules",
+        ),
+        (
+            lambda: sc.verify("r", allow=5),
+            "allow: value is 5, allowed: names of modules",
+        ),
+        (
+            lambda: sc.benchmark(out=5),
+            "out: value is 5, allowed: a path, as a text or a Path",
+        ),
+        (
+            lambda: sc.run_experiment("table1", out=b"o"),
+            "out: value is b'o', allowed: a path, as",
+        ),
+        (
+            lambda: sc.train("env1", checkpoint=5),
+            "checkpoint: value is 5, allowed: a path, as a",
+        ),
+        (
+            lambda: sc.find_asking_team("env1", file=5),
+            "file: value is 5, allowed: a path, as a",
+        ),
+        (
+            lambda: sc.train("env1", until="x"),
+            "setting until: value is 'x', allowed: a whole num",
+        ),
+        (
+            lambda: sc.train("env1", progress=5),
+            "progress: value is 5, allowed: a function",
+        ),
+        (
+            lambda: sc.train_many("env1", progress=5),
+            "progress: value is 5, allowed: a function",
+        ),
+        (
+            lambda: sc.sweep("env1", SWEPT, progress=5),
+            "progress: value is 5, allowed: a function",
+        ),
+        (
+            lambda: sc.sweep("env1", SWEPT, say=5),
+            "say: value is 5, allowed: a function",
+        ),
+        (
+            lambda: sc.sweep("env1", 5),
+            "over: value is 5, allowed: the values of each setting by",
+        ),
+        (
+            lambda: sc.find_asking_team("env1", progress=5),
+            "progress: value is 5, allowed: a func",
+        ),
     ],
 )
 def test_a_wrong_argument(here, call, line):
@@ -63,17 +108,24 @@ def test_a_wrong_argument(here, call, line):
         (sc.verify, "bag"),
         (lambda path: sc.run_experiment("table1", out=path), "out"),
         (lambda path: sc.train("env1", checkpoint=path), "checkpoint"),
-        (lambda path: sc.train(sc.load_scenario("env1", steps=5)).save(path), "directory"),
+        (
+            lambda path: sc.train(sc.load_scenario("env1", steps=5)).save(path),
+            "directory",
+        ),
     ],
 )
 @pytest.mark.parametrize(
-    ("path", "allowed"), [(NUL, "a path without NUL characters"), (LONG, "names of up to 255")]
+    ("path", "allowed"),
+    [(NUL, "a path without NUL characters"), (LONG, "names of up to 255")],
 )
 def test_a_path_that_no_system_has(here, call, name, path, allowed):
     with pytest.raises(SparseCoordError) as caught:
         call(path)
     line = str(caught.value)
-    assert line.startswith(f"{name}: value is '{path[:1]}") and f"allowed: {allowed}" in line
+    assert (
+        line.startswith(f"{name}: value is '{path[:1]}")
+        and f"allowed: {allowed}" in line
+    )
     assert len(line) < 300
 
 
@@ -101,6 +153,8 @@ def test_numba_without_threads(python, threads):
 def test_a_scheduler_that_is_not_there_is_told_at_once():
     pytest.importorskip("distributed")
     began = time.monotonic()
-    with pytest.raises(RunError, match="scheduler tcp://127.0.0.1:1: does not answer; start one"):
+    with pytest.raises(
+        RunError, match="scheduler tcp://127.0.0.1:1: does not answer; start one"
+    ):
         sc.train_many("env1", runs=1, scheduler="tcp://127.0.0.1:1")
     assert time.monotonic() - began < 20  # it would be waited for 30 s

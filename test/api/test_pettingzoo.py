@@ -9,14 +9,14 @@ pytest.importorskip("pettingzoo")  # package.xml does not bring it: it has no ro
 from pettingzoo.test import parallel_api_test
 from teams import plain_run
 
-from sparse_coord_ros.errors import RunError, SettingError
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.game.world import Reward
-from sparse_coord_ros.learners.agent import Agent, Choice
-from sparse_coord_ros.learners.registry import learner_of
-from sparse_coord_ros.learners.tables import tables_equal
-from sparse_coord_ros.pettingzoo_env import parallel_env
-from sparse_coord_ros.solve.optimum import independent_bound
+from sparse_coord_ros.base.errors import RunError, SettingError
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.game.world import Reward
+from sparse_coord_ros.core.learners.agent import Agent, Choice
+from sparse_coord_ros.core.learners.registry import learner_of
+from sparse_coord_ros.core.learners.tables import tables_equal
+from sparse_coord_ros.core.pettingzoo_env import parallel_env
+from sparse_coord_ros.core.solve.optimum import independent_bound
 
 
 @pytest.mark.filterwarnings("ignore")
@@ -70,7 +70,9 @@ def test_our_learner_learns_the_same_bits_through_it(name, settings):
     due.advance(1200)
     env = parallel_env(scenario, starts="protocol", goal_value=False)
     rule = learner_of("coop")
-    agents = {name: Agent(rule, scenario, k, 3) for k, name in enumerate(env.possible_agents)}
+    agents = {
+        name: Agent(rule, scenario, k, 3) for k, name in enumerate(env.possible_agents)
+    }
     seen, _ = env.reset(seed=3)
     asked = 0
     done = 0
@@ -90,12 +92,16 @@ def test_our_learner_learns_the_same_bits_through_it(name, settings):
                     asked += 1
                     percepts[agent] = tuple(cell - 1 for cell in others if cell)
         taken = {
-            agent: agents[agent].act(step, cells[agent], decided[agent], percepts[agent])
+            agent: agents[agent].act(
+                step, cells[agent], decided[agent], percepts[agent]
+            )
             for agent in env.agents
         }
         before = env.agents
         world = env.unwrapped._world
-        seen, rewards, ended, cut, infos = env.step({n: a.move for n, a in taken.items()})
+        seen, rewards, ended, cut, infos = env.step(
+            {n: a.move for n, a in taken.items()}
+        )
         for agent in before:
             k = env.possible_agents.index(agent)
             parts = infos[agent]["reward_parts"]
@@ -149,22 +155,32 @@ def test_masks_worth_and_bad_input():
     with pytest.raises(RunError, match="call reset first"):
         env.state()
     for seed in ("x", -1, 1.5, [1]):
-        with pytest.raises(SettingError, match="setting seed: value is .*, allowed: a whole"):
+        with pytest.raises(
+            SettingError, match="setting seed: value is .*, allowed: a whole"
+        ):
             env.reset(seed=seed)
     env.reset(seed=np.int64(1))
     for actions in (None, [0, 1]):
-        with pytest.raises(SettingError, match="actions: value is .*, allowed: a mapping of ag"):
+        with pytest.raises(
+            SettingError, match="actions: value is .*, allowed: a mapping of ag"
+        ):
             env.step(actions)
     seen, rewards, *_ = env.step({"robot_1": 4, "robot_2": 2})
     assert rewards == {"robot_1": 0.0, "robot_2": 0.0}
     assert seen["robot_1"]["action_mask"].tolist() == [1, 1, 1, 1, 0]
     assert seen["robot_2"]["action_mask"].tolist() == [0, 0, 1, 0, 0]
-    with pytest.raises(SettingError, match=r"agent robot_2: action is 1, allowed: \[2\]"):
+    with pytest.raises(
+        SettingError, match=r"agent robot_2: action is 1, allowed: \[2\]"
+    ):
         env.step({"robot_1": 0, "robot_2": 1})
     for action in ("n", None, 1.5, -1):
-        with pytest.raises(SettingError, match=r"agent robot_1: action is .*, allowed: \[0, 1, 2"):
+        with pytest.raises(
+            SettingError, match=r"agent robot_1: action is .*, allowed: \[0, 1, 2"
+        ):
             env.step({"robot_1": action, "robot_2": 2})
-    with pytest.raises(SettingError, match="agent 'x' does not act; allowed: robot_1, robot_2"):
+    with pytest.raises(
+        SettingError, match="agent 'x' does not act; allowed: robot_1, robot_2"
+    ):
         env.step({"x": 0})
     _, rewards, *_ = env.step({"robot_1": 0, "robot_2": 2})
     assert rewards["robot_1"] == -1.0

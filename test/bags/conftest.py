@@ -7,7 +7,7 @@ import pytest
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_typestore
 
-from sparse_coord_ros.bags import QoS
+from sparse_coord_ros.log.bags import QoS
 
 STRING = "std_msgs/msg/String"
 
@@ -22,12 +22,17 @@ class Samples:
     def message(self, type_name, seed=1):
         """Return a message; other seeds give other values and lengths."""
         fields = self.typestore.fielddefs[type_name][1]
-        values = [self._value(desc, seed * 31 + place) for place, (_, desc) in enumerate(fields)]
+        values = [
+            self._value(desc, seed * 31 + place)
+            for place, (_, desc) in enumerate(fields)
+        ]
         return self.typestore.types[type_name](*values)
 
     def cdr(self, type_name, seed=1):
         """Return the serialised message."""
-        return bytes(self.typestore.serialize_cdr(self.message(type_name, seed), type_name))
+        return bytes(
+            self.typestore.serialize_cdr(self.message(type_name, seed), type_name)
+        )
 
     def fill(self, bag, count, *, chunks=False):
         """Write texts of the times 0, 1, 2, ... ns on `/a`, in a chunk each or as it comes."""
@@ -40,11 +45,15 @@ class Samples:
     def same(self, message, decoded):
         """Whether a message and what some decoder made of it have equal fields."""
         if isinstance(message, np.ndarray | list):
-            return len(message) == len(decoded) and all(map(self.same, message, decoded))
+            return len(message) == len(decoded) and all(
+                map(self.same, message, decoded)
+            )
         if not hasattr(message, "__msgtype__"):
             return message == decoded
         fields = self.typestore.fielddefs[message.__msgtype__][1]
-        return all(self.same(getattr(message, n), getattr(decoded, n)) for n, _ in fields)
+        return all(
+            self.same(getattr(message, n), getattr(decoded, n)) for n, _ in fields
+        )
 
     def _value(self, desc, seed):
         kind, detail = desc
@@ -56,7 +65,9 @@ class Samples:
         length = bound if kind == Nodetype.ARRAY else min(2 + seed % 2, bound or 3)
         values = [self._value(element, seed + i) for i in range(length)]
         if element[0] == Nodetype.BASE and element[1][0] != "string":
-            dtype = {"octet": "uint8", "byte": "uint8", "char": "uint8"}.get(element[1][0])
+            dtype = {"octet": "uint8", "byte": "uint8", "char": "uint8"}.get(
+                element[1][0]
+            )
             return np.array(values, dtype or element[1][0])
         return values
 

@@ -11,9 +11,9 @@ import pytest
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
-from sparse_coord_ros.bags import BagWriter, QoS, open_bag
-from sparse_coord_ros.bags.recover import recover
-from sparse_coord_ros.errors import BagError
+from sparse_coord_ros.base.errors import BagError
+from sparse_coord_ros.log.bags import BagWriter, QoS, open_bag
+from sparse_coord_ros.log.bags.recover import recover
 
 STRING = "std_msgs/msg/String"
 HEADER = "std_msgs/msg/Header"
@@ -25,7 +25,9 @@ COPIES = 1_002
 def write_bag(directory, samples, compression, *, rounds=40, chunk_size=600):
     """Write a bag of several chunks with attachments and metadata between them."""
     draw = random.Random(3)
-    with BagWriter(directory, compression=compression, chunk_size=chunk_size, name="run") as bag:
+    with BagWriter(
+        directory, compression=compression, chunk_size=chunk_size, name="run"
+    ) as bag:
         bag.add_metadata("run", {"seed": "7", "scenario": "cit"})
         channels = [
             (bag.add_topic("/chatter", STRING, QoS()), STRING),
@@ -35,7 +37,9 @@ def write_bag(directory, samples, compression, *, rounds=40, chunk_size=600):
             channel, type_name = channels[draw.random() < 0.3]
             bag.write(channel, samples.cdr(type_name, i + 1), 100 * i + 1, 100 * i)
             if i % 15 == 5:
-                bag.attach(f"tables/{i}.npz", draw.randbytes(60), "application/x-npz", 100 * i)
+                bag.attach(
+                    f"tables/{i}.npz", draw.randbytes(60), "application/x-npz", 100 * i
+                )
     return directory / "run_0.mcap"
 
 
@@ -55,14 +59,18 @@ def originals(tmp_path_factory, samples):
 def content(bag):
     """Return a bag's bytes and what is in it."""
     messages = list(bag.messages())
-    parts = [len(part.begins) for one in bag.blocks[0] for part in bag.files[0].parts([one])]
+    parts = [
+        len(part.begins) for one in bag.blocks[0] for part in bag.files[0].parts([one])
+    ]
     ends = list(accumulate(parts, initial=0))
     return SimpleNamespace(
         data=bag.path.read_bytes(),
         messages=messages,
         chunks={
             (block.offset, block.offset + block.length): messages[begin:end]
-            for block, (begin, end) in zip(bag.files[0].blocks, pairwise(ends), strict=True)
+            for block, (begin, end) in zip(
+                bag.files[0].blocks, pairwise(ends), strict=True
+            )
         },
         attachments=[(one, one.data) for one in bag.attachments],
         topics=dict(bag.topics),
@@ -85,7 +93,9 @@ def damaged(data, draw):
         changed[begin:end] = bytes(end - begin)
     else:  # a length or a count, anywhere
         begin = draw.randrange(len(data) - 8)
-        changed[begin : begin + 8] = struct.pack("<Q", draw.choice((2**64 - 1, 2**40, 2**28, 1)))
+        changed[begin : begin + 8] = struct.pack(
+            "<Q", draw.choice((2**64 - 1, 2**40, 2**28, 1))
+        )
     return bytes(changed)
 
 
@@ -102,7 +112,9 @@ def check_read(bag, original, copy):
     for name, topic in bag.topics.items():
         assert topic == original.topics[name]
     whole = [
-        place for place in original.chunks if copy[slice(*place)] == original.data[slice(*place)]
+        place
+        for place in original.chunks
+        if copy[slice(*place)] == original.data[slice(*place)]
     ]
     end = original.data[original.data_end :]
     if next(iter(original.chunks)) in whole or copy.endswith(end):
@@ -121,7 +133,8 @@ def check_recovered(directory, expected, attachments):
     """Two independent readers open what was recovered, and find exactly what could be read."""
     with AnyReader([directory]) as reader:
         assert [
-            (connection.topic, time, bytes(data)) for connection, time, data in reader.messages()
+            (connection.topic, time, bytes(data))
+            for connection, time, data in reader.messages()
         ] == [(m.topic, m.log_time_ns, m.data) for m in expected]
     [path] = directory.glob("*.mcap")
     with path.open("rb") as stream:
@@ -169,7 +182,9 @@ def test_a_thousand_damaged_bags(tmp_path, originals):
             assert len(read) == 40 or data.startswith(copy)
         else:
             assert copy == data and len(read) == 40
-        if number % 9 in (0, 1, 2, 6) and (bag.topics or bag.metadata or bag.attachments):
+        if number % 9 in (0, 1, 2, 6) and (
+            bag.topics or bag.metadata or bag.attachments
+        ):
             recovery = recover(directory)
             assert recovery.bag.whole == bag.whole
             check_recovered(directory, read, [one.name for one in bag.attachments])
@@ -194,7 +209,9 @@ def test_no_chunk_depends_on_another(tmp_path, samples, hit, finish):
     file.write_bytes(data)
     for checked in (True, False):
         bag = open_bag(file, checked=checked)
-        assert [m.log_time_ns for m in bag.messages()] == [i for i in range(5) if i != hit]
+        assert [m.log_time_ns for m in bag.messages()] == [
+            i for i in range(5) if i != hit
+        ]
         assert [(gap.begin, gap.end) for gap in bag.gaps] == [
             (block.offset, block.offset + block.length)
         ]

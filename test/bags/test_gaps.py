@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from sparse_coord_ros.bags.gaps import Gap, from_note, gap_lines, to_note
+from sparse_coord_ros.log.bags.gaps import Gap, from_note, gap_lines, to_note
 
 GAP = Gap(100, 300, "bad", 1_500_000_000, 2_000_000_000, "bag_0.mcap", 1)
 
@@ -35,7 +35,9 @@ def test_of_very_many_gaps_some_are_told():
 
 def test_a_note_keeps_gaps_but_for_the_place():
     gaps = [GAP, GAP._replace(first_ns=None, last_ns=None)]
-    assert from_note(to_note(gaps)) == [g._replace(place=0, recovered=True) for g in gaps]
+    assert from_note(to_note(gaps)) == [
+        g._replace(place=0, recovered=True) for g in gaps
+    ]
 
 
 @pytest.mark.parametrize(
@@ -61,5 +63,7 @@ def test_a_note_of_somebody_else_tells_of_none(told):
 
 
 def test_a_note_stays_one_line():
-    [gap] = from_note(json.dumps([[1, 2, "a\nb\x1b[2J" + "x" * 999, None, None, "c\rd"]]))
+    [gap] = from_note(
+        json.dumps([[1, 2, "a\nb\x1b[2J" + "x" * 999, None, None, "c\rd"]])
+    )
     assert (gap.why[:5], len(gap.why), gap.file) == ("ab[2J", 200, "cd")

@@ -6,11 +6,11 @@ import json
 
 import pytest
 
-from sparse_coord_ros.bags import BagWriter, QoS
-from sparse_coord_ros.bags.contents import Attachment
-from sparse_coord_ros.bags.recover import recover
 from sparse_coord_ros.cli.main import main
-from sparse_coord_ros.wire import BAG_FORMAT, FORMAT_KEY
+from sparse_coord_ros.log.bags import BagWriter, QoS
+from sparse_coord_ros.log.bags.contents import Attachment
+from sparse_coord_ros.log.bags.recover import recover
+from sparse_coord_ros.protocol.wire import BAG_FORMAT, FORMAT_KEY
 
 STRING = "std_msgs/msg/String"
 
@@ -63,7 +63,9 @@ def test_what_a_stranger_wrote_does_nothing_to_the_terminal(recording, info):
     recording.add_topic(f"/b{odd}", STRING, QoS())
     recording.close()
     lines = info().split("\n")
-    assert [line for line in lines if not line.isprintable() or line == "run: seed 7"] == []
+    assert [
+        line for line in lines if not line.isprintable() or line == "run: seed 7"
+    ] == []
     assert sum("\\x1b[2J\\nrun: seed 7" in line for line in lines) == 4
 
 
@@ -82,4 +84,6 @@ def test_an_empty_name_is_not_this_directory(verb, capsys):
         main([verb, ""])
     assert ended.value.code == 2
     line = capsys.readouterr().err
-    assert line.startswith("error: argument BAG: is empty: give a bag's directory or its file;")
+    assert line.startswith(
+        "error: argument BAG: is empty: give a bag's directory or its file;"
+    )

@@ -6,8 +6,8 @@ from textwrap import indent
 
 import yaml
 
-from sparse_coord_ros.bags import BagTopic, QoS
-from sparse_coord_ros.bags.metadata import (
+from sparse_coord_ros.log.bags import BagTopic, QoS
+from sparse_coord_ros.log.bags.metadata import (
     FileSummary,
     bag_information,
     metadata_yaml,
@@ -69,7 +69,9 @@ rosbag2_bagfile_information:
 def test_metadata_is_version_9_as_jazzy_writes_it():
     """Keys, order, layout and empty values."""
     topic = BagTopic("/map", "nav_msgs/msg/OccupancyGrid", "", (LATCHED,), "RIHS01_ab")
-    information = bag_information([FileSummary("run_0.mcap", {"/map": 3}, 1000, 1250)], [topic])
+    information = bag_information(
+        [FileSummary("run_0.mcap", {"/map": 3}, 1000, 1250)], [topic]
+    )
     assert metadata_yaml(information) == METADATA_TEXT
 
 
@@ -86,7 +88,10 @@ def test_bag_without_messages_starts_at_the_largest_time():
 
 
 def test_an_empty_file_has_no_say_in_when_a_bag_begins():
-    files = [FileSummary("a_0.mcap", {}, 0, 0), FileSummary("a_1.mcap", {"/a": 2}, 500, 900)]
+    files = [
+        FileSummary("a_0.mcap", {}, 0, 0),
+        FileSummary("a_1.mcap", {"/a": 2}, 500, 900),
+    ]
     information = bag_information(files, [])
     assert information["starting_time"] == {"nanoseconds_since_epoch": 500}
     assert information["duration"] == {"nanoseconds": 400}

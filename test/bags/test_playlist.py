@@ -6,12 +6,12 @@ import random
 
 import pytest
 
-from sparse_coord_ros.bags.playback import BURST, Playback
-from sparse_coord_ros.bags.playlist import Playlist
-from sparse_coord_ros.bags.reader import Bag, Message
-from sparse_coord_ros.bags.topics import BagTopic
-from sparse_coord_ros.errors import BagError
-from sparse_coord_ros.wire import CLOCK
+from sparse_coord_ros.base.errors import BagError
+from sparse_coord_ros.log.bags.playback import BURST, Playback
+from sparse_coord_ros.log.bags.playlist import Playlist
+from sparse_coord_ros.log.bags.reader import Bag, Message
+from sparse_coord_ros.log.bags.topics import BagTopic
+from sparse_coord_ros.protocol.wire import CLOCK
 
 MS = 1_000_000
 TOPICS = ("/a", "/b", "/clock", "/map")
@@ -35,7 +35,9 @@ class Log:
         self.read = 0
         names = sorted({one.topic for one in self.entries})
         self.topics = {name: BagTopic(name, type_of(name), "") for name in names}
-        self.counts = {name: sum(m.topic == name for m in self.entries) for name in self.topics}
+        self.counts = {
+            name: sum(m.topic == name for m in self.entries) for name in self.topics
+        }
 
     def messages(self, topics=None):
         for message in self.entries:
@@ -104,7 +106,12 @@ class Stage:
 @pytest.mark.parametrize("seed", range(8))
 def test_any_order_in_the_file_any_seek(seed):
     draw = random.Random(seed)
-    log = Log(*[(draw.choice(TOPICS), draw.randrange(50)) for _ in range(draw.randrange(1, 200))])
+    log = Log(
+        *[
+            (draw.choice(TOPICS), draw.randrange(50))
+            for _ in range(draw.randrange(1, 200))
+        ]
+    )
     wanted = sorted(log.entries, key=lambda message: message.log_time_ns)
     playlist = Playlist(log, TOPICS, ("/map", "/clock"))
     assert len(playlist) == len(wanted)
@@ -149,7 +156,15 @@ def test_a_bag_that_loses_its_end_while_it_is_played_is_an_error():
 
 
 def test_a_time_step_ends_before_the_next_clock():
-    log = Log(("/a", 1), ("/clock", 2), ("/a", 2), ("/b", 3), ("/a", 4), ("/clock", 5), ("/b", 6))
+    log = Log(
+        ("/a", 1),
+        ("/clock", 2),
+        ("/a", 2),
+        ("/b", 3),
+        ("/a", 4),
+        ("/clock", 5),
+        ("/b", 6),
+    )
     stage = Stage(log, paused=True)
     steps = [stage.taken()]
     while stage.playback.step():
@@ -175,7 +190,9 @@ def test_deadlines_are_absolute(rate):
     begin = stage.now
     stage.publish_takes = 10_000
     stage.run(late=3 * MS)
-    assert stage.playback.done and places(message for _, message in stage.out) == [*range(155)]
+    assert stage.playback.done and places(message for _, message in stage.out) == [
+        *range(155)
+    ]
     for at, message in stage.out[4:]:
         late = at - begin - message.log_time_ns / rate
         assert 3 * MS <= late < 3 * MS + 5 * 10_000
@@ -252,7 +269,10 @@ def test_a_seek_makes_kept_topics_current_and_shows_its_own_time(paused, before)
     stage.taken()
     stage.playback.seek(2_550 * MS)
     shown = [log.entries[place] for place in stage.taken()]
-    assert [(m.topic, m.log_time_ns // MS) for m in shown] == [("/map", 2000), ("/clock", 2500)]
+    assert [(m.topic, m.log_time_ns // MS) for m in shown] == [
+        ("/map", 2000),
+        ("/clock", 2500),
+    ]
     stage.playback.seek(2_600 * MS)
     shown = [log.entries[place] for place in stage.taken()]
     assert [(m.topic, m.log_time_ns // MS) for m in shown] == [

@@ -13,10 +13,10 @@ import sys
 import pytest
 from patience import PATIENCE_SECONDS
 
-from sparse_coord_ros.bags import QoS, open_bag
-from sparse_coord_ros.bags.process import BagProcess
-from sparse_coord_ros.errors import BagError
-from sparse_coord_ros.signals import STOPPING
+from sparse_coord_ros.base.errors import BagError
+from sparse_coord_ros.base.signals import STOPPING
+from sparse_coord_ros.log.bags import QoS, open_bag
+from sparse_coord_ros.log.bags.process import BagProcess
 
 STRING = "std_msgs/msg/String"
 
@@ -24,7 +24,10 @@ STRING = "std_msgs/msg/String"
 @pytest.mark.parametrize(
     ("program", "words"),
     [
-        ("/bin/false", "has ended before it had begun it; nothing is recorded: see what it says"),
+        (
+            "/bin/false",
+            "has ended before it had begun it; nothing is recorded: see what it says",
+        ),
         ("/nowhere/python", "No such file or directory; nothing is recorded"),
     ],
 )
@@ -62,7 +65,9 @@ def test_a_writer_that_is_killed_leaves_a_bag_to_recover(tmp_path, samples):
     writer.flush()
     writer.add_topic("/b", STRING, QoS())  # answered: what came before is written
     writer._process.kill()
-    with pytest.raises(BagError, match=r"has ended; .* unfinished: 'sparse_coord recover' fin"):
+    with pytest.raises(
+        BagError, match=r"has ended; .* unfinished: 'sparse_coord recover' fin"
+    ):
         writer.add_topic("/c", STRING, QoS())
     with pytest.raises(BagError, match="has ended"):
         writer.close()
@@ -87,9 +92,13 @@ def test_all_that_was_handed_over_is_written_when_the_parent_is_gone(tmp_path, s
 
 def test_a_writer_that_hangs_is_given_up(tmp_path, monkeypatch):
     writer = BagProcess(tmp_path / "run")
-    monkeypatch.setattr("sparse_coord_ros.bags.process.PATIENCE_SECONDS", 0.3)
-    with socket.fromfd(writer._connection.fileno(), socket.AF_UNIX, socket.SOCK_STREAM) as ours:
-        ours.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, struct.pack("ll", 0, 300_000))
+    monkeypatch.setattr("sparse_coord_ros.log.bags.process.PATIENCE_SECONDS", 0.3)
+    with socket.fromfd(
+        writer._connection.fileno(), socket.AF_UNIX, socket.SOCK_STREAM
+    ) as ours:
+        ours.setsockopt(
+            socket.SOL_SOCKET, socket.SO_RCVTIMEO, struct.pack("ll", 0, 300_000)
+        )
     os.kill(writer._process.pid, signal.SIGSTOP)
     with pytest.raises(BagError, match="has not moved for 0.3 s; .*: look at its disk"):
         writer.add_topic("/a", STRING, QoS())
@@ -98,7 +107,9 @@ def test_a_writer_that_hangs_is_given_up(tmp_path, monkeypatch):
     assert writer._process.returncode == -signal.SIGKILL
 
 
-def test_a_signal_while_the_writer_starts_does_not_reach_it(tmp_path, samples, capfd, monkeypatch):
+def test_a_signal_while_the_writer_starts_does_not_reach_it(
+    tmp_path, samples, capfd, monkeypatch
+):
     """As when a Ctrl-C goes to all processes of a run: the run decides when the writer ends."""
     start = subprocess.Popen
 

@@ -17,11 +17,18 @@ from mcap.writer import CompressionType, Writer
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 
-from sparse_coord_ros.bags import BagTopic, BagWriter, Message, QoS, open_bag, type_hash
-from sparse_coord_ros.bags.records import Damage, chunk_content
-from sparse_coord_ros.bags.schemas import schema_text
-from sparse_coord_ros.errors import BagError
-from sparse_coord_ros.limits import CHUNK, Limit
+from sparse_coord_ros.base.errors import BagError
+from sparse_coord_ros.base.limits import CHUNK, Limit
+from sparse_coord_ros.log.bags import (
+    BagTopic,
+    BagWriter,
+    Message,
+    QoS,
+    open_bag,
+    type_hash,
+)
+from sparse_coord_ros.log.bags.records import Damage, chunk_content
+from sparse_coord_ros.log.bags.schemas import schema_text
 
 STRING = "std_msgs/msg/String"
 LATCHED = QoS(durability="transient_local", depth=1)
@@ -47,7 +54,12 @@ def test_everything_that_was_written_is_read(tmp_path, bag, samples):
     writer = bag
     for finished in (False, True):
         bag = open_bag(tmp_path / "run")
-        assert (bag.finished, bag.damage, bag.whole, bag.lost_bytes) == (finished, None, True, 0)
+        assert (bag.finished, bag.damage, bag.whole, bag.lost_bytes) == (
+            finished,
+            None,
+            True,
+            0,
+        )
         text = schema_text(STRING)
         digest = type_hash(STRING)
         assert bag.topics == {
@@ -72,7 +84,11 @@ def test_everything_that_was_written_is_read(tmp_path, bag, samples):
         assert (bag.start_ns, bag.end_ns) == (981, 1_000)
         assert bag.metadata["run"] == {"seed": "7"}
         [found] = bag.attachments
-        assert (found.name, found.media_type, found.log_time_ns) == ("map.txt", "text/plain", 3)
+        assert (found.name, found.media_type, found.log_time_ns) == (
+            "map.txt",
+            "text/plain",
+            3,
+        )
         assert found.data == b"#" and found.size == 1
         assert bag.compressions == ("zstd",)
         assert bag.files[0].size == bag.path.stat().st_size
@@ -84,7 +100,12 @@ def test_topics_without_messages_are_there(tmp_path):
     with BagWriter(tmp_path / "run") as writer:
         writer.add_topic("/a", STRING, QoS())
     bag = open_bag(tmp_path / "run")
-    assert (bag.counts, bag.message_count, bag.start_ns, bag.end_ns) == ({"/a": 0}, 0, 0, 0)
+    assert (bag.counts, bag.message_count, bag.start_ns, bag.end_ns) == (
+        {"/a": 0},
+        0,
+        0,
+        0,
+    )
     assert (bag.damage, list(bag.messages()), bag.compressions) == (None, [], ())
 
 
@@ -112,8 +133,10 @@ def test_a_disk_that_fails_is_one_line(tmp_path, bag, monkeypatch):
     def bad_disk(*_):
         raise OSError(errno.EIO, os.strerror(errno.EIO))
 
-    monkeypatch.setattr("sparse_coord_ros.bags.records.os.pread", bad_disk)
-    with pytest.raises(BagError, match=r"\.partial: byte 0: cannot be read: Input/output error$"):
+    monkeypatch.setattr("sparse_coord_ros.log.bags.records.os.pread", bad_disk)
+    with pytest.raises(
+        BagError, match=r"\.partial: byte 0: cannot be read: Input/output error$"
+    ):
         open_bag(tmp_path / "run")
 
 
@@ -123,7 +146,9 @@ def test_file_that_changes_while_it_is_read(tmp_path, bag):
     found = open_bag(tmp_path / "run")
     assert len(list(found.messages())) == 20
     os.truncate(found.path, found.blocks[0][-1].offset + 20)
-    with pytest.raises(BagError, match="run_0.mcap has changed while it was read: byte "):
+    with pytest.raises(
+        BagError, match="run_0.mcap has changed while it was read: byte "
+    ):
         list(found.messages())
     os.truncate(found.path, 100)
     with pytest.raises(BagError, match="has changed while it was read"):
@@ -132,7 +157,7 @@ def test_file_that_changes_while_it_is_read(tmp_path, bag):
 
 def test_memory_does_not_grow_with_the_bag(tmp_path, monkeypatch):
     """Ten times as many messages take a little more for a few lists, if anything."""
-    monkeypatch.setattr("sparse_coord_ros.bags.contents.TOGETHER", 20_000)
+    monkeypatch.setattr("sparse_coord_ros.log.bags.contents.TOGETHER", 20_000)
     peaks = []
     for rounds in (2_000, 20_000):
         with BagWriter(tmp_path / str(rounds), chunk_size=20_000) as writer:
@@ -163,13 +188,18 @@ def test_files_by_the_mcap_library_are_read(tmp_path, samples, chunked, crcs):
         schema = writer.register_schema(STRING, "ros2msg", b"string data")
         for topic in ("/a", "/b"):
             channel = writer.register_channel(
-                topic, "cdr", schema, {"offered_qos_profiles": qos if topic == "/a" else ""}
+                topic,
+                "cdr",
+                schema,
+                {"offered_qos_profiles": qos if topic == "/a" else ""},
             )
             writer.add_message(channel, 9, samples.cdr(STRING), 8, sequence=77)
         writer.finish()
     bag = open_bag(tmp_path / "a.mcap")
     assert (bag.finished, bag.damage, bag.counts) == (True, None, {"/a": 1, "/b": 1})
-    assert [tuple(m) for m in bag.messages(["/a"])] == [("/a", samples.cdr(STRING), 9, 8, 77)]
+    assert [tuple(m) for m in bag.messages(["/a"])] == [
+        ("/a", samples.cdr(STRING), 9, 8, 77)
+    ]
     profile = QoS("keep_last", 0, "best_effort", "transient_local")
     assert bag.topics["/a"] == BagTopic("/a", STRING, "string data", (profile,), "")
     assert bag.topics["/b"].qos == ()
@@ -177,7 +207,9 @@ def test_files_by_the_mcap_library_are_read(tmp_path, samples, chunked, crcs):
 
 def test_bags_by_rosbags_are_read(tmp_path, samples):
     """An independent writer of rosbag2's layout."""
-    with RosbagsWriter(tmp_path / "run", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+    with RosbagsWriter(
+        tmp_path / "run", version=9, storage_plugin=StoragePlugin.MCAP
+    ) as writer:
         connection = writer.add_connection("/a", STRING, typestore=samples.typestore)
         for i in range(50):
             writer.write(connection, i, samples.cdr(STRING, i))
@@ -206,10 +238,22 @@ def hostile_file(path, metadata=None, encoding="cdr", data=b"\0" * 4, time=1):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"metadata": {"offered_qos_profiles": "{["}}, "topic '/bad': its QoS profiles cannot"),
-        ({"metadata": {"offered_qos_profiles": "7"}}, "topic '/bad': its QoS profiles cannot"),
-        ({"metadata": {"offered_qos_profiles": "- x"}}, "topic '/bad': its QoS profiles cannot"),
-        ({"metadata": {"offered_qos_profiles": "[" * 400}}, "topic '/bad': its QoS profiles"),
+        (
+            {"metadata": {"offered_qos_profiles": "{["}},
+            "topic '/bad': its QoS profiles cannot",
+        ),
+        (
+            {"metadata": {"offered_qos_profiles": "7"}},
+            "topic '/bad': its QoS profiles cannot",
+        ),
+        (
+            {"metadata": {"offered_qos_profiles": "- x"}},
+            "topic '/bad': its QoS profiles cannot",
+        ),
+        (
+            {"metadata": {"offered_qos_profiles": "[" * 400}},
+            "topic '/bad': its QoS profiles",
+        ),
         (
             {"metadata": {"offered_qos_profiles": "- {depth: -1}"}},
             "topic '/bad': its QoS profiles cannot",
@@ -225,7 +269,11 @@ def test_what_cannot_be_understood_is_a_gap(tmp_path, options, message):
     assert (gap.begin, gap.end) == places_of(bag.path.read_bytes(), 0x06)[1]
     assert (gap.file, gap.place, gap.first_ns, gap.last_ns) == ("a.mcap", 0, 1, None)
     assert [m.topic for m in bag.messages()] == ["/good"]
-    assert (bag.finished, bag.whole, bag.lost_bytes) == (True, False, gap.end - gap.begin)
+    assert (bag.finished, bag.whole, bag.lost_bytes) == (
+        True,
+        False,
+        gap.end - gap.begin,
+    )
     unchecked = open_bag(bag.path, checked=False)
     assert [m.topic for m in unchecked.messages()] == ["/good"]
     assert unchecked.gaps == bag.gaps
@@ -273,7 +321,9 @@ def test_chunk_that_does_not_hold_what_it_says(compression, stated):
 def test_zstd_frame_without_a_size_is_read():
     """Streaming writers leave it out."""
     compressor = zstandard.ZstdCompressor(write_content_size=False)
-    chunk = Chunk("zstd", compressor.compress(b"abc" * 99), 0, 0, zlib.crc32(b"abc" * 99), 297)
+    chunk = Chunk(
+        "zstd", compressor.compress(b"abc" * 99), 0, 0, zlib.crc32(b"abc" * 99), 297
+    )
     assert chunk_content(chunk, 0, crc_required=True) == b"abc" * 99
 
 
@@ -283,7 +333,8 @@ def test_huge_lengths_take_no_memory(tmp_path, length):
     start = b"\x89MCAP0\r\n" + struct.pack("<BQII", 1, 8, 0, 0)
     for name, record in {
         "chunk": struct.pack("<BQ", 6, length) + bytes(99),
-        "attachment": struct.pack("<BQQQI", 9, 99, 0, 0, min(length, 2**32 - 1)) + bytes(99),
+        "attachment": struct.pack("<BQQQI", 9, 99, 0, 0, min(length, 2**32 - 1))
+        + bytes(99),
         "data": struct.pack("<BQQQIIQ", 9, 99, 0, 0, 0, 0, length) + bytes(99),
         "content": struct.pack("<BQQQQIIQ", 6, 99, 0, 0, 0, 0, 0, length) + bytes(99),
         "texts": struct.pack("<BQII", 12, 99, 0, min(length, 2**32 - 1)) + bytes(99),
@@ -293,7 +344,11 @@ def test_huge_lengths_take_no_memory(tmp_path, length):
         bag = open_bag(path)
         assert bag.damage.startswith(f"byte {len(start)}: a")
         [gap] = bag.gaps
-        assert (bag.message_count, gap.begin, gap.end) == (0, len(start), path.stat().st_size)
+        assert (bag.message_count, gap.begin, gap.end) == (
+            0,
+            len(start),
+            path.stat().st_size,
+        )
 
 
 def places_of(data, wanted):
@@ -404,7 +459,9 @@ def text(said):
 
 
 def schema(data=b"int8 x"):
-    return record(3, struct.pack("<H", 1) + text(b"a/msg/A") + text(b"ros2msg") + text(data))
+    return record(
+        3, struct.pack("<H", 1) + text(b"a/msg/A") + text(b"ros2msg") + text(data)
+    )
 
 
 def channel(of=1, topic=b"/a"):
@@ -436,7 +493,10 @@ def test_a_chunk_that_makes_no_sense(tmp_path, content, problem):
     path = tmp_path / "a.mcap.partial"
     path.write_bytes(start + record(6, chunk))
     bag = open_bag(path)
-    assert problem in bag.damage and (bag.message_count, list(bag.messages())) == (0, [])
+    assert problem in bag.damage and (bag.message_count, list(bag.messages())) == (
+        0,
+        [],
+    )
 
 
 def chunk(content, times=(1, 1), crc=0):
@@ -461,11 +521,13 @@ def both_ways(path, data):
 def test_empty_chunks_are_not_unpacked(tmp_path, monkeypatch):
     """200,000 of them once took 25 s. One that has a checksum is not empty."""
     both_ways(tmp_path / "a.mcap.partial", START + FIRST)
-    monkeypatch.setattr("sparse_coord_ros.bags.contents.chunk_content", None)
+    monkeypatch.setattr("sparse_coord_ros.log.bags.contents.chunk_content", None)
     (tmp_path / "b.mcap.partial").write_bytes(START + chunk(b"", (0, 0)) * 50)
     assert open_bag(tmp_path / "b.mcap.partial").gaps == ()
     monkeypatch.undo()
-    bag = both_ways(tmp_path / "c.mcap.partial", START + FIRST + chunk(b"", (0, 0), 7) + FIRST)
+    bag = both_ways(
+        tmp_path / "c.mcap.partial", START + FIRST + chunk(b"", (0, 0), 7) + FIRST
+    )
     assert len(bag.gaps) == 1 and bag.message_count == 2
 
 
@@ -475,7 +537,7 @@ def test_chunks_hold_no_more_than_a_limit(tmp_path, monkeypatch, limit):
     data = START + FIRST * 3
     size = len(schema() + channel() + message(1))
     most = Limit("", limit * size, 0) if limit != 1 else Limit("", size - len(data), 1)
-    monkeypatch.setattr("sparse_coord_ros.bags.contents.CHUNKS", most)
+    monkeypatch.setattr("sparse_coord_ros.log.bags.contents.CHUNKS", most)
     bag = both_ways(tmp_path / "a.mcap.partial", data)
     assert bag.message_count == limit and bag.lost_bytes == (3 - limit) * len(FIRST)
     assert "after too many for this file" in bag.damage
@@ -488,9 +550,9 @@ def test_a_chunk_of_nothing_but_zeros_is_no_list_of_records(tmp_path):
 
 def test_searching_ends(tmp_path, monkeypatch):
     """Somebody may make a file of which every byte begins a record."""
-    monkeypatch.setattr("sparse_coord_ros.bags.contents.SEARCHED", 0)
-    monkeypatch.setattr("sparse_coord_ros.bags.contents.SEARCH", 300)
-    monkeypatch.setattr("sparse_coord_ros.bags.contents.TRIED", 1)
+    monkeypatch.setattr("sparse_coord_ros.log.bags.contents.SEARCHED", 0)
+    monkeypatch.setattr("sparse_coord_ros.log.bags.contents.SEARCH", 300)
+    monkeypatch.setattr("sparse_coord_ros.log.bags.contents.TRIED", 1)
     data = START + FIRST + (b"junk!" + FIRST) * 50
     bag = both_ways(tmp_path / "a.mcap.partial", data)
     [*_, last] = bag.gaps
@@ -499,16 +561,21 @@ def test_searching_ends(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize(("cost", "found"), [(1, 2), (1 << 10, 1)])
 def test_searching_among_many_beginnings_ends(tmp_path, monkeypatch, cost, found):
-    monkeypatch.setattr("sparse_coord_ros.bags.contents.SEARCHED", 0)
-    monkeypatch.setattr("sparse_coord_ros.bags.contents.SEARCH", 1)
-    monkeypatch.setattr("sparse_coord_ros.bags.contents.TRIED", cost)
+    monkeypatch.setattr("sparse_coord_ros.log.bags.contents.SEARCHED", 0)
+    monkeypatch.setattr("sparse_coord_ros.log.bags.contents.SEARCH", 1)
+    monkeypatch.setattr("sparse_coord_ros.log.bags.contents.TRIED", cost)
     many = (b"\6\1" + bytes(7)) * 1000
     assert (
-        both_ways(tmp_path / "a.mcap.partial", START + FIRST + many + FIRST).message_count == found
+        both_ways(
+            tmp_path / "a.mcap.partial", START + FIRST + many + FIRST
+        ).message_count
+        == found
     )
 
 
-ATTACHED = record(9, bytes(16) + text(b"a") + text(b"") + struct.pack("<Q", 3) + b"abc" + bytes(4))
+ATTACHED = record(
+    9, bytes(16) + text(b"a") + text(b"") + struct.pack("<Q", 3) + b"abc" + bytes(4)
+)
 
 
 @pytest.mark.parametrize("end", [b"", b"x"])
@@ -539,8 +606,10 @@ def packed(content):
 )
 def test_a_bag_has_not_too_many_of_anything(tmp_path, monkeypatch, records, said):
     both_ways(tmp_path / "a.mcap.partial", START + FIRST + records)
-    monkeypatch.setattr("sparse_coord_ros.bags.contents.RECORDS", 3)
-    with pytest.raises(BagError, match=f"a.mcap.partial: more than {said} are not read"):
+    monkeypatch.setattr("sparse_coord_ros.log.bags.contents.RECORDS", 3)
+    with pytest.raises(
+        BagError, match=f"a.mcap.partial: more than {said} are not read"
+    ):
         open_bag(tmp_path / "a.mcap.partial")
 
 
@@ -549,17 +618,24 @@ def test_holes_and_what_lies_in_them_take_no_time(tmp_path):
     path = tmp_path / "a.mcap.partial"
     first = START + FIRST
     far = 100 * 2**30
-    for junk in (b"junk!", record(9, b"")[:1] + struct.pack("<Q", far - len(first) - 9)):
+    for junk in (
+        b"junk!",
+        record(9, b"")[:1] + struct.pack("<Q", far - len(first) - 9),
+    ):
         path.write_bytes(first + junk)
         with open(path, "r+b") as file:
             file.seek(far)
             file.write(FIRST)
         bag = open_bag(path)
-        assert bag.message_count == 2 and [gap[:2] for gap in bag.gaps] == [(len(first), far)]
+        assert bag.message_count == 2 and [gap[:2] for gap in bag.gaps] == [
+            (len(first), far)
+        ]
         path.unlink()
 
 
-@pytest.mark.parametrize(("tail", "lost"), [(b"", 0), (struct.pack("<BQ", 0x85, 35), 1)])
+@pytest.mark.parametrize(
+    ("tail", "lost"), [(b"", 0), (struct.pack("<BQ", 0x85, 35), 1)]
+)
 def test_chunks_that_are_read_together_are_judged_each_by_itself(tmp_path, tail, lost):
     """No record reaches into the next chunk, and the last one need not have a message."""
     one = message(1)
@@ -576,7 +652,9 @@ def test_chunks_that_are_read_together_are_judged_each_by_itself(tmp_path, tail,
 def test_what_only_looks_like_a_chunk_hides_nothing(tmp_path):
     """Its lengths fit together, its checksum does not, and a true chunk is within it."""
     hides = chunk(FIRST, crc=7)
-    bag = both_ways(tmp_path / "a.mcap.partial", START + FIRST + b"junk!" + hides + FIRST)
+    bag = both_ways(
+        tmp_path / "a.mcap.partial", START + FIRST + b"junk!" + hides + FIRST
+    )
     assert bag.message_count == 3 and bag.lost_bytes == 5 + len(hides) - len(FIRST)
 
 
@@ -586,7 +664,9 @@ def test_a_gap_between_chunks_that_overlap_in_time(tmp_path):
         return chunk(schema() + channel() + b"".join(sent), (min(times), max(times)))
 
     bad = chunk(b"bad", (4, 6), crc=7)
-    [gap] = both_ways(tmp_path / "a.mcap.partial", START + of(1, 9) + bad + of(5, 12)).gaps
+    [gap] = both_ways(
+        tmp_path / "a.mcap.partial", START + of(1, 9) + bad + of(5, 12)
+    ).gaps
     assert (gap.first_ns, gap.last_ns) == (5, 9)
 
 
@@ -596,5 +676,5 @@ def test_a_file_that_has_not_grown_is_not_searched_again(tmp_path, monkeypatch, 
     path = tmp_path / "a.mcap.partial"
     path.write_bytes(START + FIRST + tail)
     bag = open_bag(path, checked=False)
-    monkeypatch.setattr("sparse_coord_ros.bags.records.Source.places", None)
+    monkeypatch.setattr("sparse_coord_ros.log.bags.records.Source.places", None)
     assert not bag.extend() and not bag.gaps

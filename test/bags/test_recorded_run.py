@@ -13,12 +13,12 @@ from mcap_ros2.decoder import DecoderFactory
 from mcap_ros2.reader import read_ros2_messages
 from rosbags.highlevel import AnyReader
 
-from sparse_coord_ros.learn.run_config import run_from_yaml
-from sparse_coord_ros.nodes.messages import Converter
-from sparse_coord_ros.nodes.spin import ros_context
-from sparse_coord_ros.nodes.team import run_team
-from sparse_coord_ros.runlog import read_run, verify
-from sparse_coord_ros.wire import ACTION, REWARD
+from sparse_coord_ros.core.runs.run_config import run_from_yaml
+from sparse_coord_ros.log.runlog import read_run, verify
+from sparse_coord_ros.protocol.wire import ACTION, REWARD
+from sparse_coord_ros.ros.nodes.messages import Converter
+from sparse_coord_ros.ros.nodes.spin import ros_context
+from sparse_coord_ros.ros.nodes.team import run_team
 
 SEED = 5
 STEPS = 120
@@ -60,7 +60,9 @@ def recorded(tmp_path_factory):
         for connection, time_ns, data in reader.messages():
             message = reader.deserialize(data, connection.msgtype)
             topics[connection.topic].append((time_ns, message))
-    return SimpleNamespace(out=out, bag=out / "bag", run=run, topics=topics, log=read_run(out))
+    return SimpleNamespace(
+        out=out, bag=out / "bag", run=run, topics=topics, log=read_run(out)
+    )
 
 
 def step_of(time_ns):
@@ -129,7 +131,8 @@ def test_an_independent_reader_finds_what_the_log_says(recorded):
                     assert message.name == list(ACTION.labels)
                 else:
                     cells = [
-                        convert.cell(p.pose.position.x, p.pose.position.y) for p in message.poses
+                        convert.cell(p.pose.position.x, p.pose.position.y)
+                        for p in message.poses
                     ]
                     assert cells[0] == log.cells[row, k]
                     assert (len(cells) > 1) == log.perceived[row, k]
@@ -152,7 +155,9 @@ def test_the_run_is_in_the_bag(recorded):
     (path,) = recorded.bag.glob("*.mcap")
     with path.open("rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
-        attachments = {attachment.name: attachment for attachment in reader.iter_attachments()}
+        attachments = {
+            attachment.name: attachment for attachment in reader.iter_attachments()
+        }
         records = {record.name: record.metadata for record in reader.iter_metadata()}
     assert attachments["run.yaml"].media_type == "application/yaml"
     assert attachments["run.yaml"].data == (recorded.out / "run.yaml").read_bytes()
@@ -161,7 +166,9 @@ def test_the_run_is_in_the_bag(recorded):
     assert attachments["map.txt"].data.decode() == scenario.map.to_text()
     assert records["sparse_coord_ros"]["scenario"] == "env1"
     assert records["sparse_coord_ros"]["seed"] == str(SEED)
-    assert records["sparse_coord_ros"]["version_numpy"] == recorded.run.versions["numpy"]
+    assert (
+        records["sparse_coord_ros"]["version_numpy"] == recorded.run.versions["numpy"]
+    )
     assert "serialized_metadata" in records["rosbag2"]
 
 
@@ -176,6 +183,8 @@ def test_latched_topics_stay_latched(recorded):
     for name in TEAM_TOPICS:
         (profile,) = profiles[name]
         assert profile["reliability"] == "reliable"
-        assert profile["durability"] == ("transient_local" if name in LATCHED else "volatile")
+        assert profile["durability"] == (
+            "transient_local" if name in LATCHED else "volatile"
+        )
         assert profile["history"] == "keep_last"
         assert (profile["depth"] == 1) == (name in LATCHED)

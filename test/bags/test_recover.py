@@ -12,11 +12,11 @@ from mcap.reader import make_reader
 from mcap_ros2.reader import read_ros2_messages
 from rosbags.highlevel import AnyReader
 
-from sparse_coord_ros.bags import BagTopic, BagWriter, QoS, open_bag
-from sparse_coord_ros.bags.gaps import to_note
-from sparse_coord_ros.bags.recover import recover
+from sparse_coord_ros.base.errors import BagError
 from sparse_coord_ros.cli.main import main
-from sparse_coord_ros.errors import BagError
+from sparse_coord_ros.log.bags import BagTopic, BagWriter, QoS, open_bag
+from sparse_coord_ros.log.bags.gaps import to_note
+from sparse_coord_ros.log.bags.recover import recover
 
 STRING = "std_msgs/msg/String"
 
@@ -71,7 +71,9 @@ def test_whole_bag_is_left_alone(tmp_path, samples, capsys):
     for path in (bag, bag / "run_0.mcap"):
         content = "20 messages of 1 topics, 1 attachments, 0.0 s"
         assert run(capsys, path) == (0, f"{bag} is whole: {content}")
-    assert {p.name: (p.read_bytes(), p.stat().st_mtime_ns) for p in bag.iterdir()} == before
+    assert {
+        p.name: (p.read_bytes(), p.stat().st_mtime_ns) for p in bag.iterdir()
+    } == before
 
 
 def test_unfinished_bag_is_finished(tmp_path, samples, capsys):
@@ -97,9 +99,9 @@ def test_unfinished_bag_is_finished(tmp_path, samples, capsys):
     assert (bag / "run_0.mcap.partial.damaged").read_bytes() == original
     found = check_whole(bag, samples, 20)
     assert found.compressions == ("lz4",)
-    assert [(a.name, a.media_type, a.data, a.log_time_ns) for a in found.attachments] == [
-        ("map.txt", "text/plain", b"#", 3)
-    ]
+    assert [
+        (a.name, a.media_type, a.data, a.log_time_ns) for a in found.attachments
+    ] == [("map.txt", "text/plain", b"#", 3)]
     code, printed = run(capsys, bag)
     assert code == 0
     assert printed.splitlines()[1:] == ["recovered from a broken bag"]
@@ -107,7 +109,9 @@ def test_unfinished_bag_is_finished(tmp_path, samples, capsys):
 
 def test_what_was_recovered_says_so_for_good(tmp_path, samples, capsys):
     """Complete or not; a later recovery does not make it complete again."""
-    assert open_bag(write_bag(tmp_path / "good", samples, finish=True)).recovered is None
+    assert (
+        open_bag(write_bag(tmp_path / "good", samples, finish=True)).recovered is None
+    )
     bag = write_bag(tmp_path / "run", samples, finish=False)
     recover(bag)
     complete = {"gaps": "[]"}
@@ -139,7 +143,11 @@ def test_what_was_recovered_says_so_for_good(tmp_path, samples, capsys):
     assert (code, f"before, it was {told}" in printed.splitlines()) == (1, True)
     twice = open_bag(bag)
     assert twice.recovered == lost
-    assert [name for name, _ in twice.metadata_records] == ["recovered", "run", "rosbag2"]
+    assert [name for name, _ in twice.metadata_records] == [
+        "recovered",
+        "run",
+        "rosbag2",
+    ]
     os.truncate(file, open_bag(bag).files[0].readable_bytes - 100)
     more = open_bag(bag).gaps
     recover(bag)
@@ -177,7 +185,10 @@ def test_changed_metadata_are_told_from_lost_messages(tmp_path, samples, capsys)
     file = bag / "run_0.mcap"
     file.write_bytes(file.read_bytes().replace(b"seed", b"sEed", 1))
     code, printed = run(capsys, bag)
-    assert (code, "every message is there, but metadata may be wrong" in printed) == (1, True)
+    assert (code, "every message is there, but metadata may be wrong" in printed) == (
+        1,
+        True,
+    )
     assert open_bag(bag).message_count == 20
 
 
@@ -228,7 +239,12 @@ def test_sequence_numbers_and_foreign_types_are_carried_over(tmp_path):
     What contradicts itself does so still.
     """
     topic = BagTopic(
-        "/a", "own_msgs/msg/Own", "int8 x", (QoS(), QoS(depth=1)), "RIHS01_ab", "ros2idl"
+        "/a",
+        "own_msgs/msg/Own",
+        "int8 x",
+        (QoS(), QoS(depth=1)),
+        "RIHS01_ab",
+        "ros2idl",
     )
     writer = BagWriter(tmp_path / "run")
     for seed in "78":
@@ -250,7 +266,9 @@ def test_bag_that_is_being_recorded_is_refused(tmp_path, samples):
     writer = BagWriter(tmp_path / "run")
     writer.write(writer.add_topic("/a", STRING, QoS()), samples.cdr(STRING), 0, 0)
     writer.flush()
-    with pytest.raises(BagError, match="run_0.mcap.partial is being recorded: stop its recorder"):
+    with pytest.raises(
+        BagError, match="run_0.mcap.partial is being recorded: stop its recorder"
+    ):
         recover(tmp_path / "run")
     assert names(tmp_path / "run") == ["run_0.mcap.partial"]
     writer.close()
@@ -291,6 +309,8 @@ def test_a_file_of_another_name_leaves_one_bag(tmp_path, samples, capsys):
     (bag / "run_0.mcap").rename(bag / "other.mcap")
     os.truncate(bag / "other.mcap", (bag / "other.mcap").stat().st_size - 9)
     assert run(capsys, bag)[0] in (0, 1)
-    assert names(bag) == ["metadata.yaml", "metadata.yaml.damaged", "other.mcap.damaged"] + [
-        f"{open_bag(bag).path.name}"
-    ]
+    assert names(bag) == [
+        "metadata.yaml",
+        "metadata.yaml.damaged",
+        "other.mcap.damaged",
+    ] + [f"{open_bag(bag).path.name}"]

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from sparse_coord_ros.bags import type_hash
-from sparse_coord_ros.bags.schemas import schema_text
-from sparse_coord_ros.errors import BagError
+from sparse_coord_ros.base.errors import BagError
+from sparse_coord_ros.log.bags import type_hash
+from sparse_coord_ros.log.bags.schemas import schema_text
 
 SEPARATOR = "=" * 80
 PACKAGES = (
@@ -27,7 +27,9 @@ def share(package):
 
 
 MESSAGES = [
-    f"{p}/msg/{path.stem}" for p in PACKAGES for path in sorted(share(p).glob("msg/*.msg"))
+    f"{p}/msg/{path.stem}"
+    for p in PACKAGES
+    for path in sorted(share(p).glob("msg/*.msg"))
 ]
 # rosidl makes a `char` a uint8 and hashes it as such, rosbags does not.
 WITH_CHAR = {"service_msgs/msg/ServiceEventInfo", "std_msgs/msg/Char"}
@@ -78,7 +80,9 @@ def test_schema_hashes_to_the_installed_type_hash(type_name):
     typestore.register(get_types_from_msg(schema_text(type_name), type_name))
     expected = installed_hashes(share(package) / "msg" / f"{name}.json")[type_name]
     assert type_hash(type_name) == expected
-    assert (typestore.hash_rihs01(type_name) == expected) == (type_name not in WITH_CHAR)
+    assert (typestore.hash_rihs01(type_name) == expected) == (
+        type_name not in WITH_CHAR
+    )
 
 
 @pytest.mark.parametrize("part", ["Event", "Request", "Response"])
@@ -103,7 +107,11 @@ def test_service_event_schema_is_a_message_definition():
     )
     heads = [line[5:] for line in text.splitlines() if line.startswith("MSG: ")]
     assert len(heads) == len(set(heads)) == text.count(SEPARATOR)
-    due = {"nav_msgs/GetPlan_Response", "nav_msgs/Path", "service_msgs/ServiceEventInfo"}
+    due = {
+        "nav_msgs/GetPlan_Response",
+        "nav_msgs/Path",
+        "service_msgs/ServiceEventInfo",
+    }
     assert due <= set(heads)
     assert "\nnav_msgs/Path plan\n" in text
     assert "\n---" not in text
@@ -132,7 +140,9 @@ def test_packages_are_found_without_ament(monkeypatch, fresh_cache):
 
 def test_missing_definition_names_package_and_remedy():
     """The file looked for is named, and what to install."""
-    with pytest.raises(BagError, match="share/nav_msgs/msg/Nonsense.msg .* AMENT_PREFIX_PATH"):
+    with pytest.raises(
+        BagError, match="share/nav_msgs/msg/Nonsense.msg .* AMENT_PREFIX_PATH"
+    ):
         schema_text("nav_msgs/msg/Nonsense")
     with pytest.raises(BagError, match="install the package no_such_msgs"):
         schema_text("no_such_msgs/srv/Call_Event")

@@ -9,14 +9,14 @@ import pytest
 import yaml
 from rosbags.highlevel import AnyReader
 
-from sparse_coord_ros.bags import BagWriter, QoS, open_bag
-from sparse_coord_ros.bags.gaps import Gap
-from sparse_coord_ros.bags.metadata import ROLLED_BACK
-from sparse_coord_ros.bags.playlist import Playlist
-from sparse_coord_ros.bags.process import BagProcess
-from sparse_coord_ros.bags.recover import continued, recover
+from sparse_coord_ros.base.errors import BagError
 from sparse_coord_ros.cli.main import main
-from sparse_coord_ros.errors import BagError
+from sparse_coord_ros.log.bags import BagWriter, QoS, open_bag
+from sparse_coord_ros.log.bags.gaps import Gap
+from sparse_coord_ros.log.bags.metadata import ROLLED_BACK
+from sparse_coord_ros.log.bags.playlist import Playlist
+from sparse_coord_ros.log.bags.process import BagProcess
+from sparse_coord_ros.log.bags.recover import continued, recover
 
 STRING = "std_msgs/msg/String"
 
@@ -50,8 +50,17 @@ def test_files_by_size_and_time(tmp_path, samples, limit):
     assert [file.path.name for file in bag.files] == [
         f"bag_{number}.mcap" for number in range(len(bag.files))
     ]
-    assert (bag.finished, bag.damage, bag.whole, bag.message_count) == (True, None, True, 30)
-    assert said(bag) == by_rosbags(tmp_path / "bag") == [(f"/{'ab'[i % 2]}", i) for i in range(30)]
+    assert (bag.finished, bag.damage, bag.whole, bag.message_count) == (
+        True,
+        None,
+        True,
+        30,
+    )
+    assert (
+        said(bag)
+        == by_rosbags(tmp_path / "bag")
+        == [(f"/{'ab'[i % 2]}", i) for i in range(30)]
+    )
     assert [message.sequence for message in bag.messages({"/a"})] == list(range(15))
     assert len(Playlist(bag, ["/a", "/b"])) == 30
     information = yaml.safe_load((tmp_path / "bag" / "metadata.yaml").read_text())
@@ -64,10 +73,16 @@ def test_files_by_size_and_time(tmp_path, samples, limit):
     assert bag.files[1].continued == {"why": "split"}
 
 
-def test_a_file_of_so_long_ends_before_the_message_that_is_so_much_later(tmp_path, samples):
+def test_a_file_of_so_long_ends_before_the_message_that_is_so_much_later(
+    tmp_path, samples
+):
     begin(tmp_path / "bag", samples, range(25), max_ns=10)[0].close()
     files = [file.summary for file in open_bag(tmp_path / "bag").files]
-    assert [(file.start_ns, file.end_ns) for file in files] == [(0, 9), (10, 19), (20, 24)]
+    assert [(file.start_ns, file.end_ns) for file in files] == [
+        (0, 9),
+        (10, 19),
+        (20, 24),
+    ]
 
 
 def test_what_is_counted_over_several_files(tmp_path, samples):
@@ -101,7 +116,9 @@ def test_a_damaged_original_is_kept_beside_the_bag_that_goes_on(tmp_path, sample
             file.write_bytes(data)
         assert continued(directory) is not None
         originals = [path for path in directory.iterdir() if ".damaged" in path.name]
-        assert [path.read_bytes() for path in originals] == ([bytes(data)] if cut else [])
+        assert [path.read_bytes() for path in originals] == (
+            [bytes(data)] if cut else []
+        )
 
 
 def test_files_come_by_their_numbers_and_finished_ones_first(tmp_path, samples):
@@ -119,7 +136,9 @@ def test_files_come_by_their_numbers_and_finished_ones_first(tmp_path, samples):
 
 
 @pytest.mark.parametrize("last", [False, True])
-def test_only_a_last_file_that_was_recovered_makes_a_bag_recovered(tmp_path, samples, last):
+def test_only_a_last_file_that_was_recovered_makes_a_bag_recovered(
+    tmp_path, samples, last
+):
     """What was lost at the end of one before is a gap between files, and is called so."""
     note = {"gaps": "[]"}
     writer, channels = begin(tmp_path / "bag", samples, range(3))
@@ -140,7 +159,9 @@ def test_a_topic_that_says_nothing_any_more_is_still_counted(tmp_path, samples):
         channel = writer.add_topic("/b", STRING, QoS())  # here it has the number of /a
         writer.write(channel, samples.cdr(STRING), 30, 30)
     text = (directory / "metadata.yaml").read_text()
-    topics = yaml.safe_load(text)["rosbag2_bagfile_information"]["topics_with_message_count"]
+    topics = yaml.safe_load(text)["rosbag2_bagfile_information"][
+        "topics_with_message_count"
+    ]
     counts = {one["topic_metadata"]["name"]: one["message_count"] for one in topics}
     assert counts == {"/a": 15, "/b": 16}
     assert said(open_bag(directory))[-2:] == [("/b", 29), ("/b", 30)]
@@ -154,7 +175,11 @@ def test_a_killed_recorder_goes_on_in_the_next_file(tmp_path, samples):
     writer, _ = begin(directory, samples, range(30, 40), earlier=earlier)
     writer.close()
     bag = open_bag(directory)
-    assert said(bag) == by_rosbags(directory) == [(f"/{'ab'[i % 2]}", i) for i in range(40)]
+    assert (
+        said(bag)
+        == by_rosbags(directory)
+        == [(f"/{'ab'[i % 2]}", i) for i in range(40)]
+    )
     assert bag.files[1].continued == {"why": "restarted"}
     assert [message.sequence for message in bag.messages({"/b"})] == list(range(20))
     assert sorted(path.name for path in directory.iterdir()) == [
@@ -224,7 +249,9 @@ def test_a_directory_that_was_deleted_loses_only_what_was_closed(
         f"what came after it, is in {rescued}"
     )
     bag = open_bag(rescued)
-    assert bag.finished and [time for _, time in said(bag)] == list(range(20 * split, 30 + split))
+    assert bag.finished and [time for _, time in said(bag)] == list(
+        range(20 * split, 30 + split)
+    )
     assert by_rosbags(rescued) == said(bag)
 
 
@@ -236,7 +263,9 @@ def test_a_directory_that_was_deleted_loses_only_what_was_closed(
         ([4], "bag_4.mcap", 39, None),
     ],
 )
-def test_a_missing_file_is_a_gap(tmp_path, samples, capsys, removed, named, first, last):
+def test_a_missing_file_is_a_gap(
+    tmp_path, samples, capsys, removed, named, first, last
+):
     """Known by the others' numbers and `metadata.yaml`, also after a recovery; nobody mends it."""
     directory = tmp_path / "bag"
     begin(directory, samples, range(50), max_ns=10)[0].close()
@@ -252,7 +281,9 @@ def test_a_missing_file_is_a_gap(tmp_path, samples, capsys, removed, named, firs
         assert f"lost: {gap.text}\n" in capsys.readouterr().out
         assert main(["recover", str(directory)]) == 1
         assert f"lost: {gap.text}\n" in capsys.readouterr().out
-        assert [time for _, time in by_rosbags(directory)] == [time for _, time in said(bag)]
+        assert [time for _, time in by_rosbags(directory)] == [
+            time for _, time in said(bag)
+        ]
     assert open_bag(directory / "bag_3.mcap").gaps == ()
 
 
@@ -261,7 +292,10 @@ def test_a_gap_lies_between_its_neighbours_in_other_files(tmp_path, samples, hit
     """Where the only chunk of a file is lost; what `recover` makes of it says the same."""
     writer = BagWriter(tmp_path / "bag", max_ns=10)
     write(
-        writer, [writer.add_topic(f"/{name}", STRING, QoS()) for name in "ab"], samples, range(30)
+        writer,
+        [writer.add_topic(f"/{name}", STRING, QoS()) for name in "ab"],
+        samples,
+        range(30),
     )
     writer.close()
     path = tmp_path / "bag" / f"bag_{hit}.mcap"

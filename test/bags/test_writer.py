@@ -19,12 +19,12 @@ from mcap.writer import Writer as McapWriter
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
-from sparse_coord_ros.bags import BagWriter, QoS, open_bag, type_hash
-from sparse_coord_ros.bags import writer as writer_module
-from sparse_coord_ros.bags.metadata import offered_qos_profiles
-from sparse_coord_ros.bags.schemas import schema_text
-from sparse_coord_ros.errors import BagError, SparseCoordError
-from sparse_coord_ros.version import __version__
+from sparse_coord_ros.base.errors import BagError, SparseCoordError
+from sparse_coord_ros.base.version import __version__
+from sparse_coord_ros.log.bags import BagWriter, QoS, open_bag, type_hash
+from sparse_coord_ros.log.bags import writer as writer_module
+from sparse_coord_ros.log.bags.metadata import offered_qos_profiles
+from sparse_coord_ros.log.bags.schemas import schema_text
 
 TYPES = (
     "geometry_msgs/msg/PoseStamped",
@@ -52,14 +52,21 @@ def write_all_types(directory, samples, rounds=3, **options):
     """Write a bag with messages of every type, a metadata record and an attachment."""
     with BagWriter(directory, **options) as bag:
         channels = {
-            name: bag.add_topic(topic_of(name), name, LATCHED if "Grid" in name else QoS())
+            name: bag.add_topic(
+                topic_of(name), name, LATCHED if "Grid" in name else QoS()
+            )
             for name in TYPES
         }
         bag.add_metadata("run", {"seed": "7", "scenario": "cit"})
         for step in range(rounds):
             for place, (name, channel) in enumerate(channels.items()):
                 time_ns = step * 1_000 + place
-                bag.write(channel, samples.cdr(name, step + 1), 10_000 + time_ns, 5_000 + time_ns)
+                bag.write(
+                    channel,
+                    samples.cdr(name, step + 1),
+                    10_000 + time_ns,
+                    5_000 + time_ns,
+                )
         bag.attach("scenario.yaml", b"map: cit\n", "application/yaml")
     return directory
 
@@ -89,9 +96,13 @@ def test_every_message_decodes_with_both_readers(bag_directory, samples):
         by_mcap[channel.topic].append((message.log_time, decoded))
     for place, type_name in enumerate(TYPES):
         for found in (by_rosbags[topic_of(type_name)], by_mcap[topic_of(type_name)]):
-            assert [time for time, _ in found] == [10_000 + place + 1_000 * i for i in range(3)]
+            assert [time for time, _ in found] == [
+                10_000 + place + 1_000 * i for i in range(3)
+            ]
             for seed, (_, message) in enumerate(found, start=1):
-                assert samples.same(samples.message(type_name, seed), message), type_name
+                assert samples.same(samples.message(type_name, seed), message), (
+                    type_name
+                )
 
 
 def test_channels_carry_schema_hash_and_qos(bag_directory):
@@ -99,7 +110,10 @@ def test_channels_carry_schema_hash_and_qos(bag_directory):
     reader = mcap_reader(bag_directory)
     header = reader.get_header()
     summary = reader.get_summary()
-    assert (header.profile, header.library) == ("ros2", f"sparse_coord_ros {__version__}")
+    assert (header.profile, header.library) == (
+        "ros2",
+        f"sparse_coord_ros {__version__}",
+    )
     assert {s.name: s.data.decode() for s in summary.schemas.values()} == {
         name: schema_text(name) for name in TYPES
     }
@@ -109,7 +123,9 @@ def test_channels_carry_schema_hash_and_qos(bag_directory):
         assert channel.topic == topic_of(name)
         assert channel.message_encoding == "cdr"
         assert channel.metadata == {
-            "offered_qos_profiles": offered_qos_profiles([LATCHED if "Grid" in name else QoS()]),
+            "offered_qos_profiles": offered_qos_profiles(
+                [LATCHED if "Grid" in name else QoS()]
+            ),
             "topic_type_hash": type_hash(name),
         }
 
@@ -121,7 +137,10 @@ def test_file_is_complete(bag_directory):
     statistics = summary.statistics
     assert statistics.message_count == 33
     assert (statistics.channel_count, statistics.schema_count) == (11, 11)
-    assert (statistics.message_start_time, statistics.message_end_time) == (10_000, 12_010)
+    assert (statistics.message_start_time, statistics.message_end_time) == (
+        10_000,
+        12_010,
+    )
     assert all(index.message_index_offsets for index in summary.chunk_indexes)
     sequences = {}
     for _, channel, message in reader.iter_messages():
@@ -149,7 +168,9 @@ def test_same_calls_give_same_bytes(tmp_path, samples, compression):
         assert path.read_bytes() == (two / path.name).read_bytes()
     summary = mcap_reader(one).get_summary()
     assert len(summary.chunk_indexes) > 3
-    assert {i.compression for i in summary.chunk_indexes} == {compression.replace("none", "")}
+    assert {i.compression for i in summary.chunk_indexes} == {
+        compression.replace("none", "")
+    }
     assert len(list(mcap_reader(one).iter_messages())) == 99
 
 
@@ -177,7 +198,9 @@ def test_existing_directory_is_refused_and_untouched(bag_directory):
     before = {path.name: path.read_bytes() for path in bag_directory.iterdir()}
     with pytest.raises(BagError, match=f"{bag_directory} exists: choose another name"):
         BagWriter(bag_directory)
-    with pytest.raises(BagError, match=r"cannot make .*/run_0.mcap/a/a_0\.mcap: Not a dir"):
+    with pytest.raises(
+        BagError, match=r"cannot make .*/run_0.mcap/a/a_0\.mcap: Not a dir"
+    ):
         BagWriter(bag_directory / "run_0.mcap" / "a")
     assert {path.name: path.read_bytes() for path in bag_directory.iterdir()} == before
     assert issubclass(BagError, SparseCoordError)
@@ -232,7 +255,9 @@ def test_file_gets_its_name_when_it_is_whole(tmp_path):
     assert sorted(p.name for p in (tmp_path / "run").iterdir()) == names
     bag = BagWriter(tmp_path / "other")
     (tmp_path / "other" / "other_0.mcap").write_text("precious")
-    with pytest.raises(BagError, match=r"cannot finish .*partial as other_0.mcap: File exists"):
+    with pytest.raises(
+        BagError, match=r"cannot finish .*partial as other_0.mcap: File exists"
+    ):
         bag.close()
     assert (tmp_path / "other" / "other_0.mcap").read_text() == "precious"
     assert open_bag(tmp_path / "other" / "other_0.mcap.partial").finished
@@ -240,9 +265,14 @@ def test_file_gets_its_name_when_it_is_whole(tmp_path):
 
 def test_exception_abandons_the_bag_with_all_its_messages(tmp_path, samples):
     """A broken run must not look whole; what it wrote is there all the same."""
-    with pytest.raises(RuntimeError), BagWriter(tmp_path / "run", chunk_size=1_000) as bag:
+    with (
+        pytest.raises(RuntimeError),
+        BagWriter(tmp_path / "run", chunk_size=1_000) as bag,
+    ):
         samples.fill(bag, 500)
-        assert 480 < len(unfinished_times(tmp_path / "run")) < 500, "but for the last chunk"
+        assert 480 < len(unfinished_times(tmp_path / "run")) < 500, (
+            "but for the last chunk"
+        )
         raise RuntimeError
     assert unfinished_times(tmp_path / "run") == [*range(500)]
     with pytest.raises(BagError, match="is closed"):
@@ -279,7 +309,9 @@ def test_full_disk_is_a_clear_error_and_stays_one(tmp_path):
 
 
 @pytest.mark.parametrize("room", [0, 7, 28, 400, 1_700])
-def test_disk_full_while_closing_leaves_every_message(tmp_path, samples, monkeypatch, room):
+def test_disk_full_while_closing_leaves_every_message(
+    tmp_path, samples, monkeypatch, room
+):
     """Wherever in the last records it happens: all that was flushed can be read."""
     bag = BagWriter(tmp_path / "run")
     samples.fill(bag, 10)
@@ -317,7 +349,10 @@ def test_metadata_yaml_that_cannot_be_written_is_an_error(tmp_path):
         bag.close()
     with (tmp_path / "run" / "run_0.mcap").open("rb") as stream:
         assert make_reader(stream).get_summary().statistics.message_count == 0
-    assert sorted(p.name for p in (tmp_path / "run").iterdir()) == ["metadata.yaml", "run_0.mcap"]
+    assert sorted(p.name for p in (tmp_path / "run").iterdir()) == [
+        "metadata.yaml",
+        "run_0.mcap",
+    ]
 
 
 def test_the_disk_has_file_names_and_metadata(tmp_path, samples, monkeypatch):

@@ -8,11 +8,11 @@ from importlib import metadata
 
 import pytest
 
-from sparse_coord_ros import compiling
+from sparse_coord_ros.base import compiling
 from sparse_coord_ros.cli import doctor
-from sparse_coord_ros.doctor import checks, round_trip
-from sparse_coord_ros.doctor.checks import FINE, HINT, WRONG, Finding
-from sparse_coord_ros.nodes.shared_memory import leftovers
+from sparse_coord_ros.ros.doctor import checks, round_trip
+from sparse_coord_ros.ros.doctor.checks import FINE, HINT, WRONG, Finding
+from sparse_coord_ros.ros.nodes.shared_memory import leftovers
 
 
 def levels(findings):
@@ -31,11 +31,16 @@ def check_remedies(findings):
 
 @pytest.mark.parametrize(("level", "code"), [(FINE, 0), (HINT, 0), (WRONG, 1)])
 def test_exit_code_and_json(sparse_coord, monkeypatch, level, code):
-    found = [Finding(FINE, "python", "3.11"), Finding(level, "ports", "some text", "do this")]
+    found = [
+        Finding(FINE, "python", "3.11"),
+        Finding(level, "ports", "some text", "do this"),
+    ]
     monkeypatch.setattr(doctor, "findings", lambda: iter(found))
     assert sparse_coord("doctor", "--json")[:2] == (
         code,
-        json.dumps({"fine": code == 0, "findings": [one._asdict() for one in found]}, indent=2)
+        json.dumps(
+            {"fine": code == 0, "findings": [one._asdict() for one in found]}, indent=2
+        )
         + "\n",
     )
     text = sparse_coord("doctor")
@@ -82,7 +87,11 @@ def test_where_numba_keeps_what_it_compiled(monkeypatch, tmp_path, kept_in, leve
 
 
 def test_leftovers_in_shared_memory(tmp_path):
-    for name in ("fastrtps_0123456789abcdef", "fastrtps_0123456789abcdef_el", "another"):
+    for name in (
+        "fastrtps_0123456789abcdef",
+        "fastrtps_0123456789abcdef_el",
+        "another",
+    ):
         (tmp_path / name).write_bytes(b"1234")
     found = the_one(checks.shared_memory(tmp_path), "2 files")
     assert (found.level, "the next node" in found.remedy) == (HINT, True)
@@ -99,8 +108,16 @@ def test_without_shared_memory(tmp_path):
         ({}, [FINE, FINE], "SUBNET"),
         ({"ROS_DOMAIN_ID": "300"}, [WRONG, FINE], "0 to 232"),
         ({"ROS_DOMAIN_ID": "-1"}, [WRONG, FINE], "'-1'"),
-        ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCAL"}, [FINE, WRONG], "no node finds another"),
-        ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF"}, [FINE, WRONG], "no node finds another"),
+        (
+            {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCAL"},
+            [FINE, WRONG],
+            "no node finds another",
+        ),
+        (
+            {"ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF"},
+            [FINE, WRONG],
+            "no node finds another",
+        ),
         ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}, [FINE, FINE], "this machine"),
         ({"ROS_STATIC_PEERS": "10.0.0.2"}, [FINE, FINE, FINE], "10.0.0.2"),
     ],

@@ -14,7 +14,10 @@ from sparse_coord_ros.cli.main import main
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     out = tmp_path_factory.mktemp("drive") / "run"
-    assert main(["train", "env1", "--steps", "3000", "--seed", "1", "--out", str(out)]) == 0
+    assert (
+        main(["train", "env1", "--steps", "3000", "--seed", "1", "--out", str(out)])
+        == 0
+    )
     return str(out)
 
 
@@ -32,7 +35,9 @@ def test_json_beside_the_grid_and_with_other_bodies(run, capsys):
     facts = json.loads(capsys.readouterr().out)
     for name in ("arrived", "time_to_goal", "asks", "miscoordinations"):
         assert facts[name] == facts[f"{name}_in_grid"]
-    assert facts["seconds"] > facts["seconds_in_grid"] and facts["seconds_a_cell"] == 2.0
+    assert (
+        facts["seconds"] > facts["seconds_in_grid"] and facts["seconds_a_cell"] == 2.0
+    )
     quick = ["--set", "speed=2", "--set", "turn=6"]
     assert main(["drive", run, "--episodes", "4", "--json", "--seed", "3", *quick]) == 0
     assert json.loads(capsys.readouterr().out)["seconds"] < facts["seconds"]
@@ -43,7 +48,16 @@ def test_on_the_building_s_own_map(tmp_path, capsys):
     assert main(["export-map", "env1", "--resolution", "1", "--out", str(folder)]) == 0
     plan = folder / "env1.yaml"
     places = ["--start", "0.5,4.5", "4.5,4.5", "--goal", "4.5,0.5", "0.5,0.5"]
-    more = ["--cell", "1", "--radius", "0.1", "--set", "steps=2000", "--out", str(tmp_path / "m")]
+    more = [
+        "--cell",
+        "1",
+        "--radius",
+        "0.1",
+        "--set",
+        "steps=2000",
+        "--out",
+        str(tmp_path / "m"),
+    ]
     assert main(["import-map", str(plan), *places, *more]) == 0
     out = str(tmp_path / "run")
     assert main(["train", str(tmp_path / "m" / "env1.yaml"), "--out", out]) == 0
@@ -61,7 +75,10 @@ def test_on_the_building_s_own_map(tmp_path, capsys):
     ("arguments", "text"),
     [
         (["--episodes", "1"], "episodes: value is"),
-        (["--set", "radius=0.7"], "radius: value is 0.7, allowed: less than half a cell"),
+        (
+            ["--set", "radius=0.7"],
+            "radius: value is 0.7, allowed: less than half a cell",
+        ),
         (["--set", "sped=2"], "sped"),
         (["--out", "paths.txt"], "allowed: a name that ends in"),
     ],

@@ -9,9 +9,9 @@ import pytest
 from teams import tables_in
 
 from sparse_coord_ros.cli import evaluate as module
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learn.evaluation import TRIALS, play, summary
-from sparse_coord_ros.solve.exact import evaluate_exact
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.runs.evaluation import TRIALS, play, summary
+from sparse_coord_ros.core.solve.exact import evaluate_exact
 
 
 @pytest.fixture
@@ -30,15 +30,24 @@ def test_table(sparse_coord, trained):
     trained("env1", "--learner", "indiv")
     code, out, err = sparse_coord("evaluate", "a", "--trials", 50)
     assert (code, err) == (0, "")
-    for words in ("env1, penalty -20", "Indiv., 50 trials", "Indiv., paper", "119.50 ± 12.50"):
+    for words in (
+        "env1, penalty -20",
+        "Indiv., 50 trials",
+        "Indiv., paper",
+        "119.50 ± 12.50",
+    ):
         assert words in out
     assert "exact joint optimum" in out
     assert "121.89" in out
 
 
-def test_means_of_trials_have_a_standard_error_and_exact_ones_have_none(sparse_coord, trained):
+def test_means_of_trials_have_a_standard_error_and_exact_ones_have_none(
+    sparse_coord, trained
+):
     trained("env1", "--learner", "indiv")
-    found = json.loads(sparse_coord("evaluate", "a", "--trials", 50, "--json")[1])["reward"]
+    found = json.loads(sparse_coord("evaluate", "a", "--trials", 50, "--json")[1])[
+        "reward"
+    ]
     said = "{mean:.2f} ± {spread:.2f} (s.e. {standard_error:.2f})".format(**found)
     assert found["standard_error"] > 0
     assert said in sparse_coord("evaluate", "a", "--trials", 50)[1]
@@ -47,7 +56,9 @@ def test_means_of_trials_have_a_standard_error_and_exact_ones_have_none(sparse_c
 
 def test_json_holds_the_numbers_of_the_core(sparse_coord, trained, folder):
     trained("env1", "--learner", "noncoop", "--seed", "3")
-    code, out, err = sparse_coord("evaluate", "a", "--trials", 40, "--seed", 9, "--json")
+    code, out, err = sparse_coord(
+        "evaluate", "a", "--trials", 40, "--seed", 9, "--json"
+    )
     assert (code, err) == (0, "")
     data = json.loads(out)
     scenario = load_scenario("env1")
@@ -69,12 +80,17 @@ def test_another_penalty_is_not_compared_with_the_paper(sparse_coord, trained):
     assert "paper" not in out
 
 
-@pytest.mark.parametrize(("left", "verb"), [("checkpoint", "run"), ("checkpoint.npz", "train")])
+@pytest.mark.parametrize(
+    ("left", "verb"), [("checkpoint", "run"), ("checkpoint.npz", "train")]
+)
 def test_a_run_that_is_not_finished(sparse_coord, trained, folder, left, verb):
     trained("env1")
     (folder / "a" / left).touch()
     code, _, err = sparse_coord("evaluate", "a", "--trials", 10)
-    assert code == 0 and "a: the run is not finished, its tables are those of the way" in err
+    assert (
+        code == 0
+        and "a: the run is not finished, its tables are those of the way" in err
+    )
     assert err.endswith(f"go on with: sparse_coord {verb} --resume a\n")
 
 
@@ -112,7 +128,9 @@ def test_several_runs_side_by_side(sparse_coord, folder, monkeypatch):
     code, out, err = sparse_coord("evaluate", "a", "b", "c", "--json")
     assert (code, err) == (0, "")
     runs = json.loads(out)["runs"]
-    assert [(one["directory"], one["scenario"], one["learner"], one["seed"]) for one in runs] == [
+    assert [
+        (one["directory"], one["scenario"], one["learner"], one["seed"]) for one in runs
+    ] == [
         ("a", "env1", "coop", 0),
         ("b", "env1", "noncoop", 0),
         ("c", "env2-4r", "coop", 4),

@@ -44,17 +44,31 @@ def test_tables_and_history_are_what_is_learned_today(sparse_coord, files):
     for name in ("tables.npz", "history.npz"):
         same(files / "today" / name, files / "trained" / name)
     measures = [
-        sparse_coord("evaluate", name, "--exact", "--json") for name in ("today", "trained")
+        sparse_coord("evaluate", name, "--exact", "--json")
+        for name in ("today", "trained")
     ]
-    assert measures[0][0] == 0 and measures[0][1] == measures[1][1].replace("trained", "today")
+    assert measures[0][0] == 0 and measures[0][1] == measures[1][1].replace(
+        "trained", "today"
+    )
     assert sparse_coord("plot", "trained", "--what", "length", "--out", "x.png")[0] == 0
 
 
 @pytest.mark.parametrize(
     ("name", "how"), [("planned", ("factored", "--improve")), ("marked", ("cq",))]
 )
-def test_tables_of_other_learners_are_what_is_learned_today(sparse_coord, files, name, how):
-    command = ("train", "doorway.yaml", "--seed", 3, "--out", "today", "--learner", *how)
+def test_tables_of_other_learners_are_what_is_learned_today(
+    sparse_coord, files, name, how
+):
+    command = (
+        "train",
+        "doorway.yaml",
+        "--seed",
+        3,
+        "--out",
+        "today",
+        "--learner",
+        *how,
+    )
     assert sparse_coord(*command)[0] == 0
     for path in (files / name).rglob("tables.npz"):
         same(files / "today" / path.relative_to(files / name), path)
@@ -69,7 +83,9 @@ def test_training_goes_on(sparse_coord, files):
 def test_a_live_team_goes_on(python, files, own_domain):
     command = ("-m", "sparse_coord_ros.executables", "sparse_coord", "run")
     python(*command, "--resume", "interrupted", cwd=files)
-    found, due = (arrays(files / name / "tables.npz") for name in ("interrupted", "trained"))
+    found, due = (
+        arrays(files / name / "tables.npz") for name in ("interrupted", "trained")
+    )
     assert found.keys() == due.keys()
     for name in set(due) - {"format"}:
         np.testing.assert_array_equal(found[name], due[name])
@@ -94,7 +110,11 @@ def test_a_search_is_what_is_found_today(sparse_coord, files):
     before = (files / "search.json").read_bytes()
     for name in ("search.json", "today.json"):
         assert sparse_coord(*SEARCH, name)[0] == 0
-    assert (files / "today.json").read_bytes() == (files / "search.json").read_bytes() == before
+    assert (
+        (files / "today.json").read_bytes()
+        == (files / "search.json").read_bytes()
+        == before
+    )
 
 
 READ = {

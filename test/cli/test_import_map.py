@@ -9,9 +9,9 @@ import pytest
 import yaml
 from PIL import Image
 
-from sparse_coord_ros.game.grid import load_map
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.share import share_file
+from sparse_coord_ros.base.share import share_file
+from sparse_coord_ros.core.game.grid import load_map
+from sparse_coord_ros.core.game.scenario import load_scenario
 
 ENV1 = ("--cell", "1", "--radius", "0.1", "--start", "0.5,4.5", "4.5,4.5")
 GOALS = ("--goal", "4.5,0.5", "0.5,0.5")
@@ -44,7 +44,9 @@ def test_a_scenario_that_learns_as_the_original(sparse_coord, folder, exported):
     made = load_scenario(folder / "i" / "env1.yaml")
     original = load_scenario("env1")
     assert made.map.doorways == original.map.doorways
-    assert [(r.start, r.goal) for r in made.robots] == [(r.start, r.goal) for r in original.robots]
+    assert [(r.start, r.goal) for r in made.robots] == [
+        (r.start, r.goal) for r in original.robots
+    ]
     assert min(Image.open(folder / "i" / "env1.png").size) > 600
     assert sparse_coord("maps", "i/env1.yaml")[1].splitlines()[4:6] == [
         "1 m a cell, lower left corner at 0,0 m",
@@ -68,10 +70,14 @@ def test_it_counts_the_doorways_that_maps_counts(sparse_coord, folder):
 
 
 def test_places_west_and_south_of_the_origin(sparse_coord, folder, exported):
-    text = exported.read_text().replace("- 0.0\n- 0.0\n- 0.0", "- -10.0\n- -20.0\n- 0.0")
+    text = exported.read_text().replace(
+        "- 0.0\n- 0.0\n- 0.0", "- -10.0\n- -20.0\n- 0.0"
+    )
     exported.write_text(text)
     robots = ("--start", "-9.5,-15.5", "--goal", "-5.5,-19.5")
-    code, out, err = sparse_coord("import-map", exported, *ENV1[:4], *robots, "--out", "i")
+    code, out, err = sparse_coord(
+        "import-map", exported, *ENV1[:4], *robots, "--out", "i"
+    )
     assert (code, err) == (0, "")
     assert "lower left corner at -10,-20" in out
     assert load_map(str(folder / "i" / "env1.txt")).origin == (-10.0, -20.0)
@@ -94,16 +100,28 @@ def test_nothing_is_overwritten_unasked(sparse_coord, folder, exported, refused)
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ((*ENV1[:4], "--start", "0"), "argument --start: '0' is no place, allowed: X,Y in metres"),
+        (
+            (*ENV1[:4], "--start", "0"),
+            "argument --start: '0' is no place, allowed: X,Y in metres",
+        ),
         ((*ENV1[:4], "--goal", "nan,1"), "argument --goal: 'nan,1' is no place"),
         ((*ENV1[:4], "--goal", "1e308,1"), "argument --goal: '1e308,1' is no place"),
         ((*ENV1,), "--start has 2 places and --goal 0"),
-        (("--cell", "wide", "--radius", "0.1"), "setting cell: value is 'wide', allowed"),
+        (
+            ("--cell", "wide", "--radius", "0.1"),
+            "setting cell: value is 'wide', allowed",
+        ),
         (("--cell", "-1", "--radius", "0.1"), "setting cell: value is '-1', allowed"),
         (("--cell", "1", "--radius", "-1"), "setting radius: value is '-1', allowed"),
         (("--cell", "1", "--radius", "9"), "finds no room"),
-        (("--cell", "1", "--radius", "0.1", "--set", "steps=9"), "--set needs a scenario"),
-        ((*ENV1, *GOALS, "--set", "stepz=9"), "unknown field 'stepz' (did you mean 'steps'?)"),
+        (
+            ("--cell", "1", "--radius", "0.1", "--set", "steps=9"),
+            "--set needs a scenario",
+        ),
+        (
+            (*ENV1, *GOALS, "--set", "stepz=9"),
+            "unknown field 'stepz' (did you mean 'steps'?)",
+        ),
         ((*ENV1, *GOALS, "--set", "map=cmu"), "--set map: is no setting"),
         (("--cell", "1"), "required: --radius"),
     ],
@@ -114,22 +132,32 @@ def test_bad_input_is_one_line(exported, refused, arguments, words):
 
 def test_a_map_is_called_as_its_file(exported, refused):
     other = exported.rename(exported.with_name("an office.yaml"))
-    assert "name 'an office': allowed are" in refused("import-map", other, *ENV1, *GOALS)
+    assert "name 'an office': allowed are" in refused(
+        "import-map", other, *ENV1, *GOALS
+    )
 
 
 def test_maps_of_map_server_point_to_import_map(exported, refused, folder):
     assert "sparse_coord import-map e/env1.yaml" in refused("maps", "e/env1.yaml")
     assert "sparse_coord import-map" in refused("maps", "e/env1.pgm")
     assert "sparse_coord import-map" in refused("train", "e/env1.yaml")
-    (folder / "mine.yaml").write_text("map: e/env1.pgm\nrobots: {a: {start: 1, goal: 2}}\n")
+    (folder / "mine.yaml").write_text(
+        "map: e/env1.pgm\nrobots: {a: {start: 1, goal: 2}}\n"
+    )
     assert "sparse_coord import-map" in refused("train", "mine.yaml")
 
 
 @pytest.mark.parametrize(
     ("header", "words"),
     [
-        ("resolution: -1", "header key 'resolution' is -1, allowed: a number from 0.001 to 1000"),
-        ("resolution: 1\norigin: [0]", "header key 'origin' is [0], allowed: [x, y] in metres"),
+        (
+            "resolution: -1",
+            "header key 'resolution' is -1, allowed: a number from 0.001 to 1000",
+        ),
+        (
+            "resolution: 1\norigin: [0]",
+            "header key 'origin' is [0], allowed: [x, y] in metres",
+        ),
         ("resolution: 1\norigin: [0, .inf]", "header key 'origin' is inf, allowed"),
         ("origin: [0, 0]", "has an origin and no resolution"),
     ],
@@ -144,14 +172,22 @@ def test_exported_numbers_are_checked(refused):
         "export-map", "env1", "--pixels", "0"
     )
     assert "more than 25,000,000" in refused("export-map", "cmu", "--pixels", "1000")
-    assert "setting resolution: value is '-1'" in refused("export-map", "env1", "--resolution=-1")
+    assert "setting resolution: value is '-1'" in refused(
+        "export-map", "env1", "--resolution=-1"
+    )
 
 
 def test_what_is_exported_says_where_it_lies(sparse_coord, folder):
     (folder / "m.txt").write_text("resolution: 0.5\norigin: [3, -4]\n---\n.#\n..\n")
-    assert sparse_coord("export-map", "m.txt", "--pixels", "2", "--image", "png")[0] == 0
+    assert (
+        sparse_coord("export-map", "m.txt", "--pixels", "2", "--image", "png")[0] == 0
+    )
     said = yaml.safe_load((folder / "m.yaml").read_text())
-    assert (said["resolution"], said["origin"], said["image"]) == (0.25, [3.0, -4.0, 0.0], "m.png")
+    assert (said["resolution"], said["origin"], said["image"]) == (
+        0.25,
+        [3.0, -4.0, 0.0],
+        "m.png",
+    )
     assert np.asarray(Image.open(folder / "m.png")).tolist() == [
         [254, 254, 0, 0],
         [254, 254, 0, 0],
@@ -160,10 +196,15 @@ def test_what_is_exported_says_where_it_lies(sparse_coord, folder):
     ]
 
 
-@pytest.mark.parametrize("options", [(), ("--cell", "1", "--radius", "0.1"), ("--page",)])
+@pytest.mark.parametrize(
+    "options", [(), ("--cell", "1", "--radius", "0.1"), ("--page",)]
+)
 def test_a_scenario_is_recognised(sparse_coord, folder, options):
     file = share_file("config", "env1.yaml")
     code, _, err = sparse_coord("import-map", file, *options)
     assert code == 2
-    assert f"{file}: is a scenario already, not the map of a building; let a team learn" in err
+    assert (
+        f"{file}: is a scenario already, not the map of a building; let a team learn"
+        in err
+    )
     assert list(folder.iterdir()) == []

@@ -12,12 +12,20 @@ from collections import Counter
 import pytest
 from patience import PATIENCE_SECONDS
 
+from sparse_coord_ros.base.errors import SparseCoordError
 from sparse_coord_ros.cli import import_page
 from sparse_coord_ros.cli.import_page import CELL_AT_FIRST, ImportPage
 from sparse_coord_ros.cli.main import make_parser
-from sparse_coord_ros.errors import SparseCoordError
-from sparse_coord_ros.look.page.board import Board
-from sparse_coord_ros.look.page.controls import DRIVE, IMPORT, NEXT, SAVE, STOP, TRAIN, Control
+from sparse_coord_ros.show.page.board import Board
+from sparse_coord_ros.show.page.controls import (
+    DRIVE,
+    IMPORT,
+    NEXT,
+    SAVE,
+    STOP,
+    TRAIN,
+    Control,
+)
 
 CHOSEN = {
     "cell": 1,
@@ -80,7 +88,10 @@ def test_what_is_saved_is_what_the_command_line_saves(page, sparse_coord, folder
     told(page, TRAIN)
     what, path = page[0].wanted.get(timeout=PATIENCE_SECONDS)
     assert (what, str(path)) == (TRAIN, "clicked/env1.yaml")
-    assert told(page, TRAIN) == "a team learns or drives already: wait for its end, or stop it"
+    assert (
+        told(page, TRAIN)
+        == "a team learns or drives already: wait for its end, or stop it"
+    )
 
 
 class Counting(Board):
@@ -109,7 +120,9 @@ def begin(page, what):
     last = CHOSEN | {"radius": 0.15}
     made.control(Control(IMPORT, last))
     threading.Thread(target=made.work, daemon=True).start()
-    wait_for(lambda: (board.get("imported") or {}).get("chosen", {}).get("radius") == 0.15)
+    wait_for(
+        lambda: (board.get("imported") or {}).get("chosen", {}).get("radius") == 0.15
+    )
     wait_for(lambda: board.get("problem"))
     return board.counted[what]
 
@@ -159,7 +172,10 @@ def test_a_problem_is_one_line_and_nothing_is_overwritten(page, folder):
     (folder / "clicked").mkdir()
     (folder / "clicked" / "env1.png").write_text("mine")
     for changes, words in (
-        ({"start": [[2.5, 0.5], [4.5, 4.5]]}, "start of robot_1 at 2.5,0.5 is in no free cell"),
+        (
+            {"start": [[2.5, 0.5], [4.5, 4.5]]},
+            "start of robot_1 at 2.5,0.5 is in no free cell",
+        ),
         ({"cell": 0.01}, "cell is 0.01 m, allowed: at least a pixel"),
         ({}, "clicked/env1.png: exists already"),
     ):
@@ -186,7 +202,9 @@ def test_odd_values_are_refused(page, changes):
         page[0].control(Control(IMPORT, CHOSEN | changes))
 
 
-def test_a_page_is_served_a_team_learns_and_ctrl_c_ends_it(exported, sparse_coord, monkeypatch):
+def test_a_page_is_served_a_team_learns_and_ctrl_c_ends_it(
+    exported, sparse_coord, monkeypatch
+):
     seen = []
 
     def visit(server):
@@ -195,13 +213,21 @@ def test_a_page_is_served_a_team_learns_and_ctrl_c_ends_it(exported, sparse_coor
             with urllib.request.urlopen(f"http://127.0.0.1:{server.port}/") as answer:
                 seen.append(b"/import.js" in answer.read())
             board.source.control(Control(DRIVE))
-            wait_for(lambda: (board.get("problem") or {}).get("text") == "no team has learned yet")
+            wait_for(
+                lambda: (
+                    (board.get("problem") or {}).get("text")
+                    == "no team has learned yet"
+                )
+            )
             board.source.control(Control(TRAIN, CHOSEN))
             wait_for(lambda: (board.get("team") or {}).get("learned"))
             seen.append(learning.get("run")["controls"])
             board.source.control(Control(DRIVE))
             wait_for(
-                lambda: "20 all robots arrived; walls touched: 0" in board.get("team")["text"]
+                lambda: (
+                    "20 all robots arrived; walls touched: 0"
+                    in board.get("team")["text"]
+                )
             )
             monkeypatch.setattr(import_page.train, "learn", lambda *_: time.sleep(60))
             board.source.control(Control(TRAIN, CHOSEN))
@@ -216,7 +242,15 @@ def test_a_page_is_served_a_team_learns_and_ctrl_c_ends_it(exported, sparse_coor
         threading.Thread(target=visit, args=[server]).start()
 
     monkeypatch.setattr("sparse_coord_ros.cli.page.announce", announced)
-    command = ("import-map", "e/env1.yaml", "--page", "--port", "0", "--set", "steps=2000")
+    command = (
+        "import-map",
+        "e/env1.yaml",
+        "--page",
+        "--port",
+        "0",
+        "--set",
+        "steps=2000",
+    )
     code, out, _ = sparse_coord(*command)
     assert code == 0 and "tables   runs/env1_" in out
     assert seen[0] and NEXT not in seen[1]

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from teams import tables_in
 
-from sparse_coord_ros.compiling import has_numba
-from sparse_coord_ros.learn.tables import save_team
+from sparse_coord_ros.base.compiling import has_numba
+from sparse_coord_ros.core.runs.tables import save_team
 
 pytestmark = pytest.mark.skipif(not has_numba(), reason="minutes in plain Python")
 
@@ -20,7 +20,11 @@ def test_improve(sparse_coord, refused, folder):
     assert sparse_coord(*TRAIN, "--penalty", -100, "--out", "a")[0] == 0
     code, out, err = sparse_coord("improve", "a")
     assert (code, err) == (0, "")
-    for words in ("a: Factored, exact", "a/improved: Factored, exact", "on the learned model: "):
+    for words in (
+        "a: Factored, exact",
+        "a/improved: Factored, exact",
+        "on the learned model: ",
+    ):
         assert words in out
     assert "no r^C" not in out
     _, out, _ = sparse_coord("evaluate", "a", "a/improved", "--json")
@@ -29,15 +33,18 @@ def test_improve(sparse_coord, refused, folder):
     assert "improved: exists already" in refused("improve", "a")
     assert sparse_coord("train", "env2-2r", *TRAIN[2:], "--out", "b")[0] == 0
     (folder / "b" / "tables.npz").replace(folder / "a" / "tables.npz")
-    assert "robot 1 of scenario env1 with learner factored cannot have learned that" in refused(
-        "improve", "a"
+    assert (
+        "robot 1 of scenario env1 with learner factored cannot have learned that"
+        in refused("improve", "a")
     )
 
 
 def test_train_improves_to_the_same_tables_and_says_which_doorways_nobody_felt(
     sparse_coord, folder
 ):
-    code, out, _ = sparse_coord(*TRAIN, "--penalty", 0, "--out", "a", "--improve", "--json")
+    code, out, _ = sparse_coord(
+        *TRAIN, "--penalty", 0, "--out", "a", "--improve", "--json"
+    )
     plan = json.loads(out)["improved"]
     assert code == 0 and plan["learned_model"]["doorways"] == []
     assert plan["learned_model"]["unfelt"] == [10]

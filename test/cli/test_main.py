@@ -8,13 +8,17 @@ import signal
 import pytest
 
 import sparse_coord_ros
-from sparse_coord_ros.errors import EXIT_INTERRUPTED, LONGEST_LINE, MapError
+from sparse_coord_ros.base.errors import EXIT_INTERRUPTED, LONGEST_LINE, MapError
 
 VERBS = ("run", "train", "evaluate", "optimum", "maps", "reproduce")
 
 
 def test_version(sparse_coord):
-    assert sparse_coord("--version") == (0, f"sparse_coord {sparse_coord_ros.__version__}\n", "")
+    assert sparse_coord("--version") == (
+        0,
+        f"sparse_coord {sparse_coord_ros.__version__}\n",
+        "",
+    )
 
 
 def test_help_names_every_verb(sparse_coord):
@@ -27,10 +31,19 @@ def test_help_names_every_verb(sparse_coord):
     ("arguments", "words"),
     [
         ((), "VERB"),
-        (("trian", "env1"), "invalid choice: 'trian' (did you mean 'train'?); allowed: run, tr"),
+        (
+            ("trian", "env1"),
+            "invalid choice: 'trian' (did you mean 'train'?); allowed: run, tr",
+        ),
         (("train", "ENV1"), "scenario 'ENV1': no such scenario (did you mean 'env1'?)"),
-        (("train", "env1", "--set", "gamma=0.9"), "'gamma' (did you mean 'discount'?); allowed"),
-        (("train", "env1", "--set", "Alpha=0.9"), "'Alpha' (did you mean 'step_size'?); allowed"),
+        (
+            ("train", "env1", "--set", "gamma=0.9"),
+            "'gamma' (did you mean 'discount'?); allowed",
+        ),
+        (
+            ("train", "env1", "--set", "Alpha=0.9"),
+            "'Alpha' (did you mean 'step_size'?); allowed",
+        ),
         (
             ("train", "env1", "--episodes=5"),
             "--episodes=5 (did you mean '--steps'?)",
@@ -39,7 +52,10 @@ def test_help_names_every_verb(sparse_coord):
             ("train", "env1", "--stpes", "5"),
             "(did you mean '--steps'?); see sparse_coord train",
         ),
-        (("train", "env1", "--engine", "numb"), "invalid choice: 'numb' (did you mean 'numba'?)"),
+        (
+            ("train", "env1", "--engine", "numb"),
+            "invalid choice: 'numb' (did you mean 'numba'?)",
+        ),
         (
             ("train", "env1", "--learner", "a/b.py"),
             "'a/b.py' (did you mean 'b:NAME', a name",
@@ -67,13 +83,17 @@ def test_a_folder_of_runs_is_no_run_and_its_runs_are_listed(sparse_coord):
         assert sparse_coord(*arguments)[0] == 0
     code, _, err = sparse_coord("evaluate", "runs")
     assert code == 2
-    assert err == "error: runs: is no run; it holds these runs, give one of them: runs/a, runs/b\n"
+    assert (
+        err
+        == "error: runs: is no run; it holds these runs, give one of them: runs/a, runs/b\n"
+    )
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_interrupted_or_terminated(sparse_coord, monkeypatch, number):
     monkeypatch.setattr(
-        "sparse_coord_ros.cli.maps.load_map", lambda *_, **__: signal.raise_signal(number)
+        "sparse_coord_ros.cli.maps.load_map",
+        lambda *_, **__: signal.raise_signal(number),
     )
     before = signal.getsignal(number)
     assert sparse_coord("maps", "env1") == (EXIT_INTERRUPTED, "", "interrupted\n")
@@ -83,15 +103,26 @@ def test_interrupted_or_terminated(sparse_coord, monkeypatch, number):
 @pytest.mark.parametrize(
     ("error", "line"),
     [
-        (MemoryError("Unable to allocate 9 TiB"), "not enough memory (Unable to allocate 9 TiB);"),
+        (
+            MemoryError("Unable to allocate 9 TiB"),
+            "not enough memory (Unable to allocate 9 TiB);",
+        ),
         (MemoryError(), "not enough memory; choose a smaller scenario"),
-        (OSError(errno.ENOSPC, "No space left on device"), "No space left on device; make room\n"),
+        (
+            OSError(errno.ENOSPC, "No space left on device"),
+            "No space left on device; make room\n",
+        ),
         (OSError(errno.ENAMETOOLONG, "File name too long", "x" * 9000), "xxx"),
-        (NotADirectoryError(20, "Not a directory", "a/b"), "a/b: Not a directory; give another"),
+        (
+            NotADirectoryError(20, "Not a directory", "a/b"),
+            "a/b: Not a directory; give another",
+        ),
         (MapError("a\x1b[2J\nb" + "y" * 9000), "a\\x1b[2J\\nbyyy"),
     ],
 )
-def test_what_the_system_refuses_is_one_short_line(sparse_coord, monkeypatch, error, line):
+def test_what_the_system_refuses_is_one_short_line(
+    sparse_coord, monkeypatch, error, line
+):
     def refuse(*_, **__):
         raise error
 
@@ -114,7 +145,9 @@ def test_as_a_process_bad_input_is_one_line(python, tmp_path):
 
 
 def test_help_does_not_wait_for_numpy(python):
-    code = "import sys; from sparse_coord_ros.cli.main import make_parser; make_parser()"
+    code = (
+        "import sys; from sparse_coord_ros.cli.main import make_parser; make_parser()"
+    )
     python("-c", f"{code}; assert 'numpy' not in sys.modules")
 
 
@@ -129,6 +162,11 @@ def test_help_does_not_wait_for_numpy(python):
 def test_the_tab_key(python, tmp_path, line, answer):
     """What argcomplete's code in a shell asks, and how it is answered."""
     asked = {"_ARGCOMPLETE": "1", "_ARGCOMPLETE_IFS": " ", "COMP_LINE": line}
-    asked |= {"COMP_POINT": str(len(line)), "_ARGCOMPLETE_STDOUT_FILENAME": str(tmp_path / "said")}
-    python("-m", "sparse_coord_ros.executables", "sparse_coord", env=asked, cwd=tmp_path)
+    asked |= {
+        "COMP_POINT": str(len(line)),
+        "_ARGCOMPLETE_STDOUT_FILENAME": str(tmp_path / "said"),
+    }
+    python(
+        "-m", "sparse_coord_ros.executables", "sparse_coord", env=asked, cwd=tmp_path
+    )
     assert (tmp_path / "said").read_text().split() == answer

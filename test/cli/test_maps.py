@@ -4,8 +4,8 @@
 
 import json
 
-from sparse_coord_ros.game.grid import load_map, map_names
-from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.core.game.grid import load_map, map_names
+from sparse_coord_ros.core.game.scenario import load_scenario
 
 
 def test_list(sparse_coord):
@@ -21,7 +21,12 @@ def test_one_map(sparse_coord):
     code, out, err = sparse_coord("maps", "env1")
     assert (code, err) == (0, "")
     assert "\n".join(load_map("env1").rows) in out
-    words = ("env1: Two rooms", "source: Melo", "provenance: ", "5 x 5, 21 cells, 1 doorway")
+    words = (
+        "env1: Two rooms",
+        "source: Melo",
+        "provenance: ",
+        "5 x 5, 21 cells, 1 doorway",
+    )
     assert [one for one in words if one not in out] == []
 
 
@@ -35,7 +40,9 @@ def test_json(sparse_coord):
     assert (env1["cells"], env1["doorways"], env1["doorway_cells"]) == (21, 1, [[2, 2]])
     assert env1["starts"] == {"1": [0, 0], "2": [0, 4]}
     assert tuple(env1["rows"]) == load_map("env1").rows
-    assert [m["name"] for m in json.loads(sparse_coord("maps", "--json")[1])] == map_names()
+    assert [
+        m["name"] for m in json.loads(sparse_coord("maps", "--json")[1])
+    ] == map_names()
 
 
 def test_a_generated_building(sparse_coord):
@@ -46,4 +53,6 @@ def test_a_generated_building(sparse_coord):
 
 
 def test_a_building_that_there_is_not(refused):
-    assert "scenario 'building-3x2x4-49r-0': allowed: " in refused("maps", "building-3x2x4-49r-0")
+    assert "scenario 'building-3x2x4-49r-0': allowed: " in refused(
+        "maps", "building-3x2x4-49r-0"
+    )

@@ -6,9 +6,9 @@ import json
 
 import pytest
 
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.solve.asking_search import WARNING
-from sparse_coord_ros.solve.shipped import shipped_asking_team
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.solve.asking_search import WARNING
+from sparse_coord_ros.core.solve.shipped import shipped_asking_team
 
 
 def test_exact(sparse_coord):
@@ -19,14 +19,20 @@ def test_exact(sparse_coord):
     assert "bound (robots alone)   126.45" in out
     data = json.loads(sparse_coord("optimum", "env1", "--penalty", "-100", "--json")[1])
     assert data["value"] == pytest.approx(120.6, abs=0.1)
-    assert (data["scenario"], data["exact"], data["joint_states"]) == ("env1", True, 441)
+    assert (data["scenario"], data["exact"], data["joint_states"]) == (
+        "env1",
+        True,
+        441,
+    )
 
 
 def test_the_shipped_asking_team_stands_beside_the_optimum(sparse_coord):
     out = sparse_coord("optimum", "env1")[1]
     assert f"best asking team found 121.20, {WARNING}" in out
     assert (
-        json.loads(sparse_coord("optimum", "env1", "--json")[1])["best_asking_team"]["value"]
+        json.loads(sparse_coord("optimum", "env1", "--json")[1])["best_asking_team"][
+            "value"
+        ]
         > 121.19
     )
     out = sparse_coord("optimum", "env1", "--penalty", "-21")[1]
@@ -38,7 +44,9 @@ def corridor(folder):
     """Return the path of a scenario that is searched in no time."""
     (folder / "corridor.txt").write_text("title: corridor\n---\n1D.2\n")
     robots = "robots:\n  a: {start: 1, goal: 2}\n  b: {start: 2, goal: 1}\n"
-    (folder / "corridor.yaml").write_text(f"map: corridor.txt\nask_cost: 0.01\n{robots}")
+    (folder / "corridor.yaml").write_text(
+        f"map: corridor.txt\nask_cost: 0.01\n{robots}"
+    )
     return "corridor.yaml"
 
 
@@ -47,7 +55,12 @@ def test_search_for_the_best_asking_team(sparse_coord, folder, corridor):
     search = ("optimum", corridor, "--class", "--seed", 4, "--out", "search.json")
     code, out, err = sparse_coord(*search, "--restarts", 2)
     assert (code, err) == (0, "")
-    for words in (WARNING, "2 of 2 restarts agree, seed 4", "a: (0, 0)", "b: (0, 3) west"):
+    for words in (
+        WARNING,
+        "2 of 2 restarts agree, seed 4",
+        "a: (0, 0)",
+        "b: (0, 3) west",
+    ):
         assert words in out
     assert "asks in" in out
     assert "shipped" not in out
@@ -61,16 +74,24 @@ def test_search_for_the_best_asking_team(sparse_coord, folder, corridor):
 def test_the_shipped_one_stands_beside_a_search(sparse_coord):
     shipped = shipped_asking_team(load_scenario("pentagon"))
     out = sparse_coord("optimum", "pentagon", "--class", "--restarts", 1)[1]
-    assert f"shipped      160.982, {shipped.agreed} of {shipped.restarts} restarts" in out
+    assert (
+        f"shipped      160.982, {shipped.agreed} of {shipped.restarts} restarts" in out
+    )
     assert "an equilibrium, as far as known" in out
 
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["env2-4r", "--class"], ["env2-4r has 4 robots, allowed: 2", "leave out --class"]),
+        (
+            ["env2-4r", "--class"],
+            ["env2-4r has 4 robots, allowed: 2", "leave out --class"],
+        ),
         (["env1", "--restarts", "3"], ["--restarts", "add --class"]),
-        (["env1", "--class", "--restarts", "0"], ["setting restarts: value is '0'", "from 1"]),
+        (
+            ["env1", "--class", "--restarts", "0"],
+            ["setting restarts: value is '0'", "from 1"],
+        ),
         (["missing.yaml"], ["scenario 'missing.yaml'", "give the path"]),
     ],
 )

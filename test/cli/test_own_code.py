@@ -10,8 +10,8 @@ import pytest
 import yaml
 
 from sparse_coord_ros.cli.main import main
-from sparse_coord_ros.learn.tables import load_saved
-from sparse_coord_ros.learners.tables import memories_equal
+from sparse_coord_ros.core.learners.tables import memories_equal
+from sparse_coord_ros.core.runs.tables import load_saved
 
 MODULE = """
 import numpy as np
@@ -121,7 +121,17 @@ def test_reproduce_names_it_in_ids(place, verb):
     ]
     few = ("--runs", 2, "--trials", 3)
     found = [
-        verb("reproduce", *ids, f"{ids[1]}/1", *few, "--out", engine, "--engine", engine, "--json")
+        verb(
+            "reproduce",
+            *ids,
+            f"{ids[1]}/1",
+            *few,
+            "--out",
+            engine,
+            "--engine",
+            engine,
+            "--json",
+        )
         for engine in ("auto", "python")
     ]
     assert found[0].replace('"auto/', '"python/') == found[1]
@@ -139,7 +149,14 @@ def test_where_it_fails_one_line_says_so(here, place):
     for arguments in (
         ("train", "env1", *broken, "--out", "broken"),
         ("run", "env1", *broken, "--out", "broken_live"),
-        ("reproduce", "env1/my_code:Broken/penalty=-20", "--runs", 2, "--out", "broken_r"),
+        (
+            "reproduce",
+            "env1/my_code:Broken/penalty=-20",
+            "--runs",
+            2,
+            "--out",
+            "broken_r",
+        ),
     ):
         error = here(*arguments, code=2)
         assert error.splitlines()[-1].startswith(blame), error

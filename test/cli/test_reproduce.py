@@ -19,12 +19,12 @@ import pytest
 from patience import PATIENCE_SECONDS
 from teams import tables_in
 
-from sparse_coord_ros.engine import batch, trained
-from sparse_coord_ros.experiments import runner as module
-from sparse_coord_ros.experiments.store import Plan, open_results
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learn.run import learn
-from sparse_coord_ros.learners.tables import tables_equal
+from sparse_coord_ros.core.engine import batch, trained
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.learners.tables import tables_equal
+from sparse_coord_ros.core.runs.run import learn
+from sparse_coord_ros.studies import runner as module
+from sparse_coord_ros.studies.store import Plan, open_results
 
 FEW = ("--runs", "2", "--trials", "5")
 
@@ -35,7 +35,9 @@ def test_an_experiment(sparse_coord, folder):
     assert code == 0
     assert "env1/coop/penalty=-20" in out
     assert out.splitlines()[-1] == "report: r/reproduction.md"
-    names = {str(path.relative_to(folder / "r")) for path in (folder / "r").rglob("*.*")}
+    names = {
+        str(path.relative_to(folder / "r")) for path in (folder / "r").rglob("*.*")
+    }
     assert {"reproduction.md", "tables/table1.csv"} <= names
     assert {"figures/table1.png", "figures/table1.svg"} <= names
     assert "conditions/env2-4r/coop/penalty=-20.json" in names
@@ -43,18 +45,36 @@ def test_an_experiment(sparse_coord, folder):
         assert len(list(csv.DictReader(file))) == 12
 
 
-def test_interrupted_in_a_condition_it_goes_on_with_that_one(sparse_coord, folder, monkeypatch):
+def test_interrupted_in_a_condition_it_goes_on_with_that_one(
+    sparse_coord, folder, monkeypatch
+):
     real = module.run_batches
 
     def interrupted(batches, **settings):
-        yield from islice(real(batches, **settings), 3)  # two runs of a condition, and one more
+        yield from islice(
+            real(batches, **settings), 3
+        )  # two runs of a condition, and one more
         raise KeyboardInterrupt
 
-    conditions = [f"env1/{learner}/penalty=-20,steps=300" for learner in ("noncoop", "indiv")]
-    arguments = ("reproduce", *conditions, *FEW, "--engine", "python", "--jobs", 1, "--json")
+    conditions = [
+        f"env1/{learner}/penalty=-20,steps=300" for learner in ("noncoop", "indiv")
+    ]
+    arguments = (
+        "reproduce",
+        *conditions,
+        *FEW,
+        "--engine",
+        "python",
+        "--jobs",
+        1,
+        "--json",
+    )
     monkeypatch.setattr(module, "run_batches", interrupted)
     assert sparse_coord(*arguments, "--out", "r")[0] == 130
-    assert [(folder / f"r/conditions/{one}.json").exists() for one in conditions] == [True, False]
+    assert [(folder / f"r/conditions/{one}.json").exists() for one in conditions] == [
+        True,
+        False,
+    ]
     monkeypatch.setattr(module, "run_batches", real)
     code, resumed, _ = sparse_coord(*arguments, "--out", "r")
     assert code == 0
@@ -90,9 +110,15 @@ def test_list(sparse_coord, folder):
         (("table1", "--runs", "0"), ("runs", "'0'", "from 1")),
         (("table1", "--jobs", "0"), ("jobs", "'0'")),
         (("env1/coop/penalty=-20/100",), ("run 100", "below 100")),
-        (("table1", "--seed", str(2**63 - 1)), ("setting seed", "100 runs", str(2**63 - 100))),
+        (
+            ("table1", "--seed", str(2**63 - 1)),
+            ("setting seed", "100 runs", str(2**63 - 100)),
+        ),
         (("../config/env1/coop/penalty=-20",), ("../config/env1", "no such scenario")),
-        ((f"{'x' * 5000}/coop/penalty=-20",), ("scenario: value is", "names of up to 255 bytes")),
+        (
+            (f"{'x' * 5000}/coop/penalty=-20",),
+            ("scenario: value is", "names of up to 255 bytes"),
+        ),
     ],
 )
 def test_bad_input(refused, arguments, words):
@@ -102,10 +128,14 @@ def test_bad_input(refused, arguments, words):
 
 def test_a_single_run_that_is_there_is_printed_again(sparse_coord, folder, monkeypatch):
     target = "env1/coop/penalty=-20,steps=2000/1"
-    first = [sparse_coord("reproduce", target, *FEW, "--out", "r", *more) for more in JSON]
+    first = [
+        sparse_coord("reproduce", target, *FEW, "--out", "r", *more) for more in JSON
+    ]
     before = files(folder)
     monkeypatch.setattr(module, "run_batch", None)
-    again = [sparse_coord("reproduce", target, target, *FEW, "--out", "r", *m) for m in JSON]
+    again = [
+        sparse_coord("reproduce", target, target, *FEW, "--out", "r", *m) for m in JSON
+    ]
     assert first == again
     assert {code for code, _, _ in first} == {0}
     assert len(json.loads(first[1][1])["runs"]) == 1
@@ -128,8 +158,12 @@ def test_a_run_that_is_there_is_not_overwritten(sparse_coord, refused, folder):
     assert "exists already" in refused("reproduce", target, *FEW, "--out", "r")
 
 
-@pytest.mark.parametrize("error", [KeyboardInterrupt, OSError(errno.ENOSPC, "No space left")])
-def test_a_single_run_that_is_not_saved_leaves_nothing(sparse_coord, folder, monkeypatch, error):
+@pytest.mark.parametrize(
+    "error", [KeyboardInterrupt, OSError(errno.ENOSPC, "No space left")]
+)
+def test_a_single_run_that_is_not_saved_leaves_nothing(
+    sparse_coord, folder, monkeypatch, error
+):
     target = "env1/indiv/penalty=-20,steps=100/1"
     real = trained.save_team
 
@@ -142,7 +176,9 @@ def test_a_single_run_that_is_not_saved_leaves_nothing(sparse_coord, folder, mon
     assert (out, err.count("\n")) == ("", 1)
     assert code == (130 if error is KeyboardInterrupt else 2)
     assert [path.name for path in files(folder)] == ["results.json"]
-    (folder / "r/runs/env1/indiv/penalty=-20,steps=100/1.partial").mkdir()  # a killed one does
+    (
+        folder / "r/runs/env1/indiv/penalty=-20,steps=100/1.partial"
+    ).mkdir()  # a killed one does
     monkeypatch.setattr(trained, "save_team", real)
     assert sparse_coord("reproduce", target, *FEW, "--out", "r")[0] == 0
     assert [path.name for path in (folder / "r/runs").rglob("*.partial")] == []
@@ -155,12 +191,16 @@ def test_scenario_files_stay_in_the_results_directory(sparse_coord, folder):
             f"map: env1\nrobots: {{x: {{start: 1, goal: 2}}}}\nsteps: {steps}\n"
         )
     before = set(files(folder))
-    one, other = (f"{folder}/work/../{name}/mine.yaml/indiv/penalty=-1" for name in "ab")
+    one, other = (
+        f"{folder}/work/../{name}/mine.yaml/indiv/penalty=-1" for name in "ab"
+    )
     (folder / "work").mkdir()
     code, out, err = sparse_coord("reproduce", one, f"{one}/1", *FEW, "--out", "work/r")
     assert code == 0, err
     assert out.splitlines()[2].startswith("mine/indiv/penalty=-1 ")
-    made = {str(path.relative_to(folder / "work/r")) for path in set(files(folder)) - before}
+    made = {
+        str(path.relative_to(folder / "work/r")) for path in set(files(folder)) - before
+    }
     run = {f"runs/mine/indiv/penalty=-1/1/{name}" for name in RUN}
     assert made == {"results.json", "conditions/mine/indiv/penalty=-1.json"} | run
     for target in (other, f"{other}/1"):
@@ -196,15 +236,30 @@ def within(seconds, condition):
     return True
 
 
-@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="looks at /proc of Linux")
+@pytest.mark.skipif(
+    not Path("/proc/self/task").exists(), reason="looks at /proc of Linux"
+)
 @pytest.mark.parametrize(
     "number",
     [pytest.param(signal.SIGINT, marks=pytest.mark.long), signal.SIGKILL],
 )
 def test_no_process_goes_on_computing(folder, number):
-    command = ["reproduce", "crowd-8r/coop/penalty=-20,steps=1000000", "--engine", "python"]
+    command = [
+        "reproduce",
+        "crowd-8r/coop/penalty=-20,steps=1000000",
+        "--engine",
+        "python",
+    ]
     process = subprocess.Popen(
-        [sys.executable, "-m", "sparse_coord_ros.cli.main", *command, "--jobs", "2", *FEW],
+        [
+            sys.executable,
+            "-m",
+            "sparse_coord_ros.cli.main",
+            *command,
+            "--jobs",
+            "2",
+            *FEW,
+        ],
         env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -224,16 +279,25 @@ def test_no_process_goes_on_computing(folder, number):
         sent = time.monotonic()
         out, err = process.communicate(timeout=PATIENCE_SECONDS)
         assert time.monotonic() - sent < 3
-        assert within(3, lambda: not any(Path(f"/proc/{one}/cmdline").exists() for one in busy))
+        assert within(
+            3, lambda: not any(Path(f"/proc/{one}/cmdline").exists() for one in busy)
+        )
     finally:
         with suppress(ProcessLookupError):
             os.killpg(process.pid, signal.SIGKILL)
-    assert (process.returncode, out) == (-number if number == signal.SIGKILL else 130, "")
+    assert (process.returncode, out) == (
+        -number if number == signal.SIGKILL else 130,
+        "",
+    )
     assert "Traceback" not in err
-    if number == signal.SIGKILL:  # Python says that it removes the semaphores of a killed process
+    if (
+        number == signal.SIGKILL
+    ):  # Python says that it removes the semaphores of a killed process
         assert err == "" or "leaked semaphore objects to clean up" in err
     else:
-        assert err.splitlines()[-1] == "interrupted"  # on a busy machine it says how far it came
+        assert (
+            err.splitlines()[-1] == "interrupted"
+        )  # on a busy machine it says how far it came
     with open_results(Path("results"), Plan(0, 2, 5)):
         pass
 
@@ -245,11 +309,15 @@ def test_numba_missing(sparse_coord, refused, monkeypatch):
     assert code == 0
     assert err.count("numba is not installed: plain Python") == 1
     assert np.isfinite(json.loads(plain)["conditions"][0]["reward"]["mean"])
-    assert "not installed" in refused("reproduce", one, *FEW, "--out", "r", "--engine", "numba")
+    assert "not installed" in refused(
+        "reproduce", one, *FEW, "--out", "r", "--engine", "numba"
+    )
 
 
 @pytest.mark.parametrize("package", ["pandas", "matplotlib", "jinja2"])
-def test_what_a_report_needs_is_missed_before_anything_is_computed(refused, monkeypatch, package):
+def test_what_a_report_needs_is_missed_before_anything_is_computed(
+    refused, monkeypatch, package
+):
     monkeypatch.setitem(sys.modules, package, None)
     message = refused("reproduce", "table1", *FEW, "--out", "r")
     assert f"a report needs the Python package {package} (" in message

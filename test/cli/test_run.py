@@ -35,7 +35,12 @@ def test_existing_directory_is_not_touched(refused, folder):
 def test_without_ros_it_says_what_to_do(refused, monkeypatch):
     monkeypatch.setitem(sys.modules, "rclpy", None)
     message = refused("run", "env1", "--out", "out")
-    for words in ("ROS 2 is not there", "source a ROS 2 Jazzy", "'.[ros]'", "sparse_coord train"):
+    for words in (
+        "ROS 2 is not there",
+        "source a ROS 2 Jazzy",
+        "'.[ros]'",
+        "sparse_coord train",
+    ):
         assert words in message
 
 
@@ -56,13 +61,20 @@ def test_a_run_whose_tables_could_not_be_saved_is_not_said_to_be_unfinished(
     )
 
 
-def test_a_run_that_was_finished_already_is_said_to_be(sparse_coord, folder, monkeypatch):
+def test_a_run_that_was_finished_already_is_said_to_be(
+    sparse_coord, folder, monkeypatch
+):
     """Of nodes that were started by hand the checkpoints stay, so that it can be resumed."""
 
     def run(values, **more):
         (folder / "out").mkdir()
         (folder / "out" / "tables.npz").touch()
-        return {"interrupted": False, "transitions": 5, "seconds": 0.1, "steps_per_second": 0.0}
+        return {
+            "interrupted": False,
+            "transitions": 5,
+            "seconds": 0.1,
+            "steps_per_second": 0.0,
+        }
 
     monkeypatch.setattr("sparse_coord_ros.cli.live.run", run)
     code, printed, _ = sparse_coord("run", "--resume", "out")
@@ -88,7 +100,9 @@ def test_a_signal_ends_a_watched_run_in_whichever_moment(
 
     def show_end(server, out):
         if moment == "show_end":
-            with suppress(KeyboardInterrupt):  # as in a destructor, where nobody hears it
+            with suppress(
+                KeyboardInterrupt
+            ):  # as in a destructor, where nobody hears it
                 signal.raise_signal(number)
 
     def sleep(seconds, times=itertools.count()):  # noqa: B008
@@ -100,7 +114,9 @@ def test_a_signal_ends_a_watched_run_in_whichever_moment(
     monkeypatch.setattr(page, "show_end", show_end)
     monkeypatch.setattr(page, "time", SimpleNamespace(sleep=sleep))
     before = signal.getsignal(number)
-    code, _, _ = sparse_coord("run", "env1", "--steps", 5, "--out", "out", "--watch", "--port", 0)
+    code, _, _ = sparse_coord(
+        "run", "env1", "--steps", 5, "--out", "out", "--watch", "--port", 0
+    )
     assert code == 0 and signal.getsignal(number) == before
 
 

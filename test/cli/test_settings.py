@@ -4,21 +4,33 @@
 
 import json
 
-from sparse_coord_ros.game.scenario import DIALOGUE, PROTOCOL, SETTINGS
-from sparse_coord_ros.learn.run_config import RUN_SETTINGS
-from sparse_coord_ros.learners.registry import LEARNERS
+from sparse_coord_ros.core.game.scenario import DIALOGUE, PROTOCOL, SETTINGS
+from sparse_coord_ros.core.learners.registry import LEARNERS
+from sparse_coord_ros.core.runs.run_config import RUN_SETTINGS
 
 
 def test_every_setting_is_there_once(sparse_coord):
     code, out, err = sparse_coord("settings", "--json")
     assert (code, err) == (0, "")
     groups = json.loads(out)
-    told = [name for group in ("scenario", "dialogue", "protocol") for name in groups[group]]
+    told = [
+        name for group in ("scenario", "dialogue", "protocol") for name in groups[group]
+    ]
     assert sorted(told) == sorted(SETTINGS)
     assert {*DIALOGUE, *PROTOCOL} <= {*SETTINGS}
     assert list(groups["run"]) == list(RUN_SETTINGS)
-    assert list(groups["learners"])[: len(LEARNERS.registered)] == list(LEARNERS.registered)
-    nodes = ("world_simulator", "robot", "recorder", "driver", "body", "player", "watch")
+    assert list(groups["learners"])[: len(LEARNERS.registered)] == list(
+        LEARNERS.registered
+    )
+    nodes = (
+        "world_simulator",
+        "robot",
+        "recorder",
+        "driver",
+        "body",
+        "player",
+        "watch",
+    )
     assert {"drive", *nodes} <= set(groups)
 
 
@@ -30,7 +42,9 @@ def test_it_says_what_validates(sparse_coord):
     assert one["allowed"] == SETTINGS["discount"].allowed
     forms = {form["form"]: form for form in said["dialogue"]["link"]["forms"]}
     assert list(forms) == SETTINGS["link"].allowed.split(", ")
-    assert forms["lost:P"]["numbers"] == [{"name": "p", "low": 0, "high": 1, "repeated": False}]
+    assert forms["lost:P"]["numbers"] == [
+        {"name": "p", "low": 0, "high": 1, "repeated": False}
+    ]
 
 
 def test_forms_say_what_they_mean(sparse_coord):
@@ -38,7 +52,9 @@ def test_forms_say_what_they_mean(sparse_coord):
     kinds = [one.kind for one in SETTINGS.values() if not isinstance(one.kind, type)]
     forms = [form for kind in kinds for form in kind.forms]
     assert [form.text for form in forms if not form.meaning] == []
-    assert [form.text for form in forms if f"{form.text}: {form.meaning}" not in words] == []
+    assert [
+        form.text for form in forms if f"{form.text}: {form.meaning}" not in words
+    ] == []
 
 
 def test_a_learner_and_its_own_defaults(sparse_coord):

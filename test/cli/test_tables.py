@@ -7,13 +7,13 @@ import json
 import pytest
 from teams import plain_run, tables_in
 
-from sparse_coord_ros.bags import BagWriter
 from sparse_coord_ros.cli.main import main
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learn.run_config import make_run
-from sparse_coord_ros.learn.tables import pack_tables
-from sparse_coord_ros.learners.tables import tables_equal
-from sparse_coord_ros.wire import tables_attachment
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.learners.tables import tables_equal
+from sparse_coord_ros.core.runs.run_config import make_run
+from sparse_coord_ros.core.runs.tables import pack_tables
+from sparse_coord_ros.log.bags import BagWriter
+from sparse_coord_ros.protocol.wire import tables_attachment
 
 
 @pytest.fixture
@@ -28,7 +28,9 @@ def recorded(tmp_path):
             learning.advance(step)
             for k, memory in enumerate(learning.memories, start=1):
                 data = pack_tables({k: memory}, counts={"step": step})
-                bag.attach(tables_attachment(f"robot_{k}", step), data, "application/x-npz")
+                bag.attach(
+                    tables_attachment(f"robot_{k}", step), data, "application/x-npz"
+                )
             if step == 20:
                 bag.begin_file({"why": "split"})
     return tmp_path / "bag", scenario, learning.tables
@@ -38,7 +40,9 @@ def test_one_step(recorded, tmp_path, capsys):
     bag, scenario, tables = recorded
     assert main(["tables", str(bag), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["steps"] == [20, 40]
-    assert main(["tables", str(bag), "--step", "40", "--out", str(tmp_path / "then")]) == 0
+    assert (
+        main(["tables", str(bag), "--step", "40", "--out", str(tmp_path / "then")]) == 0
+    )
     assert tables_equal(tables_in(tmp_path / "then"), tables)
     assert main(["evaluate", str(tmp_path / "then"), "--trials", "5"]) == 0
 

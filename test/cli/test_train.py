@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""`sparse_coord train`: the tables of `learn.run.learn`, and bad input."""
+"""`sparse_coord train`: the tables of `core.runs.run.learn`, and bad input."""
 
 import csv
 import errno
@@ -17,13 +17,13 @@ import pytest
 from patience import PATIENCE_SECONDS
 from teams import plain_run, tables_in
 
+from sparse_coord_ros.base.compiling import FOLDER_VARIABLE
+from sparse_coord_ros.base.files import take_lock
 from sparse_coord_ros.cli import evaluate as evaluate_verb
 from sparse_coord_ros.cli import train as train_verb
-from sparse_coord_ros.compiling import FOLDER_VARIABLE
-from sparse_coord_ros.files import take_lock
-from sparse_coord_ros.learn.history import load_history
-from sparse_coord_ros.learn.run_config import load_run
-from sparse_coord_ros.learners.tables import tables_equal
+from sparse_coord_ros.core.learners.tables import tables_equal
+from sparse_coord_ros.core.runs.history import load_history
+from sparse_coord_ros.core.runs.run_config import load_run
 
 SHORT = ("train", "env1", "--steps", 5, "--trials", 0)
 
@@ -48,7 +48,7 @@ def full_disk(monkeypatch):
                 raise OSError(errno.ENOSPC, "No space left on device")
             replace(partial, path)
 
-        monkeypatch.setattr("sparse_coord_ros.files.os.replace", refuse)
+        monkeypatch.setattr("sparse_coord_ros.base.files.os.replace", refuse)
 
     return fill
 
@@ -59,7 +59,9 @@ def names(directory):
 
 def test_train(sparse_coord, folder):
     more = ("--learner", "indiv", "--steps", 300, "--seed", 4, "--set", "max_steps=40")
-    code, out, err = sparse_coord("train", "env1", *more, "--trials", 50, "--out", "runs/a")
+    code, out, err = sparse_coord(
+        "train", "env1", *more, "--trials", 50, "--out", "runs/a"
+    )
     assert (code, err) == (0, "")
     files = ["tables", "runs/a/tables.npz", "history", "runs/a/history.npz", "run"]
     assert out.split()[-6:] == [*files, "runs/a/run.yaml"]
@@ -87,7 +89,10 @@ def test_default_directory_is_named_after_the_scenario(sparse_coord, folder):
     ("arguments", "words"),
     [
         (["env1", "--set", "penalty"], ["'penalty'", "key=value"]),
-        (["env1", "--penalty", "5"], ["setting penalty: value is '5'", "from -1e+09 to 0"]),
+        (
+            ["env1", "--penalty", "5"],
+            ["setting penalty: value is '5'", "from -1e+09 to 0"],
+        ),
         (["env1", "--seed", "-1"], ["setting seed: value is '-1'", "from 0"]),
         (["env1", "--trials", "-1"], ["setting trials: value is '-1'", "from 0"]),
         (["env1", "--evaluate-every", "x"], ["setting evaluate-every: value is 'x'"]),
@@ -100,12 +105,23 @@ def test_bad_input(refused, arguments, words):
 
 
 def test_evaluations_on_the_way(sparse_coord, folder):
-    arguments = ("--steps", 1000, "--evaluate-every", 400, "--engine", "python", "--trials", 20)
+    arguments = (
+        "--steps",
+        1000,
+        "--evaluate-every",
+        400,
+        "--engine",
+        "python",
+        "--trials",
+        20,
+    )
     code, out, _ = sparse_coord("train", "env1", *arguments, "--out", "a")
     assert (code, out.splitlines()[-1]) == (0, "on the way  a/evaluations.csv")
     with (folder / "a" / "evaluations.csv").open() as file:
         rows = list(csv.DictReader(file))
-    said = json.loads(sparse_coord("train", "env1", *arguments, "--json", "--out", "b")[1])
+    said = json.loads(
+        sparse_coord("train", "env1", *arguments, "--json", "--out", "b")[1]
+    )
     assert (said["evaluation"]["trials"], said["optimum_exact"]) == (20, True)
     assert [entry["steps"] for entry in said["evaluations"]] == [400, 800, 1000]
     for row, entry in zip(rows, said["evaluations"], strict=True):
@@ -124,7 +140,11 @@ def test_evaluations_on_the_way(sparse_coord, folder):
     ],
 )
 def test_advice_where_robots_do_not_arrive(sparse_coord, settings, words):
-    options = [part for name, value in settings.items() for part in ("--set", f"{name}={value}")]
+    options = [
+        part
+        for name, value in settings.items()
+        for part in ("--set", f"{name}={value}")
+    ]
     arguments = ("--steps", 50, "--trials", 20, *options)
     code, out, _ = sparse_coord("train", "env1", *arguments, "--out", "a")
     assert code == 0
@@ -152,7 +172,16 @@ def test_interrupt_and_resume(sparse_coord, folder, monkeypatch):
         return real(*arguments, progress=after_a_while, **keywords)
 
     monkeypatch.setattr(train_verb, "train", interrupted)
-    arguments = ("--steps", 5000, "--seed", 3, "--evaluate-every", 2000, "--engine", "python")
+    arguments = (
+        "--steps",
+        5000,
+        "--seed",
+        3,
+        "--evaluate-every",
+        2000,
+        "--engine",
+        "python",
+    )
     code, out, err = sparse_coord("train", "env1", *arguments, "--out", "a")
     assert (code, out) == (130, "")
     assert "go on with: sparse_coord train --resume a\n" in err
@@ -160,7 +189,10 @@ def test_interrupt_and_resume(sparse_coord, folder, monkeypatch):
     message = sparse_coord("train", "env2-2r", "--steps", 7, "--resume", "a")[2]
     assert "SCENARIO, --steps cannot change a run that is resumed" in message
     message = sparse_coord("run", "--resume", "a")[2]
-    assert message == "error: a: holds a run of train; go on with: sparse_coord train --resume a\n"
+    assert (
+        message
+        == "error: a: holds a run of train; go on with: sparse_coord train --resume a\n"
+    )
     whole = (folder / "a" / "checkpoint.npz").read_bytes()
     (folder / "a" / "checkpoint.npz").write_bytes(whole[:-1])
     [message] = sparse_coord("train", "--resume", "a")[2].splitlines()
@@ -170,16 +202,28 @@ def test_interrupt_and_resume(sparse_coord, folder, monkeypatch):
     assert take_lock(held)
     message = sparse_coord("train", "--resume", "a")[2]
     os.close(held)
-    assert message.startswith("error: a: another process learns there; wait for its end")
-    code, out, err = sparse_coord("train", "--resume", "a", "--engine", "numba", "--trials", 20)
+    assert message.startswith(
+        "error: a: another process learns there; wait for its end"
+    )
+    code, out, err = sparse_coord(
+        "train", "--resume", "a", "--engine", "numba", "--trials", 20
+    )
     assert code == 0, err
-    assert names(folder / "a") == ["evaluations.csv", "history.npz", "run.yaml", "tables.npz"]
+    assert names(folder / "a") == [
+        "evaluations.csv",
+        "history.npz",
+        "run.yaml",
+        "tables.npz",
+    ]
     expected = learned(folder / "a")
     assert tables_equal(tables_in(folder / "a"), expected.tables)
     assert load_history(folder / "a").same_bits(expected.history)
     assert "is finished, there is nothing" in sparse_coord("train", "--resume", "a")[2]
     (folder / "a" / "checkpoint").mkdir()
-    assert "go on with: sparse_coord run --resume a\n" in sparse_coord("train", "--resume", "a")[2]
+    assert (
+        "go on with: sparse_coord run --resume a\n"
+        in sparse_coord("train", "--resume", "a")[2]
+    )
 
 
 def test_an_interrupt_removes_only_what_train_wrote(sparse_coord, folder, monkeypatch):
@@ -202,8 +246,10 @@ def test_a_full_disk_leaves_no_half_of_a_run(refused, full_disk, name):
     )
 
 
-def test_a_full_disk_where_there_is_a_checkpoint(sparse_coord, folder, full_disk, monkeypatch):
-    monkeypatch.setattr("sparse_coord_ros.engine.training.SAVE_SECONDS", 0.0)
+def test_a_full_disk_where_there_is_a_checkpoint(
+    sparse_coord, folder, full_disk, monkeypatch
+):
+    monkeypatch.setattr("sparse_coord_ros.core.engine.training.SAVE_SECONDS", 0.0)
     full_disk("tables.npz")
     err = sparse_coord(*SHORT, "--steps", 2500, "--engine", "python", "--out", "a")[2]
     assert err == (
@@ -259,10 +305,14 @@ def test_an_interrupt_while_numba_compiles(folder, number):
 
 
 @pytest.mark.parametrize(("scenario", "how"), [("env1", ("--exact",)), ("env2-4r", ())])
-def test_what_was_learned_is_computed_where_that_can_be(sparse_coord, monkeypatch, scenario, how):
+def test_what_was_learned_is_computed_where_that_can_be(
+    sparse_coord, monkeypatch, scenario, how
+):
     for verb in (train_verb, evaluate_verb):
         monkeypatch.setattr(verb, "TRIALS", replace(verb.TRIALS, default=30))
     code, out, _ = sparse_coord("train", scenario, "--steps", 300, "--out", "a")
     assert (code, "Coop., exact" in out) == (0, scenario == "env1")
-    assert out.splitlines()[:3] == sparse_coord("evaluate", "a", *how)[1].splitlines()[:3]
+    assert (
+        out.splitlines()[:3] == sparse_coord("evaluate", "a", *how)[1].splitlines()[:3]
+    )
     assert "some robot did not arrive." in out

@@ -12,11 +12,11 @@ from teams import THEIRS, forgotten
 
 import sparse_coord_ros as sc
 from sparse_coord_ros.cli.main import main
-from sparse_coord_ros.doctor.round_trip import round_trip
-from sparse_coord_ros.engine.processes import SAFE_PATH, in_processes
-from sparse_coord_ros.game import plugins
-from sparse_coord_ros.look.page.bag_source import BagSource
-from sparse_coord_ros.look.page.board import Board
+from sparse_coord_ros.core.engine.processes import SAFE_PATH, in_processes
+from sparse_coord_ros.core.game import plugins
+from sparse_coord_ros.ros.doctor.round_trip import round_trip
+from sparse_coord_ros.show.page.bag_source import BagSource
+from sparse_coord_ros.show.page.board import Board
 
 NAMED = ("coop", "theirs:Team")
 REFUSED = "refused"
@@ -74,15 +74,21 @@ def sent(tmp_path_factory):
             ("learner", "theirs:Team", {"steps": 200}),
             ("model", "coop", steps),
         ):
-            learned = sc.train(scenario.with_settings(settings), learner, engine="python")
+            learned = sc.train(
+                scenario.with_settings(settings), learner, engine="python"
+            )
             for out in (name, f"{name}_unfinished"):
                 learned.save(out)
-            Path(f"{name}_unfinished/tables.npz").rename(f"{name}_unfinished/checkpoint.npz")
+            Path(f"{name}_unfinished/tables.npz").rename(
+                f"{name}_unfinished/checkpoint.npz"
+            )
             recorded(folder / name, settings=settings, values={"learner": learner})
         few = ["--runs", "1", "--trials", "2", "--jobs", "1", "--engine", "python"]
         conditions = [f"env1/{name}/penalty=-20,steps=200" for name in NAMED]
         assert main(["reproduce", *conditions, *few, "--out", "results"]) == 0
-    robots = "robot_1: {start: [0, 0], goal: [0, 4]}, robot_2: {start: [0, 4], goal: [0, 0]}"
+    robots = (
+        "robot_1: {start: [0, 0], goal: [0, 4]}, robot_2: {start: [0, 4], goal: [0, 0]}"
+    )
     text = f"map: env1\nrobots: {{{robots}}}\nperception: theirs:fog:0.5\n"
     (folder / "scenario.yaml").write_text(text)
     (folder / "imported").unlink()
@@ -105,7 +111,12 @@ def words_of(command, name, out):
         resumed = str(out / "unfinished")
         (out / "unfinished/checkpoint").mkdir(parents=True)
         (out / "unfinished/run.yaml").write_text(Path(name, "run.yaml").read_text())
-    places = {"RUN": name, "BAG": f"{name}/bag", "SCENARIO": "scenario.yaml", "RESULTS": "results"}
+    places = {
+        "RUN": name,
+        "BAG": f"{name}/bag",
+        "SCENARIO": "scenario.yaml",
+        "RESULTS": "results",
+    }
     places |= {"UNFINISHED": resumed, "OUT": str(out / "out")}
     words = [word.partition(".") for word in command.split()]
     return ["".join((places.get(word, word), *more)) for word, *more in words]
@@ -122,13 +133,17 @@ def cases():
         for name, left_out in zip(("learner", "model"), outcomes, strict=True):
             marks = [pytest.mark.long] * command.startswith(SLOW)
             if left_out is not None:
-                case = pytest.param(command, name, left_out, id=f"{command}, {name}", marks=marks)
+                case = pytest.param(
+                    command, name, left_out, id=f"{command}, {name}", marks=marks
+                )
                 found.append(case)
     return found
 
 
 @pytest.mark.parametrize(("command", "name", "left_out"), cases())
-def test_no_verb_imports_what_lies_beside(here, tmp_path, capfd, command, name, left_out):
+def test_no_verb_imports_what_lies_beside(
+    here, tmp_path, capfd, command, name, left_out
+):
     code = main(words_of(command, name, tmp_path))
     out, err = capfd.readouterr()
     said = [line for line in (out + err).splitlines() if "was not imported" in line]
@@ -137,7 +152,9 @@ def test_no_verb_imports_what_lies_beside(here, tmp_path, capfd, command, name, 
     if left_out == NOTHING:
         assert (code, said) == (0, [])
         return
-    assert all("--allow theirs" in line for line in said) and len(said) == len(set(said))
+    assert all("--allow theirs" in line for line in said) and len(said) == len(
+        set(said)
+    )
     if left_out == REFUSED:
         assert code == 2 and [line.partition(" ")[0] for line in said] == ["error:"]
         assert not (tmp_path / "out").exists()
@@ -183,17 +200,25 @@ SHADOWS = ("json", "multiprocessing", "numpy", "rclpy", "socket", "yaml", "zstan
         lambda: main(["run", "env1", "--steps", "20", "--out", "run"]),
         lambda: list(in_processes(max, [(1, 2)], 1)),
         pytest.param(
-            lambda: main(["run", "env1", "--steps", "20", "--out", "run", "--processes"]),
+            lambda: main(
+                ["run", "env1", "--steps", "20", "--out", "run", "--processes"]
+            ),
             marks=pytest.mark.long,
         ),
-        pytest.param(lambda: int("round_trip" not in round_trip()), marks=pytest.mark.long),
+        pytest.param(
+            lambda: int("round_trip" not in round_trip()), marks=pytest.mark.long
+        ),
     ],
     ids=["run", "jobs", "processes", "doctor"],
 )
-def test_no_child_begins_with_what_lies_there(own_domain, tmp_path, monkeypatch, capfd, start):
+def test_no_child_begins_with_what_lies_there(
+    own_domain, tmp_path, monkeypatch, capfd, start
+):
     """A child process would find a module of the name of one that it needs."""
     for name in SHADOWS:
-        text = "import pathlib\npathlib.Path(__file__).with_suffix('.imported').touch()\n"
+        text = (
+            "import pathlib\npathlib.Path(__file__).with_suffix('.imported').touch()\n"
+        )
         (tmp_path / f"{name}.py").write_text(text)
     monkeypatch.chdir(tmp_path)
     assert start() in (0, [2])
@@ -209,7 +234,9 @@ def table():
         said = " | ".join(words.get(one, f"without {one}") for one in outcomes)
         rows.setdefault(said, []).append(f"`{command.partition(' --out')[0]}`")
     head = ["| verb | foreign learner | foreign perception model |", "|---|---|---|"]
-    return "\n".join([*head, *(f"| {', '.join(rows[said])} | {said} |" for said in rows)])
+    return "\n".join(
+        [*head, *(f"| {', '.join(rows[said])} | {said} |" for said in rows)]
+    )
 
 
 def test_the_documentation_has_the_table():

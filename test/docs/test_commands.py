@@ -57,15 +57,24 @@ class Block:
 def blocks(page):
     """Return the blocks of a page that are commands or files, in its order."""
     text = (ROOT / page).read_text(encoding="utf-8")
-    found = [Block(m["how"] or "", m["language"], m["text"]) for m in _BLOCK.finditer(text)]
+    found = [
+        Block(m["how"] or "", m["language"], m["text"]) for m in _BLOCK.finditer(text)
+    ]
     return [one for one in found if one.language in ("bash", "python") or one.how]
 
 
 def pages():
     """Return every page of the documentation that is written by hand, and the README."""
-    docs = sorted(path for path in (ROOT / "docs").rglob("*.md") if path.name != "reproduction.md")
+    docs = sorted(
+        path for path in (ROOT / "docs").rglob("*.md") if path.name != "reproduction.md"
+    )
     docs = [path for path in docs if not {"_build", "generated"} & set(path.parts)]
-    shown = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "examples/README.md", *docs]
+    shown = [
+        ROOT / "README.md",
+        ROOT / "CONTRIBUTING.md",
+        ROOT / "examples/README.md",
+        *docs,
+    ]
     return [str(path.relative_to(ROOT)) for path in shown if path.exists()]
 
 
@@ -82,15 +91,16 @@ def shell(tmp_path):
     folder = tmp_path / "bin"
     folder.mkdir()
     shutil.copy(Path(__file__).with_name("ros2"), folder / "ros2")
-    program = (
-        f'#!/bin/sh\nexec "{sys.executable}" -m sparse_coord_ros.executables sparse_coord "$@"\n'
-    )
+    own = f'"{sys.executable}" -m sparse_coord_ros.executables sparse_coord'
+    program = f'#!/bin/sh\nexec {own} "$@"\n'
     (folder / "sparse_coord").write_text(program)
     (folder / "sparse_coord").chmod(0o755)
     work = tmp_path / "work"
     work.mkdir()
     shutil.copytree(ROOT / "examples", work / "examples", dirs_exist_ok=True)
-    path = os.pathsep.join([str(folder), os.path.dirname(sys.executable), os.environ["PATH"]])
+    path = os.pathsep.join(
+        [str(folder), os.path.dirname(sys.executable), os.environ["PATH"]]
+    )
     environment = {
         **os.environ,
         "PATH": path,
@@ -121,7 +131,9 @@ def shell(tmp_path):
             output, _ = process.communicate(timeout=1500)
         finally:
             _stop(process, signal.SIGKILL)
-        assert process.returncode == 0, f"{command}\nexit code {process.returncode}\n{output}"
+        assert process.returncode == 0, (
+            f"{command}\nexit code {process.returncode}\n{output}"
+        )
         return None
 
     run.work = work
@@ -138,7 +150,9 @@ def _stop(process, number):
 def run_page(page, shell, *, everything):
     """Run the blocks of a page in its order; those that take minutes only where `everything`."""
     for block in blocks(page):
-        if block.how.startswith("no,") or (block.how.startswith("long") and not everything):
+        if block.how.startswith("no,") or (
+            block.how.startswith("long") and not everything
+        ):
             continue
         _, _, folder = block.how.partition("long, in ")
         if block.how.startswith("file "):
@@ -174,12 +188,14 @@ def together(commands, shell):
 def test_every_block_is_run_or_says_why_not(page):
     for block in blocks(page):
         known = ("", "long", "together")
-        assert block.how in known or re.match(r"(no, \S|long, in \w+$|file \S+$)", block.how), (
-            block
-        )
+        assert block.how in known or re.match(
+            r"(no, \S|long, in \w+$|file \S+$)", block.how
+        ), block
 
 
-@pytest.mark.parametrize("page", [p for p in pages() if any(b.how == "" for b in blocks(p))])
+@pytest.mark.parametrize(
+    "page", [p for p in pages() if any(b.how == "" for b in blocks(p))]
+)
 def test_commands_of_a_page(page, shell):
     if page == "docs/pettingzoo.md":
         pytest.importorskip("pettingzoo")
@@ -198,13 +214,18 @@ def test_all_commands_of_a_page(page, shell):
 
 def check_pictures(page, shell):
     """The commands of a tutorial have made every picture on it, and of the size shown there."""
-    names = re.findall(r"!\[[^\]]*\]\((\S+)\)", (ROOT / page).read_text(encoding="utf-8"))
+    names = re.findall(
+        r"!\[[^\]]*\]\((\S+)\)", (ROOT / page).read_text(encoding="utf-8")
+    )
     for name in names:
         with Image.open(ROOT / page.rpartition("/")[0] / name) as shown:
             with Image.open(shell.work / name) as made:
                 frames = [getattr(one, "n_frames", 1) > 1 for one in (made, shown)]
                 assert made.format == shown.format and frames[0] == frames[1]
-                assert max(abs(a - b) for a, b in zip(made.size, shown.size, strict=True)) <= 8
+                assert (
+                    max(abs(a - b) for a, b in zip(made.size, shown.size, strict=True))
+                    <= 8
+                )
 
 
 SERVES = ("watch",)
@@ -218,7 +239,17 @@ BESIDE = {
 }
 """Nodes that the examples of a verb speak to."""
 LONG_VERBS = (
-    *("doctor", "reproduce", "run", "train", "watch", "report", "replay", "conformance", "halt"),
+    *(
+        "doctor",
+        "reproduce",
+        "run",
+        "train",
+        "watch",
+        "report",
+        "replay",
+        "conformance",
+        "halt",
+    ),
 )
 NEEDS_A_BAG = (
     *("watch", "info", "verify", "explain", "replay", "recover"),
@@ -238,7 +269,9 @@ def test_examples_of_help(verb, shell, request):
     assert commands and all(line.startswith("sparse_coord ") for line in commands)
     if verb in NEEDS_A_BAG:
         for run in set(re.findall(r"runs/demo\w*", example)):
-            shutil.copytree(request.getfixturevalue("good").bag, shell.work / run / "bag")
+            shutil.copytree(
+                request.getfixturevalue("good").bag, shell.work / run / "bag"
+            )
     with beside(BESIDE.get(verb, ()), shell):
         run_examples(verb, commands, shell)
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 import sparse_coord_ros as sc
-from sparse_coord_ros.game.plugins import is_shipped
-from sparse_coord_ros.learners.registry import LEARNERS
+from sparse_coord_ros.core.game.plugins import is_shipped
+from sparse_coord_ros.core.learners.registry import LEARNERS
 
 DOCS = Path(__file__).parents[2] / "docs"
 
@@ -24,7 +24,10 @@ def made(tmp_path):
     generate.FOLDER = tmp_path
     (tmp_path / "gone.md").write_text("of an older version")
     generate.everything()
-    return {str(path.relative_to(tmp_path)): path.read_text() for path in tmp_path.rglob("*.*")}
+    return {
+        str(path.relative_to(tmp_path)): path.read_text()
+        for path in tmp_path.rglob("*.*")
+    }
 
 
 def test_every_scenario_learner_and_name_has_its_page(made):
@@ -35,7 +38,9 @@ def test_every_scenario_learner_and_name_has_its_page(made):
     assert "| exact joint optimum | -20 | 121.89 |" in made["scenarios/env1.md"]
     assert "| best asking team found | -100 | 118.51 |" in made["scenarios/env1.md"]
     assert "| Coop. | -20 | 10,000 | 119.48 (" in made["scenarios/env1.md"]
-    for name in (name for name, rule in LEARNERS.registered.items() if is_shipped(rule)):
+    for name in (
+        name for name, rule in LEARNERS.registered.items() if is_shipped(rule)
+    ):
         assert f"--learner {name} " in made[f"learners/{name}.md"]
     assert "| [env1](../scenarios/env1.md) | -20 | 10,000 |" in made["learners/coop.md"]
     api = "".join(text for name, text in made.items() if name.startswith("api/"))

@@ -10,7 +10,11 @@ import pytest
 ROOT = Path(__file__).parents[2]
 PAGES = sorted(
     str(path.relative_to(ROOT))
-    for path in [*ROOT.glob("*.md"), *ROOT.glob("examples/*.md"), *ROOT.glob("docs/**/*.md")]
+    for path in [
+        *ROOT.glob("*.md"),
+        *ROOT.glob("examples/*.md"),
+        *ROOT.glob("docs/**/*.md"),
+    ]
     if not {"_build", "generated"} & set(path.parts)
 )
 
@@ -25,7 +29,10 @@ def anchors(path):
     """Return the anchors of a page's headings, as GitHub makes them, and those set by hand."""
     text = text_of(path)
     heads = re.findall(r"^#+ +(.*)$", text, re.MULTILINE)
-    made = {re.sub(r"[^\w\- ]", "", head.lower()).strip().replace(" ", "-") for head in heads}
+    made = {
+        re.sub(r"[^\w\- ]", "", head.lower()).strip().replace(" ", "-")
+        for head in heads
+    }
     return made | set(re.findall(r'<a (?:name|id)="([^"]+)"', text))
 
 
@@ -51,8 +58,14 @@ def test_every_page_is_in_the_contents():
         for tree in re.findall(
             r"^```\{toctree\}\n(.*?)^```", (ROOT / page).read_text(), re.S | re.M
         ):
-            names = [line for line in tree.splitlines() if re.match(r"(?!generated/)[\w.]", line)]
-            listed |= {(ROOT / page).parent.joinpath(f"{name}.md").resolve() for name in names}
+            names = [
+                line
+                for line in tree.splitlines()
+                if re.match(r"(?!generated/)[\w.]", line)
+            ]
+            listed |= {
+                (ROOT / page).parent.joinpath(f"{name}.md").resolve() for name in names
+            }
     pages = {(ROOT / page).resolve() for page in PAGES if page.startswith("docs/")}
     assert pages - listed == {(ROOT / "docs/index.md").resolve()}
     assert listed <= pages

@@ -8,19 +8,26 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sparse_coord_ros.driving.arena import BIAS, ELSEWHERE, IN_DOORWAY, TRACK, Arena, Noise
-from sparse_coord_ros.driving.driver import Driver
-from sparse_coord_ros.driving.ground import Ground, Pose
-from sparse_coord_ros.driving.steering import Command, Limits, move_seconds, steer
-from sparse_coord_ros.driving.transforms import Tree, parent_of, yaw_of
-from sparse_coord_ros.driving.trials import DRIVE_SETTINGS, drive, limits_of
-from sparse_coord_ros.errors import SettingError
-from sparse_coord_ros.game.grid import CLEAR
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learn.evaluation import play
-from sparse_coord_ros.learn.run import learn
-from sparse_coord_ros.learn.run_config import make_run
-from sparse_coord_ros.lockstep.bodies import LOST, BodyGoal, Goals
+from sparse_coord_ros.base.errors import SettingError
+from sparse_coord_ros.core.game.grid import CLEAR
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.runs.evaluation import play
+from sparse_coord_ros.core.runs.run import learn
+from sparse_coord_ros.core.runs.run_config import make_run
+from sparse_coord_ros.lab.driving.arena import (
+    BIAS,
+    ELSEWHERE,
+    IN_DOORWAY,
+    TRACK,
+    Arena,
+    Noise,
+)
+from sparse_coord_ros.lab.driving.driver import Driver
+from sparse_coord_ros.lab.driving.ground import Ground, Pose
+from sparse_coord_ros.lab.driving.steering import Command, Limits, move_seconds, steer
+from sparse_coord_ros.lab.driving.transforms import Tree, parent_of, yaw_of
+from sparse_coord_ros.lab.driving.trials import DRIVE_SETTINGS, drive, limits_of
+from sparse_coord_ros.protocol.lockstep.bodies import LOST, BodyGoal, Goals
 
 RUN = make_run(load_scenario("env1"), {})
 CELLS = RUN.scenario.map.number
@@ -55,7 +62,8 @@ def test_lanes_keep_away_from_walls_where_there_is_room():
     clear = wide.side * (0.5 - CLEAR) - wide.radius
     for cell, (row, column) in enumerate(grid.cells):
         x, y = (
-            there - middle for there, middle in zip(wide.place(2, cell), centre(cell), strict=True)
+            there - middle
+            for there, middle in zip(wide.place(2, cell), centre(cell), strict=True)
         )
         walls = [(row, column + d) not in grid.number for d in (-1, 1)]
         if all(walls):
@@ -74,7 +82,9 @@ def centre(cell):
 
 
 def test_a_body_as_wide_as_a_cell_is_refused():
-    with pytest.raises(SettingError, match=r"radius: value is 0.5, allowed: less than half a cel"):
+    with pytest.raises(
+        SettingError, match=r"radius: value is 0.5, allowed: less than half a cel"
+    ):
         Ground(RUN, 0.5)
 
 
@@ -287,7 +297,9 @@ def test_a_driver_waits_for_a_pose_that_follows_its_goal(ground):
     assert seen(driver, 7.1, 0.7, 4.7) == (None, None)
     assert seen(driver, 7.2, 0.7, 4.7)[0] is not None
     driver.take(goals(CELLS[0, 0], CELLS[1, 0], number=3, since=7.2))
-    assert [seen(driver, 7.2, 0.7, 4.7)[0] is not None for _ in range(6)].count(True) == 1
+    assert [seen(driver, 7.2, 0.7, 4.7)[0] is not None for _ in range(6)].count(
+        True
+    ) == 1
 
 
 def test_a_goal_overtakes_the_poses_of_a_long_drive_of_others(ground):
@@ -397,7 +409,10 @@ def test_a_driven_team_does_what_the_evaluation_says(team):
 
 def test_driving_is_repeatable_and_seeded(team):
     run, tables = team
-    runs = [drive(run, tables, episodes=3, seed=s, values=VALUES, followed=1) for s in (4, 4, 5)]
+    runs = [
+        drive(run, tables, episodes=3, seed=s, values=VALUES, followed=1)
+        for s in (4, 4, 5)
+    ]
     assert runs[0].floor.path == runs[1].floor.path != runs[2].floor.path
     assert {moment.episode for moment in runs[0].floor.path} == {0}
 

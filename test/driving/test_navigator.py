@@ -6,11 +6,16 @@ import math
 
 import pytest
 
-from sparse_coord_ros.driving.ground import Ground, Pose
-from sparse_coord_ros.driving.navigator import ANSWER_SECONDS, SETTLE_SECONDS, Navigator, NavLimits
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learn.run_config import make_run
-from sparse_coord_ros.lockstep.bodies import LOST, BodyGoal, Goals
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.runs.run_config import make_run
+from sparse_coord_ros.lab.driving.ground import Ground, Pose
+from sparse_coord_ros.lab.driving.navigator import (
+    ANSWER_SECONDS,
+    SETTLE_SECONDS,
+    Navigator,
+    NavLimits,
+)
+from sparse_coord_ros.protocol.lockstep.bodies import LOST, BodyGoal, Goals
 
 RUN = make_run(load_scenario("env1"), {})
 CELLS = RUN.scenario.map.number
@@ -114,7 +119,9 @@ def test_the_next_goal_waits_until_the_last_one_is_over(server):
 
 
 @pytest.mark.parametrize(
-    ("cell", "there"), [(END, True), (START, False)], ids=["inside", "success elsewhere"]
+    ("cell", "there"),
+    [(END, True), (START, False)],
+    ids=["inside", "success elsewhere"],
 )
 def test_after_a_success_the_cell_of_a_newer_pose_counts(server, cell, there):
     server.pose(END, 0.2)
@@ -137,14 +144,20 @@ def test_how_long_a_move_took_is_told(server):
     server.pose(START)
     server.pose(START, 0.2)
     reached = server.pose(END)
-    assert reached.seconds == pytest.approx(server.now - began, abs=0.11) and reached.seconds > 0.1
+    assert (
+        reached.seconds == pytest.approx(server.now - began, abs=0.11)
+        and reached.seconds > 0.1
+    )
 
 
 def test_an_abort_is_said_and_learned_as_stayed(server):
     server.tell("ended", "aborted", "Nav2 aborted: code 105")
     reached = server.pose(START)
     assert (reached.cell, reached.there) == (START, False)
-    assert server.said == ["Nav2 aborted: code 105"] and server.navigator.counts["aborted"] == 1
+    assert (
+        server.said == ["Nav2 aborted: code 105"]
+        and server.navigator.counts["aborted"] == 1
+    )
 
 
 def test_a_rejected_goal_is_sent_again_with_backoff_until_time_is_over():

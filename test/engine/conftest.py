@@ -6,10 +6,12 @@ import os
 
 import pytest
 
-from sparse_coord_ros.compiling import has_numba
-from sparse_coord_ros.engine.batch import prepare
+from sparse_coord_ros.base.compiling import has_numba
+from sparse_coord_ros.core.engine.batch import prepare
 
-LOOPS = [(learner, history) for learner in ("coop", "factored") for history in (True, False)]
+LOOPS = [
+    (learner, history) for learner in ("coop", "factored") for history in (True, False)
+]
 
 
 @pytest.fixture(autouse=True, scope="session")

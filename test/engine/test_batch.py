@@ -12,17 +12,17 @@ import numpy as np
 import pytest
 from teams import PROTOCOL
 
-from sparse_coord_ros.engine import batch
-from sparse_coord_ros.engine.batch import Batch, run_batch, run_batches, uses_numba
-from sparse_coord_ros.errors import SettingError
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learn import run as engine
-from sparse_coord_ros.learn.run import LearningRun, Stopped, Team
-from sparse_coord_ros.learners import mind
-from sparse_coord_ros.learners.baselines import NonCoop
-from sparse_coord_ros.learners.coop import Coop
-from sparse_coord_ros.learners.mind import FREE
-from sparse_coord_ros.learners.tables import memories_equal, tables_equal
+from sparse_coord_ros.base.errors import SettingError
+from sparse_coord_ros.core.engine import batch
+from sparse_coord_ros.core.engine.batch import Batch, run_batch, run_batches, uses_numba
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.learners import mind
+from sparse_coord_ros.core.learners.baselines import NonCoop
+from sparse_coord_ros.core.learners.coop import Coop
+from sparse_coord_ros.core.learners.mind import FREE
+from sparse_coord_ros.core.learners.tables import memories_equal, tables_equal
+from sparse_coord_ros.core.runs import run as engine
+from sparse_coord_ros.core.runs.run import LearningRun, Stopped, Team
 
 GIVEN = {**PROTOCOL, "steps": 1000, "penalty": -100, "q_star_init": 0}
 """Whatever the defaults are: robots that learn enough in so few steps to meet and to ask."""
@@ -49,7 +49,9 @@ def assert_same_trials(one, other):
 
 
 def test_penalties_are_paid_by_their_factors():
-    scenario = problem("env2-4r", conflict="any_doorway", common_reward="each:0:1:0.5:3")
+    scenario = problem(
+        "env2-4r", conflict="any_doorway", common_reward="each:0:1:0.5:3"
+    )
     [run] = run_batch(scenario, "noncoop", [7], trials=50)
     by_robot = run.trials.reward.mean(axis=0)
     assert by_robot.argmin() == 3 and by_robot.argmax() == 0
@@ -90,7 +92,11 @@ def test_both_engines_give_the_same_runs_in_the_order_of_the_seeds():
     scenario = problem("crowd-3r", steps=400, **settings)
     seeds = [11, 3, 8]
     plain, numba = (
-        list(run_batch(scenario, "coop", seeds, trials=10, engine=engine, jobs=2, history=True))
+        list(
+            run_batch(
+                scenario, "coop", seeds, trials=10, engine=engine, jobs=2, history=True
+            )
+        )
         for engine in ("python", "numba")
     )
     assert [run.seed for run in numba] == seeds
@@ -136,7 +142,9 @@ def test_numba_that_is_not_installed(monkeypatch):
     monkeypatch.setattr(batch, "has_numba", lambda: False)
     assert not uses_numba("auto")
     assert not uses_numba("python")
-    with pytest.raises(SettingError, match="engine: value is 'numba'.* pip install numba"):
+    with pytest.raises(
+        SettingError, match="engine: value is 'numba'.* pip install numba"
+    ):
         uses_numba("numba")
     (run,) = run_batch(problem("env1", steps=20), "coop", [0], trials=0, jobs=1)
     assert run.seed == 0
@@ -150,7 +158,8 @@ def test_batches_come_one_after_the_other_whatever_computes_them():
 
     rules = (Coop(), Plain(), NonCoop())
     asked = [
-        Batch(problem("env1", steps=60 + k), rule, [k, k + 5]) for k, rule in enumerate(rules)
+        Batch(problem("env1", steps=60 + k), rule, [k, k + 5])
+        for k, rule in enumerate(rules)
     ]
     found = list(run_batches(asked, trials=2, jobs=2))
     assert [run.seed for run in found] == [0, 5, 1, 6, 2, 7]

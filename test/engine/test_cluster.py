@@ -12,19 +12,24 @@ from contextlib import ExitStack
 import pytest
 from patience import PATIENCE_SECONDS
 
-pytest.importorskip("distributed")  # package.xml does not bring it: it has no rosdep key
+pytest.importorskip(
+    "distributed"
+)  # package.xml does not bring it: it has no rosdep key
 import dask
 from distributed import Client, LocalCluster, Scheduler, SpecCluster
 from distributed.scheduler import KilledWorker, WorkerState
 
 import sparse_coord_ros as sc
-from sparse_coord_ros.engine import cluster as module
-from sparse_coord_ros.engine.cluster import Cluster, cluster_at
-from sparse_coord_ros.errors import ResultsError, RunError, SettingError
-from sparse_coord_ros.game.plugins import allowed
-from sparse_coord_ros.learners.tables import tables_equal
+from sparse_coord_ros.base.errors import ResultsError, RunError, SettingError
+from sparse_coord_ros.core.engine import cluster as module
+from sparse_coord_ros.core.engine.cluster import Cluster, cluster_at
+from sparse_coord_ros.core.game.plugins import allowed
+from sparse_coord_ros.core.learners.tables import tables_equal
 
-CONDITIONS = ("env1/coop/penalty=-20,steps=300", "crowd-3r/factored/penalty=-100,steps=200")
+CONDITIONS = (
+    "env1/coop/penalty=-20,steps=300",
+    "crowd-3r/factored/penalty=-100,steps=200",
+)
 PLAN = {"runs": 5, "trials": 3, "seed": 7, "engine": "python"}
 
 
@@ -103,12 +108,18 @@ def test_many_runs_come_in_the_order_of_their_seeds(scheduler):
 def test_a_client_or_a_cluster_says_where_too(scheduler):
     here = sc.run_experiment(CONDITIONS, jobs=1, **PLAN)
     with Client(scheduler, set_as_default=False) as client:
-        assert dict(sc.run_experiment(CONDITIONS, scheduler=client, **PLAN)) == dict(here)
+        assert dict(sc.run_experiment(CONDITIONS, scheduler=client, **PLAN)) == dict(
+            here
+        )
         assert client.status == "running"
     with LocalCluster(1, processes=False, dashboard_address=None) as cluster:
-        there = sc.sweep("env1", {"penalty": [-20], "steps": [300]}, scheduler=cluster, **PLAN)
+        there = sc.sweep(
+            "env1", {"penalty": [-20], "steps": [300]}, scheduler=cluster, **PLAN
+        )
     assert there[CONDITIONS[0]] == here[CONDITIONS[0]]
-    with pytest.raises(SettingError, match="allowed: an address .* a client, or a Dask cluster"):
+    with pytest.raises(
+        SettingError, match="allowed: an address .* a client, or a Dask cluster"
+    ):
         sc.train_many("env1", runs=1, scheduler=3)
 
 
@@ -137,13 +148,17 @@ def call(function):
 def test_other_sources_are_not_mixed(scheduler, monkeypatch):
     numbers = itertools.count()
     monkeypatch.setattr(module, "own_sources", lambda: str(next(numbers)))
-    with pytest.raises(ResultsError, match="worker .* has another version of sparse_coord_ros"):
+    with pytest.raises(
+        ResultsError, match="worker .* has another version of sparse_coord_ros"
+    ):
         sc.run_experiment(CONDITIONS[0], scheduler=scheduler, **PLAN)
 
 
 def test_a_task_brings_what_its_asker_allows(scheduler, monkeypatch):
     """Workers that were started elsewhere do not share the asker's environment."""
-    monkeypatch.setattr(module, "allowed", lambda: ("my_team",))  # the workers are threads here
+    monkeypatch.setattr(
+        module, "allowed", lambda: ("my_team",)
+    )  # the workers are threads here
     with cluster_at(scheduler) as cluster:
         assert list(cluster.results(allowed, [()])) == [(0, ("my_team",))]
 
@@ -170,15 +185,23 @@ def test_workers_that_die_of_a_task_are_named():
 @pytest.mark.parametrize(
     ("address", "words"),
     [
-        ("tcp://127.0.0.1:1", ("scheduler tcp://127.0.0.1:1: does not answer", "dask scheduler")),
+        (
+            "tcp://127.0.0.1:1",
+            ("scheduler tcp://127.0.0.1:1: does not answer", "dask scheduler"),
+        ),
         ("nonsense", ("'nonsense'", "allowed: an address such as tcp://")),
-        ("fog://127.0.0.1:1", ("'fog://127.0.0.1:1'", "allowed: an address such as tcp://")),
+        (
+            "fog://127.0.0.1:1",
+            ("'fog://127.0.0.1:1'", "allowed: an address such as tcp://"),
+        ),
     ],
 )
 def test_a_scheduler_that_is_not_there_is_one_line(address, words, monkeypatch):
     """No client is made: half-made ones kept the next one from starting."""
     monkeypatch.setattr(module, "WAIT_SECONDS", 0.3)
-    monkeypatch.setattr("distributed.Client", lambda *_, **__: pytest.fail("a client was made"))
+    monkeypatch.setattr(
+        "distributed.Client", lambda *_, **__: pytest.fail("a client was made")
+    )
     with pytest.raises((RunError, SettingError)) as caught:
         sc.run_experiment(CONDITIONS[0], scheduler=address, **PLAN)
     assert [word for word in words if word not in str(caught.value)] == []
@@ -189,7 +212,9 @@ def test_a_cluster_without_workers_is_one_line(monkeypatch):
     monkeypatch.setattr(module, "WAIT_SECONDS", 0.3)
     alone = {"cls": Scheduler, "options": {"host": "127.0.0.1", "dashboard": False}}
     with SpecCluster(workers={}, scheduler=alone) as made:
-        with pytest.raises(RunError, match="has no worker after 0.3 s; start some with 'dask wor"):
+        with pytest.raises(
+            RunError, match="has no worker after 0.3 s; start some with 'dask wor"
+        ):
             cluster_at(made.scheduler_address).__enter__()
 
 
@@ -200,7 +225,9 @@ def test_dask_missing(monkeypatch):
 
 
 def test_jobs_are_of_one_machine():
-    with pytest.raises(SettingError, match="setting jobs: value is 2.*leave one of the two out"):
+    with pytest.raises(
+        SettingError, match="setting jobs: value is 2.*leave one of the two out"
+    ):
         sc.run_experiment(CONDITIONS[0], scheduler="tcp://127.0.0.1:1", jobs=2)
 
 
@@ -236,7 +263,9 @@ def processes(tmp_path, scratch):
 
         port = 20_000 + os.getpid() % 20_000
         address = f"tcp://127.0.0.1:{port}"
-        head = start("scheduler", "--host", "127.0.0.1", "--port", str(port), "--no-show")
+        head = start(
+            "scheduler", "--host", "127.0.0.1", "--port", str(port), "--no-show"
+        )
         own = ("--nthreads", "1", "--no-nanny")
         yield address, head, [start("worker", address, *own) for _ in range(2)]
 
@@ -245,7 +274,9 @@ def processes(tmp_path, scratch):
 @pytest.mark.parametrize("loser", ["worker", "scheduler"])
 def test_whoever_is_killed_the_files_are_the_same(tmp_path, processes, loser):
     address, head, workers = processes
-    names = [f"env1/{learner}/penalty=-100,steps=1500" for learner in ("coop", "noncoop")]
+    names = [
+        f"env1/{learner}/penalty=-100,steps=1500" for learner in ("coop", "noncoop")
+    ]
     plan = {"runs": 10, "trials": 5, "engine": "python"}
     sc.run_experiment(names, out=tmp_path / "one", jobs=1, **plan)
     sc.run_experiment(names, out=tmp_path / "two", jobs=2, **plan)
@@ -258,7 +289,9 @@ def test_whoever_is_killed_the_files_are_the_same(tmp_path, processes, loser):
 
     there = {"out": tmp_path / "cluster", "scheduler": address, **plan}
     if loser == "scheduler":
-        with pytest.raises(RunError, match="the scheduler is gone; what was finished is saved"):
+        with pytest.raises(
+            RunError, match="the scheduler is gone; what was finished is saved"
+        ):
             sc.run_experiment(names, progress=kill, **there)
         sc.run_experiment(names, out=tmp_path / "cluster", jobs=2, **plan)
     else:

@@ -5,10 +5,10 @@
 import numpy as np
 import pytest
 
-from sparse_coord_ros import compiling
-from sparse_coord_ros.game.draws import CompiledDraws, Links, drawn
-from sparse_coord_ros.game.generator import MOST, jump_table, source_of
-from sparse_coord_ros.game.streams import DRAWS, EVALUATION, POLICY, START, Stream
+from sparse_coord_ros.base import compiling
+from sparse_coord_ros.core.game.draws import CompiledDraws, Links, drawn
+from sparse_coord_ros.core.game.pcg64 import MOST, jump_table, source_of
+from sparse_coord_ros.core.game.streams import DRAWS, EVALUATION, POLICY, START, Stream
 
 STEPS = [0, 0, 1, 2, 24, 25, 26, 63, 64, 200, 10**5, 10**5 + 1]
 """With jumps as long as the table goes, one longer, and many times as long."""

@@ -8,21 +8,21 @@ import numpy as np
 import pytest
 from teams import drawn
 
-from sparse_coord_ros.compiling import has_numba
-from sparse_coord_ros.engine import improve as module
-from sparse_coord_ros.engine.improve import improve, learned_scenario, preferring
-from sparse_coord_ros.engine.training import train
-from sparse_coord_ros.errors import SettingError
-from sparse_coord_ros.game.actions import COORDINATE, EAST, NORTH, WEST
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learn.evaluation import play
-from sparse_coord_ros.learn.run import Team
-from sparse_coord_ros.learners.registry import learner_of
-from sparse_coord_ros.learners.tables import tables_equal
-from sparse_coord_ros.solve import asking_loops, asking_search
-from sparse_coord_ros.solve.asking_loops import AskingPolicies
-from sparse_coord_ros.solve.exact import evaluate_exact
-from sparse_coord_ros.solve.routes import alone
+from sparse_coord_ros.base.compiling import has_numba
+from sparse_coord_ros.base.errors import SettingError
+from sparse_coord_ros.core.engine import improve as module
+from sparse_coord_ros.core.engine.improve import improve, learned_scenario, preferring
+from sparse_coord_ros.core.engine.training import train
+from sparse_coord_ros.core.game.actions import COORDINATE, EAST, NORTH, WEST
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.learners.registry import learner_of
+from sparse_coord_ros.core.learners.tables import tables_equal
+from sparse_coord_ros.core.runs.evaluation import play
+from sparse_coord_ros.core.runs.run import Team
+from sparse_coord_ros.core.solve import asking_loops, asking_search
+from sparse_coord_ros.core.solve.asking_loops import AskingPolicies
+from sparse_coord_ros.core.solve.exact import evaluate_exact
+from sparse_coord_ros.core.solve.routes import alone
 
 FACTORED = learner_of("factored")
 ENDS = ((1, 2), (1, 2), (2, 1), (2, 1))
@@ -114,7 +114,10 @@ def test_greedy_reading_of_the_tables_is_the_plan(settings):
     assert before == pytest.approx(found.before, abs=1e-3)
     assert found.value > found.before + 1
     truth = evaluate_exact(run.scenario, found.tables, learner=FACTORED).reward.mean
-    assert truth > evaluate_exact(run.scenario, run.tables, learner=FACTORED).reward.mean + 1
+    assert (
+        truth
+        > evaluate_exact(run.scenario, run.tables, learner=FACTORED).reward.mean + 1
+    )
     for table, old in zip(found.tables, run.tables, strict=True):
         assert np.array_equal(table.memory["u"], old.memory["u"])
         assert (table.q_star <= old.q_star).all()
@@ -148,7 +151,9 @@ def test_it_plans_with_the_learned_map_not_with_the_true_one():
 @needs_numba
 def test_a_doorway_that_nobody_felt_is_free():
     run = trained(drawn("1.D.2"), steps=2000)
-    careless = [changed(one, door=np.zeros_like(one["door"])) for one in memories_of(run)]
+    careless = [
+        changed(one, door=np.zeros_like(one["door"])) for one in memories_of(run)
+    ]
     found = improved(run, careless)
     assert improved(run).doorways == (2,) and found.doorways == ()
     assert found.value > improved(run).value + 1
@@ -170,7 +175,9 @@ def test_more_robots_climb_by_trials_all_to_the_same_plan(few_trials):
     assert found.value > found.before
     assert tables_equal(list(found.tables), list(again.tables))
     team = Team(learned(run), FACTORED, compiled=True)
-    before = team.play(team.initial(memories_of(run)), 0, 200, paired=True).reward.mean()
+    before = team.play(
+        team.initial(memories_of(run)), 0, 200, paired=True
+    ).reward.mean()
     assert before == found.before
     values = [
         play(learned(run), tables, trials=500, seed=3, learner=FACTORED).reward.mean()
@@ -206,7 +213,9 @@ def test_a_robot_of_three_takes_another_route(few_trials):
 @needs_numba
 def test_robots_that_take_turns_in_a_passage_never_meet(few_trials):
     """Four at two ends, two of them in one cell."""
-    run = trained(drawn("1.DD.2", {f"robot_{k}": ends for k, ends in enumerate(ENDS)}), steps=2000)
+    run = trained(
+        drawn("1.DD.2", {f"robot_{k}": ends for k, ends in enumerate(ENDS)}), steps=2000
+    )
     memories = module.one_at_a_time(learned(run), FACTORED, memories_of(run))
     team = Team(run.scenario, FACTORED, compiled=True)
     trials = team.play(team.initial(memories), 0, 300)
@@ -219,7 +228,9 @@ def test_paired_trials_have_the_same_draws_whatever_happened_before():
     run = trained("env1", steps=100)
     team = Team(run.scenario, FACTORED, compiled=True)
     minds = team.initial(memories_of(run))
-    minds.q_star[:, :, :4] = alone(run.scenario, [(), ()])[:, run.scenario.map.next_cell]
+    minds.q_star[:, :, :4] = alone(run.scenario, [(), ()])[
+        :, run.scenario.map.next_cell
+    ]
     minds.q_star[:, :, COORDINATE] = -1
     times = []
     for paired in (True, False):

@@ -7,15 +7,15 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 
-from sparse_coord_ros.engine import batch
-from sparse_coord_ros.game import scenario as scenarios
-from sparse_coord_ros.game.grid import GridMap
-from sparse_coord_ros.game.scenario import load_scenario, scenario_from_dict
-from sparse_coord_ros.learn.run import learn
-from sparse_coord_ros.learners.agent import Agent
-from sparse_coord_ros.learners.coop import Coop
-from sparse_coord_ros.learners.tables import JointTable, tables_equal
-from sparse_coord_ros.solve.exact import evaluate_exact
+from sparse_coord_ros.core.engine import batch
+from sparse_coord_ros.core.game import scenario as scenarios
+from sparse_coord_ros.core.game.grid import GridMap
+from sparse_coord_ros.core.game.scenario import load_scenario, scenario_from_dict
+from sparse_coord_ros.core.learners.agent import Agent
+from sparse_coord_ros.core.learners.coop import Coop
+from sparse_coord_ros.core.learners.tables import JointTable, tables_equal
+from sparse_coord_ros.core.runs.run import learn
+from sparse_coord_ros.core.solve.exact import evaluate_exact
 
 
 def room(side):
@@ -25,7 +25,9 @@ def room(side):
     end = [side - 1, side - 1]
     robots = {"a": {"start": [0, 0], "goal": end}, "b": {"start": end, "goal": [0, 0]}}
     said = {"name": "room", "text": grid.to_text()}
-    return scenario_from_dict({"map": said, "robots": robots}, where="room", name="room")
+    return scenario_from_dict(
+        {"map": said, "robots": robots}, where="room", name="room"
+    )
 
 
 @pytest.fixture
@@ -62,7 +64,9 @@ def test_a_robot_acts_alike_from_an_array_and_from_its_memory(small, learner):
 def test_compiling_plays_on_a_small_map(monkeypatch, learner):
     played = []
     monkeypatch.setattr(batch, "compile_once", lambda key, rule, warm_up: warm_up())
-    monkeypatch.setattr(batch, "Team", lambda scenario, rule, compiled: played.append(scenario))
+    monkeypatch.setattr(
+        batch, "Team", lambda scenario, rule, compiled: played.append(scenario)
+    )
     monkeypatch.setattr(batch, "_run", Mock())
     batch.prepare(learner, engine="auto")
     assert [len(scenario.map.cells) for scenario in played] == [21]

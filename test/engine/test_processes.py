@@ -9,8 +9,8 @@ import time
 
 import pytest
 
-from sparse_coord_ros.engine.processes import in_processes
-from sparse_coord_ros.errors import RunError
+from sparse_coord_ros.base.errors import RunError
+from sparse_coord_ros.core.engine.processes import in_processes
 
 
 def gone(process):

@@ -12,24 +12,40 @@ import numpy as np
 import pytest
 from teams import PROTOCOL, by_agents, in_parts
 
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learn import run as engine
-from sparse_coord_ros.learn.run import LearningRun, Team
-from sparse_coord_ros.learners import mind
-from sparse_coord_ros.learners.registry import LEARNERS, learner_of
-from sparse_coord_ros.learners.tables import memories_equal
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.learners import mind
+from sparse_coord_ros.core.learners.registry import LEARNERS, learner_of
+from sparse_coord_ros.core.learners.tables import memories_equal
+from sparse_coord_ros.core.runs import run as engine
+from sparse_coord_ros.core.runs.run import LearningRun, Team
 
-GIVEN = {**PROTOCOL, "steps": 800, "penalty": -100, "q_star_init": 0, "epsilon": "constant:0.4"}
+GIVEN = {
+    **PROTOCOL,
+    "steps": 800,
+    "penalty": -100,
+    "q_star_init": 0,
+    "epsilon": "constant:0.4",
+}
 """Whatever the defaults are: robots that learn enough in so few steps to meet and to ask."""
 
 GAMES = {
     "plain": ("env1", {}),
     "no answers": ("env1", {"perception": "never"}),
-    "few answers": ("env1", {"perception": "probability:0.7", "goal_value": 0, "starts": "fixed"}),
-    "links that fail": ("env1", {"link": "bursts:0.05:0.2", "common_reward": "each:1:0.5"}),
+    "few answers": (
+        "env1",
+        {"perception": "probability:0.7", "goal_value": 0, "starts": "fixed"},
+    ),
+    "links that fail": (
+        "env1",
+        {"link": "bursts:0.05:0.2", "common_reward": "each:1:0.5"},
+    ),
     "schedules": (
         "env2-2r",
-        {"starts": "exploring:1:0.1:0.8", "step_size": "floored:0.7:0.2:0.01", "horizon": 70},
+        {
+            "starts": "exploring:1:0.1:0.8",
+            "step_size": "floored:0.7:0.2:0.01",
+            "horizon": 70,
+        },
     ),
     "short": ("env2-2r", {"max_steps": 9, "conflict": "any_doorway", "ask_cost": 0}),
     "sight": ("isr", {"perception": "line_of_sight", "move_success": 1}),
@@ -39,16 +55,26 @@ GAMES = {
 TEAMS = {
     "four, one asked": ("env2-4r", "coop", {"perception": "range:3", "max_steps": 30}),
     "four, unequal": ("env2-4r", "coop", {"common_reward": "each:0:1:0.5:3"}),
-    "three, all asked": ("crowd-3r", "coop", {"peers": "all", "perception": "probability:0.7"}),
+    "three, all asked": (
+        "crowd-3r",
+        "coop",
+        {"peers": "all", "perception": "probability:0.7"},
+    ),
     "four, alone": ("env2-4r", "indiv", {"starts": "mixed:0.5"}),
     "four, no questions": ("env2-4r", "noncoop", {"conflict": "any_doorway"}),
-    "four, factored": ("env2-4r", "factored", {"perception": "range:4", "credit": "weight:2"}),
+    "four, factored": (
+        "env2-4r",
+        "factored",
+        {"perception": "range:4", "credit": "weight:2"},
+    ),
     "four, no referee": ("env2-4r", "factored", {"referee": False, "starts": "fixed"}),
     "three, marked": ("crowd-3r", "cq", {"link": "lost:0.3"}),
 }
 
 SEEN_ALWAYS = [
-    name for name in GAMES if name not in ("no answers", "few answers", "links that fail", "sight")
+    name
+    for name in GAMES
+    if name not in ("no answers", "few answers", "links that fail", "sight")
 ]
 CASES = [
     pytest.param(*GAMES[name], learner, id=f"{learner}, {name}")
@@ -65,7 +91,9 @@ TRIALS = 20
 
 def problem(name, settings, learner):
     rule = learner_of(learner)
-    return rule.with_defaults(load_scenario(name).with_settings({**GIVEN, **settings})), rule
+    return rule.with_defaults(
+        load_scenario(name).with_settings({**GIVEN, **settings})
+    ), rule
 
 
 def learned(scenario, rule, *, compiled):
@@ -140,4 +168,6 @@ def test_other_seeds_learn_other_tables(learner):
     runs = [LearningRun(Team(scenario, rule, compiled=True), seed) for seed in (1, 2)]
     for run in runs:
         run.advance(scenario.steps)
-    assert not np.array_equal(runs[0].tables[0].q_star, runs[1].tables[0].q_star, equal_nan=True)
+    assert not np.array_equal(
+        runs[0].tables[0].q_star, runs[1].tables[0].q_star, equal_nan=True
+    )

@@ -10,14 +10,19 @@ import numpy as np
 import pytest
 from teams import plain_run
 
-from sparse_coord_ros.engine import batch
-from sparse_coord_ros.engine.training import engine_for, train
-from sparse_coord_ros.errors import RunError, SettingError
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learn.evaluation import play, summary
-from sparse_coord_ros.learners.tables import tables_equal
+from sparse_coord_ros.base.errors import RunError, SettingError
+from sparse_coord_ros.core.engine import batch
+from sparse_coord_ros.core.engine.training import engine_for, train
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.learners.tables import tables_equal
+from sparse_coord_ros.core.runs.evaluation import play, summary
 
-SETTINGS = {"steps": 1200, "max_steps": 30, "perception": "probability:0.7", "penalty": -50}
+SETTINGS = {
+    "steps": 1200,
+    "max_steps": 30,
+    "perception": "probability:0.7",
+    "penalty": -50,
+}
 CASES = [
     ("env1", "coop", {}),
     ("env2-4r", "noncoop", {}),
@@ -42,7 +47,9 @@ def assert_same(one, other):
     assert np.array_equal(one.visited, other.visited)
 
 
-@pytest.mark.parametrize(("engine", "learner"), [("python", "indiv"), ("numba", "coop")])
+@pytest.mark.parametrize(
+    ("engine", "learner"), [("python", "indiv"), ("numba", "coop")]
+)
 def test_train(engine, learner):
     scenario = problem("env1")
     seen = []
@@ -95,16 +102,22 @@ def test_an_interrupt_saves_before_it_is_heard(tmp_path, engine, number):
             os.kill(os.getpid(), number)
 
     sent = []
-    before = {n: signal.signal(n, signal.default_int_handler) for n in (number, signal.SIGINT)}
+    before = {
+        n: signal.signal(n, signal.default_int_handler) for n in (number, signal.SIGINT)
+    }
     try:
         with pytest.raises(KeyboardInterrupt):
-            train(scenario, "coop", 1, engine=engine, checkpoint=file, progress=progress)
+            train(
+                scenario, "coop", 1, engine=engine, checkpoint=file, progress=progress
+            )
         assert signal.getsignal(number) is signal.default_int_handler
     finally:
         for n, handler in before.items():
             signal.signal(n, handler)
     until = sent[0] + 1000
-    part = train(scenario, "coop", 1, engine=engine, checkpoint=file, resume=True, until=until)
+    part = train(
+        scenario, "coop", 1, engine=engine, checkpoint=file, resume=True, until=until
+    )
     assert part.transitions == until
     assert_same(part, train(scenario, "coop", 1, engine=engine, until=until))
 
@@ -120,7 +133,12 @@ def test_a_second_interrupt_does_not_wait(tmp_path):
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         with pytest.raises(KeyboardInterrupt):
-            train(scenario, engine="python", checkpoint=tmp_path / "c.npz", progress=progress)
+            train(
+                scenario,
+                engine="python",
+                checkpoint=tmp_path / "c.npz",
+                progress=progress,
+            )
     finally:
         signal.signal(signal.SIGINT, before)
     assert list(tmp_path.iterdir()) == []

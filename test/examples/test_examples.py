@@ -9,12 +9,12 @@ from pathlib import Path
 import pytest
 
 from sparse_coord_ros.cli.main import main
-from sparse_coord_ros.engine.batch import run_batch
-from sparse_coord_ros.game.perception import MODELS
-from sparse_coord_ros.game.plugins import allow_modules
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learners.registry import LEARNERS
-from sparse_coord_ros.learners.tables import tables_equal
+from sparse_coord_ros.core.engine.batch import run_batch
+from sparse_coord_ros.core.game.perception import MODELS
+from sparse_coord_ros.core.game.plugins import allow_modules
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.learners.registry import LEARNERS
+from sparse_coord_ros.core.learners.tables import tables_equal
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 ELSEWHERE = ("own_robot.py", "own_learning_robot.py")
@@ -71,7 +71,11 @@ def test_twenty_runs(said, tmp_path):
 
 def test_own_perception(said):
     lines = said("own_perception.py", 2000).splitlines()
-    assert [line.rpartition(": reward")[0] for line in lines] == ["always", "fog:4", "fog:1"]
+    assert [line.rpartition(": reward")[0] for line in lines] == [
+        "always",
+        "fog:4",
+        "fog:1",
+    ]
     assert len({line.partition("reward")[2] for line in lines}) > 1
 
 
@@ -93,7 +97,9 @@ def compared(monkeypatch):
     def compare(*pairs):
         scenario = load_scenario("env1", steps=3000, penalty=-20)
         first, second = (
-            next(iter(run_batch(scenario, learner, [5], trials=9, engine=engine, jobs=1)))
+            next(
+                iter(run_batch(scenario, learner, [5], trials=9, engine=engine, jobs=1))
+            )
             for learner, engine in pairs
         )
         same = first.trials.reward.tobytes() == second.trials.reward.tobytes()

@@ -9,18 +9,15 @@ import numpy as np
 import pytest
 
 import sparse_coord_ros as sc
-from sparse_coord_ros.compiling import has_numba
-from sparse_coord_ros.errors import SettingError
-from sparse_coord_ros.experiments import benchmark as module
-from sparse_coord_ros.experiments.benchmark import Standing, failed_teams, pooled_share, standing
-from sparse_coord_ros.experiments.catalogue import experiment, unseen_conditions
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.game.unseen import KINDS, TEAMS, is_tuning, team_of
-from sparse_coord_ros.learn.evaluation import Measure
-from sparse_coord_ros.share import shipped_json
-from sparse_coord_ros.solve.optimum import independent_bound, joint_optimum
-from sparse_coord_ros.solve.reference import shortest_path_reference
-from sparse_coord_ros.solve.shipped import (
+from sparse_coord_ros.base.compiling import has_numba
+from sparse_coord_ros.base.errors import SettingError
+from sparse_coord_ros.base.share import shipped_json
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.game.unseen import KINDS, TEAMS, is_tuning, team_of
+from sparse_coord_ros.core.runs.evaluation import Measure
+from sparse_coord_ros.core.solve.optimum import independent_bound, joint_optimum
+from sparse_coord_ros.core.solve.reference import shortest_path_reference
+from sparse_coord_ros.core.solve.shipped import (
     game_digest,
     known_best,
     shipped_asking_team,
@@ -28,9 +25,24 @@ from sparse_coord_ros.solve.shipped import (
     unseen_buildings,
     yardsticks,
 )
+from sparse_coord_ros.studies.catalogue import experiment, unseen_conditions
+from sparse_coord_ros.studies.standings import (
+    Standing,
+    failed_teams,
+    pooled_share,
+    standing,
+)
+from sparse_coord_ros.studies.store import ConditionResult
 
 SHIPPED = shipped_json("unseen.json")["buildings"]
-FEW = {"runs": 2, "trials": 2, "steps": 50, "robots": [2], "jobs": 1, "engine": "python"}
+FEW = {
+    "runs": 2,
+    "trials": 2,
+    "steps": 50,
+    "robots": [2],
+    "jobs": 1,
+    "engine": "python",
+}
 
 
 def test_both_splits_have_as_many_of_each_kind_and_team():
@@ -65,7 +77,9 @@ def test_more_are_too(name):
     said = SHIPPED[name]
     assert said["game"] == game_digest(scenario)
     plan = shipped_routes(scenario)
-    assert shortest_path_reference(scenario).reward == pytest.approx(said["shortest_paths"])
+    assert shortest_path_reference(scenario).reward == pytest.approx(
+        said["shortest_paths"]
+    )
     assert said["shortest_paths"] + 1 < plan.value < independent_bound(scenario)
 
 
@@ -102,10 +116,14 @@ def test_what_it_refuses(given, words):
 
 def test_a_learner_is_judged(monkeypatch):
     names = unseen_buildings()[:3]
-    monkeypatch.setattr("sparse_coord_ros.experiments.catalogue.unseen_buildings", lambda: names)
+    monkeypatch.setattr(
+        "sparse_coord_ros.studies.catalogue.unseen_buildings", lambda: names
+    )
     found = sc.benchmark("noncoop", **FEW)
     assert (found.learner, found.split) == ("noncoop", "tuning")
-    assert {one.condition.name for one in found.results.values()} == set(filter(is_tuning, names))
+    assert {one.condition.name for one in found.results.values()} == set(
+        filter(is_tuning, names)
+    )
     [(where, one)] = found.standings().items()
     assert (where, one.buildings, one.teams) == ("2r", 2, 4)
     assert list(found.standings(by_kind=True)) == ["2r door"]
@@ -151,7 +169,9 @@ def test_a_share_is_of_the_pooled_gap():
 
 def test_teams_below_shortest_paths_and_failed_ones_are_counted(result_in):
     low = shortest_path_reference(load_scenario("unseen1-door-2r-0")).reward
-    result = result_in("unseen1-door-2r-0", rewards=[low - 1.0, low, low + 8.0], failing=[0, 5, 0])
+    result = result_in(
+        "unseen1-door-2r-0", rewards=[low - 1.0, low, low + 8.0], failing=[0, 5, 0]
+    )
     one = standing([result, result])
     assert (one.buildings, one.teams, one.below, one.failed) == (2, 6, 2, 2)
     assert one.reward.mean == pytest.approx(low + 7.0 / 3.0)
@@ -174,16 +194,21 @@ def result_in():
     """Return a function that makes up a result in a building, with the rewards of its runs."""
 
     def made(name, rewards, failing):
-        [condition] = [c for c in unseen_conditions("coop", "tuning", {}) if c.name == name]
-        return module.ConditionResult(
+        [condition] = [
+            c for c in unseen_conditions("coop", "tuning", {}) if c.name == name
+        ]
+        return ConditionResult(
             condition=condition,
             trials=1000,
             optimum=200.0,
             optimum_exact=True,
             reference={"reward": shortest_path_reference(condition.scenario).reward},
-            means={name: list(rewards) for name in ("reward", "asks", "miscoordinations")},
+            means={
+                name: list(rewards) for name in ("reward", "asks", "miscoordinations")
+            },
             variances={
-                name: [1.0] * len(rewards) for name in ("reward", "asks", "miscoordinations")
+                name: [1.0] * len(rewards)
+                for name in ("reward", "asks", "miscoordinations")
             },
             robot_means={},
             not_arrived=failing,
@@ -200,10 +225,24 @@ def test_the_verb(monkeypatch, capsys):
     from sparse_coord_ros.cli.main import main
 
     names = unseen_buildings()[:2]
-    monkeypatch.setattr("sparse_coord_ros.experiments.catalogue.unseen_buildings", lambda: names)
-    words = ["benchmark", "noncoop", "--robots", "2", "--runs", "2", "--steps", "200", "--kinds"]
+    monkeypatch.setattr(
+        "sparse_coord_ros.studies.catalogue.unseen_buildings", lambda: names
+    )
+    words = [
+        "benchmark",
+        "noncoop",
+        "--robots",
+        "2",
+        "--runs",
+        "2",
+        "--steps",
+        "200",
+        "--kinds",
+    ]
     assert main(words) == 0
     out = capsys.readouterr().out
-    assert [line.split()[:2] for line in out.splitlines()[2:4]] == [["noncoop", "2r"]] * 2
+    assert [line.split()[:2] for line in out.splitlines()[2:4]] == [
+        ["noncoop", "2r"]
+    ] * 2
     assert main([*words, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["benchmarks"][0]["split"] == "tuning"

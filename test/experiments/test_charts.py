@@ -11,8 +11,8 @@ from matplotlib.container import ErrorbarContainer
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from sparse_coord_ros.experiments.catalogue import LEARNERS, experiment
-from sparse_coord_ros.experiments.report.charts import (
+from sparse_coord_ros.studies.catalogue import LEARNERS, experiment
+from sparse_coord_ros.studies.report.charts import (
     ASKING,
     BASELINE,
     LABELS,
@@ -22,9 +22,9 @@ from sparse_coord_ros.experiments.report.charts import (
     STYLES,
     rendered,
 )
-from sparse_coord_ros.experiments.report.drawings import figures_of, swept_figure
-from sparse_coord_ros.experiments.report.map_pictures import asked_maps
-from sparse_coord_ros.experiments.store import SUMS
+from sparse_coord_ros.studies.report.drawings import figures_of, swept_figure
+from sparse_coord_ros.studies.report.map_pictures import asked_maps
+from sparse_coord_ros.studies.store import SUMS
 
 AS_TEXT = ("-0.1", "-1", "-10", "-100", "-20", "0")
 """Penalties in the order of the names of their files."""
@@ -56,15 +56,21 @@ def joined(axes):
 
 
 def test_penalties_stand_in_numeric_order_with_true_distances():
-    rewards = dict(zip(AS_TEXT, (119.0, 118.0, 115.0, 100.0, 112.0, 120.0), strict=True))
-    results = [with_reward("env1", reward, penalty=text) for text, reward in rewards.items()]
+    rewards = dict(
+        zip(AS_TEXT, (119.0, 118.0, 115.0, 100.0, 112.0, 120.0), strict=True)
+    )
+    results = [
+        with_reward("env1", reward, penalty=text) for text, reward in rewards.items()
+    ]
     [panel, *_] = swept_figure(results).axes
     [points] = drawn(panel).values()
     assert points[:, 0].tolist() == sorted(float(text) for text in AS_TEXT)
     assert np.all(np.diff(points[:, 1]) > 0), "the reward falls with the penalty: no V"
     places = panel.transData.transform([(float(text), 0.0) for text in AS_TEXT])[:, 0]
     order = [AS_TEXT[i] for i in np.argsort(places)]
-    assert order == ["0", "-0.1", "-1", "-10", "-20", "-100"], "penalties grow to the right"
+    assert order == ["0", "-0.1", "-1", "-10", "-20", "-100"], (
+        "penalties grow to the right"
+    )
     assert joined(panel)
     assert panel.get_xlabel() == "penalty (log scale)"
 
@@ -117,7 +123,9 @@ def test_on_an_axis_of_numbers_every_point_stands_at_its_number():
 def test_names_on_an_axis_do_not_overlap_and_its_kind_depends_on_the_quantity(
     setting, values, scale
 ):
-    results = [with_reward("env1", 120.0, **{"penalty": "-20", setting: v}) for v in values]
+    results = [
+        with_reward("env1", 120.0, **{"penalty": "-20", setting: v}) for v in values
+    ]
     figure = swept_figure(results, setting, ["reward", "asks", "miscoordinations"])
     renderer = FigureCanvasAgg(figure).get_renderer()
     figure.draw(renderer)
@@ -125,7 +133,9 @@ def test_names_on_an_axis_do_not_overlap_and_its_kind_depends_on_the_quantity(
         assert panel.get_xscale() == scale
         labels = [one for one in panel.get_xticklabels() if one.get_text()]
         assert len(labels) > 1
-        boxes = sorted((one.get_window_extent(renderer) for one in labels), key=lambda b: b.x0)
+        boxes = sorted(
+            (one.get_window_extent(renderer) for one in labels), key=lambda b: b.x0
+        )
         assert all(a.x1 < b.x0 for a, b in zip(boxes, boxes[1:], strict=False))
 
 
@@ -176,12 +186,19 @@ def test_the_cost_of_asking_is_drawn_beside_both_baselines():
 
 
 def test_a_map_of_asks_says_its_learner_and_settings():
-    settings = {"penalty": -100, "ask_cost": 2, "steps": 5000, "epsilon": "constant:0.2"}
+    settings = {
+        "penalty": -100,
+        "ask_cost": 2,
+        "steps": 5000,
+        "epsilon": "constant:0.2",
+    }
     result = result_of("env1", "factored", settings)
     said = [text.get_text() for text in asked_maps([result]).axes[0].texts]
     [title] = [text for text in said if "asks a robot" in text]
     assert title.startswith("env1, Factored\n")
-    assert all(f"{name} {value}" in " ".join(title.split()) for name, value in settings.items())
+    assert all(
+        f"{name} {value}" in " ".join(title.split()) for name, value in settings.items()
+    )
 
 
 def test_names_are_points_that_no_line_joins():
@@ -203,7 +220,9 @@ def test_every_line_of_the_legend_can_be_seen(penalties):
     ]
     if len(penalties) == 1:
         results += [with_reward("env1", 117.0, penalty="-20", steps=300)]
-    figure = swept_figure(results, "steps" if len(penalties) == 1 else "penalty", ["reward"])
+    figure = swept_figure(
+        results, "steps" if len(penalties) == 1 else "penalty", ["reward"]
+    )
     [legend] = figure.legends
     said = [text.get_text() for text in legend.get_texts()]
     assert said[:2] == ["Non-coop.", "Coop."]
@@ -212,7 +231,11 @@ def test_every_line_of_the_legend_can_be_seen(penalties):
     for line in panel.lines:
         if line.get_label().startswith("_"):
             continue
-        assert len(set(line.get_xdata())) > 1 or line.get_marker() not in (None, "None", "")
+        assert len(set(line.get_xdata())) > 1 or line.get_marker() not in (
+            None,
+            "None",
+            "",
+        )
     low, high = panel.get_ylim()
     for line in panel.lines:
         values = np.asarray(line.get_ydata(), dtype=float)
@@ -221,17 +244,28 @@ def test_every_line_of_the_legend_can_be_seen(penalties):
 
 def test_a_reference_that_is_known_at_one_place_is_not_drawn_at_others():
     """The best asking team of env1 is known at a cost of 1."""
-    results = [with_reward("env1", 100.0, penalty="-100", ask_cost=cost) for cost in (0, 1, 10)]
+    results = [
+        with_reward("env1", 100.0, penalty="-100", ask_cost=cost) for cost in (0, 1, 10)
+    ]
     [panel] = swept_figure(results, "ask_cost", ["reward"]).axes
-    known = [line for line in panel.lines if line.get_color() == STYLES[ASKING]["color"]]
-    assert [(line.get_xdata().tolist(), line.get_marker()) for line in known] == [([1], "_")]
+    known = [
+        line for line in panel.lines if line.get_color() == STYLES[ASKING]["color"]
+    ]
+    assert [(line.get_xdata().tolist(), line.get_marker()) for line in known] == [
+        ([1], "_")
+    ]
 
 
 def test_a_reference_at_a_name_is_a_dash():
-    results = [with_reward("env1", 100.0, common_reward=share) for share in ("same", "each:2:0")]
+    results = [
+        with_reward("env1", 100.0, common_reward=share)
+        for share in ("same", "each:2:0")
+    ]
     [panel] = swept_figure(results, "common_reward", ["reward"]).axes
     dashes = [one for one in panel.collections if isinstance(one, LineCollection)]
-    lengths = {float(np.ptp(path[:, 0])) for one in dashes for path in one.get_segments()}
+    lengths = {
+        float(np.ptp(path[:, 0])) for one in dashes for path in one.get_segments()
+    }
     assert 0.8 in {round(length, 6) for length in lengths}
 
 
@@ -256,7 +290,9 @@ def test_figure4_says_what_its_bars_are_and_how_many_runs_it_shows():
     ]
     figures = figures_of("figure4", results)
     said = figures["figure4"].legends[0].get_title().get_text()
-    assert said.startswith(f"Bars: one standard error of the mean over {PLAN.runs} learning runs.")
+    assert said.startswith(
+        f"Bars: one standard error of the mean over {PLAN.runs} learning runs."
+    )
     assert len({axes.get_ylim() for axes in figures["figure4"].axes}) == 1
     said = figures["figure4_variance"].legends[0].get_title().get_text()
     assert said.startswith(f"Each point: {PLAN.runs} learning runs.")
@@ -290,7 +326,11 @@ class Shaky(ConstrainedLayoutEngine):
     def execute(self, fig):
         super().execute(fig)
         for part in [*fig.subfigs, *fig.axes]:
-            box = part.bbox_relative if part in fig.subfigs else part.get_position(original=True)
+            box = (
+                part.bbox_relative
+                if part in fig.subfigs
+                else part.get_position(original=True)
+            )
             box.set_points(box.get_points() + self.shift)
             if part in fig.axes:
                 part.set_position(box)

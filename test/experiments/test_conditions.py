@@ -4,9 +4,9 @@
 
 import pytest
 
-from sparse_coord_ros.errors import ScenarioError, SettingError
-from sparse_coord_ros.experiments.catalogue import LARGE, NAMES, SMALL, experiment
-from sparse_coord_ros.experiments.conditions import make_condition, parse_id
+from sparse_coord_ros.base.errors import ScenarioError, SettingError
+from sparse_coord_ros.studies.catalogue import LARGE, NAMES, SMALL, experiment
+from sparse_coord_ros.studies.conditions import make_condition, parse_id
 
 
 def test_an_id_reads_back_as_the_same_condition():
@@ -86,7 +86,9 @@ def test_a_scenario_file_can_be_a_condition(file):
 
 def test_a_file_with_the_name_of_a_shipped_scenario(file):
     for path, more in (("env1.yaml", ""), ("other.yaml", "name: env1\n")):
-        with pytest.raises(ScenarioError, match=f"{path}.*'env1'.*field 'name', or rename"):
+        with pytest.raises(
+            ScenarioError, match=f"{path}.*'env1'.*field 'name', or rename"
+        ):
             parse_id(f"{file(path, more)}/coop/penalty=-5")
     one, _ = parse_id(f"{file('env1.yaml', 'name: my_env1')}/coop/penalty=-5")
     assert one.id == "my_env1/coop/penalty=-5"
@@ -102,7 +104,12 @@ def test_the_paper_s_conditions():
     for name, scenarios, steps in (("table1", SMALL, 10**4), ("table3", LARGE, 10**5)):
         conditions = experiment(name).conditions
         assert {one.name for one in conditions} == set(scenarios)
-        assert {one.learner for one in conditions} == {"indiv", "noncoop", "coop", "factored"}
+        assert {one.learner for one in conditions} == {
+            "indiv",
+            "noncoop",
+            "coop",
+            "factored",
+        }
         assert {one.scenario.steps for one in conditions} == {steps}
         assert {one.scenario.penalty for one in conditions} == {-20}
     assert experiment("table2").conditions == experiment("table1").conditions
@@ -116,7 +123,14 @@ def test_the_learning_protocol_is_the_same_for_all_nine_scenarios():
     for name in SMALL + LARGE:
         s = make_condition(name, "coop", {}).scenario
         protocols.add(
-            (s.starts, s.step_size, s.epsilon, s.q_star_init, s.q_coord_init, s.goal_value)
+            (
+                s.starts,
+                s.step_size,
+                s.epsilon,
+                s.q_star_init,
+                s.q_coord_init,
+                s.goal_value,
+            )
             + (s.max_steps, s.discount, s.ask_cost)
         )
     assert len(protocols) == 1

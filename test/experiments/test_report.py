@@ -13,10 +13,21 @@ import pytest
 from made_up_results import PLAN, made_up, result_of
 from matplotlib.figure import Figure
 
-from sparse_coord_ros.experiments.catalogue import LEARNERS, LONG, NAMES, Experiment, experiment
-from sparse_coord_ros.experiments.conditions import make_condition
-from sparse_coord_ros.experiments.report import charts, document, drawings, write_report
-from sparse_coord_ros.experiments.report.analysis import (
+from sparse_coord_ros.core.game.grid import parse_map
+from sparse_coord_ros.core.game.scenario import SETTINGS
+from sparse_coord_ros.core.runs.evaluation import Measure
+from sparse_coord_ros.core.solve.optimum import independent_bound
+from sparse_coord_ros.show.results_report import results_report
+from sparse_coord_ros.studies.catalogue import (
+    LEARNERS,
+    LONG,
+    NAMES,
+    Experiment,
+    experiment,
+)
+from sparse_coord_ros.studies.conditions import make_condition
+from sparse_coord_ros.studies.report import charts, document, drawings, write_report
+from sparse_coord_ros.studies.report.analysis import (
     above_optimum,
     contradicts_itself,
     errors_from,
@@ -26,16 +37,11 @@ from sparse_coord_ros.experiments.report.analysis import (
     paired,
     surely_above,
 )
-from sparse_coord_ros.experiments.report.charts import point
-from sparse_coord_ros.experiments.report.rows import paper
-from sparse_coord_ros.experiments.report.sections import SECTIONS, reward_claims
-from sparse_coord_ros.experiments.report.text import listed, size, to_markdown
-from sparse_coord_ros.experiments.store import SUMS, Plan, open_results
-from sparse_coord_ros.game.grid import parse_map
-from sparse_coord_ros.game.scenario import SETTINGS
-from sparse_coord_ros.learn.evaluation import Measure
-from sparse_coord_ros.look.results_report import results_report
-from sparse_coord_ros.solve.optimum import independent_bound
+from sparse_coord_ros.studies.report.charts import point
+from sparse_coord_ros.studies.report.rows import paper
+from sparse_coord_ros.studies.report.sections import SECTIONS, reward_claims
+from sparse_coord_ros.studies.report.text import listed, size, to_markdown
+from sparse_coord_ros.studies.store import SUMS, Plan, open_results
 
 
 def some_of_figure4():
@@ -61,7 +67,9 @@ SAVED = ("crowd", "where")
 @pytest.fixture(scope="module")
 def everything(tmp_path_factory):
     """Return the folder of a report on every experiment."""
-    chosen = [some_of_figure4() if name == "figure4" else experiment(name) for name in NAMES]
+    chosen = [
+        some_of_figure4() if name == "figure4" else experiment(name) for name in NAMES
+    ]
     folder = tmp_path_factory.mktemp("report")
 
     def plot(shown, *size, **how):
@@ -86,7 +94,10 @@ def read_csv(folder, name):
 
 def row(text, *start):
     """Return the cells of the first line of a Markdown table that begins with these cells."""
-    lines = [[cell.strip() for cell in line.strip("|\n ").split("|")] for line in text.split("\n")]
+    lines = [
+        [cell.strip() for cell in line.strip("|\n ").split("|")]
+        for line in text.split("\n")
+    ]
     return next(line for line in lines if line[: len(start)] == list(start))
 
 
@@ -100,7 +111,11 @@ def test_every_experiment_has_a_heading_tables_and_figures(everything):
     assert "](figures/figure4_variance.png)" in text
     assert "4 learning runs of 50 trials" in text
     assert "nan" not in text.lower().split()
-    assert text.index("## Findings") < text.index("## How to read") < text.index("## Table 1")
+    assert (
+        text.index("## Findings")
+        < text.index("## How to read")
+        < text.index("## Table 1")
+    )
     table = text.split("## Findings\n")[1].split("\n## ")[0]
     lines = [line for line in table.split("\n") if line.startswith("|")]
     assert 10 <= len(lines) - 2 <= 19
@@ -121,7 +136,9 @@ def test_figures_are_png_and_svg(everything, name):
 
 def test_csv_has_one_value_a_field_in_full_precision(everything):
     rows = read_csv(everything, "table1")
-    assert [r["id"] for r in rows] == [one.id for one in experiment("table1").conditions]
+    assert [r["id"] for r in rows] == [
+        one.id for one in experiment("table1").conditions
+    ]
     result = made_up(experiment("table1").conditions[2])
     coop = rows[2]
     assert float(coop["reward_mean"]) == result.measure("reward").mean
@@ -129,7 +146,9 @@ def test_csv_has_one_value_a_field_in_full_precision(everything):
     assert float(coop["paper_reward_mean"]) == 126.3
     assert float(coop["dense_bytes"]) == 21 * 21 * 32
     assert coop["optimum_exact"] == "True"
-    assert [float(coop[f"reward_robot_{k}"]) for k in (1, 2)] == result.robot_means["reward"]
+    assert [float(coop[f"reward_robot_{k}"]) for k in (1, 2)] == result.robot_means[
+        "reward"
+    ]
     assert coop["reward_robot_3"] == ""  # of env2-4r
     for name in NAMES:
         for r in read_csv(everything, name):
@@ -140,12 +159,17 @@ def test_csv_has_one_value_a_field_in_full_precision(everything):
 def test_the_paper_stands_beside_its_own_settings_only(everything):
     assert read_csv(everything, "table3")[0]["paper_reward_mean"] == "111.2"
     assert {r["paper_reward_mean"] for r in read_csv(everything, "figure4")} == {""}
-    assert paper(result_of("env1", settings={"penalty": -20, "ask_cost": 2}), "reward") is None
+    assert (
+        paper(result_of("env1", settings={"penalty": -20, "ask_cost": 2}), "reward")
+        is None
+    )
 
 
 def test_impossible_rows_of_the_paper_are_named(everything):
     text = (everything / "reproduction.md").read_text(encoding="utf-8")
-    part = text.split("\n## Rows of the paper that are not reproduced, or are inconsistent\n")[1]
+    part = text.split(
+        "\n## Rows of the paper that are not reproduced, or are inconsistent\n"
+    )[1]
     impossible = [line for line in part.split("\n") if "no policy can reach it" in line]
     assert [line.split(" | ")[:2] for line in impossible] == [
         ["| env1", "Coop."],
@@ -153,7 +177,9 @@ def test_impossible_rows_of_the_paper_are_named(everything):
     ]
     assert "exact joint optimum 121.89" in impossible[0]
     assert "equals, within its sampling error, the 126.45 of robots" in impossible[0]
-    ours = made_up(make_condition("env1", "coop", {"penalty": -20})).measure("reward").mean
+    ours = (
+        made_up(make_condition("env1", "coop", {"penalty": -20})).measure("reward").mean
+    )
     assert row(part, "env1", "Coop.")[2:4] == [f"{ours:.2f}", "126.30"]
     assert "\n- cmu: cells and starts from public" in part
 
@@ -174,7 +200,9 @@ def test_impossible_means_surely_above_the_optimum(name, optimum, impossible):
 def test_a_row_that_contradicts_its_own_miscoordinations():
     assert contradicts_itself(result_of("env2-2r", "indiv"))
     assert contradicts_itself(result_of("env2-2r", "noncoop"))
-    assert implied_reward(result_of("env2-2r", "indiv")).mean == pytest.approx(109.47, abs=0.01)
+    assert implied_reward(result_of("env2-2r", "indiv")).mean == pytest.approx(
+        109.47, abs=0.01
+    )
     assert not contradicts_itself(result_of("env1", "indiv"))
     assert not contradicts_itself(result_of("env1", "coop"))
     assert not contradicts_itself(result_of("cit", "indiv"))
@@ -191,7 +219,9 @@ def test_gap_closed_has_the_error_of_paired_runs():
     base = np.array([100.0, 104.0, 96.0])
     closed = gap_closed(coop, base, 120.0)
     assert closed.mean == pytest.approx(0.5)
-    assert closed.standard_error == pytest.approx(0, abs=1e-12)  # coop - base / 2 is constant
+    assert closed.standard_error == pytest.approx(
+        0, abs=1e-12
+    )  # coop - base / 2 is constant
     against = gap_closed(coop, base[::-1], 120.0)
     assert against.standard_error == pytest.approx(2 / math.sqrt(3) / 20)
     assert gap_closed(coop, base + 20, 120.0) is None
@@ -209,7 +239,9 @@ def section(name, changes=(), conditions=None):
     conditions = experiment(name).conditions if conditions is None else conditions
     changes = dict(changes)
     assert set(changes) <= {one.id for one in conditions}
-    return SECTIONS[name]([made_up(one, **changes.get(one.id, {})) for one in conditions])
+    return SECTIONS[name](
+        [made_up(one, **changes.get(one.id, {})) for one in conditions]
+    )
 
 
 def rewards(*values):
@@ -217,7 +249,9 @@ def rewards(*values):
 
 
 def row_of(rows, **wanted):
-    [found] = [one for one in rows if all(one[key] == value for key, value in wanted.items())]
+    [found] = [
+        one for one in rows if all(one[key] == value for key, value in wanted.items())
+    ]
     return found
 
 
@@ -232,14 +266,22 @@ def test_numbers_of_a_table_are_those_of_the_runs():
     line = row_of(found.rows, scenario="env1")
     assert line["Indiv."] == f"120.00 ({math.sqrt(4 / 3) / 2:.2f})"
     assert (line["Indiv., paper"], line["shortest paths"]) == ("119.50", "119.68")
-    assert (line["best asking team found"], line["joint optimum"]) == ("121.20", "121.89")
+    assert (line["best asking team found"], line["joint optimum"]) == (
+        "121.20",
+        "121.89",
+    )
     assert row_of(found.rows, scenario="env2-4r")["joint optimum"] == "<= 111.32"
     assert found.values["visited"] == "7.7 % to 22.7 %"
     assert verdicts(found.claims) == [(2, 9)]
 
 
 def test_who_hardly_asks_is_named_with_what_there_is_to_gain():
-    means = {"reward": 119.0, "time_to_goal": 10.0, "asks": 0.01, "miscoordinations": 0.4}
+    means = {
+        "reward": 119.0,
+        "time_to_goal": 10.0,
+        "asks": 0.01,
+        "miscoordinations": 0.4,
+    }
     quiet = {"means": {name: [mean] * 4 for name, mean in means.items()}}
     found = section("table1", {"env1/coop/penalty=-20": quiet})
     assert found.values["silent"] == {"env1": "(2.20)"}
@@ -251,7 +293,12 @@ def test_who_hardly_asks_is_named_with_what_there_is_to_gain():
         ((118.0,) * 4, 110.0, "90.0 % ± 0.0 %", True),
         ((110.0,) * 4, 110.0, "50.0 % ± 0.0 %", False),
         ((110.0, 110.0, 122.0, 122.0), 110.0, "80.0 % ± 17.3 %", True),
-        ((110.0,) * 4, 90.0, "50.0 % ± 0.0 %", False),  # the learned baseline is the better one
+        (
+            (110.0,) * 4,
+            90.0,
+            "50.0 % ± 0.0 %",
+            False,
+        ),  # the learned baseline is the better one
     ],
 )
 def test_targets_are_met_or_not(coop, paths, told, met):
@@ -327,7 +374,8 @@ def test_loses_less_means_surely():
 
 
 @pytest.mark.parametrize(
-    ("fall", "steps", "verdict"), [(8, 10**5, (1, 1)), (9, 10**5, (0, 1)), (9, 10**4, (0, 0))]
+    ("fall", "steps", "verdict"),
+    [(8, 10**5, (1, 1)), (9, 10**5, (0, 1)), (9, 10**4, (0, 0))],
 )
 def test_factored_falls_hardly_more_than_the_best_asking_team(fall, steps, verdict):
     """The best asking team of env1 loses 7.95 from penalty 0 to -100; 10^5 steps are judged."""
@@ -363,10 +411,21 @@ def test_factored_s_fall_is_judged_where_there_is_a_limit_and_a_loss():
 
 def test_worth_it_means_also_worth_more_than_robots_that_cannot_ask():
     shortest = {"reward": 90.0, "time_to_goal": 10.0, "miscoordinations": 0.4}
-    earned = {0: 107.0, 0.5: 107.0, 1: 106.0, 2: 105.0, 3: 105.0, 5: 104.0, 7: 103.0, 10: 102.0}
+    earned = {
+        0: 107.0,
+        0.5: 107.0,
+        1: 106.0,
+        2: 105.0,
+        3: 105.0,
+        5: 104.0,
+        7: 103.0,
+        10: 102.0,
+    }
     changes = {
         one.id: {
-            **rewards(*[earned[one.scenario.ask_cost] if one.learner == "coop" else 102.0] * 4),
+            **rewards(
+                *[earned[one.scenario.ask_cost] if one.learner == "coop" else 102.0] * 4
+            ),
             "reference": shortest,
         }
         for one in experiment("ask_cost").conditions
@@ -415,7 +474,16 @@ def test_gains_in_crowds_are_paired():
 
 def test_near_doorways_on_a_small_map():
     grid = parse_map("title: t\n---\n1..D...2\n", name="t", where="t")
-    assert near_doorways(grid, 2).tolist() == [False, True, True, True, True, True, False, False]
+    assert near_doorways(grid, 2).tolist() == [
+        False,
+        True,
+        True,
+        True,
+        True,
+        True,
+        False,
+        False,
+    ]
     assert near_doorways(grid, 0).sum() == 1
     closed = parse_map("title: t\n---\n1D#.2\n", name="t", where="t")
     assert near_doorways(closed, 2).tolist() == [True, True, False, False]
@@ -429,7 +497,9 @@ def test_asks_near_doorways_beside_the_time_spent_there():
     asked[1, 0] = 0.1
     stays[:, near[0]] = 4
     stays[:, 0] = 6
-    found = section("where", {one.id: {"asked": asked.tolist(), "stays": stays.tolist()}})
+    found = section(
+        "where", {one.id: {"asked": asked.tolist(), "stays": stays.tolist()}}
+    )
     line = row_of(found.rows, scenario="env1")
     assert (line["asked near"], line["time near"]) == ("75.0 %", "40.0 %")
     never = section("where", {one.id: {"asked": np.zeros((2, 21)).tolist()}})
@@ -448,13 +518,20 @@ def test_where_says_what_it_leaves_out_and_where_no_question_is_needed():
         change = {"stays": stays.tolist(), "asked": (stays * near).tolist()}
         asks = 0.01 if one.name == "suny" else 0.5
         paths = 143.19 if one.name == "isr" else 20.0
-        change["means"] = {name: [asks] * 4 for name in SUMS} | {"reward": [paths - 0.5] * 4}
-        change["reference"] = {"reward": paths, "time_to_goal": 9.0, "miscoordinations": 0.1}
+        change["means"] = {name: [asks] * 4 for name in SUMS} | {
+            "reward": [paths - 0.5] * 4
+        }
+        change["reference"] = {
+            "reward": paths,
+            "time_to_goal": 9.0,
+            "miscoordinations": 0.1,
+        }
         changes[one.id] = change
     where, needless = section("where", changes).claims
     assert (where.holds, where.cases) == (7, 7)
-    assert "Left out: pentagon (robots are always near one), suny (a robot asks less" in (
-        where.measured
+    assert (
+        "Left out: pentagon (robots are always near one), suny (a robot asks less"
+        in (where.measured)
     )
     assert (needless.holds, needless.cases) == (0, 1)
     assert needless.measured.endswith(": isr 0.50 times, loses 0.50 (0.00)")
@@ -467,8 +544,13 @@ def test_one_experiment_alone(tmp_path):
         write_report(tmp_path / folder, PLAN, [one], found)
     text = (tmp_path / "a/reproduction.md").read_text(encoding="utf-8")
     assert f"## {one.title}" in text and "Table 1" not in text.split("## Penalty")[1]
-    assert "sparse_coord reproduce penalty100 --runs 4 --trials 50 --seed 5 --out results" in text
-    files = sorted(path.relative_to(tmp_path / "a") for path in (tmp_path / "a").rglob("*.*"))
+    assert (
+        "sparse_coord reproduce penalty100 --runs 4 --trials 50 --seed 5 --out results"
+        in text
+    )
+    files = sorted(
+        path.relative_to(tmp_path / "a") for path in (tmp_path / "a").rglob("*.*")
+    )
     assert list(map(str, files)) == [
         "figures/penalty100.png",
         "figures/penalty100.svg",
@@ -476,14 +558,20 @@ def test_one_experiment_alone(tmp_path):
         "tables/penalty100.csv",
     ]
     for path in files:  # the same results give the same bytes
-        assert (tmp_path / "a" / path).read_bytes() == (tmp_path / "b" / path).read_bytes(), path
+        assert (tmp_path / "a" / path).read_bytes() == (
+            tmp_path / "b" / path
+        ).read_bytes(), path
 
 
 def test_a_single_run_has_no_errors(tmp_path, monkeypatch):
     one = dict.fromkeys(SUMS, [100.0])
     single = {"means": one, "variances": one, "not_arrived": [0], "visited": [100.0]}
-    chosen = [some_of_figure4() if name == "figure4" else experiment(name) for name in NAMES]
-    found = {each.id: made_up(each, **single) for one in chosen for each in one.conditions}
+    chosen = [
+        some_of_figure4() if name == "figure4" else experiment(name) for name in NAMES
+    ]
+    found = {
+        each.id: made_up(each, **single) for one in chosen for each in one.conditions
+    }
     monkeypatch.setattr(document, "figures_of", lambda *_: {})
     write_report(tmp_path, Plan(seed=5, runs=1, trials=50), chosen, found)
     text = (tmp_path / "reproduction.md").read_text(encoding="utf-8")
@@ -495,9 +583,14 @@ def test_a_single_run_has_no_errors(tmp_path, monkeypatch):
 def results(tmp_path):
     """Return a directory with two whole experiments, and two conditions that belong to none."""
     conditions = [
-        each for name in ("table1", "penalty100") for each in experiment(name).conditions
+        each
+        for name in ("table1", "penalty100")
+        for each in experiment(name).conditions
     ]
-    more = [make_condition("env1", learner, {"penalty": -3}) for learner in ("coop", "noncoop")]
+    more = [
+        make_condition("env1", learner, {"penalty": -3})
+        for learner in ("coop", "noncoop")
+    ]
     with open_results(tmp_path / "r", PLAN) as opened:
         for one in [*conditions, *more]:
             opened.save(one, made_up(one))
@@ -521,12 +614,16 @@ def test_the_page_of_results_tells_all_of_them(results):
     assert [part.count("<img") for part in parts] == [0, 0, 1, 1, 1, 2, 0, 0, 0, 0]
     assert "<td>Indiv. learns shortest paths</td>" in parts[1]
     assert "Steps until a robot arrives, and steps of an episode" in parts[3]
-    assert all(f"<td>env1/{name}/penalty=-3</td>" in parts[5] for name in ("coop", "noncoop"))
+    assert all(
+        f"<td>env1/{name}/penalty=-3</td>" in parts[5] for name in ("coop", "noncoop")
+    )
     assert "<td>env1/coop/penalty=-20</td>" not in parts[5]
     assert parts[6].count("<tr>") == 1 + 12 + 12 + 2
     assert "no policy can reach it" in parts[7]
     asked = "table1 table2 penalty100 env1/coop/penalty=-3 env1/noncoop/penalty=-3"
-    command = f"sparse_coord reproduce {asked} --runs 4 --trials 50 --seed 5 --out results"
+    command = (
+        f"sparse_coord reproduce {asked} --runs 4 --trials 50 --seed 5 --out results"
+    )
     assert command in parts[-1]
 
 
@@ -537,15 +634,24 @@ def test_conditions_that_make_no_experiment_are_told_too(tmp_path):
     page = unescape(results_report(tmp_path / "r"))
     headings = re.findall("<h2>(.*?)</h2>", page)
     assert headings == ["Conditions", "How to read the tables", "How to reproduce it"]
-    assert "1 condition of env1; of each 4 learning runs (seeds 5 to 8) of 50 trials" in page
+    assert (
+        "1 condition of env1; of each 4 learning runs (seeds 5 to 8) of 50 trials"
+        in page
+    )
 
 
 def test_bars_end_at_zero_where_nothing_is_below():
     measure = Measure(0.2, 0.5, 0.3)
-    assert point(measure, "miscoordinations", "spread", panel="", line="", x=0)["low"] == 0.2
+    assert (
+        point(measure, "miscoordinations", "spread", panel="", line="", x=0)["low"]
+        == 0.2
+    )
     assert point(measure, "asks", panel="", line="", x=0)["low"] == 0.2
     assert point(measure, "reward", "spread", panel="", line="", x=0)["low"] == 0.5
-    assert point(measure, "miscoordinations", "spread", panel="", line="", x=0)["high"] == 0.5
+    assert (
+        point(measure, "miscoordinations", "spread", panel="", line="", x=0)["high"]
+        == 0.5
+    )
 
 
 def test_markdown_and_words():
@@ -556,4 +662,8 @@ def test_markdown_and_words():
     )
     assert [size(n) for n in (999, 14112, 64**8 * 32)] == ["999 B", "14.1 kB", "9.0 PB"]
     assert size(10**30) == "1000000.0 YB"
-    assert [listed(words) for words in ([], ["a"], ["a", "b", "c"])] == ["none", "a", "a, b and c"]
+    assert [listed(words) for words in ([], ["a"], ["a", "b", "c"])] == [
+        "none",
+        "a",
+        "a, b and c",
+    ]

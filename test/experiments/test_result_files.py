@@ -10,14 +10,21 @@ import numpy as np
 import pytest
 
 import sparse_coord_ros as sc
+from sparse_coord_ros.base.errors import ResultsError
 from sparse_coord_ros.cli.main import main
-from sparse_coord_ros.errors import ResultsError
-from sparse_coord_ros.experiments.checked_json import digest_of, to_text
-from sparse_coord_ros.experiments.conditions import parse_id
-from sparse_coord_ros.experiments.runner import run_experiment
-from sparse_coord_ros.experiments.store import Plan, computation_digest, open_results, read_results
+from sparse_coord_ros.studies.checked_json import digest_of, to_text
+from sparse_coord_ros.studies.conditions import parse_id
+from sparse_coord_ros.studies.runner import run_experiment
+from sparse_coord_ros.studies.store import (
+    Plan,
+    computation_digest,
+    open_results,
+    read_results,
+)
 
-COOP, NONCOOP = (f"env1/{learner}/penalty=-20,steps=100" for learner in ("coop", "noncoop"))
+COOP, NONCOOP = (
+    f"env1/{learner}/penalty=-20,steps=100" for learner in ("coop", "noncoop")
+)
 PLAN = Plan(seed=5, runs=2, trials=3)
 FEW = {"runs": PLAN.runs, "trials": PLAN.trials, "engine": "python", "jobs": 1}
 
@@ -203,7 +210,9 @@ def is_computed_again(folder, original, condition=COOP):
     path = file_of(folder, condition)
     lines = []
     damaged = path.read_bytes()
-    found = run_experiment([condition], out=folder, seed=PLAN.seed, **FEW, say=lines.append)
+    found = run_experiment(
+        [condition], out=folder, seed=PLAN.seed, **FEW, say=lines.append
+    )
     aside = path.with_name(path.name + ".broken")
     assert aside.read_bytes() == damaged
     [line] = lines
@@ -221,7 +230,9 @@ def test_a_changed_number_is_not_shown(folder, originals, capsys, place):
         for key in place:
             spot = spot[key]
         whole = isinstance(spot, int)
-        return changed(data, *place, to=spot + 1 if whole else float(np.nextafter(spot, 1e9)))
+        return changed(
+            data, *place, to=spot + 1 if whole else float(np.nextafter(spot, 1e9))
+        )
 
     edited(file_of(folder), next_float)
     assert "does not fit its digest" in is_refused(folder, capsys, f"{COOP}.json")
@@ -268,7 +279,9 @@ def test_damaged_text_is_not_shown(folder, originals, capsys, change):
         ("more trials", COOP, "computed with trials 4, this directory has trials 3"),
     ],
 )
-def test_a_file_from_elsewhere_is_not_shown(folder, originals, capsys, whose, condition, words):
+def test_a_file_from_elsewhere_is_not_shown(
+    folder, originals, capsys, whose, condition, words
+):
     shutil.copy(file_of(originals[whose], condition), file_of(folder))
     assert words in is_refused(folder, capsys, f"{COOP}.json")
     is_computed_again(folder, originals["as they are"])
@@ -320,7 +333,14 @@ def test_the_layout_of_the_text_does_not_matter(folder):
 def test_every_float_reads_back_with_its_digest():
     draw = np.random.default_rng(1)
     bits = draw.integers(0, 2**64, 2000, dtype=np.uint64).view(np.float64)
-    values = [*bits[np.isfinite(bits)].tolist(), -0.0, 5e-324, sys.float_info.max, 0.1 + 0.2, 1e22]
+    values = [
+        *bits[np.isfinite(bits)].tolist(),
+        -0.0,
+        5e-324,
+        sys.float_info.max,
+        0.1 + 0.2,
+        1e22,
+    ]
     data = {"values": values, "whole": [2**63 - 1, 0, -1], "text": "\u00e9\ud83d\ude00"}
     content = json.loads(to_text(data))
     assert content.pop("digest") == digest_of(content)
@@ -349,14 +369,18 @@ def test_a_changed_manifest_is_refused_by_all(folder, capsys, change, write):
     path = folder / "results.json"
     write(path, change)
     before = path.read_bytes()
-    if write is signed and change in [MANIFESTS[name] for name in ("seed", "runs", "trials")]:
+    if write is signed and change in [
+        MANIFESTS[name] for name in ("seed", "runs", "trials")
+    ]:
         with pytest.raises(ResultsError, match="computed with (seed|runs|trials)"):
             read_results(folder)  # its files are of another plan
     elif write is signed and change is MANIFESTS["version"]:
         read_results(folder)  # nothing depends on it
         return
     else:
-        is_refused(folder, capsys, "results.json: is no results.json of this software: ")
+        is_refused(
+            folder, capsys, "results.json: is no results.json of this software: "
+        )
     with pytest.raises(ResultsError, match="results"):
         run_experiment([COOP], out=folder, seed=PLAN.seed, **FEW)
     assert path.read_bytes() == before
@@ -364,13 +388,24 @@ def test_a_changed_manifest_is_refused_by_all(folder, capsys, change, write):
 
 def test_the_command_line_says_one_line_and_goes_on(folder, capsys, originals):
     file_of(folder).write_text("{")
-    words = ["reproduce", COOP, "--out", folder, "--seed", PLAN.seed, "--engine", "python"]
+    words = [
+        "reproduce",
+        COOP,
+        "--out",
+        folder,
+        "--seed",
+        PLAN.seed,
+        "--engine",
+        "python",
+    ]
     words += ["--runs", PLAN.runs, "--trials", PLAN.trials, "--jobs", 1]
     assert main([str(word) for word in words]) == 0
     said = capsys.readouterr()
     [line] = [line for line in said.err.splitlines() if "computed again" in line]
     assert f"{COOP}.json: it is not readable as JSON" in line
-    assert file_of(folder).read_bytes() == file_of(originals["as they are"]).read_bytes()
+    assert (
+        file_of(folder).read_bytes() == file_of(originals["as they are"]).read_bytes()
+    )
 
 
 OWN = """\
@@ -392,7 +427,9 @@ def own(tmp_path):
     return tmp_path / "r", found
 
 
-def test_results_of_a_scenario_of_one_s_own_are_read_without_its_file(own, tmp_path, monkeypatch):
+def test_results_of_a_scenario_of_one_s_own_are_read_without_its_file(
+    own, tmp_path, monkeypatch
+):
     folder, found = own
     (tmp_path / "mine.yaml").unlink()
     (tmp_path / "empty").mkdir()
@@ -400,10 +437,17 @@ def test_results_of_a_scenario_of_one_s_own_are_read_without_its_file(own, tmp_p
     plan, results = read_results(folder)
     assert plan == PLAN
     assert {one.id: one for one in results} == dict(found)
-    for one in results:  # the learner's defaults hold again: they are not the scenario's own
+    for (
+        one
+    ) in results:  # the learner's defaults hold again: they are not the scenario's own
         assert one.scenario == found[one.id].scenario
-        assert computation_digest(one.condition) == computation_digest(found[one.id].condition)
-    assert main(["plot", str(folder), "--dpi", "30", "--out", str(tmp_path / "x.png")]) == 0
+        assert computation_digest(one.condition) == computation_digest(
+            found[one.id].condition
+        )
+    assert (
+        main(["plot", str(folder), "--dpi", "30", "--out", str(tmp_path / "x.png")])
+        == 0
+    )
 
 
 def test_a_scenario_of_one_s_own_has_one_place(own):
@@ -413,13 +457,17 @@ def test_a_scenario_of_one_s_own_has_one_place(own):
         read_results(folder)
 
 
-def test_another_scenario_of_the_same_name_is_refused_and_nothing_is_lost(own, tmp_path):
+def test_another_scenario_of_the_same_name_is_refused_and_nothing_is_lost(
+    own, tmp_path
+):
     """It may be the work of hours, and whole: the user decides what becomes of it."""
     folder, _ = own
     before = {path: path.read_bytes() for path in folder.rglob("*.json")}
     (tmp_path / "mine.yaml").write_text(OWN.replace("steps: 100", "steps: 90"))
     with pytest.raises(ResultsError, match="another scenario.* nothing is mixed"):
-        sc.sweep(str(tmp_path / "mine.yaml"), {"penalty": [-5]}, out=folder, seed=5, **FEW)
+        sc.sweep(
+            str(tmp_path / "mine.yaml"), {"penalty": [-5]}, out=folder, seed=5, **FEW
+        )
     assert {path: path.read_bytes() for path in folder.rglob("*.json")} == before
 
 
@@ -427,7 +475,11 @@ def test_a_condition_s_file_says_what_it_is_of(folder):
     condition, _ = parse_id(COOP)
     content = json.loads(file_of(folder).read_text())
     assert list(content)[:2] == ["digest", "format"]
-    assert (content["format"], content["condition"], content["scenario"]) == (2, COOP, None)
+    assert (content["format"], content["condition"], content["scenario"]) == (
+        2,
+        COOP,
+        None,
+    )
     assert content["plan"] == {"seed": 5, "runs": 2, "trials": 3}
     assert content["computation"] == computation_digest(condition)
     with open_results(folder, PLAN) as results:

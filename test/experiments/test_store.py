@@ -14,17 +14,17 @@ import pytest
 import yaml
 from teams import untrained
 
-from sparse_coord_ros.engine.batch import run_batch
-from sparse_coord_ros.engine.trained import Training
-from sparse_coord_ros.errors import ResultsError, SettingError
-from sparse_coord_ros.experiments import store as module
-from sparse_coord_ros.experiments.conditions import make_condition
-from sparse_coord_ros.experiments.runner import Computing, compute
-from sparse_coord_ros.experiments.store import Plan, collect, open_results, sample
-from sparse_coord_ros.game.scenario import scenario_from_dict
-from sparse_coord_ros.learn.history import blank_history
-from sparse_coord_ros.learn.trials import Trials
-from sparse_coord_ros.learners.registry import learner_of
+from sparse_coord_ros.base.errors import ResultsError, SettingError
+from sparse_coord_ros.core.engine.batch import run_batch
+from sparse_coord_ros.core.engine.trained import Training
+from sparse_coord_ros.core.game.scenario import scenario_from_dict
+from sparse_coord_ros.core.learners.registry import learner_of
+from sparse_coord_ros.core.runs.history import blank_history
+from sparse_coord_ros.core.runs.trials import Trials
+from sparse_coord_ros.studies import store as module
+from sparse_coord_ros.studies.conditions import make_condition
+from sparse_coord_ros.studies.runner import Computing, compute
+from sparse_coord_ros.studies.store import Plan, collect, open_results, sample
 
 CONDITION = make_condition("env1", "coop", {"penalty": -20})
 PLAN = Plan(seed=5, runs=3, trials=4)
@@ -53,13 +53,24 @@ def made_up(seed):
     visited = np.array([40, 60 + seed])
     tables = [untrained(scenario)] * 2
     history = blank_history(0, 2)
-    done = scenario, learner_of("coop"), seed, "python", tables, history, visited, scenario.steps
+    done = (
+        scenario,
+        learner_of("coop"),
+        seed,
+        "python",
+        tables,
+        history,
+        visited,
+        scenario.steps,
+    )
     return Training(*done, trials=trials)
 
 
 @pytest.fixture
 def result():
-    return collect(CONDITION, PLAN.trials, (sample(made_up(seed)) for seed in PLAN.seeds))
+    return collect(
+        CONDITION, PLAN.trials, (sample(made_up(seed)) for seed in PLAN.seeds)
+    )
 
 
 def test_mean_spread_and_standard_error(result):
@@ -98,7 +109,9 @@ def test_each_robot_has_its_own_means(result):
     for name in ("reward", "asks"):
         values = np.concatenate([getattr(one, name) for one in trials])
         assert result.robot_means[name] == pytest.approx(values.mean(axis=0))
-        assert np.mean(result.robot_means[name]) == pytest.approx(result.measure(name).mean)
+        assert np.mean(result.robot_means[name]) == pytest.approx(
+            result.measure(name).mean
+        )
     assert result.to_dict()["robot_means"] == result.robot_means
 
 
@@ -115,7 +128,8 @@ def test_the_bytes_of_a_sparse_table_include_its_keys(name, settings, row):
     if one.scenario.sparse:
         memories = [table.memory for run in runs for table in run.tables]
         sizes = [
-            sum(one[f"q_coord_{part}"].nbytes for part in ("keys", "values")) for one in memories
+            sum(one[f"q_coord_{part}"].nbytes for part in ("keys", "values"))
+            for one in memories
         ]
         assert result.visited_bytes == pytest.approx(np.mean(sizes))
 
@@ -164,7 +178,9 @@ def test_another_version_of_the_software_goes_on(tmp_path, result, monkeypatch):
 def test_the_digest_covers_what_affects_the_computation_and_no_more():
     def digest(text, learner="coop", **settings):
         scenario = scenario_from_dict(yaml.safe_load(text), where="here", name="mine")
-        return module.computation_digest(SimpleNamespace(learner=learner, scenario=scenario))
+        return module.computation_digest(
+            SimpleNamespace(learner=learner, scenario=scenario)
+        )
 
     text = yaml.safe_dump(CONDITION.scenario.to_dict())
     same = digest(text)
@@ -186,16 +202,24 @@ def test_another_protocol_is_refused_and_nothing_is_lost(tmp_path, result, monke
         assert results.path(CONDITION).read_bytes() == before
 
 
-@pytest.mark.parametrize("damage", ["", "[1]", "{", "[" * 100_000, '{"format": 2, "seed": 1e999}'])
+@pytest.mark.parametrize(
+    "damage", ["", "[1]", "{", "[" * 100_000, '{"format": 2, "seed": 1e999}']
+)
 def test_a_damaged_manifest_is_an_error(tmp_path, damage):
     (tmp_path / "results.json").write_text(damage)
-    with pytest.raises(ResultsError, match="is no results.json"), open_results(tmp_path, PLAN):
+    with (
+        pytest.raises(ResultsError, match="is no results.json"),
+        open_results(tmp_path, PLAN),
+    ):
         pass
 
 
 def test_a_directory_of_something_else_is_left_alone(tmp_path):
     (tmp_path / "thesis.tex").write_text("dear to me")
-    with pytest.raises(ResultsError, match="holds other files"), open_results(tmp_path, PLAN):
+    with (
+        pytest.raises(ResultsError, match="holds other files"),
+        open_results(tmp_path, PLAN),
+    ):
         pass
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
 
@@ -213,7 +237,9 @@ def test_what_cannot_be_written_leaves_no_part(tmp_path, monkeypatch, result, wh
 
     def refuse(first, *mode, **__):
         if when == "open":
-            real(first, *mode).close()  # a full disk takes the name and not what is in it
+            real(
+                first, *mode
+            ).close()  # a full disk takes the name and not what is in it
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     with open_results(tmp_path, PLAN) as results:
@@ -254,5 +280,7 @@ class Backwards:
 
 def test_runs_that_come_in_any_order_are_kept_in_that_of_their_seeds():
     one = make_condition("env1", "coop", {"steps": 300})
-    here, there = (compute([one], PLAN, Computing(cluster=c)) for c in (None, Backwards()))
+    here, there = (
+        compute([one], PLAN, Computing(cluster=c)) for c in (None, Backwards())
+    )
     assert here == there

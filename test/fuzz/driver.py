@@ -33,10 +33,10 @@ from typing import Any
 from live_teams import command
 
 from fuzz.targets import TARGETS
-from sparse_coord_ros.engine.checkpoint import CHECKPOINT_FILE
-from sparse_coord_ros.engine.training import train
-from sparse_coord_ros.errors import LONGEST_LINE, FaultError, SparseCoordError
-from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.base.errors import LONGEST_LINE, FaultError, SparseCoordError
+from sparse_coord_ros.core.engine.checkpoint import CHECKPOINT_FILE
+from sparse_coord_ros.core.engine.training import train
+from sparse_coord_ros.core.game.scenario import load_scenario
 
 SECONDS = 5.0
 """Of one case, of the processor's time."""
@@ -94,7 +94,9 @@ def attempt(read: Callable[[], object], folder: Path) -> tuple[str, str]:
         wrong = wrong_with(error)
         frames = traceback.extract_tb(error.__traceback__)
         ours = [one for one in frames if "/sparse_coord_ros/" in one.filename] or frames
-        where = " < ".join(f"{Path(f.filename).name}:{f.lineno}" for f in reversed(ours[-3:]))
+        where = " < ".join(
+            f"{Path(f.filename).name}:{f.lineno}" for f in reversed(ours[-3:])
+        )
     finally:
         signal.setitimer(signal.ITIMER_PROF, 0)
     more = (held("VmHWM") - before) / MEGABYTE
@@ -105,7 +107,9 @@ def attempt(read: Callable[[], object], folder: Path) -> tuple[str, str]:
     return (wrong, where or "-") if wrong else (came, "")
 
 
-def compute(name: str, seed: int, first: int, sample: Path, say: Callable[[list], object]) -> None:
+def compute(
+    name: str, seed: int, first: int, sample: Path, say: Callable[[list], object]
+) -> None:
     """Compute cases from the first on, for ever: the child process; `say` tells its parent."""
 
     def expired(*_: object) -> None:
@@ -159,7 +163,13 @@ def lines(pipe: int, end: float) -> Iterator[list[Any]]:
 
 
 def fuzz(
-    name: str, sample: Path, *, seconds: float, seed: int = 0, first: int = 0, last: int = 1 << 60
+    name: str,
+    sample: Path,
+    *,
+    seconds: float,
+    seed: int = 0,
+    first: int = 0,
+    last: int = 1 << 60,
 ) -> tuple[Counter[str], list[Finding]]:
     """Compute cases of a target; return how often they came to what, and the findings."""
     came: Counter[str] = Counter()
@@ -202,9 +212,13 @@ def make_sample(folder: Path) -> Path:
         ["reproduce", "env1/coop/penalty=-20", "--runs", "2", "--trials", "5"],
     ):
         words = command("sparse_coord", *words, "--out", str(sample / words[0]))
-        subprocess.run(words, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        subprocess.run(
+            words, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        )
     path = sample / "run" / CHECKPOINT_FILE
-    train(load_scenario("env1"), "coop", 1, until=2_000, checkpoint=path, engine="python")
+    train(
+        load_scenario("env1"), "coop", 1, until=2_000, checkpoint=path, engine="python"
+    )
     return sample
 
 
@@ -212,7 +226,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Fuzz; return 1 where there are findings."""
     parser = argparse.ArgumentParser(prog="python -m fuzz", description=__doc__)
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.add_argument("targets", nargs="+", metavar="TARGET", choices=(*TARGETS, "all"))
+    parser.add_argument(
+        "targets", nargs="+", metavar="TARGET", choices=(*TARGETS, "all")
+    )
     parser.add_argument("--seconds", type=float, default=300.0, help="of each target")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--case", type=int, help="only this one")
@@ -222,7 +238,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         sample = make_sample(folder)
         for name in TARGETS if "all" in options.targets else options.targets:
-            only = {} if options.case is None else {"first": options.case, "last": options.case}
+            only = (
+                {}
+                if options.case is None
+                else {"first": options.case, "last": options.case}
+            )
             how = {"seconds": options.seconds, "seed": options.seed, **only}
             came, findings = fuzz(name, sample, **how)
             found += len(findings)
@@ -232,7 +252,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
             for case, what, where in findings:
                 alike.setdefault((what, where), []).append(case)
             for (what, where), cases in alike.items():
-                print(f"  {what} ({where}): {len(cases)} x, first case {cases[0]}", flush=True)
+                print(
+                    f"  {what} ({where}): {len(cases)} x, first case {cases[0]}",
+                    flush=True,
+                )
     finally:
         shutil.rmtree(folder, ignore_errors=True)
     return 1 if found else 0

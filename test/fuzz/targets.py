@@ -25,35 +25,68 @@ import numpy as np
 from strangers import FAR, damaged, message_with
 from teams import tables_in
 
-from sparse_coord_ros import archive
-from sparse_coord_ros.bags import BagWriter, open_bag
+from sparse_coord_ros.base import archive
+from sparse_coord_ros.base.errors import SparseCoordError, TablesError
+from sparse_coord_ros.base.share import share_folder
 from sparse_coord_ros.cli import main as cli
-from sparse_coord_ros.engine.checkpoint import CHECKPOINT_FILE, load_checkpoint
-from sparse_coord_ros.engine.training import train
-from sparse_coord_ros.errors import SparseCoordError, TablesError
-from sparse_coord_ros.experiments.checked_json import digest_of
-from sparse_coord_ros.experiments.store import read_results
-from sparse_coord_ros.game.grid import load_map
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learn.evaluation import check_tables, play, summary
-from sparse_coord_ros.learn.history import HISTORY_FILE, load_history
-from sparse_coord_ros.learn.run_config import RUN_FILE, load_run
-from sparse_coord_ros.learn.tables import TEAM_FILE
-from sparse_coord_ros.learners.registry import learner_of
-from sparse_coord_ros.maps.image import read_floor_plan, write_floor_plan
-from sparse_coord_ros.maps.plan import import_map
-from sparse_coord_ros.share import share_folder
+from sparse_coord_ros.core.engine.checkpoint import CHECKPOINT_FILE, load_checkpoint
+from sparse_coord_ros.core.engine.training import train
+from sparse_coord_ros.core.game.grid import load_map
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.learners.registry import learner_of
+from sparse_coord_ros.core.runs.evaluation import check_tables, play, summary
+from sparse_coord_ros.core.runs.history import HISTORY_FILE, load_history
+from sparse_coord_ros.core.runs.run_config import RUN_FILE, load_run
+from sparse_coord_ros.core.runs.tables import TEAM_FILE
+from sparse_coord_ros.lab.maps.image import read_floor_plan, write_floor_plan
+from sparse_coord_ros.lab.maps.plan import import_map
+from sparse_coord_ros.log.bags import BagWriter, open_bag
+from sparse_coord_ros.studies.checked_json import digest_of
+from sparse_coord_ros.studies.store import read_results
 
 Read = Callable[[], object]
 Cases = Callable[[random.Random], Read]
 Target = Callable[[Path, Path], Cases]
 
 ODD_VALUES = (
-    *" ~ [] {} -1 0 1 1e999 .nan -.inf 1:1:1 0o17 010 yes 2020-13-01 *a ' | ? null NaN".split(" "),
-    *("!!python/object:os.system x", "!!binary aGk=", "&a [*a]", "\x85", "\ud7ff", '"\\x1b[2J"'),
-    *("9" * 5000, "x" * 5000, "[" * 3000, "{a: " * 3000, "1:" * 20_000, "[" + "1," * 200_000),
-    *("same", "always", "range:x", "each:1:nan", "os:system", "0x" + "f" * 99, "linear:1:nan:0.5"),
-    *("10000000", "1e9", "0.95", "true", "[1, 2]", "{start: 1, goal: 2}", "env1", '"x"'),
+    *" ~ [] {} -1 0 1 1e999 .nan -.inf 1:1:1 0o17 010 yes 2020-13-01 *a ' | ? null NaN".split(
+        " "
+    ),
+    *(
+        "!!python/object:os.system x",
+        "!!binary aGk=",
+        "&a [*a]",
+        "\x85",
+        "\ud7ff",
+        '"\\x1b[2J"',
+    ),
+    *(
+        "9" * 5000,
+        "x" * 5000,
+        "[" * 3000,
+        "{a: " * 3000,
+        "1:" * 20_000,
+        "[" + "1," * 200_000,
+    ),
+    *(
+        "same",
+        "always",
+        "range:x",
+        "each:1:nan",
+        "os:system",
+        "0x" + "f" * 99,
+        "linear:1:nan:0.5",
+    ),
+    *(
+        "10000000",
+        "1e9",
+        "0.95",
+        "true",
+        "[1, 2]",
+        "{start: 1, goal: 2}",
+        "env1",
+        '"x"',
+    ),
     "&a [x,x]\nb: &b [*a,*a]\nc: &c [*b,*b]",
 )
 
@@ -80,11 +113,15 @@ def changed_text(chance: random.Random, text: str) -> bytes:
             lines[at] = "".join(chance.sample(line, len(line)))
         elif kind == 7:
             many = range(chance.choice((10, 1000, 20_000)))
-            lines[at : at + 1] = [re.sub("_1|1", str(i), line[:200], count=1) for i in many]
+            lines[at : at + 1] = [
+                re.sub("_1|1", str(i), line[:200], count=1) for i in many
+            ]
     return "\n".join(lines).encode("utf-8", "surrogatepass")
 
 
-def of_texts(name: str, where: Callable[[Path], Path], pattern: str, read: Any) -> Target:
+def of_texts(
+    name: str, where: Callable[[Path], Path], pattern: str, read: Any
+) -> Target:
     """Return a target of text files: one of a folder is a case, by a name of its own."""
 
     def target(sample: Path, folder: Path) -> Cases:
@@ -101,7 +138,13 @@ def of_texts(name: str, where: Callable[[Path], Path], pattern: str, read: Any) 
 
 
 SHAPES: tuple[Callable[[np.ndarray], np.ndarray], ...] = (
-    *(np.ravel, np.transpose, lambda a: a[None], lambda a: a[..., None], lambda a: a[:0]),
+    *(
+        np.ravel,
+        np.transpose,
+        lambda a: a[None],
+        lambda a: a[..., None],
+        lambda a: a[:0],
+    ),
     *(lambda a: a[:1], lambda a: np.repeat(a, 100, axis=0), lambda a: a.ravel()[0]),
 )
 DTYPES = ("f4", "i1", "i8", "u8", ">f8", "c16", "?", "U5", "S3", "f2", "V8", "f8,i4")
@@ -127,10 +170,18 @@ def forged(chance: random.Random, arrays: Mapping[str, np.ndarray]) -> bytes:
             elif kind == 4:
                 found[name] = np.full_like(array, chance.choice(NUMBERS))
             else:
-                array.reshape(-1)[chance.randrange(array.size or 1)] = chance.choice(NUMBERS)
+                array.reshape(-1)[chance.randrange(array.size or 1)] = chance.choice(
+                    NUMBERS
+                )
     data = archive.pack(found, compressed=chance.random() < 0.5)
     kind = chance.randrange(5)
-    return data if kind < 3 else damaged(chance, data) if kind == 3 else _lying(chance, data)
+    return (
+        data
+        if kind < 3
+        else damaged(chance, data)
+        if kind == 3
+        else _lying(chance, data)
+    )
 
 
 def _lying(chance: random.Random, data: bytes) -> bytes:
@@ -143,10 +194,19 @@ def _lying(chance: random.Random, data: bytes) -> bytes:
                 shape = chance.choice(
                     (f"({2**30},)", f"({2**62}, 2)", "(-1,)", "(1e3,)", "(" * 99)
                 )
-                kind = chance.choice(("<f8", "|O", "<U99999999", "|V2000000000", "[('a','|O')]"))
-                text = f"{{'descr': '{kind}', 'fortran_order': False, 'shape': {shape}, }}"
+                kind = chance.choice(
+                    ("<f8", "|O", "<U99999999", "|V2000000000", "[('a','|O')]")
+                )
+                text = (
+                    f"{{'descr': '{kind}', 'fortran_order': False, 'shape': {shape}, }}"
+                )
                 rest = bytes(64 << 20) if chance.random() < 0.05 else content[128:]
-                content = b"\x93NUMPY\x01\x00v\x00" + text.encode().ljust(117)[:117] + b"\n" + rest
+                content = (
+                    b"\x93NUMPY\x01\x00v\x00"
+                    + text.encode().ljust(117)[:117]
+                    + b"\n"
+                    + rest
+                )
             new.writestr(name, content)
     return file.getvalue()
 
@@ -160,7 +220,10 @@ def of_arrays(name: str, read: Callable[[Path], object]) -> Target:
         shutil.copy(sample / "run" / RUN_FILE, run)
         data = (sample / "run" / name).read_bytes()
         arrays = archive.unpack(data, where="", what="", remedy="", error=TablesError)
-        for compressed in (True, False):  # what is compiled, and loaded, takes its time once
+        for compressed in (
+            True,
+            False,
+        ):  # what is compiled, and loaded, takes its time once
             (run / name).write_bytes(archive.pack(arrays, compressed=compressed))
             read(run)
 
@@ -213,13 +276,22 @@ def image(sample: Path, folder: Path) -> Cases:
 
     def cases(chance: random.Random) -> Read:
         picture.write_bytes(damaged(chance, chance.choice(pictures)))
-        said.write_bytes(changed_text(chance, text) if chance.random() < 0.3 else text.encode())
+        said.write_bytes(
+            changed_text(chance, text) if chance.random() < 0.3 else text.encode()
+        )
         return lambda: import_map(read_floor_plan(said), cell=1.0, radius=0.2)
 
     return cases
 
 
-VERBS = ("info", "info --json", "verify", "tables", "explain --robot robot_1", "recover")
+VERBS = (
+    "info",
+    "info --json",
+    "verify",
+    "tables",
+    "explain --robot robot_1",
+    "recover",
+)
 
 
 def verb(words: Sequence[str]) -> None:
@@ -266,7 +338,9 @@ def bag(sample: Path, folder: Path) -> Cases:
     return cases
 
 
-def _forge_bag(chance: random.Random, source: Any, messages: Sequence[Any], place: Path) -> None:
+def _forge_bag(
+    chance: random.Random, source: Any, messages: Sequence[Any], place: Path
+) -> None:
     """Write a bag anew, all checksums right, some messages, texts and attachments changed."""
     rate = chance.choice((0.0, 0.001, 0.02))
     with BagWriter(place) as new:
@@ -274,7 +348,9 @@ def _forge_bag(chance: random.Random, source: Any, messages: Sequence[Any], plac
             if name != "rosbag2":
                 odd = {key: "\x1b[2J" for key in texts if chance.random() < 0.05}
                 new.add_metadata(name, {**texts, **odd})
-        channels = {topic.name: new.add_known_topic(topic) for topic in source.topics.values()}
+        channels = {
+            topic.name: new.add_known_topic(topic) for topic in source.topics.values()
+        }
         for one in messages:
             data = one.data
             at = one.log_time_ns
@@ -295,7 +371,9 @@ def results(sample: Path, folder: Path) -> Cases:
     """Return the cases of a results directory: JSON files."""
     place = Path(shutil.copytree(sample / "reproduce", folder / "results"))
     texts = {
-        path: json.dumps(json.loads(path.read_text()), indent=1)  # a value a line, to change
+        path: json.dumps(
+            json.loads(path.read_text()), indent=1
+        )  # a value a line, to change
         for path in sorted(place.rglob("*.json"))
     }
 
@@ -331,13 +409,13 @@ class Nodes:
     """A team under way, and nodes that wait for a run; their callbacks are called, without DDS."""
 
     def __init__(self, folder: Path) -> None:
-        from sparse_coord_ros.nodes.body import BodyNode
-        from sparse_coord_ros.nodes.driver import DriverNode
-        from sparse_coord_ros.nodes.recorder import Recorder
-        from sparse_coord_ros.nodes.robot import RobotNode
-        from sparse_coord_ros.nodes.spin import make_executor, ros_context
-        from sparse_coord_ros.nodes.watch import WatchNode
-        from sparse_coord_ros.nodes.world_simulator import WorldSimulator
+        from sparse_coord_ros.ros.nodes.body import BodyNode
+        from sparse_coord_ros.ros.nodes.driver import DriverNode
+        from sparse_coord_ros.ros.nodes.recorder import Recorder
+        from sparse_coord_ros.ros.nodes.robot import RobotNode
+        from sparse_coord_ros.ros.nodes.spin import make_executor, ros_context
+        from sparse_coord_ros.ros.nodes.watch import WatchNode
+        from sparse_coord_ros.ros.nodes.world_simulator import WorldSimulator
 
         self._stack = ExitStack()
         context: Any = self._stack.enter_context(ros_context())
@@ -350,7 +428,10 @@ class Nodes:
         self.world = WorldSimulator(values=world, **place)
         self.lock_step = [
             self.world,
-            *(RobotNode(name=name, values=free, **place) for name in ("robot_1", "robot_2")),
+            *(
+                RobotNode(name=name, values=free, **place)
+                for name in ("robot_1", "robot_2")
+            ),
         ]
         self.under_way: list[Any] = [
             *self.lock_step,
@@ -437,7 +518,9 @@ def of_nodes(*, services: bool) -> Target:
                 return serialize_message(String(data=changed.replace("\0", "")))
             if name in said and kind < 0.4:
                 return damaged(chance, chance.choice(said[name]))
-            data = serialize_message(message_with(chance, topic.msg_type, stamp(chance)))
+            data = serialize_message(
+                message_with(chance, topic.msg_type, stamp(chance))
+            )
             return damaged(chance, data) if kind < 0.6 else data
 
         def stamp(chance: random.Random) -> Callable[[], int]:
@@ -451,7 +534,9 @@ def of_nodes(*, services: bool) -> Target:
             nodes = now[0]
             node = chance.choice(nodes.all)
             robots = nodes.lock_step[1:]
-            if services and node in robots and chance.random() < 0.3:  # an answer, of anybody
+            if (
+                services and node in robots and chance.random() < 0.3
+            ):  # an answer, of anybody
                 plan = message_with(chance, NavPath, stamp(chance))
                 peers = node.member._peers._peers
                 peer = peers[len(robots) - 1 - robots.index(node)]
@@ -477,8 +562,12 @@ def _share(folder: str) -> Callable[[Path], Path]:
 
 TARGETS: dict[str, Target] = {
     "scenario": of_texts("scenario.yaml", _share("config"), "env*.yaml", load_scenario),
-    "map": of_texts("map.txt", _share("maps"), "env*.txt", lambda path: load_map(str(path))),
-    "run": of_texts(RUN_FILE, lambda path: path, RUN_FILE, lambda path: load_run(path.parent)),
+    "map": of_texts(
+        "map.txt", _share("maps"), "env*.txt", lambda path: load_map(str(path))
+    ),
+    "run": of_texts(
+        RUN_FILE, lambda path: path, RUN_FILE, lambda path: load_run(path.parent)
+    ),
     "image": image,
     "tables": of_arrays(TEAM_FILE, read_tables),
     "history": of_arrays(HISTORY_FILE, read_history),

@@ -5,11 +5,11 @@
 import pytest
 from teams import untrained
 
-from sparse_coord_ros.errors import ScenarioError, SettingError
-from sparse_coord_ros.game.buildings import building
-from sparse_coord_ros.game.grid import UNREACHABLE
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learners.registry import learner_of
+from sparse_coord_ros.base.errors import ScenarioError, SettingError
+from sparse_coord_ros.core.game.buildings import building
+from sparse_coord_ros.core.game.grid import UNREACHABLE
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.learners.registry import learner_of
 
 
 @pytest.mark.parametrize(
@@ -31,7 +31,16 @@ def test_a_building_is_whole(name, robots):
 def test_the_seed_and_the_text_stay():
     assert building("building-3x2x4-16r-1") != building("building-3x2x4-16r-2")
     rows = load_scenario("building-2x2x2-2r-7").map.rows
-    assert rows == ("..#..", "..D..", "D##D#", ".....", ".....", "D###D", "..D..", "..#..")
+    assert rows == (
+        "..#..",
+        "..D..",
+        "D##D#",
+        ".....",
+        ".....",
+        "D###D",
+        "..D..",
+        "..#..",
+    )
 
 
 @pytest.mark.parametrize(
@@ -49,7 +58,9 @@ def test_the_seed_and_the_text_stay():
     ],
 )
 def test_buildings_that_there_are_not(numbers):
-    with pytest.raises(ScenarioError, match=f"'building-{numbers}': allowed: building-ROOMSx"):
+    with pytest.raises(
+        ScenarioError, match=f"'building-{numbers}': allowed: building-ROOMSx"
+    ):
         load_scenario(f"building-{numbers}")
 
 

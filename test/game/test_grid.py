@@ -9,8 +9,14 @@ import time
 import numpy as np
 import pytest
 
-from sparse_coord_ros.errors import MapError
-from sparse_coord_ros.game.grid import UNREACHABLE, GridMap, load_map, map_names, parse_map
+from sparse_coord_ros.base.errors import MapError
+from sparse_coord_ros.core.game.grid import (
+    UNREACHABLE,
+    GridMap,
+    load_map,
+    map_names,
+    parse_map,
+)
 
 # name: cells, doorways, starts, digest of the rows (a difference means that the map changed).
 MAPS = {
@@ -105,7 +111,10 @@ def test_distances():
 
 
 def test_header_is_optional_and_line_ends_do_not_matter():
-    assert parse_map("---\r\n1.\r\n..\r\n\r\n", name="m", where="m.txt").rows == ("1.", "..")
+    assert parse_map("---\r\n1.\r\n..\r\n\r\n", name="m", where="m.txt").rows == (
+        "1.",
+        "..",
+    )
 
 
 @pytest.mark.parametrize(
@@ -113,12 +122,21 @@ def test_header_is_optional_and_line_ends_do_not_matter():
     [
         ("", ["m.txt", "no line '---'", "title, source, provenance"]),
         ("title: x\n---\n", ["m.txt", "no grid", "'#' wall"]),
-        ("---\n...\n..\n", ["m.txt, line 3", "2 symbols", "first row has 3", "fill with '#'"]),
+        (
+            "---\n...\n..\n",
+            ["m.txt, line 3", "2 symbols", "first row has 3", "fill with '#'"],
+        ),
         ("a: b\n---\n..\n", ["m.txt", "unknown header key 'a'", "allowed: title"]),
         ("titel: b\n---\n..\n", ["unknown header key 'titel'", "did you mean 'title'"]),
-        ("title: b\n---\n..\n.x\n", ["line 4, column 2", "unknown symbol 'x'", "'D' doorway"]),
+        (
+            "title: b\n---\n..\n.x\n",
+            ["line 4, column 2", "unknown symbol 'x'", "'D' doorway"],
+        ),
         ("---\n.0\n", ["line 2, column 2", "unknown symbol '0'", "'1' to '9' start"]),
-        ("---\n1.\n.1\n", ["line 3", "start 1 is there twice", "first in line 2", "by '.'"]),
+        (
+            "---\n1.\n.1\n",
+            ["line 3", "start 1 is there twice", "first in line 2", "by '.'"],
+        ),
         ("---\n##\n##\n", ["no free cell", "mark free cells with '.'"]),
         (
             "title: [\n---\n..\n",
@@ -133,7 +151,9 @@ def test_malformed_map(text, words):
 
 
 def test_unknown_map_names_the_nearest():
-    with pytest.raises(MapError, match=r"map 'pentagone': .*did you mean 'pentagon'.*one of: cit"):
+    with pytest.raises(
+        MapError, match=r"map 'pentagone': .*did you mean 'pentagon'.*one of: cit"
+    ):
         load_map("pentagone")
 
 
@@ -157,7 +177,10 @@ def test_map_that_is_not_text(tmp_path):
 @pytest.mark.parametrize("seed", range(20))
 def test_regions_are_what_has_a_way_between(seed):
     chance = random.Random(seed)
-    rows = ["".join(chance.choice("..#") for _ in range(9)) for _ in range(chance.randrange(1, 9))]
+    rows = [
+        "".join(chance.choice("..#") for _ in range(9))
+        for _ in range(chance.randrange(1, 9))
+    ]
     grid = GridMap("drawn", ("#########", *rows, "........#"))
     for x in range(len(grid.cells)):
         reached = grid.distances_to(x) != UNREACHABLE
@@ -165,7 +188,9 @@ def test_regions_are_what_has_a_way_between(seed):
 
 
 def test_regions_of_a_long_way_are_found_soon():
-    rows = tuple("." * 500 if r % 2 == 0 else ("#" * 499 + ".")[:: 2 - r % 4] for r in range(500))
+    rows = tuple(
+        "." * 500 if r % 2 == 0 else ("#" * 499 + ".")[:: 2 - r % 4] for r in range(500)
+    )
     before = time.process_time()
     assert set(GridMap("winding", rows).region.tolist()) == {0}
     assert time.process_time() - before < 2.0

@@ -5,12 +5,13 @@
 import numpy as np
 import pytest
 
-from sparse_coord_ros.errors import SettingError
-from sparse_coord_ros.game.links import LINKS, LOST, PERIOD, Percepts, link_of
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.game.streams import EVALUATION, PERCEPT, Stream
-from sparse_coord_ros.learn.run import learn
-from sparse_coord_ros.solve.exact import evaluate_exact
+from sparse_coord_ros.base.errors import SettingError
+from sparse_coord_ros.core.game.links import LINKS, LOST, PERIOD, link_of
+from sparse_coord_ros.core.game.percepts import Percepts
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.game.streams import EVALUATION, PERCEPT, Stream
+from sparse_coord_ros.core.runs.run import learn
+from sparse_coord_ros.core.solve.exact import evaluate_exact
 
 FAILING = ["lost:0.3", "bursts:0.05:0.2", "dead:150"]
 
@@ -26,7 +27,9 @@ def test_a_percept_is_lost_while_the_link_is_down(text):
 
 
 def test_how_often_links_are_down():
-    assert link_of(LINKS.parse("lost:0.3"), 0, 0).pattern.mean() == pytest.approx(0.3, abs=0.01)
+    assert link_of(LINKS.parse("lost:0.3"), 0, 0).pattern.mean() == pytest.approx(
+        0.3, abs=0.01
+    )
     bursts = link_of(LINKS.parse("bursts:0.05:0.2"), 0, 0).pattern
     assert bursts.mean() == pytest.approx(0.05 / 0.25, abs=0.02)
     ends = np.flatnonzero(bursts[:-1] & ~bursts[1:])
@@ -37,7 +40,9 @@ def test_how_often_links_are_down():
 
 def test_each_robot_and_phase_has_a_link_of_its_own():
     spec = LINKS.parse("lost:0.5")
-    patterns = [link_of(spec, 4, k, phase).pattern for k in (0, 1) for phase in (0, EVALUATION)]
+    patterns = [
+        link_of(spec, 4, k, phase).pattern for k in (0, 1) for phase in (0, EVALUATION)
+    ]
     patterns.append(link_of(spec, 5, 0).pattern)
     for i, one in enumerate(patterns):
         for other in patterns[:i]:
@@ -52,5 +57,7 @@ def test_what_is_no_link_is_refused(text):
 
 def test_exact_evaluation_knows_no_time():
     scenario = load_scenario("env1", link="lost:0.1", steps=10)
-    with pytest.raises(SettingError, match="exact evaluation: setting link is 'lost:0.1'"):
+    with pytest.raises(
+        SettingError, match="exact evaluation: setting link is 'lost:0.1'"
+    ):
         evaluate_exact(scenario, learn(scenario, "coop", 0))

@@ -7,16 +7,16 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from sparse_coord_ros.errors import SettingError
-from sparse_coord_ros.game.grid import load_map, parse_map
-from sparse_coord_ros.game.perception import (
+from sparse_coord_ros.base.errors import SettingError
+from sparse_coord_ros.core.game.grid import load_map, parse_map
+from sparse_coord_ros.core.game.perception import (
     PERCEPTION,
     asked_peers,
     percept_probabilities,
     succeeds,
 )
-from sparse_coord_ros.game.scenario import scenario_from_dict
-from sparse_coord_ros.learn.run_config import make_run
+from sparse_coord_ros.core.game.scenario import scenario_from_dict
+from sparse_coord_ros.core.runs.run_config import make_run
 
 
 def matrix(spec, grid):
@@ -68,11 +68,20 @@ def crosses_a_wall(grid, one, other):
                 return True
             # The line passes the corner between this cell and the one right below or above it.
             for dr in (-1, 1):
-                at_corner = (r1 - r0) * (2 * (c - c0) + 1) == (c1 - c0) * (2 * (r - r0) + dr)
+                at_corner = (r1 - r0) * (2 * (c - c0) + 1) == (c1 - c0) * (
+                    2 * (r - r0) + dr
+                )
                 inside = c + 1 <= max(c0, c1) and min(r0, r1) <= r + dr <= max(r0, r1)
-                through = (r1 - r0) * dr * (c1 - c0) > 0  # leads from this cell to the diagonal
+                through = (r1 - r0) * dr * (
+                    c1 - c0
+                ) > 0  # leads from this cell to the diagonal
                 beside = ((r + dr, c), (r, c + 1))
-                if at_corner and inside and through and not any(p in free for p in beside):
+                if (
+                    at_corner
+                    and inside
+                    and through
+                    and not any(p in free for p in beside)
+                ):
                     return True
     return False
 
@@ -82,7 +91,8 @@ def test_line_of_sight_for_all_pairs(name):
     grid = load_map(name)
     seen = matrix("line_of_sight", grid)
     expected = [
-        [not crosses_a_wall(grid, one, other) for other in grid.cells] for one in grid.cells
+        [not crosses_a_wall(grid, one, other) for other in grid.cells]
+        for one in grid.cells
     ]
     assert seen.astype(bool).tolist() == expected
     assert 0 < seen.mean() < 1
@@ -93,9 +103,14 @@ def test_a_map_too_large_to_learn_is_refused_before_a_run():
     text = "title: hall\n---\n" + "\n".join(
         ["1" + "." * (side - 2) + "2", *["." * side] * (side - 1)]
     )
-    data = {"map": {"name": "hall", "text": text}, "robots": {"x": {"start": 1, "goal": 2}}}
+    data = {
+        "map": {"name": "hall", "text": text},
+        "robots": {"x": {"start": 1, "goal": 2}},
+    }
     scenario = scenario_from_dict(data, where="hall.yaml", name="hall")
-    with pytest.raises(SettingError, match="map hall has 25600 cells, allowed .* at most 23170"):
+    with pytest.raises(
+        SettingError, match="map hall has 25600 cells, allowed .* at most 23170"
+    ):
         make_run(scenario, {})
 
 

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 import sparse_coord_ros as sc
-from sparse_coord_ros.engine.batch import run_batch
-from sparse_coord_ros.errors import PluginError
-from sparse_coord_ros.game import perception, plugins
-from sparse_coord_ros.game.perception import MODELS
-from sparse_coord_ros.learn.run import learn
-from sparse_coord_ros.learn.run_config import make_run, run_from_yaml
-from sparse_coord_ros.learners.registry import LEARNERS, learner_of
-from sparse_coord_ros.learners.tables import tables_equal
+from sparse_coord_ros.base.errors import PluginError
+from sparse_coord_ros.core.engine.batch import run_batch
+from sparse_coord_ros.core.game import perception, plugins
+from sparse_coord_ros.core.game.perception import MODELS
+from sparse_coord_ros.core.learners.registry import LEARNERS, learner_of
+from sparse_coord_ros.core.learners.tables import tables_equal
+from sparse_coord_ros.core.runs.run import learn
+from sparse_coord_ros.core.runs.run_config import make_run, run_from_yaml
 
 MODULE = """
 import numpy as np
@@ -105,7 +105,9 @@ def module(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "their_code.py").write_text(MODULE)
     (tmp_path / "their_package").mkdir()
-    (tmp_path / "their_package/within.py").write_text(MODULE.replace("_of_tests", "_within"))
+    (tmp_path / "their_package/within.py").write_text(
+        MODULE.replace("_of_tests", "_within")
+    )
     before = [(registry, dict(registry._known)) for registry in (LEARNERS, MODELS)]
     plugins.allow_modules("their_code their_package their_fault nowhere")
     yield "their_code"
@@ -134,7 +136,10 @@ def test_whoever_reads_a_run_later_finds_its_learner_and_its_model(module, small
     assert type(learner) is type(learner_of("team_of_tests"))
     scenario = small.with_settings(perception="fog_of_tests:0.5")
     run = make_run(scenario, {"learner": "team_of_tests"})
-    assert (run.learner, str(scenario.perception)) == ("their_code:Team", "their_code:fog:0.5")
+    assert (run.learner, str(scenario.perception)) == (
+        "their_code:Team",
+        "their_code:fog:0.5",
+    )
     assert scenario == small.with_settings(perception="their_code:fog:0.50")
     again = run_from_yaml(run.to_yaml(), where="run.yaml")
     assert again.scenario == scenario
@@ -158,7 +163,9 @@ def test_names_are_not_inherited(module, small):
     assert make_run(small, {"learner": "mine_of_tests"}).learner == "mine_of_tests"
 
 
-@pytest.mark.parametrize("path", ["their_package.within:Team", "their_code:Parts.Inner"])
+@pytest.mark.parametrize(
+    "path", ["their_package.within:Team", "their_code:Parts.Inner"]
+)
 def test_a_path_may_have_dots(module, path):
     assert learner_of(path).label == path
 
@@ -166,7 +173,10 @@ def test_a_path_may_have_dots(module, path):
 @pytest.mark.parametrize(
     ("name", "words"),
     [
-        ("nowhere:Team", ["learner 'nowhere:Team' is not there", "nowhere", "PYTHONPATH"]),
+        (
+            "nowhere:Team",
+            ["learner 'nowhere:Team' is not there", "nowhere", "PYTHONPATH"],
+        ),
         ("their_code:Missing", ["is not there", "Missing"]),
         ("their_code:NoLearner", ["'their_code:NoLearner': is no learner", "subclass"]),
         ("their_code:number", ["is no learner"]),
@@ -184,7 +194,10 @@ def test_what_is_no_learner_is_said_in_one_line(module, name, words):
     [
         ("class Team(:\n", "SyntaxError: invalid syntax (their_fault.py, line 1)"),
         ("\n1 / 0\n", "ZeroDivisionError: division by zero (their_fault.py, line 2)"),
-        ("import nowhere", "ModuleNotFoundError: No module named 'nowhere' (their_fault.py, line"),
+        (
+            "import nowhere",
+            "ModuleNotFoundError: No module named 'nowhere' (their_fault.py, line",
+        ),
     ],
 )
 def test_a_module_that_fails_is_blamed(module, tmp_path, code, words):
@@ -215,18 +228,25 @@ def foreign_scenario(folder):
         ("", "their_code:Team"),
         ("their_package their", "their_code:Team"),  # no package above it
         ("their_package.other", "their_package.within:Team"),
-        ("", "sparse_coord_ros.learners.coop:Coop"),
+        ("", "sparse_coord_ros.core.learners.coop:Coop"),
     ],
 )
-def test_what_nobody_allowed_is_not_imported(module, monkeypatch, tmp_path, allowed, name):
+def test_what_nobody_allowed_is_not_imported(
+    module, monkeypatch, tmp_path, allowed, name
+):
     monkeypatch.setenv(plugins.ALLOW_VARIABLE, allowed)
     message = refusal(learner_of, name)
     named = name.partition(":")[0]
     assert message.startswith(f"learner {name!r}: module {named} was not imported")
-    assert f"--allow {named}, a node's parameter allow, or allow={named!r} in Python" in message
+    assert (
+        f"--allow {named}, a node's parameter allow, or allow={named!r} in Python"
+        in message
+    )
     scenario = sc.load_scenario(foreign_scenario(tmp_path), steps=60)
     assert str(scenario.perception) == "their_code:fog:0.5"
-    assert "'their_code:fog': module their_code was not" in refusal(learn, scenario, "coop", 1)
+    assert "'their_code:fog': module their_code was not" in refusal(
+        learn, scenario, "coop", 1
+    )
     assert "'their_code:fog': module" in refusal(make_run, scenario, {})
     run = (
         make_run(sc.load_scenario("env1"), {})
@@ -251,10 +271,14 @@ def test_what_is_allowed_is_imported(module, monkeypatch, tmp_path, given):
 
 def test_who_names_code_in_python_allows_it(module, small, monkeypatch):
     monkeypatch.setenv(plugins.ALLOW_VARIABLE, "")
-    learned = sc.train(small.with_settings(perception="their_code:fog:0.5"), "their_code:Team")
+    learned = sc.train(
+        small.with_settings(perception="their_code:fog:0.5"), "their_code:Team"
+    )
     assert plugins.allowed() == ("their_code",)
     assert sc.evaluate(learned, trials=2).trials == 2
-    with pytest.raises(sc.SparseCoordError, match="allow: value is 'my team.py', allowed: the"):
+    with pytest.raises(
+        sc.SparseCoordError, match="allow: value is 'my team.py', allowed: the"
+    ):
         plugins.allow_modules(["my team.py"])
 
 
@@ -305,7 +329,9 @@ def test_a_function_has_its_numbers_beside_it(small, models):
     scenario = small.with_settings(perception=(mist, 0.5, 1))
     assert str(scenario.perception) == f"{__name__}:mist:0.5:1"
     assert same(scenario, small.with_settings(perception="probability:0.5"))
-    swept = sc.sweep(small, {"perception": [(mist, 0.5, 1), (mist, 1, 1)]}, runs=1, trials=1)
+    swept = sc.sweep(
+        small, {"perception": [(mist, 0.5, 1), (mist, 1, 1)]}, runs=1, trials=1
+    )
     assert len(swept) == 2
     message = refusal(small.with_settings, perception=mist)
     assert f"'{__name__}:mist' has 0 numbers, '{__name__}:mist' takes 2" in message
@@ -327,7 +353,10 @@ def test_a_function_of_this_process_alone_learns_here_and_never_goes_elsewhere(
     small, models, tmp_path
 ):
     often, never = (small.with_settings(perception=made_here(p)) for p in (0.5, 0.0))
-    assert [str(one.perception) for one in (often, never)] == ["fog", "fog_2"]  # two games
+    assert [str(one.perception) for one in (often, never)] == [
+        "fog",
+        "fog_2",
+    ]  # two games
     assert same(often, small.with_settings(perception="probability:0.5"))
     assert same(never, small.with_settings(perception="never"))
     again = make_run(often, {}).scenario
@@ -338,7 +367,9 @@ def test_a_function_of_this_process_alone_learns_here_and_never_goes_elsewhere(
     # Runs of plain Python stay in this process, as those of a notebook's learner do.
     runs = sc.train_many(often, runs=2, trials=2, engine="python", jobs=2)
     assert tables_equal(runs[0].tables, learn(often, "coop", 0))
-    swept = sc.sweep(often, {"penalty": [-1, -2]}, runs=1, trials=1, engine="python", jobs=2)
+    swept = sc.sweep(
+        often, {"penalty": [-1, -2]}, runs=1, trials=1, engine="python", jobs=2
+    )
     assert len(swept) == 2
     words = "perception model 'fog': other processes, and later calls, cannot find this function"
     assert words in refusal(runs[0].save, tmp_path / "run")
@@ -364,7 +395,9 @@ def test_a_registered_function_keeps_its_name(small, models):
     assert str(small.with_settings(perception=always).perception) == "always"
 
 
-@pytest.mark.parametrize("value", [print, int, 7, None, (), (3, 4), ("fog", 4), object()])
+@pytest.mark.parametrize(
+    "value", [print, int, 7, None, (), (3, 4), ("fog", 4), object()]
+)
 def test_what_is_no_function_of_ones_own_is_refused(small, models, value):
     assert "perception" in refusal(small.with_settings, perception=value)
 
@@ -372,9 +405,18 @@ def test_what_is_no_function_of_ones_own_is_refused(small, models, value):
 def test_what_is_no_model_is_never_called(module, small):
     plugins.allow_modules("builtins os sparse_coord_ros unittest")
     ours = "sparse_coord_ros.cli.main:main"
-    for name in ("builtins:input", "os:system", ours, "os:path.join", "unittest.mock:call"):
+    for name in (
+        "builtins:input",
+        "os:system",
+        ours,
+        "os:path.join",
+        "unittest.mock:call",
+    ):
         message = refusal(small.with_settings, perception=name)
-        assert f"{name!r}: is not marked as a perception model and was not called" in message
+        assert (
+            f"{name!r}: is not marked as a perception model and was not called"
+            in message
+        )
 
 
 def test_a_shipped_model_is_no_module(small):
@@ -387,11 +429,15 @@ def test_names_that_collide(module):
     class Mine(sc.Coop):
         name = "coop"
 
-    assert "'coop': is taken by this package's own" in refusal(sc.register_learner, Mine)
+    assert "'coop': is taken by this package's own" in refusal(
+        sc.register_learner, Mine
+    )
     message = refusal(sc.register_perception, "range", lambda grid: None)
     assert "'range': is taken" in message
     assert "must be a subclass" in refusal(sc.register_learner, "coop")
-    assert "'a b': allowed: letters" in refusal(sc.register_perception, "a b", lambda grid: None)
+    assert "'a b': allowed: letters" in refusal(
+        sc.register_perception, "a b", lambda grid: None
+    )
     assert "is no function" in refusal(sc.register_perception, "seven", 7)
     assert learner_of("coop").title == "Coop."
 
@@ -414,7 +460,10 @@ def test_names_that_collide(module):
         ("Empty", ["failed while making what a robot remembers: AttributeError"]),
         ("Valueless", ["failed while learning: TypeError"]),
         ("Needy", ["failed while being made: TypeError", "'more'"]),
-        ("Odd", ["failed while making what a robot remembers: Attribute", line("no_such")]),
+        (
+            "Odd",
+            ["failed while making what a robot remembers: Attribute", line("no_such")],
+        ),
     ],
 )
 def test_a_learner_that_fails_is_blamed(module, small, name, words):
@@ -434,7 +483,10 @@ def test_a_function_may_call_that_of_its_base_class(module, small):
 
 def test_a_check_that_fails_is_blamed(module, small):
     message = refusal(make_run, small, {"learner": "their_code:Unchecked"})
-    assert "learner 'their_code:Unchecked' failed while making its check: TypeError" in message
+    assert (
+        "learner 'their_code:Unchecked' failed while making its check: TypeError"
+        in message
+    )
 
 
 def test_the_traceback_stays_available(module, small):
@@ -442,7 +494,11 @@ def test_the_traceback_stays_available(module, small):
         learn(small, "their_code:Broken", 1)
     assert isinstance(caught.value.__cause__, KeyError)
     with pytest.raises(PluginError) as caught:
-        list(run_batch(small, "their_code:Broken", [1, 2], trials=0, engine="python", jobs=2))
+        list(
+            run_batch(
+                small, "their_code:Broken", [1, 2], trials=0, engine="python", jobs=2
+            )
+        )
     assert 'return {}["learned"]' in str(caught.value.__cause__)
 
 
@@ -471,7 +527,9 @@ def test_a_model_that_fails_is_blamed(module, small, model, words):
 
 @pytest.mark.parametrize("here", [False, True])
 @pytest.mark.parametrize("kind", ["-1.0.dist-info", ".egg-info"])
-def test_entry_points_of_installed_packages(module, small, monkeypatch, tmp_path, kind, here):
+def test_entry_points_of_installed_packages(
+    module, small, monkeypatch, tmp_path, kind, here
+):
     monkeypatch.delenv(plugins.ALLOW_VARIABLE)
     place = tmp_path / "site"
     place.mkdir()
@@ -493,5 +551,7 @@ def test_entry_points_of_installed_packages(module, small, monkeypatch, tmp_path
     assert type(learner_of("alert")).__name__ == "Heir"
     scenario = small.with_settings(perception="mist:0.25")
     assert str(scenario.perception) == "mist:0.25"
-    (tmp_path / "nowhere.py").write_text(MODULE)  # in the current directory, not installed
+    (tmp_path / "nowhere.py").write_text(
+        MODULE
+    )  # in the current directory, not installed
     assert "learner 'lost' is not there" in refusal(learner_of, "lost")

@@ -9,14 +9,14 @@ from pathlib import Path
 import pytest
 import yaml
 
-from sparse_coord_ros.errors import MapError, ScenarioError, SettingError
-from sparse_coord_ros.game.scenario import (
+from sparse_coord_ros.base.errors import MapError, ScenarioError, SettingError
+from sparse_coord_ros.core.game.scenario import (
     SETTINGS,
     load_scenario,
     scenario_from_dict,
     scenario_names,
 )
-from sparse_coord_ros.game.specs import Spec
+from sparse_coord_ros.core.game.specs import Spec
 
 # name: map, shortest path from start to goal, learning steps, goals of robot_1, robot_2, ...
 SCENARIOS = {
@@ -33,7 +33,9 @@ SCENARIOS = {
 
 # Goals of robot_1, robot_2, ..., and robots of each scenario, all on one map.
 CROWD_GOALS = [(6, 6), (6, 0), (6, 8), (0, 2), (0, 8), (0, 0), (0, 6), (6, 2)]
-CROWD = {f"crowd-{n}r": ("crowd", None, 100_000, CROWD_GOALS[:n]) for n in (2, 3, 4, 6, 8)}
+CROWD = {
+    f"crowd-{n}r": ("crowd", None, 100_000, CROWD_GOALS[:n]) for n in (2, 3, 4, 6, 8)
+}
 
 
 ROBOTS = "map: env1\nrobots:\n  {}: {{start: 1, goal: 2}}\n"
@@ -92,7 +94,9 @@ def test_the_game_is_the_paper_s(name):
     assert scenario.conflict == "same_cell"
     assert scenario.peers == "one"
     assert scenario.penalties == (-20.0,) * len(scenario.robots)
-    assert scenario.goal_value == pytest.approx(scenario.goal_reward / (1 - scenario.discount))
+    assert scenario.goal_value == pytest.approx(
+        scenario.goal_reward / (1 - scenario.discount)
+    )
 
 
 @pytest.mark.parametrize("name", [*SCENARIOS, *CROWD])
@@ -159,7 +163,9 @@ def test_a_robot_alone_still_has_a_table_over_pairs(make):
 
 def test_settings_change_a_copy_only():
     scenario = load_scenario("env1")
-    changed = scenario.with_settings({"penalty": "-100", "perception": "range:2", "steps": 5})
+    changed = scenario.with_settings(
+        {"penalty": "-100", "perception": "range:2", "steps": 5}
+    )
     assert (changed.penalty, changed.perception, changed.steps) == (
         -100.0,
         Spec("range", (2.0,)),
@@ -175,8 +181,14 @@ def test_settings_change_a_copy_only():
 @pytest.mark.parametrize(
     ("values", "words"),
     [
-        ({"penalti": "-5"}, ["unknown setting 'penalti'", "did you mean 'penalty'", "goal_value"]),
-        ({"perception": "lineofsight"}, ["setting perception", "did you mean 'line_of_sight'"]),
+        (
+            {"penalti": "-5"},
+            ["unknown setting 'penalti'", "did you mean 'penalty'", "goal_value"],
+        ),
+        (
+            {"perception": "lineofsight"},
+            ["setting perception", "did you mean 'line_of_sight'"],
+        ),
         (
             {"common_reward": "each:1"},
             [
@@ -197,13 +209,25 @@ def test_bad_settings(values, words):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"penaltyy": 3}, ["f.yaml", "unknown field 'penaltyy'", "did you mean 'penalty'"]),
+        (
+            {"penaltyy": 3},
+            ["f.yaml", "unknown field 'penaltyy'", "did you mean 'penalty'"],
+        ),
         ({"penalty": 3}, ["f.yaml", "setting penalty", "from -1e+09 to 0"]),
-        ({"common_reward": "each:1:2:3"}, ["f.yaml: setting common_reward", "needs 2; give each"]),
+        (
+            {"common_reward": "each:1:2:3"},
+            ["f.yaml: setting common_reward", "needs 2; give each"],
+        ),
         ({"map": 5}, ["f.yaml", "field 'map' is 5", "name or path"]),
         ({"robots": {}}, ["f.yaml", "no robot", "e.g. robot_1"]),
-        ({"robots": [{"a": 1}]}, ["'robots' is list, not a mapping", "one line a robot"]),
-        ({"robots": {"r": {"start": 1}}}, ["robot r", "must be {start: ..., goal: ...}"]),
+        (
+            {"robots": [{"a": 1}]},
+            ["'robots' is list, not a mapping", "one line a robot"],
+        ),
+        (
+            {"robots": {"r": {"start": 1}}},
+            ["robot r", "must be {start: ..., goal: ...}"],
+        ),
         ({"robots": {"r 1": {"start": 1, "goal": 2}}}, ["robot name 'r 1'", "letters"]),
         ({"robots": {"r": {"start": 7, "goal": 1}}}, ["robot r: start is 7", "[1, 2]"]),
         (
@@ -214,16 +238,31 @@ def test_bad_settings(values, words):
             {"robots": {"r": {"start": 1, "goal": [0, 5]}}},
             ["robot r: goal is [0, 5]", "of its 5 x 5 grid"],
         ),
-        ({"robots": {"r": {"start": [-1, 0], "goal": 1}}}, ["start is [-1, 0], allowed"]),
-        ({"robots": {"r": {"start": "a", "goal": 1}}}, ["start is 'a', allowed: a start"]),
-        ({"robots": {"r": {"start": True, "goal": 1}}}, ["start is True, allowed: a start"]),
+        (
+            {"robots": {"r": {"start": [-1, 0], "goal": 1}}},
+            ["start is [-1, 0], allowed"],
+        ),
+        (
+            {"robots": {"r": {"start": "a", "goal": 1}}},
+            ["start is 'a', allowed: a start"],
+        ),
+        (
+            {"robots": {"r": {"start": True, "goal": 1}}},
+            ["start is True, allowed: a start"],
+        ),
         (
             {"robots": {"r": {"start": 1, "goal": [0, 0]}}},
             ["start and goal are the same cell, [0, 0]"],
         ),
         ({"robots": {"r" * 101: {"start": 1, "goal": 2}}}, ["up to 100 letters"]),
-        ({"paper": {"best": {"reward": [1, 2]}}}, ["paper: best", "indiv, noncoop, coop"]),
-        ({"paper": {"coop": {"speed": [1, 2]}}}, ["paper: coop: speed", "time_to_goal"]),
+        (
+            {"paper": {"best": {"reward": [1, 2]}}},
+            ["paper: best", "indiv, noncoop, coop"],
+        ),
+        (
+            {"paper": {"coop": {"speed": [1, 2]}}},
+            ["paper: coop: speed", "time_to_goal"],
+        ),
         ({"paper": 3}, ["f.yaml: paper is 3; allowed: for each of indiv"]),
         ({"paper": {"coop": {"reward": 3}}}, ["reward is 3", "[mean, spread]"]),
     ],
@@ -242,7 +281,13 @@ def test_unknown_map(data):
 def test_unreachable_goal(make):
     with pytest.raises(ScenarioError) as error:
         make("1#2\n.#.")
-    for words in ("drawn.yaml", "robot robot_1", "goal 2", "start 1", "cannot be reached"):
+    for words in (
+        "drawn.yaml",
+        "robot robot_1",
+        "goal 2",
+        "start 1",
+        "cannot be reached",
+    ):
         assert words in str(error.value)
 
 
@@ -252,7 +297,12 @@ def test_unreachable_goal(make):
 def test_unknown_scenario_names_the_nearest(name, near):
     with pytest.raises(ScenarioError) as error:
         load_scenario(name)
-    for words in (f"scenario '{name}'", f"did you mean '{near}", "one of: cit, cmu", "path"):
+    for words in (
+        f"scenario '{name}'",
+        f"did you mean '{near}",
+        "one of: cit, cmu",
+        "path",
+    ):
         assert words in str(error.value)
 
 
@@ -263,17 +313,35 @@ def test_unknown_scenario_names_the_nearest(name, near):
             "map: env1\nrobots: {r: {start: 1\nsteps: 3\n",
             ["f.yaml, line 3", "not readable as YAML", "mend"],
         ),
-        ("map: env1\n\tsteps: 3\n", ["f.yaml, line 2, column 1", "not readable as YAML"]),
-        ("map: !!python/object:os.system x\n", ["f.yaml, line 1", "not readable as YAML"]),
+        (
+            "map: env1\n\tsteps: 3\n",
+            ["f.yaml, line 2, column 1", "not readable as YAML"],
+        ),
+        (
+            "map: !!python/object:os.system x\n",
+            ["f.yaml, line 1", "not readable as YAML"],
+        ),
         ("name: 2020-13-45\n", ["f.yaml: field 'map' is missing"]),
         ("- 1\n", ["f.yaml", "must be 'key: value' lines", "list"]),
         ("", ["f.yaml", "must be 'key: value' lines"]),
-        ("map: " + "[" * 600, ["f.yaml, line 1", "not readable as YAML", "nested too deeply"]),
-        ("map: env1\nsteps: 5\nsteps: 6\n", ["f.yaml, line 3", "'steps' is there twice"]),
+        (
+            "map: " + "[" * 600,
+            ["f.yaml, line 1", "not readable as YAML", "nested too deeply"],
+        ),
+        (
+            "map: env1\nsteps: 5\nsteps: 6\n",
+            ["f.yaml, line 3", "'steps' is there twice"],
+        ),
         (ROBOTS.format("r") + "  r: {start: 2, goal: 1}\n", ["'r' is there twice"]),
-        (ROBOTS.format("recorder"), ["robot name 'recorder'", "not world_simulator, recorder"]),
+        (
+            ROBOTS.format("recorder"),
+            ["robot name 'recorder'", "not world_simulator, recorder"],
+        ),
         (ROBOTS.format("r") + "name: ../x\n", ["field 'name' is '../x'", "rename"]),
-        (ROBOTS.format("r") + "paper: {coop: {reward: [a, b]}}\n", ["reward is ['a', 'b']"]),
+        (
+            ROBOTS.format("r") + "paper: {coop: {reward: [a, b]}}\n",
+            ["reward is ['a', 'b']"],
+        ),
     ],
 )
 def test_malformed_files(tmp_path, text, words):

@@ -5,7 +5,12 @@
 import numpy as np
 import pytest
 
-from sparse_coord_ros.game.schedules import EPSILON, STEP_SIZE, probabilities, step_sizes
+from sparse_coord_ros.core.game.schedules import (
+    EPSILON,
+    STEP_SIZE,
+    probabilities,
+    step_sizes,
+)
 
 
 def test_constant_step_size():
@@ -24,11 +29,13 @@ def test_power_step_size():
 
 def test_power_step_sizes_do_not_depend_on_numpy_s_vector_instructions(python):
     code = (
-        "import hashlib; from sparse_coord_ros.game.schedules import STEP_SIZE, step_sizes; "
+        "import hashlib; from sparse_coord_ros.core.game.schedules import STEP_SIZE, step_sizes; "
         "table = step_sizes(STEP_SIZE.parse('power:0.6'), 20000).by_count; "
         "print(hashlib.sha256(table.tobytes()).hexdigest())"
     )
-    without = "AVX512F AVX512CD AVX512_SKX AVX512_CLX AVX512_CNL AVX512_ICL AVX512_SPR X86_V4"
+    without = (
+        "AVX512F AVX512CD AVX512_SKX AVX512_CLX AVX512_CNL AVX512_ICL AVX512_SPR X86_V4"
+    )
     digests = {
         python("-W", "ignore", "-c", code, env=change).stdout
         for change in ({}, {"NPY_DISABLE_CPU_FEATURES": without})

@@ -6,9 +6,9 @@ import math
 
 import pytest
 
-from sparse_coord_ros.errors import SettingError
-from sparse_coord_ros.game.settings import Setting, SettingTable, parse_assignments
-from sparse_coord_ros.game.specs import Form, Number, Spec, SpecFamily
+from sparse_coord_ros.base.errors import SettingError
+from sparse_coord_ros.core.game.settings import Setting, SettingTable, parse_assignments
+from sparse_coord_ros.core.game.specs import Form, Number, Spec, SpecFamily
 
 MODE = SpecFamily("mode", Form("off", ""), Form("level", "", (Number("x", 0, 1),)))
 TABLE = SettingTable(
@@ -114,5 +114,7 @@ def test_assignments():
 
 
 def test_assignment_without_equals_sign():
-    with pytest.raises(SettingError, match=r"setting 'penalty': write it as key=value, e\.g\."):
+    with pytest.raises(
+        SettingError, match=r"setting 'penalty': write it as key=value, e\.g\."
+    ):
         parse_assignments(["penalty"])

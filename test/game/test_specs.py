@@ -4,8 +4,8 @@
 
 import pytest
 
-from sparse_coord_ros.errors import SettingError
-from sparse_coord_ros.game.specs import Form, Number, Spec, SpecFamily, probability
+from sparse_coord_ros.base.errors import SettingError
+from sparse_coord_ros.core.game.specs import Form, Number, Spec, SpecFamily, probability
 
 FAMILY = SpecFamily(
     "light",
@@ -32,7 +32,9 @@ def test_parse(text, spec):
     assert FAMILY.parse(spec) is spec
 
 
-@pytest.mark.parametrize("number", [0.1 + 0.2, 1 / 3, 1e-300, 0.123456789, 123456789.0, 0.0, 1.0])
+@pytest.mark.parametrize(
+    "number", [0.1 + 0.2, 1 / 3, 1e-300, 0.123456789, 123456789.0, 0.0, 1.0]
+)
 def test_written_spec_reads_back_to_the_same_bits(number):
     spec = Spec("ramp", (number, -number))
     assert FAMILY.parse(str(spec)).numbers == spec.numbers
@@ -47,7 +49,10 @@ def test_written_as_people_write_it():
 @pytest.mark.parametrize(
     ("value", "words"),
     [
-        ("lvel:0.5", ["unknown value 'lvel:0.5'", "did you mean 'level'", "off, level:X"]),
+        (
+            "lvel:0.5",
+            ["unknown value 'lvel:0.5'", "did you mean 'level'", "off, level:X"],
+        ),
         ("", ["unknown value ''"]),
         (0.5, ["unknown value '0.5'"]),
         ("level", ["'level' has 0 numbers", "takes 1", "level:X"]),

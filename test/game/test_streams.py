@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sparse_coord_ros.game import streams
-from sparse_coord_ros.game.streams import (
+from sparse_coord_ros.core.game import streams
+from sparse_coord_ros.core.game.streams import (
     BLOCK,
     DRAWS,
     EVALUATION,
@@ -57,7 +57,9 @@ def test_order_does_not_matter(role):
 @pytest.mark.parametrize("phase", [LEARNING, EVALUATION])
 @pytest.mark.parametrize("step", [0, 1, 255, 256, 1000, 99_999])
 def test_equals_a_fresh_numpy_generator(role, phase, step):
-    bits = np.random.PCG64(np.random.SeedSequence(2**40 + 1, spawn_key=(phase, 3, role)))
+    bits = np.random.PCG64(
+        np.random.SeedSequence(2**40 + 1, spawn_key=(phase, 3, role))
+    )
     bits.advance(step * DRAWS[role])
     expected = np.random.Generator(bits).random(DRAWS[role]).tolist()
     assert Stream(2**40 + 1, 3, role, phase).at(step) == expected

@@ -7,14 +7,24 @@ import json
 
 import pytest
 
-from sparse_coord_ros.errors import ScenarioError
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.game.unseen import KINDS, TEAMS, VERSION, is_tuning, team_of, unseen
+from sparse_coord_ros.base.errors import ScenarioError
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.game.unseen import (
+    KINDS,
+    TEAMS,
+    VERSION,
+    is_tuning,
+    team_of,
+    unseen,
+)
 
 
 def test_version_1_is_what_it_was():
     names = [
-        f"{VERSION}-{kind}-{team}r-{seed}" for kind in KINDS for team in TEAMS for seed in (0, 9)
+        f"{VERSION}-{kind}-{team}r-{seed}"
+        for kind in KINDS
+        for team in TEAMS
+        for seed in (0, 9)
     ]
     said = json.dumps([load_scenario(name).computation() for name in names])
     assert hashlib.sha256(said.encode()).hexdigest()[:16] == "8fe52c31e9e17648"
@@ -27,7 +37,11 @@ def test_every_robot_gets_to_its_goal_through_a_doorway(kind, team):
         scenario = load_scenario(f"{VERSION}-{kind}-{team}r-{seed}", ask_cost=2)
         grid = scenario.map
         robots = scenario.robots
-        assert (scenario.penalty, scenario.steps, scenario.ask_cost) == (-100, 100_000, 2)
+        assert (scenario.penalty, scenario.steps, scenario.ask_cost) == (
+            -100,
+            100_000,
+            2,
+        )
         assert len(robots) == team_of(scenario.name) == team
         for places in ([r.start for r in robots], [r.goal for r in robots]):
             assert len(set(places)) == team
@@ -41,18 +55,25 @@ def _needs_a_doorway(grid, start, goal):
     seen = {start}
     front = [start]
     while front:
-        front = [int(y) for x in front for y in grid.next_cell[x] if y not in grid.doorways]
+        front = [
+            int(y) for x in front for y in grid.next_cell[x] if y not in grid.doorways
+        ]
         front = list(set(front) - seen)
         seen |= set(front)
     return goal not in seen
 
 
 def test_even_seeds_are_for_tuning():
-    assert [is_tuning(f"{VERSION}-loop-2r-{seed}") for seed in (0, 1, 10)] == [True, False, True]
+    assert [is_tuning(f"{VERSION}-loop-2r-{seed}") for seed in (0, 1, 10)] == [
+        True,
+        False,
+        True,
+    ]
 
 
 @pytest.mark.parametrize(
-    "name", ["unseen1-door-2r", "unseen1-door-3r-1", "unseen1-hall-2r-1", "unseen2-door-2r-1"]
+    "name",
+    ["unseen1-door-2r", "unseen1-door-3r-1", "unseen1-hall-2r-1", "unseen2-door-2r-1"],
 )
 def test_there_is_no_such_building(name):
     with pytest.raises(ScenarioError, match="no such scenario"):

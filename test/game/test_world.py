@@ -7,11 +7,11 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from sparse_coord_ros.game.actions import EAST, NORTH, WEST
-from sparse_coord_ros.game.rules import EPISODE_GAP
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.game.streams import EVALUATION
-from sparse_coord_ros.game.world import FIRST_STEP, Action, Reward, World
+from sparse_coord_ros.core.game.actions import EAST, NORTH, WEST
+from sparse_coord_ros.core.game.rules import EPISODE_GAP
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.game.streams import EVALUATION
+from sparse_coord_ros.core.game.world import FIRST_STEP, Action, Reward, World
 
 SURE = {"move_success": 1, "starts": "fixed"}
 
@@ -30,7 +30,9 @@ def test_moves_succeed_with_their_probability_robot_by_robot(make, success):
     steps = 20_000
     robots = {"a": ([0, 0], [2, 0]), "b": ([0, 4], [2, 0])}
     grid = "..#..\n..#..\n....."
-    world = World(make(grid, robots, starts="fixed", move_success=success, max_steps=steps), 11)
+    world = World(
+        make(grid, robots, starts="fixed", move_success=success, max_steps=steps), 11
+    )
     moved = np.zeros((steps, 2))
     for t in range(steps):
         before = list(world.cells)
@@ -51,7 +53,9 @@ def test_arrival_pays_once_and_the_arrived_robot_stays(make):
     assert first.rewards[1] == Reward(0.0, 0.0, 0.0, 0.0)
     assert world.arrived == [True, False]
     assert not first.episode_over
-    second = world.advance([go(EAST), go(WEST)])  # the arrived robot's action has no effect
+    second = world.advance(
+        [go(EAST), go(WEST)]
+    )  # the arrived robot's action has no effect
     assert world.cells == [1, 0]
     assert second.rewards[0].individual == 0.0
     assert second.arrived == (1,)
@@ -69,7 +73,9 @@ def test_rewards_add_up_and_asking_costs_whether_answered_or_not(make):
     refused = Action(WEST, True, 0, False)
     outcome = world.advance([ask(EAST), refused])
     assert outcome.rewards == (Reward(0.0, -20.0, -0.5, -20.5),) * 2
-    assert world.advance([ask(EAST), go(NORTH)]).rewards[0] == Reward(10.0, 0.0, -0.5, 9.5)
+    assert world.advance([ask(EAST), go(NORTH)]).rewards[0] == Reward(
+        10.0, 0.0, -0.5, 9.5
+    )
 
 
 def test_a_miscoordination_falls_on_every_robot_the_arrived_too(make):
@@ -95,7 +101,11 @@ def test_passing_each_other_is_no_miscoordination(make):
 
 def test_steps_episodes_and_their_gap(make):
     world = World(make(max_steps=3, **SURE), 0)
-    assert (world.step, world.episode, world.transitions) == (FIRST_STEP, 0, 0) == (1, 0, 0)
+    assert (
+        (world.step, world.episode, world.transitions)
+        == (FIRST_STEP, 0, 0)
+        == (1, 0, 0)
+    )
     over = [world.advance([go(NORTH), go(NORTH)]).episode_over for _ in range(3)]
     assert over == [False, False, True]
     assert world.step == 4
@@ -124,12 +134,15 @@ def test_random_starts_are_uniform_never_the_goal_never_cut_off(make):
     for k, robot in enumerate(scenario.robots):
         counted = Counter(drawn[:, k].tolist())
         assert set(counted) == set(range(6)) - {robot.goal}
-        assert sum((n - 800) ** 2 / 800 for n in counted.values()) < 18.5  # chi squared, 0.1 %
+        assert (
+            sum((n - 800) ** 2 / 800 for n in counted.values()) < 18.5
+        )  # chi squared, 0.1 %
     assert abs(np.corrcoef(drawn.T)[0, 1]) < 4 / 4000**0.5
 
 
 @pytest.mark.parametrize(
-    ("setting", "options"), [("fixed", {}), ("random", {"phase": EVALUATION}), ("mixed:0", {})]
+    ("setting", "options"),
+    [("fixed", {}), ("random", {"phase": EVALUATION}), ("mixed:0", {})],
 )
 def test_fixed_starts(setting, options):
     scenario = load_scenario("env2-4r").with_settings({"starts": setting})

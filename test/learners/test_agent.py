@@ -5,14 +5,14 @@
 import numpy as np
 import pytest
 
-from sparse_coord_ros.game.actions import COORDINATE, EAST, SOUTH, WEST
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.game.world import Action, Reward
-from sparse_coord_ros.learn.tables import tables_from_values
-from sparse_coord_ros.learners.agent import NOBODY, Agent, Choice, Decision
-from sparse_coord_ros.learners.coop import Coop
-from sparse_coord_ros.learners.registry import learner_of
-from sparse_coord_ros.learners.tables import tables_equal
+from sparse_coord_ros.core.game.actions import COORDINATE, EAST, SOUTH, WEST
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.game.world import Action, Reward
+from sparse_coord_ros.core.learners.agent import NOBODY, Agent, Choice, Decision
+from sparse_coord_ros.core.learners.coop import Coop
+from sparse_coord_ros.core.learners.registry import learner_of
+from sparse_coord_ros.core.learners.tables import tables_equal
+from sparse_coord_ros.core.runs.tables import tables_from_values
 
 HALF = {"step_size": "constant:0.5", "epsilon": "constant:0"}
 ASK = Decision(COORDINATE, (1,))
@@ -47,7 +47,9 @@ def filled(scenario, q_coord=()):
 
 @pytest.mark.parametrize("learner", ["coop", "noncoop", "indiv"])
 def test_initial_tables(learner):
-    scenario = load_scenario("env1").with_settings({"q_star_init": 3, "q_coord_init": 150})
+    scenario = load_scenario("env1").with_settings(
+        {"q_star_init": 3, "q_coord_init": 150}
+    )
     tables = Agent(learner_of(learner), scenario, 0, 0).tables
     assert tables.q_star.shape == (21, 5)
     assert tables.q_coord.shape == (21, 21, 4)
@@ -76,7 +78,10 @@ def test_with_peers_all_q_coord_is_over_the_whole_joint_state(make):
     ):
         cell = 5 if seen == (2, 3) else 2
         one.learn(
-            1, Choice(cell, decision, Action(move, True, NOBODY, True), seen), paid(reward), 3
+            1,
+            Choice(cell, decision, Action(move, True, NOBODY, True), seen),
+            paid(reward),
+            3,
         )
     assert one.tables.q_coord[2, 5, 3].tolist() == [100, 100, 132.5, 100]
     action = one.act(1, 2, decision, (5, 3))
@@ -100,7 +105,9 @@ def test_a_robot_alone_asks_no_other_robot(make):
     scenario = make(robots={"a": (1, 2)}, **HALF)
     alone = Agent(Coop(), scenario, 0, 0, memory=filled(scenario).memory)
     assert alone.decide(0, 0) == Decision(COORDINATE)
-    assert alone.act(0, 0, Decision(COORDINATE), None) == Action(WEST, True, NOBODY, False)
+    assert alone.act(0, 0, Decision(COORDINATE), None) == Action(
+        WEST, True, NOBODY, False
+    )
 
 
 # Lines 12 to 18.

@@ -8,12 +8,16 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from sparse_coord_ros.game.actions import ACTIONS, COORDINATE, PRIMITIVES
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.game.streams import TIE
-from sparse_coord_ros.learners.coop import Coop
-from sparse_coord_ros.learners.policy import asks_at_times, asks_surely, greedy_action
-from sparse_coord_ros.learners.rules import greatest, ql_update, step_size
+from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE, PRIMITIVES
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.game.streams import TIE
+from sparse_coord_ros.core.learners.coop import Coop
+from sparse_coord_ros.core.learners.policy import (
+    asks_at_times,
+    asks_surely,
+    greedy_action,
+)
+from sparse_coord_ros.core.learners.rules import greatest, ql_update, step_size
 
 N = 60
 DRAWS = [(i + 0.5) / N for i in range(N)]
@@ -58,7 +62,11 @@ def test_actions():
         ([-1, -1, -1, -1, -1], 5, [0, 1, 2, 3, 4]),
         ([0, 0, 0, 0, math.nan], 4, [0, 1, 2, 3]),
         ([1, 3, 2, 3, math.nan], 4, [1, 3]),
-        ([0.1 + 0.2, 0.3, 0, 0, 0], 5, [0]),  # exact maxima: the next float below is no tie
+        (
+            [0.1 + 0.2, 0.3, 0, 0, 0],
+            5,
+            [0],
+        ),  # exact maxima: the next float below is no tie
         ([-math.inf, -math.inf, -5, -math.inf, 0], 4, [2]),
     ],
 )
@@ -123,7 +131,9 @@ def test_greatest(values, count, maximum):
     ],
 )
 def test_ql_update_by_hand(value, alpha, reward, discount, after, expected):
-    task = Coop().task(load_scenario("env1"), 0, [9.0, alpha])._replace(discount=discount)
+    task = (
+        Coop().task(load_scenario("env1"), 0, [9.0, alpha])._replace(discount=discount)
+    )
     values = [1.0, value, 3.0, 4.0]
     updates = [0, 0, 7, 0]
     ql_update(values, updates, 1, task, 0.0, reward, after)

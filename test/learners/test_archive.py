@@ -7,8 +7,8 @@ import io
 import numpy as np
 import pytest
 
-from sparse_coord_ros import archive
-from sparse_coord_ros.errors import TablesError
+from sparse_coord_ros.base import archive
+from sparse_coord_ros.base.errors import TablesError
 
 ARRAYS = {"a": np.arange(1.0, 7.0).reshape(2, 3), "b": np.zeros(2, dtype=np.int64)}
 
@@ -21,7 +21,9 @@ def read(data):
 
 @pytest.mark.parametrize("data", [b"", b"just text", b"PK\x03\x04 no zip"])
 def test_what_is_no_archive(data):
-    with pytest.raises(TablesError, match="a.npz: cannot be read as tables .*; use another"):
+    with pytest.raises(
+        TablesError, match="a.npz: cannot be read as tables .*; use another"
+    ):
         read(data)
 
 
@@ -31,8 +33,12 @@ def test_a_spoiled_byte_is_refused_or_without_effect():
     refused = 0
     for place in range(len(whole)):
         try:
-            found = read(whole[:place] + bytes([whole[place] ^ 0xFF]) + whole[place + 1 :])
-            assert all(found[name].tobytes() == ARRAYS[name].tobytes() for name in ARRAYS)
+            found = read(
+                whole[:place] + bytes([whole[place] ^ 0xFF]) + whole[place + 1 :]
+            )
+            assert all(
+                found[name].tobytes() == ARRAYS[name].tobytes() for name in ARRAYS
+            )
         except TablesError:
             refused += 1
     assert refused > len(whole) / 2

@@ -5,23 +5,32 @@
 import numpy as np
 import pytest
 
-from sparse_coord_ros.errors import SettingError
-from sparse_coord_ros.game.actions import COORDINATE
-from sparse_coord_ros.game.grid import GridMap
-from sparse_coord_ros.game.scenario import load_scenario, scenario_from_dict
-from sparse_coord_ros.game.schedules import step_sizes
-from sparse_coord_ros.game.world import Action, Reward
-from sparse_coord_ros.learners.agent import Agent, Choice, Decision
-from sparse_coord_ros.learners.cq import COUNT, CQ, MARKED, WINDOW, differs, is_marked
-from sparse_coord_ros.learners.lone import lone_values
-from sparse_coord_ros.learners.registry import learner_of
-from sparse_coord_ros.solve.optimum import independent_bound
+from sparse_coord_ros.base.errors import SettingError
+from sparse_coord_ros.core.game.actions import COORDINATE
+from sparse_coord_ros.core.game.grid import GridMap
+from sparse_coord_ros.core.game.scenario import load_scenario, scenario_from_dict
+from sparse_coord_ros.core.game.schedules import step_sizes
+from sparse_coord_ros.core.game.world import Action, Reward
+from sparse_coord_ros.core.learners.agent import Agent, Choice, Decision
+from sparse_coord_ros.core.learners.cq import (
+    COUNT,
+    CQ,
+    MARKED,
+    WINDOW,
+    differs,
+    is_marked,
+)
+from sparse_coord_ros.core.learners.lone import lone_values
+from sparse_coord_ros.core.learners.registry import learner_of
+from sparse_coord_ros.core.solve.optimum import independent_bound
 
 EAST = 2
 
 
 def problem(**settings):
-    return load_scenario("env1").with_settings({"steps": 1000, "penalty": -30, **settings})
+    return load_scenario("env1").with_settings(
+        {"steps": 1000, "penalty": -30, **settings}
+    )
 
 
 def agent_of(scenario, **more):
@@ -34,12 +43,16 @@ def step(agent, x, move, y, common, *, peer=None, asked=False):
     decision = Decision(COORDINATE if asked else move, (1,) if asked else ())
     cost = -1.0 if asked else 0.0
     reward = Reward(0.0, common, cost, common + cost)
-    agent.learn(5, Choice(x, decision, action, None if peer is None else (peer,)), reward, y)
+    agent.learn(
+        5, Choice(x, decision, action, None if peer is None else (peer,)), reward, y
+    )
 
 
 def test_a_lone_robot_is_worth_its_shortest_path():
     scenario = problem(move_success=0.7)
-    worth = [lone_values(scenario, k)[r.start].max() for k, r in enumerate(scenario.robots)]
+    worth = [
+        lone_values(scenario, k)[r.start].max() for k, r in enumerate(scenario.robots)
+    ]
     assert np.mean(worth) == pytest.approx(independent_bound(scenario), rel=1e-12)
 
 
@@ -50,10 +63,14 @@ def test_a_lone_robot_that_pays_in_every_step():
     q = lone_values(scenario, 0, 2.0)
     after = 0.95 * q.max(axis=1)
     after[goal] = 10 + 0.95 * 200
-    assert q == pytest.approx(0.8 * after[next_cell] + 0.2 * after[:, None] - 2.0, rel=1e-9)
+    assert q == pytest.approx(
+        0.8 * after[next_cell] + 0.2 * after[:, None] - 2.0, rel=1e-9
+    )
 
 
-@pytest.mark.parametrize(("hits", "found"), [(0, False), (3, False), (4, True), (20, True)])
+@pytest.mark.parametrize(
+    ("hits", "found"), [(0, False), (3, False), (4, True), (20, True)]
+)
 def test_students_test(hits, found):
     """t of h times -c in 20 is (19 h / (20 - h))^(1/2), critical 2.093: 1.83 for 3, 2.18 for 4."""
     sample = np.zeros(3)
@@ -68,7 +85,9 @@ def test_begins_at_the_lone_values_with_no_mark():
     for k in range(2):
         tables = Agent(CQ(), scenario, k, 0).tables
         q = lone_values(scenario, k)
-        assert (tables.q_star[:, :4] == q).all() and (tables.q_coord == q[:, None]).all()
+        assert (tables.q_star[:, :4] == q).all() and (
+            tables.q_coord == q[:, None]
+        ).all()
         assert not any(map(is_marked, tables.q_star))
     begun = [CQ.initial(scenario, k).q_star for k in range(2)]
     assert not np.array_equal(*begun)
@@ -116,7 +135,12 @@ def test_what_it_cannot_learn():
     with pytest.raises(SettingError, match="setting peers: value is 'all'"):
         learner_of("cq").check(load_scenario("crowd-3r").with_settings(peers="all"))
     hall = {"name": "hall", "text": GridMap("hall", ("." * 27,) * 27).to_text()}
-    robots = {"a": {"start": [0, 0], "goal": [5, 5]}, "b": {"start": [5, 5], "goal": [0, 0]}}
-    large = scenario_from_dict({"map": hall, "robots": robots}, where="hall", name="hall")
+    robots = {
+        "a": {"start": [0, 0], "goal": [5, 5]},
+        "b": {"start": [5, 5], "goal": [0, 0]},
+    }
+    large = scenario_from_dict(
+        {"map": hall, "robots": robots}, where="hall", name="hall"
+    )
     with pytest.raises(SettingError, match="has 729 cells, allowed: 724"):
         learner_of("cq").check(large)

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from teams import untrained, walking
 
-from sparse_coord_ros.errors import TablesError
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learn.evaluation import check_tables, play, summary
-from sparse_coord_ros.learn.tables import tables_from_values
-from sparse_coord_ros.learn.trials import Trials
-from sparse_coord_ros.learners.tables import Tables
+from sparse_coord_ros.base.errors import TablesError
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.learners.tables import Tables
+from sparse_coord_ros.core.runs.evaluation import check_tables, play, summary
+from sparse_coord_ros.core.runs.tables import tables_from_values
+from sparse_coord_ros.core.runs.trials import Trials
 
 GAMMA = 0.95
 
@@ -23,7 +23,9 @@ def test_sure_moves_by_hand(make):
     """Both enter the doorway of 1..D..2 at step 3 and arrive at step 6."""
     scenario = make(move_success=1)
     result = summary(play(scenario, walking(scenario), trials=3, seed=0))
-    assert result.reward.mean == pytest.approx(200 * GAMMA**5 - 20 * GAMMA**2, rel=1e-12)
+    assert result.reward.mean == pytest.approx(
+        200 * GAMMA**5 - 20 * GAMMA**2, rel=1e-12
+    )
     assert result.miscoordinations.mean == 1
     assert result.time_to_goal.mean == 6
     assert result.reward.spread == pytest.approx(0, abs=1e-9)
@@ -59,10 +61,14 @@ def test_tables_that_do_not_fit():
     scenario = load_scenario("env1")
     other = load_scenario("isr")
     good = untrained(scenario)
-    with pytest.raises(TablesError, match=r"tables of 1 robots for scenario env1, which has 2"):
+    with pytest.raises(
+        TablesError, match=r"tables of 1 robots for scenario env1, which has 2"
+    ):
         summary(play(scenario, [good], trials=1, seed=0))
     foreign = untrained(other)
-    with pytest.raises(TablesError, match=r"robot 2 of scenario env1 .*q_star is .* \(43, 5\)"):
+    with pytest.raises(
+        TablesError, match=r"robot 2 of scenario env1 .*q_star is .* \(43, 5\)"
+    ):
         summary(play(scenario, [good, foreign], trials=1, seed=0))
 
 
@@ -79,7 +85,9 @@ def test_tables_of_no_numbers(name, value):
     memory = {n: array.copy() for n, array in (good.memory | row).items()}
     memory[name][0, 1] = value
     bad = Tables(scenario, good.rule, 1, memory)
-    with pytest.raises(TablesError, match=f"robot 2 of .*{name} has numbers that are not finite"):
+    with pytest.raises(
+        TablesError, match=f"robot 2 of .*{name} has numbers that are not finite"
+    ):
         check_tables(scenario, [good, bad, good], "coop")
 
 
@@ -88,10 +96,16 @@ def test_the_standard_error_is_that_of_independent_trials():
     means = [1.0, 2.0, 6.0]
     values = np.array([[mean - 1, mean + 1] for mean in means])
     nothing = np.zeros((2, 4), dtype=np.int64)
-    trials = Trials(values, values, values, values > 0, np.array(means), nothing, nothing)
+    trials = Trials(
+        values, values, values, values > 0, np.array(means), nothing, nothing
+    )
     result = summary(trials)
     expected = statistics.stdev(means) / math.sqrt(3)
     assert result.reward.standard_error == pytest.approx(expected, rel=1e-12)
     assert result.miscoordinations.standard_error == pytest.approx(expected, rel=1e-12)
-    assert result.reward.spread == pytest.approx(statistics.pstdev(values.ravel()), rel=1e-12)
-    assert result.miscoordinations.spread == pytest.approx(statistics.pstdev(means), rel=1e-12)
+    assert result.reward.spread == pytest.approx(
+        statistics.pstdev(values.ravel()), rel=1e-12
+    )
+    assert result.miscoordinations.spread == pytest.approx(
+        statistics.pstdev(means), rel=1e-12
+    )

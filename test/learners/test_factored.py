@@ -5,18 +5,24 @@
 import numpy as np
 import pytest
 
-from sparse_coord_ros.errors import SettingError, TablesError
-from sparse_coord_ros.game.actions import COORDINATE, EAST, NORTH, SOUTH
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.game.world import Action, Reward, RewardWeights, World
-from sparse_coord_ros.learn.evaluation import play
-from sparse_coord_ros.learn.run import learn
-from sparse_coord_ros.learn.run_config import make_run
-from sparse_coord_ros.learners.agent import NOBODY, Agent, Choice, Decision
-from sparse_coord_ros.learners.factored import UNKNOWN, Factored, key_of, share_of, states_of
-from sparse_coord_ros.learners.memory import check_memory, taught
-from sparse_coord_ros.learners.registry import learner_of
-from sparse_coord_ros.learners.tables import memories_equal
+from sparse_coord_ros.base.errors import SettingError, TablesError
+from sparse_coord_ros.core.game.actions import COORDINATE, EAST, NORTH, SOUTH
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.game.world import Action, Reward, RewardWeights, World
+from sparse_coord_ros.core.learners.agent import NOBODY, Agent, Choice, Decision
+from sparse_coord_ros.core.learners.factored import (
+    UNKNOWN,
+    Factored,
+    key_of,
+    share_of,
+    states_of,
+)
+from sparse_coord_ros.core.learners.memory import check_memory, taught
+from sparse_coord_ros.core.learners.registry import learner_of
+from sparse_coord_ros.core.learners.tables import memories_equal
+from sparse_coord_ros.core.runs.evaluation import play
+from sparse_coord_ros.core.runs.run import learn
+from sparse_coord_ros.core.runs.run_config import make_run
 
 ASK = Decision(COORDINATE, (1,))
 ALPHA = 0.25
@@ -51,8 +57,15 @@ class Thrice(NoReplay):
 
 
 def scenario(name="env1", **settings):
-    chosen = {"step_size": f"constant:{ALPHA}", "q_coord_init": 40, "credit": "own", **settings}
-    return learner_of("factored").with_defaults(load_scenario(name).with_settings(chosen))
+    chosen = {
+        "step_size": f"constant:{ALPHA}",
+        "q_coord_init": 40,
+        "credit": "own",
+        **settings,
+    }
+    return learner_of("factored").with_defaults(
+        load_scenario(name).with_settings(chosen)
+    )
 
 
 def agent(learner=NoReplay, number=0, **settings):
@@ -116,7 +129,9 @@ def test_a_percept_teaches_rho_w_and_r_bar_but_not_by_the_move_itself():
     w = memory["w"]
     rho = memory["rho_values"]
     assert rows(one) == {(2, 1, 5): [0, -20 * ALPHA, 0, 0]}
-    assert u[2, SOUTH] == 40 + ALPHA * (0.95 * 40 - 40)  # no cost of asking, no r^C in U
+    assert u[2, SOUTH] == 40 + ALPHA * (
+        0.95 * 40 - 40
+    )  # no cost of asking, no r^C in U
     # The other moves are as good as before: the percept was worth nothing.
     assert w[2] == 0
     assert r_bar[2].tolist() == [0, ALPHA * rho[0, SOUTH], 0, 0]
@@ -167,9 +182,13 @@ def test_only_after_a_failed_percept_the_move_is_explored():
 def test_replays_make_u_what_the_own_model_says():
     one = agent(Factored)
     moved(one, 1, 2, EAST, 3, paid())
-    moved(one, 2, 2, EAST, 2, paid())  # it stayed where it was: half of the moves succeed
+    moved(
+        one, 2, 2, EAST, 2, paid()
+    )  # it stayed where it was: half of the moves succeed
     u = one.memory()["u"]
-    assert u[2, EAST] == 0.5 * (0.95 * 40) + 0.5 * (0.95 * 40)  # other moves in 2 are still at 40
+    assert u[2, EAST] == 0.5 * (0.95 * 40) + 0.5 * (
+        0.95 * 40
+    )  # other moves in 2 are still at 40
     moved(one, 3, 3, EAST, one.goal, paid(individual=10.0))
     assert one.memory()["u"][3, EAST] == 10 + 0.95 * 200
 
@@ -178,12 +197,19 @@ def test_two_percepts_in_a_row_teach_what_other_moves_would_have_brought():
     one = agent()
     other = agent(NoLookingBack)
     for each in (one, other):
-        moved(each, 1, 2, EAST, 3, paid(common=-20.0))  # to 3: a doorway, as r^C is felt there
+        moved(
+            each, 1, 2, EAST, 3, paid(common=-20.0)
+        )  # to 3: a doorway, as r^C is felt there
         moved(each, 3, 2, EAST, 2, paid())  # half of the moves east succeed
         moved(each, 5, 2, NORTH, 2, paid())
         asked(each, 7, 2, NORTH, 2, paid(), (5,))
         asked(each, 8, 2, NORTH, 2, paid(), (3,))  # the peer went to 3
-    assert rows(one)[2, 1, 5] == [0, 0, ALPHA * 0.5 * -20, 0]  # W is 0, a wait is worth U
+    assert rows(one)[2, 1, 5] == [
+        0,
+        0,
+        ALPHA * 0.5 * -20,
+        0,
+    ]  # W is 0, a wait is worth U
     assert not any(row[EAST] for row in rows(other).values())
     before = rows(one)
     asked(one, 10, 2, NORTH, 2, paid(), (5,))  # not in a row
@@ -243,17 +269,26 @@ def test_r_c_counts_for_the_team_but_once_where_the_percept_failed():
     for name, weight in (("env1", 2), ("env2-4r", 4), ("building-3x2x4-16r-0", 8)):
         assert factored.with_defaults(load_scenario(name)).common_weight == weight
     assert scenario("building-3x2x4-16r-0", credit="team").common_weight == 16
-    for perception, failed in (("range:1", -20), ("probability:0.9", -60), ("always", -60)):
+    for perception, failed in (
+        ("range:1", -20),
+        ("probability:0.9", -60),
+        ("always", -60),
+    ):
         one = agent(Thrice, perception=perception)
         asked(one, 1, 2, SOUTH, 3, paid(common=-20.0), None)
         asked(one, 3, 2, SOUTH, 3, paid(common=-20.0), (5,))
-        assert one.memory()["rho_values"][:, SOUTH].tolist() == [-60 * ALPHA, failed * ALPHA]
+        assert one.memory()["rho_values"][:, SOUTH].tolist() == [
+            -60 * ALPHA,
+            failed * ALPHA,
+        ]
 
 
 def blind_waits(**settings):
     """Return rho's row of a failed percept in 2, and what it was before a second question."""
     one = agent(**settings)
-    moved(one, 1, 2, EAST, 3, paid(common=-20.0))  # half of the moves east lead to 3, a doorway
+    moved(
+        one, 1, 2, EAST, 3, paid(common=-20.0)
+    )  # half of the moves east lead to 3, a doorway
     moved(one, 3, 2, EAST, 2, paid())
     moved(one, 5, 2, NORTH, 2, paid())
     asked(one, 7, 2, EAST, 2, paid(common=-20.0), None)
@@ -265,7 +300,9 @@ def blind_waits(**settings):
 
 def test_percepts_that_fail_teach_that_nobody_is_where_a_peer_would_be_seen():
     row, before = blind_waits(perception="range:2")
-    assert before[EAST] < row[EAST] < 0  # nobody was in 3, half of the moves would have led there
+    assert (
+        before[EAST] < row[EAST] < 0
+    )  # nobody was in 3, half of the moves would have led there
     row, before = blind_waits(perception="range:0")
     assert row[EAST] == before[EAST] < 0  # 3 is out of sight
     for settings in (
@@ -274,7 +311,9 @@ def test_percepts_that_fail_teach_that_nobody_is_where_a_peer_would_be_seen():
         {"perception": "range:2", "link": "lost:0.1"},
     ):
         row, before = blind_waits(**settings)
-        assert row[EAST] == before[EAST] < 0  # it fails at random: a peer may be anywhere
+        assert (
+            row[EAST] == before[EAST] < 0
+        )  # it fails at random: a peer may be anywhere
 
 
 def test_after_a_failed_percept_one_that_succeeds_teaches_where_a_peer_was_in_the_way():
@@ -285,7 +324,12 @@ def test_after_a_failed_percept_one_that_succeeds_teaches_where_a_peer_was_in_th
     asked(one, 8, 2, NORTH, 2, paid(), (3,))
     assert rows(one)[2, UNKNOWN, UNKNOWN] == [0, 0, ALPHA * -20, 0]
     asked(one, 9, 2, NORTH, 2, paid(), (2,))
-    assert rows(one)[2, UNKNOWN, UNKNOWN] == [0, 0, ALPHA * -20, 0]  # the percept before succeeded
+    assert rows(one)[2, UNKNOWN, UNKNOWN] == [
+        0,
+        0,
+        ALPHA * -20,
+        0,
+    ]  # the percept before succeeded
 
 
 def test_credit_weighs_the_common_part():
@@ -374,7 +418,9 @@ def test_a_robot_learns_only_from_its_own_miscoordination_by_the_peer_in_the_doo
         ("env1", 0, NoReplay, [1]),
     ],
 )
-def test_of_several_robots_in_one_cell_the_higher_numbers_give_way(name, number, learner, counted):
+def test_of_several_robots_in_one_cell_the_higher_numbers_give_way(
+    name, number, learner, counted
+):
     """They see the same: were it not so, each would wait for the others for ever."""
     one = agent(learner, name=name, number=number)
     cells = one.task.cells
@@ -401,7 +447,9 @@ def test_of_several_robots_in_one_cell_the_higher_numbers_give_way(name, number,
 def test_numbers_of_rows():
     cells = 7
     robots = 4
-    states = [(x, j, z) for x in range(cells) for j in range(robots) for z in range(cells)]
+    states = [
+        (x, j, z) for x in range(cells) for j in range(robots) for z in range(cells)
+    ]
     states += [(x, UNKNOWN, UNKNOWN) for x in range(cells)]
     keys = np.array([key_of(state, cells, robots) for state in states])
     assert len(set(keys.tolist())) == len(states)
@@ -417,7 +465,8 @@ KINDS = ("coop", "noncoop", "factored")
 def test_tables_of_another_kind_are_refused():
     problem = scenario()
     made = {
-        name: [Agent(learner_of(name), problem, k, 0).tables for k in range(2)] for name in KINDS
+        name: [Agent(learner_of(name), problem, k, 0).tables for k in range(2)]
+        for name in KINDS
     }
     for name in KINDS:
         for other in set(KINDS) - {name}:
@@ -464,8 +513,13 @@ IMPOSSIBLE = {
 def test_impossible_memories_are_refused(what):
     problem = scenario()
     memory = Agent(Factored(), problem, 0, 0).memory()
-    row = {"rho_values": np.ones((1, 4)), "rho_updates": np.ones((1, 4), dtype=np.int64)}
+    row = {
+        "rho_values": np.ones((1, 4)),
+        "rho_updates": np.ones((1, 4), dtype=np.int64),
+    }
     forged = memory | (row if "rho_keys" in IMPOSSIBLE[what] else {}) | IMPOSSIBLE[what]
     check_memory(problem, Factored(), 0, memory)
-    with pytest.raises(TablesError, match="robot 1 of scenario env1 .* cannot have learned that"):
+    with pytest.raises(
+        TablesError, match="robot 1 of scenario env1 .* cannot have learned that"
+    ):
         check_memory(problem, Factored(), 0, forged)

@@ -12,22 +12,22 @@ import zipfile
 import numpy as np
 import pytest
 
-from sparse_coord_ros import archive
-from sparse_coord_ros.engine.checkpoint import (
+from sparse_coord_ros.base import archive
+from sparse_coord_ros.base.errors import RunError, TablesError
+from sparse_coord_ros.base.limits import Limit
+from sparse_coord_ros.core.engine.checkpoint import (
     CHECKPOINT_FILE,
     Checkpoint,
     load_checkpoint,
     run_digest,
 )
-from sparse_coord_ros.errors import RunError, TablesError
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learn import checkpoint
-from sparse_coord_ros.learn.evaluation import check_tables, play
-from sparse_coord_ros.learn.history import history_from, load_history
-from sparse_coord_ros.learn.run import LearningRun, Team
-from sparse_coord_ros.learn.tables import TEAM_FILE, load_team, save_team
-from sparse_coord_ros.learners.registry import learner_of
-from sparse_coord_ros.limits import Limit
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.learners.registry import learner_of
+from sparse_coord_ros.core.runs import checkpoint
+from sparse_coord_ros.core.runs.evaluation import check_tables, play
+from sparse_coord_ros.core.runs.history import history_from, load_history
+from sparse_coord_ros.core.runs.run import LearningRun, Team
+from sparse_coord_ros.core.runs.tables import TEAM_FILE, load_team, save_team
 
 HEADER = "{{'descr': {!r}, 'fortran_order': False, 'shape': {}, }}"
 
@@ -44,15 +44,26 @@ def zipped(*members, header=HEADER, comment=b""):
 
 
 def unpack(data, **more):
-    how = {"where": "x", "what": "tables", "remedy": "use another", "error": TablesError}
+    how = {
+        "where": "x",
+        "what": "tables",
+        "remedy": "use another",
+        "error": TablesError,
+    }
     return archive.unpack(data, **how, **more)
 
 
 @pytest.mark.parametrize(
     ("data", "words"),
     [
-        (zipped(("<f8", (10**9,), b"")), "has type <f8 and shape .1000000000,. in 128 bytes"),
-        (zipped(("<f8", (3, 5), bytes(64))), "has type <f8 and shape .3, 5. in 192 bytes"),
+        (
+            zipped(("<f8", (10**9,), b"")),
+            "has type <f8 and shape .1000000000,. in 128 bytes",
+        ),
+        (
+            zipped(("<f8", (3, 5), bytes(64))),
+            "has type <f8 and shape .3, 5. in 192 bytes",
+        ),
         (zipped(("<U0", (10**12,), b"")), "has type <U0"),
         (zipped(("|O", (1,), bytes(8))), "has type .O"),
         (zipped(("<c16", (1,), bytes(16))), "has type <c16"),
@@ -65,7 +76,17 @@ def unpack(data, **more):
             "its arrays have 144,256 bytes, allowed for a test: 100,000",
         ),
     ],
-    ids=["8 GB", "short", "no letters", "object", "complex", "inner", "dates", "deep", "many"]
+    ids=[
+        "8 GB",
+        "short",
+        "no letters",
+        "object",
+        "complex",
+        "inner",
+        "dates",
+        "deep",
+        "many",
+    ]
     + ["zeros"],
 )
 def test_headers_are_looked_at_before_data(data, words):
@@ -80,12 +101,21 @@ def forgeries(arrays, but="^$"):
     for name, array in arrays.items():
         if re.search(but, name):
             continue
-        others = {"deeper": array[None], "no array": array.ravel()[:0], "long": [array] * 2}
-        others["half"] = array.astype(np.float16 if array.dtype.kind == "f" else np.int8)
+        others = {
+            "deeper": array[None],
+            "no array": array.ravel()[:0],
+            "long": [array] * 2,
+        }
+        others["half"] = array.astype(
+            np.float16 if array.dtype.kind == "f" else np.int8
+        )
         if array.dtype.kind in "iu":
             others |= {"large": array + 1000, "negative": array - 1000}
         if array.ndim:
-            others |= {"shorter": array[:-1], "nothing wide": np.zeros((0, 10**9), array.dtype)}
+            others |= {
+                "shorter": array[:-1],
+                "nothing wide": np.zeros((0, 10**9), array.dtype),
+            }
         if array.ndim > 1:
             others["narrow"] = array[..., :-1]
         for what, other in others.items():
@@ -153,7 +183,9 @@ def test_forged_checkpoints(tmp_path, name, learner):
         else:
             LearningRun(run.team, 0, found.state).advance(95)
             usable.append(what)
-    assert all(what.endswith(("large", "negative", "shorter", "left out")) for what in usable)
+    assert all(
+        what.endswith(("large", "negative", "shorter", "left out")) for what in usable
+    )
     beyond = [
         what
         for what in usable
@@ -169,6 +201,8 @@ def test_forged_histories(tmp_path):
         if what.endswith(("large", "negative")):
             continue
         (tmp_path / "history.npz").write_bytes(archive.pack(arrays))
-        with pytest.raises(RunError, match="history.npz: .*use a file that run or train wrote"):
+        with pytest.raises(
+            RunError, match="history.npz: .*use a file that run or train wrote"
+        ):
             load_history(tmp_path)
     assert history_from(whole).same_bits(run.state().histories[0])

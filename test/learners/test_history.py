@@ -4,9 +4,9 @@
 
 import pytest
 
-from sparse_coord_ros.errors import RunError
-from sparse_coord_ros.game.world import Action, Reward, StepOutcome
-from sparse_coord_ros.learn.history import (
+from sparse_coord_ros.base.errors import RunError
+from sparse_coord_ros.core.game.world import Action, Reward, StepOutcome
+from sparse_coord_ros.core.runs.history import (
     HISTORY_FILE,
     HistoryRecorder,
     blank_history,
@@ -32,9 +32,13 @@ def recorded():
     recorder.add(0, 1, [MOVE, ASK], outcome(reward(), reward(cost=-1.0)))
     met = outcome(reward(common=-5.0), reward(10.0, -5.0), met=True, arrived=(1,))
     recorder.add(0, 2, [MOVE, MOVE], met)
-    later = outcome(reward(10.0, -5.0), reward(0.0, -5.0), met=True, arrived=(0,), over=True)
+    later = outcome(
+        reward(10.0, -5.0), reward(0.0, -5.0), met=True, arrived=(0,), over=True
+    )
     recorder.add(0, 3, [MOVE, None], later)
-    recorder.add(2, 8, [ASK, ASK], outcome(reward(cost=-1.0), reward(cost=-1.0), over=True))
+    recorder.add(
+        2, 8, [ASK, ASK], outcome(reward(cost=-1.0), reward(cost=-1.0), over=True)
+    )
     recorder.add(3, 11, [None, MOVE], outcome(reward(), reward()))
     return recorder
 
@@ -57,7 +61,12 @@ def test_asking_for_it_in_between_changes_nothing():
     whole = HistoryRecorder(1)
     for episode in range(300):
         for step in range(1 + episode % 3):
-            what = (episode, 10 * episode + step, [ASK], outcome(reward(0.1, -0.2), met=True))
+            what = (
+                episode,
+                10 * episode + step,
+                [ASK],
+                outcome(reward(0.1, -0.2), met=True),
+            )
             recorder.add(*what)
             whole.add(*what)
             before = recorder.history()
@@ -83,7 +92,9 @@ def test_going_on_with_an_episode_and_after_one():
 
 def test_only_members_are_present():
     recorder = HistoryRecorder(3, members=[1])
-    recorder.add(0, 1, [None, ASK, None], outcome(reward(), reward(cost=-1.0), reward()))
+    recorder.add(
+        0, 1, [None, ASK, None], outcome(reward(), reward(cost=-1.0), reward())
+    )
     history = recorder.history()
     assert history.present.tolist() == [[False, True, False]]
     assert history.asks.tolist() == [[0, 1, 0]]

@@ -5,16 +5,16 @@
 import pytest
 from teams import Traces, by_agents, in_parts
 
-from sparse_coord_ros.engine.batch import run_batch
-from sparse_coord_ros.errors import PluginError, SettingError
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.game.world import SUM_OF_PARTS, RewardWeights
-from sparse_coord_ros.learn.forms import agrees
-from sparse_coord_ros.learn.run import learn
-from sparse_coord_ros.learn.run_config import make_run, run_from_yaml
-from sparse_coord_ros.learners.coop import Coop
-from sparse_coord_ros.learners.registry import LEARNERS, learner_of
-from sparse_coord_ros.learners.tables import memories_equal, tables_equal
+from sparse_coord_ros.base.errors import PluginError, SettingError
+from sparse_coord_ros.core.engine.batch import run_batch
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.game.world import SUM_OF_PARTS, RewardWeights
+from sparse_coord_ros.core.learners.coop import Coop
+from sparse_coord_ros.core.learners.registry import LEARNERS, learner_of
+from sparse_coord_ros.core.learners.tables import memories_equal, tables_equal
+from sparse_coord_ros.core.runs.forms import agrees
+from sparse_coord_ros.core.runs.run import learn
+from sparse_coord_ros.core.runs.run_config import make_run, run_from_yaml
 
 SHORT = {"steps": 3000, "penalty": -40}
 
@@ -67,8 +67,12 @@ def test_the_papers_three_and_the_factored_one():
         "indiv": ("Indiv.", False, True),
         "factored": ("Factored", True, False),
     }
-    shipped = {name: LEARNERS.registered[name] for name in expected}  # tests register others
-    assert expected == {n: (one.title, one.asks, one.alone) for n, one in shipped.items()}
+    shipped = {
+        name: LEARNERS.registered[name] for name in expected
+    }  # tests register others
+    assert expected == {
+        n: (one.title, one.asks, one.alone) for n, one in shipped.items()
+    }
     for name, one in shipped.items():
         assert one.label == name
         assert agrees(one)
@@ -86,7 +90,8 @@ def test_weights_count_in_every_engine(engine):
 
 
 @pytest.mark.parametrize(
-    ("learner", "why"), [(Whole, "differs in its last bits"), (Wordy, "numba cannot compile it")]
+    ("learner", "why"),
+    [(Whole, "differs in its last bits"), (Wordy, "numba cannot compile it")],
 )
 def test_a_learner_that_cannot_be_compiled_runs_in_plain_python(capsys, learner, why):
     scenario = load_scenario("env1").with_settings(SHORT)
@@ -108,7 +113,9 @@ def test_a_learner_with_a_memory_of_its_own(tmp_path):
     scenario = load_scenario("env1").with_settings(SHORT)
     rule = learner_of(Traces)
     assert agrees(rule)
-    quick, plain = (learn(scenario, rule, 3, compiled=compiled) for compiled in (True, False))
+    quick, plain = (
+        learn(scenario, rule, 3, compiled=compiled) for compiled in (True, False)
+    )
     assert tables_equal(quick, plain)
     memories, _ = by_agents(scenario, rule, 3)
     assert all(map(memories_equal, memories, [table.memory for table in plain]))
@@ -125,9 +132,13 @@ def test_with_defaults_of_ones_own_that_fails():
             return 1 / 0 if scenario.penalty < -50 else None
 
     scenario = load_scenario("env1")
-    with pytest.raises(SettingError, match="its with_defaults returned None, allowed: a Scenario"):
+    with pytest.raises(
+        SettingError, match="its with_defaults returned None, allowed: a Scenario"
+    ):
         Wrong().with_defaults(scenario)
-    with pytest.raises(PluginError, match="failed while making its with_defaults: ZeroDivision"):
+    with pytest.raises(
+        PluginError, match="failed while making its with_defaults: ZeroDivision"
+    ):
         Wrong().with_defaults(scenario.with_settings(penalty=-100))
 
 
@@ -137,5 +148,7 @@ def test_defaults_of_a_learner_hold_where_nobody_chose():
     assert (str(run.scenario.epsilon), run.scenario.steps) == ("constant:0.5", 50)
     assert "epsilon: constant:0.5" in run.to_yaml()
     assert str(make_run(scenario, {}).scenario.epsilon) == "linear:0.15:0.02:0.8"
-    again = run_from_yaml(run.to_yaml().replace("constant:0.5", "constant:0.25"), where="here")
+    again = run_from_yaml(
+        run.to_yaml().replace("constant:0.5", "constant:0.25"), where="here"
+    )
     assert str(again.scenario.epsilon) == "constant:0.25"

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from teams import plain_run
 
-from sparse_coord_ros.engine import checkpoint
-from sparse_coord_ros.errors import RunError, TablesError
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learners.cq import COUNT, SQUARES
-from sparse_coord_ros.learners.memory import check_memory
-from sparse_coord_ros.learners.registry import learner_of
+from sparse_coord_ros.base.errors import RunError, TablesError
+from sparse_coord_ros.core.engine import checkpoint
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.learners.cq import COUNT, SQUARES
+from sparse_coord_ros.core.learners.memory import check_memory
+from sparse_coord_ros.core.learners.registry import learner_of
 
 LEARNERS = ("coop", "indiv", "noncoop", "factored", "cq")
 OFTEN = {"steps": 400, "q_star_init": 100, "ask_cost": 0, "penalty": -20}
@@ -106,7 +106,12 @@ def test_states_come_once():
     keys = memory["q_coord_keys"]
     assert len(keys) > 1
     twice = with_array(memory, "q_coord_keys", put(0, keys[1]))
-    refused(scenario, rule, twice, "q_coord_keys are not in ascending order, or have a key twice")
+    refused(
+        scenario,
+        rule,
+        twice,
+        "q_coord_keys are not in ascending order, or have a key twice",
+    )
 
 
 @pytest.mark.parametrize(
@@ -118,7 +123,9 @@ def test_states_come_once():
 )
 def test_samples_of_cq(place, value, words):
     scenario, rule, run = learned("cq")
-    refused(scenario, rule, with_array(run.memories[0], "samples", put(place, value)), words)
+    refused(
+        scenario, rule, with_array(run.memories[0], "samples", put(place, value)), words
+    )
 
 
 def more_moves_than_made(memory):
@@ -131,5 +138,7 @@ def test_a_checkpoint_with_such_a_memory_is_broken(tmp_path):
     forged = state._replace(memories=tuple(map(more_moves_than_made, state.memories)))
     path = tmp_path / checkpoint.CHECKPOINT_FILE
     checkpoint.Checkpoint(forged, (), 0, 10).save(path, scenario, rule, 0)
-    with pytest.raises(RunError, match="moved counts a move more often than it was tried"):
+    with pytest.raises(
+        RunError, match="moved counts a move more often than it was tried"
+    ):
         checkpoint.load_checkpoint(path, scenario, rule, 0)

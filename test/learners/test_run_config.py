@@ -7,15 +7,27 @@ from dataclasses import replace
 import pytest
 import yaml
 
-from sparse_coord_ros.errors import RunError, ScenarioError, SettingError, SparseCoordError
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learn.run_config import RUN_SETTINGS, create_output, make_run, run_from_yaml
+from sparse_coord_ros.base.errors import (
+    RunError,
+    ScenarioError,
+    SettingError,
+    SparseCoordError,
+)
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.runs.run_config import (
+    RUN_SETTINGS,
+    create_output,
+    make_run,
+    run_from_yaml,
+)
 
 
 @pytest.fixture
 def run():
     """Return a run none of whose settings is a default."""
-    scenario = load_scenario("env1").with_settings({"perception": "probability:0.123456789"})
+    scenario = load_scenario("env1").with_settings(
+        {"perception": "probability:0.123456789"}
+    )
     values = {
         "seed": str(2**63 - 1),
         "learner": "noncoop",
@@ -43,20 +55,30 @@ def test_round_trip(run):
 
 
 def test_versions_say_what_computed_it(run):
-    assert set(run.versions) >= {"sparse_coord_ros", "numpy", "python", "mcap", "PyYAML"}
+    assert set(run.versions) >= {
+        "sparse_coord_ros",
+        "numpy",
+        "python",
+        "mcap",
+        "PyYAML",
+    }
 
 
 def spoiled(run, **changes):
     """Return the run's text with fields changed; None removes one."""
     data = {**yaml.safe_load(run.to_yaml()), **changes}
-    return yaml.safe_dump({key: value for key, value in data.items() if value is not None})
+    return yaml.safe_dump(
+        {key: value for key, value in data.items() if value is not None}
+    )
 
 
 def test_missing_and_unknown_fields(run):
     assert "unknown field 'colour'" in refusal(spoiled(run, colour="red"), RunError)
     assert "unknown field 1" in refusal(spoiled(run) + "1: 2\n", RunError)
     assert "did you mean 'learner'?" in refusal(spoiled(run, lerner="coop"), RunError)
-    assert "field 'versions' is missing" in refusal(spoiled(run, versions=None), RunError)
+    assert "field 'versions' is missing" in refusal(
+        spoiled(run, versions=None), RunError
+    )
     read = run_from_yaml(spoiled(run, checkpoint=None, recorded=None), where="here")
     assert (read.checkpoint, read.recorded) == (10_000, False)
 
@@ -77,8 +99,13 @@ def test_the_digest_of_a_run(run):
     assert replace(run, learner="indiv").digest != same
     driven = replace(run, bodies=True)
     assert replace(driven, slips=False).digest != driven.digest != same
-    assert replace(run, slips=False).digest == same, "without bodies nothing depends on it"
-    assert replace(run, scenario=run.scenario.with_settings({"penalty": -3})).digest != same
+    assert replace(run, slips=False).digest == same, (
+        "without bodies nothing depends on it"
+    )
+    assert (
+        replace(run, scenario=run.scenario.with_settings({"penalty": -3})).digest
+        != same
+    )
 
 
 @pytest.mark.parametrize(
@@ -96,10 +123,14 @@ def test_malformed_run_yaml(text, error, words):
 
 def test_bad_values_in_run_yaml(run):
     assert "seed: value is -1" in refusal(spoiled(run, seed=-1), SettingError)
-    assert "allowed: coop, noncoop, indiv" in refusal(spoiled(run, learner="best"), SettingError)
+    assert "allowed: coop, noncoop, indiv" in refusal(
+        spoiled(run, learner="best"), SettingError
+    )
     assert "not a run.yaml" in refusal(spoiled(run, scenario="env1"), RunError)
     scenario = {**run.scenario.to_dict(), "penalty": 20.0}
-    assert "(scenario): setting penalty" in refusal(spoiled(run, scenario=scenario), ScenarioError)
+    assert "(scenario): setting penalty" in refusal(
+        spoiled(run, scenario=scenario), ScenarioError
+    )
 
 
 @pytest.mark.parametrize(
@@ -114,7 +145,10 @@ def test_bad_values_in_run_yaml(run):
             {"percept_timeout": 5},
             "percept_timeout: value is 5, allowed: less than step_timeout (5)",
         ),
-        ({"step_timeout": 1}, "percept_timeout: value is 2, allowed: less than step_timeout (1)"),
+        (
+            {"step_timeout": 1},
+            "percept_timeout: value is 2, allowed: less than step_timeout (1)",
+        ),
     ],
 )
 def test_bad_run_settings(values, words):
@@ -125,7 +159,9 @@ def test_bad_run_settings(values, words):
 
 def test_defaults():
     run = make_run(load_scenario("env1"), {})
-    due = RUN_SETTINGS.defaults() | {"resolution": 1.0}  # 0: that of the map, which has none
+    due = RUN_SETTINGS.defaults() | {
+        "resolution": 1.0
+    }  # 0: that of the map, which has none
     assert {name: getattr(run, name) for name in RUN_SETTINGS} == due
 
 

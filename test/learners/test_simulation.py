@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from teams import PROTOCOL, plain_run
 
-from sparse_coord_ros.game.perception import MODELS, percept_probabilities
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.game.schedules import probabilities, step_sizes
-from sparse_coord_ros.learn.run import learn
-from sparse_coord_ros.learners.tables import memories_equal, tables_equal
+from sparse_coord_ros.core.game.perception import MODELS, percept_probabilities
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.game.schedules import probabilities, step_sizes
+from sparse_coord_ros.core.learners.tables import memories_equal, tables_equal
+from sparse_coord_ros.core.runs.run import learn
 
 GIVEN = {**PROTOCOL, "perception": "always"}
 
@@ -47,7 +47,9 @@ class Reference:
 
     def run(self):
         everyone = list(range(len(self.scenario.robots)))
-        for members in [[k] for k in everyone] if self.learner == "indiv" else [everyone]:
+        for members in (
+            [[k] for k in everyone] if self.learner == "indiv" else [everyone]
+        ):
             self.learn_together(members)
         return self.tables
 
@@ -58,7 +60,9 @@ class Reference:
             if q_star.tobytes() != table.q_star.tobytes():
                 return False
             states = sorted({entry[:-1] for entry in q_coord})
-            keys = [sum(c * cells**i for i, c in enumerate(reversed(s))) for s in states]
+            keys = [
+                sum(c * cells**i for i, c in enumerate(reversed(s))) for s in states
+            ]
             rows = [
                 [q_coord.get((*state, b), self.scenario.q_coord_init) for b in range(4)]
                 for state in states
@@ -73,7 +77,9 @@ class Reference:
     def draws(self, agent, role, width):
         """Return the first draws of a stream in one piece, shape (time steps, width)."""
         sequence = np.random.SeedSequence(self.seed, spawn_key=(0, agent, role))
-        return np.random.Generator(np.random.PCG64(sequence)).random((9 * self.horizon, width))
+        return np.random.Generator(np.random.PCG64(sequence)).random(
+            (9 * self.horizon, width)
+        )
 
     def exploring(self, t):
         """Return the probability of an exploring start at time step t."""
@@ -109,7 +115,10 @@ class Reference:
                     free = [c for c in range(len(distance)) if distance[c] > 0]
                     x[k] = free[math.floor(start[k][t, 1] * len(free))]
             while active and t - begun < scenario.max_steps:
-                chosen = {k: self.choose(k, t, x, policy[k][t], percept[k][t, 0]) for k in active}
+                chosen = {
+                    k: self.choose(k, t, x, policy[k][t], percept[k][t, 0])
+                    for k in active
+                }
                 y = dict(x)
                 for k in active:
                     if motion[k][t, 0] < scenario.move_success:
@@ -154,7 +163,10 @@ class Reference:
             peers = [peers[math.floor(draws[4] * len(peers))]]
         seen = [x[peer] for peer in peers]
         if percept < min(self.see[x[k], cell] for cell in seen):
-            row = [q_coord.get((x[k], *seen, a), self.scenario.q_coord_init) for a in range(4)]
+            row = [
+                q_coord.get((x[k], *seen, a), self.scenario.q_coord_init)
+                for a in range(4)
+            ]
             return 4, self.greedy(np.array(row), draws[3]), seen
         return 4, self.greedy(q_star[x[k], :4], draws[3]), None
 
@@ -171,7 +183,8 @@ class Reference:
     def update(self, table, counts, entry, t, reward, value):
         counts[entry] = counts.get(entry, 0) + 1
         alpha = max(
-            float(self.alphas[counts[entry]]), float(self.floor[min(t, self.scenario.steps)])
+            float(self.alphas[counts[entry]]),
+            float(self.floor[min(t, self.scenario.steps)]),
         )
         target = reward + self.scenario.discount * value
         table[entry] = (1.0 - alpha) * float(table[entry]) + alpha * target
@@ -183,7 +196,11 @@ class Reference:
         ("env1", "coop", {}),
         ("env1", "noncoop", {}),
         ("env1", "indiv", {}),
-        ("env1", "coop", {"goal_value": 0, "starts": "fixed", "step_size": "constant:0.1"}),
+        (
+            "env1",
+            "coop",
+            {"goal_value": 0, "starts": "fixed", "step_size": "constant:0.1"},
+        ),
         ("env1", "coop", {"max_steps": 7, "epsilon": "constant:0.5", "penalty": -100}),
         ("env1", "coop", {"perception": "never", "q_star_init": 0, "ask_cost": 0}),
         ("env2-2r", "coop", {"perception": "range:2", "starts": "mixed:0.5"}),
@@ -198,7 +215,11 @@ class Reference:
         ("env2-2r", "coop", {"peers": "all", "perception": "probability:0.7"}),
         ("crowd-3r", "coop", {"peers": "all"}),
         ("crowd-3r", "noncoop", {"peers": "all"}),
-        ("env2-4r", "coop", {"peers": "all", "perception": "range:4", "conflict": "any_doorway"}),
+        (
+            "env2-4r",
+            "coop",
+            {"peers": "all", "perception": "range:4", "conflict": "any_doorway"},
+        ),
         ("isr", "coop", {"perception": "line_of_sight", "move_success": 1}),
     ],
 )
@@ -231,7 +252,11 @@ def test_memories_equal_compares_bits():
         return {"q_star": np.zeros((3, 5)), "row": np.array([value], dtype=kind)}
 
     assert memories_equal(memory(np.nan), memory(np.nan))
-    for other in (memory(1.0 + 2**-52), memory(kind=np.float32), memory() | {"more": np.ones(1)}):
+    for other in (
+        memory(1.0 + 2**-52),
+        memory(kind=np.float32),
+        memory() | {"more": np.ones(1)},
+    ):
         assert not memories_equal(memory(), other)
     assert not memories_equal(memory(0.0), memory(-0.0))
     assert not tables_equal([], learn(problem("env1", steps=5), "coop", 1))

@@ -5,10 +5,14 @@
 import numpy as np
 import pytest
 
-from sparse_coord_ros.errors import TablesError
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learn.run import LearningRun, Team
-from sparse_coord_ros.learn.tables import (
+from sparse_coord_ros.base.errors import TablesError
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.learners.coop import Coop
+from sparse_coord_ros.core.learners.mind import memory_of
+from sparse_coord_ros.core.learners.registry import learner_of
+from sparse_coord_ros.core.learners.tables import memories_equal, tables_equal
+from sparse_coord_ros.core.runs.run import LearningRun, Team
+from sparse_coord_ros.core.runs.tables import (
     TEAM_FILE,
     load_saved,
     load_team,
@@ -18,10 +22,6 @@ from sparse_coord_ros.learn.tables import (
     tables_from_values,
     unpack_saved,
 )
-from sparse_coord_ros.learners.coop import Coop
-from sparse_coord_ros.learners.mind import memory_of
-from sparse_coord_ros.learners.registry import learner_of
-from sparse_coord_ros.learners.tables import memories_equal, tables_equal
 
 
 @pytest.fixture
@@ -55,7 +55,9 @@ def refusal(call, *arguments):
 def test_team_round_trip(tmp_path, team):
     save_team(tmp_path, memories(team))
     assert [path.name for path in tmp_path.iterdir()] == [TEAM_FILE]
-    assert tables_equal(load_team(tmp_path, load_scenario("env1"), learner_of("noncoop")), team)
+    assert tables_equal(
+        load_team(tmp_path, load_scenario("env1"), learner_of("noncoop")), team
+    )
 
 
 @pytest.fixture
@@ -69,7 +71,9 @@ def sparse_run():
 
 def test_sparse_team_round_trip(tmp_path, sparse_run):
     save_team(tmp_path, sparse_run.memories)
-    assert tables_equal(load_team(tmp_path, sparse_run.scenario, Coop()), sparse_run.tables)
+    assert tables_equal(
+        load_team(tmp_path, sparse_run.scenario, Coop()), sparse_run.tables
+    )
     with np.load(tmp_path / TEAM_FILE) as file:
         shapes = {name: (file[name].shape, file[name].dtype) for name in file.files}
     due = {}
@@ -87,7 +91,9 @@ def test_sparse_team_round_trip(tmp_path, sparse_run):
 def test_keys_are_the_digits_of_joint_states(sparse_run):
     memory = sparse_run.memories[1]
     tables = sparse_run.tables[1]
-    for key, row in zip(memory["q_coord_keys"].tolist(), memory["q_coord_values"], strict=True):
+    for key, row in zip(
+        memory["q_coord_keys"].tolist(), memory["q_coord_values"], strict=True
+    ):
         state = (key // 59**2, key // 59 % 59, key % 59)
         assert tables.q_coord[state].tolist() == row.tolist()
         assert [tables.q_coord[(*state, move)] for move in range(4)] == row.tolist()
@@ -112,7 +118,9 @@ def test_the_order_of_learning_does_not_show_in_the_file(sparse_run):
     turned = {key: row for row, key in enumerate(reversed(rows.places))}
     assert list(rows.places) != sorted(rows.places)
     other = mind._replace(
-        q_coord=rows._replace(places=turned, values=rows.values[::-1], updates=rows.updates[::-1])
+        q_coord=rows._replace(
+            places=turned, values=rows.values[::-1], updates=rows.updates[::-1]
+        )
     )
     assert pack_tables({1: memory_of(other)}) == pack_tables({1: memory_of(mind)})
 
@@ -125,7 +133,10 @@ def test_robots_files_apart(tmp_path, team):
             pack_tables({k + 1: team[k].memory}, counts=counts)
         )
     assert tables_equal(load_team(tmp_path, scenario, learner_of("noncoop")), team)
-    assert load_saved(robot_file(tmp_path, "robot_2"), [2])[0].counts == {"answered": 1, "late": 0}
+    assert load_saved(robot_file(tmp_path, "robot_2"), [2])[0].counts == {
+        "answered": 1,
+        "late": 0,
+    }
     (tmp_path / "tables_robot_2.npz").unlink()
     message = refusal(load_team, tmp_path, scenario, learner_of("noncoop"))
     assert f"{tmp_path}: neither tables.npz nor tables_robot_2.npz" in message
@@ -134,7 +145,9 @@ def test_robots_files_apart(tmp_path, team):
 
 def test_a_robot_that_is_not_in_the_file(tmp_path, team):
     save_team(tmp_path, memories(team))
-    message = refusal(load_team, tmp_path, load_scenario("env2-4r"), learner_of("noncoop"))
+    message = refusal(
+        load_team, tmp_path, load_scenario("env2-4r"), learner_of("noncoop")
+    )
     for words in (TEAM_FILE, "q_star_3", "run or train"):
         assert words in message
 
@@ -148,11 +161,18 @@ def test_another_format_is_one_line(tmp_path, team):
     assert "is in format 1, this version reads format 2" in message
 
 
-@pytest.mark.parametrize(("name", "learner"), [("env1", "coop"), ("env2-4r", "factored")])
+@pytest.mark.parametrize(
+    ("name", "learner"), [("env1", "coop"), ("env2-4r", "factored")]
+)
 def test_who_reads_tables_can_learn_on(tmp_path, name, learner):
     """All that the agent remembers is there: the bits of one that never stopped."""
     rule = learner_of(learner)
-    often = {"conflict": "any_doorway", "epsilon": "constant:0.6", "max_steps": 20, "ask_cost": 0}
+    often = {
+        "conflict": "any_doorway",
+        "epsilon": "constant:0.6",
+        "max_steps": 20,
+        "ask_cost": 0,
+    }
     scenario = rule.with_defaults(load_scenario(name, steps=1200, **often))
     team = Team(scenario, rule, compiled=False)
     whole = LearningRun(team, 3)
@@ -178,6 +198,7 @@ def test_tables_from_elsewhere_act_as_their_values_say():
     assert (tables.q_coord == q_coord).all() and (tables.q_star == q_star).all()
     message = refusal(tables_from_values, scenario, 0, np.zeros((20, 5)), None)
     assert (
-        "robot 1 of scenario env1 with learner coop cannot have learned that (q_star is" in message
+        "robot 1 of scenario env1 with learner coop cannot have learned that (q_star is"
+        in message
     )
     assert "(cells" not in message

@@ -11,15 +11,15 @@ some time later.
 import random
 from collections import defaultdict, deque
 
-from sparse_coord_ros.game.rules import EPISODE_GAP
-from sparse_coord_ros.learn.run_config import make_run
-from sparse_coord_ros.learners.agent import Agent
-from sparse_coord_ros.learners.registry import learner_of
-from sparse_coord_ros.lockstep.checkpoints import KEPT_COMMON, KEPT_OWN
-from sparse_coord_ros.lockstep.robot_side import RobotSide
-from sparse_coord_ros.lockstep.rollback import RobotRollback, WorldRollback
-from sparse_coord_ros.lockstep.world_side import WorldSide
-from sparse_coord_ros.wire.status import ROLL_CALL
+from sparse_coord_ros.core.game.rules import EPISODE_GAP
+from sparse_coord_ros.core.learners.agent import Agent
+from sparse_coord_ros.core.learners.registry import learner_of
+from sparse_coord_ros.core.runs.run_config import make_run
+from sparse_coord_ros.protocol.lockstep.checkpoints import KEPT_COMMON, KEPT_OWN
+from sparse_coord_ros.protocol.lockstep.robot_side import RobotSide
+from sparse_coord_ros.protocol.lockstep.rollback import RobotRollback, WorldRollback
+from sparse_coord_ros.protocol.lockstep.world_side import WorldSide
+from sparse_coord_ros.protocol.wire.status import ROLL_CALL
 
 WORLD = -1
 QUIET = 60
@@ -163,7 +163,9 @@ class RobotProcess:
         self.say()
 
     def fresh(self):
-        return SpyAgent(self.team.rule, self.team.scenario, self.number, self.team.run.seed)
+        return SpyAgent(
+            self.team.rule, self.team.scenario, self.number, self.team.run.seed
+        )
 
     # The port.
 
@@ -213,7 +215,9 @@ class RobotProcess:
                 self.say()
         else:
             self.joined = False
-            self.joins = max(self.joins, self.team.clock + self.team.random.randint(0, 9))
+            self.joins = max(
+                self.joins, self.team.clock + self.team.random.randint(0, 9)
+            )
 
     def on_ask(self, asker, life, step, cell):
         answer = self.side.asked(asker, step, cell)
@@ -259,7 +263,9 @@ class Team:
         doubled=0.0,
         lost=0.0,
     ):
-        self.run = make_run(scenario, {"seed": 5, "learner": learner, "checkpoint": checkpoint})
+        self.run = make_run(
+            scenario, {"seed": 5, "learner": learner, "checkpoint": checkpoint}
+        )
         self.scenario = self.run.scenario
         self.rule = learner_of(learner)
         self.random = random.Random(seed)
@@ -325,7 +331,10 @@ class Team:
         elif self.loses(topic, to, message):
             self.losses.append((topic, to, message))
             self.disturbed |= topic in ("ask", "answer")
-            if topic in ("state", "reward"):  # nobody waits for a robot that has arrived
+            if topic in (
+                "state",
+                "reward",
+            ):  # nobody waits for a robot that has arrived
                 self.disturbed |= process.side.world.arrived[to]
                 self.missed.add((topic, message[0]))
             return
@@ -340,7 +349,9 @@ class Team:
     def deliver(self):
         """Deliver one message; return whether there was one."""
         ready = sorted(
-            key for key, queue in self.queues.items() if queue and key[2] not in self.asleep
+            key
+            for key, queue in self.queues.items()
+            if queue and key[2] not in self.asleep
         )
         if not ready:
             return False
@@ -375,7 +386,9 @@ class Team:
 
     @property
     def over(self):
-        return self.world is not None and self.world.started and self.world.side.finished
+        return (
+            self.world is not None and self.world.started and self.world.side.finished
+        )
 
     def play(self, faults=()):
         """Run until the budget is used up; `faults`: (after so many deliveries, function)."""
@@ -416,7 +429,11 @@ class Team:
     def deadline(self):
         """Pass the robots' deadlines or, where they have none, the world's."""
         awake = [who for who in self.up if who not in self.asleep]
-        late = [who for who in awake if who != WORLD and self.up[who].side.waiting is not None]
+        late = [
+            who
+            for who in awake
+            if who != WORLD and self.up[who].side.waiting is not None
+        ]
         for who in late or awake:
             try:
                 self.up[who].expire()
@@ -425,7 +442,9 @@ class Team:
 
     def ends(self, step):
         """The last words of an episode come once: who missed one does not learn its last step."""
-        self.disturbed |= not self.missed.isdisjoint({("state", step), ("reward", step - 1)})
+        self.disturbed |= not self.missed.isdisjoint(
+            {("state", step), ("reward", step - 1)}
+        )
 
     def settled(self):
         """Whether nothing is to come any more."""
@@ -442,7 +461,9 @@ class Team:
         missed = set()
         for k in range(self.robots):
             agent = self.up[k].side.agent
-            learned = {(step, *rest) for step, _, *rest in agent.__dict__.get("learned", [])}
+            learned = {
+                (step, *rest) for step, _, *rest in agent.__dict__.get("learned", [])
+            }
             assert learned <= self.happened[k]
             missed |= {(k, step) for step, *_ in self.happened[k] - learned}
         return missed

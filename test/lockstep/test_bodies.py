@@ -4,10 +4,10 @@
 
 import pytest
 
-from sparse_coord_ros.game.actions import SOUTH
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.game.world import Action
-from sparse_coord_ros.lockstep.bodies import (
+from sparse_coord_ros.core.game.actions import SOUTH
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.game.world import Action
+from sparse_coord_ros.protocol.lockstep.bodies import (
     BEGIN,
     LOST,
     BodiesSide,
@@ -39,7 +39,9 @@ SOUTHWARD = (go(SOUTH), go(SOUTH))
 @pytest.fixture
 def made():
     """Return a world with sure moves and fixed starts, its side of the bodies, and the port."""
-    scenario = load_scenario("env1").with_settings({"move_success": 1.0, "starts": "fixed"})
+    scenario = load_scenario("env1").with_settings(
+        {"move_success": 1.0, "starts": "fixed"}
+    )
     world = BodyWorld(scenario, 1)
     port = Port()
     return world, BodiesSide(world, port.send), port
@@ -49,7 +51,9 @@ def arrive(side, goals, **cells):
     """Let the bodies of goals report; `robot_K` says where one ends instead."""
     for goal in goals.bodies:
         cell = cells.get(f"robot_{goal.robot + 1}", goal.end)
-        side.reached(Reached(goal.robot, goals.number, cell, cell == goal.end, 1.5, 2.5))
+        side.reached(
+            Reached(goal.robot, goals.number, cell, cell == goal.end, 1.5, 2.5)
+        )
 
 
 @pytest.fixture
@@ -71,7 +75,9 @@ def test_bodies_are_placed_first_and_then_sent_and_then_the_step_is_made(made):
     )
     assert side.placing and side.waiting == [0, 1]
     assert not side.reached(Reached(0, 1, starts[0], True, 0.0, 0.0))
-    assert not side.reached(Reached(1, 1, starts[1], True, 0.0, 0.0))  # now they are sent
+    assert not side.reached(
+        Reached(1, 1, starts[1], True, 0.0, 0.0)
+    )  # now they are sent
     sent = port.goals[1]
     south = [int(world.scenario.map.next_cell[c, SOUTH]) for c in starts]
     assert sent.bodies == tuple(BodyGoal(k, starts[k], south[k]) for k in (0, 1))
@@ -128,7 +134,9 @@ def test_a_new_episode_places_them_again_even_in_the_middle_of_a_move(made):
 
 
 def test_who_slips_is_sent_nowhere():
-    scenario = load_scenario("env1").with_settings({"move_success": 0.01, "starts": "fixed"})
+    scenario = load_scenario("env1").with_settings(
+        {"move_success": 0.01, "starts": "fixed"}
+    )
     world = BodyWorld(scenario, 1)
     port = Port()
     side = BodiesSide(world, port.send)
@@ -150,7 +158,10 @@ DOOR = 9
         ([(A, A), (B, B)], []),
         ([(A, B), (B, C)], [[1], [0]]),  # one behind the other
         ([(A, DOOR), (DOOR, B)], [[1], [0]]),
-        ([(A, DOOR), (DOOR, A)], [[1], [0]]),  # past each other: out of the doorway first
+        (
+            [(A, DOOR), (DOOR, A)],
+            [[1], [0]],
+        ),  # past each other: out of the doorway first
         ([(A, B), (B, A)], [[0, 1]]),
         ([(A, DOOR), (B, DOOR)], [[0], [1]]),  # they meet: nothing keeps them from it
         ([(A, C), (DOOR, C)], [[1], [0]]),
@@ -159,7 +170,9 @@ DOOR = 9
     ],
 )
 def test_the_order_in_which_bodies_set_out(goals, order):
-    found = waves([BodyGoal(k, *ends) for k, ends in enumerate(goals)], frozenset({DOOR}))
+    found = waves(
+        [BodyGoal(k, *ends) for k, ends in enumerate(goals)], frozenset({DOOR})
+    )
     assert [[goal.robot for goal in wave] for wave in found] == order
 
 

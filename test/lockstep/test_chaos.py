@@ -11,16 +11,19 @@ import pytest
 from hypothesis import HealthCheck, Phase, event, given, settings
 from hypothesis import strategies as st
 
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learn.run import learn
-from sparse_coord_ros.learn.run_config import make_run
-from sparse_coord_ros.learners.tables import tables_equal
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.learners.tables import tables_equal
+from sparse_coord_ros.core.runs.run import learn
+from sparse_coord_ros.core.runs.run_config import make_run
 
 from .team import WORLD, Team
 
 SCENARIOS = (
     ("env1", {"perception": "probability:0.7", "steps": 90, "max_steps": 20}),
-    ("crowd-3r", {"perception": "line_of_sight", "peers": "all", "steps": 60, "max_steps": 15}),
+    (
+        "crowd-3r",
+        {"perception": "line_of_sight", "peers": "all", "steps": 60, "max_steps": 15},
+    ),
 )
 
 
@@ -83,7 +86,13 @@ FAULT = st.one_of(
     st.builds(partial, st.just(killed), WHO, PAUSE, st.just("resume")),
     st.builds(partial, st.just(killed), WHO, PAUSE, st.just("resume")),
     st.builds(partial, st.just(killed), st.integers(0, 1), PAUSE, st.just("anew")),
-    st.builds(partial, st.just(killed_saving), WHO, PAUSE, st.sampled_from(["before", "after"])),
+    st.builds(
+        partial,
+        st.just(killed_saving),
+        WHO,
+        PAUSE,
+        st.sampled_from(["before", "after"]),
+    ),
     st.builds(partial, st.just(everybody), PAUSE, st.just("")),
     st.builds(partial, st.just(asleep), WHO, PAUSE, st.just("")),
 )

@@ -4,8 +4,8 @@
 
 import pytest
 
-from sparse_coord_ros.game.rules import EPISODE_GAP
-from sparse_coord_ros.lockstep.gate import NEAR, StepGate
+from sparse_coord_ros.core.game.rules import EPISODE_GAP
+from sparse_coord_ros.protocol.lockstep.gate import NEAR, StepGate
 
 
 def test_the_worlds_own_steps_pass():

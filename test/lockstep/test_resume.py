@@ -8,14 +8,14 @@ from types import SimpleNamespace
 import pytest
 from teams import plain_run
 
-from sparse_coord_ros.errors import RunError
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learn.run import learn
-from sparse_coord_ros.learn.run_config import make_run
-from sparse_coord_ros.learners.tables import memories_equal, tables_equal
-from sparse_coord_ros.lockstep.checkpoints import Checkpoints, Store, steps_of
-from sparse_coord_ros.lockstep.rollback import RobotRollback, WorldRollback
-from sparse_coord_ros.wire.status import ROLL_CALL, Order, Progress
+from sparse_coord_ros.base.errors import RunError
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.learners.tables import memories_equal, tables_equal
+from sparse_coord_ros.core.runs.run import learn
+from sparse_coord_ros.core.runs.run_config import make_run
+from sparse_coord_ros.protocol.lockstep.checkpoints import Checkpoints, Store, steps_of
+from sparse_coord_ros.protocol.lockstep.rollback import RobotRollback, WorldRollback
+from sparse_coord_ros.protocol.wire.status import ROLL_CALL, Order, Progress
 
 from .team import WORLD, Team
 
@@ -29,7 +29,9 @@ CASES = [
 
 
 def problem(name, **settings):
-    return load_scenario(name).with_settings({"steps": 250, "max_steps": 30, **settings})
+    return load_scenario(name).with_settings(
+        {"steps": 250, "max_steps": 30, **settings}
+    )
 
 
 def killed_everywhere(at):
@@ -46,7 +48,9 @@ def test_the_bits_are_those_of_an_unbroken_run(name, learner, settings):
     assert team.world.side.history.history().same_bits(history(scenario, learner))
     assert not team.disturbed
     whole = Team(scenario, 2, learner=learner).play()
-    for k in range(team.robots):  # what is said beside the tables is that of an unbroken run too
+    for k in range(
+        team.robots
+    ):  # what is said beside the tables is that of an unbroken run too
         mine, theirs = (one.up[k].side.counts for one in (team, whole))
         assert {**mine, "repeated": 0} == {**theirs, "repeated": 0}
 
@@ -78,14 +82,19 @@ def test_a_robot_comes_back_at_any_step(every):
 
 
 @pytest.mark.parametrize("back", [330, 460])
-def test_who_sleeps_while_the_team_goes_back_twice_learns_nothing_of_the_time_between(back):
+def test_who_sleeps_while_the_team_goes_back_twice_learns_nothing_of_the_time_between(
+    back,
+):
     """The world went on without it in between, under the time steps that came again."""
     scenario = problem("env1")
     team = Team(scenario, 4, checkpoint=1000)
     robot = {"resume": True}
     faults = [(300, lambda t: t.asleep.add(0)), (310, lambda t: t.kill(1))]
     faults += [(320, lambda t: t.start(1, **robot)), (back + 1800, lambda t: t.kill(1))]
-    faults += [(back + 1830, lambda t: t.start(1, **robot)), (4000, lambda t: t.asleep.clear())]
+    faults += [
+        (back + 1830, lambda t: t.start(1, **robot)),
+        (4000, lambda t: t.asleep.clear()),
+    ]
     team.play(faults)
     assert team.world.back.events["taken_back"] == 2
     team.check_updates()
@@ -115,7 +124,9 @@ def test_a_robot_may_go_on_alone_from_its_own_checkpoint():
 def test_who_cannot_go_back_is_not_waited_for():
     """A robot comes back without checkpoints while an order stands."""
     side = SimpleNamespace(
-        held=True, go_on_from=lambda state: None, world=SimpleNamespace(step=40, transitions=30)
+        held=True,
+        go_on_from=lambda state: None,
+        world=SimpleNamespace(step=40, transitions=30),
     )
     store = SimpleNamespace(steps=lambda: [40, 0], load=lambda step: None, counted=dict)
     back = WorldRollback(side, store, 2)
@@ -137,7 +148,9 @@ def test_a_robot_without_the_checkpoint_does_not_obey():
 def test_a_world_that_comes_back_finds_its_robots():
     scenario = problem("env1")
     team = Team(scenario, 4)
-    team.play([(600, lambda t: t.kill(WORLD)), (640, lambda t: t.start(WORLD, resume=True))])
+    team.play(
+        [(600, lambda t: t.kill(WORLD)), (640, lambda t: t.start(WORLD, resume=True))]
+    )
     assert tables_equal(team.tables, learn(scenario, "coop", 5))
 
 
@@ -194,7 +207,9 @@ def test_a_file_gives_back_what_was_saved(tmp_path, run, played):
     assert stores["robot_1"].load(0) is None
 
 
-def test_what_was_counted_outlives_its_process_and_is_never_taken_back(tmp_path, run, played):
+def test_what_was_counted_outlives_its_process_and_is_never_taken_back(
+    tmp_path, run, played
+):
     stores = saved(tmp_path, run, played)
     assert stores["robot_1"].counted() == {}
     stores["world_simulator"].count({"taken_back": 2, "messages_dropped": 7})
@@ -220,8 +235,12 @@ def test_old_files_go_but_never_a_common_one(tmp_path, run, played):
     assert steps_of(tmp_path / "checkpoint", "robot_2") == [80, 40]
 
 
-@pytest.mark.parametrize("damage", ["cut", "flipped", "empty", "robot_2_80", "robot_1_40"])
-def test_a_broken_file_is_named_and_an_earlier_one_is_used(tmp_path, run, played, damage):
+@pytest.mark.parametrize(
+    "damage", ["cut", "flipped", "empty", "robot_2_80", "robot_1_40"]
+)
+def test_a_broken_file_is_named_and_an_earlier_one_is_used(
+    tmp_path, run, played, damage
+):
     for store in saved(tmp_path, run, played).values():
         store.close()
     path = tmp_path / "checkpoint" / "robot_1_80.npz"
@@ -248,10 +267,12 @@ def test_a_broken_file_is_named_and_an_earlier_one_is_used(tmp_path, run, played
         ({"format": 3}, "is in format 3"),
     ],
 )
-def test_another_run_or_format_is_refused(tmp_path, run, played, change, said, monkeypatch):
+def test_another_run_or_format_is_refused(
+    tmp_path, run, played, change, said, monkeypatch
+):
     other = run
     if "format" in change:
-        monkeypatch.setattr("sparse_coord_ros.archive.FORMAT", 3)
+        monkeypatch.setattr("sparse_coord_ros.base.archive.FORMAT", 3)
     for store in saved(tmp_path, run, played).values():
         store.close()
     monkeypatch.undo()
@@ -342,7 +363,9 @@ def test_who_comes_back_while_an_order_stands_is_waited_for():
     assert back.go_on(anyway=True)
     order = back.order
     assert order.name and order.step == 0, "it still stands"
-    back.heard(1, Progress("another life", 0, 0, (40, 0), obeyed=order.name, resumed=True))
+    back.heard(
+        1, Progress("another life", 0, 0, (40, 0), obeyed=order.name, resumed=True)
+    )
     assert back.order == Order()
 
 

@@ -5,20 +5,25 @@
 import numpy as np
 import pytest
 
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.game.world import Action, Reward
-from sparse_coord_ros.learn.run_config import make_run
-from sparse_coord_ros.learn.tables import tables_from_values
-from sparse_coord_ros.learners.agent import Agent
-from sparse_coord_ros.learners.coop import Coop
-from sparse_coord_ros.lockstep.robot_side import Answer, RobotSide
-from sparse_coord_ros.wire import COUNTS, Account, PerceptEnd
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.game.world import Action, Reward
+from sparse_coord_ros.core.learners.agent import Agent
+from sparse_coord_ros.core.learners.coop import Coop
+from sparse_coord_ros.core.runs.run_config import make_run
+from sparse_coord_ros.core.runs.tables import tables_from_values
+from sparse_coord_ros.protocol.lockstep.robot_side import Answer, RobotSide
+from sparse_coord_ros.protocol.wire import COUNTS, Account, PerceptEnd
 
 SOUTH = 1
 EAST = 2
 ASKING_CELL = 5
 GOAL = 20
-SETTINGS = {"step_size": "constant:0.5", "epsilon": "constant:0", "max_steps": 50, "steps": 100}
+SETTINGS = {
+    "step_size": "constant:0.5",
+    "epsilon": "constant:0",
+    "max_steps": 50,
+    "steps": 100,
+}
 
 
 class Port:
@@ -166,7 +171,9 @@ def test_an_answer_becomes_the_percept(robot, port):
     assert (robot.waiting, robot.asking) == (None, -1)
     robot.reward(1, Reward(4.0, 0.0, 0.0, 4.0))
     robot.state(2, 1)
-    assert robot.agent.tables.q_coord[ASKING_CELL, 17, EAST] == 0.5 * 7 + 0.5 * (4 + 0.95 * 9)
+    assert robot.agent.tables.q_coord[ASKING_CELL, 17, EAST] == 0.5 * 7 + 0.5 * (
+        4 + 0.95 * 9
+    )
     assert q_star(robot, ASKING_CELL, 4) == 0.5 * 50 + 0.5 * (4 + 0.95 * 9)
 
 
@@ -384,7 +391,11 @@ def test_a_robot_that_goes_on_from_any_moment_does_and_counts_the_same():
     reward = Reward(4.0, 0.0, 0.0, 4.0)
     messages = [
         *(("state", 1, 0), ("reward", 1, reward)),
-        *(("state", 2, ASKING_CELL), ("answer", 1, 2, Answer(2, 3)), ("reward", 2, reward)),
+        *(
+            ("state", 2, ASKING_CELL),
+            ("answer", 1, 2, Answer(2, 3)),
+            ("reward", 2, reward),
+        ),
         ("state", 3, 6),
     ]
     whole = make_robot()

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """World and robots over a network that shuffles, doubles, delays and loses messages.
 
-Whatever order messages come in, the tables must be those of `learn.run.learn`, bit for bit;
+Whatever order messages come in, the tables must be those of `core.runs.run.learn`, bit for bit;
 where messages are lost for good, exactly the transitions that they belonged to are not learned.
 """
 
@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 from teams import PROTOCOL
 
-from sparse_coord_ros.game.perception import MODELS
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learn.run import learn
-from sparse_coord_ros.learners.registry import learner_of
-from sparse_coord_ros.learners.tables import tables_equal
+from sparse_coord_ros.core.game.perception import MODELS
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.learners.registry import learner_of
+from sparse_coord_ros.core.learners.tables import tables_equal
+from sparse_coord_ros.core.runs.run import learn
 
 from .team import Team
 
@@ -49,7 +49,12 @@ CASES = [
     ("crowd-3r", {"perception": "probability:0.7", "steps": 300, "peers": "all"}, 0.4),
     (
         "env2-4r",
-        {"perception": "range:4", "steps": 300, "peers": "all", "common_reward": "each:1:0:2:3"},
+        {
+            "perception": "range:4",
+            "steps": 300,
+            "peers": "all",
+            "common_reward": "each:1:0:2:3",
+        },
         0.0,
     ),
 ]
@@ -68,13 +73,17 @@ def test_any_order_gives_the_same_bits(name, settings, doubled, shuffle):
     assert (sum(asks(team, "late")), sum(asks(team, "repeated")) > 0) == (0, True)
     for k in range(team.robots):
         outcomes = [cell for robot, _, _, cell in team.percepts if robot == k]
-        assert asks(team, "answered")[k] == sum(cell is not None for cell in outcomes) > 0
+        assert (
+            asks(team, "answered")[k] == sum(cell is not None for cell in outcomes) > 0
+        )
         assert asks(team, "refused")[k] == sum(cell is None for cell in outcomes) > 0
 
 
 def test_one_of_three_that_never_answers_fails_every_percept():
     scenario = problem("crowd-3r", steps=300, peers="all")
-    team = played(scenario, 4, lost=lambda topic, to, message: (topic, to) == ("ask", 2))
+    team = played(
+        scenario, 4, lost=lambda topic, to, message: (topic, to) == ("ask", 2)
+    )
     assert [late > 0 for late in asks(team, "late")] == [True, True, False]
     assert [answered > 0 for answered in asks(team, "answered")] == [False, False, True]
     assert team.check_updates() == set()
@@ -94,7 +103,12 @@ def test_perception_that_works_one_way(monkeypatch):
         ("env1", {"perception": "probability:0.7", "steps": 1500}, 0.2),
         (
             "env1",
-            {"perception": "line_of_sight", "steps": 1000, "max_steps": 40, "credit": "weight:3"},
+            {
+                "perception": "line_of_sight",
+                "steps": 1000,
+                "max_steps": 40,
+                "credit": "weight:3",
+            },
             0.0,
         ),
         ("env2-4r", {"perception": "probability:0.7", "conflict": "any_doorway"}, 0.0),
@@ -103,7 +117,11 @@ def test_perception_that_works_one_way(monkeypatch):
     ],
 )
 def test_factored_learns_from_being_asked_whatever_the_order(name, settings, doubled):
-    given = {"step_size": "floored:0.5:0.1:0.01", "epsilon": "constant:0.9", "max_steps": 20}
+    given = {
+        "step_size": "floored:0.5:0.1:0.01",
+        "epsilon": "constant:0.9",
+        "max_steps": 20,
+    }
     given |= {"penalty": -60, "q_coord_init": 20, "steps": 400, **settings}
     scenario = learner_of("factored").with_defaults(problem(name, **given))
     team = played(scenario, 1, learner="factored", doubled=doubled)

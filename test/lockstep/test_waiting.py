@@ -4,7 +4,12 @@
 
 import pytest
 
-from sparse_coord_ros.lockstep.waiting import Deadline, Reminder, Silence, WorldPresence
+from sparse_coord_ros.protocol.lockstep.timeouts import (
+    Deadline,
+    Reminder,
+    Silence,
+    WorldPresence,
+)
 
 
 @pytest.fixture
@@ -50,7 +55,10 @@ def test_a_cut_is_waited_out(watch):
     assert watch.given_up(60.9) == ""
     watch.hear("mine", "learning", 6, 5, 60.9)
     assert watch.given_up(61.0) == ""
-    assert watch.given_up(121.0) == "no word from the world for 60 s (parameter world_timeout)"
+    assert (
+        watch.given_up(121.0)
+        == "no word from the world for 60 s (parameter world_timeout)"
+    )
 
 
 def test_a_new_world_ends_the_wait_for_the_old_one_once_that_is_silent(watch):
@@ -77,7 +85,11 @@ def test_a_reminder_comes_every_five_seconds_of_one_wait():
 @pytest.mark.parametrize(
     ("heard", "at"),
     [((), 2.0), ((0.5, 1.5), 3.5), (tuple(range(1, 60)), 5.0)],
-    ids=["a silent peer", "one that falls silent", "one that always says: not there yet"],
+    ids=[
+        "a silent peer",
+        "one that falls silent",
+        "one that always says: not there yet",
+    ],
 )
 def test_a_peer_that_is_behind_is_waited_for_longer(heard, at):
     deadline = Deadline(2.0, 5.0)

@@ -4,11 +4,11 @@
 
 import pytest
 
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.game.world import Action
-from sparse_coord_ros.learn.run_config import make_run
-from sparse_coord_ros.lockstep.world_side import WorldSide
-from sparse_coord_ros.wire import Began
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.game.world import Action
+from sparse_coord_ros.core.runs.run_config import make_run
+from sparse_coord_ros.protocol.lockstep.world_side import WorldSide
+from sparse_coord_ros.protocol.wire import Began
 
 EAST = Action(2, False, -1, False)
 WEST = Action(3, False, -1, False)
@@ -186,7 +186,11 @@ def test_a_silent_robot_is_left_out_and_taken_back(world, port):
     assert world.expire() == [1]
     assert (world.timeouts, world.absent) == (1, {1})
     assert world.world.cells == [4, 3]
-    assert port.take() == [("reward", 0, 1, 0.0), ("state", 0, 2, 4), ("state", 1, 2, 3)]
+    assert port.take() == [
+        ("reward", 0, 1, 0.0),
+        ("state", 0, 2, 4),
+        ("state", 1, 2, 3),
+    ]
     assert world.action(0, 2, DOWN) is True  # nobody waits for robot 2
     world.advance()
     assert world.timeouts == 1
@@ -205,7 +209,11 @@ def test_a_silent_robot_beside_an_arrived_one_ends_the_episode(world):
     made = world.world.transitions
     assert world.expire() == [1]
     assert (world.timeouts, world.absent) == (1, {1})
-    assert (world.world.episode, world.world.step, world.world.transitions) == (1, step + 2, made)
+    assert (world.world.episode, world.world.step, world.world.transitions) == (
+        1,
+        step + 2,
+        made,
+    )
     assert world.missing() == [0]
 
 
@@ -231,7 +239,12 @@ def test_repeat_says_what_the_missing_ones_may_have_lost(world, port):
     world.action(0, 2, DOWN)
     port.take()
     world.repeat()
-    every = [("reward", 0, 1, 0.0), ("state", 0, 2, 4), ("reward", 1, 1, 0.0), ("state", 1, 2, 7)]
+    every = [
+        ("reward", 0, 1, 0.0),
+        ("state", 0, 2, 4),
+        ("reward", 1, 1, 0.0),
+        ("state", 1, 2, 7),
+    ]
     assert port.take() == every
     world.repeat()
     assert port.take() == every
@@ -244,7 +257,9 @@ def test_repeat_reaches_the_absent(world, port):
     world.action(0, 2, DOWN)
     world.repeat()
     states = [("state", 0, 2, 4), ("state", 1, 2, 3)]
-    assert port.take() == [("reward", 0, 1, 0.0), *states], "who did not act has no reward"
+    assert port.take() == [("reward", 0, 1, 0.0), *states], (
+        "who did not act has no reward"
+    )
 
 
 def test_repeat_in_a_new_episode_says_no_old_reward(world, port):
@@ -295,9 +310,19 @@ def test_it_goes_on_where_another_one_was(world):
     other = make_world()
     other.go_on_from(world.snapshot())
     assert other.held and not other.action(0, 2, DOWN)
-    assert (other.absent, other.timeouts, other.left_out, other.world.step) == ({1}, 1, 1, 2)
+    assert (other.absent, other.timeouts, other.left_out, other.world.step) == (
+        {1},
+        1,
+        1,
+        2,
+    )
     other.go_on_from(None)
-    assert (other.absent, other.timeouts, other.left_out, other.world.step) == (set(), 0, 0, 1)
+    assert (other.absent, other.timeouts, other.left_out, other.world.step) == (
+        set(),
+        0,
+        0,
+        1,
+    )
 
 
 def test_a_later_beginning_leaves_out_what_was_done_since(world):
@@ -306,7 +331,11 @@ def test_a_later_beginning_leaves_out_what_was_done_since(world):
     world.begin_at(1, 28)
     assert world.lost == 0, "it is there already"
     world.begin_at(31, 28)
-    assert (world.world.step, world.world.transitions, world.world.episode) == (31, 28, 1)
+    assert (world.world.step, world.world.transitions, world.world.episode) == (
+        31,
+        28,
+        1,
+    )
     assert (world.began, world.lost) == (Began.RESET, 28)
     world.go_on_from(world.snapshot())
     world.begin_at(41, 36)

@@ -5,8 +5,8 @@
 import pytest
 
 from sparse_coord_ros.cli.main import main
-from sparse_coord_ros.engine.training import train
-from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.core.engine.training import train
+from sparse_coord_ros.core.game.scenario import load_scenario
 
 
 @pytest.fixture(scope="session")
@@ -29,7 +29,9 @@ def trained(tmp_path_factory):
 def results(tmp_path_factory):
     """Return a directory of results: two conditions, two runs each."""
     directory = tmp_path_factory.mktemp("shown") / "results"
-    conditions = [f"env1/{learner}/penalty=-20,steps=300" for learner in ("coop", "noncoop")]
+    conditions = [
+        f"env1/{learner}/penalty=-20,steps=300" for learner in ("coop", "noncoop")
+    ]
     few = ("--runs", "2", "--trials", "2", "--engine", "python", "--jobs", "1")
     assert main(["reproduce", *conditions, "--out", str(directory), *few]) == 0
     return directory

@@ -4,23 +4,23 @@
 import numpy as np
 import pytest
 
-from sparse_coord_ros.errors import BagError, RunError
-from sparse_coord_ros.game.world import Action
-from sparse_coord_ros.learn.evaluation import play
-from sparse_coord_ros.learn.history import History
-from sparse_coord_ros.learn.run import Glimpse
-from sparse_coord_ros.look.episodes import (
+from sparse_coord_ros.base.errors import BagError, RunError
+from sparse_coord_ros.base.palette import ANSWERED, FAILED, REFUSED
+from sparse_coord_ros.core.game.world import Action
+from sparse_coord_ros.core.runs.evaluation import play
+from sparse_coord_ros.core.runs.history import History
+from sparse_coord_ros.core.runs.run import Glimpse
+from sparse_coord_ros.log.runlog import read_run
+from sparse_coord_ros.protocol.wire import ACTION, PerceptEnd
+from sparse_coord_ros.show.episodes import (
     PLAYED,
     _chosen,
     episode_number,
     logged_episode,
     played_episode,
 )
-from sparse_coord_ros.look.sources import open_shown
-from sparse_coord_ros.look.steps import ended, logged_step, questions_of
-from sparse_coord_ros.palette import ANSWERED, FAILED, REFUSED
-from sparse_coord_ros.runlog import read_run
-from sparse_coord_ros.wire import ACTION, PerceptEnd
+from sparse_coord_ros.show.sources import open_shown
+from sparse_coord_ros.show.steps import ended, logged_step, questions_of
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +34,10 @@ def test_every_episode_of_a_log(log):
     for number in range(history.episodes):
         one = logged_episode(log, number)
         assert len(one.steps) == history.length[number]
-        assert sum(s.miscoordination for s in one.steps) == history.miscoordinations[number]
+        assert (
+            sum(s.miscoordination for s in one.steps)
+            == history.miscoordinations[number]
+        )
         questions = [question for step in one.steps for question in questions_of(step)]
         asked = [question.asker for question in questions]
         assert [asked.count(k) for k in range(2)] == history.asks[number].tolist()
@@ -59,7 +62,9 @@ def test_how_a_question_ended_is_what_the_robot_says(log, end, outcome, words):
     changed = log.but(numbers=numbers)
     [one] = [one for one in questions_of(logged_step(changed, row)) if one.asker == k]
     assert one.outcome == outcome and ended(changed)[outcome][row, k]
-    assert one.in_words(log.names).startswith(f"{log.names[k]} asks {log.names[1 - k]}: {words}")
+    assert one.in_words(log.names).startswith(
+        f"{log.names[k]} asks {log.names[1 - k]}: {words}"
+    )
     np.testing.assert_array_equal(sum(ended(changed).values()), log.asked)
 
 
@@ -69,7 +74,9 @@ def test_how_a_question_ended_is_guessed_only_where_nobody_tells_it():
     seen = Glimpse(5, (3, 4, 9), (asks, moves, None), (4, 5, 9), True)
     [question] = questions_of(seen)
     assert question == (0, (1, 2), PerceptEnd.REFUSED, 2)
-    told = Glimpse(5, (3, 4), (asks, moves), (4, 5), False, ends=(PerceptEnd.LATE, None))
+    told = Glimpse(
+        5, (3, 4), (asks, moves), (4, 5), False, ends=(PerceptEnd.LATE, None)
+    )
     assert questions_of(told)[0].outcome == FAILED
     perceived = told._replace(actions=(asks._replace(perceived=True), moves))
     assert questions_of(perceived)[0].outcome == ANSWERED
@@ -79,15 +86,24 @@ def test_how_a_question_ended_is_guessed_only_where_nobody_tells_it():
 
 def test_which_episode(log):
     history = log.history()
-    assert logged_episode(log, "last").number == np.flatnonzero(history.arrived.all(axis=1))[-1]
+    assert (
+        logged_episode(log, "last").number
+        == np.flatnonzero(history.arrived.all(axis=1))[-1]
+    )
     best = logged_episode(log, "best")
     starts = tuple(robot.start for robot in log.run.scenario.robots)
     assert best.steps[0].cells == starts and best.arrived
-    own = [one for n in range(history.episodes) if (one := logged_episode(log, n)).arrived]
+    own = [
+        one for n in range(history.episodes) if (one := logged_episode(log, n)).arrived
+    ]
     asks = [sum(len(questions_of(step)) for step in one.steps) for one in own]
     busiest = logged_episode(log, "asks")
-    assert busiest.arrived and sum(len(questions_of(s)) for s in busiest.steps) == max(asks)
-    with pytest.raises(RunError, match=r"--episode is 9999, there are \d+; allowed: 0 to"):
+    assert busiest.arrived and sum(len(questions_of(s)) for s in busiest.steps) == max(
+        asks
+    )
+    with pytest.raises(
+        RunError, match=r"--episode is 9999, there are \d+; allowed: 0 to"
+    ):
         logged_episode(log, 9999)
     with pytest.raises(RunError, match="holds no episode to show"):
         logged_episode(log.between(0, 0), "last")
@@ -120,8 +136,13 @@ def test_a_played_episode_is_the_trial_of_an_evaluation(trained):
     trials = play(scenario, shown.tables, trials=5, seed=2, learner="coop")
     for number in range(5):
         one = played_episode(scenario, shown.tables, number, seed=2)
-        assert sum(len(questions_of(step)) for step in one.steps) == trials.asks[number].sum()
-        assert sum(s.miscoordination for s in one.steps) == trials.miscoordinations[number]
+        assert (
+            sum(len(questions_of(step)) for step in one.steps)
+            == trials.asks[number].sum()
+        )
+        assert (
+            sum(s.miscoordination for s in one.steps) == trials.miscoordinations[number]
+        )
         assert len(one.steps) == trials.time_to_goal[number].max()
     assert played_episode(scenario, shown.tables, "last", seed=2).number == PLAYED - 1
     best = played_episode(scenario, shown.tables, "best", seed=2)

@@ -13,20 +13,20 @@ from made_up_results import PLAN, made_up
 from matplotlib.patches import Circle
 from matplotlib.quiver import Quiver
 
+from sparse_coord_ros.base.errors import SettingError
+from sparse_coord_ros.base.palette import OUTCOME_COLOURS
 from sparse_coord_ros.cli.main import main
-from sparse_coord_ros.driving.trials import Moment
-from sparse_coord_ros.errors import SettingError
-from sparse_coord_ros.experiments.conditions import make_condition
-from sparse_coord_ros.experiments.store import SUMS, open_results
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learn.run_config import make_run
-from sparse_coord_ros.look import figures
-from sparse_coord_ros.look.paths import paths_figure
-from sparse_coord_ros.look.policy import policy_of
-from sparse_coord_ros.look.results import results_figure
-from sparse_coord_ros.look.sources import open_shown
-from sparse_coord_ros.look.steps import ended
-from sparse_coord_ros.palette import OUTCOME_COLOURS
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.runs.run_config import make_run
+from sparse_coord_ros.lab.driving.trials import Moment
+from sparse_coord_ros.show import figures
+from sparse_coord_ros.show.paths import paths_figure
+from sparse_coord_ros.show.policy import policy_of
+from sparse_coord_ros.show.results import results_figure
+from sparse_coord_ros.show.sources import open_shown
+from sparse_coord_ros.show.steps import ended
+from sparse_coord_ros.studies.conditions import make_condition
+from sparse_coord_ros.studies.store import SUMS, open_results
 
 
 def all_axes(figure):
@@ -47,9 +47,13 @@ def test_arrows_and_rings_are_the_policy(trained):
     assert len(rings) == sum(p.asks.sum() for p in policies)
     vivid = sum((one.get_alpha() == 1).sum() for one in arrows)
     reached = [s > 0 for s in shown.trials.stays]
-    assert vivid == sum(p.moves[r].sum() for p, r in zip(policies, reached, strict=True))
+    assert vivid == sum(
+        p.moves[r].sum() for p, r in zip(policies, reached, strict=True)
+    )
     full = [one for one in arrows if (one.get_facecolor()[0, :3] < 1).any()]
-    assert sum(one.N for one in full) == policies[0].moves.sum()  # the second robot's are hollow
+    assert (
+        sum(one.N for one in full) == policies[0].moves.sum()
+    )  # the second robot's are hollow
     faces = [one.get_facecolor() for one in axes.get_legend().get_patches()]
     assert [face == (1, 1, 1, 1) for face in faces] == [False, True]
 
@@ -61,14 +65,21 @@ def test_curves_are_the_history(trained):
     dots, mean = length.lines
     np.testing.assert_array_equal(dots.get_ydata(), shown.history.length)
     window = int(mean.get_label().removeprefix("mean of ").removesuffix(" episodes"))
-    np.testing.assert_array_equal(mean.get_ydata(), shown.history.curve("length", window)[1])
+    np.testing.assert_array_equal(
+        mean.get_ydata(), shown.history.curve("length", window)[1]
+    )
     assert [line.get_label() for line in reward.lines] == ["robot_1", "robot_2"]
     assert len({line.get_linestyle() for line in reward.lines}) == 2
 
 
 def test_the_panels_fill_the_canvas(trained):
     runs = [open_shown(trained)]
-    for whats in (figures.available(runs[0]), ["policy", "coordination"], ["policy"], ["length"]):
+    for whats in (
+        figures.available(runs[0]),
+        ["policy", "coordination"],
+        ["policy"],
+        ["length"],
+    ):
         figure = figures.runs_figure(runs, whats)
         figure.canvas.draw()
         width, height = figure.get_size_inches()
@@ -109,7 +120,10 @@ def test_percepts_are_the_log(bag):
     axes = all_axes(figure)[0]
     _, labels = axes.get_legend_handles_labels()
     found = ended(shown.log)
-    assert labels == [f"{n} ({f.sum()})" for n, f in found.items() if f.any()] and len(labels) == 2
+    assert (
+        labels == [f"{n} ({f.sum()})" for n, f in found.items() if f.any()]
+        and len(labels) == 2
+    )
     hatches = [container[0].get_hatch() for container in axes.containers]
     assert len(set(hatches)) == 2  # told apart without colour
     below, above = axes.containers
@@ -125,7 +139,9 @@ def test_runs_side_by_side_under_names_that_are_no_formulas(trained, bag, tmp_pa
     figure.canvas.draw()
     axes = all_axes(figure)
     names = ["trained", r"\$x_{\$_\$y\$"]
-    assert [one.get_title() for one in axes[:2]] == [f"{name}: greedy moves" for name in names]
+    assert [one.get_title() for one in axes[:2]] == [
+        f"{name}: greedy moves" for name in names
+    ]
     assert [line.get_label() for one in axes for line in one.lines] == names
     assert figures.names_of([runs[0], runs[0]]) == [str(trained)] * 2
 
@@ -143,7 +159,10 @@ def test_the_pictures_of_results(results, tmp_path):
         results_figure(results, "table1")
     assert results_figure(results)[0] == "conditions"
     out = tmp_path / "r.png"
-    assert main(["plot", str(results), "--what", "asks", "--dpi", "30", "--out", str(out)]) == 0
+    assert (
+        main(["plot", str(results), "--what", "asks", "--dpi", "30", "--out", str(out)])
+        == 0
+    )
     assert out.read_bytes().startswith(b"\x89PNG")
 
 
@@ -165,9 +184,14 @@ def test_the_map_of_asks_is_of_the_hardest_penalty_and_says_so(tmp_path, capsys)
     out = tmp_path / "r.svg"
     command = ["plot", str(tmp_path / "r"), "--what", "asks", "--out", str(out)]
     assert main(command) == 0
-    assert "asks: env1/factored/penalty=-100, where robots ask most" in capsys.readouterr().err
+    assert (
+        "asks: env1/factored/penalty=-100, where robots ask most"
+        in capsys.readouterr().err
+    )
     [axes, _] = results_figure(tmp_path / "r", "asks")[1].axes
-    assert "env1, Factored\npenalty -100\n0.800 asks a robot" in [t.get_text() for t in axes.texts]
+    assert "env1, Factored\npenalty -100\n0.800 asks a robot" in [
+        t.get_text() for t in axes.texts
+    ]
 
 
 def test_the_scale_of_a_factored_q_coord_says_that_it_counts_rows(tmp_path):
@@ -183,12 +207,23 @@ def test_the_scale_of_a_factored_q_coord_says_that_it_counts_rows(tmp_path):
 
 
 @pytest.mark.parametrize(("ending", "begins"), [("svg", b"<?xml"), ("PDF", b"%PDF")])
-def test_plot_writes_the_same_bytes_each_time(trained, tmp_path, capsys, ending, begins):
+def test_plot_writes_the_same_bytes_each_time(
+    trained, tmp_path, capsys, ending, begins
+):
     files = [tmp_path / f"{n}.{ending}" for n in "ab"]
     for file in files:
-        assert main(["plot", str(trained), "--what", "length", "--out", str(file), "--json"]) == 0
+        assert (
+            main(
+                ["plot", str(trained), "--what", "length", "--out", str(file), "--json"]
+            )
+            == 0
+        )
         said = json.loads(capsys.readouterr().out)
-        assert said == {"file": str(file), "bytes": file.stat().st_size, "what": "length"}
+        assert said == {
+            "file": str(file),
+            "bytes": file.stat().st_size,
+            "what": "length",
+        }
     assert files[0].read_bytes() == files[1].read_bytes()
     assert files[0].read_bytes().startswith(begins)
 
@@ -215,8 +250,12 @@ def said(capsys, *arguments):
 def test_bad_input_is_one_line(trained, results, tmp_path, capsys):
     out = tmp_path / "x.png"
     (tmp_path / "d.png").mkdir()
-    assert "ends in .png, .svg, .pdf" in said(capsys, trained, "--out", tmp_path / "x.gif")
-    assert "there is no folder" in said(capsys, trained, "--out", tmp_path / "none/x.png")
+    assert "ends in .png, .svg, .pdf" in said(
+        capsys, trained, "--out", tmp_path / "x.gif"
+    )
+    assert "there is no folder" in said(
+        capsys, trained, "--out", tmp_path / "none/x.png"
+    )
     assert "cannot be written" in said(capsys, trained, "--out", tmp_path / "d.png")
     assert "has no bag" in said(capsys, trained, "--what", "percepts", "--out", out)
     assert "setting dpi" in said(capsys, trained, "--dpi", "1e9", "--out", out)
@@ -227,10 +266,14 @@ def test_bad_input_is_one_line(trained, results, tmp_path, capsys):
 
 def test_a_missing_package_is_one_line(trained, tmp_path, capsys, monkeypatch):
     for name in [
-        n for n in sys.modules if n.startswith(("sparse_coord_ros.look.fig", "matplotlib"))
+        n
+        for n in sys.modules
+        if n.startswith(("sparse_coord_ros.show.fig", "matplotlib"))
     ]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    monkeypatch.delitem(sys.modules, "sparse_coord_ros.experiments.report.charts", raising=False)
+    monkeypatch.delitem(
+        sys.modules, "sparse_coord_ros.studies.report.charts", raising=False
+    )
     words = "pictures need the Python package matplotlib (import of matplotlib halted"
     assert words in said(capsys, trained, "--out", tmp_path / "x.png")

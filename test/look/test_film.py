@@ -9,16 +9,7 @@ from itertools import pairwise
 import numpy as np
 from PIL import Image
 
-from sparse_coord_ros import wire
-from sparse_coord_ros.cli.main import main
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.game.world import Action
-from sparse_coord_ros.learn.run import Glimpse
-from sparse_coord_ros.look import film as films
-from sparse_coord_ros.look.episodes import Episode
-from sparse_coord_ros.look.film import film
-from sparse_coord_ros.look.steps import Question
-from sparse_coord_ros.palette import (
+from sparse_coord_ros.base.palette import (
     ANSWERED,
     DOORWAY_COLOUR,
     FAILED,
@@ -28,6 +19,15 @@ from sparse_coord_ros.palette import (
     ROBOT_COLOURS,
     rgb,
 )
+from sparse_coord_ros.cli.main import main
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.game.world import Action
+from sparse_coord_ros.core.runs.run import Glimpse
+from sparse_coord_ros.protocol import wire
+from sparse_coord_ros.show import film as films
+from sparse_coord_ros.show.episodes import Episode
+from sparse_coord_ros.show.film import film
+from sparse_coord_ros.show.steps import Question
 
 ENV1 = load_scenario("env1")
 [DOOR] = ENV1.map.doorways
@@ -56,7 +56,9 @@ def frames(data):
     found = []
     for number in range(image.n_frames):
         image.seek(number)
-        found.append((np.asarray(image.convert("RGB")).astype(int), image.info["duration"]))
+        found.append(
+            (np.asarray(image.convert("RGB")).astype(int), image.info["duration"])
+        )
     return found
 
 
@@ -66,9 +68,14 @@ def near(picture, colour, tolerance=10):
 
 
 def test_robots_move_from_cell_to_cell():
-    [(west, _), *_, (east, last)] = frames(film(ENV1, episode([[0, 3], [1, 3]]), title="t"))
+    [(west, _), *_, (east, last)] = frames(
+        film(ENV1, episode([[0, 3], [1, 3]]), title="t")
+    )
     blue, orange = (np.argwhere(near(one, ROBOT_COLOURS[0])) for one in (west, east))
-    assert 20 < (orange - orange.min(axis=0)).mean() and orange[:, 1].mean() > blue[:, 1].mean()
+    assert (
+        20 < (orange - orange.min(axis=0)).mean()
+        and orange[:, 1].mean() > blue[:, 1].mean()
+    )
     assert last > 2000  # the last frame stands still
     moving = episode([[0, 3], [1, 3], [1, 7], [1, 7]])
     made = film(ENV1, moving, title="t")
@@ -79,7 +86,11 @@ def test_robots_move_from_cell_to_cell():
 def test_outcomes_differ_in_colour_line_and_sign():
     made = {}
     [(quiet, _), *_] = frames(film(ENV1, episode([[9, 11], [10, 11]]), title="t"))
-    for end in (wire.PerceptEnd.ANSWERED, wire.PerceptEnd.REFUSED, wire.PerceptEnd.LATE):
+    for end in (
+        wire.PerceptEnd.ANSWERED,
+        wire.PerceptEnd.REFUSED,
+        wire.PerceptEnd.LATE,
+    ):
         outcome = Question(0, (1,), end, 1).outcome
         asking = episode([[9, 11], [10, 11]], [Question(0, (1,), end, 1)])
         [(picture, stands), *_] = frames(film(ENV1, asking, title="t"))
@@ -87,7 +98,9 @@ def test_outcomes_differ_in_colour_line_and_sign():
         made[outcome] = near(picture, colour).sum() - near(quiet, colour).sum()
         assert stands == 800
     assert made[ANSWERED] > made[REFUSED] > made[FAILED] > 50  # ever less of a line
-    assert len(set(OUTCOME_SIGNS.values())) == len(set(films.OUTCOME_LINES.values())) == 3
+    assert (
+        len(set(OUTCOME_SIGNS.values())) == len(set(films.OUTCOME_LINES.values())) == 3
+    )
 
 
 def test_a_miscoordination_is_marked():
@@ -103,7 +116,10 @@ def test_a_miscoordination_is_marked():
 
 def test_many_questions_are_told_in_few_words_and_hide_no_robot():
     crowd = load_scenario("crowd-8r")
-    asks = [Question(k, tuple(set(range(8)) - {k}), wire.PerceptEnd.REFUSED, 0) for k in range(6)]
+    asks = [
+        Question(k, tuple(set(range(8)) - {k}), wire.PerceptEnd.REFUSED, 0)
+        for k in range(6)
+    ]
     places = [35, 36, 37, 38, 39, 40, 57, 20]  # a throng round the doorways
     stage = films._Stage(crowd, episode([places] * 2, asks), "a $x$ & <b>")
     quiet, asking = (
@@ -137,11 +153,21 @@ def test_every_colour_is_in_the_palette():
         assert np.abs(palette - np.array(rgb(colour)) * 255).max(axis=1).min() <= 1
 
 
-def test_animate_a_bag_and_a_run_without_one(bag, trained, tmp_path, capsys, monkeypatch):
+def test_animate_a_bag_and_a_run_without_one(
+    bag, trained, tmp_path, capsys, monkeypatch
+):
     monkeypatch.setattr(films, "MOST_STEPS", 5)
     for source, greedy in ((bag, False), (trained, True)):
         out = tmp_path / f"{source.name}.gif"
-        arguments = ["animate", str(source), "--episode", "best", "--out", str(out), "--json"]
+        arguments = [
+            "animate",
+            str(source),
+            "--episode",
+            "best",
+            "--out",
+            str(out),
+            "--json",
+        ]
         assert main(arguments) == 0
         told = json.loads(capsys.readouterr().out)
         assert told["greedy"] is greedy and told["arrived"] and 7 < told["steps"] < 100

@@ -4,17 +4,17 @@ import numpy as np
 import pytest
 from teams import untrained
 
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learn.evaluation import greedy_agents
-from sparse_coord_ros.learn.run import learn
-from sparse_coord_ros.learn.run_config import make_run
-from sparse_coord_ros.learn.tables import tables_from_values
-from sparse_coord_ros.learners.registry import learner_of
-from sparse_coord_ros.look.policy import entered, policy_of, row_asking
-from sparse_coord_ros.palette import ROBOT_COLOURS, ink_on, rgb
-from sparse_coord_ros.solve.exact import _robots
-from sparse_coord_ros.wire.frame import Frame
-from sparse_coord_ros.wire.occupancy import OCCUPIED, OccupancyData
+from sparse_coord_ros.base.palette import ROBOT_COLOURS, ink_on, rgb
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.learners.registry import learner_of
+from sparse_coord_ros.core.runs.evaluation import greedy_agents
+from sparse_coord_ros.core.runs.run import learn
+from sparse_coord_ros.core.runs.run_config import make_run
+from sparse_coord_ros.core.runs.tables import tables_from_values
+from sparse_coord_ros.core.solve.exact import _robots
+from sparse_coord_ros.protocol.wire.frame import Frame
+from sparse_coord_ros.protocol.wire.occupancy import OCCUPIED, OccupancyData
+from sparse_coord_ros.show.policy import entered, policy_of, row_asking
 
 ENV1 = load_scenario("env1")
 
@@ -52,7 +52,8 @@ def test_pictures_map_topic_and_exact_evaluation_agree_on_who_asks_where():
         policy = policy_of(table, robot.goal)
         data = OccupancyData(frame)
         published = (
-            np.frombuffer(data.coordination(table.q_star), dtype=np.int8)[data.places] == OCCUPIED
+            np.frombuffer(data.coordination(table.q_star), dtype=np.int8)[data.places]
+            == OCCUPIED
         )
         here = np.arange(len(published)) != robot.goal
         np.testing.assert_array_equal(policy.asks[here], published[here])
@@ -92,7 +93,13 @@ def test_a_baseline_never_asks_and_its_goal_has_no_move():
 )
 def test_learned_joint_states(name, learner, settings):
     rule = learner_of(learner)
-    asking = {"q_star_init": 100, "ask_cost": 0, "steps": 3000, "penalty": -100, **settings}
+    asking = {
+        "q_star_init": 100,
+        "ask_cost": 0,
+        "steps": 3000,
+        "penalty": -100,
+        **settings,
+    }
     scenario = rule.with_defaults(load_scenario(name).with_settings(asking))
     begun = untrained(scenario, learner)
     assert rule.learned_rows(scenario, begun.memory).sum() == 0
@@ -109,8 +116,15 @@ def test_learned_joint_states(name, learner, settings):
 def test_the_row_that_decides_after_a_question(name, learner, peers):
     """The one by which the robot's agent chooses, after a failed percept, too."""
     rule = learner_of(learner)
-    asking = {"q_star_init": 100, "ask_cost": 0, "penalty": -100, "perception": "probability:0.5"}
-    scenario = load_scenario(name).with_settings({**asking, "steps": 3000, "peers": peers})
+    asking = {
+        "q_star_init": 100,
+        "ask_cost": 0,
+        "penalty": -100,
+        "perception": "probability:0.5",
+    }
+    scenario = load_scenario(name).with_settings(
+        {**asking, "steps": 3000, "peers": peers}
+    )
     scenario = rule.with_defaults(scenario)
     tables = learn(scenario, learner, 1)
     others = scenario.perceived - 1
@@ -118,7 +132,10 @@ def test_the_row_that_decides_after_a_question(name, learner, peers):
     differ = set()
     for k, agent in enumerate(greedy_agents(scenario, tables, 0, learner)):
         for cell in range(len(scenario.map.cells)):
-            for perceived in (None, tuple(draws.integers(0, cell + 1, others).tolist())):
+            for perceived in (
+                None,
+                tuple(draws.integers(0, cell + 1, others).tolist()),
+            ):
                 due = agent.values_asking(cell, perceived)[:4]
                 row = row_asking(tables[k], cell, perceived)
                 assert row.tolist() == pytest.approx(due, abs=1e-9)
@@ -131,7 +148,10 @@ def test_eight_colours_each_with_a_legible_number():
     assert len(set(ROBOT_COLOURS)) == 8
 
     def luminance(colour):
-        return sum(w * c**2.2 for w, c in zip((0.2126, 0.7152, 0.0722), rgb(colour), strict=True))
+        return sum(
+            w * c**2.2
+            for w, c in zip((0.2126, 0.7152, 0.0722), rgb(colour), strict=True)
+        )
 
     for colour in ROBOT_COLOURS:
         low, high = sorted([luminance(colour), luminance(ink_on(colour))])

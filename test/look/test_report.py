@@ -14,15 +14,15 @@ import pytest
 import yaml
 
 from sparse_coord_ros.cli.main import main
-from sparse_coord_ros.engine.training import train
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learn.run_config import load_run
-from sparse_coord_ros.learners.tables import tables_equal
-from sparse_coord_ros.look.report import _faults, run_report
-from sparse_coord_ros.look.sources import open_shown
-from sparse_coord_ros.runlog.explain import explained, in_words
-from sparse_coord_ros.runlog.log import read_run
-from sparse_coord_ros.solve.exact import evaluate_exact
+from sparse_coord_ros.core.engine.training import train
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.learners.tables import tables_equal
+from sparse_coord_ros.core.runs.run_config import load_run
+from sparse_coord_ros.core.solve.exact import evaluate_exact
+from sparse_coord_ros.log.runlog.explain import explained, in_words
+from sparse_coord_ros.log.runlog.log import read_run
+from sparse_coord_ros.show.report import _faults, run_report
+from sparse_coord_ros.show.sources import open_shown
 
 
 def tags_of(page):
@@ -41,7 +41,9 @@ def tags_of(page):
 @pytest.fixture
 def quick(monkeypatch):
     """Let pages have one picture."""
-    monkeypatch.setattr("sparse_coord_ros.look.figures.available", lambda shown: ["policy"])
+    monkeypatch.setattr(
+        "sparse_coord_ros.show.figures.available", lambda shown: ["policy"]
+    )
 
 
 @pytest.fixture(scope="module")
@@ -59,11 +61,21 @@ def test_its_numbers_are_those_of_the_log(page, bag):
     shown = open_shown(bag)
     exact = evaluate_exact(shown.config.scenario, shown.tables, learner="coop")
     assert f"<td>{exact.reward.mean:.2f} ± {exact.reward.spread:.2f}</td>" in page
-    for words in ("exact joint optimum", "121.89", "fixed shortest paths", "Indiv., same seed"):
+    for words in (
+        "exact joint optimum",
+        "121.89",
+        "fixed shortest paths",
+        "Indiv., same seed",
+    ):
         assert words in page
     log = read_run(bag)
-    assert f"<td>percepts answered</td><td>{int((log.asked & log.perceived).sum())}</td>" in page
-    k, row = next((k, r) for r in range(len(log.step)) for k in (0, 1) if log.perceived[r, k])
+    assert (
+        f"<td>percepts answered</td><td>{int((log.asked & log.perceived).sum())}</td>"
+        in page
+    )
+    k, row = next(
+        (k, r) for r in range(len(log.step)) for k in (0, 1) if log.perceived[r, k]
+    )
     told = "\n".join(in_words(log, *explained(log, k, [int(log.step[row])])))
     assert told in unescape(page)
     assert "refused" in page
@@ -71,7 +83,10 @@ def test_its_numbers_are_those_of_the_log(page, bag):
 
 def test_warnings_are_counted(bag):
     shown = open_shown(bag)
-    said = [SimpleNamespace(name="robot_1", msg="late", level=level) for level in (20, 30, 40)]
+    said = [
+        SimpleNamespace(name="robot_1", msg="late", level=level)
+        for level in (20, 30, 40)
+    ]
     shown.log.tracks.rosout[:] = said
     tables = [part["rows"] for part in _faults(shown) if part["kind"] == "table"]
     assert tables[1] == [("robot_1: late", 2)]
@@ -138,10 +153,14 @@ def test_the_page_of_results_is_whole_and_self_contained(results, tmp_path, caps
     assert not out.exists()
 
 
-def test_results_whose_learner_may_not_be_imported_are_left_out(results, tmp_path, capsys):
+def test_results_whose_learner_may_not_be_imported_are_left_out(
+    results, tmp_path, capsys
+):
     """The page says so, too."""
     folder = shutil.copytree(results, tmp_path / "r")
     (folder / "conditions/env1/coop").rename(folder / "conditions/env1/theirs:Team")
     assert main(["report", str(folder), "--out", str(tmp_path / "r.html")]) == 0
     words = "left out results of theirs:Team: "
-    assert words in capsys.readouterr().err and words in (tmp_path / "r.html").read_text()
+    assert (
+        words in capsys.readouterr().err and words in (tmp_path / "r.html").read_text()
+    )

@@ -10,13 +10,13 @@ from itertools import product
 import numpy as np
 import pytest
 
-from sparse_coord_ros.game.actions import EAST, NORTH, SOUTH, WEST
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.game.world import Action
-from sparse_coord_ros.learn.run import Glimpse
-from sparse_coord_ros.look.steps import questions_of
-from sparse_coord_ros.look.words import Words
-from sparse_coord_ros.wire import PerceptEnd
+from sparse_coord_ros.core.game.actions import EAST, NORTH, SOUTH, WEST
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.game.world import Action
+from sparse_coord_ros.core.runs.run import Glimpse
+from sparse_coord_ros.protocol.wire import PerceptEnd
+from sparse_coord_ros.show.steps import questions_of
+from sparse_coord_ros.show.words import Words
 
 ALONG = {"robot_1": (1, 2), "robot_2": (1, 2)}
 """Two robots that go the same way, not toward each other."""
@@ -86,9 +86,15 @@ def test_where_a_peer_is_seen_from_a_robot(env1, place, at, said):
 
 def test_a_peer_that_went_ahead_is_past_the_doorway(make):
     told = Told(make("1..D..2", robots=ALONG))
-    assert told.peer(1, (0, 1), 2, (0, 5)) == "on the other side, past the doorway, 4 moves away"
+    assert (
+        told.peer(1, (0, 1), 2, (0, 5))
+        == "on the other side, past the doorway, 4 moves away"
+    )
     assert told.peer(1, (0, 1), 2, (0, 3)) == "in the doorway"
-    assert told.peer(1, (0, 3), 2, (0, 5)) == "ahead of robot_1, past the doorway, 2 moves away"
+    assert (
+        told.peer(1, (0, 3), 2, (0, 5))
+        == "ahead of robot_1, past the doorway, 2 moves away"
+    )
     assert told.peer(1, (0, 3), 2, (0, 1)) == "behind robot_1, 2 moves away"
     assert told.peer(1, (0, 5), 2, (0, 3)) == "in the doorway"
     assert told.peer(1, (0, 0), 2, (0, 2)) == "on this side, 2 moves away"
@@ -111,7 +117,10 @@ def test_a_passage_of_doorway_cells_is_one_doorway(make):
     assert told.peer(1, (0, 2), 2, (0, 6)) == "on the other side, 4 moves away"
     assert told.peer(1, (0, 3), 2, (0, 5)) == "in the doorway, 2 moves away"
     assert told.peer(1, (0, 3), 2, (0, 6)) == "ahead of robot_1, 3 moves away"
-    assert told.peer(1, (0, 5), 2, (0, 2)) == "behind robot_1, past the doorway, 3 moves away"
+    assert (
+        told.peer(1, (0, 5), 2, (0, 2))
+        == "behind robot_1, past the doorway, 3 moves away"
+    )
 
 
 def test_a_wide_doorway(make):
@@ -119,7 +128,10 @@ def test_a_wide_doorway(make):
     assert told.where(1, (1, 1)) == "before the doorway"
     assert told.peer(1, (0, 1), 2, (1, 2)) == "in the doorway, 2 moves away"
     assert told.peer(1, (0, 1), 2, (1, 3)) == "on the other side, 3 moves away"
-    assert told.peer(1, (0, 2), 2, (1, 1)) == "behind robot_1, past the doorway, 2 moves away"
+    assert (
+        told.peer(1, (0, 2), 2, (1, 1))
+        == "behind robot_1, past the doorway, 2 moves away"
+    )
 
 
 def test_several_doorways():
@@ -128,10 +140,15 @@ def test_several_doorways():
     assert told.where(1, (2, 2)) == "before a doorway"
     cell = told.number[2, 2]
     number = told.number
-    east, south = (told.words.where(0, cell, number[place])[1] for place in ((2, 3), (3, 2)))
+    east, south = (
+        told.words.where(0, cell, number[place])[1] for place in ((2, 3), (3, 2))
+    )
     assert east != south, "it is said by the doorway that the robot enters"
     seen = {
-        place: [told.words.seen_from(0, cell, door, 1, number[place]) for door in (east, south)]
+        place: [
+            told.words.seen_from(0, cell, door, 1, number[place])
+            for door in (east, south)
+        ]
         for place in ((2, 3), (2, 4), (4, 2), (4, 4), (6, 4), (1, 1))
     }
     assert seen[2, 3] == ["in the doorway", "in another doorway, beside robot_1"]
@@ -147,12 +164,20 @@ def test_several_doorways():
 
 def test_doorways_one_behind_the_other(make):
     told = Told(make("1..D.D..2"))
-    assert told.where(1, (0, 4)) == "before a doorway"  # it has passed one, and is before the next
-    assert told.peer(1, (0, 2), 2, (0, 5)) == "on the other side, in another doorway, 3 moves away"
+    assert (
+        told.where(1, (0, 4)) == "before a doorway"
+    )  # it has passed one, and is before the next
+    assert (
+        told.peer(1, (0, 2), 2, (0, 5))
+        == "on the other side, in another doorway, 3 moves away"
+    )
     assert told.peer(1, (0, 2), 2, (0, 8)) == "on the other side, 6 moves away"
     behind = "on the other side of another doorway, 2 moves away"
     assert told.peer(1, (0, 4), 2, (0, 2)) == behind
-    assert told.peer(1, (0, 3), 2, (0, 5)) == "ahead of robot_1, in another doorway, 2 moves away"
+    assert (
+        told.peer(1, (0, 3), 2, (0, 5))
+        == "ahead of robot_1, in another doorway, 2 moves away"
+    )
 
 
 def test_a_doorway_where_several_rooms_meet():
@@ -162,13 +187,20 @@ def test_a_doorway_where_several_rooms_meet():
         assert told.peer(1, (4, 8), 2, at) == "on another side, 2 moves away"
     assert told.peer(1, (4, 8), 2, (4, 9)) == "in the doorway"
     assert told.peer(1, (4, 8), 2, (4, 7)) == "in another doorway, beside robot_1"
-    assert told.peer(2, (4, 9), 1, (8, 0)) == "13 moves away"  # two ways, ahead and behind
+    assert (
+        told.peer(2, (4, 9), 1, (8, 0)) == "13 moves away"
+    )  # two ways, ahead and behind
 
 
 def test_a_doorway_in_a_ring_has_one_room_on_both_sides(make):
-    told = Told(make("1....\n.###.\n.###.\n..D.2", robots={"robot_1": ([3, 1], [3, 3])}))
+    told = Told(
+        make("1....\n.###.\n.###.\n..D.2", robots={"robot_1": ([3, 1], [3, 3])})
+    )
     assert told.where(1, (3, 1)) == "before the doorway"
-    assert told.peer(1, (3, 1), 1, (3, 4)) == "on the other side, past the doorway, 3 moves away"
+    assert (
+        told.peer(1, (3, 1), 1, (3, 4))
+        == "on the other side, past the doorway, 3 moves away"
+    )
     assert told.peer(1, (3, 1), 1, (0, 0)) == "on this side, 4 moves away"
     assert told.peer(1, (3, 1), 1, (0, 3)) == "7 moves away"  # as far either way
 
@@ -184,8 +216,13 @@ def test_a_doorway_that_is_not_on_the_way(make):
 def test_rooms_without_a_way_between_them(make):
     told = Told(make("1..D.2\n######\n...D.."))
     assert told.where(1, (2, 2)) == "next to a doorway"
-    assert told.peer(1, (0, 1), 2, (2, 0)) == "in cell 6 [2, 0], to which there is no way"
-    assert told.peer(1, (0, 0), 2, (0, 2)) == "on this side, past the doorway, 2 moves away"
+    assert (
+        told.peer(1, (0, 1), 2, (2, 0)) == "in cell 6 [2, 0], to which there is no way"
+    )
+    assert (
+        told.peer(1, (0, 0), 2, (0, 2))
+        == "on this side, past the doorway, 2 moves away"
+    )
     alone = Told(make("1.D.2\n#####\n....."))
     assert alone.where(1, (2, 2)) == "in cell 7 [2, 2]"
 
@@ -274,16 +311,26 @@ class Ways:
         self.moves = cache(lambda cell: moves_from(self.grid, cell))
         self.closed = cache(lambda cell, closed: moves_from(self.grid, cell, closed))
         outside = set(range(len(self.grid.cells))) - self.doorways
-        self.passage = {c: frozenset(moves_from(self.grid, c, outside)) for c in self.doorways}
-        self.room = {c: frozenset(moves_from(self.grid, c, self.doorways)) for c in outside}
+        self.passage = {
+            c: frozenset(moves_from(self.grid, c, outside)) for c in self.doorways
+        }
+        self.room = {
+            c: frozenset(moves_from(self.grid, c, self.doorways)) for c in outside
+        }
 
     def joins(self, doorway, cell, other):
         """Whether a doorway is between the rooms of two cells, and on a shortest way."""
-        beside = {after for door in doorway for after in self.grid.next_cell[door].tolist()}
+        beside = {
+            after for door in doorway for after in self.grid.next_cell[door].tolist()
+        }
         rooms = self.room[cell], self.room[other]
-        through = min(self.moves(cell)[door] + self.moves(other)[door] for door in doorway)
+        through = min(
+            self.moves(cell)[door] + self.moves(other)[door] for door in doorway
+        )
         shortest = through == self.moves(cell)[other]
-        return rooms[0] != rooms[1] and shortest and all(beside & room for room in rooms)
+        return (
+            rooms[0] != rooms[1] and shortest and all(beside & room for room in rooms)
+        )
 
     def parts(self, closed, cell, other):
         """Whether all shortest ways between two cells lead through closed cells."""
@@ -298,8 +345,13 @@ class Ways:
     def first_moves(self, doorway, begin, end):
         """Return by which cells shortest ways leave a doorway; they may lead through it again."""
         left = set()
-        for cell in {c for door in doorway for c in self.grid.next_cell[door].tolist()} - doorway:
-            if self.moves(begin)[cell] + self.moves(cell)[end] == self.moves(begin)[end]:
+        for cell in {
+            c for door in doorway for c in self.grid.next_cell[door].tolist()
+        } - doorway:
+            if (
+                self.moves(begin)[cell] + self.moves(cell)[end]
+                == self.moves(begin)[end]
+            ):
                 left.add(cell)
         return left
 
@@ -314,7 +366,11 @@ class Ways:
             return far == int(away[1]) > 1
         if part in (f"ahead of {name}", f"behind {name}"):
             own, others = (self.first_moves(doorway, cell, end) for end in (goal, at))
-            return others <= own if "ahead" in part else others and own and not others & own
+            return (
+                others <= own
+                if "ahead" in part
+                else others and own and not others & own
+            )
         others = set(self.passage.values()) - {doorway}
 
         def is_across(door):
@@ -341,7 +397,14 @@ class Ways:
 
 
 GENERATED = ("doors-2r-1", "loop-2r-1", "corridor-2r-1", "crossing-2r-1", "rooms-4r-1")
-MAPS = ("env1", "env2-2r", "pentagon", "crowd-3r", "cit", *(f"unseen1-{one}" for one in GENERATED))
+MAPS = (
+    "env1",
+    "env2-2r",
+    "pentagon",
+    "crowd-3r",
+    "cit",
+    *(f"unseen1-{one}" for one in GENERATED),
+)
 
 
 @pytest.mark.parametrize("name", MAPS)
@@ -361,7 +424,12 @@ def test_every_phrase_is_true_of_all_cells(name):
         for at in cells:
             phrase = words.seen_from(k, cell, door, peer, at)
             for part in phrase.split(", "):
-                assert ways.is_true(part, k, cell, doorway, peer, at), (place, cell, at, phrase)
+                assert ways.is_true(part, k, cell, doorway, peer, at), (
+                    place,
+                    cell,
+                    at,
+                    phrase,
+                )
                 said.add(re.sub(r"\d+", "N", part))
     assert {"in the same cell", "in the doorway", "N moves away"} <= said
 
@@ -382,7 +450,9 @@ def check_place(ways, place, k, cell, doorway):
         ]  # fmt: skip
         assert ahead and min(on_the_way) == int(before[1] or 1)
     elif past := re.fullmatch(f"([0-9]+) moves? past {the}", place):
-        assert far == int(past[1]) and not ahead and ways.on_the_way(doorway, start, cell)
+        assert (
+            far == int(past[1]) and not ahead and ways.on_the_way(doorway, start, cell)
+        )
     else:
         away = re.fullmatch(f"([0-9]+) moves from {the}|next to {the}", place)
         assert far == int(away[1] or 1) and not ahead

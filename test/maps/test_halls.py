@@ -5,12 +5,12 @@
 import pytest
 from floor_plans import write
 
-from sparse_coord_ros.engine.training import train
-from sparse_coord_ros.learners.registry import learner_of
-from sparse_coord_ros.maps.image import read_floor_plan
-from sparse_coord_ros.maps.plan import import_map, scenario_of
-from sparse_coord_ros.solve.exact import evaluate_best
-from sparse_coord_ros.solve.verdict import LOST, last_word
+from sparse_coord_ros.core.engine.training import train
+from sparse_coord_ros.core.learners.registry import learner_of
+from sparse_coord_ros.core.solve.exact import evaluate_best
+from sparse_coord_ros.core.solve.verdict import LOST, last_word
+from sparse_coord_ros.lab.maps.image import read_floor_plan
+from sparse_coord_ros.lab.maps.plan import import_map, scenario_of
 
 
 @pytest.mark.long

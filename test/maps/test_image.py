@@ -7,9 +7,9 @@ import pytest
 import yaml
 from PIL import Image
 
-from sparse_coord_ros.errors import MapError
-from sparse_coord_ros.game.grid import load_map
-from sparse_coord_ros.maps.image import read_floor_plan, write_floor_plan
+from sparse_coord_ros.base.errors import MapError
+from sparse_coord_ros.core.game.grid import load_map
+from sparse_coord_ros.lab.maps.image import read_floor_plan, write_floor_plan
 
 FIELDS = {
     "image": "m.pgm",
@@ -65,7 +65,9 @@ def test_values_by_negate_thresholds_and_mode(saved, fields, rows):
 
 def test_the_thresholds_of_map_server(saved):
     unsaid = {"occupied_thresh": "left out", "free_thresh": "left out"}
-    assert signs(saved(np.array([[192, 191, 90, 89]], dtype=np.uint8), **unsaid)) == [".??#"]
+    assert signs(saved(np.array([[192, 191, 90, 89]], dtype=np.uint8), **unsaid)) == [
+        ".??#"
+    ]
 
 
 def test_kinds_of_images(saved):
@@ -73,7 +75,9 @@ def test_kinds_of_images(saved):
     assert signs(saved(name="m.png")) == expected
     assert signs(saved(VALUES.astype(np.uint16) * 257, name="m.png")) == expected
     assert signs(saved(VALUES.astype(np.uint16) * 257)) == expected  # 16-bit PGM
-    assert signs(saved(Image.fromarray(VALUES).convert("RGB"), name="m.png")) == expected
+    assert (
+        signs(saved(Image.fromarray(VALUES).convert("RGB"), name="m.png")) == expected
+    )
     assert signs(saved(Image.fromarray(VALUES).convert("P"), name="m.png")) == expected
     black = Image.fromarray(np.array([[True, False]]))
     assert signs(saved(black, name="m.png")) == [".#"]
@@ -81,7 +85,9 @@ def test_kinds_of_images(saved):
 
 def test_what_is_not_opaque_is_unknown(saved):
     image = Image.fromarray(VALUES).convert("RGBA")
-    image.putalpha(Image.fromarray(np.array([[255, 255, 0], [254, 255, 255]], dtype=np.uint8)))
+    image.putalpha(
+        Image.fromarray(np.array([[255, 255, 0], [254, 255, 255]], dtype=np.uint8))
+    )
     assert signs(saved(image, name="m.png")) == [".??", "???"]
 
 
@@ -154,7 +160,9 @@ def test_missing_files_are_one_line(tmp_path):
     with pytest.raises(MapError, match="no.yaml: cannot be read .No such file"):
         read_floor_plan(tmp_path / "no.yaml")
     (tmp_path / "m.pgm").write_bytes(b"P5\n1 1\n255\n\0")
-    with pytest.raises(MapError, match="is an image; give the YAML file that belongs to it, with"):
+    with pytest.raises(
+        MapError, match="is an image; give the YAML file that belongs to it, with"
+    ):
         read_floor_plan(tmp_path / "m.pgm")
     (tmp_path / "m.yaml").write_text("image: m.pgm\n")
     with pytest.raises(MapError, match=r"belongs to it: .*m\.yaml"):
@@ -164,7 +172,9 @@ def test_missing_files_are_one_line(tmp_path):
 @pytest.mark.parametrize("image", ["pgm", "png"])
 def test_written_maps_are_read_again(tmp_path, image):
     grid = load_map("isr")
-    said, _ = write_floor_plan(grid, tmp_path, "isr", resolution=0.5, pixels=4, image=image)
+    said, _ = write_floor_plan(
+        grid, tmp_path, "isr", resolution=0.5, pixels=4, image=image
+    )
     plan = read_floor_plan(said)
     assert plan.resolution == 0.125
     assert plan.free.shape == (4 * grid.shape[0], 4 * grid.shape[1])

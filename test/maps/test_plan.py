@@ -12,16 +12,16 @@ from floor_plans import FREE, PIXEL, Drawing, drawn, matched, write
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from PIL import Image
 
-from sparse_coord_ros.errors import MapError, ScenarioError
-from sparse_coord_ros.game.grid import parse_map
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learn.run_config import make_run, run_from_yaml
-from sparse_coord_ros.look.paths import floor_figure
-from sparse_coord_ros.maps import plan as plans
-from sparse_coord_ros.maps.gridding import across, grown, without_specks
-from sparse_coord_ros.maps.image import FloorPlan, read_floor_plan, under
-from sparse_coord_ros.maps.plan import import_map, scenario_of
-from sparse_coord_ros.wire.frame import Frame
+from sparse_coord_ros.base.errors import MapError, ScenarioError
+from sparse_coord_ros.core.game.grid import parse_map
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.runs.run_config import make_run, run_from_yaml
+from sparse_coord_ros.lab.maps import plan as plans
+from sparse_coord_ros.lab.maps.gridding import across, grown, without_specks
+from sparse_coord_ros.lab.maps.image import FloorPlan, read_floor_plan, under
+from sparse_coord_ros.lab.maps.plan import import_map, scenario_of
+from sparse_coord_ros.protocol.wire.frame import Frame
+from sparse_coord_ros.show.paths import floor_figure
 
 CORNERS = (-9.0, -6.0), (9.0, 6.0)
 
@@ -50,7 +50,12 @@ def test_the_clinic_s_corridors_cross():
 
 @pytest.mark.parametrize(
     ("name", "cells", "odd"),
-    [("office", 937, 0), ("warehouse", 2527, 0), ("slam_office", 866, 0), ("slam_flat", 314, 2)],
+    [
+        ("office", 937, 0),
+        ("warehouse", 2527, 0),
+        ("slam_office", 866, 0),
+        ("slam_flat", 314, 2),
+    ],
 )
 def test_every_doorway_is_found(tmp_path, name, cells, odd):
     """Of the flat's two more, one lies between a table and a chair, one beside a door."""
@@ -110,7 +115,11 @@ def test_cells_lie_where_the_pixels_are_free(tmp_path):
     rows = plan.free.shape[0]
     for row, column in grid.cells:
         x = (grid.origin[0] - plan.origin[0] + (column + 0.5) * 0.5) / 0.05
-        y = rows - (grid.origin[1] - plan.origin[1] + (grid.shape[0] - row - 0.5) * 0.5) / 0.05
+        y = (
+            rows
+            - (grid.origin[1] - plan.origin[1] + (grid.shape[0] - row - 0.5) * 0.5)
+            / 0.05
+        )
         i = math.floor(y + 1e-3)
         j = math.floor(x + 1e-3)
         assert not taken[i, j]
@@ -123,7 +132,9 @@ def test_cells_lie_where_the_pixels_are_free(tmp_path):
 def test_large_cells_are_refused():
     drawing = rooms(thick=0.1)
     drawing.wall(1.9, 0, 1.9, 4.0)  # no grid of such cells has a centre in both walls
-    with pytest.raises(MapError, match=r"cells of 0.8 m are so large .* choose smaller ones"):
+    with pytest.raises(
+        MapError, match=r"cells of 0.8 m are so large .* choose smaller ones"
+    ):
         import_map(plan_of(drawing), cell=0.8, radius=0.05)
     assert import_map(plan_of(drawing), cell=0.4, radius=0.05).grid
 
@@ -148,7 +159,9 @@ def test_corridors_and_pockets_are_no_doorways():
     drawing.fill(7.0, 0, 7.2, 0.9)
     assert import_map(plan_of(drawing), cell=0.5, radius=0.2).grid.doorway_count == 0
     assert (
-        import_map(plan_of(drawing), cell=0.5, radius=0.2, doorway_length=4.0).grid.doorway_count
+        import_map(
+            plan_of(drawing), cell=0.5, radius=0.2, doorway_length=4.0
+        ).grid.doorway_count
         == 1
     )
 
@@ -169,7 +182,9 @@ def test_doorways_by_hand():
     assert two.grid.doorway_count == 2
     with pytest.raises(MapError, match="no doorway at 11.5,-3.3: there is none"):
         import_map(plan, cell=0.5, radius=0.2, no_doorway=[(11.5, -3.3)])
-    with pytest.raises(MapError, match="doorway at 0,0 is outside the map of drawn; the nearest"):
+    with pytest.raises(
+        MapError, match="doorway at 0,0 is outside the map of drawn; the nearest"
+    ):
         import_map(plan, cell=0.5, radius=0.2, doorway=[(0.0, 0.0)])
 
 
@@ -177,10 +192,14 @@ def test_parts_without_a_robot_are_left_out():
     drawing = rooms()
     drawing.wall(3.0, 0, 3.0, 4.0)
     both = import_map(plan_of(drawing), cell=0.5, radius=0.2)
-    left = import_map(plan_of(drawing), cell=0.5, radius=0.2, robots=[((1.0, 1.0), (2.0, 3.0))])
+    left = import_map(
+        plan_of(drawing), cell=0.5, radius=0.2, robots=[((1.0, 1.0), (2.0, 3.0))]
+    )
     assert len(left.grid.cells) == both.parts[0]
     assert "those without a robot are walls now" in left.notes[0]
-    apart = import_map(plan_of(drawing), cell=0.5, radius=0.2, robots=[((1.0, 1.0), (5.0, 3.0))])
+    apart = import_map(
+        plan_of(drawing), cell=0.5, radius=0.2, robots=[((1.0, 1.0), (5.0, 3.0))]
+    )
     with pytest.raises(ScenarioError, match=r"robot_1: its goal .* cannot be reached"):
         scenario_of(apart, [((1.0, 1.0), (5.0, 3.0))], {})
 
@@ -203,7 +222,9 @@ def test_odd_maps(pixels, values, words):
     drawing = Drawing(1.0, 1.0)
     drawing.pixels = pixels
     values = {"cell": 0.5, "radius": 0.2, **values}
-    if words is None:  # no wall anywhere, however large the robot: whatever grid there is, is free
+    if (
+        words is None
+    ):  # no wall anywhere, however large the robot: whatever grid there is, is free
         assert import_map(plan_of(drawing), **values).grid.cells
         return
     with pytest.raises(MapError, match=words):
@@ -213,18 +234,26 @@ def test_odd_maps(pixels, values, words):
 def test_a_grid_of_too_many_cells_is_refused_before_the_image_is_looked_at(monkeypatch):
     monkeypatch.setattr(plans.gridding, "space_of", lambda *_: pytest.fail("it was"))
     pixels = np.ones((1001, 1001), dtype=bool)
-    with pytest.raises(MapError, match="the grid would have 1,002,001 cells, allowed: up to 1,00"):
+    with pytest.raises(
+        MapError, match="the grid would have 1,002,001 cells, allowed: up to 1,00"
+    ):
         import_map(
-            FloorPlan(Path("large"), pixels, ~pixels, 0.05, (0.0, 0.0)), cell=0.05, radius=0.1
+            FloorPlan(Path("large"), pixels, ~pixels, 0.05, (0.0, 0.0)),
+            cell=0.05,
+            radius=0.1,
         )
 
 
 def test_starts_in_walls_and_no_places():
     done = import_map(plan_of(rooms()), cell=0.5, radius=0.2)
-    with pytest.raises(MapError, match=r"start of robot_1 at 3,3 is in no free cell .* nearest"):
+    with pytest.raises(
+        MapError, match=r"start of robot_1 at 3,3 is in no free cell .* nearest"
+    ):
         scenario_of(done, [((3.0, 3.0), (5.0, 3.0))], {})
     *_, odd = scenario_of(done, [((1.0, 1.0), (3.0, 1.7))], {"horizon": "5"})
-    assert "the goal of robot_1 is in a doorway" in odd[0] and "the horizon of 5" in odd[1]
+    assert (
+        "the goal of robot_1 is in a doorway" in odd[0] and "the horizon of 5" in odd[1]
+    )
     *_, odd = scenario_of(done, [((1.0, 1.0), (5.0, 3.0))] * 2, {})
     assert [line.partition(":")[0] for line in odd] == [
         "two robots start in the same cell",
@@ -238,7 +267,12 @@ def test_starts_in_walls_and_no_places():
         (205, 0.25, 0.5, ["25% of the free pixels have grey 205, which map_saver"]),
         (205, 0.196, 0.5, []),
         (206, 0.25, 0.5, []),
-        (254, 0.25, 0.45, ["lanes touch walls: cells of 0.45 m leave 0.025 m on each side"]),
+        (
+            254,
+            0.25,
+            0.45,
+            ["lanes touch walls: cells of 0.45 m leave 0.025 m on each side"],
+        ),
     ],
 )
 def test_notes_of_pixels_and_sizes(tmp_path, grey, share, cell, said):
@@ -251,7 +285,11 @@ def test_notes_of_pixels_and_sizes(tmp_path, grey, share, cell, said):
     _, *odd = done.notes  # the first one: no doorway
     assert len(odd) == len(said)
     assert all(map(str.startswith, odd, said))
-    assert done.grid.radius == parse_map(done.grid.to_text(), name="a", where="a").radius == 0.2
+    assert (
+        done.grid.radius
+        == parse_map(done.grid.to_text(), name="a", where="a").radius
+        == 0.2
+    )
 
 
 def test_robots_that_meet_at_no_doorway_have_nothing_to_coordinate():
@@ -268,7 +306,9 @@ def test_where_the_budget_is_too_small_for_the_ways_steps_are_larger(monkeypatch
     assert "step_size" not in scenario_of(done, pair, {})[1]
     most = plans.SETTINGS["steps"].high
     for times, short in ((19, False), (21, True)):
-        monkeypatch.setattr(plans, "_steps_for", lambda way, p, times=times: times * most)
+        monkeypatch.setattr(
+            plans, "_steps_for", lambda way, p, times=times: times * most
+        )
         _, suggested, odd = scenario_of(done, pair, {})
         assert (suggested["steps"], suggested["step_size"]) == (most, plans.LONG_WAYS)
         assert any("is short for" in note for note in odd) == short
@@ -286,7 +326,9 @@ def test_suggestions_follow_the_distances(tmp_path):
     assert suggested["max_steps"] == 150
     assert 2_000_000 < suggested["steps"] < 5_000_000
     assert scenario.steps == suggested["steps"]
-    chosen, suggested, _ = scenario_of(done, robots, {"discount": "0.99", "steps": "1000"})
+    chosen, suggested, _ = scenario_of(
+        done, robots, {"discount": "0.99", "steps": "1000"}
+    )
     assert chosen.goal_value == pytest.approx(1000.0)
     assert chosen.steps == 1000
     assert "discount" not in suggested
@@ -298,7 +340,9 @@ def test_suggestions_follow_the_distances(tmp_path):
 def test_a_map_lies_on_its_floor_plan_as_long_as_that_is_there(tmp_path):
     write("office", tmp_path)
     plan = read_floor_plan(tmp_path / "office.yaml")
-    grid = parse_map(import_map(plan, cell=0.5, radius=0.2).grid.to_text(), name="o", where="o")
+    grid = parse_map(
+        import_map(plan, cell=0.5, radius=0.2).grid.to_text(), name="o", where="o"
+    )
     picture = under(grid)
     assert picture["href"].startswith("data:image/png;base64,")
     (high, wide) = plan.free.shape
@@ -323,7 +367,9 @@ def test_poses_lie_on_the_real_map(tmp_path):
     x, y = frame.centres[run.scenario.robots[0].start]
     assert math.dist((x, y), CORNERS[0]) <= math.hypot(0.25, 0.25)
     for cell, place in enumerate(frame.centres):
-        assert frame.cell(*place) == frame.cell(place[0] + 0.24, place[1] - 0.24) == cell
+        assert (
+            frame.cell(*place) == frame.cell(place[0] + 0.24, place[1] - 0.24) == cell
+        )
     assert frame.cell(-100.0, 0.0) is None
     assert make_run(scenario, {"resolution": 2.0}).resolution == 2.0
     assert make_run(load_scenario("env1"), {}).resolution == 1.0
@@ -362,7 +408,10 @@ def test_a_picture_of_the_floor():
         column, row = figure.axes[0].transData.transform((x, y))
         return picture[len(picture) - 1 - int(row), int(column), :3].tolist()
 
-    assert math.dist(start.center, (1.0, 1.0)) < 0.36 and math.dist(goal.center, (5.0, 3.0)) < 0.36
+    assert (
+        math.dist(start.center, (1.0, 1.0)) < 0.36
+        and math.dist(goal.center, (5.0, 3.0)) < 0.36
+    )
     assert colour(*start.center) == [0x00, 0x72, 0xB2]
     red, _, blue = colour(*goal.center)
     assert blue - red > 40  # a cell

@@ -21,19 +21,19 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from teams import chosen
 
-from sparse_coord_ros.game.links import Percepts
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.game.world import World
-from sparse_coord_ros.learn.history import HistoryRecorder, load_history
-from sparse_coord_ros.learn.tables import load_team
-from sparse_coord_ros.learners.agent import Agent
-from sparse_coord_ros.learners.memory import taught
-from sparse_coord_ros.learners.registry import learner_of
-from sparse_coord_ros.learners.tables import tables_equal
-from sparse_coord_ros.nodes.recorder import Recorder
-from sparse_coord_ros.nodes.robot import RobotNode
-from sparse_coord_ros.nodes.spin import make_executor, ros_context
-from sparse_coord_ros.nodes.world_simulator import WorldSimulator
+from sparse_coord_ros.core.game.percepts import Percepts
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.game.world import World
+from sparse_coord_ros.core.learners.agent import Agent
+from sparse_coord_ros.core.learners.memory import taught
+from sparse_coord_ros.core.learners.registry import learner_of
+from sparse_coord_ros.core.learners.tables import tables_equal
+from sparse_coord_ros.core.runs.history import HistoryRecorder, load_history
+from sparse_coord_ros.core.runs.tables import load_team
+from sparse_coord_ros.ros.nodes.recorder import Recorder
+from sparse_coord_ros.ros.nodes.robot import RobotNode
+from sparse_coord_ros.ros.nodes.spin import make_executor, ros_context
+from sparse_coord_ros.ros.nodes.world_simulator import WorldSimulator
 
 UDP_ONLY = """\
 <profiles xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
@@ -107,13 +107,19 @@ class Bench:
         """Start a world simulator; env1 without claim window unless `values` say otherwise."""
         values = {"scenario": "env1", "claim_window": 0.0, **values}
         context = self.place()[0]
-        return self.add(WorldSimulator(context=context, namespace=namespace, values=values))
+        return self.add(
+            WorldSimulator(context=context, namespace=namespace, values=values)
+        )
 
-    def robot(self, name: str, *, namespace: str = "", place: str = "team", **values) -> RobotNode:
+    def robot(
+        self, name: str, *, namespace: str = "", place: str = "team", **values
+    ) -> RobotNode:
         """Start a robot."""
         values = {"claim_window": 0.0, **values}
         context = self.place(place)[0]
-        robot = RobotNode(context=context, name=name, namespace=namespace, values=values)
+        robot = RobotNode(
+            context=context, name=name, namespace=namespace, values=values
+        )
         return self.add(robot, place)
 
     def robots(self, count: int = 2, **values) -> list[RobotNode]:
@@ -122,18 +128,24 @@ class Bench:
 
     def recorder(self, out: Path, **values) -> Recorder:
         """Start a recorder."""
-        return self.add(Recorder(context=self.place()[0], values={"out": str(out), **values}))
+        return self.add(
+            Recorder(context=self.place()[0], values={"out": str(out), **values})
+        )
 
     def observer(self, namespace: str = "") -> "Observer":
         """Start a node that is no part of the team, in a context of its own."""
         context = self.place("observer")[0]
         return self.add(Observer(context, namespace, self), "observer")
 
-    def spin_until(self, condition, what: str = "", seconds: float = PATIENCE_SECONDS) -> None:
+    def spin_until(
+        self, condition, what: str = "", seconds: float = PATIENCE_SECONDS
+    ) -> None:
         """Spin until a condition holds; nodes that are done say their last words."""
         deadline = time.monotonic() + seconds
         while not condition():
-            assert time.monotonic() < deadline, f"after {seconds} s still not: {what or condition}"
+            assert time.monotonic() < deadline, (
+                f"after {seconds} s still not: {what or condition}"
+            )
             for _, executor in list(self._places.values()):
                 executor.spin_once(timeout_sec=0.002)
             for node in list(self._nodes):
@@ -148,7 +160,9 @@ class Bench:
 
         Where a recorder is among them they leave too, for which it waits.
         """
-        wanted = set(nodes) or {node for node in self._nodes if hasattr(node, "done")} - {but}
+        wanted = set(nodes) or {
+            node for node in self._nodes if hasattr(node, "done")
+        } - {but}
         leave = any(isinstance(node, Recorder) for node in wanted)
 
         def all_done() -> bool:
@@ -170,10 +184,16 @@ class Observer(Node):
     def listen(self, kind: type, topic: str, *, latched: bool = False) -> list:
         """Return a list to which messages will be appended."""
         messages: list = []
-        durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
-        qos = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE, durability=durability)
+        durability = (
+            DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
+        )
+        qos = QoSProfile(
+            depth=1000, reliability=ReliabilityPolicy.RELIABLE, durability=durability
+        )
         # rclpy looks at the callback's signature, and a builtin has none.
-        self.create_subscription(kind, topic, lambda message: messages.append(message), qos)
+        self.create_subscription(
+            kind, topic, lambda message: messages.append(message), qos
+        )
         return messages
 
     def say(self, publisher, message, condition, what: str) -> None:
@@ -273,7 +293,9 @@ def simulate():
                 scenario,
                 k,
                 seed,
-                memory=None if before[k] is None else taught(scenario, rule, k, before[k].memory),
+                memory=None
+                if before[k] is None
+                else taught(scenario, rule, k, before[k].memory),
             )
             for k in everyone
         ]
@@ -311,7 +333,9 @@ def assert_same_tables():
     """Return a check that tables and history of a run are, byte for byte, the simulation's."""
 
     def check(out: Path, said) -> None:
-        assert tables_equal(load_team(out, said.scenario, said.tables[0].rule), said.tables)
+        assert tables_equal(
+            load_team(out, said.scenario, said.tables[0].rule), said.tables
+        )
         assert load_history(out).same_bits(said.history)
 
     return check
@@ -323,7 +347,11 @@ class Process:
     def __init__(self, module: str, arguments: list[str], log: Path) -> None:
         self._log = log
         with log.open("wb") as file:
-            name = "sparse_coord" if module == "cli.main" else module.removeprefix("nodes.")
+            name = (
+                "sparse_coord"
+                if module == "cli.main"
+                else module.removeprefix("nodes.")
+            )
             self._popen = subprocess.Popen(
                 command(name, *arguments),
                 stdout=file,
@@ -342,12 +370,19 @@ class Process:
 
     def child(self, module: str) -> SimpleNamespace:
         """Return the child process that runs a module of `nodes`, or one with its full name."""
-        children = Path(f"/proc/{self.pid}/task/{self.pid}/children").read_text().split()
+        children = (
+            Path(f"/proc/{self.pid}/task/{self.pid}/children").read_text().split()
+        )
         for pid in map(int, children):
             command = Path(f"/proc/{pid}/cmdline").read_text().split("\0")
             said = command[command.index("-m") + 1 :] if "-m" in command else []
-            if said[:1] == [module] or said[:2] == ["sparse_coord_ros.executables", module]:
-                return SimpleNamespace(pid=pid, send_signal=functools.partial(os.kill, pid))
+            if said[:1] == [module] or said[:2] == [
+                "sparse_coord_ros.executables",
+                module,
+            ]:
+                return SimpleNamespace(
+                    pid=pid, send_signal=functools.partial(os.kill, pid)
+                )
         raise AssertionError(f"no child runs {module}: {children}")
 
     @property
@@ -359,7 +394,9 @@ class Process:
         """Wait until it has printed a text, so many times."""
         deadline = time.monotonic() + PATIENCE_SECONDS
         while self.output.count(text) < times:
-            assert self.running() and time.monotonic() < deadline, f"no {text!r}: {self.output}"
+            assert self.running() and time.monotonic() < deadline, (
+                f"no {text!r}: {self.output}"
+            )
             time.sleep(0.01)
 
     def exit_code(self, seconds: float = PATIENCE_SECONDS) -> int:
@@ -422,7 +459,9 @@ def no_process_left():
 
     What ends as its parent has ended (a recorder's writer, a browser's helpers) needs a moment.
     """
-    before = _descendants()  # other tests' process pools leave multiprocessing's own tracker
+    before = (
+        _descendants()
+    )  # other tests' process pools leave multiprocessing's own tracker
     yield
     deadline = time.monotonic() + PATIENCE_SECONDS
     while left := [one for one in _descendants() if one not in before]:

@@ -10,13 +10,13 @@ from mcap.reader import make_reader
 from nav_msgs.msg import Path
 from rclpy.serialization import deserialize_message
 
-from sparse_coord_ros.learn.run_config import load_run
-from sparse_coord_ros.lockstep.robot_side import RobotSide
-from sparse_coord_ros.lockstep.world_side import WorldSide
-from sparse_coord_ros.nodes.messages import Converter
-from sparse_coord_ros.nodes.spin import ros_context
-from sparse_coord_ros.nodes.team import run_team
-from sparse_coord_ros.runlog import verify
+from sparse_coord_ros.core.runs.run_config import load_run
+from sparse_coord_ros.log.runlog import verify
+from sparse_coord_ros.protocol.lockstep.robot_side import RobotSide
+from sparse_coord_ros.protocol.lockstep.world_side import WorldSide
+from sparse_coord_ros.ros.nodes.messages import Converter
+from sparse_coord_ros.ros.nodes.spin import ros_context
+from sparse_coord_ros.ros.nodes.team import run_team
 
 SEED = 7
 STEPS = 250
@@ -40,7 +40,9 @@ def values(out, scenario="env1", steps=STEPS, **more):
     ("executor", "record", "namespace"),
     [("events", True, "team_a"), ("single", False, "")],
 )
-def test_team_in_one_process(tmp_path, env1, assert_same_tables, executor, record, namespace):
+def test_team_in_one_process(
+    tmp_path, env1, assert_same_tables, executor, record, namespace
+):
     out = tmp_path / "out"
     given = values(out, executor=executor, record=record)
     with ros_context() as context:
@@ -78,7 +80,9 @@ def test_team_of_three_that_perceive_all_peers_and_pay_differently(
     sets = [f"{name}={value}" for name, value in settings.items()]
     out = tmp_path / "out"
     with ros_context() as context:
-        summary = run_team(values(out, str(scenario), 150, set=sets, record=True), context=context)
+        summary = run_team(
+            values(out, str(scenario), 150, set=sets, record=True), context=context
+        )
     assert_same_tables(out, said)
     assert summary["timeouts"] == 0
     assert any(reward.common == -200.0 for reward in said.rewards.values())
@@ -99,7 +103,8 @@ def test_team_of_three_that_perceive_all_peers_and_pay_differently(
             cells = tuple(convert.cell(place.x, place.y) for place in places)
             recorded[topics.index(channel.topic), step] = cells
     assert recorded == {
-        key: (own, *(perceived or ())) for key, (own, perceived) in said.percepts.items()
+        key: (own, *(perceived or ()))
+        for key, (own, perceived) in said.percepts.items()
     }
 
 
@@ -144,7 +149,10 @@ def test_a_learner_that_marks_cells(tmp_path, simulate, assert_same_tables):
     sets = [f"{name}={value}" for name, value in settings.items()]
     out = tmp_path / "out"
     with ros_context() as context:
-        run_team(values(out, str(door), 700, set=sets, learner="cq", record=True), context=context)
+        run_team(
+            values(out, str(door), 700, set=sets, learner="cq", record=True),
+            context=context,
+        )
     assert_same_tables(out, said)
     assert verify(out / "bag").same
 
@@ -157,7 +165,9 @@ def test_links_that_fail_fail_alike(tmp_path, simulate, assert_same_tables):
     sets = [f"{name}={value}" for name, value in settings.items()]
     out = tmp_path / "out"
     with ros_context() as context:
-        summary = run_team(values(out, "env1", 120, set=sets, record=True), context=context)
+        summary = run_team(
+            values(out, "env1", 120, set=sets, record=True), context=context
+        )
     assert_same_tables(out, said)
     assert sum(asks["refused"] for asks in summary["asks"].values()) > 5
     assert verify(out / "bag").same
@@ -167,7 +177,15 @@ def test_every_node_in_its_own_process(tmp_path, simulate, start, assert_same_ta
     settings = {**EXPLORING, "steps": 60, "perception": "probability:0.7"}
     said = simulate("crowd-3r", settings, seed=SEED, learner="factored")
     out = tmp_path / "out"
-    arguments = ["--learner", "factored", "--seed", str(SEED), "--out", str(out), "--processes"]
+    arguments = [
+        "--learner",
+        "factored",
+        "--seed",
+        str(SEED),
+        "--out",
+        str(out),
+        "--processes",
+    ]
     for name, value in settings.items():
         arguments += ["--set", f"{name}={value}"]
     process = start("cli.main", "run", "crowd-3r", *arguments)
@@ -177,7 +195,9 @@ def test_every_node_in_its_own_process(tmp_path, simulate, start, assert_same_ta
     assert (out / "bag" / "metadata.yaml").exists()
 
 
-def test_what_is_lost_is_said_again(bench, tmp_path, simulate, assert_same_tables, monkeypatch):
+def test_what_is_lost_is_said_again(
+    bench, tmp_path, simulate, assert_same_tables, monkeypatch
+):
     """An action, a reward and a state that do not come."""
     settings = {"steps": 45, "perception": "probability:0.8"}
     said = simulate("env2-4r", settings, seed=SEED)
@@ -186,7 +206,11 @@ def test_what_is_lost_is_said_again(bench, tmp_path, simulate, assert_same_table
         calls = count(1)
         return lambda *what: next(calls) != number and hear(*what)
 
-    lost = [(WorldSide, "action", 20), (RobotSide, "reward", 60), (RobotSide, "state", 90)]
+    lost = [
+        (WorldSide, "action", 20),
+        (RobotSide, "reward", 60),
+        (RobotSide, "state", 90),
+    ]
     for side, kind, number in lost:
         monkeypatch.setattr(side, kind, losing(getattr(side, kind), number))
     sets = [f"{name}={value}" for name, value in settings.items()]

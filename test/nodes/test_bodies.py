@@ -8,24 +8,29 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Twist, TwistStamped
+from geometry_msgs.msg import (
+    PoseStamped,
+    PoseWithCovarianceStamped,
+    Twist,
+    TwistStamped,
+)
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 
-from sparse_coord_ros.driving.ground import Ground, Pose
-from sparse_coord_ros.driving.mover import Mover
-from sparse_coord_ros.errors import RunError, SettingError
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learn.run_config import make_run
-from sparse_coord_ros.lockstep.bodies import BodyGoal, Goals, Reached
-from sparse_coord_ros.nodes.body import BodyNode, read_command
-from sparse_coord_ros.nodes.driver import DriverNode
-from sparse_coord_ros.nodes.messages import Converter
-from sparse_coord_ros.nodes.outputs import gather
-from sparse_coord_ros.runlog import verify
+from sparse_coord_ros.base.errors import RunError, SettingError
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.runs.run_config import make_run
+from sparse_coord_ros.lab.driving.ground import Ground, Pose
+from sparse_coord_ros.lab.driving.mover import Mover
+from sparse_coord_ros.log.runlog import verify
+from sparse_coord_ros.protocol.lockstep.bodies import BodyGoal, Goals, Reached
+from sparse_coord_ros.ros.nodes.body import BodyNode, read_command
+from sparse_coord_ros.ros.nodes.driver import DriverNode
+from sparse_coord_ros.ros.nodes.messages import Converter
+from sparse_coord_ros.ros.nodes.outputs import gather
 
 QUICK = {"speed": 2.0, "turn": 6.0}
 """Bodies that are fast for their ticks, so that a step takes few of them."""
@@ -35,7 +40,12 @@ ROBOTS = ("robot_1", "robot_2")
 
 def with_bodies(bench, out, *, steps=8, body=None, driver=None, namespace="", **more):
     """Start a team with bodies on a bench, and return its world, robots, drivers and body."""
-    more |= {"set": [f"steps={steps}"], "out": str(out), "seed": 7, "namespace": namespace}
+    more |= {
+        "set": [f"steps={steps}"],
+        "out": str(out),
+        "seed": 7,
+        "namespace": namespace,
+    }
     world = bench.world(bodies=True, **more)
     robots = bench.robots(out=str(out), namespace=namespace)
     place = {"context": bench.place()[0], "namespace": namespace}
@@ -75,7 +85,9 @@ def test_bodies_that_get_there_learn_what_the_grid_teaches(
     assert body.summary()["seconds"] >= summary["body_seconds"] - 1e-6
 
 
-def test_with_a_rate_bodies_drive_at_once_and_the_step_that_is_late_does_not_wait(bench, tmp_path):
+def test_with_a_rate_bodies_drive_at_once_and_the_step_that_is_late_does_not_wait(
+    bench, tmp_path
+):
     world, *_ = with_bodies(bench, tmp_path / "out", steps=400, rate=0.001)
     made = world.lockstep.world
 
@@ -90,7 +102,9 @@ def test_with_a_rate_bodies_drive_at_once_and_the_step_that_is_late_does_not_wai
     world._advance_where_due(beat=True)
     assert made.transitions == 1
     bench.spin_until(lambda: made.transitions == 2, "it is made when they are there")
-    bench.spin_until(lambda: world.lockstep.complete and there(), "it waits for the next beat")
+    bench.spin_until(
+        lambda: world.lockstep.complete and there(), "it waits for the next beat"
+    )
     assert made.transitions == 2
 
 
@@ -137,7 +151,9 @@ def test_verify_takes_where_bodies_got_to_as_it_is_logged(bench, tmp_path, slips
     """A body may fail where a move of the grid does not: all that follows is computed again."""
     out = tmp_path / "out"
     late = {"step_seconds": 0.7}
-    world, robots, *_ = with_bodies(bench, out, steps=12, driver=late, recorded=True, slips=slips)
+    world, robots, *_ = with_bodies(
+        bench, out, steps=12, driver=late, recorded=True, slips=slips
+    )
     recorder = bench.recorder(out / "bag")
     bench.spin_until_done(world, *robots, recorder)
     assert world.summary()["moves_failed"] > 0
@@ -168,7 +184,9 @@ def test_poses_that_came_while_a_driver_slept_are_no_complaint(bench, tmp_path):
 def test_drivers_that_are_missing_are_named(bench, tmp_path):
     bench.world(bodies=True, set=["steps=3"], startup_timeout=0.4)
     bench.robots()
-    with pytest.raises(RunError, match="driver --ros-args -p robot:=robot_1, driver --ros"):
+    with pytest.raises(
+        RunError, match="driver --ros-args -p robot:=robot_1, driver --ros"
+    ):
         bench.spin_until(lambda: False)
 
 
@@ -186,7 +204,13 @@ def test_in_many_processes_the_same_bits_and_paths(
             nodes.append(start_node("robot", name, out=out))
         world = start_node(
             *("world_simulator", "world_simulator"),
-            **{"scenario": "env1", "set": ["steps=60"], "seed": 7, "bodies": True, "out": out},
+            **{
+                "scenario": "env1",
+                "set": ["steps=60"],
+                "seed": 7,
+                "bodies": True,
+                "out": out,
+            },
         )
         assert [node.exit_code() for node in (world, *nodes)] == [0] * 6, world.output
         scenario = load_scenario("env1", steps=60)
@@ -207,7 +231,8 @@ def test_without_its_driver_a_body_has_not_moved_and_the_world_goes_on(bench, tm
     before = world.lockstep.world.transitions
     bench.spin_until(
         lambda: (
-            world.summary()["bodies_lost"] > 0 and world.lockstep.world.transitions > before + 2
+            world.summary()["bodies_lost"] > 0
+            and world.lockstep.world.transitions > before + 2
         ),
         "the world goes on",
     )
@@ -226,7 +251,9 @@ def test_pause_step_and_reset(bench, tmp_path):
     bench.spin_until(lambda: world.lockstep.world.transitions == before + 1, "one step")
     observer.call(Trigger, "world_simulator/reset")
     observer.call(SetBool, "world_simulator/pause", SetBool.Request(data=False))
-    bench.spin_until(lambda: world.lockstep.world.transitions > before + 4, "it goes on")
+    bench.spin_until(
+        lambda: world.lockstep.world.transitions > before + 4, "it goes on"
+    )
 
 
 def test_at_their_own_speed(bench, tmp_path):
@@ -249,7 +276,10 @@ def test_goals_and_reports_travel(own_domain):
     convert = Converter(run)
     goals = Goals(3, 17, False, 4.5, (BodyGoal(1, 4, 5),))
     assert convert.read_goals(convert.goals_message(goals)) == goals
-    for reached in (Reached(0, 3, 5, True, 1.25, 0.0), Reached(0, 3, -1, False, 9.0, 0.0)):
+    for reached in (
+        Reached(0, 3, 5, True, 1.25, 0.0),
+        Reached(0, 3, -1, False, 9.0, 0.0),
+    ):
         assert convert.read_reached(0, convert.reached_message(17, reached)) == reached
 
 
@@ -300,8 +330,16 @@ def test_bad_goals_are_refused():
     ("values", "kind", "text"),
     [
         ({}, SettingError, "parameter robot: none is given"),
-        ({"robot": "robot_9"}, RunError, "robot 'robot_9': scenario env1 has no such robot"),
-        ({"robot": "robot_1", "radius": 3.0}, SettingError, "radius: value is 3, allowed: less"),
+        (
+            {"robot": "robot_9"},
+            RunError,
+            "robot 'robot_9': scenario env1 has no such robot",
+        ),
+        (
+            {"robot": "robot_1", "radius": 3.0},
+            SettingError,
+            "radius: value is 3, allowed: less",
+        ),
         ({"robot": "robot_1", "pose_type": "gps"}, SettingError, "pose_type"),
     ],
 )
@@ -329,7 +367,9 @@ def test_poses_of_other_types(bench, pose_type, kind):
     message.pose.pose.position.x = 1.5
     message.pose.pose.orientation.z = 1.0
     message.pose.pose.orientation.w = 0.0
-    observer.say(publisher, message, lambda: driver.driver.pose is not None, "the pose is there")
+    observer.say(
+        publisher, message, lambda: driver.driver.pose is not None, "the pose is there"
+    )
     assert driver.driver.pose == pytest.approx((1.5, 0.0, np.pi))
     assert world.run.scenario.name == "env1"
 
@@ -337,7 +377,9 @@ def test_poses_of_other_types(bench, pose_type, kind):
 def test_poses_from_transforms(bench):
     """The classes of tf2_msgs are not in the wheels: what they hold is given as it is."""
     bench.world(bodies=True)
-    driver = bench.add(DriverNode(context=bench.place()[0], values={"robot": "robot_1"}))
+    driver = bench.add(
+        DriverNode(context=bench.place()[0], values={"robot": "robot_1"})
+    )
     bench.spin_until(lambda: driver.presence is not None, "the run is known")
 
     def transform(parent, child, x, seconds):
@@ -383,15 +425,25 @@ def test_a_body_whose_poses_stop_is_stopped(bench):
     pose = PoseStamped()
     pose.header.frame_id = "odom"
     pose.header.stamp.sec = 1
-    observer.say(poses, pose, lambda: driver.intake.total > 0, "another frame is dropped")
+    observer.say(
+        poses, pose, lambda: driver.intake.total > 0, "another frame is dropped"
+    )
     x, y = world.topics.convert.centres[0]
     pose.header.frame_id = "map"
     pose.pose.orientation.w = 1.0
     pose.pose.position.x = x
     pose.pose.position.y = y
-    observer.say(poses, pose, lambda: driver.driver.pose is not None, "the pose is there")
+    observer.say(
+        poses, pose, lambda: driver.driver.pose is not None, "the pose is there"
+    )
     world.bodies.send(
-        Goals(1, 1, False, 0.0, (BodyGoal(0, 0, int(world.run.scenario.map.next_cell[0, 1])),))
+        Goals(
+            1,
+            1,
+            False,
+            0.0,
+            (BodyGoal(0, 0, int(world.run.scenario.map.next_cell[0, 1])),),
+        )
     )
     bench.spin_until(lambda: len(commands) >= 2, "it drives and is stopped")
     assert commands[0].angular.z or commands[0].linear.x
@@ -405,21 +457,32 @@ def test_deactivated_a_body_stands_and_activated_it_goes_on(bench, tmp_path):
 
     def change(transition):
         request = ChangeState.Request(transition=Transition(id=transition))
-        return observer.call(ChangeState, "robot_1_driver/change_state", request).success
+        return observer.call(
+            ChangeState, "robot_1_driver/change_state", request
+        ).success
 
     commands = observer.listen(Twist, "robot_1/cmd_vel")
     bench.spin_until(lambda: commands, "commands are heard")
     assert change(Transition.TRANSITION_DEACTIVATE)
     bench.spin_until(lambda: commands and commands[-1] == Twist(), "zero velocity")
-    assert not change(Transition.TRANSITION_DEACTIVATE), "it is inactive; and the node lives"
+    assert not change(Transition.TRANSITION_DEACTIVATE), (
+        "it is inactive; and the node lives"
+    )
     before = world.lockstep.world.transitions
     assert change(Transition.TRANSITION_ACTIVATE)
-    bench.spin_until(lambda: world.lockstep.world.transitions > before + 2, "it goes on")
+    bench.spin_until(
+        lambda: world.lockstep.world.transitions > before + 2, "it goes on"
+    )
 
 
 def test_a_driver_that_somebody_manages_waits_for_its_activation(bench):
     bench.world(bodies=True, set=["steps=5"])
-    values = {"robot": "robot_1", "autostart": False, "stamped": True, "frame_prefix": "a_"}
+    values = {
+        "robot": "robot_1",
+        "autostart": False,
+        "stamped": True,
+        "frame_prefix": "a_",
+    }
     driver = bench.add(DriverNode(context=bench.place()[0], values=values))
     observer = bench.observer()
     poses = observer.create_publisher(PoseStamped, "robot_1/pose", 10)
@@ -429,11 +492,15 @@ def test_a_driver_that_somebody_manages_waits_for_its_activation(bench):
     pose.header.frame_id = "map"
     pose.header.stamp.sec = 1
     pose.pose.orientation.w = 1.0
-    observer.say(poses, pose, lambda: driver.driver.pose is not None, "the pose is there")
+    observer.say(
+        poses, pose, lambda: driver.driver.pose is not None, "the pose is there"
+    )
     assert driver._reached_publisher is None and not driver.active
     driver.trigger_configure()
     driver.trigger_activate()
-    bench.spin_until(lambda: driver._reached_publisher is not None, "it reports for duty")
+    bench.spin_until(
+        lambda: driver._reached_publisher is not None, "it reports for duty"
+    )
     driver.halt()
     bench.spin_until(lambda: commands, "a stamped command")
     assert commands[0].header.frame_id == "a_robot_1/base_link"

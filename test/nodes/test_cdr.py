@@ -15,8 +15,13 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
-from sparse_coord_ros.wire import ACTION, ACTION_LABELS, REWARD, Account
-from sparse_coord_ros.wire.messages import ACTION_FORM, CLOCK_FORM, POSE_FORM, REWARD_FORM
+from sparse_coord_ros.protocol.wire import ACTION, ACTION_LABELS, REWARD, Account
+from sparse_coord_ros.protocol.wire.messages import (
+    ACTION_FORM,
+    CLOCK_FORM,
+    POSE_FORM,
+    REWARD_FORM,
+)
 
 STAMPS = [(0, 0), (1, 1), (12, 300_000_000), (2**31 - 1, 999_999_999)]
 NUMBERS = [0.0, -0.0, 1.0, -21.0, 0.1, 5e-324, -1.7e308, math.inf, 7.3e77]
@@ -26,7 +31,9 @@ def assert_same_cdr(data, message):
     """Check bytes against rclpy's, which holds random ones where no field lies and at its end."""
     theirs = serialize_message(message)
     assert len(data) <= len(theirs) <= len(data) + 8
-    assert all(mine == other or mine == 0 for mine, other in zip(data, theirs, strict=False))
+    assert all(
+        mine == other or mine == 0 for mine, other in zip(data, theirs, strict=False)
+    )
     assert deserialize_message(data, type(message)) == message
 
 
@@ -42,7 +49,9 @@ def pose(sec, nanosec, x, y, frame_id="map"):
 
 
 def labelled(labels, numbers, sec=5, nanosec=6):
-    return JointState(header=header(sec, nanosec), name=list(labels), position=list(numbers))
+    return JointState(
+        header=header(sec, nanosec), name=list(labels), position=list(numbers)
+    )
 
 
 def said(form, message):
@@ -65,7 +74,9 @@ def test_packs_a_pose_as_rclpy_does(stamp):
 
 
 @pytest.mark.parametrize("stamp", STAMPS)
-@pytest.mark.parametrize(("form", "topic"), [(REWARD_FORM, REWARD), (ACTION_FORM, ACTION)])
+@pytest.mark.parametrize(
+    ("form", "topic"), [(REWARD_FORM, REWARD), (ACTION_FORM, ACTION)]
+)
 def test_packs_labelled_numbers_as_rclpy_does(form, topic, stamp):
     for shift in range(len(NUMBERS)):
         numbers = (NUMBERS[shift:] + NUMBERS[:shift])[: len(topic.labels)]
@@ -86,7 +97,9 @@ def test_reads_what_a_publisher_of_messages_sends(bench):
     publisher = bench.observer().create_publisher(JointState, "reward", 10)
     reader = bench.add(Node("reader", context=bench.place()[0]))
     got = []
-    reader.create_subscription(JointState, "reward", lambda data: got.append(data), 10, raw=True)
+    reader.create_subscription(
+        JointState, "reward", lambda data: got.append(data), 10, raw=True
+    )
     bench.spin_until(lambda: publisher.get_subscription_count(), "matched")
 
     def arrived():
@@ -149,7 +162,11 @@ def test_reads_a_message_that_says_velocities_too():
     [
         (REWARD.labels[1:], 3, "labels no number individual"),
         (REWARD.labels, 3, "has 4 labels and 3 numbers"),
-        ((*REWARD.labels[:3], "common"), 4, "labels a number twice: individual, common, ask_c"),
+        (
+            (*REWARD.labels[:3], "common"),
+            4,
+            "labels a number twice: individual, common, ask_c",
+        ),
         ((), 0, "labels no number individual, common, ask_cost, total"),
     ],
 )

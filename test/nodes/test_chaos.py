@@ -11,10 +11,10 @@ import yaml
 from chaos import DELETE, KILL, LIE, NODES, STOP, VISIT, plan_of
 from live_teams import odd_counts
 
-from sparse_coord_ros.lockstep.robot_side import ASKS
-from sparse_coord_ros.nodes.spin import ros_context
-from sparse_coord_ros.nodes.team import run_team
-from sparse_coord_ros.runlog import verify
+from sparse_coord_ros.log.runlog import verify
+from sparse_coord_ros.protocol.lockstep.robot_side import ASKS
+from sparse_coord_ros.ros.nodes.spin import ros_context
+from sparse_coord_ros.ros.nodes.team import run_team
 
 
 def test_a_seed_draws_a_run():
@@ -30,7 +30,12 @@ def test_a_seed_draws_a_run():
 
 def test_counts_that_contradict_one_another_are_named(tmp_path):
     out = tmp_path / "out"
-    values = {"scenario": "env1", "out": str(out), "set": ["steps=120"], "claim_window": 0.0}
+    values = {
+        "scenario": "env1",
+        "out": str(out),
+        "set": ["steps=120"],
+        "claim_window": 0.0,
+    }
     with ros_context() as context:
         run_team({**values, "record": True}, context=context)
     found = verify(out)
@@ -48,11 +53,16 @@ def test_counts_that_contradict_one_another_are_named(tmp_path):
         ),
         ({"taken_back": 1}, ["taken_back, in summary and diagnostics"]),
         ({"last_step": 5}, ["transitions and step, in summary and status"]),
-        ({"asks": {"robot_1": dict.fromkeys(ASKS, 99)}}, ["how often robot_1 asked, and history"]),
+        (
+            {"asks": {"robot_1": dict.fromkeys(ASKS, 99)}},
+            ["how often robot_1 asked, and history"],
+        ),
     ):
         path.write_text(yaml.safe_dump({**right, **change}))
         odd = odd_counts(out, found)
-        assert [one[: len(words)] for one, words in zip(odd, named, strict=True)] == named
+        assert [
+            one[: len(words)] for one, words in zip(odd, named, strict=True)
+        ] == named
 
 
 @pytest.mark.long

@@ -8,9 +8,9 @@ import pytest
 from rosgraph_msgs.msg import Clock
 from visualization_msgs.msg import MarkerArray
 
-from sparse_coord_ros.nodes.body import BodyNode
-from sparse_coord_ros.nodes.driver import DriverNode
-from sparse_coord_ros.runlog.verify import verify
+from sparse_coord_ros.log.runlog.verify import verify
+from sparse_coord_ros.ros.nodes.body import BodyNode
+from sparse_coord_ros.ros.nodes.driver import DriverNode
 
 FLEETS = ("a", "b")
 ROBOTS = ("robot_1", "robot_2")
@@ -26,14 +26,21 @@ def stamps(arrays):
 
 
 @pytest.mark.parametrize("clock", ["own", "none"])
-def test_markers_have_the_run_s_time_only_where_it_is_that_of_the_clock(bench, tmp_path, clock):
+def test_markers_have_the_run_s_time_only_where_it_is_that_of_the_clock(
+    bench, tmp_path, clock
+):
     """Where the clock is others', time steps of some seconds would be long gone."""
     out = tmp_path / "out"
     observer = bench.observer()
-    heard = [observer.listen(MarkerArray, name, latched=True) for name in ("markers", "scene")]
+    heard = [
+        observer.listen(MarkerArray, name, latched=True)
+        for name in ("markers", "scene")
+    ]
     begun = time.time()
     bench.recorder(out / "bag")
-    world = bench.world(out=str(out), set=["steps=150"], recorded=True, clock=clock, rate=150.0)
+    world = bench.world(
+        out=str(out), set=["steps=150"], recorded=True, clock=clock, rate=150.0
+    )
     bench.robots(out=str(out))
     bench.spin_until_done()
     end = world.lockstep.world.step * world.run.step_period
@@ -54,7 +61,12 @@ def fleets(bench, tmp_path):
             out = str(tmp_path / name)
             # Time steps of unlike length: the fleets' clocks do not agree.
             period = 0.1 if name == "a" else 7.0
-            more = {"set": ["steps=12"], "bodies": bodies, "step_period": period, "rate": 40.0}
+            more = {
+                "set": ["steps=12"],
+                "bodies": bodies,
+                "step_period": period,
+                "rate": 40.0,
+            }
             more["clock"] = "none" if bodies else "own"
             worlds.append(bench.world(namespace=name, out=out, **more))
             bench.robots(out=out, namespace=name)
@@ -100,7 +112,10 @@ def test_two_fleets_beside_a_robot_of_the_system_s_time_do_not_share_tf(
     observer = bench.observer()
     of_all = observer.listen(TFMessage, "/tf")
     heard = {
-        name: (observer.listen(Clock, f"{name}/clock"), observer.listen(TFMessage, f"{name}/tf"))
+        name: (
+            observer.listen(Clock, f"{name}/clock"),
+            observer.listen(TFMessage, f"{name}/tf"),
+        )
         for name in FLEETS
     }
     fleets(bodies=bodies)
@@ -122,5 +137,7 @@ def test_without_a_clock_of_the_run_transforms_have_the_system_s_time(types, ben
     bench.robots()
     bench.spin_until_done(world)
     links = [one for message in transforms for one in message.transforms]
-    assert {one.child_frame_id for one in links} == {f"{name}/base_link" for name in ROBOTS}
+    assert {one.child_frame_id for one in links} == {
+        f"{name}/base_link" for name in ROBOTS
+    }
     assert all(begun <= seconds(one.header.stamp) <= time.time() for one in links)

@@ -9,14 +9,14 @@ from types import ModuleType
 
 import pytest
 
+from sparse_coord_ros.base.errors import RunError
 from sparse_coord_ros.cli.main import main
-from sparse_coord_ros.errors import RunError
-from sparse_coord_ros.nodes import conformance
-from sparse_coord_ros.nodes.conformance import BROKEN as BROKEN_ONE
-from sparse_coord_ros.nodes.conformance import KEPT, NOT_SEEN, OBLIGATIONS, Stage
-from sparse_coord_ros.nodes.robot import RobotNode
-from sparse_coord_ros.nodes.team import run_team
-from sparse_coord_ros.runlog.verify import verify
+from sparse_coord_ros.log.runlog.verify import verify
+from sparse_coord_ros.ros.nodes import conformance
+from sparse_coord_ros.ros.nodes.conformance import BROKEN as BROKEN_ONE
+from sparse_coord_ros.ros.nodes.conformance import KEPT, NOT_SEEN, OBLIGATIONS, Stage
+from sparse_coord_ros.ros.nodes.robot import RobotNode
+from sparse_coord_ros.ros.nodes.team import run_team
 
 ROOT = Path(__file__).parents[2]
 NAME = ["--ros-args", "-r", "__node:=robot_1"]
@@ -91,8 +91,18 @@ def test_checkpoints_may_be_required(judged, example):
 PLAIN = "own_robot"
 LEARNS = "own_learning_robot"
 BROKEN = [
-    ("begins", PLAIN, "self.create_subscription(JointState", "print(JointState"),
-    ("begins", PLAIN, "self.listen()\n            self.say_progress()", "self.listen()"),
+    (
+        "begins",
+        PLAIN,
+        "self.create_subscription(\n            JointState",
+        "print(JointState",
+    ),
+    (
+        "begins",
+        PLAIN,
+        "self.listen()\n            self.say_progress()",
+        "self.listen()",
+    ),
     ("acts", PLAIN, "and not self.rests()", "and not self.rests() and self.step % 9"),
     ("action", PLAIN, '"percept", "learned"]', '"percept", "taught"]'),
     ("repeats", PLAIN, "and self.said:", "and not self.said:"),
@@ -122,7 +132,9 @@ BROKEN = [
     [BROKEN[0], *(pytest.param(*row, marks=pytest.mark.long) for row in BROKEN[1:])],
     ids=[what for what, *_ in BROKEN],
 )
-def test_who_breaks_an_obligation_is_told_which(judged, example, what, robot, before, after):
+def test_who_breaks_an_obligation_is_told_which(
+    judged, example, what, robot, before, after
+):
     stage = judged(example(robot, **{robot: [(before, after)]}))
     assert what in stage.broken, stage.broken
     place, text, _ = OBLIGATIONS[what]
@@ -143,7 +155,12 @@ def test_obligations_stand_in_the_docs():
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("robot", "broken"),
-    [("examples/own_robot.py", ""), ("ours", ""), ("unended", "ends"), ("failing", "ends")],
+    [
+        ("examples/own_robot.py", ""),
+        ("ours", ""),
+        ("unended", "ends"),
+        ("failing", "ends"),
+    ],
 )
 def test_a_robot_of_a_process_of_its_own(tmp_path, capfd, robot, broken):
     command = [sys.executable, str(ROOT / robot)]
@@ -157,7 +174,11 @@ def test_a_robot_of_a_process_of_its_own(tmp_path, capfd, robot, broken):
         command[1] = str(tmp_path / "robot.py")
         Path(command[1]).write_text(text)
     assert main(["conformance", "--", *command, *NAME]) == bool(broken)
-    said = [line for line in capfd.readouterr().out.splitlines() if line.startswith("BROKEN")]
+    said = [
+        line
+        for line in capfd.readouterr().out.splitlines()
+        if line.startswith("BROKEN")
+    ]
     assert [line.split()[1] for line in said] == [broken] * bool(broken)
 
 

@@ -10,28 +10,36 @@ import pytest
 from std_srvs.srv import Trigger
 from teams import tables_in
 
-from sparse_coord_ros.compiling import has_numba
-from sparse_coord_ros.engine.improve import improve
-from sparse_coord_ros.engine.training import train
-from sparse_coord_ros.errors import SettingError
-from sparse_coord_ros.learn.run_config import load_run
-from sparse_coord_ros.learn.tables import pack_tables, unpack_saved
-from sparse_coord_ros.learners.tables import tables_equal
-from sparse_coord_ros.nodes.exchange import TICK_SECONDS, Exchange
-from sparse_coord_ros.nodes.spin import ros_context
-from sparse_coord_ros.nodes.team import run_team
-from sparse_coord_ros.runlog import improved, verify
+from sparse_coord_ros.base.compiling import has_numba
+from sparse_coord_ros.base.errors import SettingError
+from sparse_coord_ros.core.engine.improve import improve
+from sparse_coord_ros.core.engine.training import train
+from sparse_coord_ros.core.learners.tables import tables_equal
+from sparse_coord_ros.core.runs.run_config import load_run
+from sparse_coord_ros.core.runs.tables import pack_tables, unpack_saved
+from sparse_coord_ros.log.runlog import improved, verify
+from sparse_coord_ros.ros.nodes.exchange import TICK_SECONDS, Exchange
+from sparse_coord_ros.ros.nodes.spin import ros_context
+from sparse_coord_ros.ros.nodes.team import run_team
 
 pytestmark = pytest.mark.skipif(not has_numba(), reason="minutes in plain Python")
 
 
 def values(out, **more):
     sets = ["steps=300", "penalty=-100"]
-    base = {"scenario": "env1", "learner": "factored", "seed": 7, "set": sets, "improve": True}
+    base = {
+        "scenario": "env1",
+        "learner": "factored",
+        "seed": 7,
+        "set": sets,
+        "improve": True,
+    }
     return {**base, "out": str(out), "claim_window": 0.0, "record": True, **more}
 
 
-def test_each_robot_plans_what_a_run_without_ros_plans_and_verify_again(tmp_path, monkeypatch):
+def test_each_robot_plans_what_a_run_without_ros_plans_and_verify_again(
+    tmp_path, monkeypatch
+):
     out = tmp_path / "out"
     with ros_context() as context:
         run_team(values(out), context=context)
@@ -48,10 +56,14 @@ def test_each_robot_plans_what_a_run_without_ros_plans_and_verify_again(tmp_path
     backwards = lambda scenario, rule, known: real(scenario, rule, known[::-1])  # noqa: E731
     monkeypatch.setattr(improved, "improve", backwards)
     odd = verify(out / "bag").differences
-    assert [one.quantity.split()[0] for one in odd] == [f"improved/robot_{k}.npz" for k in (1, 2)]
+    assert [one.quantity.split()[0] for one in odd] == [
+        f"improved/robot_{k}.npz" for k in (1, 2)
+    ]
 
 
-def test_a_robot_keeps_its_tables_where_a_peer_says_nothing(tmp_path, monkeypatch, capfd):
+def test_a_robot_keeps_its_tables_where_a_peer_says_nothing(
+    tmp_path, monkeypatch, capfd
+):
     def silent(self, request, response):
         if self._number == 1:
             return response
@@ -65,11 +77,15 @@ def test_a_robot_keeps_its_tables_where_a_peer_says_nothing(tmp_path, monkeypatc
     assert "robot_2 did not say what was learned" in capfd.readouterr().err
     learned = tables_in(out)
     plan = tables_in(out / "improved")
-    assert tables_equal(plan[:1], learned[:1]) and not tables_equal(plan[1:], learned[1:])
+    assert tables_equal(plan[:1], learned[:1]) and not tables_equal(
+        plan[1:], learned[1:]
+    )
     found = verify(out / "bag")
     assert found.cannot_tell and found.kept == 1
     [why] = found.broke_off
-    assert why.startswith("robot_1 kept what it had learned, as where a peer does not say")
+    assert why.startswith(
+        "robot_1 kept what it had learned, as where a peer does not say"
+    )
 
 
 def test_a_learning_robot_says_nothing_and_one_that_has_learned_all(bench):
@@ -98,7 +114,9 @@ def test_an_answer_that_is_none_is_not_used(bench):
     learning = response("it is still learning", success=False)
     mine._take(1, SimpleNamespace(result=lambda: learning))
     assert 1 not in mine._learned
-    assert robots[0].intake.total == 2, "it does not know all yet: nothing is wrong with that"
+    assert robots[0].intake.total == 2, (
+        "it does not know all yet: nothing is wrong with that"
+    )
 
 
 def test_what_no_robot_can_have_learned_is_not_used(bench):
@@ -133,7 +151,10 @@ def test_a_second_server_of_what_was_learned_is_told(bench, capfd):
 
     bench.spin_until(seen, "the stranger is seen")
     assert world.summary()["services_of_two_servers"] == 1
-    assert "/robot_2/learned has 2 servers, /observer, /robot_2; it" in capfd.readouterr().err
+    assert (
+        "/robot_2/learned has 2 servers, /observer, /robot_2; it"
+        in capfd.readouterr().err
+    )
 
 
 def response(text, *, success=True):
@@ -158,7 +179,9 @@ def test_nobody_leaves_before_its_peers_have_asked(bench):
     second._learned[1] = second._packed()  # it could answer, but does not ask yet
     bench.spin_until(lambda: first.over() or 1 in first._learned, "the first knows all")
     assert not first.over() and not first.over(), "the second has not asked it"
-    bench.spin_until(lambda: second.over() or 0 in second._learned, "the second knows all")
+    bench.spin_until(
+        lambda: second.over() or 0 in second._learned, "the second knows all"
+    )
     assert first.over() and second.over()
     alone = Exchange(robots[0], world.run, first._packed)
     ticks = 0

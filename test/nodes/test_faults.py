@@ -12,9 +12,9 @@ from geometry_msgs.msg import PoseStamped
 from rosbags.highlevel import AnyReader
 from teams import tables_in
 
-from sparse_coord_ros.learn.history import load_history
-from sparse_coord_ros.learn.tables import load_saved, robot_file
-from sparse_coord_ros.lockstep import waiting
+from sparse_coord_ros.core.runs.history import load_history
+from sparse_coord_ros.core.runs.tables import load_saved, robot_file
+from sparse_coord_ros.protocol.lockstep import waiting
 
 FAST = {"claim_window": 0.2}
 
@@ -45,7 +45,9 @@ def test_nodes_end_well_on_a_signal(bench, start_node, tmp_path):
     run = {"scenario": "env1", "out": tmp_path, "recorded": True, "rate": 100.0, **FAST}
     world = start_node("world_simulator", "world_simulator", **run)
     recorder = start_node("recorder", "recorder", out=tmp_path / "bag")
-    one, other = (start_node("robot", f"robot_{k}", out=tmp_path, **FAST) for k in (1, 2))
+    one, other = (
+        start_node("robot", f"robot_{k}", out=tmp_path, **FAST) for k in (1, 2)
+    )
 
     def wait_for_steps(count=5):
         before = len(states)
@@ -71,7 +73,9 @@ def test_nodes_end_well_on_a_signal(bench, start_node, tmp_path):
     assert len(tables_in(tmp_path)) == 2
 
 
-def test_a_world_that_lost_all_robots_says_that_it_waits_and_for_whom(bench, capfd, monkeypatch):
+def test_a_world_that_lost_all_robots_says_that_it_waits_and_for_whom(
+    bench, capfd, monkeypatch
+):
     monkeypatch.setattr(waiting, "REMIND_SECONDS", 0.3)
     world = bench.world(step_timeout=0.2, percept_timeout=0.1)
     robots = bench.robots()
@@ -83,7 +87,10 @@ def test_a_world_that_lost_all_robots_says_that_it_waits_and_for_whom(bench, cap
         lambda: said.append(capfd.readouterr().err) or "(1 s)" in said[-1], "it waits"
     )
     text = "".join(said)
-    assert f"waiting for robot_1, robot_2 at step {world.lockstep.world.step} (1 s)" in text
+    assert (
+        f"waiting for robot_1, robot_2 at step {world.lockstep.world.step} (1 s)"
+        in text
+    )
     assert "going on without" not in text
 
 
@@ -91,7 +98,9 @@ def test_the_team_ends_when_the_world_fails(start_node, tmp_path):
     """One robot never comes: the world gives up, and who waited for it ends too."""
     robot = start_node("robot", "robot_1", out=tmp_path)
     recorder = start_node("recorder", "recorder", out=tmp_path / "bag")
-    world = start_node("world_simulator", "world_simulator", scenario="env1", startup_timeout=3.0)
+    world = start_node(
+        "world_simulator", "world_simulator", scenario="env1", startup_timeout=3.0
+    )
     assert world.exit_code() == 2
     assert "startup_timeout: after 3 s still no node for" in world.output
     for process in (robot, recorder):
@@ -107,11 +116,20 @@ def test_the_team_ends_when_the_world_fails(start_node, tmp_path):
         ("recorder", signal.SIGINT),
     ],
 )
-def test_a_waiting_node_ends_well_on_a_signal(start_node, bench, tmp_path, name, number):
+def test_a_waiting_node_ends_well_on_a_signal(
+    start_node, bench, tmp_path, name, number
+):
     observer = bench.observer()
-    more = {"world_simulator": {"scenario": "env1"}, "recorder": {"out": tmp_path / "bag"}}
+    more = {
+        "world_simulator": {"scenario": "env1"},
+        "recorder": {"out": tmp_path / "bag"},
+    }
     process = start_node(name, name, **more.get(name, {}))
-    topic = {"world_simulator": "run", "robot": "robot/_claim", "recorder": "_recording"}[name]
+    topic = {
+        "world_simulator": "run",
+        "robot": "robot/_claim",
+        "recorder": "_recording",
+    }[name]
     bench.spin_until(lambda: observer.count(topic), "node is there")
     process.send_signal(number)
     assert_ended_well(process)
@@ -134,7 +152,9 @@ def test_a_signal_while_modules_are_imported(name, code, number, said):
         f"(os.kill(os.getpid(), {int(number)}), time.sleep(9))\n"
         f"sys.exit(e.main({name!r}))"
     )
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True
+    )
     assert (done.returncode, done.stdout, done.stderr) == (code, "", said)
 
 
@@ -152,13 +172,17 @@ def test_a_signal_while_a_verb_imports_ros_is_not_taken_for_a_missing_ros(tmp_pa
         f"sys.argv[1:] = ['run', 'env1', '--out', {str(tmp_path / 'out')!r}]\n"
         "sys.exit(e.sparse_coord())"
     )
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True
+    )
     assert (done.returncode, done.stderr) == (130, "interrupted\n")
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["INT", "TERM"])
-@pytest.mark.parametrize("processes", [[], ["--processes"]], ids=["one process", "processes"])
+@pytest.mark.parametrize(
+    "processes", [[], ["--processes"]], ids=["one process", "processes"]
+)
 def test_run_ends_well_on_a_signal(start, tmp_path, number, processes):
     out = tmp_path / "out"
     arguments = ["--steps", "1000000", "--out", str(out), *processes]
@@ -189,7 +213,15 @@ def test_run_ends_well_on_a_signal(start, tmp_path, number, processes):
 @pytest.mark.long
 def test_run_stops_the_others_when_a_node_is_killed(start, tmp_path):
     out = tmp_path / "out"
-    arguments = ["--steps", "1000000", "--rate", "200", "--out", str(out), "--processes"]
+    arguments = [
+        "--steps",
+        "1000000",
+        "--rate",
+        "200",
+        "--out",
+        str(out),
+        "--processes",
+    ]
     process = start("cli.main", "run", "env1", *arguments)
     process.wait_for(" of 1000000 steps, ")
     victim = process.child("robot")

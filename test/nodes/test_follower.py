@@ -9,15 +9,15 @@ import pytest
 from rclpy.serialization import serialize_message
 from std_msgs.msg import String
 
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learn.run_config import make_run
-from sparse_coord_ros.lockstep import waiting
-from sparse_coord_ros.nodes import follower as module
-from sparse_coord_ros.nodes.follower import Follower
-from sparse_coord_ros.nodes.parameters import PARAMETERS
-from sparse_coord_ros.nodes.spin import ros_context
-from sparse_coord_ros.wire import RunState
-from sparse_coord_ros.wire.status import Order, Said
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.runs.run_config import make_run
+from sparse_coord_ros.protocol.lockstep import waiting
+from sparse_coord_ros.protocol.wire import RunState
+from sparse_coord_ros.protocol.wire.status import Order, Said
+from sparse_coord_ros.ros.nodes import follower as module
+from sparse_coord_ros.ros.nodes.follower import Follower
+from sparse_coord_ros.ros.nodes.parameters import PARAMETERS
+from sparse_coord_ros.ros.nodes.spin import ros_context
 
 
 @pytest.fixture
@@ -49,12 +49,16 @@ def test_it_stays_with_its_run_when_another_one_is_announced(node):
     assert node.run.id == "first"
 
 
-@pytest.mark.parametrize("identity", ["first", "second", None], ids=["own", "another", "none"])
+@pytest.mark.parametrize(
+    "identity", ["first", "second", None], ids=["own", "another", "none"]
+)
 def test_a_node_under_way_reads_no_run(node, monkeypatch, identity):
     """Not even its own again: megabytes of YAML cost it no time."""
     monkeypatch.setattr(module, "read_run", None)
     text = "x: [" + 2_000_000 * "1," + "]\n"
-    data = serialize_message(String(data=text if identity is None else f"id: {identity}\n{text}"))
+    data = serialize_message(
+        String(data=text if identity is None else f"id: {identity}\n{text}")
+    )
     before = module.time.process_time()
     if identity is None:
         with pytest.raises(ValueError, match="names no run"):
@@ -78,7 +82,9 @@ def test_it_says_that_its_world_is_silent(node):
     assert said == ["a word of the world"]
 
 
-def test_at_a_signal_it_waits_for_the_world_s_last_word_but_not_for_ever(node, monkeypatch):
+def test_at_a_signal_it_waits_for_the_world_s_last_word_but_not_for_ever(
+    node, monkeypatch
+):
     now = 1000.0
     monkeypatch.setattr(module.time, "monotonic", lambda: now)
     assert not node.may_stop()
@@ -108,7 +114,9 @@ def test_a_recorder_says_where_it_records_what_it_waits_for_and_when_it_begins(
     assert "[recorder]: records env1 from now on\n" in capfd.readouterr().err
 
 
-def test_a_recorder_that_goes_on_says_what_it_waits_for(bench, tmp_path, capfd, monkeypatch):
+def test_a_recorder_that_goes_on_says_what_it_waits_for(
+    bench, tmp_path, capfd, monkeypatch
+):
     """It knows the run at once, but not yet from where that goes on."""
     monkeypatch.setattr(waiting, "REMIND_SECONDS", 0.1)
     recorder = bench.recorder(tmp_path / "bag", resume=True)

@@ -13,20 +13,20 @@ from rclpy.serialization import deserialize_message, serialize_message
 from std_msgs.msg import Header, String
 from strangers import Visitor, damaged
 
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.game.world import Action, Reward
-from sparse_coord_ros.learn.run_config import make_run
-from sparse_coord_ros.nodes import interface
-from sparse_coord_ros.nodes.guard import read_claim
-from sparse_coord_ros.nodes.messages import (
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.game.world import Action, Reward
+from sparse_coord_ros.core.runs.run_config import make_run
+from sparse_coord_ros.protocol.wire import Account
+from sparse_coord_ros.protocol.wire.status import Said, read_status
+from sparse_coord_ros.ros.nodes import interface
+from sparse_coord_ros.ros.nodes.guard import read_claim
+from sparse_coord_ros.ros.nodes.messages import (
     Converter,
     read_run,
     read_tables_message,
     status,
     tables_message,
 )
-from sparse_coord_ros.wire import Account
-from sparse_coord_ros.wire.status import Said, read_status
 
 NAMES = ("robot_1", "robot_2")
 SETTINGS = {"steps": 60, "epsilon": "constant:1"}
@@ -42,9 +42,15 @@ def test_what_random_bytes_bring_about_is_an_exception_or_fits():
     texts = {
         convert.unpack_state: convert.pack_state(7, 3),
         convert.unpack_reward: convert.pack_reward(7, Reward(1.0, 0.0, -1.0, 0.0)),
-        convert.unpack_action: convert.pack_action(7, Action(2, True, 1, True), Account(1, True)),
-        typed(interface.STATUS, read_status): serialize_message(status("a", "learning", values)),
-        typed(interface.CLAIM, read_claim): serialize_message(Header(frame_id="ab joined")),
+        convert.unpack_action: convert.pack_action(
+            7, Action(2, True, 1, True), Account(1, True)
+        ),
+        typed(interface.STATUS, read_status): serialize_message(
+            status("a", "learning", values)
+        ),
+        typed(interface.CLAIM, read_claim): serialize_message(
+            Header(frame_id="ab joined")
+        ),
         read_run: serialize_message(String(data="format: 1")),
         typed(interface.TABLES, read_tables_message): serialize_message(
             tables_message(b"npz", 7, "final")
@@ -64,7 +70,11 @@ def test_what_random_bytes_bring_about_is_an_exception_or_fits():
             elif read == convert.unpack_reward:
                 assert said[0] >= 0 and all(map(math.isfinite, said[1]))
             elif read == convert.unpack_action:
-                assert said[0] >= 0 and said[1].move in range(4) and said[1].peer in (-1, 0, 1)
+                assert (
+                    said[0] >= 0
+                    and said[1].move in range(4)
+                    and said[1].peer in (-1, 0, 1)
+                )
     assert passed > 300
     assert dropped > 300
 
@@ -81,10 +91,14 @@ def resident():
 
 @pytest.mark.long
 @pytest.mark.timeout(900)
-def test_minutes_of_fuzz_change_nothing(bench, tmp_path, simulate, assert_same_tables, capfd):
+def test_minutes_of_fuzz_change_nothing(
+    bench, tmp_path, simulate, assert_same_tables, capfd
+):
     """A team under fire, which may finish then; neither does it take ever more memory."""
     settings = [f"{name}={value}" for name, value in SETTINGS.items()]
-    world = bench.world(out=str(tmp_path), set=settings, rate=20 / SECONDS, recorded=True)
+    world = bench.world(
+        out=str(tmp_path), set=settings, rate=20 / SECONDS, recorded=True
+    )
     recorder = bench.recorder(tmp_path / "bag")
     bench.robots(out=str(tmp_path))
     bench.spin_until(lambda: world.lockstep.complete, "the first barrier")

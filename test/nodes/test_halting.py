@@ -14,16 +14,16 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool, Trigger
 
-from sparse_coord_ros.lockstep.bodies import NO_GOALS, HaltWord
-from sparse_coord_ros.look.page.controls import HALT as HALTING
-from sparse_coord_ros.look.page.controls import Control
-from sparse_coord_ros.nodes import halting, interface
-from sparse_coord_ros.nodes.body import BodyNode
-from sparse_coord_ros.nodes.driver import DriverNode
-from sparse_coord_ros.nodes.halting import ASK_SECONDS, Halting
-from sparse_coord_ros.nodes.messages import Converter
-from sparse_coord_ros.nodes.watch import WatchNode
-from sparse_coord_ros.wire import RunState
+from sparse_coord_ros.protocol.lockstep.bodies import NO_GOALS, HaltWord
+from sparse_coord_ros.protocol.wire import RunState
+from sparse_coord_ros.ros.nodes import halting, interface
+from sparse_coord_ros.ros.nodes.body import BodyNode
+from sparse_coord_ros.ros.nodes.driver import DriverNode
+from sparse_coord_ros.ros.nodes.halting import ASK_SECONDS, Halting
+from sparse_coord_ros.ros.nodes.messages import Converter
+from sparse_coord_ros.ros.nodes.watch import WatchNode
+from sparse_coord_ros.show.page.controls import HALT as HALTING
+from sparse_coord_ros.show.page.controls import Control
 
 ROBOTS = ("robot_1", "robot_2")
 HALT = SetBool.Request(data=True)
@@ -37,7 +37,9 @@ def start_driver(bench):
     def start(robot):
         values = {"robot": robot, "speed": 2.0, "turn": 6.0}
         context = bench.place()[0]
-        return bench.add(DriverNode(context=context, name=f"{robot}_driver", values=values))
+        return bench.add(
+            DriverNode(context=context, name=f"{robot}_driver", values=values)
+        )
 
     return start
 
@@ -57,7 +59,9 @@ def team(bench, tmp_path, start_driver):
 
 def spin_for(bench, seconds):
     end = time.monotonic() + seconds
-    bench.spin_until(lambda: time.monotonic() > end, "time passes", seconds=seconds + 60.0)
+    bench.spin_until(
+        lambda: time.monotonic() > end, "time passes", seconds=seconds + 60.0
+    )
 
 
 def test_one_call_halts_all_and_another_lets_them_go_on(bench, team):
@@ -67,7 +71,9 @@ def test_one_call_halts_all_and_another_lets_them_go_on(bench, team):
     commands = [observer.listen(Twist, f"{robot}/cmd_vel") for robot in ROBOTS]
     call = "world_simulator/halt"
     observer.call(SetBool, call, HALT)
-    bench.spin_until(lambda: observer.call(SetBool, call, HALT).success, "all confirm it")
+    bench.spin_until(
+        lambda: observer.call(SetBool, call, HALT).success, "all confirm it"
+    )
     assert all(driver.halted for driver in drivers.values())
     assert world.doing == RunState.HALTED
     made = world.lockstep.world.transitions
@@ -83,11 +89,15 @@ def test_one_call_halts_all_and_another_lets_them_go_on(bench, team):
     answer = observer.call(Trigger, "world_simulator/step")
     assert not answer.success and "halted" in answer.message
     answer = observer.call(SetBool, call, GO_ON)
-    bench.spin_until(lambda: observer.call(SetBool, call, GO_ON).success, "all confirm it")
+    bench.spin_until(
+        lambda: observer.call(SetBool, call, GO_ON).success, "all confirm it"
+    )
     bench.spin_until(lambda: world.lockstep.world.transitions > made + 2, "it goes on")
 
 
-def test_a_driver_that_starts_while_all_are_halted_does_not_move(bench, team, start_driver):
+def test_a_driver_that_starts_while_all_are_halted_does_not_move(
+    bench, team, start_driver
+):
     world, drivers = team
     observer = bench.observer()
     observer.call(SetBool, "world_simulator/halt", HALT)
@@ -111,7 +121,9 @@ def test_a_driver_that_is_halted_halts_the_team(bench, team):
     bench.spin_until(lambda: drivers["robot_2"].halted, "the other one, too")
     assert world.doing == RunState.HALTED
     assert observer.call(SetBool, "world_simulator/halt", GO_ON)
-    bench.spin_until(lambda: not any(one.halted for one in drivers.values()), "both go on")
+    bench.spin_until(
+        lambda: not any(one.halted for one in drivers.values()), "both go on"
+    )
 
 
 def test_a_world_that_comes_back_finds_the_team_halted(bench, team, tmp_path):
@@ -120,9 +132,13 @@ def test_a_world_that_comes_back_finds_the_team_halted(bench, team, tmp_path):
     observer.call(SetBool, "world_simulator/halt", HALT)
     bench.spin_until(lambda: all(one.halted for one in drivers.values()), "halted")
     bench.destroy(world)  # as if it had been killed
-    bench.spin_until(lambda: not observer.count("world_simulator/_claim"), "its name is free")
+    bench.spin_until(
+        lambda: not observer.count("world_simulator/_claim"), "its name is free"
+    )
     out = str(tmp_path / "out")
-    again = bench.world(bodies=True, resume=True, scenario="", out=out, body_timeout=1.0)
+    again = bench.world(
+        bodies=True, resume=True, scenario="", out=out, body_timeout=1.0
+    )
     bench.spin_until(lambda: again.bodies.halted, "it hears that they are halted")
     spin_for(bench, 0.5)
     assert all(driver.halted for driver in drivers.values())
@@ -154,19 +170,28 @@ def test_only_a_new_word_of_the_world_counts(bench, start_driver):
         assert convert.read_goals(convert.goals_message(goals)) == goals
     message = convert.goals_message(NO_GOALS)
     del message.name[3], message.position[3]
-    assert convert.read_goals(message) == NO_GOALS, "a world of one's own need not say it"
+    assert convert.read_goals(message) == NO_GOALS, (
+        "a world of one's own need not say it"
+    )
 
 
-def test_a_word_that_is_lost_is_said_again_and_the_world_tells_who_has_not_confirmed(bench):
+def test_a_word_that_is_lost_is_said_again_and_the_world_tells_who_has_not_confirmed(
+    bench,
+):
     bench.world(bodies=True)
     observer = bench.observer()
     heard = observer.listen(JointState, "goals", latched=True)
-    observer.create_publisher(JointState, "robot_1/reached", 10)  # a driver, as far as is known
+    observer.create_publisher(
+        JointState, "robot_1/reached", 10
+    )  # a driver, as far as is known
     bench.spin_until(
-        lambda: not observer.call(SetBool, "world_simulator/halt", HALT).success, "it is seen"
+        lambda: not observer.call(SetBool, "world_simulator/halt", HALT).success,
+        "it is seen",
     )
     answer = observer.call(SetBool, "world_simulator/halt", HALT)
-    assert answer.message.endswith("told, but not yet confirmed by the drivers of robot_1")
+    assert answer.message.endswith(
+        "told, but not yet confirmed by the drivers of robot_1"
+    )
     before = len(heard)
     bench.spin_until(lambda: len(heard) > before + 2, "said again")
     said = dict(zip(heard[-1].name, heard[-1].position, strict=True))
@@ -174,14 +199,18 @@ def test_a_word_that_is_lost_is_said_again_and_the_world_tells_who_has_not_confi
     says = observer.create_publisher(Bool, "robot_1/halted", interface.LATCHED_QOS)
     says.publish(Bool(data=True))
     bench.spin_until(
-        lambda: observer.call(SetBool, "world_simulator/halt", HALT).success, "confirmed"
+        lambda: observer.call(SetBool, "world_simulator/halt", HALT).success,
+        "confirmed",
     )
 
 
 def test_without_bodies_there_is_nothing_to_halt(bench):
     world = bench.world()
     bench.spin_until(lambda: world._output is not None, "its services are there")
-    names = [name for name, _ in world.get_service_names_and_types_by_node("world_simulator", "/")]
+    names = [
+        name
+        for name, _ in world.get_service_names_and_types_by_node("world_simulator", "/")
+    ]
     assert "/world_simulator/pause" in names and "/world_simulator/halt" not in names
 
 
@@ -199,7 +228,9 @@ def test_from_the_page_which_may_be_closed_then(bench, team):
     page.controls.control(Control(HALTING, True))
     bench.spin_until(lambda: shown()["said"] == "all robots stand", "all stand")
     assert all(driver.halted for driver in drivers.values())
-    bench.spin_until(lambda: not page.controls._halting.asking, "it asks nobody any more")
+    bench.spin_until(
+        lambda: not page.controls._halting.asking, "it asks nobody any more"
+    )
     observer = bench.observer()
     observer.call(SetBool, "world_simulator/halt", GO_ON)
     bench.spin_until(lambda: shown()["said"] == "", "others have let them go on")
@@ -207,11 +238,15 @@ def test_from_the_page_which_may_be_closed_then(bench, team):
     bench.spin_until(lambda: shown()["said"] == "all robots stand", "all stand again")
     bench.destroy(page)
     spin_for(bench, 1.0)
-    assert all(driver.halted for driver in drivers.values()), "nothing goes on by itself"
+    assert all(driver.halted for driver in drivers.values()), (
+        "nothing goes on by itself"
+    )
     again = WatchNode(context=bench.place("observer")[0], values={"port": 0})
     bench.add(again, "observer")
     board = again.server.board
-    bench.spin_until(lambda: shown().get("said") == "all robots stand", "another page shows it")
+    bench.spin_until(
+        lambda: shown().get("said") == "all robots stand", "another page shows it"
+    )
     again.controls.control(Control(HALTING, False))
     made = world.lockstep.world.transitions
     bench.spin_until(lambda: world.lockstep.world.transitions > made + 2, "they go on")
@@ -221,11 +256,15 @@ def test_the_page_says_who_does_not_answer(bench, team):
     page = WatchNode(context=bench.place("observer")[0], values={"port": 0})
     bench.add(page, "observer")
     board = page.server.board
-    bench.observer().create_service(SetBool, "deaf/halt", lambda request, response: response)
+    bench.observer().create_service(
+        SetBool, "deaf/halt", lambda request, response: response
+    )
     bench.spin_until(lambda: "deaf" in page.controls._halting.asked, "it is found")
     page.controls.control(Control(HALTING, True))
     silent = "deaf: does not answer, its body may be moving"
-    bench.spin_until(lambda: (board.get("halting") or {}).get("said") == silent, "who is left")
+    bench.spin_until(
+        lambda: (board.get("halting") or {}).get("said") == silent, "who is left"
+    )
 
 
 @pytest.fixture
@@ -246,7 +285,9 @@ def obstinate(bench):
     return asked
 
 
-def test_who_does_not_do_it_is_asked_again_but_not_for_ever(bench, obstinate, monkeypatch):
+def test_who_does_not_do_it_is_asked_again_but_not_for_ever(
+    bench, obstinate, monkeypatch
+):
     """Another team's nodes, in a namespace below, are not asked."""
     monkeypatch.setattr(halting, "AGAIN_SECONDS", 0.05)
     calls = Halting(bench.observer(), "/fleet")
@@ -275,7 +316,9 @@ def processes(start_node, tmp_path):
     """Start a team with bodies as processes; return them by name."""
     out = str(tmp_path / "out")
     more = {"scenario": "env1", "bodies": True, "steps": 100000, "out": out}
-    found = {"world_simulator": start_node("world_simulator", "world_simulator", **more)}
+    found = {
+        "world_simulator": start_node("world_simulator", "world_simulator", **more)
+    }
     for robot in ROBOTS:
         found[robot] = start_node("robot", robot, out=out)
         found[f"{robot}_driver"] = start_node("driver", f"{robot}_driver", robot=robot)
@@ -314,7 +357,10 @@ def test_the_command_says_who_has_not_confirmed(processes, start):
     assert process.exit_code(60) == 1
     assert "robot_1_driver: stands\n" in process.output
     assert "robot_2_driver: stands\n" in process.output
-    assert "no world has confirmed it: drivers that start later are not told" in process.output
+    assert (
+        "no world has confirmed it: drivers that start later are not told"
+        in process.output
+    )
 
 
 def test_where_no_team_is_the_command_ends_with_one_line(start):
@@ -358,4 +404,7 @@ def test_the_buttons_of_the_page(processes, start):
         assert page.exit_code() == 0
         browser.wait_for(f"{state} === 'not connected'")
         browser.value(press.format("halt"))
-        assert browser.value(said) == "not connected: the robots were not told; stop them by hand"
+        assert (
+            browser.value(said)
+            == "not connected: the robots were not told; stop them by hand"
+        )

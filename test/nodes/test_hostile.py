@@ -17,22 +17,31 @@ from rclpy.serialization import serialize_message
 from std_msgs.msg import Header, String
 from teams import tables_in
 
-from sparse_coord_ros.bags import open_bag
-from sparse_coord_ros.errors import FaultError, NameTakenError, RunError
-from sparse_coord_ros.game.settings import SettingTable
-from sparse_coord_ros.learners.agent import Agent
-from sparse_coord_ros.nodes import interface, spin
-from sparse_coord_ros.nodes.messages import status
-from sparse_coord_ros.nodes.middleware import SECURITY_MARK, check_participants, check_security
-from sparse_coord_ros.nodes.parameters import PARAMETERS, ParameterNode
-from sparse_coord_ros.nodes.peers import Peers
-from sparse_coord_ros.nodes.recorder import LAST_WORDS_SECONDS, TALK_SECONDS, Recorder, Recording
-from sparse_coord_ros.nodes.robot import RobotNode
-from sparse_coord_ros.nodes.spin import ending, ros_context, run_node, signals
-from sparse_coord_ros.nodes.team import run_team
-from sparse_coord_ros.nodes.world_simulator import WorldSimulator
-from sparse_coord_ros.runlog.verify import verify
-from sparse_coord_ros.wire.status import Said
+from sparse_coord_ros.base.errors import FaultError, NameTakenError, RunError
+from sparse_coord_ros.core.game.settings import SettingTable
+from sparse_coord_ros.core.learners.agent import Agent
+from sparse_coord_ros.log.bags import open_bag
+from sparse_coord_ros.log.runlog.verify import verify
+from sparse_coord_ros.protocol.wire.status import Said
+from sparse_coord_ros.ros.nodes import interface, spin
+from sparse_coord_ros.ros.nodes.environment import (
+    SECURITY_MARK,
+    check_participants,
+    check_security,
+)
+from sparse_coord_ros.ros.nodes.messages import status
+from sparse_coord_ros.ros.nodes.parameters import PARAMETERS, ParameterNode
+from sparse_coord_ros.ros.nodes.peers import Peers
+from sparse_coord_ros.ros.nodes.recorder import (
+    LAST_WORDS_SECONDS,
+    TALK_SECONDS,
+    Recorder,
+    Recording,
+)
+from sparse_coord_ros.ros.nodes.robot import RobotNode
+from sparse_coord_ros.ros.nodes.spin import ending, ros_context, run_node, signals
+from sparse_coord_ros.ros.nodes.team import run_team
+from sparse_coord_ros.ros.nodes.world_simulator import WorldSimulator
 
 GARBAGE = (b"", b"abcd", b"\x00\x01\x00\x00\xff\xff\xff\xff", bytes(range(12)))
 SETTINGS = ["steps=60", "epsilon=constant:1"]
@@ -51,9 +60,13 @@ class Attacker:
         """Publish once somebody of the team hears it."""
         name = topic.of(owner) if owner else topic.name
         if name not in self._publishers:
-            self._publishers[name] = self.node.create_publisher(topic.type, name, topic.qos)
+            self._publishers[name] = self.node.create_publisher(
+                topic.type, name, topic.qos
+            )
         publisher = self._publishers[name]
-        self._bench.spin_until(publisher.get_subscription_count, f"somebody hears {name}")
+        self._bench.spin_until(
+            publisher.get_subscription_count, f"somebody hears {name}"
+        )
         publisher.publish(data)
 
 
@@ -78,7 +91,12 @@ def test_a_team_under_fire_learns_what_it_would_have_learned(
     for data in GARBAGE:
         for topic in (interface.RUN, interface.STATUS, interface.CLOCK):
             attacker.say(topic, data)
-        for topic in (interface.LOCAL_STATE, interface.REWARD, interface.ACTION, interface.CLAIM):
+        for topic in (
+            interface.LOCAL_STATE,
+            interface.REWARD,
+            interface.ACTION,
+            interface.CLAIM,
+        ):
             attacker.say(topic, data, "robot_1")
         attacker.say(interface.TABLES, data, "robot_1")
         attacker.say(interface.MAP, data)
@@ -94,11 +112,14 @@ def test_a_team_under_fire_learns_what_it_would_have_learned(
     attacker.say(interface.RUN, String(data="steps: [1"))
     for stamp in (Time(), Time(sec=2**31 - 1)):
         for name in (*NAMES, "world_simulator"):
-            attacker.say(interface.CLAIM, Header(frame_id="0 joined", stamp=stamp), name)
+            attacker.say(
+                interface.CLAIM, Header(frame_id="0 joined", stamp=stamp), name
+            )
     robot = robots[0]
     bench.spin_until(
         lambda: (
-            {"robot_1/local_state", "status", "run", "~/_claim"} <= set(robot.intake.dropped)
+            {"robot_1/local_state", "status", "run", "~/_claim"}
+            <= set(robot.intake.dropped)
             and robots[1].intake.dropped["robot_2/local_state"] >= 2
             and world.intake.dropped["robot_1/action"] >= len(GARBAGE)
             and recorder.intake.dropped["clock"] >= 2
@@ -119,7 +140,9 @@ class Faulty(ParameterNode):
 
     def __init__(self, context, error, executor):
         table = SettingTable([PARAMETERS["robot"]["executor"]])
-        super().__init__("faulty", table, context=context, values={"executor": executor})
+        super().__init__(
+            "faulty", table, context=context, values={"executor": executor}
+        )
         self.said = []
         self.create_timer(0.01, lambda: self._raise(error))
 
@@ -141,7 +164,13 @@ class Faulty(ParameterNode):
             "error: unexpected KeyError: 'x' (",
             "Traceback (most recent call",
         ),
-        ("single", RunError("no such thing"), 2, "error: no such thing", "no such thing"),
+        (
+            "single",
+            RunError("no such thing"),
+            2,
+            "error: no such thing",
+            "no such thing",
+        ),
         (
             "events",
             OSError(28, "No space left", "/a/b"),
@@ -151,7 +180,9 @@ class Faulty(ParameterNode):
         ),
     ],
 )
-def test_any_exception_saves_and_is_told(benches, capfd, executor, error, code, text, told):
+def test_any_exception_saves_and_is_told(
+    benches, capfd, executor, error, code, text, told
+):
     """In one line, with an exit code, and on /rosout."""
     bench = benches(executor)
     heard = bench.observer().listen(Log, "/rosout", latched=True)
@@ -165,7 +196,9 @@ def test_any_exception_saves_and_is_told(benches, capfd, executor, error, code, 
     assert nodes[0].said == [True]
     line = capfd.readouterr().err.splitlines()[-1]
     assert line.startswith(text)
-    bench.spin_until(lambda: any(m.msg.startswith(told) for m in heard), "/rosout tells it")
+    bench.spin_until(
+        lambda: any(m.msg.startswith(told) for m in heard), "/rosout tells it"
+    )
 
 
 def test_who_gives_way_to_another_node_of_its_name_saves_nothing():
@@ -188,7 +221,10 @@ def test_a_fault_of_one_robot_saves_the_tables_of_all(tmp_path, monkeypatch):
     monkeypatch.setattr(Agent, "learn", fail_at_last)
     out = tmp_path / "out"
     values = {"scenario": "env1", "claim_window": 0.0, "out": str(out), "record": True}
-    with ros_context() as context, pytest.raises(FaultError, match="^unexpected ZeroDivisionErr"):
+    with (
+        ros_context() as context,
+        pytest.raises(FaultError, match="^unexpected ZeroDivisionErr"),
+    ):
         run_team(values, context=context)
     assert len(tables_in(out)) == 2
     assert yaml.safe_load((out / "summary.yaml").read_text())["interrupted"] is True
@@ -210,9 +246,13 @@ def test_a_closed_terminal_stops_a_node_but_not_one_under_nohup():
 
 def test_a_node_that_cannot_be_taken_down_ends_with_a_word():
     code = f"import ctypes, {spin.__name__} as spin; spin.SHUTDOWN_SECONDS = 0.1\n"
-    hangs = "ctypes.PyDLL(None).sleep(9)"  # as rclpy does: nothing of Python runs meanwhile
+    hangs = (
+        "ctypes.PyDLL(None).sleep(9)"  # as rclpy does: nothing of Python runs meanwhile
+    )
     code += f"with spin.limited_shutdown(): {hangs}"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60
+    )
     assert (done.returncode, done.stdout) == (1, "")
     assert done.stderr.startswith("Timeout") and "in <module>" in done.stderr
 
@@ -230,8 +270,13 @@ def test_a_second_publisher_of_a_topic_is_named(bench, capfd):
     bench.spin_until(seen, "the stranger is seen")
     guard.look()
     assert guard.doubled == {"/robot_2/reward"}
-    (line,) = [line for line in capfd.readouterr().err.splitlines() if "publishers" in line]
-    assert "/robot_2/reward has 2 publishers, /observer, /world_simulator; it should" in line
+    (line,) = [
+        line for line in capfd.readouterr().err.splitlines() if "publishers" in line
+    ]
+    assert (
+        "/robot_2/reward has 2 publishers, /observer, /world_simulator; it should"
+        in line
+    )
 
 
 @pytest.mark.parametrize("begins", ["before the run", "in the run"])
@@ -262,14 +307,21 @@ def test_a_second_server_of_a_robots_service_changes_nothing(
         return answer(peers, request, response)
 
     monkeypatch.setattr(Peers, "_answer", answer)
-    world = bench.world(out=str(tmp_path), set=[f"{k}={v}" for k, v in settings.items()])
+    world = bench.world(
+        out=str(tmp_path), set=[f"{k}={v}" for k, v in settings.items()]
+    )
     out = {"out": str(tmp_path)}
-    robots = [bench.robot("robot_1", **out), bench.robot("robot_2", place="other", **out)]
+    robots = [
+        bench.robot("robot_1", **out),
+        bench.robot("robot_2", place="other", **out),
+    ]
     percepts = stranger.listen(interface.PERCEPT.type, interface.PERCEPT.of("robot_1"))
     if begins == "in the run":
         bench.spin_until(lambda: world.lockstep.world.step > 9, "the run is under way")
     answered.clear()
-    stranger.create_service(interface.ACTIVE_PERCEPTION_TYPE, "robot_2/active_perception", lie)
+    stranger.create_service(
+        interface.ACTIVE_PERCEPTION_TYPE, "robot_2/active_perception", lie
+    )
 
     def seen():
         world._guard.look()
@@ -279,19 +331,28 @@ def test_a_second_server_of_a_robots_service_changes_nothing(
     bench.spin_until_done(world, *robots)
     said = simulate("env1", settings)
     assert_same_tables(tmp_path, said)
-    true = [(step, (c, *(p or ()))) for (k, step), (c, p) in said.percepts.items() if k == 0]
+    true = [
+        (step, (c, *(p or ()))) for (k, step), (c, p) in said.percepts.items() if k == 0
+    ]
     bench.spin_until(lambda: len(percepts) >= len(true), "all percepts are heard")
     assert percepts == [world.topics.convert.path(*one) for one in true]
     assert len(asked) > 6 and robots[0].intake.dropped["robot_2/active_perception"] > 0
     assert world.summary()["services_of_two_servers"] == 1
-    [line] = [line for line in capfd.readouterr().err.splitlines() if "has 2 servers" in line]
-    assert "/robot_2/active_perception has 2 servers, /observer, /robot_2; it should" in line
+    [line] = [
+        line for line in capfd.readouterr().err.splitlines() if "has 2 servers" in line
+    ]
+    assert (
+        "/robot_2/active_perception has 2 servers, /observer, /robot_2; it should"
+        in line
+    )
 
 
 def test_who_talks_on_keeps_no_recorder():
     """A stranger on a topic of the team; what comes late in a busy moment still counts."""
     run = SimpleNamespace(improve=False)
-    recording = SimpleNamespace(heard=0.0, _presence=SimpleNamespace(ended=0.0), run=run)
+    recording = SimpleNamespace(
+        heard=0.0, _presence=SimpleNamespace(ended=0.0), run=run
+    )
     recording._heard_all = lambda: False
     for now, done in ((LAST_WORDS_SECONDS + 1, False), (TALK_SECONDS + 0.1, True)):
         recording.heard = now
@@ -308,7 +369,9 @@ def test_security_is_refused_where_fast_dds_has_none(tmp_path, monkeypatch):
     check_security()  # no wheel: a build of the user's own
     library.parent.mkdir()
     library.write_bytes(b"without")
-    with pytest.raises(RunError, match="asks for DDS-Security, but this Fast DDS .* without it"):
+    with pytest.raises(
+        RunError, match="asks for DDS-Security, but this Fast DDS .* without it"
+    ):
         check_security()
     library.write_bytes(b"with " + SECURITY_MARK)
     check_security()
@@ -322,7 +385,9 @@ def test_world_and_recorder_may_be_renamed(bench, tmp_path):
         own += [word for parameter in parameters for word in ("-p", parameter)]
         return bench.add(kind(context=bench.place(name, own)[0]), name)
 
-    start(WorldSimulator, "earth", "scenario:=env1", "set:=[steps=30]", "recorded:=true")
+    start(
+        WorldSimulator, "earth", "scenario:=env1", "set:=[steps=30]", "recorded:=true"
+    )
     start(Recorder, "scribe", f"out:={tmp_path / 'bag'}")
     for name in NAMES:
         start(RobotNode, name)
@@ -334,7 +399,9 @@ def test_world_and_recorder_may_be_renamed(bench, tmp_path):
 def test_more_processes_than_find_each_other_are_refused(monkeypatch):
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     check_participants(32)
-    with pytest.raises(RunError, match="^34 nodes in processes of their own: .* at most 32 find"):
+    with pytest.raises(
+        RunError, match="^34 nodes in processes of their own: .* at most 32 find"
+    ):
         check_participants(34)
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")
     check_participants(34)

@@ -13,12 +13,18 @@ from hosts import CONDITIONS, refusal
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("number", range(len(CONDITIONS)), ids=[c.name for c in CONDITIONS])
+@pytest.mark.parametrize(
+    "number", range(len(CONDITIONS)), ids=[c.name for c in CONDITIONS]
+)
 def test_a_team_on_three_hosts_learns_the_same_bits(number):
     why = refusal()
     if why:
         pytest.skip(f"this machine allows no network namespaces: {why}")
-    others = {k: v for k, v in os.environ.items() if not k.startswith(("FASTRTPS_", "FASTDDS_"))}
+    others = {
+        k: v
+        for k, v in os.environ.items()
+        if not k.startswith(("FASTRTPS_", "FASTDDS_"))
+    }
     done = subprocess.run(
         [sys.executable, hosts.__file__, "--only", str(number)],
         env=others,
@@ -28,6 +34,8 @@ def test_a_team_on_three_hosts_learns_the_same_bits(number):
     )
     assert done.returncode == 0, done.stderr
     row = done.stdout.splitlines()[-1]
-    steps, timeouts = re.fullmatch(r"\| .* \| (\d+) \| (\d+) \| the same bits \|", row).groups()
+    steps, timeouts = re.fullmatch(
+        r"\| .* \| (\d+) \| (\d+) \| the same bits \|", row
+    ).groups()
     assert int(steps) > 0
     assert int(timeouts) == 0

@@ -4,7 +4,7 @@
 
 from types import SimpleNamespace
 
-from sparse_coord_ros.nodes.intake import Intake
+from sparse_coord_ros.ros.nodes.intake import Intake
 
 
 def test_a_message_that_does_not_fit_is_said_once_a_topic_and_counted():

@@ -18,15 +18,15 @@ from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import MarkerArray
 
-from sparse_coord_ros.learn.run_config import run_from_yaml
-from sparse_coord_ros.learn.tables import load_saved, robot_file
-from sparse_coord_ros.learners.tables import memories_equal
-from sparse_coord_ros.look.layouts import foxglove_layout
-from sparse_coord_ros.nodes import interface
-from sparse_coord_ros.nodes.messages import Converter
-from sparse_coord_ros.palette import robot_colour
-from sparse_coord_ros.share import share_file
-from sparse_coord_ros.wire.status import values_of
+from sparse_coord_ros.base.palette import robot_colour
+from sparse_coord_ros.base.share import share_file
+from sparse_coord_ros.core.learners.tables import memories_equal
+from sparse_coord_ros.core.runs.run_config import run_from_yaml
+from sparse_coord_ros.core.runs.tables import load_saved, robot_file
+from sparse_coord_ros.protocol.wire.status import values_of
+from sparse_coord_ros.ros.nodes import interface
+from sparse_coord_ros.ros.nodes.messages import Converter
+from sparse_coord_ros.show.layouts import foxglove_layout
 
 SETTINGS = {"steps": 2000, "perception": "probability:0.5", "epsilon": "constant:1"}
 SEED = 11
@@ -75,18 +75,37 @@ def team(module_bench, tmp_path_factory):
         percepts={n: observer.listen(Path, f"{n}/percept") for n in NAMES},
     )
     sets = [f"{name}={value}" for name, value in SETTINGS.items()]
-    values = {"seed": SEED, "set": sets, "step_period": PERIOD, "resolution": RESOLUTION}
+    values = {
+        "seed": SEED,
+        "set": sets,
+        "step_period": PERIOD,
+        "resolution": RESOLUTION,
+    }
     world = bench.world(rate=100.0, out=str(seen.out), **values)
-    bench.spin_until(lambda: all(observer.count(topic) for topic in TEAM), "world found")
-    assert observer.call(SetBool, "world_simulator/pause", SetBool.Request(data=True)).success
+    bench.spin_until(
+        lambda: all(observer.count(topic) for topic in TEAM), "world found"
+    )
+    assert observer.call(
+        SetBool, "world_simulator/pause", SetBool.Request(data=True)
+    ).success
     robots = bench.robots(out=str(seen.out))
-    bench.spin_until(lambda: all(observer.count(topic) for topic in TOPICS), "all found")
+    bench.spin_until(
+        lambda: all(observer.count(topic) for topic in TOPICS), "all found"
+    )
     bench.spin_until(lambda: world.lockstep.complete, "first barrier")
-    assert observer.call(SetBool, "world_simulator/pause", SetBool.Request(data=False)).success
-    bench.spin_until(lambda: all(len(paths) >= 6 for paths in seen.percepts.values()), "percepts")
+    assert observer.call(
+        SetBool, "world_simulator/pause", SetBool.Request(data=False)
+    ).success
+    bench.spin_until(
+        lambda: all(len(paths) >= 6 for paths in seen.percepts.values()), "percepts"
+    )
     seen.diagnostics.clear()
-    bench.spin_until(lambda: len({m.status[0].name for m in seen.diagnostics}) == 3, "reports")
-    assert observer.call(SetBool, "world_simulator/pause", SetBool.Request(data=True)).success
+    bench.spin_until(
+        lambda: len({m.status[0].name for m in seen.diagnostics}) == 3, "reports"
+    )
+    assert observer.call(
+        SetBool, "world_simulator/pause", SetBool.Request(data=True)
+    ).success
     bench.spin_until(lambda: world.lockstep.complete, "barrier complete")
     newest = round(world.lockstep.world.step * PERIOD * 1e9)
     bench.spin_until(
@@ -137,7 +156,9 @@ def test_services(team):
         assert services[f"/{name}/active_perception"] == ["nav_msgs/srv/GetPlan"]
         assert services[f"/{name}/save"] == ["std_srvs/srv/Trigger"]
     for node in ("world_simulator", *NAMES):
-        assert services[f"/{node}/set_parameters"] == ["rcl_interfaces/srv/SetParameters"]
+        assert services[f"/{node}/set_parameters"] == [
+            "rcl_interfaces/srv/SetParameters"
+        ]
 
 
 def test_nobody_reads_another_robots_topics(team):
@@ -145,7 +166,11 @@ def test_nobody_reads_another_robots_topics(team):
     for name in NAMES:
         for topic in ROBOT:
             infos = team.observer.get_subscriptions_info_by_topic(f"/{name}/{topic}")
-            assert {info.node_name for info in infos} <= {name, "world_simulator", "observer"}
+            assert {info.node_name for info in infos} <= {
+                name,
+                "world_simulator",
+                "observer",
+            }
 
 
 def test_a_late_subscriber_gets_what_is_latched(team):
@@ -155,7 +180,9 @@ def test_a_late_subscriber_gets_what_is_latched(team):
         "status": late.listen(DiagnosticStatus, "status", latched=True),
         "map": late.listen(OccupancyGrid, "map", latched=True),
         "markers": late.listen(MarkerArray, "markers", latched=True),
-        "coordination": late.listen(OccupancyGrid, "robot_1/coordination_map", latched=True),
+        "coordination": late.listen(
+            OccupancyGrid, "robot_1/coordination_map", latched=True
+        ),
     }
     team.bench.spin_until(lambda: all(got.values()), "latched messages")
     assert run_from_yaml(got["run"][0].data, where="run") == team.run
@@ -165,7 +192,11 @@ def test_a_late_subscriber_gets_what_is_latched(team):
     info = got["map"][0].info
     assert (info.width, info.height, info.resolution) == (5, 5, RESOLUTION)
     assert got["map"][0].data.count(100) == 4
-    assert {marker.ns for marker in got["markers"][0].markers} == {"doorways", "goals", "robots"}
+    assert {marker.ns for marker in got["markers"][0].markers} == {
+        "doorways",
+        "goals",
+        "robots",
+    }
     coordination = np.array(got["coordination"][0].data)
     assert set(coordination.tolist()) <= {-1, 0, 100}
     assert np.count_nonzero(coordination == -1) == 4
@@ -173,7 +204,10 @@ def test_a_late_subscriber_gets_what_is_latched(team):
 
 def test_diagnostics_come_from_everybody(team):
     by_name = {m.status[0].name: m.status[0] for m in team.diagnostics}
-    assert set(by_name) == {"world_simulator: run", *(f"{name}: agent" for name in NAMES)}
+    assert set(by_name) == {
+        "world_simulator: run",
+        *(f"{name}: agent" for name in NAMES),
+    }
     world = values_of(by_name["world_simulator: run"])
     assert world["budget"] == "2000"
     rates = [
@@ -224,13 +258,21 @@ def test_pause_stops_and_resumes(team):
     assert status[-1].message == "paused"
     transitions = world.lockstep.world.transitions
     before = len(team.diagnostics)
-    bench.spin_until(lambda: len(team.diagnostics) >= before + 6, "two seconds of nothing")
+    bench.spin_until(
+        lambda: len(team.diagnostics) >= before + 6, "two seconds of nothing"
+    )
     assert world.lockstep.world.transitions == transitions
-    response = observer.call(SetBool, "world_simulator/pause", SetBool.Request(data=False))
+    response = observer.call(
+        SetBool, "world_simulator/pause", SetBool.Request(data=False)
+    )
     assert (response.success, response.message) == (True, "learning")
     bench.spin_until(lambda: status[-1].message == "learning", "status learning")
-    bench.spin_until(lambda: world.lockstep.world.transitions > transitions, "it goes on")
-    response = observer.call(SetBool, "world_simulator/pause", SetBool.Request(data=True))
+    bench.spin_until(
+        lambda: world.lockstep.world.transitions > transitions, "it goes on"
+    )
+    response = observer.call(
+        SetBool, "world_simulator/pause", SetBool.Request(data=True)
+    )
     assert (response.success, response.message) == (True, "paused")
 
 
@@ -268,7 +310,9 @@ def test_rviz_gets_what_its_file_subscribes_to(team):
     Other QoS than the publisher's would match nobody; a namespace that is not listed is shown all
     the same, one that is listed and never comes is a slip.
     """
-    manager = yaml.safe_load(share_file("rviz", "team.rviz").read_text())["Visualization Manager"]
+    manager = yaml.safe_load(share_file("rviz", "team.rviz").read_text())[
+        "Visualization Manager"
+    ]
     frame = manager["Global Options"]["Fixed Frame"]
     assert manager["Views"]["Current"]["Target Frame"] == frame
     rviz = team.bench.observer()
@@ -283,7 +327,9 @@ def test_rviz_gets_what_its_file_subscribes_to(team):
             depth=wanted["Depth"],
             history=HistoryPolicy[wanted["History Policy"].upper().replace(" ", "_")],
             reliability=ReliabilityPolicy[wanted["Reliability Policy"].upper()],
-            durability=DurabilityPolicy[wanted["Durability Policy"].upper().replace(" ", "_")],
+            durability=DurabilityPolicy[
+                wanted["Durability Policy"].upper().replace(" ", "_")
+            ],
         )
         found = got[display["Name"]] = []
         rviz.create_subscription(
@@ -295,8 +341,15 @@ def test_rviz_gets_what_its_file_subscribes_to(team):
             assert {header.frame_id for header in headers(message)} == {frame}
             if "Namespaces" in display:
                 assert {m.ns for m in message.markers} == set(display["Namespaces"])
-    shown = {display["Topic"]["Value"] for display in displays(manager) if "Topic" in display}
-    assert shown == {"/map", "/markers", "/scene", *(f"/{n}/coordination_map" for n in NAMES)}
+    shown = {
+        display["Topic"]["Value"] for display in displays(manager) if "Topic" in display
+    }
+    assert shown == {
+        "/map",
+        "/markers",
+        "/scene",
+        *(f"/{n}/coordination_map" for n in NAMES),
+    }
 
 
 def panels(tree):
@@ -349,7 +402,9 @@ def test_foxglove_finds_what_its_layout_names(team):
     }
     assert plotted == set(wanted.items())
     for summary in shows["DiagnosticSummary"]:
-        assert types[summary["topicToRender"]] == ["diagnostic_msgs/msg/DiagnosticArray"]
+        assert types[summary["topicToRender"]] == [
+            "diagnostic_msgs/msg/DiagnosticArray"
+        ]
 
 
 def test_a_recorder_gets_what_is_kept_for_late_subscribers():

@@ -14,9 +14,9 @@ from types import ModuleType, SimpleNamespace
 import pytest
 from ament_index_python.packages import PackageNotFoundError
 
-from sparse_coord_ros.errors import RunError, SettingError
-from sparse_coord_ros.game.plugins import allowed
-from sparse_coord_ros.limits import parse_yaml
+from sparse_coord_ros.base.errors import RunError, SettingError
+from sparse_coord_ros.base.limits import parse_yaml
+from sparse_coord_ros.core.game.plugins import allowed
 
 FOLDER = Path(__file__).parents[2] / "launch"
 NAMES = {
@@ -61,10 +61,12 @@ def launched(monkeypatch, warnings):
         monkeypatch.setitem(sys.modules, module, made)
     logger = SimpleNamespace(warning=warnings.append)
     sys.modules["launch.logging"].get_logger = lambda name: logger
-    monkeypatch.delitem(sys.modules, "sparse_coord_ros.launching", raising=False)
+    monkeypatch.delitem(sys.modules, "sparse_coord_ros.ros.launching", raising=False)
 
     def launch(name="team", **given):
-        spec = importlib.util.spec_from_file_location("launched", FOLDER / f"{name}.launch.py")
+        spec = importlib.util.spec_from_file_location(
+            "launched", FOLDER / f"{name}.launch.py"
+        )
         file = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(file)
         context = SimpleNamespace(launch_configurations=dict(given), is_shutdown=False)
@@ -74,7 +76,9 @@ def launched(monkeypatch, warnings):
             default = one.options["default_value"]
             context.launch_configurations.setdefault(one.parts[0], default)
         done = last.options["function"](context)
-        assert context.launch_configurations == given, "nothing is left to other launch files"
+        assert context.launch_configurations == given, (
+            "nothing is left to other launch files"
+        )
         return done
 
     return launch
@@ -95,7 +99,10 @@ def executables(nodes):
 def values(node):
     """Return the parameters that a launch gives a node, those of a file apart."""
     return {
-        key: v for one in node["parameters"] if isinstance(one, dict) for key, v in one.items()
+        key: v
+        for one in node["parameters"]
+        if isinstance(one, dict)
+        for key, v in one.items()
     }
 
 
@@ -119,16 +126,26 @@ def file(tmp_path):
     return str(path)
 
 
-def test_what_is_given_wins_over_the_file_also_where_it_is_the_default(nodes, tmp_path, file):
+def test_what_is_given_wins_over_the_file_also_where_it_is_the_default(
+    nodes, tmp_path, file
+):
     out = str(tmp_path / "run")
-    given = {"set": "penalty=-11, steps=200", "seed": "0", "out": out, "tables": "before"}
+    given = {
+        "set": "penalty=-11, steps=200",
+        "seed": "0",
+        "out": out,
+        "tables": "before",
+    }
     found = nodes(params_file=file, **given)
     assert [values(one).get("tables") for one in found] == [*["before"] * 5, None]
     assert found[0]["parameters"][0] == file
     world = values(found[0])
     assert (world["penalty"], world["steps"], world["seed"]) == (-11.0, 200, 0)
     assert world["scenario"] == "env2-4r" and executables(found).count("robot") == 4
-    assert executables(nodes(params_file=file, scenario="env1", out=out)).count("robot") == 2
+    assert (
+        executables(nodes(params_file=file, scenario="env1", out=out)).count("robot")
+        == 2
+    )
     assert not {"penalty", "seed", "greedy", "set"} & set(
         values(nodes(params_file=file, out=out)[0])
     )
@@ -137,8 +154,14 @@ def test_what_is_given_wins_over_the_file_also_where_it_is_the_default(nodes, tm
 @pytest.mark.parametrize(
     ("given", "text"),
     [
-        ({"greedy": "ture"}, "argument greedy: value is 'ture', allowed: true or false"),
-        ({"record": "flase"}, "argument record: value is 'flase', allowed: true or false"),
+        (
+            {"greedy": "ture"},
+            "argument greedy: value is 'ture', allowed: true or false",
+        ),
+        (
+            {"record": "flase"},
+            "argument record: value is 'flase', allowed: true or false",
+        ),
         ({"rate": "fast"}, "argument rate: value is 'fast', allowed: 0, or a number"),
         ({"seed": "1.5"}, "argument seed: value is '1.5', allowed: a whole number"),
         ({"set": "penaltie=3"}, "unknown setting 'penaltie' .did you mean 'penalty'"),
@@ -149,7 +172,9 @@ def test_what_is_misspelt_ends_the_launch(launched, given, text):
         launched(**given)
 
 
-def test_resume_goes_on_where_there_is_a_run_and_begins_one_where_there_is_none(nodes, tmp_path):
+def test_resume_goes_on_where_there_is_a_run_and_begins_one_where_there_is_none(
+    nodes, tmp_path
+):
     out = tmp_path / "run"
     assert "resume" not in values(nodes(out=str(out), resume="true")[0])
     out.mkdir()
@@ -181,7 +206,9 @@ def test_the_clock_follows_the_namespace_or_is_left_to_others(nodes, tmp_path):
     for found in (nodes(out=out, namespace="a", clock="none"), nodes("lab", out=out)):
         assert values(found[0])["clock"] == "none"
         assert found[0]["remappings"] == found[3]["remappings"] == []
-    with pytest.raises(SettingError, match="clock: value is 'sun', allowed: own or none"):
+    with pytest.raises(
+        SettingError, match="clock: value is 'sun', allowed: own or none"
+    ):
         nodes(out=out, clock="sun")
 
 
@@ -196,23 +223,38 @@ def test_the_clock_follows_the_namespace_or_is_left_to_others(nodes, tmp_path):
         ({"simulate": "false", "use_sim_time": "true"}, "none", None, True),
     ],
 )
-def test_simulated_bodies_own_the_clock(nodes, tmp_path, given, clock, body_clock, sim_time):
+def test_simulated_bodies_own_the_clock(
+    nodes, tmp_path, given, clock, body_clock, sim_time
+):
     found = nodes("bodies", out=str(tmp_path / "run"), **given)
     assert values(found[0])["clock"] == clock
     assert values(found[-1]).get("body_clock") == body_clock
     assert all(values(node)["use_sim_time"] == sim_time for node in found)
     own = clock == "own" or body_clock
-    assert all(node["remappings"] == [("/clock", "clock")] * bool(own) for node in found)
+    assert all(
+        node["remappings"] == [("/clock", "clock")] * bool(own) for node in found
+    )
 
 
 def test_a_clock_has_one_owner(nodes, tmp_path):
-    with pytest.raises(SettingError, match="argument body_clock: value is true, but the world"):
+    with pytest.raises(
+        SettingError, match="argument body_clock: value is true, but the world"
+    ):
         nodes("bodies", out=str(tmp_path / "run"), clock="own", body_clock="true")
 
 
-def test_a_misspelt_argument_name_is_warned_of(launched, warnings, tmp_path, monkeypatch):
+def test_a_misspelt_argument_name_is_warned_of(
+    launched, warnings, tmp_path, monkeypatch
+):
     """Those of a launch file that includes this one may be meant for others."""
-    words = ["ros2", "launch", "sparse_coord_ros", "team.launch.py", "sceanrio:=env1", "x:=3"]
+    words = [
+        "ros2",
+        "launch",
+        "sparse_coord_ros",
+        "team.launch.py",
+        "sceanrio:=env1",
+        "x:=3",
+    ]
     launched(out=str(tmp_path / "run"))
     assert warnings == []
     monkeypatch.setattr(sys, "argv", [*words, f"out:={tmp_path / 'run'}"])
@@ -231,7 +273,9 @@ def shown(launched, tmp_path):
 
     def show(name):
         launched(out=str(tmp_path / "run"))  # with the stand-ins for launch
-        spec = importlib.util.spec_from_file_location("shown", FOLDER / f"{name}.launch.py")
+        spec = importlib.util.spec_from_file_location(
+            "shown", FOLDER / f"{name}.launch.py"
+        )
         file = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(file)
         [[_, *declared, _]] = file.generate_launch_description().parts
@@ -245,15 +289,15 @@ def shown(launched, tmp_path):
 
 def test_the_arguments_show_their_real_defaults(shown):
     team, bodies, lab, replay = map(shown, ("team", "bodies", "lab", "replay"))
-    assert [team[name][0] for name in ("scenario", "seed", "record", "clock", "out")] == [
-        *("env1", "0", "true", "own", "")
-    ]
+    assert [
+        team[name][0] for name in ("scenario", "seed", "record", "clock", "out")
+    ] == [*("env1", "0", "true", "own", "")]
     assert [bodies[name][0] for name in ("clock", "body_clock", "use_sim_time")] == [
         *("none", "true", "true")
     ]
-    assert [lab[name][0] for name in ("clock", "slips", "epsilon", "checkpoint", "near")] == [
-        *("none", "false", "constant:0", "100", "0.1")
-    ]
+    assert [
+        lab[name][0] for name in ("clock", "slips", "epsilon", "checkpoint", "near")
+    ] == [*("none", "false", "constant:0", "100", "0.1")]
     assert (replay["bag"][0], replay["rate"][0]) == (None, "1.0")
     for said in (team, bodies, lab):
         learner = said["learner"][1].partition("(allowed: ")[2]
@@ -274,7 +318,9 @@ def test_practice_puts_a_base_at_each_start(nodes):
     assert values(stand_in)["bases"] == ["robot_1", "robot_2", "robot_3", "robot_4"]
     with pytest.raises(SettingError, match="argument robots: 1 names, allowed: 2"):
         nodes("practice", robots="tb1")
-    with pytest.raises(SettingError, match="argument fault: value is 'fire', allowed: none or"):
+    with pytest.raises(
+        SettingError, match="argument fault: value is 'fire', allowed: none or"
+    ):
         nodes("practice", fault="fire")
 
 
@@ -284,7 +330,12 @@ def test_replay_plays_the_bag(nodes):
 
 
 def test_bodies_have_drivers_and_a_simulator(nodes, tmp_path):
-    given = {"scenario": "env1", "out": str(tmp_path / "run"), "radius": "0.1", "slips": "false"}
+    given = {
+        "scenario": "env1",
+        "out": str(tmp_path / "run"),
+        "radius": "0.1",
+        "slips": "false",
+    }
     found = nodes("bodies", **given)
     assert executables(found)[-3:] == ["driver", "driver", "body"]
     assert values(found[0])["bodies"] and not values(found[0])["slips"]
@@ -298,7 +349,11 @@ def test_a_lab_has_drivers_for_the_namespaces_of_its_robots(nodes, tmp_path):
     assert executables(found)[-2:] == ["nav2_driver"] * 2
     said = values(found[-1])
     assert (said["robot"], said["action"]) == ("robot_2", "/tb2/navigate_to_pose")
-    assert (said["pose_type"], said["base_frame"], said["detour"]) == ("tf", "base_link", 5.0)
+    assert (said["pose_type"], said["base_frame"], said["detour"]) == (
+        "tf",
+        "base_link",
+        5.0,
+    )
     assert ("tf", "/tb2/tf") in found[-1]["remappings"]
     own = {"slips": False, "epsilon": "constant:0", "checkpoint": 100, "clock": "none"}
     assert own.items() <= values(found[0]).items()
@@ -314,24 +369,34 @@ def test_a_lab_has_drivers_for_the_namespaces_of_its_robots(nodes, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["team", "bodies", "lab"])
-def test_rviz_is_opened_for_the_team_at_hand(nodes, launched, tmp_path, monkeypatch, name):
+def test_rviz_is_opened_for_the_team_at_hand(
+    nodes, launched, tmp_path, monkeypatch, name
+):
     launched(out=str(tmp_path / "run"))
-    monkeypatch.setattr("sparse_coord_ros.launching.get_package_prefix", lambda package: "/opt")
+    monkeypatch.setattr(
+        "sparse_coord_ros.ros.launching.get_package_prefix", lambda package: "/opt"
+    )
     given = {"out": str(tmp_path / "run"), "scenario": "env2-4r", "namespace": "a"}
     [*_, view] = nodes(name, rviz="true", **given)
     assert (view["package"], view["executable"]) == ("rviz2", "rviz2")
-    assert view["parameters"] == [{"use_sim_time": name != "lab"}], "where a team owns the clock"
+    assert view["parameters"] == [{"use_sim_time": name != "lab"}], (
+        "where a team owns the clock"
+    )
     assert {("/tf", "tf"), ("/tf_static", "tf_static")} <= set(view["remappings"])
     [option, config] = view["arguments"]
     shown = Path(config).read_text()
     Path(config).unlink()
     assert option == "-d" and parse_yaml(shown, where=config)
-    assert shown.count("asks here") == 4 and "Value: /a/robot_4/coordination_map" in shown
+    assert (
+        shown.count("asks here") == 4 and "Value: /a/robot_4/coordination_map" in shown
+    )
 
 
 def test_foxglove_gets_a_layout_of_the_team_at_hand(launched, tmp_path):
     file = tmp_path / "team.json"
-    launched(out=str(tmp_path / "run"), scenario="env2-4r", namespace="a", foxglove=str(file))
+    launched(
+        out=str(tmp_path / "run"), scenario="env2-4r", namespace="a", foxglove=str(file)
+    )
     shown = json.loads(file.read_text())["configById"]
     assert [one["value"] for one in shown["Plot!reward"]["paths"]] == [
         f"/a/robot_{k}/reward.position[3]" for k in (1, 2, 3, 4)
@@ -340,13 +405,17 @@ def test_foxglove_gets_a_layout_of_the_team_at_hand(launched, tmp_path):
     assert shown["DiagnosticSummary!world"]["topicToRender"] == "/diagnostics"
 
 
-def test_without_rviz_nothing_starts_and_one_line_says_what_to_do(launched, tmp_path, monkeypatch):
+def test_without_rviz_nothing_starts_and_one_line_says_what_to_do(
+    launched, tmp_path, monkeypatch
+):
     def find(package):
         raise PackageNotFoundError(package)
 
     launched(out=str(tmp_path / "run"))
-    monkeypatch.setattr("sparse_coord_ros.launching.get_package_prefix", find)
-    with pytest.raises(RunError, match="sudo apt install ros-jazzy-rviz2, or leave") as raised:
+    monkeypatch.setattr("sparse_coord_ros.ros.launching.get_package_prefix", find)
+    with pytest.raises(
+        RunError, match="sudo apt install ros-jazzy-rviz2, or leave"
+    ) as raised:
         launched(out=str(tmp_path / "run"), rviz="true")
     assert "\n" not in str(raised.value)
 
@@ -369,7 +438,9 @@ class Ends:
     def end(self, number, code):
         """Let a node end; return what the launch is to do."""
         node, then = list(self.handlers.items())[number]
-        event = SimpleNamespace(returncode=code, process_name=node.options["executable"])
+        event = SimpleNamespace(
+            returncode=code, process_name=node.options["executable"]
+        )
         return then(event, SimpleNamespace(is_shutdown=False))
 
 
@@ -389,7 +460,9 @@ def test_included_a_team_that_fails_ends_alone_and_says_so(launched, tmp_path):
 
 
 def test_a_launch_of_its_own_fails_with_its_team(launched, tmp_path, monkeypatch):
-    monkeypatch.setattr(sys, "argv", ["ros2", "launch", "sparse_coord_ros", "team.launch.py"])
+    monkeypatch.setattr(
+        sys, "argv", ["ros2", "launch", "sparse_coord_ros", "team.launch.py"]
+    )
     team = Ends(launched(out=str(tmp_path / "run")))
     assert kinds(one.options["event"] for one in team.end(0, 1)) == ["Shutdown"]
     team.end(1, 0), team.end(2, 0)

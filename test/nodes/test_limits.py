@@ -13,17 +13,17 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 
-from sparse_coord_ros import wire
-from sparse_coord_ros.errors import TablesError
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learn.run_config import RunConfig, make_run
-from sparse_coord_ros.learn.tables import unpack_saved
-from sparse_coord_ros.limits import TABLES
-from sparse_coord_ros.lockstep.bodies import BodyGoal, Goals
-from sparse_coord_ros.nodes import interface
-from sparse_coord_ros.nodes.intake import Intake
-from sparse_coord_ros.nodes.messages import Converter
-from sparse_coord_ros.wire.status import read_status
+from sparse_coord_ros.base.errors import TablesError
+from sparse_coord_ros.base.limits import TABLES
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.runs.run_config import RunConfig, make_run
+from sparse_coord_ros.core.runs.tables import unpack_saved
+from sparse_coord_ros.protocol import wire
+from sparse_coord_ros.protocol.lockstep.bodies import BodyGoal, Goals
+from sparse_coord_ros.protocol.wire.status import read_status
+from sparse_coord_ros.ros.nodes import interface
+from sparse_coord_ros.ros.nodes.intake import Intake
+from sparse_coord_ros.ros.nodes.messages import Converter
 
 STALL_SECONDS = 0.05
 """Most that reading one message may take from a node in the lock step; measured: 8 ms."""
@@ -38,25 +38,37 @@ def test_a_large_message_is_dropped_unread(topic):
         heard[name] = take
 
     logger = SimpleNamespace(warning=said.append)
-    node = SimpleNamespace(create_subscription=create_subscription, get_logger=lambda: logger)
+    node = SimpleNamespace(
+        create_subscription=create_subscription, get_logger=lambda: logger
+    )
     intake = Intake(node)
     bound = interface.bind(topic)
     intake.listen(bound, None, name="x", unpack=None, read=None)
     heard["x"](bytes(topic.limit.bytes + 1))
     assert intake.dropped == {"x": 1}
-    assert f"allowed for {topic.limit.what}: {topic.limit.bytes:,}; message dropped" in said[0]
+    assert (
+        f"allowed for {topic.limit.what}: {topic.limit.bytes:,}; message dropped"
+        in said[0]
+    )
 
 
 def test_messages_of_a_large_team_are_below_the_limits():
     scenario = load_scenario("building-8x8x10-60r-0")
-    run = make_run(scenario, {"learner": "indiv"}) if len(scenario.map.cells) < 23_170 else None
+    run = (
+        make_run(scenario, {"learner": "indiv"})
+        if len(scenario.map.cells) < 23_170
+        else None
+    )
     run = run or RunConfig(scenario=scenario, learner="indiv", versions={})
     convert = Converter(run)
     goals = Goals(1, 0, False, 0.0, tuple(BodyGoal(k, 1, 2) for k in range(60)))
     for topic, data in (
         (wire.RUN, run.to_yaml().encode()),
         (wire.MAP, convert.pack_map(0)),
-        (wire.MARKERS, convert.pack_markers((0, 0), [robot.start for robot in scenario.robots])),
+        (
+            wire.MARKERS,
+            convert.pack_markers((0, 0), [robot.start for robot in scenario.robots]),
+        ),
         (wire.BODY_GOALS, serialize_message(convert.goals_message(goals))),
         (wire.LOCAL_STATE, convert.pack_state(7, 3)),
     ):
@@ -74,7 +86,11 @@ def test_the_largest_message_does_not_stall_the_lock_step():
         (names, convert.unpack_account),
     ):
         data = serialize_message(message)
-        assert 0.9 * interface.STATUS.limit.bytes < len(data) <= interface.STATUS.limit.bytes
+        assert (
+            0.9 * interface.STATUS.limit.bytes
+            < len(data)
+            <= interface.STATUS.limit.bytes
+        )
         taken = []
         for _ in range(3):
             before = time.process_time()
@@ -91,7 +107,9 @@ def test_tables_are_unpacked_only_as_far_as_those_of_a_robot_can_be():
             np.lib.format.write_array(array, np.zeros((10_000_000, 1)))
     assert len(file.getvalue()) < 600_000
     before = time.process_time()
-    with pytest.raises(TablesError, match="80,000,128 bytes, allowed for the tables of one robot"):
+    with pytest.raises(
+        TablesError, match="80,000,128 bytes, allowed for the tables of one robot"
+    ):
         unpack_saved(file.getvalue(), [1], where="tables", limit=TABLES)
     assert time.process_time() - before < STALL_SECONDS
 

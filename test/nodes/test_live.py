@@ -8,15 +8,17 @@ from types import SimpleNamespace
 
 import pytest
 
+from sparse_coord_ros.base.errors import RunError
 from sparse_coord_ros.cli import live
-from sparse_coord_ros.errors import RunError
-from sparse_coord_ros.nodes.middleware import DOMAIN, ros_domain
-from sparse_coord_ros.nodes.spin import Stop
+from sparse_coord_ros.ros.nodes.environment import DOMAIN, ros_domain
+from sparse_coord_ros.ros.nodes.spin import Stop
 
 
 def test_of_two_teams_in_a_domain_one_is_refused(monkeypatch):
     with live.sole_team():
-        with pytest.raises(RunError, match=r"^ROS domain \d+: another process runs a team in it"):
+        with pytest.raises(
+            RunError, match=r"^ROS domain \d+: another process runs a team in it"
+        ):
             live.sole_team()
         monkeypatch.setenv("ROS_DOMAIN_ID", "101")
         with live.sole_team():
@@ -32,17 +34,25 @@ def test_an_empty_domain_is_domain_0(monkeypatch, value):
     if value is None:
         monkeypatch.delenv(DOMAIN)
     assert ros_domain() == 0
-    monkeypatch.setattr(os, "getuid", lambda: f"test_{os.getpid()}")  # whatever else runs here
+    monkeypatch.setattr(
+        os, "getuid", lambda: f"test_{os.getpid()}"
+    )  # whatever else runs here
     with live.sole_team():
         monkeypatch.setenv(DOMAIN, "0")
-        with pytest.raises(RunError, match="^ROS domain 0: another process runs a team in it"):
+        with pytest.raises(
+            RunError, match="^ROS domain 0: another process runs a team in it"
+        ):
             live.sole_team()
 
 
-@pytest.mark.parametrize("value", ["233", "-1", "x", "010", "0x1", "1.0", "\u0661", "7 7"])
+@pytest.mark.parametrize(
+    "value", ["233", "-1", "x", "010", "0x1", "1.0", "\u0661", "7 7"]
+)
 def test_a_domain_that_dds_has_not_is_refused(monkeypatch, value):
     monkeypatch.setenv(DOMAIN, value)
-    with pytest.raises(RunError, match=f"^{DOMAIN} is .*, allowed: a whole number from 0 to 232"):
+    with pytest.raises(
+        RunError, match=f"^{DOMAIN} is .*, allowed: a whole number from 0 to 232"
+    ):
         live.sole_team()
 
 
@@ -59,7 +69,9 @@ def test_a_world_that_all_robots_have_left_is_ended(tmp_path, monkeypatch, capsy
 
 def test_a_signal_that_all_processes_heard_is_an_interrupt(tmp_path):
     """They may have ended by themselves before anybody looks."""
-    ended = {name: SimpleNamespace(poll=lambda: 0) for name in ("world_simulator", "robot_1")}
+    ended = {
+        name: SimpleNamespace(poll=lambda: 0) for name in ("world_simulator", "robot_1")
+    }
     stop = Stop()
     assert live._wait(ended, tmp_path, stop) is False
     stop.handle(signal.SIGINT, None)

@@ -16,22 +16,27 @@ from std_msgs.msg import Header
 from teams import untrained
 from visualization_msgs.msg import Marker, MarkerArray
 
-from sparse_coord_ros.game.actions import COORDINATE
-from sparse_coord_ros.game.scenario import load_scenario, scenario_names
-from sparse_coord_ros.game.world import Action, Reward
-from sparse_coord_ros.learn.run_config import make_run
-from sparse_coord_ros.nodes.guard import read_claim
-from sparse_coord_ros.nodes.messages import Converter, read_tables_message, status, tables_message
-from sparse_coord_ros.palette import DOORWAY_COLOUR, rgb
-from sparse_coord_ros.wire import ACTION, REWARD, Account, ClaimRank
-from sparse_coord_ros.wire.messages import markers_form
-from sparse_coord_ros.wire.status import (
+from sparse_coord_ros.base.palette import DOORWAY_COLOUR, rgb
+from sparse_coord_ros.core.game.actions import COORDINATE
+from sparse_coord_ros.core.game.scenario import load_scenario, scenario_names
+from sparse_coord_ros.core.game.world import Action, Reward
+from sparse_coord_ros.core.runs.run_config import make_run
+from sparse_coord_ros.protocol.wire import ACTION, REWARD, Account, ClaimRank
+from sparse_coord_ros.protocol.wire.messages import markers_form
+from sparse_coord_ros.protocol.wire.status import (
     Order,
     Progress,
     Said,
     read_progress,
     read_status,
     values_of,
+)
+from sparse_coord_ros.ros.nodes.guard import read_claim
+from sparse_coord_ros.ros.nodes.messages import (
+    Converter,
+    read_tables_message,
+    status,
+    tables_message,
 )
 
 
@@ -119,11 +124,20 @@ def test_actions_come_back(move, vector, peer):
             assert convert.unpack_account(data) == (77, action, account)
             said = deserialize_message(data, JointState)
             assert list(said.name) == list(ACTION.labels)
-            assert tuple(said.position) == (*vector, asked, peer + 1, perceived, *account)
+            assert tuple(said.position) == (
+                *vector,
+                asked,
+                peer + 1,
+                perceived,
+                *account,
+            )
 
 
 def altered(**numbers):
-    said = dict(zip(ACTION.labels, [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0], strict=True)) | numbers
+    said = (
+        dict(zip(ACTION.labels, [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0], strict=True))
+        | numbers
+    )
     return {"labels": said, "numbers": said.values()}
 
 
@@ -149,20 +163,30 @@ def test_an_action_that_does_not_fit_the_run_is_a_value_error(said, text):
 
 def test_status_comes_back():
     order = Order("ab", 20, 41)
-    for said in (Said("id", "learning", 7, 6, 2, "start", order), Said("", "paused", 1, 0)):
+    for said in (
+        Said("id", "learning", 7, 6, 2, "start", order),
+        Said("", "paused", 1, 0),
+    ):
         assert read_status(status("env1", said.state, said.values())) == said
     good = Said("", "learning", 7, 6).values()
     for bad in ({"step": "x"}, {"step": -1}, {"rollback": "ab 1"}):
         with pytest.raises(ValueError):
             read_status(status("env1", "learning", good | bad))
     with pytest.raises(ValueError, match="calls no value 'began'"):
-        read_status(status("a", "b", {name: good[name] for name in good if name != "began"}))
+        read_status(
+            status("a", "b", {name: good[name] for name in good if name != "began"})
+        )
 
 
 def test_progress_comes_back_and_none_is_beyond_any_run():
     said = Progress("life", 40, 39, (0, 20), "order", True)
     assert read_progress(status("robot_1", "progress", said.values())) == said
-    for bad in ({"step": -1}, {"step": 10**12}, {"transitions": 10**30}, {"checkpoints": (0, -5)}):
+    for bad in (
+        {"step": -1},
+        {"step": 10**12},
+        {"transitions": 10**30},
+        {"checkpoints": (0, -5)},
+    ):
         with pytest.raises(ValueError, match="no run comes there"):
             read_progress(status("robot_1", "progress", said._replace(**bad).values()))
 
@@ -199,7 +223,9 @@ def test_the_coordination_map_shows_where_coordinate_is_best():
     tables.q_star[7, COORDINATE] = 2.0
     values = grid_of(convert, convert.pack_coordination_map(3, tables.q_star))
     assert np.argwhere(values == 100).tolist() == [list(convert.grid.cells[7])]
-    assert np.count_nonzero(values == -1) == sum(r.count("#") for r in convert.grid.rows)
+    assert np.count_nonzero(values == -1) == sum(
+        r.count("#") for r in convert.grid.rows
+    )
     tables = untrained(load_scenario("env1"), "noncoop")
     assert 100 not in grid_of(convert, convert.pack_coordination_map(3, tables.q_star))
 
@@ -216,23 +242,37 @@ def test_markers_show_doorways_goals_and_robots():
     scenario = load_scenario("env2-4r")
     convert = converter("env2-4r", resolution=2.0)
     for step, cells in ((8, [3, 4, 5, 6]), (70_000, [7, 4, 0, 9])):
-        array = deserialize_message(convert.pack_markers(convert.stamp(step), cells), MarkerArray)
+        array = deserialize_message(
+            convert.pack_markers(convert.stamp(step), cells), MarkerArray
+        )
         by_kind = {}
         for marker in array.markers:
             assert (marker.action, marker.header) == (Marker.ADD, convert.header(step))
             position = marker.pose.position
-            by_kind.setdefault(marker.ns, {})[marker.id] = convert.cell(position.x, position.y)
+            by_kind.setdefault(marker.ns, {})[marker.id] = convert.cell(
+                position.x, position.y
+            )
         assert set(by_kind["doorways"].values()) == scenario.map.doorways
-        assert list(by_kind["goals"].values()) == [robot.goal for robot in scenario.robots]
+        assert list(by_kind["goals"].values()) == [
+            robot.goal for robot in scenario.robots
+        ]
         assert list(by_kind["robots"].values()) == cells
         assert len(array.markers) == sum(len(ids) for ids in by_kind.values())
         rows, fits = marker_rows(convert, scenario, array)
         assert fits.all() and convert.step(0, int(rows["ns"][0])) == step
         assert rows["places"][0].tolist() == [list(convert.centres[c]) for c in cells]
-    [look] = {(m.color.r, m.color.g, m.color.b) for m in array.markers if m.ns == "doorways"}
-    assert look == pytest.approx(rgb(DOORWAY_COLOUR), abs=1e-6), "as in every picture, no wall"
+    [look] = {
+        (m.color.r, m.color.g, m.color.b) for m in array.markers if m.ns == "doorways"
+    }
+    assert look == pytest.approx(rgb(DOORWAY_COLOUR), abs=1e-6), (
+        "as in every picture, no wall"
+    )
     shapes = {m.ns: m.type for m in array.markers}
-    wanted = {"doorways": Marker.CUBE, "goals": Marker.CYLINDER, "robots": Marker.SPHERE}
+    wanted = {
+        "doorways": Marker.CUBE,
+        "goals": Marker.CYLINDER,
+        "robots": Marker.SPHERE,
+    }
     assert shapes == wanted
 
 
@@ -264,7 +304,9 @@ def other_place(markers):
 )
 def test_other_markers_are_not_of_the_runs_form(change, fits):
     convert = converter()
-    array = deserialize_message(convert.pack_markers(convert.stamp(8), [3, 4]), MarkerArray)
+    array = deserialize_message(
+        convert.pack_markers(convert.stamp(8), [3, 4]), MarkerArray
+    )
     change(array.markers)
     assert marker_rows(convert, load_scenario("env1"), array)[1].tolist() == [fits]
 
@@ -284,5 +326,9 @@ def test_tables_travel_as_bytes(change):
 def test_values_of_a_status_come_back():
     message = status("env1", "learning", {"step": 12, "rate": 0.5}, warn=True)
     assert values_of(message) == {"step": "12", "rate": "0.5"}
-    assert (message.name, message.message, message.level) == ("env1", "learning", message.WARN)
+    assert (message.name, message.message, message.level) == (
+        "env1",
+        "learning",
+        message.WARN,
+    )
     assert status("env1", "learning", {}).level == message.OK

@@ -7,12 +7,12 @@ import subprocess
 import sys
 from pathlib import Path
 
-from sparse_coord_ros.nodes.middleware import PROFILES, one_host, repair_promptly
+from sparse_coord_ros.ros.nodes.environment import PROFILES, one_host, repair_promptly
 
 PUBLISH = """
 import rclpy
 from std_msgs.msg import String
-from sparse_coord_ros.nodes.middleware import repair_promptly
+from sparse_coord_ros.ros.nodes.environment import repair_promptly
 
 repair_promptly()
 rclpy.init()
@@ -62,7 +62,9 @@ def test_fast_dds_understands_the_profiles(monkeypatch, tmp_path) -> None:
     bad.write_text(by_hand.read_text().replace("heartbeatPeriod", "heartbeat"))
     for profiles in (on_one_host, by_hand, bad):
         monkeypatch.setenv(PROFILES, str(profiles))
-        done = subprocess.run([sys.executable, "-c", PUBLISH], capture_output=True, text=True)
+        done = subprocess.run(
+            [sys.executable, "-c", PUBLISH], capture_output=True, text=True
+        )
         assert done.returncode == 0, done.stderr
         printed = done.stdout + done.stderr
         assert ("XMLPARSER" in printed) if profiles == bad else printed == ""
@@ -74,7 +76,9 @@ def test_profiles_of_the_current_directory_are_not_taken(monkeypatch, tmp_path) 
     monkeypatch.delenv("SKIP_DEFAULT_XML_FILE")
     (victim := tmp_path / "victim").write_text("kept")
     for name in ("FASTRTPS", "FASTDDS"):
-        (tmp_path / f"DEFAULT_{name}_PROFILES.xml").write_text(EMPTIES.format(file=victim))
+        (tmp_path / f"DEFAULT_{name}_PROFILES.xml").write_text(
+            EMPTIES.format(file=victim)
+        )
     command = [sys.executable, "-c", PUBLISH]
     subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
     assert victim.read_text() == "kept"

@@ -18,12 +18,12 @@ from rclpy.action import ActionClient
 from std_srvs.srv import SetBool
 
 from sparse_coord_ros.cli.main import main as sparse_coord
-from sparse_coord_ros.driving.ground import Ground, Pose
-from sparse_coord_ros.nodes.body import BodyNode
-from sparse_coord_ros.nodes.driver import DriverNode
-from sparse_coord_ros.nodes.nav2_stand_in import TICK_SECONDS
-from sparse_coord_ros.nodes.outputs import gather
-from sparse_coord_ros.runlog.verify import verify
+from sparse_coord_ros.lab.driving.ground import Ground, Pose
+from sparse_coord_ros.log.runlog.verify import verify
+from sparse_coord_ros.ros.nodes.body import BodyNode
+from sparse_coord_ros.ros.nodes.driver import DriverNode
+from sparse_coord_ros.ros.nodes.nav2_stand_in import TICK_SECONDS
+from sparse_coord_ros.ros.nodes.outputs import gather
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(600)]
 
@@ -38,7 +38,7 @@ AT_FIRST = "0.5,0.5"
 @pytest.fixture
 def start_team(types, bench, tmp_path):
     """Return a function that starts a team with its drivers; and the servers, if asked for."""
-    from sparse_coord_ros.nodes.nav2_stand_in import Nav2StandIn
+    from sparse_coord_ros.ros.nodes.nav2_stand_in import Nav2StandIn
 
     def start(
         names=ROBOTS,
@@ -54,8 +54,14 @@ def start_team(types, bench, tmp_path):
         out = tmp_path / "out"
         server = None
         if served:
-            values = {"bases": list(names), "places": [AT_FIRST] * len(names), "speed": SPEED}
-            server = bench.add(Nav2StandIn(context=bench.place("nav2")[0], values=values), "nav2")
+            values = {
+                "bases": list(names),
+                "places": [AT_FIRST] * len(names),
+                "speed": SPEED,
+            }
+            server = bench.add(
+                Nav2StandIn(context=bench.place("nav2")[0], values=values), "nav2"
+            )
         given = {"scenario": scenario, "out": str(out), "seed": 7, "step_timeout": 60.0}
         given |= {"set": [f"steps={steps}"], **(world or {})}
         if recorder:
@@ -72,16 +78,20 @@ def start_team(types, bench, tmp_path):
 
 def make_driver(bench, robot, **values):
     """Start the driver of a robot."""
-    from sparse_coord_ros.nodes.nav2_driver import Nav2DriverNode
+    from sparse_coord_ros.ros.nodes.nav2_driver import Nav2DriverNode
 
     values = {"robot": robot, "step_seconds": STEP_SECONDS, **values}
     context = bench.place()[0]
-    return bench.add(Nav2DriverNode(context=context, name=f"{robot}_driver", values=values))
+    return bench.add(
+        Nav2DriverNode(context=context, name=f"{robot}_driver", values=values)
+    )
 
 
 def spin_for(bench, seconds):
     end = time.monotonic() + seconds
-    bench.spin_until(lambda: time.monotonic() > end, "time passes", seconds=seconds + 60.0)
+    bench.spin_until(
+        lambda: time.monotonic() > end, "time passes", seconds=seconds + 60.0
+    )
 
 
 def moved(world, count):
@@ -96,7 +106,9 @@ def moved(world, count):
 def test_a_team_that_nav2_drives_learns_what_the_grid_teaches(
     start_team, bench, tmp_path, simulate, assert_same_tables, scenario, names, steps
 ):
-    world, drivers, server = start_team(names, steps=steps, scenario=scenario, recorder=True)
+    world, drivers, server = start_team(
+        names, steps=steps, scenario=scenario, recorder=True
+    )
     bench.spin_until_done(but=server)
     out = tmp_path / "out"
     gather(out, world.run.scenario, interrupted=False)
@@ -125,7 +137,9 @@ class Together:
         doorways = self._world.run.scenario.map.doorways
         places = (base.pose[:2] for base in self._server.bases.values())
         within = Counter(self._ground.cell(*place) for place in places)
-        now = {cell for cell, number in within.items() if number > 1 and cell in doorways}
+        now = {
+            cell for cell, number in within.items() if number > 1 and cell in doorways
+        }
         if not self._world.bodies.side.placing:
             self.count += len(now - self._before)
         self._before = now
@@ -147,8 +161,14 @@ def test_what_was_learned_in_simulation_nav2_drives(
         scenario = str(tmp_path / "office" / "office.yaml")
     learned = tmp_path / "learned"
     sets = [word for one in training for word in ("--set", one)]
-    assert sparse_coord(["train", scenario, *sets, "--seed", "1", "--out", str(learned)]) == 0
-    sets = [one for one in training if "steps" not in one] + [f"steps={driving}", "starts=fixed"]
+    assert (
+        sparse_coord(["train", scenario, *sets, "--seed", "1", "--out", str(learned)])
+        == 0
+    )
+    sets = [one for one in training if "steps" not in one] + [
+        f"steps={driving}",
+        "starts=fixed",
+    ]
     values = {"greedy": True, "tables": str(learned), "set": sets}
     world, drivers, server = start_team(
         scenario=scenario, recorder=True, world=values, step_seconds=50.0
@@ -172,7 +192,9 @@ def test_what_was_learned_in_simulation_nav2_drives(
     history = world.lockstep.history.history()
     assert history.arrived[:-1].all(), "whoever began an episode arrived"
     failed = world.summary()["moves_failed"]
-    assert counts["arrived"] > 0.9 * counts.total(), "the others: a busy machine answers late"
+    assert counts["arrived"] > 0.9 * counts.total(), (
+        "the others: a busy machine answers late"
+    )
     assert game.miscoordinations <= at_once <= game.miscoordinations + 2 + failed
 
 
@@ -192,13 +214,17 @@ def test_learning_goes_on_in_steps_of_seconds_and_over_a_restart(
     bench.spin_until(moved(world, 4), "slowly")
     assert time.monotonic() - begun > 5.0
     bench.destroy(world)
-    bench.spin_until(lambda: not observer.count("world_simulator/_claim"), "its name is free")
+    bench.spin_until(
+        lambda: not observer.count("world_simulator/_claim"), "its name is free"
+    )
     known = {"scenario": "", "out": str(tmp_path / "out"), "rate": 0.5}
     again = bench.world(bodies=True, resume=True, **known)
     bench.spin_until(lambda: again.done, "the run's end")
     bench.spin_until_done(but=server)
     gather(tmp_path / "out", again.run.scenario, interrupted=False)
-    assert_same_tables(tmp_path / "out", simulate("env1", {"steps": steps, **said}, seed=7))
+    assert_same_tables(
+        tmp_path / "out", simulate("env1", {"steps": steps, **said}, seed=7)
+    )
     summary = again.summary()
     assert (summary["timeouts"], summary["moves_failed"]) == (0, 0)
 
@@ -244,7 +270,9 @@ def test_a_killed_server_and_one_that_comes_back(start_team, serve, bench):
     process.send_signal(signal.SIGKILL)
     process.exit_code()
     bench.spin_until(
-        lambda: any(one.navigator.counts["poses lost"] for one in drivers), "lost", seconds=30
+        lambda: any(one.navigator.counts["poses lost"] for one in drivers),
+        "lost",
+        seconds=30,
     )
     serve(*ROBOTS)
     made = world.lockstep.world.transitions
@@ -256,7 +284,11 @@ def serve(start_node):
     """Return a function that starts a stand-in as a process."""
 
     def serve(*bases):
-        values = {"bases": list(bases), "places": [AT_FIRST] * len(bases), "speed": SPEED}
+        values = {
+            "bases": list(bases),
+            "places": [AT_FIRST] * len(bases),
+            "speed": SPEED,
+        }
         process = start_node("nav2_stand_in", "nav2_stand_in", **values)
         process.wait_for("in place of Nav2: ")
         return process
@@ -307,7 +339,9 @@ def test_no_goal_is_sent_before_one_of_two_servers_is_gone(
     assert process.running()
 
 
-def test_two_servers_that_stay_are_refused_by_name(start_team, serve_twice, start_driver, bench):
+def test_two_servers_that_stay_are_refused_by_name(
+    start_team, serve_twice, start_driver, bench
+):
     serve_twice("robot_2")
     world, _, server = start_team(driven=ROBOTS[:1])
     process = start_driver("robot_2")
@@ -329,7 +363,9 @@ def test_a_second_server_that_appears_later_is_reported_and_nothing_crashes(
     bench.spin_until(lambda: wanted in process.output, "it is reported")
     base = server.bases["robot_1"]
     begun = base.goals
-    bench.spin_until(lambda: not process.running() or base.goals > begun + 60, "goals go to both")
+    bench.spin_until(
+        lambda: not process.running() or base.goals > begun + 60, "goals go to both"
+    )
     assert process.running(), process.output
     second.send_signal(signal.SIGINT)
     made = world.lockstep.world.transitions
@@ -346,7 +382,9 @@ def test_halted_all_goals_of_nav2_are_cancelled_and_then_it_goes_on(start_team, 
     for robot in server.bases.values():
         robot.faults += ["stuck"] * 5
     bench.spin_until(
-        lambda: all(one.fault == "stuck" and one.active for one in server.bases.values()),
+        lambda: all(
+            one.fault == "stuck" and one.active for one in server.bases.values()
+        ),
         "stuck",
         seconds=60,
     )
@@ -359,7 +397,9 @@ def test_halted_all_goals_of_nav2_are_cancelled_and_then_it_goes_on(start_team, 
     client = ActionClient(observer, server.action, "robot_1/navigate_to_pose")
     bench.spin_until(client.server_is_ready, "the server is found")
     client.send_goal_async(server.action.Goal())
-    bench.spin_until(lambda: server.bases["robot_1"].active, "a goal of somebody else's")
+    bench.spin_until(
+        lambda: server.bases["robot_1"].active, "a goal of somebody else's"
+    )
     asked = "robot_1_driver/halt"
     bench.spin_until(
         lambda: observer.call(SetBool, asked, hold).success and not server.driving,
@@ -379,10 +419,14 @@ def test_halted_all_goals_of_nav2_are_cancelled_and_then_it_goes_on(start_team, 
     client.destroy()
 
 
-def test_a_killed_driver_s_goal_ends_when_it_is_started_again(start_team, start_node, bench):
+def test_a_killed_driver_s_goal_ends_when_it_is_started_again(
+    start_team, start_node, bench
+):
     def drive():
         return start_node(
-            *("nav2_driver", "robot_1_driver"), robot="robot_1", step_seconds=STEP_SECONDS
+            *("nav2_driver", "robot_1_driver"),
+            robot="robot_1",
+            step_seconds=STEP_SECONDS,
         )
 
     process = drive()
@@ -413,7 +457,9 @@ def test_deactivated_it_cancels_and_activated_it_goes_on(start_team, bench):
 
     def change(transition):
         request = ChangeState.Request(transition=Transition(id=transition))
-        return observer.call(ChangeState, "robot_1_driver/change_state", request).success
+        return observer.call(
+            ChangeState, "robot_1_driver/change_state", request
+        ).success
 
     robot = server.bases["robot_1"]
     robot.faults += ["stuck"]
@@ -466,6 +512,12 @@ def test_with_transforms_for_poses_the_same_bits(
     gather(out, world.run.scenario, interrupted=False)
     assert_same_tables(out, simulate("env1", {"steps": 8}, seed=7))
     assert world.summary()["moves_failed"] == 0
-    links = {(t.header.frame_id, t.child_frame_id) for one in transforms for t in one.transforms}
+    links = {
+        (t.header.frame_id, t.child_frame_id)
+        for one in transforms
+        for t in one.transforms
+    }
     assert ("map", "fleet/robot_1/odom") in links
-    assert ("fleet/robot_1/odom", "fleet/robot_1/base_link") in links and len(links) == 4
+    assert ("fleet/robot_1/odom", "fleet/robot_1/base_link") in links and len(
+        links
+    ) == 4

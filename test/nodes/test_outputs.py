@@ -10,14 +10,14 @@ from types import SimpleNamespace
 
 import pytest
 
-from sparse_coord_ros.errors import RunError, SparseCoordError
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learn.run import learn
-from sparse_coord_ros.learn.run_config import make_run
-from sparse_coord_ros.learn.tables import save_team
-from sparse_coord_ros.lockstep.world_side import WorldSide
-from sparse_coord_ros.nodes.outputs import Output, begin_with, gather
-from sparse_coord_ros.wire import WORLD
+from sparse_coord_ros.base.errors import RunError, SparseCoordError
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.runs.run import learn
+from sparse_coord_ros.core.runs.run_config import make_run
+from sparse_coord_ros.core.runs.tables import save_team
+from sparse_coord_ros.protocol.lockstep.world_side import WorldSide
+from sparse_coord_ros.protocol.wire import WORLD
+from sparse_coord_ros.ros.nodes.outputs import Output, begin_with, gather
 
 RUN = make_run(load_scenario("env1"), {})
 
@@ -28,7 +28,9 @@ def opened(tmp_path):
 
     def output(out, *, name="robot_1", run=RUN, own=()):
         values = {"out": str(out), "resume": False}
-        node = SimpleNamespace(values=values, at_end=ExitStack(), get_logger=lambda: logger)
+        node = SimpleNamespace(
+            values=values, at_end=ExitStack(), get_logger=lambda: logger
+        )
         return Output(node, name, run, own)
 
     output.lines = []
@@ -54,7 +56,9 @@ def test_a_full_disk_is_left_for_another_place(opened, tmp_path):
     assert place == tmp_path / "out_rescued"
     assert (place / "tables").read_text() == "learned"
     assert (place / "run.yaml").read_text() == RUN.to_yaml()
-    assert opened.lines == [f"{out / 'tables'}: No space left on device; saved in {place} instead"]
+    assert opened.lines == [
+        f"{out / 'tables'}: No space left on device; saved in {place} instead"
+    ]
 
 
 def test_two_runs_are_not_rescued_into_one_place(opened, tmp_path):
@@ -105,7 +109,9 @@ def test_a_checkpoint_makes_the_directory_again(opened, tmp_path):
     assert output.store.load(20).position == state.position
 
 
-def test_where_nothing_can_be_written_the_first_refusal_is_told(opened, tmp_path, monkeypatch):
+def test_where_nothing_can_be_written_the_first_refusal_is_told(
+    opened, tmp_path, monkeypatch
+):
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
 
     def refuse(place):
@@ -126,7 +132,9 @@ def test_nodes_that_open_a_directory_at_once_join_one_run(opened, tmp_path):
             assert "holds another run's run.yaml" in str(error)
 
     joined = []
-    threads = [threading.Thread(target=join, args=(number, joined)) for number in range(8)]
+    threads = [
+        threading.Thread(target=join, args=(number, joined)) for number in range(8)
+    ]
     for thread in threads:
         thread.start()
     for thread in threads:
@@ -137,7 +145,9 @@ def test_nodes_that_open_a_directory_at_once_join_one_run(opened, tmp_path):
 @pytest.mark.parametrize("file", ["another run's run.yaml", "tables_robot_1.npz"])
 def test_a_directory_in_use_is_left_alone(opened, tmp_path, file):
     (tmp_path / file.split()[-1]).write_text("precious")
-    with pytest.raises(RunError, match=f"exists already and holds {file}, nothing is overwritten"):
+    with pytest.raises(
+        RunError, match=f"exists already and holds {file}, nothing is overwritten"
+    ):
         opened(tmp_path, own=["tables_robot_1.npz"])
     assert [path.read_text() for path in tmp_path.iterdir()] == ["precious"]
 

@@ -19,11 +19,15 @@ from rcl_interfaces.srv import (
 )
 from rclpy.parameter import parameter_value_to_python
 
-from sparse_coord_ros.game.scenario import SETTINGS
-from sparse_coord_ros.limits import ASKED
-from sparse_coord_ros.nodes import recorder, robot, team, world_simulator
-from sparse_coord_ros.nodes.parameters import PARAMETERS, TEAM_PARAMETERS, ParameterNode
-from sparse_coord_ros.nodes.spin import ros_context
+from sparse_coord_ros.base.limits import ASKED
+from sparse_coord_ros.core.game.scenario import SETTINGS
+from sparse_coord_ros.ros.nodes import recorder, robot, team, world_simulator
+from sparse_coord_ros.ros.nodes.parameters import (
+    PARAMETERS,
+    TEAM_PARAMETERS,
+    ParameterNode,
+)
+from sparse_coord_ros.ros.nodes.spin import ros_context
 
 MAINS = {
     "world_simulator": world_simulator.main,
@@ -61,7 +65,9 @@ def test_every_parameter_is_described(made, name):
     for key, setting in table.items():
         descriptor = node.describe_parameter(key)
         assert len(descriptor.description) > 10
-        kind = setting.kind if isinstance(setting.kind, type) else str  # a family: a text
+        kind = (
+            setting.kind if isinstance(setting.kind, type) else str
+        )  # a family: a text
         assert descriptor.type == TYPES[kind]
         assert descriptor.additional_constraints == f"allowed: {setting.allowed}"
         assert descriptor.read_only == (key != "rate")
@@ -101,10 +107,19 @@ def test_a_node_minds_only_its_own_of_a_teams_parameters(made, name):
 
 
 def test_scenario_settings_are_parameters_of_the_world(bench):
-    world = bench.world(set=["penalty=-5", "max_steps=40"], penalty=-100.0, use_sim_time=True)
+    world = bench.world(
+        set=["penalty=-5", "max_steps=40"], penalty=-100.0, use_sim_time=True
+    )
     assert (world.run.scenario.penalty, world.run.scenario.max_steps) == (-100.0, 40)
-    shown = {name: world.get_parameter(name).value for name in ("penalty", "max_steps", "starts")}
-    assert shown == {"penalty": -100.0, "max_steps": 40, "starts": str(world.run.scenario.starts)}
+    shown = {
+        name: world.get_parameter(name).value
+        for name in ("penalty", "max_steps", "starts")
+    }
+    assert shown == {
+        "penalty": -100.0,
+        "max_steps": 40,
+        "starts": str(world.run.scenario.starts),
+    }
     assert all(world.describe_parameter(name).read_only for name in SETTINGS)
 
 
@@ -120,9 +135,17 @@ def test_whole_numbers_do_for_numbers(made):
     [
         ("world_simulator", ["seed:=[1, 2]"], "parameter seed: value is [1, 2]"),
         ("world_simulator", [], "parameter scenario: none is given"),
-        ("world_simulator", ["rate:=0.0001"], "allowed: 0, or a number from 0.001 to 1000000"),
+        (
+            "world_simulator",
+            ["rate:=0.0001"],
+            "allowed: 0, or a number from 0.001 to 1000000",
+        ),
         ("world_simulator", ["scenario:=env9"], "scenario 'env9': no such scenario"),
-        ("world_simulator", ["scenario:=env1", "set:=[steps]"], "write it as key=value"),
+        (
+            "world_simulator",
+            ["scenario:=env1", "set:=[steps]"],
+            "write it as key=value",
+        ),
         (
             "world_simulator",
             ["scenario:=env1", "learner:=indiv"],
@@ -133,13 +156,29 @@ def test_whole_numbers_do_for_numbers(made):
             ["scenario:=env1", "learner:=joint"],
             "from what all robots see and do",
         ),
-        ("world_simulator", ["scenario:=env1", "percept_timeout:=5"], "less than step_timeout"),
-        ("world_simulator", ["scenario:=env1", "penalti:=-3"], "(did you mean 'penalty'?)"),
+        (
+            "world_simulator",
+            ["scenario:=env1", "percept_timeout:=5"],
+            "less than step_timeout",
+        ),
+        (
+            "world_simulator",
+            ["scenario:=env1", "penalti:=-3"],
+            "(did you mean 'penalty'?)",
+        ),
         ("robot", ["claim_window:=61"], "allowed: a number from 0 to 60"),
         ("recorder", ["executor:=fast"], "parameter executor: value is 'fast'"),
         ("team", ["record:=2"], "parameter record: value is 2, allowed: true or false"),
-        ("robot", [f"out:={__file__}"], f"{__file__}: cannot be written, as {__file__} is no dir"),
-        ("recorder", [f"out:={__file__}/a/b"], f"as {__file__} is no directory; choose another"),
+        (
+            "robot",
+            [f"out:={__file__}"],
+            f"{__file__}: cannot be written, as {__file__} is no dir",
+        ),
+        (
+            "recorder",
+            [f"out:={__file__}/a/b"],
+            f"as {__file__} is no directory; choose another",
+        ),
     ],
 )
 def test_executables_end_with_one_line(capfd, monkeypatch, name, arguments, text):
@@ -157,7 +196,9 @@ def test_executables_end_with_one_line(capfd, monkeypatch, name, arguments, text
 
 def set_one(observer, name, value):
     request = SetParameters.Request(parameters=[Parameter(name=name, value=value)])
-    return observer.call(SetParameters, "world_simulator/set_parameters", request).results[0]
+    return observer.call(
+        SetParameters, "world_simulator/set_parameters", request
+    ).results[0]
 
 
 def double(value):
@@ -181,7 +222,9 @@ def test_the_rate_can_be_set_while_the_node_runs(bench):
     request = GetParameters.Request(names=["rate", "seed"])
     values = observer.call(GetParameters, "robot_1/get_parameters", request).values
     assert [value.type for value in values] == [], "robots have neither"
-    values = observer.call(GetParameters, "world_simulator/get_parameters", request).values
+    values = observer.call(
+        GetParameters, "world_simulator/get_parameters", request
+    ).values
     assert [parameter_value_to_python(value) for value in values] == [0.0, 0]
 
 
@@ -215,7 +258,10 @@ def test_a_request_that_rclpy_cannot_read_ends_no_node(bench, capfd):
     observer = bench.observer()
     odd = Parameter(name="rate", value=ParameterValue(type=255))
     request = SetParameters.Request(parameters=[odd])
-    assert observer.call(SetParameters, "world_simulator/set_parameters", request).results == []
+    assert (
+        observer.call(SetParameters, "world_simulator/set_parameters", request).results
+        == []
+    )
     assert world.failure is None
     assert world.intake.dropped == {"world_simulator/set_parameters": 1}
     assert "255 is not a valid" in capfd.readouterr().err
@@ -224,13 +270,25 @@ def test_a_request_that_rclpy_cannot_read_ends_no_node(bench, capfd):
 @pytest.mark.parametrize(
     ("name", "value", "line"),
     [
-        ("ROS_DOMAIN_ID", "233", "ROS_DOMAIN_ID is '233', allowed: a whole number from 0 to 232"),
+        (
+            "ROS_DOMAIN_ID",
+            "233",
+            "ROS_DOMAIN_ID is '233', allowed: a whole number from 0 to 232",
+        ),
         ("ROS_DOMAIN_ID", "x", "ROS_DOMAIN_ID is 'x', allowed"),
-        ("RMW_IMPLEMENTATION", "rmw_x", "RMW_IMPLEMENTATION is 'rmw_x', which is not installed"),
+        (
+            "RMW_IMPLEMENTATION",
+            "rmw_x",
+            "RMW_IMPLEMENTATION is 'rmw_x', which is not installed",
+        ),
     ],
 )
-@pytest.mark.parametrize("words", [("robot",), ("sparse_coord", "run", "env1", "--out", "out")])
-def test_a_ros_that_cannot_start_is_one_line(python, tmp_path, words, name, value, line):
+@pytest.mark.parametrize(
+    "words", [("robot",), ("sparse_coord", "run", "env1", "--out", "out")]
+)
+def test_a_ros_that_cannot_start_is_one_line(
+    python, tmp_path, words, name, value, line
+):
     """The middleware would end the process by itself, with a code of its own."""
     command = ("-m", "sparse_coord_ros.executables", *words)
     done = python(*command, cwd=tmp_path, env={name: value}, code=2)

@@ -8,13 +8,13 @@ import pytest
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.srv import GetPlan
 
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learn.run_config import make_run
-from sparse_coord_ros.lockstep.waiting import Deadline, WorldPresence
-from sparse_coord_ros.nodes import peers
-from sparse_coord_ros.nodes.messages import Converter
-from sparse_coord_ros.nodes.peers import AT_ONCE, Peer, Peers
-from sparse_coord_ros.nodes.robot import LAST_WORDS_SECONDS, Member
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.runs.run_config import make_run
+from sparse_coord_ros.protocol.lockstep.timeouts import Deadline, WorldPresence
+from sparse_coord_ros.ros.nodes import peers
+from sparse_coord_ros.ros.nodes.messages import Converter
+from sparse_coord_ros.ros.nodes.peers import AT_ONCE, Peer, Peers
+from sparse_coord_ros.ros.nodes.robot import LAST_WORDS_SECONDS, Member
 
 
 class Future:
@@ -129,12 +129,19 @@ def test_a_doubted_peer_is_not_behind_for_ever(repeats, believed):
     peers._on_answer = lambda *what: told.append(what)
     behind = convert.path(6, ())
     assert Peers._fits(peers, 1, 7, behind) is believed
-    assert told == [(1, 7, behind)] * (not believed), "it is asked again, and that is counted"
+    assert told == [(1, 7, behind)] * (not believed), (
+        "it is asked again, and that is counted"
+    )
 
 
 @pytest.mark.parametrize(
     ("waiting", "newest", "done"),
-    [(None, 9, True), (("reward", 8), 9, False), (None, 8, False), (("percept", 9), 9, False)],
+    [
+        (None, 9, True),
+        (("reward", 8), 9, False),
+        (None, 8, False),
+        (("percept", 9), 9, False),
+    ],
 )
 def test_a_robot_leaves_when_all_is_learned(waiting, newest, done):
     """Not with a reward pending, or before it has the last state: or some seconds later.
@@ -145,7 +152,9 @@ def test_a_robot_leaves_when_all_is_learned(waiting, newest, done):
     presence.hear("this", "finished", 9, 9, 1.0)
     presence.hear("this", "finished", 9, 9, 2.0)
     lockstep = SimpleNamespace(waiting=waiting, newest=(newest, 3))
-    member = SimpleNamespace(joined=True, lockstep=lockstep, _presence=presence, _exchange=None)
+    member = SimpleNamespace(
+        joined=True, lockstep=lockstep, _presence=presence, _exchange=None
+    )
     assert Member.all_done(member, 1.0 + LAST_WORDS_SECONDS) is done
     assert Member.all_done(member, 1.0 + LAST_WORDS_SECONDS + 0.1)
 
@@ -155,7 +164,9 @@ def test_a_robot_that_plans_leaves_when_the_exchange_is_over():
     presence.hear("this", "finished", 9, 9, 1.0)
     lockstep = SimpleNamespace(waiting=None, newest=(9, 3))
     exchange = SimpleNamespace()
-    member = SimpleNamespace(joined=True, lockstep=lockstep, _presence=presence, _finished=True)
+    member = SimpleNamespace(
+        joined=True, lockstep=lockstep, _presence=presence, _finished=True
+    )
     member._exchange = exchange
     for over in (False, True):
         exchange.over = lambda over=over: over
@@ -170,7 +181,9 @@ def test_the_deadline_of_what_is_waited_for():
     )
     peer = SimpleNamespace(gave_up=lambda: done.append("gave up"), heard=0.0)
     peer.send_what_waits = lambda: None
-    peers = SimpleNamespace(_side=lockstep, _deadline=Deadline(1.0, 5.0), _peers={1: peer})
+    peers = SimpleNamespace(
+        _side=lockstep, _deadline=Deadline(1.0, 5.0), _peers={1: peer}
+    )
     Peers.keep_the_deadline(peers, 10.0)
     Peers.keep_the_deadline(peers, 10.9)
     assert done == []
@@ -182,7 +195,9 @@ def test_the_deadline_of_what_is_waited_for():
     Peers.keep_the_deadline(peers, 12.0)
     assert done == ["gave up", "expired"]
     Peers.keep_the_deadline(peers, 12.1)
-    assert done == ["gave up", "expired", "expired"], "no peer is to blame for a late reward"
+    assert done == ["gave up", "expired", "expired"], (
+        "no peer is to blame for a late reward"
+    )
 
 
 @pytest.mark.parametrize(
@@ -202,7 +217,9 @@ def test_an_answer_of_a_doubted_peer_is_what_the_world_says(there, said, fits):
     side = SimpleNamespace(waiting=("percept", 7), due=lambda cell: cell)
     intake = SimpleNamespace(drop=lambda *what: dropped.append(what))
     peer = SimpleNamespace(send_again=lambda: again.append(True))
-    peers = SimpleNamespace(_side=side, _convert=convert, _intake=intake, _peers={1: peer})
+    peers = SimpleNamespace(
+        _side=side, _convert=convert, _intake=intake, _peers={1: peer}
+    )
     peers._places = {1: there}
     peers._names = convert.names
     assert Peers._fits(peers, 1, 7, convert.path(*said)) is fits

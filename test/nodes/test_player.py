@@ -23,11 +23,11 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Int32, String
 from std_srvs.srv import SetBool, Trigger
 
-from sparse_coord_ros.bags import BagTopic, BagWriter, QoS, open_bag
+from sparse_coord_ros.base.errors import RunError
 from sparse_coord_ros.cli.main import main as sparse_coord
-from sparse_coord_ros.errors import RunError
-from sparse_coord_ros.nodes.player import REMEDY, Player, main
-from sparse_coord_ros.nodes.player_topics import chosen_topics
+from sparse_coord_ros.log.bags import BagTopic, BagWriter, QoS, open_bag
+from sparse_coord_ros.ros.nodes.player import REMEDY, Player, main
+from sparse_coord_ros.ros.nodes.player_topics import chosen_topics
 
 LATCHED = QoS(durability="transient_local", depth=1)
 EVENTS = "/robot_1/active_perception/_service_event"
@@ -96,7 +96,11 @@ class Audience:
         subscriptions = {}
         for topic in topics:
             offered = publishers[topic].qos_profile.reliability
-            durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
+            durability = (
+                DurabilityPolicy.TRANSIENT_LOCAL
+                if latched
+                else DurabilityPolicy.VOLATILE
+            )
             qos = QoSProfile(depth=1000, reliability=offered, durability=durability)
 
             def take(data, topic=topic):
@@ -107,7 +111,9 @@ class Audience:
             )
         self.wait(
             lambda: all(
-                publishers[topic].get_subscription_count() == 1 == own.get_publisher_count()
+                publishers[topic].get_subscription_count()
+                == 1
+                == own.get_publisher_count()
                 for topic, own in subscriptions.items()
             ),
             "player and audience know each other",
@@ -129,12 +135,20 @@ class Audience:
         assert sorted(self.texts()) == sorted(expected)
 
     def set(self, name, number):
-        parameter = ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=number)
-        request = SetParameters.Request(parameters=[Parameter(name=name, value=parameter)])
-        return self.observer.call(SetParameters, "player/set_parameters", request).results[0]
+        parameter = ParameterValue(
+            type=ParameterType.PARAMETER_DOUBLE, double_value=number
+        )
+        request = SetParameters.Request(
+            parameters=[Parameter(name=name, value=parameter)]
+        )
+        return self.observer.call(
+            SetParameters, "player/set_parameters", request
+        ).results[0]
 
     def pause(self, data):
-        return self.observer.call(SetBool, "player/pause", SetBool.Request(data=data)).message
+        return self.observer.call(
+            SetBool, "player/pause", SetBool.Request(data=data)
+        ).message
 
     def step(self):
         response = self.observer.call(Trigger, "player/step")
@@ -151,7 +165,7 @@ def value(topic, data):
 @pytest.fixture
 def hasty(monkeypatch):
     """Do not wait for volatile readers of latched topics, which never say that they have it."""
-    monkeypatch.setattr("sparse_coord_ros.nodes.spin.READERS_SECONDS", 0.1)
+    monkeypatch.setattr("sparse_coord_ros.ros.nodes.spin.READERS_SECONDS", 0.1)
 
 
 def test_everything_comes_back_as_it_was_recorded(bench, bag, hasty):
@@ -175,7 +189,10 @@ def test_types_and_qos_are_those_of_the_bag_and_latched_stays_latched(bench, bag
     there = Audience(bench, bag)
     names = [name for name in TYPES if name != "/rosout"]
     infos = there.observer.get_publishers_info_by_topic
-    there.wait(lambda: all(["player"] == [i.node_name for i in infos(n)] for n in names), "infos")
+    there.wait(
+        lambda: all(["player"] == [i.node_name for i in infos(n)] for n in names),
+        "infos",
+    )
     for name in names:
         type_name, qos = TYPES[name]
         (info,) = infos(name)
@@ -202,7 +219,9 @@ def test_steps_pauses_rates_and_positions(bench, bag, hasty):
     assert there.pause(True) == "paused at 4.900 s"
     assert there.step() == (False, f"the bag has ended at 4.900 s; {REMEDY}")
     assert there.set("position", 2.5).successful
-    there.wait_for(("/map", "map 20"), ("/clock", 24), ("/clock", 25), ("/robot_1/action", 1025))
+    there.wait_for(
+        ("/map", "map 20"), ("/clock", 24), ("/clock", 25), ("/robot_1/action", 1025)
+    )
     assert there.set("position", 4.0).successful
     there.wait_for(
         ("/map", "map 30"),
@@ -236,7 +255,12 @@ def test_bad_changes_are_refused(bench, bag):
 def test_a_start_in_the_middle_and_a_loop(bench, bag):
     topics = ["/map", "robot_1/*"]
     there = Audience(bench, bag, position=4.8, loop=True, topics=topics, rate=1000)
-    assert set(there.player.stage.publishers) == {"/clock", "/map", "/robot_1/action", EVENTS}
+    assert set(there.player.stage.publishers) == {
+        "/clock",
+        "/map",
+        "/robot_1/action",
+        EVENTS,
+    }
     there.listen("/map", latched=True).wait_for(("/map", "map 40"))
     there.pause(False)
     there.wait(lambda: len(there.heard) >= 12, "two rounds")
@@ -248,7 +272,9 @@ def test_a_start_in_the_middle_and_a_loop(bench, bag):
 def test_positions_count_from_the_first_message_of_the_bag(bench, tmp_path):
     """Not from the first that is played: --topics does not move them."""
     with BagWriter(tmp_path / "bag") as writer:
-        early, late = (writer.add_topic(n, "std_msgs/msg/String", QoS()) for n in ("/a", "/b"))
+        early, late = (
+            writer.add_topic(n, "std_msgs/msg/String", QoS()) for n in ("/a", "/b")
+        )
         for second in range(6):
             at = (100 + second) * 1_000_000_000
             text = serialize_message(String(data=str(second)))
@@ -281,7 +307,9 @@ def test_beside_a_live_run_it_plays_nothing(bench, bag):
     heard = live.listen(String, "/map", latched=True)
     player = Player(context=bench.place()[0], values={"bag": str(bag), "delay": 1.0})
     bench.add(player)
-    with pytest.raises(RunError, match="another node publishes /clock: .* another ROS_DOMAIN_ID"):
+    with pytest.raises(
+        RunError, match="another node publishes /clock: .* another ROS_DOMAIN_ID"
+    ):
         bench.spin_until_done(player)
     assert heard == []
 
@@ -291,7 +319,9 @@ def test_without_a_recorded_clock_the_log_times_are_the_clock(bench, tmp_path):
     there = Audience(bench, write_bag(tmp_path / "bag", types=types))
     clock = there.observer.listen(Clock, "/clock")
     publisher = there.player.stage.clock
-    there.wait(lambda: publisher.get_subscription_count() == 1, "the clock has a reader")
+    there.wait(
+        lambda: publisher.get_subscription_count() == 1, "the clock has a reader"
+    )
     there.step()
     there.set("position", 2.5)
     there.set("position", 2.55)
@@ -301,7 +331,9 @@ def test_without_a_recorded_clock_the_log_times_are_the_clock(bench, tmp_path):
     assert times == [100, 2500, 2550, 2600]
 
 
-def test_types_that_are_not_installed_are_named_once_and_left_out(bench, tmp_path, capfd):
+def test_types_that_are_not_installed_are_named_once_and_left_out(
+    bench, tmp_path, capfd
+):
     strange = {
         "/map": ("no_such_msgs/msg/Thing", ""),
         "/other": ("std_msgs/msg/Char", "RIHS01_" + "0" * 64),
@@ -331,7 +363,9 @@ def test_what_is_readable_of_a_broken_bag_is_played(bench, tmp_path, capfd, dama
     file.write_bytes(data)
     readable = [m for m in open_bag(file).messages() if m.topic == "/robot_1/action"]
     assert 0 < len(readable) <= 50
-    there = Audience(bench, file, rate=1000, topics=["/robot_1/action"]).listen("/robot_1/action")
+    there = Audience(bench, file, rate=1000, topics=["/robot_1/action"]).listen(
+        "/robot_1/action"
+    )
     there.set("position", 0.0)
     there.pause(False)
     bench.spin_until_done(there.player)
@@ -347,7 +381,10 @@ def test_what_is_readable_of_a_broken_bag_is_played(bench, tmp_path, capfd, dama
     [
         ([], "parameter bag: none is given"),
         (["bag:={folder}"], "is not a bag"),
-        (["bag:={bag}", "rate:=0.0"], "parameter rate: value is 0.0, allowed: a number from 0.01"),
+        (
+            ["bag:={bag}", "rate:=0.0"],
+            "parameter rate: value is 0.0, allowed: a number from 0.01",
+        ),
         (["bag:={bag}", "topics:=/map"], "allowed: a list of texts"),
         (["bag:={bag}", "start:=1.0"], "unknown parameter 'start'"),
         (["bag:={empty}"], "no message to play on /map"),
@@ -376,7 +413,10 @@ def test_bad_input_is_one_line(bag, tmp_path, capfd, monkeypatch, arguments, tex
             ["{bag}", "--start", "5"],
             "--start: value is 5.0, allowed: a number from 0 to 4.9",
         ),
-        (["{bag}", "--topics", "nothing"], "error: --topics: 'nothing' fits no topic of"),
+        (
+            ["{bag}", "--topics", "nothing"],
+            "error: --topics: 'nothing' fits no topic of",
+        ),
     ],
 )
 def test_the_verb_refuses_bad_input(bag, capfd, arguments, text):
@@ -482,7 +522,9 @@ def test_keys(terminal, bag):
     shell.type(b"\x1b[6~")
     shell.wait_for("paused at 4.900 s")
     shell.type(b"\x1b[C")
-    shell.wait_for("has ended at 4.900 s; seek back: parameter position, keys left or Home")
+    shell.wait_for(
+        "has ended at 4.900 s; seek back: parameter position, keys left or Home"
+    )
     shell.type(b"\x1b[5~\x1b[C")
     shell.wait_for("paused at 0.000 s")
     shell.wait_for("paused at 0.100 s: 3 messages")

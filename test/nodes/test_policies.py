@@ -4,7 +4,7 @@
 
 import pytest
 
-from sparse_coord_ros.errors import RunError
+from sparse_coord_ros.base.errors import RunError
 
 SET = ["steps=100000", "perception=always"]
 
@@ -16,7 +16,9 @@ def team(bench):
     def started(robot=None, **values):
         world = bench.world(set=SET, **values)
         robots = bench.robots(**(robot or {}))
-        bench.spin_until(lambda: world.lockstep.world.transitions > 20, "the team is under way")
+        bench.spin_until(
+            lambda: world.lockstep.world.transitions > 20, "the team is under way"
+        )
         return world, *robots
 
     return started

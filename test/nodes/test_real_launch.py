@@ -15,7 +15,7 @@ import yaml
 pytest.importorskip("launch_ros")
 pytest.importorskip("ros2launch")
 
-from sparse_coord_ros.runlog.verify import verify  # noqa: E402
+from sparse_coord_ros.log.runlog.verify import verify  # noqa: E402
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(300)]
 LAUNCH = Path(__file__).parents[2] / "launch"
@@ -30,7 +30,7 @@ from launch.event_handler import EventHandler
 from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch_ros.actions import PushRosNamespace
 
-from sparse_coord_ros.launching import TeamFailed
+from sparse_coord_ros.ros.launching import TeamFailed
 
 CLOCK = '''
 import time, rclpy
@@ -92,11 +92,21 @@ def ros2_launch(tmp_path):
     return lambda *arguments: Launched(tmp_path / "launch.log", *arguments)
 
 
-def test_an_argument_wins_over_the_file_also_where_it_is_the_default(ros2_launch, tmp_path):
+def test_an_argument_wins_over_the_file_also_where_it_is_the_default(
+    ros2_launch, tmp_path
+):
     file = tmp_path / "p.yaml"
     out = tmp_path / "run"
-    file.write_text("world_simulator:\n  ros__parameters: {penalty: -55.0, seed: 7, steps: 200}\n")
-    given = ("set:=penalty=-11", "seed:=0", f"params_file:={file}", f"out:={out}", "resume:=true")
+    file.write_text(
+        "world_simulator:\n  ros__parameters: {penalty: -55.0, seed: 7, steps: 200}\n"
+    )
+    given = (
+        "set:=penalty=-11",
+        "seed:=0",
+        f"params_file:={file}",
+        f"out:={out}",
+        "resume:=true",
+    )
     assert ros2_launch(LAUNCH / "team.launch.py", *given).ends() == 0
     run = yaml.safe_load((out / "run.yaml").read_text())
     said = run["scenario"]
@@ -149,7 +159,12 @@ def test_a_fleet_that_fails_ends_alone_and_the_outer_launch_hears_it(outer, tmp_
 def test_in_a_namespace_drivers_find_their_bodies_by_tf(ros2_launch, tmp_path):
     pytest.importorskip("tf2_msgs")
     out = tmp_path / "run"
-    given = ("namespace:=a", "pose_type:=tf", "set:=steps=40,starts=fixed", f"out:={out}")
+    given = (
+        "namespace:=a",
+        "pose_type:=tf",
+        "set:=steps=40,starts=fixed",
+        f"out:={out}",
+    )
     launched = ros2_launch(LAUNCH / "bodies.launch.py", *given)
     assert launched.ends() == 0, launched.output
     assert verify(out / "bag").same

@@ -18,35 +18,40 @@ from rclpy.serialization import serialize_message
 from teams import tables_in
 
 import sparse_coord_ros
-from sparse_coord_ros.bags import BagWriter, open_bag
+from sparse_coord_ros.base.errors import BagError, RunError
 from sparse_coord_ros.cli.main import main as sparse_coord
-from sparse_coord_ros.errors import BagError, RunError
-from sparse_coord_ros.learn.history import load_history
-from sparse_coord_ros.learn.run_config import RUN_RECORD, load_run
-from sparse_coord_ros.lockstep.world_side import WorldSide
-from sparse_coord_ros.nodes.recorder import BagProcess, Recording
-from sparse_coord_ros.nodes.spin import ros_context
-from sparse_coord_ros.nodes.team import run_team
-from sparse_coord_ros.runlog import verify
-from sparse_coord_ros.wire import BAG_FORMAT, FORMAT_KEY
+from sparse_coord_ros.core.runs.history import load_history
+from sparse_coord_ros.core.runs.run_config import RUN_RECORD, load_run
+from sparse_coord_ros.log.bags import BagWriter, open_bag
+from sparse_coord_ros.log.runlog import verify
+from sparse_coord_ros.protocol.lockstep.world_side import WorldSide
+from sparse_coord_ros.protocol.wire import BAG_FORMAT, FORMAT_KEY
+from sparse_coord_ros.ros.nodes.recorder import BagProcess, Recording
+from sparse_coord_ros.ros.nodes.spin import ros_context
+from sparse_coord_ros.ros.nodes.team import run_team
 
 FULL = 500_000
 """Bytes of a file at which the disk is full."""
 STEPS_UNTIL_FULL = 1000
 """More time steps than such a file holds, uncompressed."""
-WRITER = "sparse_coord_ros.bags.process"
+WRITER = "sparse_coord_ros.log.bags.process"
 PERIOD_NS = 100_000_000
 NEVER = {"flush_seconds": 3600.0, "flush_steps": 10_000_000}
 
 
 def last_step(bag):
     """Return the last time step that is in a bag, or 0."""
-    return max((m.log_time_ns for m in open_bag(bag).messages(["/clock"])), default=0) // PERIOD_NS
+    return (
+        max((m.log_time_ns for m in open_bag(bag).messages(["/clock"])), default=0)
+        // PERIOD_NS
+    )
 
 
 def transitions_told(process):
     """Return the numbers of transitions in the progress lines of a run."""
-    return [int(number) for number in re.findall(r"(\d+) of \d+ steps, ", process.output)]
+    return [
+        int(number) for number in re.findall(r"(\d+) of \d+ steps, ", process.output)
+    ]
 
 
 def assert_ends(pid_file_descriptor):
@@ -118,7 +123,9 @@ def test_a_run_goes_on_when_its_recorder_is_killed(start, tmp_path):
     process.child("recorder").send_signal(signal.SIGKILL)
     assert process.exit_code() == 2, process.output
     assert "Traceback" not in process.output
-    assert process.output.splitlines()[-1].startswith("error: recorder ended with exit code -9")
+    assert process.output.splitlines()[-1].startswith(
+        "error: recorder ended with exit code -9"
+    )
     assert_run_is_whole(out, 60, error="^recorder ended with exit code -9")
     assert not open_bag(out / "bag").finished
 
@@ -144,7 +151,14 @@ def assert_bag_is_cut(bag):
 
 def test_a_full_disk_ends_the_recording_but_not_the_run(start, tmp_path, full_disk):
     out = tmp_path / "out"
-    arguments = ["--steps", str(STEPS_UNTIL_FULL), "--compression", "none", "--out", str(out)]
+    arguments = [
+        "--steps",
+        str(STEPS_UNTIL_FULL),
+        "--compression",
+        "none",
+        "--out",
+        str(out),
+    ]
     process = start("cli.main", "run", "env1", *arguments)
     assert process.exit_code() == 2, process.output
     assert "Traceback" not in process.output
@@ -155,18 +169,23 @@ def test_a_full_disk_ends_the_recording_but_not_the_run(start, tmp_path, full_di
     assert_bag_is_cut(out / "bag")
 
 
-def test_a_bag_that_breaks_before_the_first_step_does_not_hold_up_the_run(tmp_path, monkeypatch):
+def test_a_bag_that_breaks_before_the_first_step_does_not_hold_up_the_run(
+    tmp_path, monkeypatch
+):
     class Broken(BagProcess):
         def attach(self, name, data, media_type, log_time_ns=0):
             raise BagError(f"cannot write {name}")
 
-    monkeypatch.setattr("sparse_coord_ros.nodes.recorder.BagProcess", Broken)
+    monkeypatch.setattr("sparse_coord_ros.ros.nodes.recorder.BagProcess", Broken)
     out = tmp_path / "out"
     values = {"scenario": "env1", "set": ["steps=30"], "out": str(out), "record": True}
     quick = {"claim_window": 0.0, "startup_timeout": 30.0}
     with ros_context() as context:
         summary = run_team({**values, **quick}, context=context)
-    assert (summary["transitions"], summary["recording_error"]) == (30, "cannot write run.yaml")
+    assert (summary["transitions"], summary["recording_error"]) == (
+        30,
+        "cannot write run.yaml",
+    )
     assert open_bag(out / "bag").metadata["sparse_coord_ros"]["scenario"] == "env1"
 
 
@@ -198,7 +217,9 @@ def test_a_recorder_that_stood_still_says_so(bench, tmp_path, capfd):
     step, recorder = a_recorded_bench(bench, tmp_path / "bag", 30)
     recorder.recording.go_on(time.monotonic() + 7.0)
     recorder.recording.flush()
-    assert re.search(r"this recorder stood still for \d\.\d s at step \d", capfd.readouterr().err)
+    assert re.search(
+        r"this recorder stood still for \d\.\d s at step \d", capfd.readouterr().err
+    )
     record = open_bag(tmp_path / "bag").metadata["stalled"]
     assert record["step"] == "0" and 5.0 < float(record["seconds"]) < 60.0
 
@@ -213,15 +234,19 @@ def test_a_bag_of_another_run_is_not_continued(bench, tmp_path):
 
 
 def test_a_recording_leaves_room_for_the_tables(bench, tmp_path, monkeypatch):
-    monkeypatch.setattr("sparse_coord_ros.nodes.recorder.KEPT_FREE", 1 << 60)
+    monkeypatch.setattr("sparse_coord_ros.ros.nodes.recorder.KEPT_FREE", 1 << 60)
     bench.world(recorded=True, rate=100.0)
     bench.recorder(tmp_path / "bag", flush_steps=5)
     bench.robots()
-    with pytest.raises(BagError, match=r"ends: its disk has \d+ MiB left, \d+ are kept for what"):
+    with pytest.raises(
+        BagError, match=r"ends: its disk has \d+ MiB left, \d+ are kept for what"
+    ):
         bench.spin_until(lambda: False)
 
 
-def test_an_output_directory_that_is_deleted_is_made_again(tmp_path, capfd, monkeypatch):
+def test_an_output_directory_that_is_deleted_is_made_again(
+    tmp_path, capfd, monkeypatch
+):
     """Tables, history and summary are all there, the bag is beside; one line a node says so."""
     out = tmp_path / "out"
 
@@ -234,7 +259,9 @@ def test_an_output_directory_that_is_deleted_is_made_again(tmp_path, capfd, monk
                 deleted.append(shutil.rmtree(out))
 
     values = {"scenario": "env1", "out": str(out), "record": True, "claim_window": 0.0}
-    monkeypatch.setattr("sparse_coord_ros.nodes.world_simulator.WorldSide", Deleting)
+    monkeypatch.setattr(
+        "sparse_coord_ros.ros.nodes.world_simulator.WorldSide", Deleting
+    )
     with ros_context() as context:
         summary = run_team({**values, "set": ["steps=40"]}, context=context)
     assert deleted

@@ -15,17 +15,23 @@ from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import OccupancyGrid
 from visualization_msgs.msg import MarkerArray
 
-from sparse_coord_ros.errors import RunError
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learn.history import load_history
-from sparse_coord_ros.learn.run_config import make_run
-from sparse_coord_ros.lockstep.checkpoints import Store
-from sparse_coord_ros.nodes import interface
-from sparse_coord_ros.nodes.returning import Returning
-from sparse_coord_ros.nodes.spin import ros_context
-from sparse_coord_ros.nodes.team import run_team
-from sparse_coord_ros.runlog import verify
-from sparse_coord_ros.wire.status import ROLL_CALL, Order, Progress, Said, read_progress
+from sparse_coord_ros.base.errors import RunError
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.runs.history import load_history
+from sparse_coord_ros.core.runs.run_config import make_run
+from sparse_coord_ros.log.runlog import verify
+from sparse_coord_ros.protocol.lockstep.checkpoints import Store
+from sparse_coord_ros.protocol.wire.status import (
+    ROLL_CALL,
+    Order,
+    Progress,
+    Said,
+    read_progress,
+)
+from sparse_coord_ros.ros.nodes import interface
+from sparse_coord_ros.ros.nodes.restart import Returning
+from sparse_coord_ros.ros.nodes.spin import ros_context
+from sparse_coord_ros.ros.nodes.team import run_team
 
 SEED = 7
 SETTINGS = {"steps": 600, "perception": "probability:0.7"}
@@ -40,25 +46,40 @@ def said(simulate):
 
 
 def values(out, **more):
-    base = {"scenario": "env1", "seed": SEED, "out": str(out), "set": SETS, "checkpoint": 150}
+    base = {
+        "scenario": "env1",
+        "seed": SEED,
+        "out": str(out),
+        "set": SETS,
+        "checkpoint": 150,
+    }
     return {**base, "claim_window": 0.0, **more}
 
 
 def saved(out):
     folder = Path(out) / "checkpoint"
-    return {path.name for path in folder.glob("*_[0-9]*.npz")} if folder.exists() else set()
+    return (
+        {path.name for path in folder.glob("*_[0-9]*.npz")}
+        if folder.exists()
+        else set()
+    )
 
 
-def test_a_team_that_was_stopped_goes_on_from_its_last_step(tmp_path, said, assert_same_tables):
+def test_a_team_that_was_stopped_goes_on_from_its_last_step(
+    tmp_path, said, assert_same_tables
+):
     out = tmp_path / "out"
     with ros_context() as context:
         stop = lambda: len(saved(out)) >= 3  # noqa: E731
         first = run_team(values(out), context=context, stop=stop)
     assert first["interrupted"]
     steps = [
-        {int(name[:-4].rpartition("_")[2]) for name in saved(out) if n in name} for n in "12w"
+        {int(name[:-4].rpartition("_")[2]) for name in saved(out) if n in name}
+        for n in "12w"
     ]
-    assert max(set.intersection(*steps)) == max(set.union(*steps)), "all ended at one step"
+    assert max(set.intersection(*steps)) == max(set.union(*steps)), (
+        "all ended at one step"
+    )
     again = {"resume": True, "out": str(out), "claim_window": 0.0}
     with ros_context() as context:
         summary = run_team(again, context=context)
@@ -66,7 +87,9 @@ def test_a_team_that_was_stopped_goes_on_from_its_last_step(tmp_path, said, asse
     assert (summary["transitions"], summary["timeouts"]) == (600, 0)
     assert summary["taken_back"] == 1
     made = summary["steps_per_second"] * summary["seconds"]
-    assert made == pytest.approx(600 - first["transitions"], abs=2), "not those before it"
+    assert made == pytest.approx(600 - first["transitions"], abs=2), (
+        "not those before it"
+    )
     assert sorted(path.name for path in (out / "bag").iterdir()) == [
         "bag_0.mcap",
         "bag_1.mcap",
@@ -79,11 +102,17 @@ def test_a_team_that_was_stopped_goes_on_from_its_last_step(tmp_path, said, asse
         run_team(again, context=context)
 
 
-def test_who_comes_back_shows_nothing_before_it_knows_where_the_team_is(tmp_path, bench):
+def test_who_comes_back_shows_nothing_before_it_knows_where_the_team_is(
+    tmp_path, bench
+):
     """What it shows would go into the bag of a recorder that was there all the time."""
     out = tmp_path / "out"
     with ros_context() as context:
-        run_team(values(out, record=False), context=context, stop=lambda: len(saved(out)) >= 3)
+        run_team(
+            values(out, record=False),
+            context=context,
+            stop=lambda: len(saved(out)) >= 3,
+        )
     observer = bench.observer()
     markers = observer.listen(MarkerArray, "markers", latched=True)
     maps = observer.listen(OccupancyGrid, "robot_1/coordination_map", latched=True)
@@ -105,11 +134,15 @@ def test_what_was_dropped_before_is_counted_on(bench, tmp_path):
     observer = bench.observer()
     world = bench.world(out=str(tmp_path))
     bench.spin_until(lambda: world._output is not None, "it is open")
-    bench.spin_until(lambda: observer.count("world_simulator/_claim"), "its name is known")
+    bench.spin_until(
+        lambda: observer.count("world_simulator/_claim"), "its name is known"
+    )
     world.intake.drop("a topic", "does not fit")
     world._say()
     bench.destroy(world)
-    bench.spin_until(lambda: not observer.count("world_simulator/_claim"), "its name is free")
+    bench.spin_until(
+        lambda: not observer.count("world_simulator/_claim"), "its name is free"
+    )
     again = bench.world(out=str(tmp_path), resume=True, scenario="")
     bench.spin_until(lambda: again._output is not None, "the other one is open")
     again.intake.drop("a topic", "does not fit")
@@ -119,7 +152,11 @@ def test_what_was_dropped_before_is_counted_on(bench, tmp_path):
 def test_another_run_is_refused(tmp_path):
     out = tmp_path / "out"
     with ros_context() as context:
-        run_team(values(out, record=False), context=context, stop=lambda: len(saved(out)) >= 3)
+        run_team(
+            values(out, record=False),
+            context=context,
+            stop=lambda: len(saved(out)) >= 3,
+        )
         with pytest.raises(RunError, match="holds another run .*seed 7"):
             run_team(values(out, resume=True, seed=8), context=context)
 
@@ -136,7 +173,9 @@ def test_who_goes_back_listens_anew(bench, tmp_path):
     assert (member.joined, member.lockstep.newest[0]) == (False, 0)
     bench.spin_until(lambda: member.joined, "it listens again")
     assert not set(before) & set(member._ears)
-    bench.spin_until(lambda: world.heard_by(world.topics.states[0], "robot_1"), "matched")
+    bench.spin_until(
+        lambda: world.heard_by(world.topics.states[0], "robot_1"), "matched"
+    )
     world.topics.state(0, 1, 3)
     bench.spin_until(lambda: member.lockstep.newest == (1, 3), "it hears the world")
 
@@ -149,7 +188,10 @@ def test_the_team_goes_on_when_all_listen_and_the_recorder_has_obeyed():
     side = SimpleNamespace(held=True, lost=0, start=lambda: None)
     run = make_run(load_scenario("env1"), {"recorded": True})
     team = Returning(
-        run, side, SimpleNamespace(store=Store(), node=node), lambda: gone_on.append(True)
+        run,
+        side,
+        SimpleNamespace(store=Store(), node=node),
+        lambda: gone_on.append(True),
     )
     team.order = Order("an order", 0, 1)
     team.look(0.0, all_listen=lambda: True)
@@ -167,7 +209,9 @@ def test_a_recorder_has_obeyed_when_it_finds_the_robots(bench, tmp_path):
     bench.spin_until(lambda: recorder.recording is not None, "it has begun")
     observer = bench.observer()
     told = observer.listen(interface.PROGRESS.type, "recorder/_progress", latched=True)
-    recorder.recording.world_said(Said("", "", 0, 0, order=Order("an order", ROLL_CALL, 1)))
+    recorder.recording.world_said(
+        Said("", "", 0, 0, order=Order("an order", ROLL_CALL, 1))
+    )
     for robot in ("robot_1", "robot_2"):
         recorder.recording.go_on(time.monotonic())
         assert recorder.recording._untold
@@ -183,7 +227,9 @@ def test_who_goes_on_shows_nothing_of_the_time_before(bench, tmp_path, who):
     """It knows its checkpoint; the recorder was there all the time, and wrote later things."""
     out = tmp_path / "out"
     alone = {"returning": "continue", "out": str(out)}
-    world = bench.world(set=["steps=90"], checkpoint=20, recorded=True, rate=100.0, **alone)
+    world = bench.world(
+        set=["steps=90"], checkpoint=20, recorded=True, rate=100.0, **alone
+    )
     bench.recorder(out / "bag")
     robots = bench.robots(out=str(out))
     observer = bench.observer()
@@ -208,13 +254,29 @@ def test_who_goes_on_shows_nothing_of_the_time_before(bench, tmp_path, who):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("processes", [[], ["--processes"]], ids=["one process", "many"])
+@pytest.mark.parametrize(
+    "processes", [[], ["--processes"]], ids=["one process", "many"]
+)
 def test_kill_9_of_everything(start, tmp_path, processes, assert_same_tables, simulate):
     """Twice, then it ends with the bits of an unbroken run; a second resume at once is refused."""
     out = tmp_path / "out"
     settings = {"steps": STEPS, "perception": "probability:0.7"}
-    sets = [text for name, value in settings.items() for text in ("--set", f"{name}={value}")]
-    run = ["run", "env1", "--seed", "7", "--checkpoint", "300", "--out", str(out), *sets]
+    sets = [
+        text
+        for name, value in settings.items()
+        for text in ("--set", f"{name}={value}")
+    ]
+    run = [
+        "run",
+        "env1",
+        "--seed",
+        "7",
+        "--checkpoint",
+        "300",
+        "--out",
+        str(out),
+        *sets,
+    ]
     process = start("cli.main", *run, *processes)
     for k in range(2):
         known = saved(out)
@@ -231,9 +293,13 @@ def test_kill_9_of_everything(start, tmp_path, processes, assert_same_tables, si
     assert process.exit_code() == 0, process.output
     said = simulate("env1", settings, seed=7)
     assert_same_tables(out, said)
-    assert json.loads(process.output[process.output.index("{") :])["transitions"] == STEPS
+    assert (
+        json.loads(process.output[process.output.index("{") :])["transitions"] == STEPS
+    )
     found = verify(out)
-    assert {one.quantity for one in found.differences} <= {"recording"}  # it may lack what is lost
+    assert {one.quantity for one in found.differences} <= {
+        "recording"
+    }  # it may lack what is lost
 
 
 def _of(out):
@@ -241,7 +307,9 @@ def _of(out):
     for path in Path("/proc").glob("[0-9]*"):
         try:
             words = (path / "cmdline").read_bytes().decode().split("\0")
-            if "sparse_coord_ros.executables" in words and any(str(out) in one for one in words):
+            if "sparse_coord_ros.executables" in words and any(
+                str(out) in one for one in words
+            ):
                 yield int(path.name)
         except OSError:
             continue
@@ -266,7 +334,10 @@ def test_what_a_robot_has_lost_that_goes_on_alone_is_counted(its_step, lost):
     team._on_progress(1, Progress("life 1", 0, 0))
     team._on_progress(1, Progress("life 2", its_step, its_step, resumed=True))
     assert counted["robot_steps_lost"] == lost
-    assert f"until step {its_step}: the team goes on, {lost} time steps of robot_2 are" in lines[0]
+    assert (
+        f"until step {its_step}: the team goes on, {lost} time steps of robot_2 are"
+        in lines[0]
+    )
 
 
 def test_the_team_goes_on_without_who_does_not_obey_in_time():

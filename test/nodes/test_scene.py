@@ -10,15 +10,15 @@ from types import SimpleNamespace as Anything
 import pytest
 from visualization_msgs.msg import Marker
 
-from sparse_coord_ros import wire
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.game.world import Action
-from sparse_coord_ros.learn.run_config import make_run
-from sparse_coord_ros.nodes.messages import Converter
-from sparse_coord_ros.nodes.scene import Scene, ScenePublisher
-from sparse_coord_ros.nodes.transforms import robot_frame
-from sparse_coord_ros.palette import OUTCOME_COLOURS, rgb
-from sparse_coord_ros.wire import Account
+from sparse_coord_ros.base.palette import OUTCOME_COLOURS, rgb
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.game.world import Action
+from sparse_coord_ros.core.runs.run_config import make_run
+from sparse_coord_ros.protocol import wire
+from sparse_coord_ros.protocol.wire import Account
+from sparse_coord_ros.ros.nodes.messages import Converter
+from sparse_coord_ros.ros.nodes.scene import Scene, ScenePublisher
+from sparse_coord_ros.ros.nodes.transforms import robot_frame
 
 NAMES = ("robot_1", "robot_2")
 
@@ -74,7 +74,8 @@ def test_a_question_is_a_line_to_the_peer_and_words(scene, percept, perceived, o
 
 
 @pytest.mark.parametrize(
-    ("percept", "text"), [(math.nan, ""), (math.inf, ""), (99.0, "asks robot_2: failed")]
+    ("percept", "text"),
+    [(math.nan, ""), (math.inf, ""), (99.0, "asks robot_2: failed")],
 )
 def test_a_percept_that_ended_as_nothing_known(scene, percept, text):
     """The world takes actions whatever they say of themselves; showing them must not end it."""
@@ -90,14 +91,19 @@ def test_old_questions_go_and_one_to_all_has_a_line_to_each(scene):
     said = convert.pack_action(
         4, Action(0, True, -1, True), Account(wire.PerceptEnd.ANSWERED, False)
     )
-    found = Scene(convert, 5, [0, 1, 2, 3], convert.header(5)).markers({1: said}).markers
+    found = (
+        Scene(convert, 5, [0, 1, 2, 3], convert.header(5)).markers({1: said}).markers
+    )
     [line] = [m for m in found if m.ns == "questions" and m.action == Marker.ADD]
     assert len(line.points) == 6
 
 
 def test_doorways_rise_with_the_robots_in_them(scene):
     [door] = scene.run.scenario.map.doorways
-    boxes = [markers(scene, cells)["occupancy", 0] for cells in ([0, 1], [door, 1], [door] * 2)]
+    boxes = [
+        markers(scene, cells)["occupancy", 0]
+        for cells in ([0, 1], [door, 1], [door] * 2)
+    ]
     assert boxes[0].scale.z < boxes[1].scale.z < boxes[2].scale.z
     assert boxes[0].color.a < boxes[1].color.a < boxes[2].color.a
     assert boxes[0].pose.position.x == scene.convert.centres[door][0]
@@ -133,10 +139,15 @@ def test_transforms_are_published_where_tf2_is(scene, monkeypatch):
     made.publish(5, [0, 11], (1, 7), always=True)
     topic, [one, other] = published[-1]
     assert topic == "tf", "in the namespace: each has a clock of its own"
-    assert (one.header.frame_id, one.child_frame_id) == ("map", "team_a/robot_1/base_link")
+    assert (one.header.frame_id, one.child_frame_id) == (
+        "map",
+        "team_a/robot_1/base_link",
+    )
     assert (one.header.stamp.sec, one.header.stamp.nanosec) == (1, 7)
     where = other.transform.translation
-    assert (where.x, where.y) == scene.convert.centres[11] and other.transform.rotation.w == 1
+    assert (where.x, where.y) == scene.convert.centres[
+        11
+    ] and other.transform.rotation.w == 1
     monkeypatch.setitem(sys.modules, "tf2_msgs.msg", None)
     published.clear()
     ScenePublisher(Node(), scene.convert).publish(5, [0, 11], (1, 0))

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from sparse_coord_ros.nodes.shared_memory import leftovers
+from sparse_coord_ros.ros.nodes.shared_memory import leftovers
 
 SEGMENT = "fastrtps_0123456789abcdef"
 OLD = time.time() - 60
@@ -50,7 +50,12 @@ def test_what_somebody_has_locked_stays(put, tmp_path, lock):
 @pytest.mark.parametrize(
     "names",
     [
-        ("lttng-ust-wait-6", "fastrtps_12", "sem.other_mutex", "fastrtps_0123456789abcdeX"),
+        (
+            "lttng-ust-wait-6",
+            "fastrtps_12",
+            "sem.other_mutex",
+            "fastrtps_0123456789abcdeX",
+        ),
         (SEGMENT,),  # it is not locked yet
         ("fastrtps_port7410", "fastrtps_port7410_el", "sem.fastrtps_port7410_mutex"),
     ],
@@ -80,9 +85,13 @@ def test_a_team_cleans_up_what_a_killed_one_has_left(start, tmp_path, monkeypatc
     team = start("cli.main", *arguments, "--out", str(tmp_path / "killed"))
     team.wait_for("steps/s")
     maps = Path(f"/proc/{team.pid}/maps").read_text()
-    os.kill(team.pid, signal.SIGKILL)  # ports may be others' too: not to be looked for afterwards
+    os.kill(
+        team.pid, signal.SIGKILL
+    )  # ports may be others' too: not to be looked for afterwards
     team.exit_code()
-    left = {Path(word) for word in maps.split() if word.startswith("/dev/shm/fastrtps_")}
+    left = {
+        Path(word) for word in maps.split() if word.startswith("/dev/shm/fastrtps_")
+    }
     segments = [path for path in left if "port" not in path.name]
     assert segments and all(path.exists() for path in segments)
     for path in segments:

@@ -6,8 +6,8 @@ from xml.etree import ElementTree
 
 import pytest
 
-from sparse_coord_ros import wire
-from sparse_coord_ros.share import share_folder
+from sparse_coord_ros.base.share import share_folder
+from sparse_coord_ros.protocol import wire
 
 POLICY = share_folder("config") / "sros2_policy.xml"
 NAMES = ("robot_1", "robot_2")
@@ -33,7 +33,9 @@ def allowed(node: str, tag: str, action: str) -> set[str]:
     (profile,) = ElementTree.parse(POLICY).iterfind(f".//profile[@node='{node}']")
     said = [one.text for one in profile.iterfind(f"{tag}[@{action}='ALLOW']/*")]
     assert len(said) == len(set(said)), "a name stands twice"
-    own = [name.replace("~", f"/{node}") if name.startswith("~") else name for name in said]
+    own = [
+        name.replace("~", f"/{node}") if name.startswith("~") else name for name in said
+    ]
     return {name if name.startswith("/") else f"/{name}" for name in own}
 
 
@@ -44,7 +46,9 @@ def team(module_bench, tmp_path_factory):
     world = module_bench.world(rate=50.0, recorded=True)
     module_bench.recorder(tmp_path_factory.mktemp("policy") / "bag")
     module_bench.robots()
-    module_bench.spin_until(lambda: world.lockstep.world.transitions > 3, "the run is under way")
+    module_bench.spin_until(
+        lambda: world.lockstep.world.transitions > 3, "the run is under way"
+    )
     return observer
 
 
@@ -54,5 +58,9 @@ def test_each_node_may_do_what_it_does(team, node, tag, action, question):
     does = {name for name, _ in getattr(team, question)(node, "/")}
     may = allowed(node, tag, action)
     assert does - may == set(), "is not allowed"
-    beside = (FOR_SIM_TIME | EVERY_NODE) if action == "subscribe" else WITH_TF2 | IN_AN_EXCHANGE
+    beside = (
+        (FOR_SIM_TIME | EVERY_NODE)
+        if action == "subscribe"
+        else WITH_TF2 | IN_AN_EXCHANGE
+    )
     assert may - does - beside == set(), "is allowed, but not done"

@@ -7,18 +7,18 @@ from rclpy.node import Node
 from std_msgs.msg import Header, String
 from teams import tables_in
 
-from sparse_coord_ros import wire
-from sparse_coord_ros.errors import RunError, SettingError, TablesError
-from sparse_coord_ros.learn.run_config import run_from_yaml
-from sparse_coord_ros.learn.tables import save_team
-from sparse_coord_ros.nodes import interface
-from sparse_coord_ros.nodes.guard import Claim
-from sparse_coord_ros.nodes.robot import Member
-from sparse_coord_ros.nodes.spin import ros_context
-from sparse_coord_ros.nodes.team import run_team
-from sparse_coord_ros.nodes.world_simulator import WorldSimulator
-from sparse_coord_ros.runlog import verify
-from sparse_coord_ros.wire import ClaimRank
+from sparse_coord_ros.base.errors import RunError, SettingError, TablesError
+from sparse_coord_ros.core.runs.run_config import run_from_yaml
+from sparse_coord_ros.core.runs.tables import save_team
+from sparse_coord_ros.log.runlog import verify
+from sparse_coord_ros.protocol import wire
+from sparse_coord_ros.protocol.wire import ClaimRank
+from sparse_coord_ros.ros.nodes import interface
+from sparse_coord_ros.ros.nodes.guard import Claim
+from sparse_coord_ros.ros.nodes.robot import Member
+from sparse_coord_ros.ros.nodes.spin import ros_context
+from sparse_coord_ros.ros.nodes.team import run_team
+from sparse_coord_ros.ros.nodes.world_simulator import WorldSimulator
 
 SHORT = ["steps=40"]
 TAKEN = "^node /robot_1: the name is taken, a node that was there before has it; stop that one"
@@ -80,7 +80,9 @@ def test_a_second_robot_of_a_name_stops(bench):
     bench.destroy(second)
     world.values["rate"] = 0.0
     before = world.lockstep.world.transitions
-    bench.spin_until(lambda: world.lockstep.world.transitions > before + 20, "the first goes on")
+    bench.spin_until(
+        lambda: world.lockstep.world.transitions > before + 20, "the first goes on"
+    )
     assert first.member.lockstep.newest[0] > 20
 
 
@@ -92,7 +94,9 @@ def test_a_second_robot_of_a_name_stops_though_no_world_is_there_yet(bench):
     bench.place("a"), bench.place("b")
     other = bench.robot("robot_2", place="a")
     first = bench.robot("robot_1", place="b", claim_window=0.1)
-    bench.spin_until(lambda: first.guard.claim.rank == ClaimRank.HOLDING, "first has its name")
+    bench.spin_until(
+        lambda: first.guard.claim.rank == ClaimRank.HOLDING, "first has its name"
+    )
     second = bench.robot("robot_1", place="a", claim_window=5.0)
     with pytest.raises(RunError, match=TAKEN):
         bench.spin_until(lambda: False)
@@ -112,19 +116,26 @@ def test_of_two_nodes_of_a_name_one_ends(rank):
     further = Claim("3", rank + 1)
     assert low.yields_to(further) and not further.yields_to(low)
     joined = Claim("2", ClaimRank.JOINED)
-    assert not joined.yields_to(Claim("1", ClaimRank.JOINED)), "nobody leaves a run for another"
+    assert not joined.yields_to(Claim("1", ClaimRank.JOINED)), (
+        "nobody leaves a run for another"
+    )
 
 
 def test_a_second_world_stops(bench):
     first = bench.world(rate=0.001)
     observer = bench.observer()
-    bench.spin_until(lambda: first._guard.claim.rank == ClaimRank.HOLDING, "first has its name")
+    bench.spin_until(
+        lambda: first._guard.claim.rank == ClaimRank.HOLDING, "first has its name"
+    )
     second = WorldSimulator(
-        context=bench.place("elsewhere")[0], values={"scenario": "cit", "claim_window": 5.0}
+        context=bench.place("elsewhere")[0],
+        values={"scenario": "cit", "claim_window": 5.0},
     )
     bench.add(second, "elsewhere")
     runs = observer.listen(String, "run", latched=True)
-    with pytest.raises(RunError, match="^node /world_simulator: the name is taken, a node"):
+    with pytest.raises(
+        RunError, match="^node /world_simulator: the name is taken, a node"
+    ):
         bench.spin_until(lambda: False)
     bench.destroy(second)
     bench.spin_until(lambda: runs, "the run")
@@ -134,7 +145,7 @@ def test_a_second_world_stops(bench):
 
 
 def test_robots_that_are_missing_are_named(bench, monkeypatch):
-    monkeypatch.setattr("sparse_coord_ros.nodes.robot.PEER_PATIENCE_SECONDS", 0.1)
+    monkeypatch.setattr("sparse_coord_ros.ros.nodes.robot.PEER_PATIENCE_SECONDS", 0.1)
     bench.world(startup_timeout=2.0, scenario="env2-4r")
     for name in ("robot_1", "robot_3"):
         bench.robot(name)
@@ -157,11 +168,15 @@ def test_a_recorder_that_is_missing_is_named(bench):
 def test_a_greedy_robot_without_tables(bench):
     bench.world(greedy=True)
     bench.robots()
-    with pytest.raises(TablesError, match="^robot robot_[12]: the run is greedy but parameter"):
+    with pytest.raises(
+        TablesError, match="^robot robot_[12]: the run is greedy but parameter"
+    ):
         bench.spin_until(lambda: False)
 
 
-def test_a_recorder_that_comes_back_is_heard_of_although_the_killed_one_is_still_listed(bench):
+def test_a_recorder_that_comes_back_is_heard_of_although_the_killed_one_is_still_listed(
+    bench,
+):
     """Else what is said before it listens misses the log, and `verify` calls the log another."""
     world = bench.world()
     clock = world.topics.clock
@@ -172,10 +187,14 @@ def test_a_recorder_that_comes_back_is_heard_of_although_the_killed_one_is_still
         return node
 
     def listens(node):
-        node.create_subscription(interface.CLOCK.type, "/clock", print, interface.CLOCK.qos)
+        node.create_subscription(
+            interface.CLOCK.type, "/clock", print, interface.CLOCK.qos
+        )
 
     listens(recorder("killed"))  # it stays in the graph
-    bench.spin_until(lambda: world.heard_by(clock, wire.RECORDER), "the first one is heard of")
+    bench.spin_until(
+        lambda: world.heard_by(clock, wire.RECORDER), "the first one is heard of"
+    )
     back = recorder("back")
 
     def known():
@@ -206,7 +225,9 @@ def contents(folder):
 def test_a_bag_is_left_alone(bench, tmp_path):
     (tmp_path / "metadata.yaml").write_text("precious")
     before = contents(tmp_path)
-    with pytest.raises(RunError, match="exists already, nothing is overwritten; choose another"):
+    with pytest.raises(
+        RunError, match="exists already, nothing is overwritten; choose another"
+    ):
         bench.recorder(tmp_path)
     assert contents(tmp_path) == before
 
@@ -215,7 +236,10 @@ def test_a_teams_output_directory_is_left_alone(tmp_path):
     (tmp_path / "tables.npz").write_text("precious")
     before = contents(tmp_path)
     values = {"scenario": "env1", "out": str(tmp_path)}
-    with ros_context() as context, pytest.raises(RunError, match="exists already, nothing is"):
+    with (
+        ros_context() as context,
+        pytest.raises(RunError, match="exists already, nothing is"),
+    ):
         run_team(values, context=context)
     assert contents(tmp_path) == before
 
@@ -224,8 +248,13 @@ def test_a_team_with_a_bad_setting_makes_no_directory(tmp_path):
     out = tmp_path / "out"
     with ros_context() as context:
         with pytest.raises(SettingError, match="steps"):
-            run_team({"scenario": "env1", "out": str(out), "set": ["steps=0"]}, context=context)
-        with pytest.raises(SettingError, match=r"unknown setting 'scenari' \(did you mean"):
+            run_team(
+                {"scenario": "env1", "out": str(out), "set": ["steps=0"]},
+                context=context,
+            )
+        with pytest.raises(
+            SettingError, match=r"unknown setting 'scenari' \(did you mean"
+        ):
             run_team({"scenari": "env1", "out": str(out)}, context=context)
     assert not out.exists()
 
@@ -247,9 +276,14 @@ def test_learned_tables_are_run_greedily(tmp_path, simulate):
         out = tmp_path / "first"
         run_team({**values, "out": str(out), "set": ["steps=1"]}, context=context)
         (before / "run.yaml").write_text((out / "run.yaml").read_text())
-        patch.setattr("sparse_coord_ros.nodes.robot.Member", Watched)
+        patch.setattr("sparse_coord_ros.ros.nodes.robot.Member", Watched)
         out = tmp_path / "greedy"
-        more = {"out": str(out), "set": ["steps=80"], "greedy": True, "tables": str(before)}
+        more = {
+            "out": str(out),
+            "set": ["steps=80"],
+            "greedy": True,
+            "tables": str(before),
+        }
         summary = run_team({**values, **more}, context=context)
     assert summary["transitions"] == 80
     assert len(epsilons) > 80
@@ -265,10 +299,16 @@ def test_learning_goes_on_from_tables(tmp_path, simulate, assert_same_tables):
     values = {"scenario": "env1", "claim_window": 0.0, "record": False, "set": SHORT}
     with ros_context() as context:
         run_team({**values, "seed": 3, "out": str(tmp_path / "one")}, context=context)
-        more = {"seed": 4, "out": str(tmp_path / "two"), "tables": str(tmp_path / "one")}
+        more = {
+            "seed": 4,
+            "out": str(tmp_path / "two"),
+            "tables": str(tmp_path / "one"),
+        }
         begun = (tmp_path / "two" / "run.yaml").exists
         assert run_team({**values, **more}, context=context, stop=begun)["interrupted"]
-        run_team({"claim_window": 0.0, "resume": True, "out": more["out"]}, context=context)
+        run_team(
+            {"claim_window": 0.0, "resume": True, "out": more["out"]}, context=context
+        )
     assert_same_tables(tmp_path / "one", first)
     assert_same_tables(tmp_path / "two", second)
     assert second.tables[0].q_star.tobytes() != first.tables[0].q_star.tobytes()
@@ -283,10 +323,10 @@ def test_a_robot_that_is_partly_there_is_told_by_what_it_lacks(bench):
     action = interface.ACTION
     state = interface.LOCAL_STATE
     mine.create_publisher(action.type, action.of("robot_2"), action.qos)
-    mine.create_subscription(state.type, state.of("robot_2"), lambda said: None, state.qos)
-    text = (
-        r"still no node for .*robot_2 \(it lacks a subscription to /robot_2/reward\); start each"
+    mine.create_subscription(
+        state.type, state.of("robot_2"), lambda said: None, state.qos
     )
+    text = r"still no node for .*robot_2 \(it lacks a subscription to /robot_2/reward\); start"
     with pytest.raises(RunError, match=text):
         bench.spin_until(lambda: False)
 
@@ -296,7 +336,9 @@ def test_a_claim_is_said_when_it_changes(bench):
     observer = bench.observer()
     claims = observer.listen(Header, "robot_1/_claim", latched=True)
     robot = bench.robot("robot_1")
-    bench.spin_until(lambda: robot.guard.claim.rank == ClaimRank.HOLDING, "it has its name")
+    bench.spin_until(
+        lambda: robot.guard.claim.rank == ClaimRank.HOLDING, "it has its name"
+    )
     beats = []
     timer = observer.create_timer(0.05, lambda: beats.append(True))
     bench.spin_until(lambda: len(beats) >= 10 and claims, "time passes")

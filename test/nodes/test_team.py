@@ -14,13 +14,13 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 
-from sparse_coord_ros.bags import open_bag
-from sparse_coord_ros.nodes.messages import Converter
-from sparse_coord_ros.nodes.outputs import gather
-from sparse_coord_ros.nodes.spin import ros_context
-from sparse_coord_ros.nodes.team import run_team
-from sparse_coord_ros.runlog import verify
-from sparse_coord_ros.wire import services
+from sparse_coord_ros.log.bags import open_bag
+from sparse_coord_ros.log.runlog import verify
+from sparse_coord_ros.protocol.wire import services
+from sparse_coord_ros.ros.nodes.messages import Converter
+from sparse_coord_ros.ros.nodes.outputs import gather
+from sparse_coord_ros.ros.nodes.spin import ros_context
+from sparse_coord_ros.ros.nodes.team import run_team
 
 NAMES = ("robot_1", "robot_2")
 TEAM = {"run", "status", "map", "markers", "scene", "world_simulator/_claim"}
@@ -52,7 +52,9 @@ def test_reset_begins_an_episode_and_nobody_learns_across_it(bench):
         assert (robot.member.lockstep.agent.tables.q_star == initial).all()
     world.values["rate"] = 0.0
     bench.spin_until(lambda: world.lockstep.world.transitions > 20, "it goes on")
-    assert all((robot.member.lockstep.agent.tables.q_star != initial).any() for robot in robots)
+    assert all(
+        (robot.member.lockstep.agent.tables.q_star != initial).any() for robot in robots
+    )
     assert all(robot.member.lockstep.dropped == 0 for robot in robots)
 
 
@@ -99,11 +101,18 @@ def test_a_namespace_moves_everything(bench):
     bench.spin_until(lambda: wanted <= there(), "topics")
     events = {f"/team_a/{name}/active_perception/_service_event" for name in NAMES}
     assert there() - events - {"/rosout", "/parameter_events"} == wanted
-    names = {"team_a/world_simulator: run", *(f"team_a/{name}: agent" for name in NAMES)}
-    bench.spin_until(lambda: {m.status[0].name for m in said} == names, "diagnostics of everybody")
+    names = {
+        "team_a/world_simulator: run",
+        *(f"team_a/{name}: agent" for name in NAMES),
+    }
+    bench.spin_until(
+        lambda: {m.status[0].name for m in said} == names, "diagnostics of everybody"
+    )
     plan = observer.call(GetPlan, "robot_1/active_perception").plan
     assert len(plan.poses) == 1
-    assert observer.call(SetBool, "world_simulator/pause", SetBool.Request(data=True)).success
+    assert observer.call(
+        SetBool, "world_simulator/pause", SetBool.Request(data=True)
+    ).success
 
 
 def test_in_one_process_an_answer_reaches_one_client(own_domain, tmp_path):
@@ -113,11 +122,15 @@ def test_in_one_process_an_answer_reaches_one_client(own_domain, tmp_path):
         probe = Node("probe", context=context)
 
         def look():
-            clients.append(probe.count_clients(services.ACTIVE_PERCEPTION.of("robot_1")))
+            clients.append(
+                probe.count_clients(services.ACTIVE_PERCEPTION.of("robot_1"))
+            )
             return False
 
         values = {"scenario": "crowd-3r", "set": ["steps=60"], "record": False}
-        summary = run_team({**values, "out": str(tmp_path / "run")}, context=context, stop=look)
+        summary = run_team(
+            {**values, "out": str(tmp_path / "run")}, context=context, stop=look
+        )
         probe.destroy_node()
     assert summary["timeouts"] == 0
     assert max(clients) == 1
@@ -131,10 +144,14 @@ def test_a_bystander_is_no_robot(bench):
         observer.listen(PoseStamped, f"{name}/local_state")
     world = bench.world(set=["steps=10"], rate=20.0)
     bench.spin_until(lambda: observer.count("robot_2/local_state"), "world found")
-    assert observer.call(SetBool, "world_simulator/pause", SetBool.Request(data=True)).success
+    assert observer.call(
+        SetBool, "world_simulator/pause", SetBool.Request(data=True)
+    ).success
     bench.robots()
     bench.spin_until(lambda: world.lockstep.complete, "first barrier while paused")
-    assert observer.call(SetBool, "world_simulator/pause", SetBool.Request(data=False)).success
+    assert observer.call(
+        SetBool, "world_simulator/pause", SetBool.Request(data=False)
+    ).success
     bench.spin_until_done()
     assert world.summary()["timeouts"] == 0
 
@@ -147,7 +164,9 @@ def test_diagnostics_of_other_programs_do_not_move_the_time_of_the_log(bench, tm
     world = bench.world(set=["steps=200"], rate=400.0, recorded=True)
     recorder = bench.recorder(tmp_path / "bag")
     bench.robots()
-    bench.spin_until(lambda: world.lockstep.world.transitions > 20, "the run is under way")
+    bench.spin_until(
+        lambda: world.lockstep.world.transitions > 20, "the run is under way"
+    )
     for seconds in (-1, 1_700_000_000):
         message = DiagnosticArray(status=[DiagnosticStatus(name="driver: wheels")])
         message.header.stamp.sec = seconds
@@ -194,7 +213,9 @@ def test_progress_is_told_every_few_seconds_and_at_the_end(bench, capfd):
     world = bench.world(set=["steps=60"])
     bench.robots()
     for count in (10, 20, 30):
-        bench.spin_until(lambda c=count: world.lockstep.world.transitions > c, "under way")
+        bench.spin_until(
+            lambda c=count: world.lockstep.world.transitions > c, "under way"
+        )
         world._report(time.monotonic())
     bench.spin_until_done()
     assert capfd.readouterr().err.count(" of 60 steps, ") == 2

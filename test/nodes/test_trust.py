@@ -12,33 +12,41 @@ from recordings import recorded
 from std_msgs.msg import String
 from teams import THEIRS, forgotten, untrained
 
-from sparse_coord_ros import wire
-from sparse_coord_ros.game.plugins import ALLOW_VARIABLE
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learn.run_config import make_run
-from sparse_coord_ros.learn.tables import save_team
-from sparse_coord_ros.nodes import interface
-from sparse_coord_ros.nodes.body import BodyNode
-from sparse_coord_ros.nodes.driver import DriverNode
-from sparse_coord_ros.nodes.follower import Follower
-from sparse_coord_ros.nodes.player import Player
-from sparse_coord_ros.nodes.recorder import Recorder
-from sparse_coord_ros.nodes.robot import RobotNode
-from sparse_coord_ros.nodes.watch import WatchNode
-from sparse_coord_ros.wire import services
+from sparse_coord_ros.core.game.plugins import ALLOW_VARIABLE
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.runs.run_config import make_run
+from sparse_coord_ros.core.runs.tables import save_team
+from sparse_coord_ros.protocol import wire
+from sparse_coord_ros.protocol.wire import services
+from sparse_coord_ros.ros.nodes import interface
+from sparse_coord_ros.ros.nodes.body import BodyNode
+from sparse_coord_ros.ros.nodes.driver import DriverNode
+from sparse_coord_ros.ros.nodes.follower import Follower
+from sparse_coord_ros.ros.nodes.player import Player
+from sparse_coord_ros.ros.nodes.recorder import Recorder
+from sparse_coord_ros.ros.nodes.robot import RobotNode
+from sparse_coord_ros.ros.nodes.watch import WatchNode
 
 FOREIGN = {"learner": "theirs:Team", "model": "coop"}
 
 NODES = {
-    "robot": (lambda place, out: RobotNode(name="robot_1", values={"claim_window": 0.0}, **place)),
-    "recorder": (lambda place, out: Recorder(values={"out": str(out / "bag")}, **place)),
+    "robot": (
+        lambda place, out: RobotNode(
+            name="robot_1", values={"claim_window": 0.0}, **place
+        )
+    ),
+    "recorder": (
+        lambda place, out: Recorder(values={"out": str(out / "bag")}, **place)
+    ),
     "watch": (lambda place, out: WatchNode(values={"port": 0}, **place)),
     "driver": (lambda place, out: DriverNode(values={"robot": "robot_1"}, **place)),
     "body": (lambda place, out: BodyNode(values={}, **place)),
 }
 """Every node that hears `run`."""
 
-WAITING = {name: "follows the run" for name in NODES} | {"robot": "refuses it, waits on"}
+WAITING = {name: "follows the run" for name in NODES} | {
+    "robot": "refuses it, waits on"
+}
 """What a node does that waits for a run."""
 
 UNDER_WAY = {name: "warns, goes on" for name in NODES} | {"watch": "shows it instead"}
@@ -75,14 +83,24 @@ def say(bench, message):
 
 @pytest.mark.parametrize("kind", FOREIGN)
 @pytest.mark.parametrize("name", NODES)
-def test_no_waiting_node_imports_what_a_run_names(bench, beside, tmp_path, capfd, name, kind):
+def test_no_waiting_node_imports_what_a_run_names(
+    bench, beside, tmp_path, capfd, name, kind
+):
     node = bench.add(NODES[name]({"context": bench.place()[0]}, tmp_path))
     say(bench, announced(kind))
-    bench.spin_until(lambda: node.intake.dropped["run"] or node.presence, "the run is heard")
+    bench.spin_until(
+        lambda: node.intake.dropped["run"] or node.presence, "the run is heard"
+    )
     refused = WAITING[name].startswith("refuses")
     assert refused == (node.run is None) == (node.presence is None)
-    said = [line for line in capfd.readouterr().err.splitlines() if "was not imported" in line]
-    assert len(said) == refused and all("allow it: --allow theirs, a" in line for line in said)
+    said = [
+        line
+        for line in capfd.readouterr().err.splitlines()
+        if "was not imported" in line
+    ]
+    assert len(said) == refused and all(
+        "allow it: --allow theirs, a" in line for line in said
+    )
     assert not beside.exists() and "theirs" not in sys.modules
     bench.destroy(node)
 
@@ -98,13 +116,17 @@ def test_no_node_of_a_run_under_way_does(bench, beside, tmp_path, monkeypatch, k
     stranger = say(bench, announced(kind))
     bench.spin_until(lambda: early.intake.dropped["run"], "the run is refused")
     bench.destroy(stranger)
-    bench.spin_until(lambda: not early.get_publishers_info_by_topic("/run"), "it is gone")
+    bench.spin_until(
+        lambda: not early.get_publishers_info_by_topic("/run"), "it is gone"
+    )
     world = bench.world(rate=0.001, set=["steps=60"], recorded=True)
     place = {"context": bench.place()[0]}
     nodes = [early, *(bench.add(start(place, tmp_path)) for start in NODES.values())]
     bench.spin_until(lambda: world.lockstep.complete, "the first barrier")
     say(bench, announced(kind))
-    bench.spin_until(lambda: {node.get_name() for node in nodes} <= {*heard}, "all have heard it")
+    bench.spin_until(
+        lambda: {node.get_name() for node in nodes} <= {*heard}, "all have heard it"
+    )
     assert [node.run.learner for node in nodes] == ["coop"] * len(nodes)
     assert not beside.exists() and "theirs" not in sys.modules
 
@@ -125,9 +147,14 @@ def test_a_robot_reads_no_tables_but_those_it_was_given(bench, tmp_path, capfd):
     robot = bench.robot("robot_1")
     told = bench.robot("robot_2", tables=str(tmp_path))
     say(bench, String(data=replace(run, id="theirs", tables=str(tmp_path)).to_yaml()))
-    bench.spin_until(lambda: robot.intake.dropped["run"] and told.member, "the run is heard")
+    bench.spin_until(
+        lambda: robot.intake.dropped["run"] and told.member, "the run is heard"
+    )
     assert robot.member is None and robot.failure is None
-    assert f"begins with the tables of '{tmp_path}', which this robot" in capfd.readouterr().err
+    assert (
+        f"begins with the tables of '{tmp_path}', which this robot"
+        in capfd.readouterr().err
+    )
 
 
 def test_a_world_is_told_by_its_own_parameters(bench, beside):
@@ -138,7 +165,9 @@ def test_a_world_is_told_by_its_own_parameters(bench, beside):
 def test_the_player_plays_it_unread(bench, beside, tmp_path, monkeypatch):
     monkeypatch.setenv(ALLOW_VARIABLE, "theirs")
     with forgotten():
-        recorded(tmp_path / "sent", settings={"steps": 60}, values={"learner": "theirs:Team"})
+        recorded(
+            tmp_path / "sent", settings={"steps": 60}, values={"learner": "theirs:Team"}
+        )
     monkeypatch.setenv(ALLOW_VARIABLE, "")
     beside.unlink()
     values = {"bag": str(tmp_path / "sent/bag"), "delay": 0.0, "rate": 100.0}
@@ -150,7 +179,9 @@ def test_the_player_plays_it_unread(bench, beside, tmp_path, monkeypatch):
 def table():
     """Return what docs/reliability.md says of each node."""
     rows = ["| node | waiting | in a run |", "|---|---|---|"]
-    rows += [f"| {name} | {what} | {UNDER_WAY[name]} |" for name, what in WAITING.items()]
+    rows += [
+        f"| {name} | {what} | {UNDER_WAY[name]} |" for name, what in WAITING.items()
+    ]
     return "\n".join([*rows, "| player | does not hear it | does not hear it |"])
 
 
@@ -161,5 +192,9 @@ def test_the_documentation_has_the_table_and_every_topic():
     section = text.partition("**Topics and services.**")[2].partition("## ")[0]
     named = set(re.findall(r"`([^`]+)`", section))
     known = [*wire.TOPICS, *vars(services).values()]
-    assert {one.name for one in known if isinstance(one, wire.Topic | services.Service)} <= named
-    assert [one for one in named if one.startswith("test/") and not (root / one).is_file()] == []
+    assert {
+        one.name for one in known if isinstance(one, wire.Topic | services.Service)
+    } <= named
+    assert [
+        one for one in named if one.startswith("test/") and not (root / one).is_file()
+    ] == []

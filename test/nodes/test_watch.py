@@ -9,24 +9,24 @@ import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 from teams import tables_in
 
-from sparse_coord_ros.bags.reader import open_bag
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.game.world import Reward
-from sparse_coord_ros.learn.history import load_history
-from sparse_coord_ros.learn.run_config import make_run
-from sparse_coord_ros.learn.tables import tables_of, unpack_saved
-from sparse_coord_ros.look.page import messages
-from sparse_coord_ros.look.page.board import Board
-from sparse_coord_ros.look.page.controls import PAUSE, RATE, RESET, STEP, Control
-from sparse_coord_ros.look.page.live_source import LiveView
-from sparse_coord_ros.look.steps import logged_trails
-from sparse_coord_ros.nodes import interface, team, watch
-from sparse_coord_ros.nodes.messages import Converter, tables_message
-from sparse_coord_ros.nodes.spin import ros_context
-from sparse_coord_ros.nodes.watch import HeardTeam, WatchNode
-from sparse_coord_ros.runlog import read_run
-from sparse_coord_ros.runlog.explain import row_in_words
-from sparse_coord_ros.wire.status import Said, read_status
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.game.world import Reward
+from sparse_coord_ros.core.runs.history import load_history
+from sparse_coord_ros.core.runs.run_config import make_run
+from sparse_coord_ros.core.runs.tables import tables_of, unpack_saved
+from sparse_coord_ros.log.bags.reader import open_bag
+from sparse_coord_ros.log.runlog import read_run
+from sparse_coord_ros.log.runlog.explain import row_in_words
+from sparse_coord_ros.protocol.wire.status import Said, read_status
+from sparse_coord_ros.ros.nodes import interface, team, watch
+from sparse_coord_ros.ros.nodes.messages import Converter, tables_message
+from sparse_coord_ros.ros.nodes.spin import ros_context
+from sparse_coord_ros.ros.nodes.watch import HeardTeam, WatchNode
+from sparse_coord_ros.show.page import messages
+from sparse_coord_ros.show.page.board import Board
+from sparse_coord_ros.show.page.controls import PAUSE, RATE, RESET, STEP, Control
+from sparse_coord_ros.show.page.live_source import LiveView
+from sparse_coord_ros.show.steps import logged_trails
 
 
 def heard_of(run):
@@ -36,7 +36,9 @@ def heard_of(run):
 
     class Listening:
         def listen(self, topic, then, owner, *, read=None, unpack=None):
-            unpack = unpack or (lambda data: read(deserialize_message(data, topic.type)))
+            unpack = unpack or (
+                lambda data: read(deserialize_message(data, topic.type))
+            )
             takes[f"/{owner}/{topic.name}"] = lambda data: then(unpack(data))
 
     return HeardTeam(SimpleNamespace(intake=Listening()), run, view), takes, view
@@ -47,7 +49,9 @@ def test_what_a_stranger_says_of_far_time_steps_is_forgotten(monkeypatch):
     run = make_run(load_scenario("env1"), {})
     team_heard, heard, _ = heard_of(run)
     for step in range(1000, 1200):
-        heard["/robot_1/reward"](Converter(run).pack_reward(step, Reward(0.0, 0.0, 0.0, 0.0)))
+        heard["/robot_1/reward"](
+            Converter(run).pack_reward(step, Reward(0.0, 0.0, 0.0, 0.0))
+        )
         assert len(team_heard._steps) <= 50
     assert not team_heard.whole
 
@@ -66,13 +70,17 @@ def test_what_is_heard_is_what_the_log_says(record, name):
             frame = view.board.get("frame")
             seen[frame["step"]] = frame
     assert team_heard.history.history().same_bits(log.history())
-    assert team_heard.whole and team_heard.seen == recorded.run.scenario.steps == len(seen)
+    assert team_heard.whole and team_heard.seen == recorded.run.scenario.steps == len(
+        seen
+    )
     assert len(team_heard._steps) <= 2  # nothing piles up
     ends = {"answered": 0, "refused": 0}
     for row in np.flatnonzero(np.isin(log.step, list(seen))).tolist():
         frame = seen[int(log.step[row])]
         assert list(frame["cells"]) == log.cells[row].tolist()
-        assert [a["robot"] for a in frame["asks"]] == np.flatnonzero(log.asked[row]).tolist()
+        assert [a["robot"] for a in frame["asks"]] == np.flatnonzero(
+            log.asked[row]
+        ).tolist()
         for ask in frame["asks"]:
             ends[ask["outcome"]] += 1
             assert (ask["outcome"] == "answered") == log.perceived[row, ask["robot"]]
@@ -114,8 +122,13 @@ def test_a_run_that_goes_back_is_shown_on(good):
     waiting = set(team._steps)
     for message in messages:
         takes[message.topic](message.data)
-    assert "went back to a checkpoint" in view.board.get("notice")["text"] and not team.whole
-    assert team.seen == seen + good.run.scenario.steps and not waiting & set(team._steps)
+    assert (
+        "went back to a checkpoint" in view.board.get("notice")["text"]
+        and not team.whole
+    )
+    assert team.seen == seen + good.run.scenario.steps and not waiting & set(
+        team._steps
+    )
 
 
 def test_details_have_the_row_of_the_newest_tables(good):
@@ -125,7 +138,9 @@ def test_details_have_the_row_of_the_newest_tables(good):
     for one in open_bag(good.bag).attachments:
         for k in range(2):
             if f"robot_{k + 1}_0" in one.name:
-                takes[f"/robot_{k + 1}/tables"](serialize_message(tables_message(one.data, 0, "")))
+                takes[f"/robot_{k + 1}/tables"](
+                    serialize_message(tables_message(one.data, 0, ""))
+                )
                 [saved] = unpack_saved(one.data, [k + 1], where=one.name)
                 tables[k] = tables_of(good.run.scenario, good.run.rule, k, saved.memory)
     log = read_run(good.bag)
@@ -232,12 +247,16 @@ def test_what_was_missed_is_said_and_begins_no_episode(good, what):
 def test_a_page_beside_a_live_team(bench, monkeypatch):
     monkeypatch.setattr(watch, "GONE_SECONDS", 1.5)  # it says its status every second
     world = bench.world(set=["steps=3000"], checkpoint=20)
-    node = bench.add(WatchNode(context=bench.place("observer")[0], values={"port": 0}), "observer")
+    node = bench.add(
+        WatchNode(context=bench.place("observer")[0], values={"port": 0}), "observer"
+    )
     board = node.server.board
     assert board.get("run") is None
     bench.robots(2)
     bench.spin_until(lambda: board.get("frame") is not None, "a frame")
-    assert board.get("run")["scenario"] == "env1" and board.get("run")["source"] == "live"
+    assert (
+        board.get("run")["scenario"] == "env1" and board.get("run")["source"] == "live"
+    )
     board.pages += 1
     bench.spin_until(lambda: board.get("frame")["step"] > 0, "the first step")
     assert board.get("frame")["rate"] is None, "nobody has said it"
@@ -258,7 +277,9 @@ def test_a_page_beside_a_live_team(bench, monkeypatch):
     bench.spin_until(lambda: node.team.tables.get(1, (0,))[0] >= 20, "new tables")
     bench.spin_until(lambda: board.get("curves")["length"], "curves")
     node.controls.control(Control(RATE, -5.0))
-    bench.spin_until(lambda: "rate: " in board.get("notice")["text"], "the world refuses")
+    bench.spin_until(
+        lambda: "rate: " in board.get("notice")["text"], "the world refuses"
+    )
     bench.destroy(world)
     bench.spin_until(lambda: board.get("frame")["state"] == "gone", "the world is gone")
     node.controls.control(Control(PAUSE, True))
@@ -266,12 +287,16 @@ def test_a_page_beside_a_live_team(bench, monkeypatch):
 
 
 def test_a_team_in_one_process_with_a_page(bench, tmp_path):
-    from sparse_coord_ros.look.page.server import Server
+    from sparse_coord_ros.show.page.server import Server
 
     page = Server(Board(), port=0)
     page.board.pages += 1
     try:
-        values = {"scenario": "env1", "set": ["steps=300"], "out": str(tmp_path / "run")}
+        values = {
+            "scenario": "env1",
+            "set": ["steps=300"],
+            "out": str(tmp_path / "run"),
+        }
         values |= {"claim_window": 0.0, "seed": 3}
         context = bench.place()[0]
         team.run_team(values, context=context, page=page.board)
@@ -287,7 +312,9 @@ def test_a_team_in_one_process_with_a_page(bench, tmp_path):
         assert frame["step"] == log.step[np.flatnonzero(log.move.max(axis=1) >= 0)[-1]]
         saved = tables_in(tmp_path / "run")
         for shown, own in zip(board.get("tables")["robots"], saved, strict=True):
-            assert shown["step"] > frame["step"] and shown["q_star"] == messages._plain(own.q_star)
+            assert shown["step"] > frame["step"] and shown["q_star"] == messages._plain(
+                own.q_star
+            )
     finally:
         page.close()
 
@@ -296,7 +323,10 @@ def test_a_team_that_goes_on_with_a_page_has_asked_before(tmp_path):
     """How often it asked in each cell is counted from the run's beginning, as its curves are."""
     out = tmp_path / "run"
     board = Board()
-    values = {"scenario": "env1", "set": ["steps=600", "ask_cost=0", "epsilon=constant:0.5"]}
+    values = {
+        "scenario": "env1",
+        "set": ["steps=600", "ask_cost=0", "epsilon=constant:0.5"],
+    }
     values |= {"claim_window": 0.0, "seed": 3, "checkpoint": 150, "out": str(out)}
     folder = out / "checkpoint"
     with ros_context() as context:

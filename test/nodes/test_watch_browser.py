@@ -11,16 +11,16 @@ from browser import REMEDY, Browser, find_browser
 from floor_plans import write
 from teams import tables_in
 
-from sparse_coord_ros.game.actions import COORDINATE
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learn.history import load_history
-from sparse_coord_ros.learn.run_config import make_run
-from sparse_coord_ros.look.page import messages
-from sparse_coord_ros.look.page.board import Board
-from sparse_coord_ros.look.page.server import Server
-from sparse_coord_ros.runlog import read_run
-from sparse_coord_ros.runlog.relearned import Relearned
-from sparse_coord_ros.runlog.window import LongLog
+from sparse_coord_ros.core.game.actions import COORDINATE
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.runs.history import load_history
+from sparse_coord_ros.core.runs.run_config import make_run
+from sparse_coord_ros.log.runlog import read_run
+from sparse_coord_ros.log.runlog.relearned import Relearned
+from sparse_coord_ros.log.runlog.window import LongLog
+from sparse_coord_ros.show.page import messages
+from sparse_coord_ros.show.page.board import Board
+from sparse_coord_ros.show.page.server import Server
 
 pytestmark = pytest.mark.long
 
@@ -94,13 +94,19 @@ def test_a_bag_is_played_and_every_value_is_the_log_s(browser, start, bag):
     browser.wait_for(
         'document.querySelector(\'#map .ask[data-robot="2"][data-outcome="refused"]\')'
     )
-    said = f"document.querySelector('#dialogue li').innerText.includes('step {wanted}: ')"
+    said = (
+        f"document.querySelector('#dialogue li').innerText.includes('step {wanted}: ')"
+    )
     browser.wait_for(said)
-    assert "refused" in browser.value("document.querySelector('#dialogue li').innerText")
+    assert "refused" in browser.value(
+        "document.querySelector('#dialogue li').innerText"
+    )
     browser.wait_for("document.getElementById('foot').dataset.read === '1'")
     due = (log.history().first_step <= wanted).sum()
     browser.wait_for(f"document.getElementById('episodes').textContent === '{due}'")
-    moved = f"{DETAILS}.find((text) => /goes \\w+ by Q\\*\\[\\d+\\]: north /.test(text))"
+    moved = (
+        f"{DETAILS}.find((text) => /goes \\w+ by Q\\*\\[\\d+\\]: north /.test(text))"
+    )
     browser.wait_for(moved)  # the row of the table that decided
     browser.value("document.querySelector('#dialogue details').open = true")
     click(browser, "back")
@@ -121,12 +127,16 @@ def test_a_bag_is_played_and_every_value_is_the_log_s(browser, start, bag):
     again = LongLog(bag)
     [(at, tables), _] = Relearned(again).tables(wanted).values()
     again.bag.close()
-    assert at == wanted and shown[1:] == [f"{value:.2f}" for value in tables.q_star[cell]]
+    assert at == wanted and shown[1:] == [
+        f"{value:.2f}" for value in tables.q_star[cell]
+    ]
     ages = browser.value("document.getElementById('ages').textContent")
     assert ages == f"Tables of step {at:,}."
 
 
-DETAILS = "[...document.querySelectorAll('#dialogue details')].map((one) => one.textContent)"
+DETAILS = (
+    "[...document.querySelectorAll('#dialogue details')].map((one) => one.textContent)"
+)
 
 CUT = """[...document.querySelectorAll('.trail')].flatMap((line) => {
   const at = [...line.points];
@@ -136,11 +146,11 @@ CUT = """[...document.querySelectorAll('.trail')].flatMap((line) => {
 
 
 def test_trails_follow_the_cells_though_frames_are_skipped(browser, start, bag):
-    process = start("cli.main", "watch", str(bag), "--port", "0", "--rate", "300", "--step", "1")
-    browser.open(address_of(process))
-    longest = (
-        "Math.max(...[...document.querySelectorAll('.trail')].map((one) => one.points.length))"
+    process = start(
+        "cli.main", "watch", str(bag), "--port", "0", "--rate", "300", "--step", "1"
     )
+    browser.open(address_of(process))
+    longest = "Math.max(...[...document.querySelectorAll('.trail')].map((t) => t.points.length))"
     browser.wait_for(f"{STEP} > 0 && document.querySelector('.trail')")
     steps = set()
     for _ in range(20):
@@ -164,7 +174,9 @@ def shown(browser):
     browser.open(server.address)
 
     def show(step, places, asks=(), after=None, **more):
-        places, after = ([number[one] for one in cells] for cells in (places, after or places))
+        places, after = (
+            [number[one] for one in cells] for cells in (places, after or places)
+        )
         said = {"robot": 0, "peers": [1], "outcome": "answered", "ended": "answered"}
         board.put(
             "frame",
@@ -173,7 +185,13 @@ def shown(browser):
             trails=[[cell] for cell in places],
             asks=[{**said, "robot": k} for k in asks],
             after=after,
-            **{"state": "learning", "rate": 0, "speed": None, "transitions": step, "episode": 0},
+            **{
+                "state": "learning",
+                "rate": 0,
+                "speed": None,
+                "transitions": step,
+                "episode": 0,
+            },
             **{"miscoordination": False, **more},
         )
         browser.wait_for(f"{STEP} === {step}")
@@ -182,7 +200,9 @@ def shown(browser):
     server.close()
 
 
-def test_a_question_is_drawn_where_it_was_asked_and_a_miscoordination_where_it_was(browser, shown):
+def test_a_question_is_drawn_where_it_was_asked_and_a_miscoordination_where_it_was(
+    browser, shown
+):
     places = [(1, 3), (3, 3), (5, 5), (6, 6)]
     drawn = "[...document.querySelectorAll('#map {}')].map(({{{}: x, {}: y}}) => "
     drawn += "[x.baseVal.value, y.baseVal.value])"
@@ -220,13 +240,17 @@ def learned(record):
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_a_bag_opens_on_what_was_learned_and_keys_lead_on(browser, start, learned, scheme):
+def test_a_bag_opens_on_what_was_learned_and_keys_lead_on(
+    browser, start, learned, scheme
+):
     browser.prefer(scheme)
     process = start("cli.main", "watch", str(learned), "--port", "0")
     browser.size(1280, 900)
     browser.open(address_of(process))
     said = "document.getElementById('learned').innerText"
-    browser.wait_for(f"{said}.includes('asks before the doorway') && {said}.includes('about')", 10)
+    browser.wait_for(
+        f"{said}.includes('asks before the doorway') && {said}.includes('about')", 10
+    )
     browser.wait_for("document.querySelectorAll('.trail[points*=\" \"]').length === 2")
     assert browser.value("document.querySelectorAll('.arrow.pale').length") > 0
     for key, kind in (("q", "question"), ("m", "miscoordination"), ("p", "policy")):
@@ -248,16 +272,22 @@ def test_a_bag_opens_on_what_was_learned_and_keys_lead_on(browser, start, learne
     browser.wait_for(f"{STEP} < {last} && {told} === ''")
     whole = browser.value("document.getElementById('map').getAttribute('viewBox')")
     browser.press("z")
-    browser.wait_for(f"document.getElementById('map').getAttribute('viewBox') !== '{whole}'")
+    browser.wait_for(
+        f"document.getElementById('map').getAttribute('viewBox') !== '{whole}'"
+    )
     browser.press("f")
-    browser.wait_for(f"document.getElementById('map').getAttribute('viewBox') === '{whole}'")
+    browser.wait_for(
+        f"document.getElementById('map').getAttribute('viewBox') === '{whole}'"
+    )
     browser.press("l")
     browser.wait_for(f"{STATE} === 'playing'")
     header = "document.querySelector('header')"
     assert browser.value(f"{header}.clientHeight") < 70  # two lines
     browser.size(400, 900)
     browser.wait_for(WIDE)
-    value = browser.wait_for("document.querySelector('#evaluation tr:nth-child(4) td:last-child')")
+    value = browser.wait_for(
+        "document.querySelector('#evaluation tr:nth-child(4) td:last-child')"
+    )
     assert value and browser.value(
         "document.querySelector('#evaluation tr:nth-child(4) td:last-child')"
         ".getBoundingClientRect().right < 400"
@@ -269,9 +299,8 @@ def q_star_shown(browser, page="document"):
     browser.value(f"{page}.getElementById('map').focus()")
     down = "new KeyboardEvent('keydown', {key: 'ArrowDown', bubbles: true})"
     browser.value(f"{page}.getElementById('map').dispatchEvent({down})")
-    shown = (
-        f"[...{page}.querySelectorAll('#cell tr[data-robot=\"1\"] td')].map((c) => c.textContent)"
-    )
+    cells = f"{page}.querySelectorAll('#cell tr[data-robot=\"1\"] td')"
+    shown = f"[...{cells}].map((c) => c.textContent)"
     title = f"{page}.getElementById('cell-title').textContent"
     return browser.wait_for(f"{title}.includes(' cell 0 ') && {shown}")[1:]
 
@@ -286,9 +315,26 @@ def test_a_run_without_ros_ends_on_its_final_tables_then_acts_greedily(
     """The page has them beside the value of the team; robots that move are not said to stand."""
     out = tmp_path / "run"
     browser.prefer(scheme)
-    options = ("--steps", "60000", "--engine", "python", "--penalty", "-100", "--seed", "4")
+    options = (
+        "--steps",
+        "60000",
+        "--engine",
+        "python",
+        "--penalty",
+        "-100",
+        "--seed",
+        "4",
+    )
     process = start(
-        "cli.main", "train", "env1", *options, "--watch", "--port", "0", "--out", str(out)
+        "cli.main",
+        "train",
+        "env1",
+        *options,
+        "--watch",
+        "--port",
+        "0",
+        "--out",
+        str(out),
     )
     browser.open(address_of(process))
     browser.wait_for("!document.getElementById('evaluation-panel').hidden", 90)
@@ -306,7 +352,9 @@ def test_a_run_without_ros_ends_on_its_final_tables_then_acts_greedily(
     browser.wait_for(f"{STATE} === 'acting greedily' && {STEP} > 2")
     assert browser.value("document.getElementById('speed').textContent") == "2"
     assert browser.value(STEP) < 40, "it is a step of the episode"
-    assert browser.value("document.getElementById('transitions').textContent").startswith("60,000")
+    assert browser.value(
+        "document.getElementById('transitions').textContent"
+    ).startswith("60,000")
     played = "document.getElementById('asked-where').textContent"
     assert browser.value(played) == "asked here in 200 greedy episodes"
     assert q_star_shown(browser) == due
@@ -318,11 +366,15 @@ def test_a_run_without_ros_ends_on_its_final_tables_then_acts_greedily(
 def test_two_runs_are_beside_each_other(browser, start, learned, bag):
     process = start("cli.main", "watch", str(learned), str(bag), "--port", "0")
     browser.open(address_of(process))
-    frames = "[...document.querySelectorAll('iframe')].map((one) => one.contentDocument)"
+    frames = (
+        "[...document.querySelectorAll('iframe')].map((one) => one.contentDocument)"
+    )
     browser.wait_for(
         f"{frames}.filter((page) => page.getElementById('learned')?.innerText).length === 2"
     )
-    titles = browser.value(f"{frames}.map((page) => page.getElementById('about').textContent)")
+    titles = browser.value(
+        f"{frames}.map((page) => page.getElementById('about').textContent)"
+    )
     assert "penalty -100" in titles[0] and "penalty -20" in titles[1]
     browser.value(f"{frames}[1].getElementById('pause').click()")
     states = f"{frames}.map((page) => page.getElementById('state').textContent).join()"
@@ -331,7 +383,16 @@ def test_two_runs_are_beside_each_other(browser, start, learned, bag):
 
 @pytest.mark.parametrize("robots", [2, 4, 8])
 def test_a_team_is_watched_from_its_first_step(browser, start, tmp_path, robots):
-    options = ("--steps", "300", "--rate", "20", "--port", "0", "--no-record", "--watch")
+    options = (
+        "--steps",
+        "300",
+        "--rate",
+        "20",
+        "--port",
+        "0",
+        "--no-record",
+        "--watch",
+    )
     out = ("--set", "max_steps=40", "--out", str(tmp_path / "run"))
     process = start("cli.main", "run", f"crowd-{robots}r", *options, *out)
     browser.open(address_of(process))
@@ -367,23 +428,39 @@ def test_a_run_on_its_own_page_then_the_next_one(browser, start, tmp_path):
     browser.wait_for("!document.getElementById('evaluation-panel').hidden")
     browser.wait_for("document.querySelector('#map .ask, #dialogue li')")
     history = load_history(out)
-    browser.wait_for(f"document.getElementById('episodes').textContent === '{history.episodes}'")
-    assert browser.value("document.getElementById('transitions').textContent").startswith("1,500")
+    browser.wait_for(
+        f"document.getElementById('episodes').textContent === '{history.episodes}'"
+    )
+    assert browser.value(
+        "document.getElementById('transitions').textContent"
+    ).startswith("1,500")
     browser.value("document.getElementById('scenario').value = 'isr'")
     browser.value("document.getElementById('penalty').value = '-5'")
     browser.wait_for("!document.getElementById('start').disabled")
     click(browser, "start")
     browser.wait_for("document.getElementById('about').textContent.startsWith('isr')")
-    assert "penalty -5," in browser.value("document.getElementById('about').textContent")
+    assert "penalty -5," in browser.value(
+        "document.getElementById('about').textContent"
+    )
     browser.wait_for(f"{STEP} > 10")
 
 
 def test_a_page_beside_a_team_in_other_processes(browser, start, tmp_path):
     page = start("nodes.watch", "--ros-args", "-p", "port:=0")
     browser.open(address_of(page))
-    browser.wait_for("document.getElementById('notice').textContent.includes('waiting')")
+    browser.wait_for(
+        "document.getElementById('notice').textContent.includes('waiting')"
+    )
     for number in range(2):  # the page stays, teams come and go
-        options = ("--steps", "400", "--rate", "60", "--no-record", "--seed", str(number))
+        options = (
+            "--steps",
+            "400",
+            "--rate",
+            "60",
+            "--no-record",
+            "--seed",
+            str(number),
+        )
         out = str(tmp_path / f"run{number}")
         team = start("cli.main", "run", "env1", "--processes", *options, "--out", out)
         about = "document.getElementById('about').textContent"
@@ -406,7 +483,9 @@ def test_eight_robots_in_light_and_dark(browser, start, tmp_path, scheme):
         f"  robot_{k}: {{start: {k}, goal: [{(k - 1) % 4}, {8 if k < 5 else 0}]}}\n"
         for k in range(1, 9)
     )
-    (tmp_path / "eight.yaml").write_text(f"map: eight.txt\nrobots:\n{robots}steps: 20000\n")
+    (tmp_path / "eight.yaml").write_text(
+        f"map: eight.txt\nrobots:\n{robots}steps: 20000\n"
+    )
     browser.prefer(scheme)
     process = start(
         "cli.main", "train", str(tmp_path / "eight.yaml"), "--engine", "python", "--watch",
@@ -414,14 +493,20 @@ def test_eight_robots_in_light_and_dark(browser, start, tmp_path, scheme):
     )  # fmt: skip
     browser.open(address_of(process))
     browser.wait_for(f"{STEP} > 10")
-    assert browser.value("document.querySelectorAll('.robot[visibility=visible]').length") == 8
+    assert (
+        browser.value("document.querySelectorAll('.robot[visibility=visible]').length")
+        == 8
+    )
     shapes = "[...document.querySelectorAll('.robot .body')].map((b) => b.outerHTML)"
     assert len(set(browser.value(shapes))) == 8
     browser.press("8", "Digit8")
     browser.wait_for("document.querySelector('.arrow[data-robot=\"8\"]')")
     arrows = "[...document.querySelectorAll('#map .arrow')].map((a) => [a.dataset.robot, {}])"
     dashed = browser.value(arrows.format("a.hasAttribute('stroke-dasharray')"))
-    assert {tuple(one) for one in dashed} == {("1", False), ("8", True)}  # told apart in grey
+    assert {tuple(one) for one in dashed} == {
+        ("1", False),
+        ("8", True),
+    }  # told apart in grey
     assert browser.value(WIDE)
     browser.size(700, 900)
     browser.wait_for(WIDE)
@@ -457,12 +542,16 @@ def test_a_depot_becomes_a_driven_team_by_clicks(browser, start, tmp_path):
         "--out", str(tmp_path / "out"),
     )  # fmt: skip
     browser.open(address_of(process))
-    browser.wait_for("document.getElementById('facts').textContent.startsWith('1,560 cells')")
+    browser.wait_for(
+        "document.getElementById('facts').textContent.startsWith('1,560 cells')"
+    )
     place_robots(browser, [(1.5, 1.5), (28.5, 13.5), (28.5, 13.5), (1.5, 1.5)])
     click(browser, "train")
     browser.wait_for(f"{TEAM}.startsWith('Learned: ')", 300)
     click(browser, "drive")
-    browser.wait_for(f"{TEAM}.startsWith('Bodies of radius 0.2 m drove 20 episodes')", 120)
+    browser.wait_for(
+        f"{TEAM}.startsWith('Bodies of radius 0.2 m drove 20 episodes')", 120
+    )
     assert "in 20 all robots arrived; walls touched: 0, " in browser.value(TEAM)
     click(browser, "train")
     browser.wait_for(f"{TEAM}.startsWith('A team learns: ')")
@@ -475,7 +564,9 @@ def test_a_building_becomes_a_team_by_clicks(browser, start, tmp_path):
     """From the image to a team that has learned: cells, robots, doorways, undo, save, train."""
     out = tmp_path / "office"
     options = ("--page", "--port", "0", "--out", str(out), "--set", "steps=20000")
-    process = start("cli.main", "import-map", str(ROOT / "examples/office.yaml"), *options)
+    process = start(
+        "cli.main", "import-map", str(ROOT / "examples/office.yaml"), *options
+    )
     browser.open(address_of(process))
     facts = "document.getElementById('facts').textContent"
 
@@ -484,13 +575,17 @@ def test_a_building_becomes_a_team_by_clicks(browser, start, tmp_path):
         "(() => { const c = document.getElementById('cell-side');"
         "c.value = 0.4; c.dispatchEvent(new Event('change')); })()"
     )
-    browser.wait_for("document.getElementById('notes').innerText.includes('lanes touch walls')")
+    browser.wait_for(
+        "document.getElementById('notes').innerText.includes('lanes touch walls')"
+    )
     click(browser, "undo")
     browser.wait_for(f"{facts}.startsWith('937 cells of 0.5 m')")
     places = [(-8, -5), (8, 5), (8, 5), (-8, -5)]
     place_robots(browser, places)
     press(browser, -3.4, 3)
-    browser.wait_for("document.getElementById('notice').innerText.includes('in no free cell')")
+    browser.wait_for(
+        "document.getElementById('notice').innerText.includes('in no free cell')"
+    )
     click(browser, "undo")
     browser.wait_for("document.getElementById('notice').hidden")
     browser.value("document.getElementById('map').focus()")
@@ -515,12 +610,20 @@ def test_a_building_becomes_a_team_by_clicks(browser, start, tmp_path):
     browser.wait_for(f"{frame}.{AGES} === 'Tables at the end of learning.'")
     made = Path(re.search(r"Learned: (runs/office_\S+?)\. ", browser.value(TEAM))[1])
     tables = tables_in(made)
-    assert q_star_shown(browser, frame) == [f"{value:.2f}" for value in tables[0].q_star[0]]
+    assert q_star_shown(browser, frame) == [
+        f"{value:.2f}" for value in tables[0].q_star[0]
+    ]
     made = load_scenario(out / "office.yaml")
     grid = made.map
     for k, robot in enumerate(made.robots):
-        for cell, (x, y) in ((robot.start, places[2 * k]), (robot.goal, places[2 * k + 1])):
+        for cell, (x, y) in (
+            (robot.start, places[2 * k]),
+            (robot.goal, places[2 * k + 1]),
+        ):
             row, column = grid.cells[cell]
             level = grid.shape[0] - 1 - row
-            middle = [grid.origin[0] + (column + 0.5) / 2, grid.origin[1] + (level + 0.5) / 2]
+            middle = [
+                grid.origin[0] + (column + 0.5) / 2,
+                grid.origin[1] + (level + 0.5) / 2,
+            ]
             assert np.abs(np.subtract(middle, (x, y))).max() <= 0.25

@@ -4,7 +4,7 @@
 
 from types import SimpleNamespace
 
-from sparse_coord_ros.nodes.world_speed import WorldSpeed
+from sparse_coord_ros.ros.nodes.world_speed import WorldSpeed
 
 
 def test_speed_is_that_of_this_process_and_since_the_last_report():

@@ -4,7 +4,7 @@
 
 import pytest
 
-from sparse_coord_ros.runlog import verify
+from sparse_coord_ros.log.runlog import verify
 
 
 @pytest.fixture

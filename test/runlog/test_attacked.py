@@ -13,14 +13,19 @@ from recordings import each
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
-from sparse_coord_ros.bags.reader import open_bag
+from sparse_coord_ros.base.errors import BagError
 from sparse_coord_ros.cli.main import main
-from sparse_coord_ros.errors import BagError
-from sparse_coord_ros.runlog import verify
-from sparse_coord_ros.wire import BAG_FORMAT, TABLES_DEPTH
+from sparse_coord_ros.log.bags.reader import open_bag
+from sparse_coord_ros.log.runlog import verify
+from sparse_coord_ros.protocol.wire import BAG_FORMAT, TABLES_DEPTH
 
 EVENT = "/robot_2/active_perception/_service_event"
-EPISODES = ("/map", "/markers", "/robot_1/coordination_map", "/robot_2/coordination_map")
+EPISODES = (
+    "/map",
+    "/markers",
+    "/robot_1/coordination_map",
+    "/robot_2/coordination_map",
+)
 
 
 def logged(found, words):
@@ -38,7 +43,11 @@ def before_the_run(message):
 
 @pytest.mark.parametrize(
     ("topic", "kind"),
-    [("/clock", Clock), ("/robot_1/local_state", PoseStamped), ("/robot_2/reward", JointState)],
+    [
+        ("/clock", Clock),
+        ("/robot_1/local_state", PoseStamped),
+        ("/robot_2/reward", JointState),
+    ],
 )
 def test_a_stamp_before_the_run(alter, topic, kind):
     found = alter(each(topic, kind, before_the_run, slice(20, 21)))
@@ -50,7 +59,9 @@ def test_a_stamp_before_the_run(alter, topic, kind):
 
 
 @pytest.mark.parametrize("number", ["0", str(BAG_FORMAT + 1), "x", ""])
-def test_another_format_is_refused_in_one_line(good, rewritten, tmp_path, number, capsys):
+def test_another_format_is_refused_in_one_line(
+    good, rewritten, tmp_path, number, capsys
+):
     bag = rewritten(good.bag, tmp_path / "bag", record={"format": number})
     with pytest.raises(BagError, match="format .*this version reads format") as caught:
         verify(bag)
@@ -102,7 +113,9 @@ def test_lost_copies_are_a_note(good, rewritten, tmp_path, capsys, topic):
 @pytest.mark.parametrize("topic", EPISODES[1:3])
 def test_a_topic_without_any_message_differs(alter, topic):
     found = alter(lambda messages: [one for one in messages if one.topic != topic])
-    assert logged(found, "missing, computed one as the episode begins") and not found.lost
+    assert (
+        logged(found, "missing, computed one as the episode begins") and not found.lost
+    )
 
 
 @pytest.mark.parametrize("later", [TABLES_DEPTH, TABLES_DEPTH - 1])
@@ -121,7 +134,9 @@ def test_tables_that_a_recorder_in_arrears_missed(record, rewritten, tmp_path, l
 
 def without_last_tables(robot):
     def attach(found):
-        mine = [p for p, one in enumerate(found) if one.name.startswith(f"tables/{robot}_")]
+        mine = [
+            p for p, one in enumerate(found) if one.name.startswith(f"tables/{robot}_")
+        ]
         return [one for place, one in enumerate(found) if place != mine[-1]]
 
     return attach
@@ -130,11 +145,16 @@ def without_last_tables(robot):
 def test_a_killed_robot_is_an_open_question(record, rewritten, tmp_path, capsys):
     stopped = record(settings={"perception": "probability:0.5"}, stop=230)
     assert verify(stopped.bag).same
-    bag = rewritten(stopped.bag, tmp_path / "bag", attach=without_last_tables("robot_2"))
+    bag = rewritten(
+        stopped.bag, tmp_path / "bag", attach=without_last_tables("robot_2")
+    )
     found = verify(bag)
     assert found.cannot_tell and found.broke_off
     assert main(["verify", str(bag)]) == 3
-    assert "broke off: robot_2 saved no tables at its end (killed?)" in capsys.readouterr().out
+    assert (
+        "broke off: robot_2 saved no tables at its end (killed?)"
+        in capsys.readouterr().out
+    )
 
 
 def test_a_robot_may_be_killed_after_its_last_action(alter):
@@ -166,7 +186,9 @@ def test_a_killed_world_is_an_open_question(record, rewritten, tmp_path, lost):
     found = verify(rewritten(stopped.bag, tmp_path / "bag", change, attach))
     assert found.cannot_tell, found.differences
     [loss] = found.log.losses
-    assert loss.endswith("on: the log breaks off, the world does not say how the run ended")
+    assert loss.endswith(
+        "on: the log breaks off, the world does not say how the run ended"
+    )
     assert not found.open and found.steps > 200
 
 
@@ -175,7 +197,9 @@ def test_a_killed_world_is_an_open_question(record, rewritten, tmp_path, lost):
 
 def plain_no_more(messages):
     return [
-        one._replace(data=b"\x09\x01" + one.data[2:]) if one.topic == "/robot_1/action" else one
+        one._replace(data=b"\x09\x01" + one.data[2:])
+        if one.topic == "/robot_1/action"
+        else one
         for one in messages
     ]
 
@@ -185,9 +209,13 @@ def extra(message):
     message.position = [*message.position, 3.0]
 
 
-@pytest.mark.parametrize("change", [plain_no_more, each("/robot_1/action", JointState, extra)])
+@pytest.mark.parametrize(
+    "change", [plain_no_more, each("/robot_1/action", JointState, extra)]
+)
 def test_messages_of_another_form(alter, change):
-    assert logged(alter(change), "/robot_1/action: logged a message that has another form")
+    assert logged(
+        alter(change), "/robot_1/action: logged a message that has another form"
+    )
 
 
 def second(event):
@@ -234,7 +262,9 @@ def test_a_robot_that_stops_while_it_repeats_a_request(good, record):
     """Its last tables count an answer "not there yet" that no action follows."""
     log = verify(good.bag).log
     made = ~np.isnan(log.reward[..., 0]).all(axis=1)
-    row = int(np.flatnonzero(log.asked[:, 1] & (log.cells[:, 0] != log.cells[0, 0]))[40])
+    row = int(
+        np.flatnonzero(log.asked[:, 1] & (log.cells[:, 0] != log.cells[0, 0]))[40]
+    )
     step = int(log.step[row])
     stopped = record(
         settings={"perception": "probability:0.5"},

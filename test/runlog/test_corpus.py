@@ -9,14 +9,25 @@ import random
 from collections import Counter
 
 import pytest
-from forgeries import Case, Outcome, cut_off, drawn, everywhere, lost, named, outcome, pairs, wrong
+from forgeries import (
+    Case,
+    Outcome,
+    cut_off,
+    drawn,
+    everywhere,
+    lost,
+    named,
+    outcome,
+    pairs,
+    wrong,
+)
 from forging import forged, read, write
 from recordings import OFTEN, recorded, rolled_back
 
-from sparse_coord_ros.compiling import has_numba
-from sparse_coord_ros.nodes.spin import ros_context
-from sparse_coord_ros.nodes.team import run_team
-from sparse_coord_ros.runlog import read_run
+from sparse_coord_ros.base.compiling import has_numba
+from sparse_coord_ros.log.runlog import read_run
+from sparse_coord_ros.ros.nodes.spin import ros_context
+from sparse_coord_ros.ros.nodes.team import run_team
 
 HALF = {"perception": "probability:0.5"}
 AT_ZERO = "title: door\nresolution: 1.0\norigin: [-0.5, -0.5]\n---\n1.D.2\n"
@@ -32,7 +43,12 @@ RUNS = {
     "crowd": ("crowd-3r", {"steps": 100, "peers": "all", **HALF}, {}, {}),
     "referee": ("crowd-3r", {"steps": 100, **HALF}, {"learner": "factored"}, {}),
     "cq": ("door", {"steps": 500, **MARKED}, {"learner": "cq", "checkpoint": 170}, {}),
-    "improve": ("door", {"steps": 150, **DOOR}, {"learner": "factored", "improve": True}, {}),
+    "improve": (
+        "door",
+        {"steps": 150, **DOOR},
+        {"learner": "factored", "improve": True},
+        {},
+    ),
     "bodies": (
         *("env1", {"steps": 120, **HALF}, {"bodies": True, "slips": False}),
         {"failing": [(k, step) for k in (0, 1) for step in range(3, 130, 7)]},
@@ -46,7 +62,10 @@ RUNS = {
 
 HONEST = {name: {Outcome.IDENTICAL} for name in RUNS} | {
     "unfinished": {Outcome.CANNOT_TELL},
-    "live": {Outcome.IDENTICAL, Outcome.NOTED},  # what a busy machine loses is said again
+    "live": {
+        Outcome.IDENTICAL,
+        Outcome.NOTED,
+    },  # what a busy machine loses is said again
 }
 
 FEW = 1
@@ -78,7 +97,9 @@ def recorded_bag(name, folder):
         (folder / "door.yaml").write_text(text + ends)
         scenario = str(folder / "door.yaml")
     values = {"checkpoint": 50, **values}
-    run = recorded(folder, scenario, settings, values=values, identity="f00d", **options)
+    run = recorded(
+        folder, scenario, settings, values=values, identity="f00d", **options
+    )
     if name != "resumed":
         return run.bag
     checkpoint = sorted(entry.step for entry in read_run(run.bag).all_tables)[2]
@@ -157,5 +178,7 @@ def test_a_case_that_is_wrong_is_told(bags, tmp_path):
     bag = bags("coop")
     [case] = drawn("coop", bag, 1, 1)
     false = Case("coop", (), frozenset({Outcome.DIFFERS}))
-    [(told, said)] = wrong(bag, [case._replace(right=frozenset(Outcome)), false], tmp_path)
+    [(told, said)] = wrong(
+        bag, [case._replace(right=frozenset(Outcome)), false], tmp_path
+    )
     assert (told, said) == (false, Outcome.IDENTICAL)

@@ -6,12 +6,12 @@ import struct
 
 import pytest
 
-from sparse_coord_ros.game.rules import UNKNOWN_PARTNERS
-from sparse_coord_ros.learn.run import learn
-from sparse_coord_ros.learners.factored import UNKNOWN
-from sparse_coord_ros.learners.tables import tables_equal
-from sparse_coord_ros.runlog import read_run, verify
-from sparse_coord_ros.runlog.explain import coordinations, explained
+from sparse_coord_ros.core.game.rules import UNKNOWN_PARTNERS
+from sparse_coord_ros.core.learners.factored import UNKNOWN
+from sparse_coord_ros.core.learners.tables import tables_equal
+from sparse_coord_ros.core.runs.run import learn
+from sparse_coord_ros.log.runlog import read_run, verify
+from sparse_coord_ros.log.runlog.explain import coordinations, explained
 
 EXPLORING = {
     "steps": 600,
@@ -59,7 +59,10 @@ def test_explained(logged, robots):
         assert one.agrees and one.doubt is None
         if one.update is None:
             continue
-        rows = {(peer, place): (before, after) for peer, place, before, after in one.update[-1]}
+        rows = {
+            (peer, place): (before, after)
+            for peer, place, before, after in one.update[-1]
+        }
         if one.perceived is None:
             assert list(rows) == [(UNKNOWN, UNKNOWN)]
             failed += 1
@@ -80,7 +83,10 @@ def test_a_run_that_goes_on_from_tables(record, logged):
 def test_partners_are_in_the_log_and_cannot_be_forged(logged, rewritten, tmp_path):
     log = read_run(logged[4].bag)
     together = log.rewards[..., -1] > 0
-    assert together.sum() > 4 and (log.rewards[..., -1][log.reward[..., 1] == 0] == 0).all()
+    assert (
+        together.sum() > 4
+        and (log.rewards[..., -1][log.reward[..., 1] == 0] == 0).all()
+    )
     plain = read_run(logged[2].bag).rewards[..., -1]
     assert (plain != plain).all() and UNKNOWN_PARTNERS == -1  # NaN: nobody says
     row, k = (int(n) for n in next(zip(*together.nonzero(), strict=True)))

@@ -9,15 +9,15 @@ from nav_msgs.srv import GetPlan
 from rclpy.serialization import deserialize_message, serialize_message
 from rosgraph_msgs.msg import Clock
 
-from sparse_coord_ros import wire
 from sparse_coord_ros.cli.main import main
-from sparse_coord_ros.game.world import Action, Reward
-from sparse_coord_ros.nodes.messages import Converter, status
-from sparse_coord_ros.runlog import verify
-from sparse_coord_ros.runlog.tracks import in_order
-from sparse_coord_ros.wire import Account, PerceptEnd
-from sparse_coord_ros.wire.events import EventKind
-from sparse_coord_ros.wire.status import Said
+from sparse_coord_ros.core.game.world import Action, Reward
+from sparse_coord_ros.log.runlog import verify
+from sparse_coord_ros.log.runlog.tracks import in_order
+from sparse_coord_ros.protocol import wire
+from sparse_coord_ros.protocol.wire import Account, PerceptEnd
+from sparse_coord_ros.protocol.wire.events import EventKind
+from sparse_coord_ros.protocol.wire.status import Said
+from sparse_coord_ros.ros.nodes.messages import Converter, status
 
 STAMPED = [topic.name.lstrip("/") for topic in wire.TOPICS if topic.stamped]
 AT = 121
@@ -57,7 +57,9 @@ def beside(topic, step, convert, data, *, said=None, before=False):
         one = messages[place]
         at = one.log_time_ns if said is None else said * convert.period
         new = one._replace(data=data, log_time_ns=at, publish_time_ns=at)
-        return relogged([*messages[: place + 1 - before], new, *messages[place + 1 - before :]])
+        return relogged(
+            [*messages[: place + 1 - before], new, *messages[place + 1 - before :]]
+        )
 
     return change
 
@@ -92,7 +94,11 @@ def test_a_forged_state(alter, good, convert, ahead, before):
 @pytest.mark.parametrize("topic", [STATE, "/clock"])
 def test_a_state_of_a_step_that_never_comes(alter, convert, topic, capsys, tmp_path):
     """A recorder logs it at the run's time."""
-    pack = convert.pack_clock if topic == "/clock" else lambda step: convert.pack_state(step, 3)
+    pack = (
+        convert.pack_clock
+        if topic == "/clock"
+        else lambda step: convert.pack_state(step, 3)
+    )
     found = alter(beside(topic, AT, convert, pack(FAR)))
     is_foreign(found)
     assert found.log.step[-1] < FAR
@@ -102,11 +108,17 @@ def test_a_state_of_a_step_that_never_comes(alter, convert, topic, capsys, tmp_p
 
 
 @pytest.mark.parametrize("topic", [STATE, "/clock"])
-@pytest.mark.parametrize("how", ["before the run", "between two steps", "of another form"])
+@pytest.mark.parametrize(
+    "how", ["before the run", "between two steps", "of another form"]
+)
 def test_what_cannot_be_of_the_run(alter, convert, topic, how):
     """A recorder logs it as it comes: what is stamped oddly at the run's time."""
     kind = Clock if topic == "/clock" else PoseStamped
-    pack = convert.pack_clock if topic == "/clock" else lambda step: convert.pack_state(step, 3)
+    pack = (
+        convert.pack_clock
+        if topic == "/clock"
+        else lambda step: convert.pack_state(step, 3)
+    )
     message = deserialize_message(pack(AT), kind)
     stamp = message.clock if topic == "/clock" else message.header.stamp
     if how == "before the run":
@@ -114,7 +126,11 @@ def test_what_cannot_be_of_the_run(alter, convert, topic, how):
     elif how == "between two steps":
         stamp.nanosec += 1
     data = serialize_message(message)
-    is_foreign(alter(beside(topic, AT, convert, data[:-2] if how == "of another form" else data)))
+    is_foreign(
+        alter(
+            beside(topic, AT, convert, data[:-2] if how == "of another form" else data)
+        )
+    )
 
 
 @pytest.mark.parametrize("before", [False, True])
@@ -137,18 +153,25 @@ def said_at_once(convert, data, topic="/status"):
 
     def change(messages):
         found = beside(STATE, AT, convert, b"")(messages)
-        return [one._replace(topic=topic, data=data) if not one.data else one for one in found]
+        return [
+            one._replace(topic=topic, data=data) if not one.data else one
+            for one in found
+        ]
 
     return change
 
 
 def test_a_status_of_another_run(record, rewritten, tmp_path, convert):
-    run = record(settings={"perception": "probability:0.5", "steps": 250}, identity="this run")
+    run = record(
+        settings={"perception": "probability:0.5", "steps": 250}, identity="this run"
+    )
     for said in ("another", "this run"):
         change = said_at_once(convert, status_of(AT, 7, run=said))
         found = verify(rewritten(run.bag, tmp_path / "bag", change))
         assert (found.same, found.foreign) == (said == "another", said == "another")
-        assert len(set(found.differences)) == len(found.differences) == (said != "another")
+        assert (
+            len(set(found.differences)) == len(found.differences) == (said != "another")
+        )
 
 
 NOW_AND_THEN = ["/map", "/markers", "/robot_1/coordination_map", "/status"]
@@ -162,13 +185,18 @@ def test_what_no_node_of_a_run_says(alter, convert, topic, data):
 
 
 def test_a_status_that_names_no_run(alter, convert):
-    is_foreign(alter(said_at_once(convert, serialize_message(status("env1", "paused", {})))))
+    is_foreign(
+        alter(said_at_once(convert, serialize_message(status("env1", "paused", {}))))
+    )
 
 
 @pytest.mark.parametrize(("step", "said"), [(0, 0), (FAR, None)])
 def test_a_clock_and_a_state_of_a_step_that_is_none(alter, convert, step, said):
     def change(messages):
-        both = ("/clock", convert.pack_clock(step)), (STATE, convert.pack_state(step, 3))
+        both = (
+            ("/clock", convert.pack_clock(step)),
+            (STATE, convert.pack_state(step, 3)),
+        )
         for topic, data in both:
             messages = beside(topic, AT, convert, data, said=said)(messages)
         return messages
@@ -182,7 +210,9 @@ def test_what_robots_say_of_a_step_that_never_comes(alter, good, convert, topic,
     """In mid-run, or after the end."""
     step = FAR if after is None else int(verify(good.bag).log.step[-1]) + after
     data = {
-        ACTION: convert.pack_action(step, Action(0, False, -1, False), Account(0, True)),
+        ACTION: convert.pack_action(
+            step, Action(0, False, -1, False), Account(0, True)
+        ),
         REWARD: convert.pack_reward(step, Reward(1.0, 0.0, 0.0, 1.0)),
         PERCEPT: serialize_message(convert.path(step, (3,))),
     }[topic]
@@ -205,7 +235,11 @@ def test_what_was_said_already(alter, convert, topic):
     at = AT - 9, (AT - 9) * convert.period
 
     def change(messages):
-        [data] = [one.data for one in messages if (one.topic, one.log_time_ns) == (topic, at[1])]
+        [data] = [
+            one.data
+            for one in messages
+            if (one.topic, one.log_time_ns) == (topic, at[1])
+        ]
         return beside(topic, AT, convert, data, said=at[0])(messages)
 
     is_foreign(alter(change))
@@ -277,7 +311,9 @@ def test_an_action_that_came_too_late(alter, good, convert):
 
 
 def test_with_a_difference_each_message_too_many_is_told(alter, convert):
-    late = beside(REWARD, AT, convert, convert.pack_reward(AT, Reward(1.0, 0.0, 0.0, 1.0)))
+    late = beside(
+        REWARD, AT, convert, convert.pack_reward(AT, Reward(1.0, 0.0, 0.0, 1.0))
+    )
     lost = convert.pack_reward(AT + 3, Reward(1.0, 0.0, 0.0, 1.0))
 
     def change(messages):
@@ -302,7 +338,11 @@ def test_another_server_of_a_robots_service(alter, kept, before):
     def change(messages):
         topic = "/robot_2/active_perception/_service_event"
         for place, one in enumerate(messages):
-            event = deserialize_message(one.data, GetPlan.Event) if one.topic == topic else None
+            event = (
+                deserialize_message(one.data, GetPlan.Event)
+                if one.topic == topic
+                else None
+            )
             if (
                 event
                 and event.info.event_type == EventKind.RETURNED
@@ -311,7 +351,11 @@ def test_another_server_of_a_robots_service(alter, kept, before):
                 event.response[0].plan.poses[0].pose.position.x += 1.0
                 other = one._replace(data=serialize_message(event))
                 both = [other, one] if before else [one, other]
-                return [*messages[:place], *(both if kept else [other]), *messages[place + 1 :]]
+                return [
+                    *messages[:place],
+                    *(both if kept else [other]),
+                    *messages[place + 1 :],
+                ]
         raise AssertionError("nobody was answered")
 
     found = alter(change)
@@ -333,7 +377,9 @@ def test_another_server_of_a_robots_service(alter, kept, before):
     ],
 )
 def test_a_longest_sequence_that_never_falls(steps, right):
-    assert in_order(np.array(steps, dtype=np.int64)).tolist() == [bool(one) for one in right]
+    assert in_order(np.array(steps, dtype=np.int64)).tolist() == [
+        bool(one) for one in right
+    ]
 
 
 def test_a_step_that_comes_again_makes_no_sequence_longer():

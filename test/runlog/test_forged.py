@@ -12,18 +12,22 @@ from rclpy.serialization import deserialize_message, serialize_message
 from recordings import each, with_tables
 from std_msgs.msg import String
 
-from sparse_coord_ros.bags import BagWriter, QoS
-from sparse_coord_ros.bags.reader import open_bag
-from sparse_coord_ros.bags.recover import recover
-from sparse_coord_ros.errors import BagError
-from sparse_coord_ros.nodes.messages import Converter
-from sparse_coord_ros.runlog import read_run, verify
-from sparse_coord_ros.runlog.explain import coordinations, explained
-from sparse_coord_ros.wire import BAG_FORMAT
-from sparse_coord_ros.wire.messages import ACTION_FORM
+from sparse_coord_ros.base.errors import BagError
+from sparse_coord_ros.log.bags import BagWriter, QoS
+from sparse_coord_ros.log.bags.reader import open_bag
+from sparse_coord_ros.log.bags.recover import recover
+from sparse_coord_ros.log.runlog import read_run, verify
+from sparse_coord_ros.log.runlog.explain import coordinations, explained
+from sparse_coord_ros.protocol.wire import BAG_FORMAT
+from sparse_coord_ros.protocol.wire.messages import ACTION_FORM
+from sparse_coord_ros.ros.nodes.messages import Converter
 
 EVENT = "/robot_2/active_perception/_service_event"
-SHOWN = {"/map": "map", "/markers": "markers", "/robot_1/coordination_map": "coordination_map"}
+SHOWN = {
+    "/map": "map",
+    "/markers": "markers",
+    "/robot_1/coordination_map": "coordination_map",
+}
 
 
 def quantities(found):
@@ -49,7 +53,9 @@ def test_what_is_shown_as_an_episode_begins(alter, topic, how):
     def change(messages):
         of = places(messages, topic)
         mine = of[len(of) // 2]
-        other = next(p for p in of[len(of) // 2 + 1 :] if messages[p].data != messages[mine].data)
+        other = next(
+            p for p in of[len(of) // 2 + 1 :] if messages[p].data != messages[mine].data
+        )
         one = messages[mine]
         two = messages[other]
         if how == "changed":
@@ -67,7 +73,9 @@ def test_what_is_shown_as_an_episode_begins(alter, topic, how):
 
     found = alter(change)
     names = (topic, SHOWN[topic])
-    odd = [one for one in found.differences if any(name in one.quantity for name in names)]
+    odd = [
+        one for one in found.differences if any(name in one.quantity for name in names)
+    ]
     assert odd, found.differences
 
 
@@ -100,16 +108,22 @@ def test_an_attachment_twice(alter, name):
 
 def test_a_second_run(alter):
     def change(messages):
-        data = next(m for m in messages if m.topic == "/run").data.replace(b"seed: 7", b"seed: 8")
+        data = next(m for m in messages if m.topic == "/run").data.replace(
+            b"seed: 7", b"seed: 8"
+        )
         return [*messages, messages[-1]._replace(topic="/run", data=data)]
 
-    assert "topic run: logged twice, computed once" in map(str, alter(change).differences)
+    assert "topic run: logged twice, computed once" in map(
+        str, alter(change).differences
+    )
 
 
 def test_a_second_metadata_record(good, tmp_path):
     source = open_bag(good.bag)
     with BagWriter(tmp_path / "bag") as bag:
-        bag.add_metadata("sparse_coord_ros", {"scenario": "other", "format": str(BAG_FORMAT)})
+        bag.add_metadata(
+            "sparse_coord_ros", {"scenario": "other", "format": str(BAG_FORMAT)}
+        )
         bag.add_metadata("sparse_coord_ros", dict(source.metadata["sparse_coord_ros"]))
         bag.attach("run.yaml", source.attachments[0].data, "application/yaml")
     found = [str(one) for one in verify(tmp_path / "bag").differences]
@@ -139,7 +153,9 @@ def test_bags_of_something_else(tmp_path):
     for name, topics in cases.items():
         with BagWriter(tmp_path / name) as bag:
             for topic, kind in topics:
-                bag.write(bag.add_topic(topic, kind, QoS()), serialize_message(text), 0, 0)
+                bag.write(
+                    bag.add_topic(topic, kind, QoS()), serialize_message(text), 0, 0
+                )
         with pytest.raises(BagError, match="is not a bag of this package") as caught:
             read_run(tmp_path / name)
         assert "\n" not in str(caught.value)
@@ -166,7 +182,9 @@ def test_each_count_beside_the_tables(alter, name, change):
             counts[key] += number
 
     def attach(found):
-        places = [p for p, one in enumerate(found) if one.name.startswith("tables/robot_1_")]
+        places = [
+            p for p, one in enumerate(found) if one.name.startswith("tables/robot_1_")
+        ]
         place = places[1] if name == "learned" else places[-1]
         found[place] = with_tables(found[place], 1, more)
         return found
@@ -199,11 +217,15 @@ def last_status(key, value):
     return each("/status", DiagnosticStatus, change, slice(-1, None))
 
 
-def test_a_world_that_takes_back_how_often_it_went_on_without_a_robot(record, rewritten, tmp_path):
+def test_a_world_that_takes_back_how_often_it_went_on_without_a_robot(
+    record, rewritten, tmp_path
+):
     """Between the two statuses nobody was left out, so that no robot can be named."""
     run = record(late=[(0, step) for step in range(30, 160)])
     assert run.recording.world.left_out > 1
-    first = verify(rewritten(run.bag, tmp_path / "bag", last_status("left_out", "1"))).first
+    first = verify(
+        rewritten(run.bag, tmp_path / "bag", last_status("left_out", "1"))
+    ).first
     assert (first.quantity, first.logged) == ("status", "1 robots' steps left out")
 
 
@@ -220,7 +242,11 @@ def test_a_status_of_another_type(good, tmp_path):
             if name != "rosbag2":
                 bag.add_metadata(name, texts)
         for one in source.messages():
-            data = serialize_message(String(data="a")) if one.topic == "/status" else one.data
+            data = (
+                serialize_message(String(data="a"))
+                if one.topic == "/status"
+                else one.data
+            )
             bag.write(channels[one.topic], data, one.log_time_ns, one.publish_time_ns)
     found = verify(tmp_path / "bag")
     assert "topic /status" in {one.quantity for one in found.differences}
@@ -237,7 +263,10 @@ def test_a_robot_that_learns_before_it_has_acted(alter):
 
     first = alter(change).first
     assert (first.step, first.robot, first.quantity) == (1, "robot_1", "action")
-    assert (first.logged, first.computed) == ("learned=1", "0: there was nothing to learn from")
+    assert (first.logged, first.computed) == (
+        "learned=1",
+        "0: there was nothing to learn from",
+    )
 
 
 def test_a_reward_of_a_robot_that_has_arrived(good, alter):
@@ -290,7 +319,8 @@ def test_swapped_service_events(alter):
         of = [
             place
             for place in places(messages, EVENT)
-            if deserialize_message(messages[place].data, GetPlan.Event).info.event_type == 0
+            if deserialize_message(messages[place].data, GetPlan.Event).info.event_type
+            == 0
         ]
         one = of[3]
         two = of[4]
@@ -338,7 +368,9 @@ def test_what_a_person_asks_may_be_anything(alter, good, frame, sec, ahead):
 
 @pytest.mark.parametrize("step", ["9" * 5000, "²", "-1", "", "00"])
 def test_a_table_of_no_step(alter, step):
-    found = alter(attach=lambda all: [*all, all[-1]._replace(name=f"tables/robot_1_{step}.npz")])
+    found = alter(
+        attach=lambda all: [*all, all[-1]._replace(name=f"tables/robot_1_{step}.npz")]
+    )
     (one,) = found.differences
     assert one.logged == "of no robot of the run" and len(str(one)) < 200
 
@@ -382,7 +414,9 @@ def test_explain_says_what_it_cannot_know(good, rewritten, tmp_path):
         tables["q_star"][3, 2] += 1.0
 
     def attach(found):
-        place = next(p for p, one in enumerate(found) if one.name == "tables/robot_1_0.npz")
+        place = next(
+            p for p, one in enumerate(found) if one.name == "tables/robot_1_0.npz"
+        )
         found[place] = with_tables(found[place], 1, better)
         return found
 

@@ -17,15 +17,15 @@ from mcap.stream_reader import CRCValidationError, breakup_chunk
 from recordings import Attached, each
 from sensor_msgs.msg import JointState
 
-from sparse_coord_ros.bags import BagWriter, open_bag
-from sparse_coord_ros.bags.recover import recover
 from sparse_coord_ros.cli.main import main
-from sparse_coord_ros.learn.run_config import RUN_RECORD
-from sparse_coord_ros.learn.tables import pack_tables, unpack_saved
-from sparse_coord_ros.runlog import read_run, verify
-from sparse_coord_ros.runlog.explain import coordinations, explained
-from sparse_coord_ros.runlog.timeline import Jump, LostSteps, lost
-from sparse_coord_ros.runlog.window import LongLog
+from sparse_coord_ros.core.runs.run_config import RUN_RECORD
+from sparse_coord_ros.core.runs.tables import pack_tables, unpack_saved
+from sparse_coord_ros.log.bags import BagWriter, open_bag
+from sparse_coord_ros.log.bags.recover import recover
+from sparse_coord_ros.log.runlog import read_run, verify
+from sparse_coord_ros.log.runlog.explain import coordinations, explained
+from sparse_coord_ros.log.runlog.timeline import Jump, LostSteps, lost
+from sparse_coord_ros.log.runlog.window import LongLog
 
 CHUNK = 20_000
 EVERY = 40
@@ -46,7 +46,9 @@ def chunked(record):
 def factored(record):
     """A run of robots that remember more than tables."""
     values = {"checkpoint": EVERY, "learner": "factored"}
-    return record(settings={"perception": "probability:0.5"}, values=values, chunk=CHUNK)
+    return record(
+        settings={"perception": "probability:0.5"}, values=values, chunk=CHUNK
+    )
 
 
 @pytest.fixture
@@ -91,7 +93,9 @@ def check(run, path, block):
         assert gap.first >= block.start_ns / period - 2
         assert gap.last is None or gap.last <= block.end_ns / period + 2
     open_steps = sum(
-        np.count_nonzero((whole.log.step >= first) & (whole.log.step <= (last or 10**9)))
+        np.count_nonzero(
+            (whole.log.step >= first) & (whole.log.step <= (last or 10**9))
+        )
         for first, last in found.not_compared
     )
     assert found.steps >= whole.steps - open_steps - 1
@@ -99,7 +103,9 @@ def check(run, path, block):
 
 
 @pytest.mark.parametrize("place", SOME)
-def test_one_bad_chunk_costs_what_follows_up_to_the_next_checkpoint(chunked, flipped, place):
+def test_one_bad_chunk_costs_what_follows_up_to_the_next_checkpoint(
+    chunked, flipped, place
+):
     found = check(chunked, *flipped(chunked.bag, place))
     [(first, last)] = found.not_compared
     assert (last is None) == (place == -2) or place == -2
@@ -136,7 +142,9 @@ def as_recorded(bag, directory):
     attachments = list(bag.attachments)
     with BagWriter(directory, chunk_size=CHUNK) as writer:
         writer.add_metadata(RUN_RECORD, bag.metadata[RUN_RECORD])
-        channels = {topic.name: writer.add_known_topic(topic) for topic in bag.topics.values()}
+        channels = {
+            topic.name: writer.add_known_topic(topic) for topic in bag.topics.values()
+        }
         for place, (topic, *message) in enumerate(bag.messages()):
             while attachments and attachments[0].log_time_ns <= message[1]:
                 one = attachments.pop(0)
@@ -171,7 +179,9 @@ def test_the_table_of_damages(chunked, tmp_path, finished):
         data = data[: bag.files[0].readable_bytes]
     path = tmp_path / ("bag_0.mcap" if finished else "bag_0.mcap.partial")
     blocks = [(one.offset, one.offset + one.length) for one in bag.blocks[0]]
-    counts = [len(part.begins) for one in bag.blocks[0] for part in bag.files[0].parts([one])]
+    counts = [
+        len(part.begins) for one in bag.blocks[0] for part in bag.files[0].parts([one])
+    ]
     every = len(bag.attachments)
     total = sum(counts)
     cases = {"one bit of a chunk": [], "junk between two chunks": [], "cut": []}
@@ -195,12 +205,16 @@ def test_the_table_of_damages(chunked, tmp_path, finished):
     data_end = bag.files[0].readable_bytes
     for place in sorted(draw.sample(range(blocks[0][1], data_end), 50)):
         path.write_bytes(data[:place])
-        kept = sum(n for (_, end), n in zip(blocks, counts, strict=True) if end <= place)
+        kept = sum(
+            n for (_, end), n in zip(blocks, counts, strict=True) if end <= place
+        )
         attached = sum(one.offset + one.size + 4 <= place for one in bag.attachments)
         [*before, gap] = open_bag(path).gaps or [None]
         assert not before and (gap is None or gap.end == place)
         note("cut", data[:place], kept, [gap[:2]] if gap else [], attached)
-    print(f"\n{len(blocks)} chunks, {total} messages, {'finished' if finished else 'unfinished'}")
+    print(
+        f"\n{len(blocks)} chunks, {total} messages, {'finished' if finished else 'unfinished'}"
+    )
     for case, found in cases.items():
         kept = [one for one, _ in found]
         verdicts = Counter(verdict for _, verdict in found)
@@ -218,7 +232,10 @@ def test_what_is_said(chunked, flipped, capsys):
     path, block = flipped(chunked.bag, 5)
     assert main(["verify", str(path)]) == 3
     out = capsys.readouterr().out
-    assert f"lost: flipped_0.mcap, bytes {block.offset} to {block.offset + block.length} (" in out
+    assert (
+        f"lost: flipped_0.mcap, bytes {block.offset} to {block.offset + block.length} ("
+        in out
+    )
     [(first, last)] = verify(path).not_compared
     assert f"identical but for steps {first} to {last}, which are lost\n" in out
     assert "differs" not in out
@@ -249,7 +266,9 @@ def test_a_difference_elsewhere_still_differs(chunked, rewritten, flipped, tmp_p
 
     for place in (len(rewarded) // 4, -20):
         step = int(rewarded[place])
-        change = each("/robot_1/reward", JointState, lower, slice(place, place + 1 or None))
+        change = each(
+            "/robot_1/reward", JointState, lower, slice(place, place + 1 or None)
+        )
         bag = rewritten(chunked.bag, tmp_path / "bag", change, chunk_size=CHUNK)
         assert [one.step for one in verify(bag).differences[:1]] == [step]
         path, _ = flipped(bag, chunk_at(bag, 150, period))
@@ -261,7 +280,9 @@ def changed_tables(step, how):
     """Return a change of robot_1's tables of a checkpoint."""
 
     def attach(found):
-        place = next(p for p, one in enumerate(found) if one.name == f"tables/robot_1_{step}.npz")
+        place = next(
+            p for p, one in enumerate(found) if one.name == f"tables/robot_1_{step}.npz"
+        )
         [saved] = unpack_saved(found[place].data, [1], where="")
         memory = dict(saved.memory)
         how(memory)
@@ -300,7 +321,10 @@ def test_tables_of_a_step_that_nobody_was_at_are_no_checkpoint(
     def attach(found):
         last = [one for one in found if one.name.startswith("tables")][-2:]
         far = [re.sub(r"(robot_\d)_\d+", r"\1_999999", one.name) for one in last]
-        return [*found, *(o._replace(name=name) for o, name in zip(last, far, strict=True))]
+        return [
+            *found,
+            *(o._replace(name=name) for o, name in zip(last, far, strict=True)),
+        ]
 
     bag = rewritten(chunked.bag, tmp_path / "bag", attach=attach, chunk_size=CHUNK)
     found = verify(flipped(bag, -2)[0])
@@ -321,7 +345,9 @@ def test_a_count_of_the_world_that_goes_back_is_no_checkpoint(
     assert step <= min(one.step for one in log.tracks.statuses if one.step > last)
 
     def change(messages):
-        hidden = [(f"/robot_1/{name}", round(step * period)) for name in ("action", "reward")]
+        hidden = [
+            (f"/robot_1/{name}", round(step * period)) for name in ("action", "reward")
+        ]
         return [one for one in messages if (one.topic, one.log_time_ns) not in hidden]
 
     bag = rewritten(chunked.bag, tmp_path / "bag", change, chunk_size=CHUNK)
@@ -355,7 +381,9 @@ def test_each_coordinate_is_explained_as_far_as_it_is_known(chunked, flipped, ca
     path, _ = flipped(chunked.bag, 5)
     log = read_run(path)
     whole = read_run(chunked.bag)
-    present = [step for step in coordinations(log, 1) if list(explained(log, 1, [step]))]
+    present = [
+        step for step in coordinations(log, 1) if list(explained(log, 1, [step]))
+    ]
     [(first, last), *_] = verify(path).not_compared
     seen = set()
     for step in present:
@@ -372,7 +400,10 @@ def test_each_coordinate_is_explained_as_far_as_it_is_known(chunked, flipped, ca
     step = next(step for step in present if first <= step <= last)
     assert main(["explain", str(path), "--step", str(step), "--robot", "robot_2"]) == 0
     out = capsys.readouterr().out
-    assert out.startswith("lost: flipped_0.mcap, bytes ") and "what it learned, is lost as" in out
+    assert (
+        out.startswith("lost: flipped_0.mcap, bytes ")
+        and "what it learned, is lost as" in out
+    )
 
 
 def test_the_history_leaves_out_what_is_cut(chunked, flipped):

@@ -10,17 +10,17 @@ import pytest
 from recordings import copied
 from teams import chosen, plain_run
 
-from sparse_coord_ros.bags import BagWriter
-from sparse_coord_ros.bags.playlist import Playlist
-from sparse_coord_ros.bags.reader import open_bag
-from sparse_coord_ros.game.links import Percepts
-from sparse_coord_ros.game.world import World
-from sparse_coord_ros.learners.agent import Agent
-from sparse_coord_ros.learners.coop import Coop
-from sparse_coord_ros.learners.tables import tables_equal
-from sparse_coord_ros.runlog import read_run, verify
-from sparse_coord_ros.runlog.explain import coordinations, explained
-from sparse_coord_ros.wire.frame import Frame
+from sparse_coord_ros.core.game.percepts import Percepts
+from sparse_coord_ros.core.game.world import World
+from sparse_coord_ros.core.learners.agent import Agent
+from sparse_coord_ros.core.learners.coop import Coop
+from sparse_coord_ros.core.learners.tables import tables_equal
+from sparse_coord_ros.log.bags import BagWriter
+from sparse_coord_ros.log.bags.playlist import Playlist
+from sparse_coord_ros.log.bags.reader import open_bag
+from sparse_coord_ros.log.runlog import read_run, verify
+from sparse_coord_ros.log.runlog.explain import coordinations, explained
+from sparse_coord_ros.protocol.wire.frame import Frame
 
 HALF = {"perception": "probability:0.5"}
 
@@ -49,7 +49,9 @@ def test_arrays_are_what_the_simulation_says(run):
         row = rows[world.step]
         seen.add(world.step)
         assert log.cells[row].tolist() == world.cells
-        assert log.position[row].tolist() == [list(frame.centres[cell]) for cell in world.cells]
+        assert log.position[row].tolist() == [
+            list(frame.centres[cell]) for cell in world.cells
+        ]
         assert log.episode[row] == world.episode
 
     check_states()
@@ -92,7 +94,8 @@ def test_arrays_are_what_the_simulation_says(run):
 def test_every_request_is_there_with_its_times(run):
     log = read_run(run.bag)
     asks = sum(
-        sum(robot.asks[how] for how in ("answered", "refused")) for robot in run.recording.robots
+        sum(robot.asks[how] for how in ("answered", "refused"))
+        for robot in run.recording.robots
     )
     assert len({(r.asker, r.step) for r in log.requests}) == asks == log.asked.sum()
     for request in log.requests:
@@ -142,7 +145,9 @@ def test_a_history_counts_whole_transitions_only(run):
     half = log.between(first, first + length // 2).history()
     assert half.length.tolist() == [length // 2]
     kept = np.ones(len(log.step), dtype=bool)
-    kept[3:6] = False  # nobody recorded these: the transition before them has no end either
+    kept[3:6] = (
+        False  # nobody recorded these: the transition before them has no end either
+    )
     arrays = vars(log)
     rows = {name: a[kept] for name, a in arrays.items() if isinstance(a, np.ndarray)}
     assert log.but(**rows).history().length[0] == length - 4
@@ -155,7 +160,9 @@ def test_a_history_counts_whole_transitions_only(run):
 def test_a_history_without_penalty_has_its_miscoordinations(record):
     run = record("env2-4r", {"penalty": 0, "conflict": "any_doorway"})
     found = read_run(run.bag).history()
-    assert found.miscoordinations.sum() == run.recording.world.world.miscoordinations > 0
+    assert (
+        found.miscoordinations.sum() == run.recording.world.world.miscoordinations > 0
+    )
 
 
 def test_a_team_in_a_namespace_with_a_clock_of_its_own(good, tmp_path):
@@ -171,4 +178,7 @@ def test_a_team_in_a_namespace_with_a_clock_of_its_own(good, tmp_path):
     assert next(explained(log, 0, coordinations(log, 0)[3:])).agrees
     opened = open_bag(bag)
     assert opened.clock == "/team_a/clock"
-    assert Playlist(opened, opened.topics).step_count == Playlist(source, source.topics).step_count
+    assert (
+        Playlist(opened, opened.topics).step_count
+        == Playlist(source, source.topics).step_count
+    )

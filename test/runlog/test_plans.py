@@ -8,8 +8,8 @@ import pytest
 from forging import Forgery, forged, read, unpacked, write
 from recordings import recorded
 
-from sparse_coord_ros.compiling import has_numba
-from sparse_coord_ros.runlog import verify
+from sparse_coord_ros.base.compiling import has_numba
+from sparse_coord_ros.log.runlog import verify
 
 pytestmark = pytest.mark.skipif(not has_numba(), reason="minutes in plain Python")
 
@@ -32,11 +32,17 @@ def planned(tmp_path_factory):
 def asked(tmp_path):
     """Return a function that writes a forged bag and verifies it."""
     number = itertools.count()
-    return lambda bag, *done: verify(write(forged(bag, done), tmp_path / f"bag_{next(number)}"))
+    return lambda bag, *done: verify(
+        write(forged(bag, done), tmp_path / f"bag_{next(number)}")
+    )
 
 
 def last_tables(bag):
-    names = [one.name for one in bag[-1].attachments if one.name.startswith("tables/robot_1_")]
+    names = [
+        one.name
+        for one in bag[-1].attachments
+        if one.name.startswith("tables/robot_1_")
+    ]
     return names[-1]
 
 

@@ -6,13 +6,15 @@ import numpy as np
 import pytest
 from teams import Traces, plain_run
 
-from sparse_coord_ros.learners.tables import tables_equal
-from sparse_coord_ros.runlog import read_run, relearned, verify, window
-from sparse_coord_ros.runlog.relearned import Relearned
-from sparse_coord_ros.runlog.window import LongLog
+from sparse_coord_ros.core.learners.tables import tables_equal
+from sparse_coord_ros.log.runlog import read_run, relearned, verify, window
+from sparse_coord_ros.log.runlog.relearned import Relearned
+from sparse_coord_ros.log.runlog.window import LongLog
 
 
-@pytest.fixture(params=["coop", "factored", Traces()], ids=["coop", "factored", "traces"])
+@pytest.fixture(
+    params=["coop", "factored", Traces()], ids=["coop", "factored", "traces"]
+)
 def bag(record, request):
     settings = {"steps": 1500, "perception": "probability:0.6", "max_steps": 60}
     values = {"checkpoint": 400, "learner": request.param}
@@ -26,7 +28,9 @@ def check(bag, count):
     rng = np.random.default_rng(3)
     steps = [*rng.integers(0, log.last_step + 1, count).tolist(), 0, log.last_step]
     steps += [333, 334, 340, 333, 335]  # back and on again
-    done = np.searchsorted(whole.step[~np.isnan(whole.reward[:, :, 0]).all(axis=1)], steps)
+    done = np.searchsorted(
+        whole.step[~np.isnan(whole.reward[:, :, 0]).all(axis=1)], steps
+    )
     again = Relearned(log)
     found = {}
     for step in steps:  # in any order

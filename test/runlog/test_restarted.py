@@ -9,21 +9,21 @@ import pytest
 from rclpy.serialization import serialize_message
 from recordings import copied, rolled_back
 
-from sparse_coord_ros.bags import BagWriter
-from sparse_coord_ros.bags.metadata import ROLLED_BACK
-from sparse_coord_ros.bags.reader import open_bag
-from sparse_coord_ros.bags.recover import continued
-from sparse_coord_ros.nodes.messages import status
-from sparse_coord_ros.runlog import verify
-from sparse_coord_ros.runlog.attached import read_tables
-from sparse_coord_ros.runlog.dialogue import Request, heard, times_asked_again
-from sparse_coord_ros.runlog.percepts import check_percepts
-from sparse_coord_ros.runlog.replay import Stretch
-from sparse_coord_ros.runlog.timeline import Rollback, holds
-from sparse_coord_ros.runlog.tracks import _stale, _under_way
-from sparse_coord_ros.wire import RunState
-from sparse_coord_ros.wire.events import EventKind
-from sparse_coord_ros.wire.status import Said
+from sparse_coord_ros.log.bags import BagWriter
+from sparse_coord_ros.log.bags.metadata import ROLLED_BACK
+from sparse_coord_ros.log.bags.reader import open_bag
+from sparse_coord_ros.log.bags.recover import continued
+from sparse_coord_ros.log.runlog import verify
+from sparse_coord_ros.log.runlog.attached import read_tables
+from sparse_coord_ros.log.runlog.dialogue import Request, heard, times_asked_again
+from sparse_coord_ros.log.runlog.percepts import check_percepts
+from sparse_coord_ros.log.runlog.replay import Stretch
+from sparse_coord_ros.log.runlog.timeline import Rollback, holds
+from sparse_coord_ros.log.runlog.tracks import _stale, _under_way
+from sparse_coord_ros.protocol.wire import RunState
+from sparse_coord_ros.protocol.wire.events import EventKind
+from sparse_coord_ros.protocol.wire.status import Said
+from sparse_coord_ros.ros.nodes.messages import status
 
 AT = 120
 """The time step at which the recorder is killed."""
@@ -48,7 +48,12 @@ def restarted(good, rewritten, tmp_path):
         writer = BagWriter(directory, earlier=continued(directory))
         tables = [one for one in bag.attachments if one.name.startswith("tables/")]
         again = [one for one in tables if not one.name.endswith("_0.npz")]
-        copied(writer, bag, after([m for m in bag.messages() if m.log_time_ns >= cut]), again)
+        copied(
+            writer,
+            bag,
+            after([m for m in bag.messages() if m.log_time_ns >= cut]),
+            again,
+        )
         writer.close()
         return verify(directory)
 
@@ -74,7 +79,9 @@ def test_a_recorder_that_comes_back_after_the_run_names_the_gap(restarted, at):
     assert found.not_compared == ((max(0, gap.first - 5), None),)
 
 
-def test_a_recorder_that_comes_back_may_hear_a_robot_later_than_the_world(restarted, good):
+def test_a_recorder_that_comes_back_may_hear_a_robot_later_than_the_world(
+    restarted, good
+):
     """What it missed of the robot until then is a gap; what it misses afterwards is not."""
     period = good.run.step_period * 1e9
 
@@ -98,8 +105,14 @@ def test_a_recorder_that_comes_back_may_hear_a_robot_later_than_the_world(restar
 @pytest.mark.parametrize("later", [0, 1])
 def test_a_world_that_went_back_has_no_reward_to_say_again(good, tmp_path, later):
     """Before its next step; after that it says a state again with its reward, or not at all."""
-    found = verify(rolled_back(good, tmp_path / "bag", 150, after=25, again=150 + later))
-    due = {f"step {150 + later}, robot_{k}, local_state" for k in (1, 2)} if later else set()
+    found = verify(
+        rolled_back(good, tmp_path / "bag", 150, after=25, again=150 + later)
+    )
+    due = (
+        {f"step {150 + later}, robot_{k}, local_state" for k in (1, 2)}
+        if later
+        else set()
+    )
     assert {str(one).partition(":")[0] for one in found.differences} == due
 
 
@@ -114,9 +127,9 @@ def test_a_recorder_that_comes_back_as_the_team_goes_back(record, tmp_path, miss
     gaps = [(step, step + missed - 1)] if missed else []
     assert found.log.tracks.gaps == gaps
     assert found.differences == ()
-    assert [first < gap[0] for (first, _), gap in zip(found.not_compared, gaps, strict=True)] == (
-        [True] * len(gaps)
-    )
+    assert [
+        first < gap[0] for (first, _), gap in zip(found.not_compared, gaps, strict=True)
+    ] == ([True] * len(gaps))
 
 
 def test_a_map_that_comes_again_is_known(restarted, good):
@@ -125,7 +138,10 @@ def test_a_map_that_comes_again_is_known(restarted, good):
     cut = AT * good.run.step_period * 1e9
     again = [one for one in maps if one.log_time_ns < cut][-1]
     assert restarted(lambda messages: [again, *messages]).same
-    twice = [one.quantity for one in restarted(lambda rest: [again, again, *rest]).differences]
+    twice = [
+        one.quantity
+        for one in restarted(lambda rest: [again, again, *rest]).differences
+    ]
     assert twice == ["map"]
 
 
@@ -136,7 +152,9 @@ def test_a_world_that_is_yet_to_go_back_does_not_know_the_step(restarted, good):
     cut = AT * good.run.step_period * 1e9
     ns = max(one.log_time_ns for one in messages if one.log_time_ns < cut)
     one = next(one for one in messages if one.topic == "/status")
-    early = one._replace(data=serialize_message(said), log_time_ns=ns, publish_time_ns=ns)
+    early = one._replace(
+        data=serialize_message(said), log_time_ns=ns, publish_time_ns=ns
+    )
     assert restarted(lambda messages: [early, *messages]).same
 
 
@@ -165,8 +183,18 @@ def test_a_question_of_before_a_roll_back_that_its_peer_answers_from_behind_it()
 def test_what_goes_back_supersedes():
     """What earlier files say from its first time step on, and its own file from before it."""
     back = Rollback(1, step=50, first=52, until=76)
-    assert [step for step in range(48, 54) if holds(0, step, [back])] == [48, 49, 50, 51]
-    assert [step for step in range(48, 54) if holds(1, step, [back])] == [50, 51, 52, 53]
+    assert [step for step in range(48, 54) if holds(0, step, [back])] == [
+        48,
+        49,
+        50,
+        51,
+    ]
+    assert [step for step in range(48, 54) if holds(1, step, [back])] == [
+        50,
+        51,
+        52,
+        53,
+    ]
 
 
 def request(sent, returned, peer=1, step=9, answer=9):
@@ -189,7 +217,9 @@ def test_of_requests_sent_again_the_newest_counts():
 
 
 @pytest.mark.parametrize(("until", "twice"), [(AT, []), (AT - 1, ["twice"])])
-def test_tables_of_the_checkpoint_come_again_where_a_file_takes_the_run_back(good, until, twice):
+def test_tables_of_the_checkpoint_come_again_where_a_file_takes_the_run_back(
+    good, until, twice
+):
     """They are what everybody went on with, and not steps that were recorded twice."""
     attached = open_bag(good.bag).attachments
     attachment = next(one for one in attached if one.name.startswith("tables/robot_1_"))
@@ -209,7 +239,9 @@ def test_tables_of_the_checkpoint_come_again_where_a_file_takes_the_run_back(goo
 )
 def test_a_busy_robot_that_asks_again_does_not_wait_for_its_peer(answers, times):
     """It had an answer of the very step, and did not look at it in time."""
-    requests = [request(2 * i, 2 * i + 1, answer=answer) for i, answer in enumerate(answers)]
+    requests = [
+        request(2 * i, 2 * i + 1, answer=answer) for i, answer in enumerate(answers)
+    ]
     other = request(90, 91, peer=2, answer=8)
     assert times_asked_again(heard([*requests, other])) == times
 
@@ -217,7 +249,9 @@ def test_a_busy_robot_that_asks_again_does_not_wait_for_its_peer(answers, times)
 def test_a_busy_robot_acts_on_the_answer_that_had_come(good):
     """And not on that to the request that it sent meanwhile, by when its peer was further."""
     log = verify(good.bag).log
-    one = next(r for r in log.requests if r.answer is not None and r.answer[1] is not None)
+    one = next(
+        r for r in log.requests if r.answer is not None and r.answer[1] is not None
+    )
     later = max(request.wall_ns.get(EventKind.RETURNED, 0) for request in log.requests)
     wall = {kind: later + 1 + kind for kind in range(4)}
 

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
 
-from sparse_coord_ros.bags import BagWriter, QoS
-from sparse_coord_ros.bags.reader import open_bag
 from sparse_coord_ros.cli.main import main
-from sparse_coord_ros.learn.tables import pack_tables, unpack_saved
-from sparse_coord_ros.nodes.messages import status
-from sparse_coord_ros.runlog import verify
-from sparse_coord_ros.wire import RunState
-from sparse_coord_ros.wire.status import ROLL_CALL, Order, Progress, Said
+from sparse_coord_ros.core.runs.tables import pack_tables, unpack_saved
+from sparse_coord_ros.log.bags import BagWriter, QoS
+from sparse_coord_ros.log.bags.reader import open_bag
+from sparse_coord_ros.log.runlog import verify
+from sparse_coord_ros.protocol.wire import RunState
+from sparse_coord_ros.protocol.wire.status import ROLL_CALL, Order, Progress, Said
+from sparse_coord_ros.ros.nodes.messages import status
 
 AT = 120
 """The time step at which robot_2 comes back."""
@@ -50,11 +50,22 @@ def returned(good, tmp_path):
             for one in bag.messages():
                 while due and one.log_time_ns > due[0][0] * period:
                     step, progress = due.pop(0)
-                    data = serialize_message(status("robot_2", "progress", progress.values()))
+                    data = serialize_message(
+                        status("robot_2", "progress", progress.values())
+                    )
                     new.write(own, data, step * period, step * period)
                 if (one.topic, one.log_time_ns) != without:
-                    new.write(places[one.topic], one.data, one.log_time_ns, one.publish_time_ns)
-            last = [one.name for one in bag.attachments if one.name.startswith(f"tables/{other}")]
+                    new.write(
+                        places[one.topic],
+                        one.data,
+                        one.log_time_ns,
+                        one.publish_time_ns,
+                    )
+            last = [
+                one.name
+                for one in bag.attachments
+                if one.name.startswith(f"tables/{other}")
+            ]
             for one in bag.attachments:
                 data = one.data
                 if one.name == last[which]:
@@ -81,8 +92,12 @@ def test_a_robot_that_went_on_alone_is_an_open_question(returned, tmp_path, caps
 
 def test_a_robot_that_comes_back_twice(returned):
     """What differs after the first time is open too; its checkpoint's tables come again."""
-    first, second = (ALONE._replace(life=life, step=0) for life in ("another", "a third"))
-    found = returned(first, second, other="robot_2", which=1, again="tables/robot_2_0.npz")
+    first, second = (
+        ALONE._replace(life=life, step=0) for life in ("another", "a third")
+    )
+    found = returned(
+        first, second, other="robot_2", which=1, again="tables/robot_2_0.npz"
+    )
     assert found.cannot_tell and len(found.broke_off) == 2
     assert [(one.step, one.logged) for one in found.open][:1] == [(0, "twice")]
     assert found.open[1].step == 150
@@ -102,8 +117,18 @@ def test_what_follows_from_a_world_that_came_back_alone_is_open(returned, good):
 
 @pytest.mark.parametrize(
     ("said", "other"),
-    [((ALONE,), "robot_1"), ((ALONE, OBEYED), "robot_2"), ((FIRST,), "robot_2"), ((), "robot_2")],
-    ids=["another robot", "it went back with the team", "the same process", "nobody came back"],
+    [
+        ((ALONE,), "robot_1"),
+        ((ALONE, OBEYED), "robot_2"),
+        ((FIRST,), "robot_2"),
+        ((), "robot_2"),
+    ],
+    ids=[
+        "another robot",
+        "it went back with the team",
+        "the same process",
+        "nobody came back",
+    ],
 )
 def test_other_differences_are_none_of_its(returned, said, other):
     found = returned(*said, other=other)

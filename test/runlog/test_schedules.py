@@ -6,7 +6,7 @@ import random
 
 import pytest
 
-from sparse_coord_ros.runlog import verify
+from sparse_coord_ros.log.runlog import verify
 
 STEPS = 150
 RUNS = (
@@ -24,12 +24,16 @@ def schedule(draw, robots):
 
     def places(most):
         count = draw.randrange(most)
-        return [(draw.randrange(robots), draw.randrange(1, STEPS)) for _ in range(count)]
+        return [
+            (draw.randrange(robots), draw.randrange(1, STEPS)) for _ in range(count)
+        ]
 
     late = [(k, t + i) for k, t in places(4) for i in range(draw.randrange(30))]
     kinds = ("local_state", "reward", "action", "request")
     lost = [(draw.choice(kinds), k, t) for k, t in places(30)]
-    lost += [("request", k, t + i) for k, t in places(3) for i in range(draw.randrange(60))]
+    lost += [
+        ("request", k, t + i) for k, t in places(3) for i in range(draw.randrange(60))
+    ]
     return {
         "late": late,
         "deaf": places(6),
@@ -40,7 +44,8 @@ def schedule(draw, robots):
 
 
 @pytest.mark.parametrize(
-    "block", [0, *(pytest.param(block, marks=pytest.mark.long) for block in range(1, 4))]
+    "block",
+    [0, *(pytest.param(block, marks=pytest.mark.long) for block in range(1, 4))],
 )
 def test_no_false_alarm(record, block):
     suffered = set()
@@ -66,7 +71,9 @@ def test_left_out_while_its_peer_had_arrived(record):
     """The world then begins a new episode, without a transition that leaves anybody out."""
     for seed in range(30):
         faults = {"late": [(1, t) for t in range(5, 90)], "lost": []}
-        run = record(settings={"steps": 120, "starts": "fixed"}, values={"seed": seed}, **faults)
+        run = record(
+            settings={"steps": 120, "starts": "fixed"}, values={"seed": seed}, **faults
+        )
         found = verify(run.bag)
         assert found.same, found.first
         if found.resets:

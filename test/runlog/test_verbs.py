@@ -7,14 +7,14 @@ import math
 
 import pytest
 
-from sparse_coord_ros.bags.reader import open_bag
 from sparse_coord_ros.cli.main import main
-from sparse_coord_ros.game.actions import ACTIONS
-from sparse_coord_ros.game.world import Reward
-from sparse_coord_ros.nodes.messages import Converter
-from sparse_coord_ros.runlog import read_run
-from sparse_coord_ros.runlog.explain import coordinations, explained
-from sparse_coord_ros.wire.messages import REWARD_FORM
+from sparse_coord_ros.core.game.actions import ACTIONS
+from sparse_coord_ros.core.game.world import Reward
+from sparse_coord_ros.log.bags.reader import open_bag
+from sparse_coord_ros.log.runlog import read_run
+from sparse_coord_ros.log.runlog.explain import coordinations, explained
+from sparse_coord_ros.protocol.wire.messages import REWARD_FORM
+from sparse_coord_ros.ros.nodes.messages import Converter
 
 
 @pytest.fixture
@@ -51,7 +51,9 @@ def test_verify_identical(sparse_coord, good):
     assert (code, err) == (0, "")
     assert "env1, coop, seed 7, 2 robots\ncomputed again: 250 steps" in out
     *_, same, beside = out.splitlines()
-    assert same.startswith("identical: ") and beside.startswith("not compared: diagnostics, ")
+    assert same.startswith("identical: ") and beside.startswith(
+        "not compared: diagnostics, "
+    )
     told = json.loads(sparse_coord("verify", good.bag, "--json")[1])
     assert told["identical"] and told["differences"] == [] and told["steps"] == 250
 
@@ -65,7 +67,12 @@ def test_verify_differs(sparse_coord, changed):
     assert "identical" not in out
     code, out, _ = sparse_coord("verify", changed, "--json")
     first = json.loads(out)["differences"][0]
-    assert (code, first["step"], first["robot"], first["quantity"]) == (1, 1, "robot_1", "reward")
+    assert (code, first["step"], first["robot"], first["quantity"]) == (
+        1,
+        1,
+        "robot_1",
+        "reward",
+    )
 
 
 def test_unreadable(sparse_coord, tmp_path):
@@ -93,14 +100,20 @@ def test_info(sparse_coord, good):
     code, out, err = sparse_coord("info", good.bag)
     assert (code, err) == (0, "")
     assert "bytes, finished" in out and "scenario env1, seed 7, learner coop" in out
-    rows = {line.split()[0]: line.split()[1:] for line in out.splitlines() if line[:1] == "/"}
+    rows = {
+        line.split()[0]: line.split()[1:]
+        for line in out.splitlines()
+        if line[:1] == "/"
+    }
     del rows[f"{open_bag(good.bag).path}:"]
     told = json.loads(sparse_coord("info", good.bag, "--json")[1])
     assert {t["name"]: str(t["messages"]) for t in told["topics"]} == {
         name: row[0] for name, row in rows.items()
     }
     assert sum(t["messages"] for t in told["topics"]) == told["messages"]
-    assert told["finished"] and told["damage"] is None and told["compression"] == ["zstd"]
+    assert (
+        told["finished"] and told["damage"] is None and told["compression"] == ["zstd"]
+    )
     names = [one["name"] for one in told["attachments"]]
     assert names[:3] == ["run.yaml", "scenario.yaml", "map.txt"]
     assert f"tables/robot_1_{read_run(good.bag).step[-1]}.npz" in names
@@ -111,7 +124,9 @@ def test_explain_tells_the_whole_dialogue(sparse_coord, good):
     perceived = log.step[log.perceived[:, 1]]
     step = int(perceived[len(perceived) // 2])
     row = int((log.step == step).argmax())
-    code, out, err = sparse_coord("explain", good.bag, "--step", step, "--robot", "robot_2")
+    code, out, err = sparse_coord(
+        "explain", good.bag, "--step", step, "--robot", "robot_2"
+    )
     assert (code, err) == (0, "")
     own = log.cells[row, 1]
     peer = log.cells[row, 0]
@@ -122,7 +137,9 @@ def test_explain_tells_the_whole_dialogue(sparse_coord, good):
     move = ("north", "south", "east", "west")[log.move[row, 1]]
     assert lines[3].startswith(f"  goes {move} by Q^C[{own}, {peer}]: north ")
     told = json.loads(
-        sparse_coord("explain", good.bag, "--step", step, "--robot", "robot_2", "--json")[1]
+        sparse_coord(
+            "explain", good.bag, "--step", step, "--robot", "robot_2", "--json"
+        )[1]
     )
     (one,) = told["coordinations"]
     (*cells, action), before, after = one["update"]["coord"]
@@ -151,7 +168,10 @@ def test_explain_finds_the_next_one(sparse_coord, good):
     calm = next(t for t in log.step.tolist() if t > steps[3] and t not in steps)
     following = min(t for t in steps if t > calm)
     out = sparse_coord("explain", good.bag, "--step", calm)[1].splitlines()
-    assert out[0] == f"nobody: no COORDINATE at step {calm}; the next is at step {following}"
+    assert (
+        out[0]
+        == f"nobody: no COORDINATE at step {calm}; the next is at step {following}"
+    )
     assert out[1].startswith(f"step {following}: ")
     code, out, _ = sparse_coord("explain", good.bag, "--step", 10**9)
     assert code == 0 and f"the last: {steps[-1]}" in out

@@ -16,14 +16,14 @@ from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
 import sparse_coord_ros as sc
-from sparse_coord_ros.game.actions import ACTIONS
-from sparse_coord_ros.game.world import Action, Reward
-from sparse_coord_ros.learners.tables import tables_equal
-from sparse_coord_ros.nodes.messages import Converter
-from sparse_coord_ros.runlog import read_run, verify
-from sparse_coord_ros.runlog.explain import coordinations, explained, in_words
-from sparse_coord_ros.wire import ACTION, PerceptEnd
-from sparse_coord_ros.wire.messages import ACTION_FORM, POSE_FORM, REWARD_FORM
+from sparse_coord_ros.core.game.actions import ACTIONS
+from sparse_coord_ros.core.game.world import Action, Reward
+from sparse_coord_ros.core.learners.tables import tables_equal
+from sparse_coord_ros.log.runlog import read_run, verify
+from sparse_coord_ros.log.runlog.explain import coordinations, explained, in_words
+from sparse_coord_ros.protocol.wire import ACTION, PerceptEnd
+from sparse_coord_ros.protocol.wire.messages import ACTION_FORM, POSE_FORM, REWARD_FORM
+from sparse_coord_ros.ros.nodes.messages import Converter
 
 EVENT = "active_perception/_service_event"
 NAMES = (
@@ -58,7 +58,10 @@ def moved(log):
     for t in range(len(log.step) - 1):
         under_way = (log.action[t] >= 0).all() and (log.action[t + 1] >= 0).all()
         if log.step[t] > 120 and under_way and not log.asked[t].any():
-            if log.cells[t, 1] != log.cells[t + 1, 1] and log.step[t + 1] == log.step[t] + 1:
+            if (
+                log.cells[t, 1] != log.cells[t + 1, 1]
+                and log.step[t + 1] == log.step[t] + 1
+            ):
                 return int(log.step[t])
     raise AssertionError
 
@@ -111,7 +114,12 @@ def test_a_good_log_is_identical(record, name, settings, values):
     assert found.choices == found.updates > found.steps
     checkpoints = 0 if values.get("checkpoint") == 0 else found.log.step[-1] // 150
     assert found.tables == len(run.names) * (2 + checkpoints)
-    assert (found.left_out, found.resets, found.repeats, found.not_compared) == (0, 0, 0, ())
+    assert (found.left_out, found.resets, found.repeats, found.not_compared) == (
+        0,
+        0,
+        0,
+        (),
+    )
     if run.run.learner == "coop":
         outcomes = {request.answer[1] is None for request in found.log.requests}
         assert outcomes == {True, False}
@@ -133,19 +141,26 @@ def test_a_learner_that_marks_cells(record, tmp_path):
     )
     settings = {"steps": 1500, "penalty": -50, "epsilon": "constant:0.3", **HALF}
     run = record(str(tmp_path / "door.yaml"), settings, values={"learner": "cq"})
-    assert all(len(robot.agent.memory()["q_coord_keys"]) for robot in run.recording.robots)
+    assert all(
+        len(robot.agent.memory()["q_coord_keys"]) for robot in run.recording.robots
+    )
     assert verify(run.bag).differences == ()
     tables = [robot.agent.tables for robot in run.recording.robots]
     values = {"learner": "cq", "tables": "before", "seed": 8}
     on = record(
-        str(tmp_path / "door.yaml"), {**settings, "steps": 300}, values=values, tables=tables
+        str(tmp_path / "door.yaml"),
+        {**settings, "steps": 300},
+        values=values,
+        tables=tables,
     )
     assert verify(on.bag).differences == ()
 
 
 def test_a_greedy_run_from_tables(record, good):
     tables = [robot.agent.tables for robot in good.recording.robots]
-    run = record(settings=HALF, values={"greedy": True, "tables": "before"}, tables=tables)
+    run = record(
+        settings=HALF, values={"greedy": True, "tables": "before"}, tables=tables
+    )
     found = verify(run.bag)
     assert found.differences == ()
     assert found.updates == 0 < found.choices
@@ -155,7 +170,9 @@ def test_a_run_that_goes_on_from_tables(record, good):
     tables = [robot.agent.tables for robot in good.recording.robots]
     run = record(settings=HALF, values={"tables": "before", "seed": 8}, tables=tables)
     assert verify(run.bag).differences == ()
-    assert not tables_equal(tables, [robot.agent.tables for robot in run.recording.robots])
+    assert not tables_equal(
+        tables, [robot.agent.tables for robot in run.recording.robots]
+    )
 
 
 # What runs honestly suffer.
@@ -178,7 +195,9 @@ def test_a_rewritten_log_is_still_identical(alter):
 
     def change(messages):
         padded = ("/map", "/markers", "/robot_1/reward")
-        return [m._replace(data=m.data + b"\0\0" * (m.topic in padded)) for m in messages]
+        return [
+            m._replace(data=m.data + b"\0\0" * (m.topic in padded)) for m in messages
+        ]
 
     assert alter(change).same
 
@@ -208,7 +227,9 @@ def test_a_changed_reward(alter, convert, log, moved, label, value, said):
 @pytest.mark.parametrize("topic", ["action", "percept"])
 def test_no_node_writes_a_zero_with_a_sign(tmp_path, topic):
     """Each 0.0 of some messages in turn; cells of this map lie at 0.0."""
-    bag = forging.read(recorded(tmp_path / "run", at_zero(tmp_path), {**OFTEN, "steps": 40}).bag)
+    bag = forging.read(
+        recorded(tmp_path / "run", at_zero(tmp_path), {**OFTEN, "steps": 40}).bag
+    )
     name = f"/robot_1/{topic}"
     zeros = [
         Forgery("field", (name, number, path), "negative")
@@ -232,7 +253,9 @@ def test_all_that_a_robot_remembers_is_compared(tmp_path, learner):
     bag = forging.read(
         recorded(tmp_path / "run", "env1", settings, values={"learner": learner}).bag
     )
-    [*_, last] = [one for one in bag[-1].attachments if one.name.startswith("tables/robot_2_")]
+    [*_, last] = [
+        one for one in bag[-1].attachments if one.name.startswith("tables/robot_2_")
+    ]
     arrays = forging.unpacked(last.data)
     del arrays["format"]
     filled = [name for name, array in arrays.items() if array.size]
@@ -252,14 +275,19 @@ def at_zero(folder):
 
 
 def decoded(said, topic):
-    return deserialize_message(said.data, {"action": JointState, "percept": Path}[topic])
+    return deserialize_message(
+        said.data, {"action": JointState, "percept": Path}[topic]
+    )
 
 
 def test_a_changed_state(alter, convert, log, moved):
     row = int(np.flatnonzero(log.step == moved)[0])
     other = int(log.cells[row, 1] + 1) % len(convert.grid.cells)
     change = on(
-        "/robot_2/local_state", moved, convert, lambda old: convert.pack_state(moved, other)
+        "/robot_2/local_state",
+        moved,
+        convert,
+        lambda old: convert.pack_state(moved, other),
     )
     found = alter(change)
     is_first(found, moved, "robot_2", "local_state")
@@ -273,7 +301,10 @@ def test_a_state_beside_the_middle_of_its_cell(alter, convert, moved):
         return POSE_FORM.layout.pack(sec, nanosec, x + 0.01, y)
 
     is_first(
-        alter(on("/robot_2/local_state", moved, convert, data)), moved, "robot_2", "local_state"
+        alter(on("/robot_2/local_state", moved, convert, data)),
+        moved,
+        "robot_2",
+        "local_state",
     )
 
 
@@ -281,7 +312,10 @@ def test_a_changed_move(alter, convert, log, moved):
     row = int(np.flatnonzero(log.step == moved)[0])
     action = Action((int(log.move[row, 1]) + 1) % 4, False, -1, False)
     change = on(
-        "/robot_2/action", moved, convert, lambda old: convert.pack_action(moved, action, (0, 1))
+        "/robot_2/action",
+        moved,
+        convert,
+        lambda old: convert.pack_action(moved, action, (0, 1)),
     )
     is_first(alter(change), moved, "robot_2", "action")
 
@@ -339,7 +373,11 @@ def test_an_answered_percept_that_is_said_to_be_refused(alter, convert, log, ask
 
     found = alter(change)
     mine = [one for one in found.differences if one.quantity == "percept"]
-    assert (mine[0].step, mine[0].robot, mine[0].logged) == (asked[0], "robot_1", "refused")
+    assert (mine[0].step, mine[0].robot, mine[0].logged) == (
+        asked[0],
+        "robot_1",
+        "refused",
+    )
     assert mine[0].computed == f"cell {log.cells[row, 1]}"
 
 
@@ -412,7 +450,12 @@ def test_a_message_that_says_something_twice_in_two_ways(alter, convert, moved):
 
 @pytest.mark.parametrize(
     ("kind", "how"),
-    [*((kind, "removed") for kind in range(4)), (1, "doubled"), (0, "changed"), (2, "changed")],
+    [
+        *((kind, "removed") for kind in range(4)),
+        (1, "doubled"),
+        (0, "changed"),
+        (2, "changed"),
+    ],
 )
 def test_the_dialogue(alter, convert, asked, kind, how):
     """Of each of the four events of a question of robot_1."""
@@ -467,15 +510,22 @@ def test_a_world_that_does_not_say_how_the_run_ended(alter):
     ]
 
 
-@pytest.mark.parametrize("other", [b"", serialize_message(MarkerArray())], ids=["none", "other"])
+@pytest.mark.parametrize(
+    "other", [b"", serialize_message(MarkerArray())], ids=["none", "other"]
+)
 def test_a_world_whose_markers_are_its_own(alter, other):
     """Its run names other versions than ours; all else is compared."""
 
     def own(one):
-        return one._replace(data=one.data.replace(b"  sparse_coord_ros:", b"  sparse_coord_own:"))
+        return one._replace(
+            data=one.data.replace(b"  sparse_coord_ros:", b"  sparse_coord_own:")
+        )
 
     def change(messages):
-        shown = [m._replace(data=other) if m.topic == "/markers" else own(m) for m in messages]
+        shown = [
+            m._replace(data=other) if m.topic == "/markers" else own(m)
+            for m in messages
+        ]
         return [one for one in shown if one.data]
 
     record = {"version_sparse_coord_own": sc.__version__}
@@ -489,8 +539,12 @@ def test_a_world_whose_markers_are_its_own(alter, other):
 def test_a_robot_that_shows_nothing_of_what_it_learns(alter):
     """Of one's own; what it did is told, and no reason is made up for it."""
     found = alter(
-        lambda messages: [m for m in messages if m.topic != "/robot_1/coordination_map"],
-        lambda attached: [one for one in attached if not one.name.startswith("tables/robot_1")],
+        lambda messages: [
+            m for m in messages if m.topic != "/robot_1/coordination_map"
+        ],
+        lambda attached: [
+            one for one in attached if not one.name.startswith("tables/robot_1")
+        ],
     )
     [sentence] = found.not_computed
     assert sentence.startswith("robot_1 shows no tables") and found.cannot_tell
@@ -531,7 +585,9 @@ def test_tables_that_are_changed_or_not_there(alter, which, how):
 
     def attach(found):
         nonlocal step
-        mine = [p for p, one in enumerate(found) if one.name.startswith("tables/robot_2_")]
+        mine = [
+            p for p, one in enumerate(found) if one.name.startswith("tables/robot_2_")
+        ]
         place = mine[which]
         name = found[place].name
         data = found[place].data
@@ -573,7 +629,9 @@ def test_the_files_of_the_run(alter, name, how):
                 "map.txt": (b"D", b"."),
             }[name]
             assert old in found[place].data
-            found[place] = found[place]._replace(data=found[place].data.replace(old, new))
+            found[place] = found[place]._replace(
+                data=found[place].data.replace(old, new)
+            )
         return found
 
     found = alter(attach=attach)
@@ -587,7 +645,9 @@ def test_a_wrong_seed_everywhere(good, rewritten, tmp_path):
 
     def change(messages):
         return [
-            m._replace(data=m.data.replace(b"seed: 7", b"seed: 8")) if m.topic == "/run" else m
+            m._replace(data=m.data.replace(b"seed: 7", b"seed: 8"))
+            if m.topic == "/run"
+            else m
             for m in messages
         ]
 

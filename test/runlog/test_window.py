@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 import recordings
 
-from sparse_coord_ros import wire
-from sparse_coord_ros.bags import contents, open_bag
-from sparse_coord_ros.bags.reader import bag_files
-from sparse_coord_ros.errors import BagError
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learn.history import concatenated
-from sparse_coord_ros.learn.run_config import make_run
-from sparse_coord_ros.learners.tables import tables_equal
-from sparse_coord_ros.runlog import read_run, window
-from sparse_coord_ros.runlog.window import LongLog
+from sparse_coord_ros.base.errors import BagError
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.learners.tables import tables_equal
+from sparse_coord_ros.core.runs.history import concatenated
+from sparse_coord_ros.core.runs.run_config import make_run
+from sparse_coord_ros.log.bags import contents, open_bag
+from sparse_coord_ros.log.bags.reader import bag_files
+from sparse_coord_ros.log.runlog import read_run, window
+from sparse_coord_ros.log.runlog.window import LongLog
+from sparse_coord_ros.protocol import wire
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +48,8 @@ def test_a_stretch_is_what_the_whole_log_has_there(bag):
 def test_of_several_files_what_was_superseded_is_left_out(record, tmp_path):
     """A run that went back to a checkpoint is the log of an unbroken run."""
     run = record(
-        settings={"steps": 400, "perception": "probability:0.6"}, values={"checkpoint": 30}
+        settings={"steps": 400, "perception": "probability:0.6"},
+        values={"checkpoint": 30},
     )
     names = [one.name for one in open_bag(run.bag).attachments]
     steps = [int(name[15:-4]) for name in names if name.startswith("tables/robot_1_")]
@@ -59,11 +60,16 @@ def test_of_several_files_what_was_superseded_is_left_out(record, tmp_path):
     read = read_run(directory)
     assert len(log.bag.files) == 2 and read.tracks.rollbacks and not read.problems
     assert read.tracks.statuses == due.tracks.statuses
-    assert log.last_step == due.step[-1] and log.table_steps() == LongLog(run.bag).table_steps()
+    assert (
+        log.last_step == due.step[-1]
+        and log.table_steps() == LongLog(run.bag).table_steps()
+    )
     for first, last in ((1, 30), (step - 30, step + 90), (560, 10_000)):
         part = log.read(first, last)
         same = due.between(first, last)
-        assert all(np.array_equal(getattr(part, name), getattr(same, name)) for name in ARRAYS)
+        assert all(
+            np.array_equal(getattr(part, name), getattr(same, name)) for name in ARRAYS
+        )
     parts = [part.history for part in log.episodes()]
     assert concatenated(parts).same_bits(due.history())
     log.bag.close()
@@ -79,7 +85,10 @@ def test_the_history_stretch_by_stretch_is_that_of_the_log(bag, monkeypatch, siz
     assert concatenated([part.history for part in parts]).same_bits(whole.history())
     rows, robots = np.nonzero(whole.asked)
     due = whole.step[rows], robots, whole.cells[rows, robots]
-    found = [np.concatenate(column) for column in zip(*(p.questions for p in parts), strict=True)]
+    found = [
+        np.concatenate(column)
+        for column in zip(*(p.questions for p in parts), strict=True)
+    ]
     assert all(np.array_equal(*pair) for pair in zip(found, due, strict=True))
     assert [part.read_to for part in parts] == [part.last_step for part in parts]
     log.bag.close()
@@ -171,13 +180,24 @@ def test_a_walk_reads_a_removed_file_and_says_where_one_is_damaged(bag, tmp_path
     parts = list(log.episodes())
     [gap] = log.bag.gaps
     assert (gap.begin, gap.end) == (middle - 200, middle - 200 + blocks[2].length)
-    assert read_run(path).bag.gaps == log.bag.gaps and parts and len(log.around(10**6).step)
+    assert (
+        read_run(path).bag.gaps == log.bag.gaps
+        and parts
+        and len(log.around(10**6).step)
+    )
     log.bag.close()
-    assert log.blocks == blocks[:2] + blocks[3:], "what cannot be read is no block any more"
-    for cut in (middle, blocks[1].offset + blocks[1].length):  # within a chunk, and after one
+    assert log.blocks == blocks[:2] + blocks[3:], (
+        "what cannot be read is no block any more"
+    )
+    for cut in (
+        middle,
+        blocks[1].offset + blocks[1].length,
+    ):  # within a chunk, and after one
         path.write_bytes(data[:cut])
         found = walk(path)
-        assert not found.finished and found.damage is None and found.blocks == [blocks[:2]]
+        assert (
+            not found.finished and found.damage is None and found.blocks == [blocks[:2]]
+        )
         found.close()
     path.write_bytes(b"no bag")
     with pytest.raises(BagError, match="is not an MCAP file"):

@@ -9,18 +9,22 @@ import numpy as np
 import pytest
 from teams import drawn
 
-from sparse_coord_ros.compiling import has_numba
-from sparse_coord_ros.errors import ResultsError, SettingError
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learn.tables import tables_from_values
-from sparse_coord_ros.share import share_file
-from sparse_coord_ros.solve import asking_loops, asking_search
-from sparse_coord_ros.solve.asking_loops import PLAIN
-from sparse_coord_ros.solve.asking_search import LETTERS, find_asking_team, in_words
-from sparse_coord_ros.solve.exact import evaluate_exact
-from sparse_coord_ros.solve.optimum import independent_bound, joint_optimum
-from sparse_coord_ros.solve.reference import shortest_path_reference
-from sparse_coord_ros.solve.shipped import (
+from sparse_coord_ros.base.compiling import has_numba
+from sparse_coord_ros.base.errors import ResultsError, SettingError
+from sparse_coord_ros.base.share import share_file
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.runs.tables import tables_from_values
+from sparse_coord_ros.core.solve import asking_loops, asking_search
+from sparse_coord_ros.core.solve.asking_loops import PLAIN
+from sparse_coord_ros.core.solve.asking_search import (
+    LETTERS,
+    find_asking_team,
+    in_words,
+)
+from sparse_coord_ros.core.solve.exact import evaluate_exact
+from sparse_coord_ros.core.solve.optimum import independent_bound, joint_optimum
+from sparse_coord_ros.core.solve.reference import shortest_path_reference
+from sparse_coord_ros.core.solve.shipped import (
     RobotPolicy,
     game_digest,
     shipped_asking_team,
@@ -68,7 +72,10 @@ def every_team(scenario):
     cells = len(scenario.map.cells)
     game = asking_search._game(scenario)
     places = [
-        (k, x) for k, robot in enumerate(scenario.robots) for x in range(cells) if x != robot.goal
+        (k, x)
+        for k, robot in enumerate(scenario.robots)
+        for x in range(cells)
+        if x != robot.goal
     ]
     for choice in itertools.product((2, 3, 8), repeat=len(places)):
         policy = asking_loops.AskingPolicies(
@@ -141,7 +148,9 @@ def test_no_single_other_choice_is_better_where_climbing_ends(seed):
     options = asking_loops.OPTIONS
     cells = len(scenario.map.cells)
     best = LOOPS.climb(game, team, both, space, rng.permutation(2 * cells * options))
-    for k, x, move, asks in itertools.product(range(2), range(cells), range(4), (False, True)):
+    for k, x, move, asks in itertools.product(
+        range(2), range(cells), range(4), (False, True)
+    ):
         other = asking_loops.AskingPolicies(*(array.copy() for array in team))
         other.moves[k, x] = move
         other.asks[k, x] = asks
@@ -161,7 +170,9 @@ def test_compiled_loops_find_the_same(monkeypatch):
 
 
 @needs_numba
-@pytest.mark.parametrize(("name", "value"), [("env1", 121.1958), ("pentagon", 160.9817)])
+@pytest.mark.parametrize(
+    ("name", "value"), [("env1", 121.1958), ("pentagon", 160.9817)]
+)
 def test_known_values(name, value):
     scenario = load_scenario(name)
     found = find_asking_team(scenario, restarts=5, seed=3)
@@ -179,7 +190,10 @@ def test_of_equally_good_moves_after_a_percept_the_first_is_chosen():
     far = [scenario.map.distances_to(robot.goal) for robot in scenario.robots]
     value = np.add.outer(0.9 ** far[0], 0.9 ** far[1])
     asking_loops.best_at(game, team, np.ones(2, dtype=bool), value, 0, 8)
-    assert (LETTERS[seen[0, 0, 8]], LETTERS[seen[1, 8, 0]]) == ("s", "n")  # east and west: as good
+    assert (LETTERS[seen[0, 0, 8]], LETTERS[seen[1, 8, 0]]) == (
+        "s",
+        "n",
+    )  # east and west: as good
 
 
 @needs_numba
@@ -241,7 +255,8 @@ def test_another_file_is_refused(tmp_path, change):
     find_asking_team(scenario, restarts=1, file=file)
     file.write_text(json.dumps({**json.loads(file.read_text()), **change}))
     with pytest.raises(
-        ResultsError, match="search.json: is .*(give another file|in format 99.*; update)"
+        ResultsError,
+        match="search.json: is .*(give another file|in format 99.*; update)",
     ):
         find_asking_team(scenario, restarts=1, file=file)
 
@@ -273,7 +288,9 @@ def test_words_say_what_the_team_does():
     ]
 
 
-SHIPPED = json.loads(share_file("config", "asking_teams.json").read_text(encoding="utf-8"))
+SHIPPED = json.loads(
+    share_file("config", "asking_teams.json").read_text(encoding="utf-8")
+)
 DEAREST = [title.split(",")[0] for title in SHIPPED["teams"] if title.endswith("-100")]
 PENALTIES = (0, -0.1, -1, -10, -20, -100)
 
@@ -306,7 +323,13 @@ def test_every_penalty_of_figure_4_is_there(name):
 def test_it_is_of_the_game_and_not_of_the_learning():
     scenario = load_scenario("env1")
     bound = shipped_asking_team(scenario)
-    other = {"steps": 5, "horizon": 7, "epsilon": "constant:0.5", "goal_value": 0, "peers": "all"}
+    other = {
+        "steps": 5,
+        "horizon": 7,
+        "epsilon": "constant:0.5",
+        "goal_value": 0,
+        "peers": "all",
+    }
     assert shipped_asking_team(scenario.with_settings(other)) == bound
     for name, value in {
         "penalty": -21,
@@ -324,7 +347,9 @@ def test_it_is_of_the_game_and_not_of_the_learning():
 
 @pytest.mark.parametrize("name", ["env2-4r", "crowd-4r", "crowd-6r", "crowd-8r"])
 def test_the_shipped_teams(name):
-    scenario = load_scenario(name).with_settings({"penalty": -100, "steps": 7, "max_steps": 9})
+    scenario = load_scenario(name).with_settings(
+        {"penalty": -100, "steps": 7, "max_steps": 9}
+    )
     team = shipped_best_team(scenario)
     assert team.value + 5 * team.standard_error < independent_bound(scenario)
     assert team.seed >= 950_000 and team.trials >= 10_000

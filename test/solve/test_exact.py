@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 from teams import drawn, walking
 
-from sparse_coord_ros.engine.batch import run_batch
-from sparse_coord_ros.errors import SettingError, TablesError
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learn.evaluation import play, summary
-from sparse_coord_ros.learn.run import Team
-from sparse_coord_ros.learn.tables import tables_from_values
-from sparse_coord_ros.learners.agent import Agent
-from sparse_coord_ros.learners.coop import Coop
-from sparse_coord_ros.learners.registry import learner_of
-from sparse_coord_ros.solve import exact, exact_loops
-from sparse_coord_ros.solve.exact import evaluate_best, evaluate_exact, exact_means
+from sparse_coord_ros.base.errors import SettingError, TablesError
+from sparse_coord_ros.core.engine.batch import run_batch
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.learners.agent import Agent
+from sparse_coord_ros.core.learners.coop import Coop
+from sparse_coord_ros.core.learners.registry import learner_of
+from sparse_coord_ros.core.runs.evaluation import play, summary
+from sparse_coord_ros.core.runs.run import Team
+from sparse_coord_ros.core.runs.tables import tables_from_values
+from sparse_coord_ros.core.solve import exact, exact_loops
+from sparse_coord_ros.core.solve.exact import evaluate_best, evaluate_exact, exact_means
 
 GAMMA = 0.95
 TRIALS = 10_000
@@ -35,7 +35,9 @@ def undecided(scenario, seed=1):
     cells = len(scenario.map.cells)
     tables = []
     for robot in scenario.robots:
-        near = -scenario.map.distances_to(robot.goal)[scenario.map.next_cell].astype(float)
+        near = -scenario.map.distances_to(robot.goal)[scenario.map.next_cell].astype(
+            float
+        )
         q_star = np.column_stack([near, near.max(axis=1)])
         q_star[:, :4] += rng.integers(0, 2, size=(cells, 4))
         q_star[:, 4] = q_star[:, :4].max(axis=1) - (rng.random(cells) < 0.3)
@@ -58,7 +60,9 @@ def misses(scenario, tables):
     def compare(what, exactly, samples):
         error = samples.std(ddof=1) / math.sqrt(len(samples))
         if abs(exactly - samples.mean()) > 4 * error + 1e-9:
-            said.append(f"{what}: {exactly} by the chain, {samples.mean()} ± {error} in trials")
+            said.append(
+                f"{what}: {exactly} by the chain, {samples.mean()} ± {error} in trials"
+            )
 
     for k in range(len(tables)):
         compare(f"reward of robot {k}", found.robots[k], trials.reward[:, k])
@@ -131,7 +135,9 @@ def test_one_robot_is_negative_binomial(horizon):
     if horizon == 1000:
         factor = p / (1 - GAMMA * (1 - p))
         assert found.reward.mean == pytest.approx(200 * factor**5 * GAMMA**4, rel=1e-12)
-        assert found.time_to_goal.spread == pytest.approx(math.sqrt(5 * 0.2) / 0.8, rel=1e-9)
+        assert found.time_to_goal.spread == pytest.approx(
+            math.sqrt(5 * 0.2) / 0.8, rel=1e-9
+        )
 
 
 def test_one_robot_that_asks_nobody():
@@ -159,25 +165,34 @@ def test_half_a_team_that_never_arrives():
     tables[0].q_star[:, 0] = 1.0
     found = evaluate_exact(scenario, tables)
     assert found.robots == (0, pytest.approx(200 * GAMMA**5))
-    assert (found.time_to_goal.mean, found.time_to_goal.spread) == ((37 + 6) / 2, (37 - 6) / 2)
+    assert (found.time_to_goal.mean, found.time_to_goal.spread) == (
+        (37 + 6) / 2,
+        (37 - 6) / 2,
+    )
     assert found.all_arrived == 0
 
 
 def test_a_very_long_horizon_ends_when_nothing_changes():
     short, long = (made(horizon=horizon) for horizon in (3000, 1_000_000))
     tables = walking(short)
-    assert evaluate_exact(short, tables).to_dict() == evaluate_exact(long, tables).to_dict()
+    assert (
+        evaluate_exact(short, tables).to_dict()
+        == evaluate_exact(long, tables).to_dict()
+    )
 
 
 def test_larger_teams_are_refused():
     scenario = load_scenario("env2-4r")
-    with pytest.raises(SettingError, match="env2-4r has 4 robots, allowed: 1 or 2; .* by trials"):
+    with pytest.raises(
+        SettingError, match="env2-4r has 4 robots, allowed: 1 or 2; .* by trials"
+    ):
         evaluate_exact(scenario, walking(scenario))
 
 
 def test_tables_that_do_not_fit_are_refused():
     with pytest.raises(
-        TablesError, match="robot 1 of scenario env1 .* cannot have learned that .q_star is"
+        TablesError,
+        match="robot 1 of scenario env1 .* cannot have learned that .q_star is",
     ):
         evaluate_exact(load_scenario("env1"), walking(load_scenario("isr")))
 
@@ -199,7 +214,9 @@ def test_a_learner_of_ones_own_is_evaluated_as_it_chooses():
     found = evaluate_exact(scenario, tables, learner=Stubborn())
     assert found.reward.mean != evaluate_exact(scenario, tables).reward.mean
     played = summary(play(scenario, tables, trials=300, seed=1, learner=Stubborn()))
-    assert abs(found.reward.mean - played.reward.mean) < 4 * played.reward.standard_error
+    assert (
+        abs(found.reward.mean - played.reward.mean) < 4 * played.reward.standard_error
+    )
 
 
 @pytest.mark.parametrize(
@@ -208,15 +225,25 @@ def test_a_learner_of_ones_own_is_evaluated_as_it_chooses():
         (
             "env1",
             "factored",
-            {"perception": "probability:0.6", "common_reward": "each:1:0.5", "horizon": 20},
+            {
+                "perception": "probability:0.6",
+                "common_reward": "each:1:0.5",
+                "horizon": 20,
+            },
         ),
-        ("env2-2r", "coop", {"conflict": "any_doorway", "move_success": 0.7, "horizon": 15}),
+        (
+            "env2-2r",
+            "coop",
+            {"conflict": "any_doorway", "move_success": 0.7, "horizon": 15},
+        ),
     ],
 )
 def test_means_of_a_batch_are_the_exact_ones_and_plain_python_s(
     monkeypatch, name, learner, settings
 ):
-    scenario = load_scenario(name).with_settings({"steps": 3000, "penalty": -100, **settings})
+    scenario = load_scenario(name).with_settings(
+        {"steps": 3000, "penalty": -100, **settings}
+    )
     scenario = learner_of(learner).with_defaults(scenario)
     [run] = run_batch(scenario, learner, [7], trials=2, engine="numba", jobs=1)
     found = evaluate_exact(scenario, run.tables, learner=learner)
@@ -225,7 +252,9 @@ def test_means_of_a_batch_are_the_exact_ones_and_plain_python_s(
     assert means.time_to_goal.mean() == found.time_to_goal.mean
     assert means.asks.mean() == found.asks.mean
     assert means.miscoordinations == found.miscoordinations.mean
-    assert means.arrived == pytest.approx(found.all_arrived, abs=1e-12)  # this is cut at 1
+    assert means.arrived == pytest.approx(
+        found.all_arrived, abs=1e-12
+    )  # this is cut at 1
     monkeypatch.setattr(exact, "compiled", lambda: exact_loops.carry)
     plain = evaluate_exact(scenario, run.tables, learner=learner)
     assert plain.to_dict() == found.to_dict()
@@ -247,13 +276,17 @@ def test_cells_that_nobody_comes_to_do_not_count(monkeypatch):
         q_coord[1, 4] = [0, 9, 0, 0]  # it steps aside where its peer is behind the door
         q_star[aside] = [9, 0, 0, 0, 0]
         tables[0] = tables_from_values(scenario, 0, q_star, q_coord)
-    found, same = (evaluate_exact(s, t) for s, t in zip((small, hall), asks, strict=True))
+    found, same = (
+        evaluate_exact(s, t) for s, t in zip((small, hall), asks, strict=True)
+    )
     assert found.stays[0, small.map.number[1, 1]] > 0
     assert same.to_dict() == found.to_dict()
     assert same.stays[:, : small.map.number[1, 5] + 1].tolist() == found.stays.tolist()
     monkeypatch.setattr(exact, "MOST_STATES", 81)
     assert evaluate_exact(hall, asks[1]).to_dict() == found.to_dict()
-    with pytest.raises(SettingError, match="has 900 joint states, allowed: up to 81; leave out"):
+    with pytest.raises(
+        SettingError, match="has 900 joint states, allowed: up to 81; leave out"
+    ):
         evaluate_exact(hall, [Agent(Coop(), hall, k, 0).tables for k in range(2)])
 
 
@@ -263,6 +296,8 @@ def test_what_takes_longer_than_trials_is_played(monkeypatch):
     assert evaluate_best(scenario, tables, trials=7).how == "exact"
     monkeypatch.setattr(exact, "MOST_OUTCOMES", 100)
     told = []
-    found = evaluate_best(scenario, tables, trials=7, progress=lambda *done: told.append(done))
+    found = evaluate_best(
+        scenario, tables, trials=7, progress=lambda *done: told.append(done)
+    )
     assert (found.how, told) == ("7 trials", [(trial, 7) for trial in range(7)])
     assert exact_means(scenario, tables) is None

@@ -6,13 +6,15 @@ import numpy as np
 import pytest
 
 import sparse_coord_ros as sc
-from sparse_coord_ros.errors import SettingError
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.solve.joint_mdp import JointMDP, joint_mdp
-from sparse_coord_ros.solve.optimum import joint_optimum
+from sparse_coord_ros.base.errors import SettingError
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.solve.joint_mdp import JointMDP, joint_mdp
+from sparse_coord_ros.core.solve.optimum import joint_optimum
 
 
-@pytest.mark.parametrize("settings", [{}, {"penalty": -100}, {"conflict": "any_doorway"}])
+@pytest.mark.parametrize(
+    "settings", [{}, {"penalty": -100}, {"conflict": "any_doorway"}]
+)
 def test_value_iteration_finds_the_optimum(settings):
     scenario = load_scenario("env1", **settings)
     mdp = joint_mdp(scenario)
@@ -30,7 +32,9 @@ def test_value_iteration_finds_the_optimum(settings):
 
 
 def test_what_is_too_large_is_refused():
-    with pytest.raises(SettingError, match="joint states, allowed for a joint MDP: up to 100,000"):
+    with pytest.raises(
+        SettingError, match="joint states, allowed for a joint MDP: up to 100,000"
+    ):
         joint_mdp(load_scenario("env2-4r"))
 
 

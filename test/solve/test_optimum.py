@@ -4,10 +4,10 @@
 
 import pytest
 
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.solve import optimum
-from sparse_coord_ros.solve.optimum import independent_bound, joint_optimum
-from sparse_coord_ros.solve.reference import shortest_path_reference
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.solve import optimum
+from sparse_coord_ros.core.solve.optimum import independent_bound, joint_optimum
+from sparse_coord_ros.core.solve.reference import shortest_path_reference
 
 GAMMA = 0.95
 
@@ -38,9 +38,16 @@ def test_it_is_computed_once_for_what_differs_only_in_learning(monkeypatch):
     solved = []
     solve = optimum._solve
     monkeypatch.setattr(optimum, "_solved", {})
-    monkeypatch.setattr(optimum, "_solve", lambda *game: solved.append(1) or solve(*game))
+    monkeypatch.setattr(
+        optimum, "_solve", lambda *game: solved.append(1) or solve(*game)
+    )
     same = [{}, {"steps": 7}, {"ask_cost": 9}, {"perception": "never"}]
-    other = [{"penalty": -34}, {"discount": 0.9}, {"move_success": 1}, {"goal_reward": 9}]
+    other = [
+        {"penalty": -34},
+        {"discount": 0.9},
+        {"move_success": 1},
+        {"goal_reward": 9},
+    ]
     found = [joint_optimum(scenario.with_settings(one)).value for one in same + other]
     assert len(solved) == 1 + len(other)
     assert len(set(found[: len(same)])) == 1
@@ -51,7 +58,9 @@ def test_it_is_computed_once_for_what_differs_only_in_learning(monkeypatch):
 @pytest.mark.parametrize("name", ["env1", "mit"])
 def test_without_penalty_it_is_the_bound(name):
     scenario = load_scenario(name).with_settings({"penalty": 0})
-    assert joint_optimum(scenario).value == pytest.approx(independent_bound(scenario), abs=1e-6)
+    assert joint_optimum(scenario).value == pytest.approx(
+        independent_bound(scenario), abs=1e-6
+    )
 
 
 def test_too_many_joint_states_give_the_bound():
@@ -59,7 +68,9 @@ def test_too_many_joint_states_give_the_bound():
     optimum = joint_optimum(scenario)
     assert not optimum.exact
     assert optimum.joint_states == 36**4
-    assert optimum.value == independent_bound(scenario) == pytest.approx(111.32, abs=0.01)
+    assert (
+        optimum.value == independent_bound(scenario) == pytest.approx(111.32, abs=0.01)
+    )
 
 
 @pytest.mark.parametrize(
@@ -87,7 +98,9 @@ def test_one_doorway_by_hand(make, penalty, value):
     ],
 )
 def test_robots_that_pay_differently_by_hand(make, penalty, factors, value):
-    scenario = make("1D2", move_success=1, penalty=penalty, common_reward=f"each:{factors}")
+    scenario = make(
+        "1D2", move_success=1, penalty=penalty, common_reward=f"each:{factors}"
+    )
     assert joint_optimum(scenario).value == pytest.approx(value, abs=1e-6)
 
 
@@ -95,7 +108,10 @@ def test_robots_that_pay_differently_by_hand(make, penalty, factors, value):
     ("conflict", "value"),
     [
         ("same_cell", 200 * GAMMA**2),  # they pass each other between two doorways
-        ("any_doorway", 100 * (GAMMA**2 + GAMMA**4)),  # one waits until the other is through
+        (
+            "any_doorway",
+            100 * (GAMMA**2 + GAMMA**4),
+        ),  # one waits until the other is through
     ],
 )
 def test_two_doorways_by_hand(make, conflict, value):
@@ -125,7 +141,9 @@ def test_robots_that_have_all_arrived_in_a_doorway_pay_no_more(
     reference = shortest_path_reference(scenario)
     assert optimum.value >= reference.reward - 1e-9
     if move_success == 1 and conflict == "same_cell":
-        assert reference.reward == pytest.approx(200 - 20)  # one step ends with both in there
+        assert reference.reward == pytest.approx(
+            200 - 20
+        )  # one step ends with both in there
         # Better: the second comes later, and the penalty then is worth less; it is paid once.
         later = max(100 + (100 - 20) * GAMMA**wait for wait in range(400))
         assert optimum.value == pytest.approx(max(later, 180), abs=1e-6)

@@ -8,8 +8,8 @@ import tracemalloc
 
 import pytest
 
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.solve.reference import shortest_path_reference
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.solve.reference import shortest_path_reference
 
 GAMMA = 0.95
 
@@ -73,7 +73,9 @@ def test_keeping_right_by_hand(make):
     """Two robots around a pillar: never on the same side, or in half of the trials."""
     scenario = make(".D.\n1#2\n.D.", move_success=1)
     assert shortest_path_reference(scenario, keep_right=True).miscoordinations == 0
-    assert shortest_path_reference(scenario).miscoordinations == pytest.approx(0.5, abs=1e-12)
+    assert shortest_path_reference(scenario).miscoordinations == pytest.approx(
+        0.5, abs=1e-12
+    )
 
 
 def test_unequal_shares_of_the_penalty(make):
@@ -117,12 +119,22 @@ def joint_chain(scenario):
                 after = tuple(y for y, _ in joint)
                 share = probability * math.prod(p for _, p in joint)
                 doors = [y for y in after if y in grid.doorways]
-                crowd = len(doors) > (1 if scenario.conflict == "any_doorway" else len(set(doors)))
-                arrivals = sum(
-                    y == goal != x for x, y, goal in zip(state, after, goals, strict=True)
+                crowd = len(doors) > (
+                    1 if scenario.conflict == "any_doorway" else len(set(doors))
                 )
-                paid = arrivals * scenario.goal_reward / (1 - scenario.discount) / len(team)
-                reward += scenario.discount**t * share * (paid + crowd * scenario.penalty)
+                arrivals = sum(
+                    y == goal != x
+                    for x, y, goal in zip(state, after, goals, strict=True)
+                )
+                paid = (
+                    arrivals
+                    * scenario.goal_reward
+                    / (1 - scenario.discount)
+                    / len(team)
+                )
+                reward += (
+                    scenario.discount**t * share * (paid + crowd * scenario.penalty)
+                )
                 steps += share * crowd * (t < scenario.horizon)
                 if after != goals:
                     following[after] = following.get(after, 0.0) + share
@@ -139,7 +151,9 @@ def successors(scenario, k, x):
     return [(x, 1 - p), *((y, p / len(nearer)) for y in nearer)]
 
 
-@pytest.mark.parametrize("settings", [{"discount": 0}, {"discount": 0.999, "move_success": 0.01}])
+@pytest.mark.parametrize(
+    "settings", [{"discount": 0}, {"discount": 0.999, "move_success": 0.01}]
+)
 def test_extreme_settings_are_finite(make, settings):
     reference = shortest_path_reference(make(ROOMS, **settings))
     assert math.isfinite(reference.reward)
@@ -148,7 +162,9 @@ def test_extreme_settings_are_finite(make, settings):
 
 def test_a_large_map_takes_little_memory(make):
     rows = ["." * 50] * 48
-    scenario = make("\n".join(["1" + "." * 49, *rows, "." * 49 + "2"]), {"a": (1, 2), "b": (2, 1)})
+    scenario = make(
+        "\n".join(["1" + "." * 49, *rows, "." * 49 + "2"]), {"a": (1, 2), "b": (2, 1)}
+    )
     tracemalloc.start()
     assert shortest_path_reference(scenario).miscoordinations == 0
     assert tracemalloc.get_traced_memory()[1] < 20 * 2**20

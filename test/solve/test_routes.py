@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from teams import drawn
 
-from sparse_coord_ros.compiling import has_numba
-from sparse_coord_ros.game.miscoordination import NOWHERE
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.solve import routes
-from sparse_coord_ros.solve.optimum import independent_bound, joint_optimum
-from sparse_coord_ros.solve.routes import Ways, meeting, route_plan
+from sparse_coord_ros.base.compiling import has_numba
+from sparse_coord_ros.core.game.miscoordination import NOWHERE
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.solve import routes
+from sparse_coord_ros.core.solve.optimum import independent_bound, joint_optimum
+from sparse_coord_ros.core.solve.routes import Ways, meeting, route_plan
 
 needs_numba = pytest.mark.skipif(not has_numba(), reason="minutes in plain Python")
 
@@ -31,7 +31,9 @@ def test_two_robots_come_near_the_optimum_and_not_above():
 
 
 def test_compiled_and_plain_are_one(monkeypatch):
-    scenario = drawn("1.DD.2\n3.#..4", {"a": (1, 2), "b": (2, 1), "c": (3, 4)}, penalty=-20)
+    scenario = drawn(
+        "1.DD.2\n3.#..4", {"a": (1, 2), "b": (2, 1), "c": (3, 4)}, penalty=-20
+    )
     draws = np.random.default_rng(1).random((5, 40, 3))
     ways = Ways((2, 0, 1), (frozenset(),) * 3, one_at_a_time=True)
     found = routes._play(scenario, ways, draws)

@@ -7,13 +7,13 @@ from dataclasses import replace
 import pytest
 from teams import untrained, walking
 
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learners.registry import learner_of
-from sparse_coord_ros.solve.exact import evaluate_exact
-from sparse_coord_ros.solve.optimum import independent_bound
-from sparse_coord_ros.solve.reference import shortest_path_reference
-from sparse_coord_ros.solve.shipped import known_optimum, unseen_buildings
-from sparse_coord_ros.solve.verdict import (
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.learners.registry import learner_of
+from sparse_coord_ros.core.solve.exact import evaluate_exact
+from sparse_coord_ros.core.solve.optimum import independent_bound
+from sparse_coord_ros.core.solve.reference import shortest_path_reference
+from sparse_coord_ros.core.solve.shipped import known_optimum, unseen_buildings
+from sparse_coord_ros.core.solve.verdict import (
     FAILING,
     IN_VAIN,
     LEARNED,
@@ -38,10 +38,14 @@ def earning(scenario, reward, *, error=0.0, learner="coop", asks=1.0):
     found = evaluate_exact(env1, walking(env1))
     measure = replace(found.reward, mean=reward, standard_error=error)
     asked = replace(found.asks, mean=asks)
-    return last_word(scenario, learner_of(learner), replace(found, reward=measure, asks=asked))
+    return last_word(
+        scenario, learner_of(learner), replace(found, reward=measure, asks=asked)
+    )
 
 
-@pytest.mark.parametrize(("penalty", "kind"), [(0, NEEDLESS), (-1, NEEDLESS), (-100, SILENT)])
+@pytest.mark.parametrize(
+    ("penalty", "kind"), [(0, NEEDLESS), (-1, NEEDLESS), (-100, SILENT)]
+)
 def test_robots_that_ignore_each_other(penalty, kind):
     scenario = load_scenario("env1", penalty=penalty)
     assert verdict(scenario, walking(scenario)).kind == kind
@@ -72,7 +76,9 @@ def test_what_to_try(learner, advice):
 @pytest.mark.parametrize("learner", ["indiv", "noncoop"])
 def test_robots_that_cannot_ask_have_not_learned_to_coordinate(learner):
     """Equally short paths, or a detour, may still earn more than ties broken at random."""
-    found = earning(load_scenario("env1", penalty=-100), 117.0, learner=learner, asks=0.0)
+    found = earning(
+        load_scenario("env1", penalty=-100), 117.0, learner=learner, asks=0.0
+    )
     assert found.kind == SILENT
     assert found.text == (
         "The team does not coordinate by asking: the learner "
@@ -130,11 +136,15 @@ def test_a_team_that_is_worse_than_one_that_ignores_its_peers(penalty):
     found = earning(scenario, paths - 1.01 * slight)
     assert found.kind == WORSE and f"{paths:.2f}" in found.text
     assert earning(scenario, paths - 0.99 * slight).kind != WORSE
-    assert earning(scenario, paths - 2 * slight, error=slight).kind != WORSE, "it may be chance"
+    assert earning(scenario, paths - 2 * slight, error=slight).kind != WORSE, (
+        "it may be chance"
+    )
 
 
 def test_larger_teams_have_yardsticks_that_say_what_they_are():
-    [name] = [one for one in unseen_buildings() if one.startswith("unseen1-door-4r")][:1]
+    [name] = [one for one in unseen_buildings() if one.startswith("unseen1-door-4r")][
+        :1
+    ]
     for scenario, yardstick in (
         (load_scenario(name, penalty=-100), "route planner"),
         (load_scenario("crowd-4r", penalty=-100), "best learned team"),
@@ -147,4 +157,6 @@ def test_larger_teams_have_yardsticks_that_say_what_they_are():
 def test_a_team_that_does_not_arrive_has_learned_nothing():
     scenario = load_scenario("env1")
     found = verdict(scenario, [untrained(scenario)] * 2)
-    assert found.kind == LOST and found.text.endswith("Try --learner factored or more steps.")
+    assert found.kind == LOST and found.text.endswith(
+        "Try --learner factored or more steps."
+    )

@@ -4,10 +4,10 @@
 
 import pytest
 
-from sparse_coord_ros.experiments.conditions import make_condition
-from sparse_coord_ros.game.plugins import allow_modules
-from sparse_coord_ros.learners.factored import Factored
-from sparse_coord_ros.learners.registry import learner_of
+from sparse_coord_ros.core.game.plugins import allow_modules
+from sparse_coord_ros.core.learners.factored import Factored
+from sparse_coord_ros.core.learners.registry import learner_of
+from sparse_coord_ros.studies.conditions import make_condition
 from tools.study import __main__ as tool
 from tools.study import coordination, rules
 from tools.study.coordination import Study, failed_share
@@ -41,12 +41,14 @@ def test_a_small_study_is_computed_kept_and_written(tmp_path, monkeypatch, capsy
     arguments = ["small", "--out", str(tmp_path / "out")]
     assert tool.main(arguments) == 0
     text = page.read_text()
-    assert text.startswith("a\n<!-- table: small -->\n| ") and text.endswith("table -->\nb\n")
+    assert text.startswith("a\n<!-- table: small -->\n| ") and text.endswith(
+        "table -->\nb\n"
+    )
     assert "old" not in text
     [folder] = (tmp_path / "out").iterdir()
     assert folder.name == "2-runs-2-trials-from-950000"  # two robots: exact, few trials
     monkeypatch.setattr(
-        "sparse_coord_ros.experiments.runner.run_batch",
+        "sparse_coord_ros.studies.runner.run_batch",
         lambda *_, **__: pytest.fail("computed again"),
     )
     assert tool.main(arguments) == 0
@@ -58,5 +60,7 @@ def test_a_small_study_is_computed_kept_and_written(tmp_path, monkeypatch, capsy
 def test_the_ablation_turns_off_one_part_each():
     for rule, _ in coordination.ABLATED.values():
         part = type(learner_of(rule))
-        own = [name for name, one in vars(part).items() if isinstance(one, staticmethod)]
+        own = [
+            name for name, one in vars(part).items() if isinstance(one, staticmethod)
+        ]
         assert part is Factored or len(own) == 1

@@ -6,11 +6,11 @@ import math
 
 import pytest
 
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.game.world import Action
-from sparse_coord_ros.learn.run_config import make_run
-from sparse_coord_ros.wire.frame import Frame
-from sparse_coord_ros.wire.messages import action_from, action_numbers
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.game.world import Action
+from sparse_coord_ros.core.runs.run_config import make_run
+from sparse_coord_ros.protocol.wire.frame import Frame
+from sparse_coord_ros.protocol.wire.messages import action_from, action_numbers
 
 
 @pytest.mark.parametrize("resolution", [0.05, 1 / 3, 1.0, 7.77])
@@ -24,7 +24,14 @@ def test_cells_come_back(resolution):
 @pytest.mark.parametrize("resolution", [0.1, 1.0])
 @pytest.mark.parametrize(
     "place",
-    [(math.nan, 0.5), (math.inf, 0.5), (-0.5, 0.5), (0.5, 1e9), (1e308, 0.5), (0.5, -1e308)],
+    [
+        (math.nan, 0.5),
+        (math.inf, 0.5),
+        (-0.5, 0.5),
+        (0.5, 1e9),
+        (1e308, 0.5),
+        (0.5, -1e308),
+    ],
 )
 def test_elsewhere_is_no_cell(place, resolution):
     frame = Frame(make_run(load_scenario("env1"), {"resolution": resolution}))

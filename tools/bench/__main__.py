@@ -16,10 +16,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Read the command line, measure, and return the exit code."""
     parser = argparse.ArgumentParser(prog="python -m tools.bench", description=__doc__)
     parts = ("live", "batch", "all")
-    parser.add_argument("part", nargs="?", choices=parts, default="all", help="what to measure")
-    parser.add_argument("--steps", type=int, default=10_000, help="of a run (default: 10000)")
-    parser.add_argument("--repeats", type=int, default=3, help="of each figure (default: 3)")
-    parser.add_argument("--runs", type=int, default=1000, help="of a batch (default: 1000)")
+    parser.add_argument(
+        "part", nargs="?", choices=parts, default="all", help="what to measure"
+    )
+    parser.add_argument(
+        "--steps", type=int, default=10_000, help="of a run (default: 10000)"
+    )
+    parser.add_argument(
+        "--repeats", type=int, default=3, help="of each figure (default: 3)"
+    )
+    parser.add_argument(
+        "--runs", type=int, default=1000, help="of a batch (default: 1000)"
+    )
     options = parser.parse_args(arguments)
     steps = options.steps
     repeats = options.repeats
@@ -30,7 +38,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(live.teams(steps, repeats), end="\n\n", flush=True)
     if options.part != "live":
         for scenario, learner, share in batch.MEASURED:
-            found = batch.measured(scenario, learner, steps, int(options.runs * share), repeats)
+            found = batch.measured(
+                scenario, learner, steps, int(options.runs * share), repeats
+            )
             print(found, end="\n\n", flush=True)
     return 0
 

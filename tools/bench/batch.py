@@ -12,12 +12,12 @@ from collections.abc import Callable, Mapping
 from functools import partial
 
 from sparse_coord_ros.cli.options import format_table
-from sparse_coord_ros.engine.batch import run_batch
-from sparse_coord_ros.engine.processes import in_processes
-from sparse_coord_ros.game.plugins import allow_named
-from sparse_coord_ros.game.scenario import Scenario, load_scenario
-from sparse_coord_ros.learn.run import learn
-from sparse_coord_ros.learners.registry import learner_of
+from sparse_coord_ros.core.engine.batch import run_batch
+from sparse_coord_ros.core.engine.processes import in_processes
+from sparse_coord_ros.core.game.plugins import allow_named
+from sparse_coord_ros.core.game.scenario import Scenario, load_scenario
+from sparse_coord_ros.core.learners.registry import learner_of
+from sparse_coord_ros.core.runs.run import learn
 from tools.bench.rates import in_turn, spread
 
 MEASURED = (
@@ -48,7 +48,9 @@ def measured(scenario: str, learner: str, steps: int, runs: int, repeats: int) -
     Raises:
         SparseCoordError: numba is missing.
     """
-    [found] = in_processes(_measured_here, [(scenario, learner, steps, runs, repeats)], 1)
+    [found] = in_processes(
+        _measured_here, [(scenario, learner, steps, runs, repeats)], 1
+    )
     return found
 
 
@@ -66,13 +68,20 @@ def _measured_here(name: str, learner: str, steps: int, runs: int, repeats: int)
     for threads in sorted({len(os.sched_getaffinity(0)), 1}, reverse=True):
         add(ENGINE, threads, runs, partial(_batch, scenario, learner, runs, threads))
     seeds = range(PYTHON_RUNS)
-    add(PYTHON, 1, PYTHON_RUNS, lambda: [learn(scenario, learner, seed) for seed in seeds])
+    add(
+        PYTHON,
+        1,
+        PYTHON_RUNS,
+        lambda: [learn(scenario, learner, seed) for seed in seeds],
+    )
     title = f"{name}, {rule.title or learner.rpartition(':')[2]}, {runs} runs of {steps} steps"
     return table(title, ready, in_turn(ways, repeats))
 
 
 def _batch(scenario: Scenario, learner: str, runs: int, threads: int = 1) -> None:
-    for _ in run_batch(scenario, learner, range(runs), trials=0, engine="numba", jobs=threads):
+    for _ in run_batch(
+        scenario, learner, range(runs), trials=0, engine="numba", jobs=threads
+    ):
         pass
 
 
@@ -82,7 +91,9 @@ def _seconds(work: Callable[[], object]) -> float:
     return time.perf_counter() - started
 
 
-def table(title: str, ready_seconds: float, rates: Mapping[tuple[str, int], list[float]]) -> str:
+def table(
+    title: str, ready_seconds: float, rates: Mapping[tuple[str, int], list[float]]
+) -> str:
     """Return the table of what was measured.
 
     Args:

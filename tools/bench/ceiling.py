@@ -18,15 +18,15 @@ from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.game.world import Action, Reward
-from sparse_coord_ros.learn.run_config import make_run
-from sparse_coord_ros.nodes import interface
-from sparse_coord_ros.nodes.messages import Converter
-from sparse_coord_ros.nodes.middleware import one_host
-from sparse_coord_ros.nodes.spin import ros_context, spin_nodes
-from sparse_coord_ros.wire import Account, services
-from sparse_coord_ros.wire.messages import CLOCK_FORM
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.game.world import Action, Reward
+from sparse_coord_ros.core.runs.run_config import make_run
+from sparse_coord_ros.protocol.wire import Account, services
+from sparse_coord_ros.protocol.wire.messages import CLOCK_FORM
+from sparse_coord_ros.ros.nodes import interface
+from sparse_coord_ros.ros.nodes.environment import one_host
+from sparse_coord_ros.ros.nodes.messages import Converter
+from sparse_coord_ros.ros.nodes.spin import ros_context, spin_nodes
 
 ROBOTS = ("robot_1", "robot_2")
 ASK_EVERY = 10
@@ -42,7 +42,9 @@ def listen(
 
 def publisher(node: Node, topic: interface.RosTopic, robot: str = "") -> Publisher:
     """Return a publisher of a robot's topic, or of one that all share."""
-    return node.create_publisher(topic.type, topic.of(robot) if robot else topic.name, topic.qos)
+    return node.create_publisher(
+        topic.type, topic.of(robot) if robot else topic.name, topic.qos
+    )
 
 
 class BareWorld(Node):
@@ -56,10 +58,14 @@ class BareWorld(Node):
         self.seconds = 0.0
         reward = CONVERT.pack_reward(1, Reward(0, 0, 0, 0))
         state = CONVERT.pack_state(1, 0)
-        self._messages = [(publisher(self, interface.CLOCK), CLOCK_FORM.layout.pack(1, 0))]
+        self._messages = [
+            (publisher(self, interface.CLOCK), CLOCK_FORM.layout.pack(1, 0))
+        ]
         for robot in ROBOTS:
             self._messages.append((publisher(self, interface.REWARD, robot), reward))
-            self._messages.append((publisher(self, interface.LOCAL_STATE, robot), state))
+            self._messages.append(
+                (publisher(self, interface.LOCAL_STATE, robot), state)
+            )
             listen(self, interface.ACTION, robot, self._on_action)
         self.create_timer(0.02, self._start)
 
@@ -69,7 +75,9 @@ class BareWorld(Node):
         return self.seconds > 0
 
     def _start(self) -> None:
-        actions = [self.count_publishers(interface.ACTION.of(robot)) for robot in ROBOTS]
+        actions = [
+            self.count_publishers(interface.ACTION.of(robot)) for robot in ROBOTS
+        ]
         listeners = [one.get_subscription_count() for one, _ in self._messages[1:]]
         if not self.started and all(actions) and all(listeners):
             self.started = time.perf_counter()
@@ -98,10 +106,14 @@ class BareRobot(Node):
         peer = ROBOTS[1 - number]
         super().__init__(name, context=context)
         self._count = 0
-        self._action = CONVERT.pack_action(1, Action(0, False, -1, False), Account(0, False))
+        self._action = CONVERT.pack_action(
+            1, Action(0, False, -1, False), Account(0, False)
+        )
         self._publisher = publisher(self, interface.ACTION, name)
         self._path = CONVERT.path(1, (0,))
-        self.create_service(GetPlan, services.ACTIVE_PERCEPTION.of(name), self._on_asked)
+        self.create_service(
+            GetPlan, services.ACTIVE_PERCEPTION.of(name), self._on_asked
+        )
         self._client = self.create_client(GetPlan, services.ACTIVE_PERCEPTION.of(peer))
         self._request = GetPlan.Request()
         self._timer = self.create_timer(0.02, self._start)
@@ -144,8 +156,12 @@ def separate_processes(steps: int) -> float:
     with ExitStack() as robots:  # at its end closes their standard input, and waits
         for number in range(len(ROBOTS)):
             robot = [*command, "robot", str(number)]
-            robots.enter_context(subprocess.Popen(robot, stdin=subprocess.PIPE, env=one_host()))
-        return float(subprocess.check_output([*command, "world", str(steps)], env=one_host()))
+            robots.enter_context(
+                subprocess.Popen(robot, stdin=subprocess.PIPE, env=one_host())
+            )
+        return float(
+            subprocess.check_output([*command, "world", str(steps)], env=one_host())
+        )
 
 
 def main() -> int:

@@ -11,8 +11,8 @@ from pathlib import Path
 
 from sparse_coord_ros.cli import live
 from sparse_coord_ros.cli.options import format_table
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learn.run import learn
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.runs.run import learn
 from tools.bench import ceiling
 from tools.bench.rates import in_turn, spread
 
@@ -43,8 +43,15 @@ def ways(steps: int, repeats: int) -> str:
     rows = []
     for name, found in rates.items():
         bare = medians.get(name.split(",")[0] + BARE)
-        rows.append([name, *spread(found), f"{medians[name] / bare:.0%}" if bare else "-"])
-    head = [f"{SCENARIO}, 2 robots, events executor", "steps/s", "range", "of bare nodes"]
+        rows.append(
+            [name, *spread(found), f"{medians[name] / bare:.0%}" if bare else "-"]
+        )
+    head = [
+        f"{SCENARIO}, 2 robots, events executor",
+        "steps/s",
+        "range",
+        "of bare nodes",
+    ]
     return format_table(head, rows)
 
 
@@ -70,7 +77,9 @@ def _simulated(steps: int) -> float:
     return steps / (time.perf_counter() - started)
 
 
-def _live(steps: int, *, record: bool, processes: bool = False, scenario: str = SCENARIO) -> float:
+def _live(
+    steps: int, *, record: bool, processes: bool = False, scenario: str = SCENARIO
+) -> float:
     with tempfile.TemporaryDirectory(prefix="sparse_coord_bench_") as folder:
         values = {
             "scenario": scenario,

@@ -11,28 +11,34 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from sparse_coord_ros.base.errors import EXIT_BAD_INPUT, SparseCoordError
+from sparse_coord_ros.base.files import write_whole
 from sparse_coord_ros.cli.computing import COMPUTING
 from sparse_coord_ros.cli.options import add_options, note
 from sparse_coord_ros.cli.verbs import Parser
-from sparse_coord_ros.engine.cluster import cluster_at
-from sparse_coord_ros.errors import EXIT_BAD_INPUT, SparseCoordError
-from sparse_coord_ros.experiments.conditions import Condition
-from sparse_coord_ros.experiments.runner import Computing, compute
-from sparse_coord_ros.experiments.store import ConditionResult, Plan, open_results
-from sparse_coord_ros.files import write_whole
-from sparse_coord_ros.game.plugins import allow_modules
+from sparse_coord_ros.core.engine.cluster import cluster_at
+from sparse_coord_ros.core.game.plugins import allow_modules
+from sparse_coord_ros.studies.conditions import Condition
+from sparse_coord_ros.studies.runner import Computing, compute
+from sparse_coord_ros.studies.store import ConditionResult, Plan, open_results
 from tools.study import coordination, related, rules
 from tools.study.coordination import Study
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
-STUDIES: dict[str, Study] = {one.name: one for one in (*coordination.STUDIES, *related.STUDIES)}
+STUDIES: dict[str, Study] = {
+    one.name: one for one in (*coordination.STUDIES, *related.STUDIES)
+}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Read the command line, compute, write, and return the exit code."""
     parser = Parser(prog="python -m tools.study", description=__doc__)
-    parser.add_argument("studies", nargs="*", metavar="STUDY", help=f"of {', '.join(STUDIES)}")
-    parser.add_argument("--out", type=Path, default=Path("study"), help="results directory")
+    parser.add_argument(
+        "studies", nargs="*", metavar="STUDY", help=f"of {', '.join(STUDIES)}"
+    )
+    parser.add_argument(
+        "--out", type=Path, default=Path("study"), help="results directory"
+    )
     add_options(parser, COMPUTING)
     options = parser.parse_args(arguments)
     allow_modules(rules.__name__)
@@ -64,13 +70,20 @@ def computing(out: Path, by: Computing) -> Callable[[Condition, Plan], Condition
     def computed(condition: Condition, plan: Plan) -> ConditionResult:
         folder = f"{plan.runs}-runs-{plan.trials}-trials-from-{plan.seed}"
         with open_results(out / folder, plan, note) as results:
-            return compute([condition], plan, by, results=results, progress=_say)[condition.id]
+            return compute([condition], plan, by, results=results, progress=_say)[
+                condition.id
+            ]
 
     return computed
 
 
 def _say(name: str, done: int, total: int) -> None:
-    print(f"\r{name} {done / max(total, 1):.0%}", end="\x1b[K", file=sys.stderr, flush=True)
+    print(
+        f"\r{name} {done / max(total, 1):.0%}",
+        end="\x1b[K",
+        file=sys.stderr,
+        flush=True,
+    )
 
 
 def with_text(page: str, mark: str, text: str) -> str:

@@ -13,18 +13,18 @@ from pathlib import Path
 
 import numpy as np
 
-from sparse_coord_ros.engine.batch import run_batch
-from sparse_coord_ros.experiments.benchmark import Standing, failed_teams, standings
-from sparse_coord_ros.experiments.catalogue import CLOSE, LONG, unseen_conditions
-from sparse_coord_ros.experiments.conditions import Condition, make_condition
-from sparse_coord_ros.experiments.report import text
-from sparse_coord_ros.experiments.report.analysis import gap_closed
-from sparse_coord_ros.experiments.report.rows import best_asking_team
-from sparse_coord_ros.experiments.store import ConditionResult, Plan
-from sparse_coord_ros.game.scenario import Scenario
-from sparse_coord_ros.learn.evaluation import Measure
-from sparse_coord_ros.learners.registry import learner_of
-from sparse_coord_ros.solve.optimum import independent_bound
+from sparse_coord_ros.core.engine.batch import run_batch
+from sparse_coord_ros.core.game.scenario import Scenario
+from sparse_coord_ros.core.learners.registry import learner_of
+from sparse_coord_ros.core.runs.evaluation import Measure
+from sparse_coord_ros.core.solve.optimum import independent_bound
+from sparse_coord_ros.studies.catalogue import CLOSE, LONG, unseen_conditions
+from sparse_coord_ros.studies.conditions import Condition, make_condition
+from sparse_coord_ros.studies.report import text
+from sparse_coord_ros.studies.report.analysis import gap_closed
+from sparse_coord_ros.studies.report.rows import best_asking_team
+from sparse_coord_ros.studies.standings import Standing, failed_teams, standings
+from sparse_coord_ros.studies.store import ConditionResult, Plan
 from tools.study import fresh, improved
 
 SEED = 950_000
@@ -81,7 +81,9 @@ class Study:
         runs, trials = (self.runs[0], 2) if two else (self.runs[1], self.trials)
         return Plan(self.seed, runs, trials)
 
-    def text(self, compute: Callable[[Condition, Plan], ConditionResult], out: Path) -> str:
+    def text(
+        self, compute: Callable[[Condition, Plan], ConditionResult], out: Path
+    ) -> str:
         """Return the table.
 
         Args:
@@ -89,14 +91,18 @@ class Study:
             out: the results directory.
         """
         found = cache(lambda condition: compute(condition, self.plan(condition)))
-        return text.to_markdown(list(self.table(found, *[out / self.name] * self.keeps)))
+        return text.to_markdown(
+            list(self.table(found, *[out / self.name] * self.keeps))
+        )
 
 
 def _factored(name: str, settings: Mapping[str, object]) -> Condition:
     return make_condition(name, "factored", settings)
 
 
-def _each(found: Found, name: str, settings: Mapping[str, object]) -> list[ConditionResult]:
+def _each(
+    found: Found, name: str, settings: Mapping[str, object]
+) -> list[ConditionResult]:
     """Return the results of `LEARNERS`."""
     return [found(make_condition(name, learner, settings)) for learner in LEARNERS]
 
@@ -192,7 +198,9 @@ PERCEPTS: Mapping[str, Mapping[str, object]] = {
 
 def _percepts(found: Found) -> Rows:
     for what, settings in PERCEPTS.items():
-        told = {name: reward_and_failed(found(_factored(name, settings))) for name in CLOSE}
+        told = {
+            name: reward_and_failed(found(_factored(name, settings))) for name in CLOSE
+        }
         coop = _reward(found(make_condition("env1", "coop", settings)))
         yield {"what": what, **told, "env1, coop": coop}
 
@@ -297,7 +305,10 @@ def _protocol(found: Found) -> Rows:
         row: dict[str, str | None] = {"what": what}
         for robots, steps in ((2, 10_000), (2, 100_000), (4, 100_000)):
             more = {"steps": steps, **settings}
-            own = [found(one) for one in unseen_conditions("factored", "tuning", more, (robots,))]
+            own = [
+                found(one)
+                for one in unseen_conditions("factored", "tuning", more, (robots,))
+            ]
             (stood,) = standings(own).values()
             row[f"{robots}r, {steps:,} steps"] = stood.share_and_failed()
         yield row

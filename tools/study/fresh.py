@@ -12,18 +12,18 @@ from functools import partial
 from itertools import count, islice
 from pathlib import Path
 
-from sparse_coord_ros.experiments.benchmark import standing
-from sparse_coord_ros.experiments.catalogue import LONG
-from sparse_coord_ros.experiments.conditions import Condition, make_condition
-from sparse_coord_ros.experiments.report.text import Row, percent
-from sparse_coord_ros.experiments.store import ConditionResult
-from sparse_coord_ros.files import write_whole
-from sparse_coord_ros.game.scenario import Scenario, load_scenario
-from sparse_coord_ros.game.unseen import KINDS, VERSION
-from sparse_coord_ros.solve.asking_search import find_asking_team
-from sparse_coord_ros.solve.optimum import joint_optimum
-from sparse_coord_ros.solve.reference import shortest_path_reference
-from sparse_coord_ros.solve.routes import route_plan
+from sparse_coord_ros.base.files import write_whole
+from sparse_coord_ros.core.game.scenario import Scenario, load_scenario
+from sparse_coord_ros.core.game.unseen import KINDS, VERSION
+from sparse_coord_ros.core.solve.asking_search import find_asking_team
+from sparse_coord_ros.core.solve.optimum import joint_optimum
+from sparse_coord_ros.core.solve.reference import shortest_path_reference
+from sparse_coord_ros.core.solve.routes import route_plan
+from sparse_coord_ros.studies.catalogue import LONG
+from sparse_coord_ros.studies.conditions import Condition, make_condition
+from sparse_coord_ros.studies.report.text import Row, percent
+from sparse_coord_ros.studies.standings import standing
+from sparse_coord_ros.studies.store import ConditionResult
 
 FIRST = 800_000
 """Seed of the first building that is looked at."""
@@ -52,7 +52,9 @@ def table(found: Callable[[Condition], ConditionResult], kept: Path) -> Iterator
         best = _chosen(robots, kept)
         for steps in budgets:
             settings = {**LONG, "steps": steps}
-            results = [found(make_condition(name, "factored", settings)) for name in best]
+            results = [
+                found(make_condition(name, "factored", settings)) for name in best
+            ]
             stood = standing(results, partial(_value_in, best))
             yield {
                 "robots": f"{robots}",
@@ -88,7 +90,9 @@ def _chosen(robots: int, kept: Path) -> dict[str, float]:
 def _with_conflict(kind: str, robots: int) -> Iterator[tuple[str, float]]:
     """Yield the buildings of a kind that have a conflict, and what the best known team earns."""
     for seed in count(FIRST):
-        scenario = load_scenario(f"{VERSION}-{kind}-{robots}r-{seed}").with_settings(LONG)
+        scenario = load_scenario(f"{VERSION}-{kind}-{robots}r-{seed}").with_settings(
+            LONG
+        )
         low = shortest_path_reference(scenario).reward + CONFLICT
         if robots == 2 and joint_optimum(scenario).value <= low:
             continue

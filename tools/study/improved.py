@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The study of what teams make of what they have learned: `engine.improve`."""
+"""The study of what teams make of what they have learned: `core.engine.improve`."""
 
 import json
 import sys
@@ -11,19 +11,19 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.engine.batch import prepare
-from sparse_coord_ros.engine.improve import improve
-from sparse_coord_ros.experiments.catalogue import CLOSE, unseen_conditions
-from sparse_coord_ros.experiments.conditions import Condition, make_condition
-from sparse_coord_ros.experiments.report.text import Row, percent
-from sparse_coord_ros.experiments.store import ConditionResult
-from sparse_coord_ros.files import write_whole
-from sparse_coord_ros.learn import run as engine
-from sparse_coord_ros.learn.run import LearningRun
-from sparse_coord_ros.learners.registry import learner_of
-from sparse_coord_ros.solve.exact import exact_means
-from sparse_coord_ros.solve.reference import shortest_path_reference
-from sparse_coord_ros.solve.shipped import known_best
+from sparse_coord_ros.base.files import write_whole
+from sparse_coord_ros.core.engine.batch import prepare
+from sparse_coord_ros.core.engine.improve import improve
+from sparse_coord_ros.core.learners.registry import learner_of
+from sparse_coord_ros.core.runs import run as engine
+from sparse_coord_ros.core.runs.run import LearningRun
+from sparse_coord_ros.core.solve.exact import exact_means
+from sparse_coord_ros.core.solve.reference import shortest_path_reference
+from sparse_coord_ros.core.solve.shipped import known_best
+from sparse_coord_ros.studies.catalogue import CLOSE, unseen_conditions
+from sparse_coord_ros.studies.conditions import Condition, make_condition
+from sparse_coord_ros.studies.report.text import Row, percent
+from sparse_coord_ros.studies.store import ConditionResult
 
 SEED = 1_400_000
 """Seed of the first team: no search has seen these."""
@@ -47,7 +47,9 @@ class Team(NamedTuple):
 
 
 def table(
-    planners: Mapping[str, float], found: Callable[[Condition], ConditionResult], kept: Path
+    planners: Mapping[str, float],
+    found: Callable[[Condition], ConditionResult],
+    kept: Path,
 ) -> Iterator[Row]:
     """Yield the rows.
 
@@ -59,21 +61,30 @@ def table(
     for *names, steps, count in (*PAIRS, MANY):
         given = {"penalty": -100, "steps": steps}
         for name in names:
-            own, base = (make_condition(name, one, given) for one in ("factored", "noncoop"))
+            own, base = (
+                make_condition(name, one, given) for one in ("factored", "noncoop")
+            )
             low = found(base).best("reward").mean
             bound = known_best(own.scenario)
             yield _row(name, [(own, low, bound or planners[name])], count, kept)
     for robots, steps, count in BUILDINGS:
         made = unseen_conditions("factored", "tuning", {"steps": steps}, [robots])
         judged = [
-            (one, shortest_path_reference(one.scenario).reward, known_best(one.scenario))
+            (
+                one,
+                shortest_path_reference(one.scenario).reward,
+                known_best(one.scenario),
+            )
             for one in made
         ]
         yield _row(f"{len(made)} unseen buildings, {robots}r", judged, count, kept)
 
 
 def _row(
-    what: str, judged: Sequence[tuple[Condition, float, float | None]], count: int, kept: Path
+    what: str,
+    judged: Sequence[tuple[Condition, float, float | None]],
+    count: int,
+    kept: Path,
 ) -> Row:
     """Return a row: mean and standard error over the teams, each building alike."""
     teams = [_teams(one, count, kept) for one, _, _ in judged]
@@ -102,12 +113,16 @@ def _teams(condition: Condition, count: int, kept: Path) -> list[Team]:
     scenario = condition.scenario
     learner = learner_of(condition.learner)
     file = kept / f"{condition.id.replace('/', '-')}.json"
-    found = [Team(*one) for one in json.loads(file.read_text())] if file.exists() else []
+    found = (
+        [Team(*one) for one in json.loads(file.read_text())] if file.exists() else []
+    )
     kept.mkdir(parents=True, exist_ok=True)
     prepare(learner)
     compiled = engine.Team(scenario, learner, compiled=True)
     for seed in range(SEED + len(found), SEED + count):
-        print(f"\r{condition.id} {seed - SEED}", end="\x1b[K", file=sys.stderr, flush=True)
+        print(
+            f"\r{condition.id} {seed - SEED}", end="\x1b[K", file=sys.stderr, flush=True
+        )
         learning = LearningRun(compiled, seed, gathering=False)
         learning.advance(scenario.steps)
         since = time.process_time()

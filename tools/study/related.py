@@ -7,15 +7,21 @@ from itertools import product
 from pathlib import Path
 
 import sparse_coord_ros
-from sparse_coord_ros.errors import SettingError
-from sparse_coord_ros.experiments.catalogue import LONG
-from sparse_coord_ros.experiments.conditions import make_condition
-from sparse_coord_ros.experiments.store import ConditionResult
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learners.registry import learner_of
-from sparse_coord_ros.solve.shipped import known_best
+from sparse_coord_ros.base.errors import SettingError
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.learners.registry import learner_of
+from sparse_coord_ros.core.solve.shipped import known_best
+from sparse_coord_ros.studies.catalogue import LONG
+from sparse_coord_ros.studies.conditions import make_condition
+from sparse_coord_ros.studies.store import ConditionResult
 from tools.study import coordination
-from tools.study.coordination import Found, Rows, Study, learning_seconds, reward_and_failed
+from tools.study.coordination import (
+    Found,
+    Rows,
+    Study,
+    learning_seconds,
+    reward_and_failed,
+)
 
 SEED = 1_300_000
 RUNS = 100
@@ -39,7 +45,9 @@ BUILDINGS = tuple(f"unseen1-{kind}-{team}r-0" for team in (2, 4) for kind in KIN
 SCENARIOS = ("env1", "env2-2r", "env2-4r", "pentagon", "isr", "cit", "cmu", *BUILDINGS)
 
 
-def _reward(found: Found, name: str, learner: str, price: int) -> ConditionResult | None:
+def _reward(
+    found: Found, name: str, learner: str, price: int
+) -> ConditionResult | None:
     """Return a learner's result; None where it cannot learn the scenario, or price is nothing."""
     try:
         condition = make_condition(name, learner, {**LONG, "ask_cost": price})
@@ -60,15 +68,19 @@ def _learners(found: Found) -> Rows:
 
 def _best_known(name: str) -> str | None:
     """Return the best known value of a scenario, where asking costs what it costs."""
-    value = known_best(load_scenario(name).with_settings(LONG)) or coordination.ROUTES.get(name)
+    value = known_best(
+        load_scenario(name).with_settings(LONG)
+    ) or coordination.ROUTES.get(name)
     return None if value is None else f"{value:.2f}"
 
 
 def _costs(_found: Found) -> Rows:
-    learn = Path(sparse_coord_ros.__file__).parent / "learn"
+    learn = Path(sparse_coord_ros.__file__).parent / "core" / "learners"
     for learner, modules in LEARNERS.items():
         texts = [(learn / f"{module}.py").read_text("utf-8") for module in modules]
-        seconds = learning_seconds(load_scenario("env2-2r").with_settings(LONG), learner)
+        seconds = learning_seconds(
+            load_scenario("env2-2r").with_settings(LONG), learner
+        )
         yield {
             "learner": learner,
             "seconds a run": f"{seconds:.3f}",

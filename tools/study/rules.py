@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The factored learner with one part of its rule turned off."""
 
-from sparse_coord_ros.learners.factored import Factored
+from sparse_coord_ros.core.learners.factored import Factored
 
 
 class NoPerceptUpdate(Factored):

@@ -12,17 +12,22 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from sparse_coord_ros.bags.reader import bag_files
-from sparse_coord_ros.errors import BagError
-from sparse_coord_ros.game.actions import COORDINATE
-from sparse_coord_ros.game.miscoordination import miscoordinations
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learn.run_config import make_run
-from sparse_coord_ros.learn.tables import save_team
-from sparse_coord_ros.look.page import moments
-from sparse_coord_ros.look.page.bag_source import BagSource
-from sparse_coord_ros.look.page.board import Board
-from sparse_coord_ros.look.page.controls import (
+from sparse_coord_ros.base.errors import BagError
+from sparse_coord_ros.core.game.actions import COORDINATE
+from sparse_coord_ros.core.game.miscoordination import miscoordinations
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.runs.run_config import make_run
+from sparse_coord_ros.core.runs.tables import save_team
+from sparse_coord_ros.core.solve.shipped import yardsticks
+from sparse_coord_ros.log.bags.reader import bag_files
+from sparse_coord_ros.log.runlog import read_run
+from sparse_coord_ros.log.runlog.explain import explained, in_words
+from sparse_coord_ros.log.runlog.window import LongLog
+from sparse_coord_ros.protocol.wire.occupancy import OccupancyData
+from sparse_coord_ros.show.page import moments
+from sparse_coord_ros.show.page.bag_source import BagSource
+from sparse_coord_ros.show.page.board import Board
+from sparse_coord_ros.show.page.controls import (
     JUMP,
     KINDS,
     LEARNED,
@@ -32,15 +37,10 @@ from sparse_coord_ros.look.page.controls import (
     STEP,
     Control,
 )
-from sparse_coord_ros.look.page.counts import Counts
-from sparse_coord_ros.look.page.moments import GreedyMoves
-from sparse_coord_ros.look.policy import entered, policy_of
-from sparse_coord_ros.look.words import Words
-from sparse_coord_ros.runlog import read_run
-from sparse_coord_ros.runlog.explain import explained, in_words
-from sparse_coord_ros.runlog.window import LongLog
-from sparse_coord_ros.solve.shipped import yardsticks
-from sparse_coord_ros.wire.occupancy import OccupancyData
+from sparse_coord_ros.show.page.counts import Counts
+from sparse_coord_ros.show.page.moments import GreedyMoves
+from sparse_coord_ros.show.policy import entered, policy_of
+from sparse_coord_ros.show.words import Words
 
 
 class Player:
@@ -66,7 +66,7 @@ class Player:
 @pytest.fixture(autouse=True)
 def clock(monkeypatch):
     clock = SimpleNamespace(monotonic=lambda: Player.now, sleep=time.sleep)
-    monkeypatch.setattr("sparse_coord_ros.look.page.bag_source.time", clock)
+    monkeypatch.setattr("sparse_coord_ros.show.page.bag_source.time", clock)
 
 
 @pytest.fixture
@@ -82,7 +82,9 @@ def test_each_value_shown_is_the_log_s(player, bag):
         frame = player.do(SEEK, int(log.step[row]))
         assert frame["step"] == log.step[row]
         assert list(frame["cells"]) == log.cells[row].tolist()
-        assert [a["robot"] for a in frame["asks"]] == np.flatnonzero(log.asked[row]).tolist()
+        assert [a["robot"] for a in frame["asks"]] == np.flatnonzero(
+            log.asked[row]
+        ).tolist()
         for ask in frame["asks"]:
             assert (ask["outcome"] == "answered") == log.perceived[row, ask["robot"]]
         player.source.learn()
@@ -103,14 +105,19 @@ def test_the_words_begin_as_explain_tells_them(player, bag):
     assert due[4].strip() == said["lines"][3]
     player.do(SEEK, 10**9)
     told = {
-        entry["outcome"]: entry["lines"][1] for entry in player.board.get("dialogue")["entries"]
+        entry["outcome"]: entry["lines"][1]
+        for entry in player.board.get("dialogue")["entries"]
     }
     assert "answers cell" in told["answered"] and told["refused"].endswith(": refused")
 
 
 TEAMS = {
     "coop": ("env1", {"perception": "probability:0.6", "steps": 600}, {}),
-    "factored": ("env1", {"perception": "probability:0.6", "steps": 600}, {"learner": "factored"}),
+    "factored": (
+        "env1",
+        {"perception": "probability:0.6", "steps": 600},
+        {"learner": "factored"},
+    ),
     "all peers": ("crowd-3r", {"steps": 300, "peers": "all"}, {"learner": "factored"}),
 }
 
@@ -176,7 +183,9 @@ def test_counts_are_those_up_to_the_time_step_that_is_shown(player, bag):
     log = read_run(bag)
     history = log.history()
     frame = player.do(SEEK, int(log.step[300]))
-    assert frame["counted_to"] < frame["step"] and frame["episodes"] == 0  # nothing is read yet
+    assert (
+        frame["counted_to"] < frame["step"] and frame["episodes"] == 0
+    )  # nothing is read yet
     player.source._read_through()
     for row in (300, len(log.step) - 2, 30, 301, 0):
         frame = player.do(SEEK, int(log.step[row]))
@@ -191,10 +200,10 @@ def test_counts_are_those_up_to_the_time_step_that_is_shown(player, bag):
 
 def test_sums_of_many_questions_are_the_questions(bag, monkeypatch):
     """However many are summed up at once, and whatever is read again."""
-    monkeypatch.setattr("sparse_coord_ros.look.page.counts.SUM_EVERY", 7)
+    monkeypatch.setattr("sparse_coord_ros.show.page.counts.SUM_EVERY", 7)
     log = read_run(bag)
     long = LongLog(bag)
-    monkeypatch.setattr("sparse_coord_ros.runlog.window.STRETCH_BYTES", 1)
+    monkeypatch.setattr("sparse_coord_ros.log.runlog.window.STRETCH_BYTES", 1)
     counts = Counts(2, len(log.run.scenario.map.cells))
     begin = 0
     for part in long.episodes():
@@ -229,8 +238,12 @@ def test_trails_lead_through_the_cells_that_the_log_has(player, bag):
         frame = player.do(SEEK, int(log.step[row]))
         for k, trail in enumerate(frame["trails"]):
             assert trail[-1] == log.cells[row, k]
-            assert all(b in lead[a] and a != b for a, b in zip(trail, trail[1:], strict=False))
-            same = np.flatnonzero((log.episode == log.episode[row]) & (log.step <= log.step[row]))
+            assert all(
+                b in lead[a] and a != b for a, b in zip(trail, trail[1:], strict=False)
+            )
+            same = np.flatnonzero(
+                (log.episode == log.episode[row]) & (log.step <= log.step[row])
+            )
             cells = log.cells[same[-60:], k]
             assert trail == cells[np.insert(np.diff(cells) != 0, 0, True)].tolist()
 
@@ -238,7 +251,11 @@ def test_trails_lead_through_the_cells_that_the_log_has(player, bag):
 def test_where_no_question_was_heard_of_the_page_says_since_when(record):
     player = Player(record(values={"learner": "noncoop"}, settings={"steps": 3000}).bag)
     player.do(SEEK, 1)
-    assert player.board.get("dialogue") == {"type": "dialogue", "entries": [], "since": None}
+    assert player.board.get("dialogue") == {
+        "type": "dialogue",
+        "entries": [],
+        "since": None,
+    }
     last = player.do(SEEK, 10**9)["step"]
     since = player.board.get("dialogue")["since"]
     assert 1 < since < last and since == player.source.log.around(last).step[0]
@@ -287,7 +304,9 @@ def test_playing_holding_stepping_seeking(player):
     assert player.do(STEP, -1)["step"] == player.source.first
     assert player.do(SEEK, 10**12)["step"] == player.source.log.last_step
     assert player.do(STEP, 1)["state"] == "ended"
-    assert player.do(PAUSE, False)["step"] == player.source.first  # again from the start
+    assert (
+        player.do(PAUSE, False)["step"] == player.source.first
+    )  # again from the start
     player.do(RATE, 0.0)
     assert player.after(0.1)["state"] == "ended"
 
@@ -315,7 +334,9 @@ def test_a_bag_opens_on_what_was_learned(learned):
     move = newest.q_coord[cell, peer].argmax()
     assert move == log.move[row, k] and newest.q_star[cell].argmax() == COORDINATE
     back = home[log.run.scenario.map.next_cell[cell, move]] - home[cell]
-    assert f" {('goes on', 'waits', 'steps back')[back + 1]} if robot_{2 - k} is " in text
+    assert (
+        f" {('goes on', 'waits', 'steps back')[back + 1]} if robot_{2 - k} is " in text
+    )
     words = Words(log.run.scenario)
     assert text.endswith(f" is {words.seen_from(k, cell, 0, 1 - k, peer)}.")
     seen = [player.after(0.5)["step"] for _ in range(60)]
@@ -330,8 +351,13 @@ def test_a_bag_opens_on_what_was_learned(learned):
     since = int(re.search(r"at about step ([\d,]+)\.$", line)[1].replace(",", ""))
     steps, rows = log.tracks.coordination_maps[k]
     place = OccupancyData(log.frame).places[log.cells[row, k]]
-    asks = np.frombuffer(rows["data"].tobytes(), np.int8).reshape(len(steps), -1)[:, place] == 100
-    assert asks[-1] and steps[np.flatnonzero(~asks)[-1] + 1] == pytest.approx(since, rel=0.01)
+    asks = (
+        np.frombuffer(rows["data"].tobytes(), np.int8).reshape(len(steps), -1)[:, place]
+        == 100
+    )
+    assert asks[-1] and steps[np.flatnonzero(~asks)[-1] + 1] == pytest.approx(
+        since, rel=0.01
+    )
     player.source.log.bag.close()
 
 
@@ -356,14 +382,20 @@ def test_where_nobody_asks_the_best_asking_team_found_is_named(record):
     """Where it is known: it is no bound of what asking could be worth."""
     env1 = load_scenario("env1")
     settings = {"ask_cost": env1.ask_cost, "penalty": -100}
-    player = Player(record(settings=settings, values={"learner": "noncoop"}).bag, step=None)
-    best = dict(yardsticks(env1.with_settings({"penalty": -100})))["best asking team found"]
+    player = Player(
+        record(settings=settings, values={"learner": "noncoop"}).bag, step=None
+    )
+    best = dict(yardsticks(env1.with_settings({"penalty": -100})))[
+        "best asking team found"
+    ]
     line = player.board.get("learned")["lines"][1]
     assert line == f"The best asking team found is worth {best:.2f} a robot."
     player.source.log.bag.close()
 
 
-def test_a_cell_that_no_greedy_robot_reaches_is_not_what_was_learned(learned, monkeypatch):
+def test_a_cell_that_no_greedy_robot_reaches_is_not_what_was_learned(
+    learned, monkeypatch
+):
     """An episode of learning may begin anywhere; greedy ones begin at the starts."""
     player = Player(learned, step=None)
     usual = player.source._highlight
@@ -380,7 +412,9 @@ def test_a_cell_that_no_greedy_robot_reaches_is_not_what_was_learned(learned, mo
 
 
 @pytest.mark.parametrize("what", ["its move", "that it asks"])
-def test_what_its_tables_do_not_confirm_is_told_as_what_happened(learned, monkeypatch, what):
+def test_what_its_tables_do_not_confirm_is_told_as_what_happened(
+    learned, monkeypatch, what
+):
     """Not as what it has learned."""
     if what == "its move":
         monkeypatch.setattr(GreedyMoves, "holds", lambda *_: False)
@@ -391,7 +425,9 @@ def test_what_its_tables_do_not_confirm_is_told_as_what_happened(learned, monkey
     log = read_run(learned)
     said = player.board.get("learned")
     [text] = said["lines"]
-    assert re.match(r"Here robot_[12] asks .*\. Answer: robot_[12] is .*\. robot_[12] .*\.$", text)
+    assert re.match(
+        r"Here robot_[12] asks .*\. Answer: robot_[12] is .*\. robot_[12] .*\.$", text
+    )
     player.source._read_through()
     [_, line] = player.board.get("learned")["lines"]
     assert line.startswith("robot_") and " learned to ask there at about step " in line
@@ -404,7 +440,9 @@ def test_what_its_tables_do_not_confirm_is_told_as_what_happened(learned, monkey
     player.source._tell_learned(read=True)
     line = player.board.get("learned")["lines"][1]
     assert line == f"By its tables {name} would have asked there from the start."
-    assert " if " not in text and log.asked[np.searchsorted(log.step, said["step"])].any()
+    assert (
+        " if " not in text and log.asked[np.searchsorted(log.step, said["step"])].any()
+    )
     player.source.log.bag.close()
 
 
@@ -432,7 +470,9 @@ def test_jumps_lead_to_what_matters(learned):
         assert bool(frame["asks"]) if kind == "question" else frame["miscoordination"]
         last = player.do(SEEK, log.step[-1].item())["step"]
         assert player.do(JUMP, kind)["step"] == last, "it does not begin again"
-        assert player.board.get("said")["text"] == f"No {kind} after time step {last:,}."
+        assert (
+            player.board.get("said")["text"] == f"No {kind} after time step {last:,}."
+        )
         assert player.do(SEEK, 1) and player.board.get("said")["text"] == ""
     history = log.history()
     player.do(SEEK, 10**9)
@@ -441,7 +481,9 @@ def test_jumps_lead_to_what_matters(learned):
     number = int(np.searchsorted(history.first_step, crossing, side="right")) - 1
     assert history.arrived[number].all() and not history.miscoordinations[number]
     for step in marks["policy"]:
-        k = [np.isin(steps, step).any() for steps, _ in log.tracks.coordination_maps].index(True)
+        k = [
+            np.isin(steps, step).any() for steps, _ in log.tracks.coordination_maps
+        ].index(True)
         assert step in log.tracks.coordination_maps[k][0]
     assert set(KINDS) <= set(marks)
     player.source.log.bag.close()
@@ -451,15 +493,27 @@ def test_a_bag_that_grows_is_followed(bag, tmp_path, monkeypatch):
     data = bag_files(bag)[0].read_bytes()
     path = tmp_path / "grows.mcap.partial"
     path.write_bytes(data[: len(data) // 2])
-    monkeypatch.setattr("sparse_coord_ros.look.page.bag_source.being_recorded", lambda path: True)
+    monkeypatch.setattr(
+        "sparse_coord_ros.show.page.bag_source.being_recorded", lambda path: True
+    )
     player = Player(path, step=None)
     before = player.after(0.1)
     player.source.learn()
-    assert player.board.get("tables")["robots"][0]["step"] in player.source.log.table_steps()[0]
-    assert before["state"] == "following" and "follows" in player.board.get("notice")["text"]
+    assert (
+        player.board.get("tables")["robots"][0]["step"]
+        in player.source.log.table_steps()[0]
+    )
+    assert (
+        before["state"] == "following"
+        and "follows" in player.board.get("notice")["text"]
+    )
     assert before["step"] == player.source.log.last_step
-    assert player.do(SEEK, 50, seconds=1.0)["state"] == "playing"  # it follows no longer
-    assert player.do(PAUSE, True)["state"] == "paused" and player.after(9.0)["step"] < 70
+    assert (
+        player.do(SEEK, 50, seconds=1.0)["state"] == "playing"
+    )  # it follows no longer
+    assert (
+        player.do(PAUSE, True)["state"] == "paused" and player.after(9.0)["step"] < 70
+    )
     assert player.do(SEEK, 40)["state"] == "paused"
     assert player.do(SEEK, 10**6)["state"] == "following"  # and now it does
     assert player.do(STEP, 1)["state"] == "ended"
@@ -475,7 +529,9 @@ def test_a_bag_that_grows_is_followed(bag, tmp_path, monkeypatch):
         time.sleep(0.01)
     frame = player.do(SEEK, 10**6)
     half = read_run(bag).between(0, frame["step"])
-    assert frame["counted_to"] == frame["step"]  # the episode that goes on is counted, too
+    assert (
+        frame["counted_to"] == frame["step"]
+    )  # the episode that goes on is counted, too
     assert np.sum(player.board.get("asked")["robots"]) == half.asked.sum()
     assert frame["episodes"] == len(np.unique(half.episode))
     with path.open("ab") as file:
@@ -489,14 +545,21 @@ def test_a_bag_that_grows_is_followed(bag, tmp_path, monkeypatch):
     player.source.log.bag.close()
 
 
-@pytest.mark.parametrize(("recorded_now", "words"), [(True, "try again soon"), (False, "info'")])
+@pytest.mark.parametrize(
+    ("recorded_now", "words"), [(True, "try again soon"), (False, "info'")]
+)
 def test_a_bag_without_a_message_yet(tmp_path, monkeypatch, recorded_now, words):
     nothing = SimpleNamespace(
-        empty=True, bag=SimpleNamespace(finished=False, path=tmp_path, close=bool), run=None
+        empty=True,
+        bag=SimpleNamespace(finished=False, path=tmp_path, close=bool),
+        run=None,
     )
-    monkeypatch.setattr("sparse_coord_ros.look.page.bag_source.LongLog", lambda path: nothing)
     monkeypatch.setattr(
-        "sparse_coord_ros.look.page.bag_source.being_recorded", lambda path: recorded_now
+        "sparse_coord_ros.show.page.bag_source.LongLog", lambda path: nothing
+    )
+    monkeypatch.setattr(
+        "sparse_coord_ros.show.page.bag_source.being_recorded",
+        lambda path: recorded_now,
     )
     with pytest.raises(BagError, match=words):
         BagSource(tmp_path, Board())

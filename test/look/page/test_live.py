@@ -7,21 +7,23 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.game.world import Action, Reward, StepOutcome
-from sparse_coord_ros.learn.history import History, HistoryRecorder, blank_history
-from sparse_coord_ros.learn.run import Glimpse
-from sparse_coord_ros.learn.run_config import make_run
-from sparse_coord_ros.look.page import messages
-from sparse_coord_ros.look.page.board import Board
-from sparse_coord_ros.look.page.live_source import LiveView
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.game.world import Action, Reward, StepOutcome
+from sparse_coord_ros.core.runs.history import History, HistoryRecorder, blank_history
+from sparse_coord_ros.core.runs.run import Glimpse
+from sparse_coord_ros.core.runs.run_config import make_run
+from sparse_coord_ros.show.page import messages
+from sparse_coord_ros.show.page.board import Board
+from sparse_coord_ros.show.page.live_source import LiveView
 
 
 @pytest.fixture
 def view(monkeypatch):
     run = make_run(load_scenario("env1"), {})
-    clock = SimpleNamespace(monotonic=lambda: made.time, thread_time=lambda: made.worked)
-    monkeypatch.setattr("sparse_coord_ros.look.page.live_source.time", clock)
+    clock = SimpleNamespace(
+        monotonic=lambda: made.time, thread_time=lambda: made.worked
+    )
+    monkeypatch.setattr("sparse_coord_ros.show.page.live_source.time", clock)
     made = LiveView(run, Board(), source="live", title="", controls=())
     made.time = 100.0
     made.worked = 0.0
@@ -45,7 +47,9 @@ def test_the_newest_questions_are_told_once(view):
 
 def test_a_trail_is_of_one_episode_and_leads_from_cell_to_cell(view):
     quiet = (Action(0, False, -1, False),) * 2
-    for step, cells in enumerate([(0, 20), (1, 20), (1, None), (5, 2), (5, 3)], start=4):
+    for step, cells in enumerate(
+        [(0, 20), (1, 20), (1, None), (5, 2), (5, 3)], start=4
+    ):
         view.take(Glimpse(step, cells, quiet, cells, False))
     view.show(transitions=5, episode=0)
     assert view.board.get("frame")["trails"] == [[0, 1, 5], [2, 3]]  # not from 20 on
@@ -110,7 +114,10 @@ def test_curves_of_a_long_run_are_means_and_take_no_copy_of_it():
     assert message["step"] == list(range(0, 3000, 15))
     assert message["asks"] == [[0.6, 0.4] * 100, [0.0] * 200]
     parts = [
-        {name: array[half::2] for name, array in history._asdict().items()} for half in (1, 0)
+        {name: array[half::2] for name, array in history._asdict().items()}
+        for half in (1, 0)
     ]
-    mixed = History(**{name: np.concatenate([p[name] for p in parts]) for name in parts[0]})
+    mixed = History(
+        **{name: np.concatenate([p[name] for p in parts]) for name in parts[0]}
+    )
     assert messages.curve_fields(mixed) == message

@@ -19,13 +19,14 @@ import pytest
 from aiohttp.test_utils import TestClient, TestServer
 from patience import PATIENCE_SECONDS
 
+from sparse_coord_ros.base.errors import RunError, SettingError
 from sparse_coord_ros.cli.main import main
-from sparse_coord_ros.errors import RunError, SettingError
-from sparse_coord_ros.game.scenario import load_scenario, scenario_names
-from sparse_coord_ros.learn.run_config import make_run
-from sparse_coord_ros.look.page import messages
-from sparse_coord_ros.look.page.board import Board
-from sparse_coord_ros.look.page.controls import (
+from sparse_coord_ros.core.game.scenario import load_scenario, scenario_names
+from sparse_coord_ros.core.runs.run_config import make_run
+from sparse_coord_ros.core.solve.shipped import unseen_buildings, yardsticks
+from sparse_coord_ros.show.page import messages
+from sparse_coord_ros.show.page.board import Board
+from sparse_coord_ros.show.page.controls import (
     HALT,
     NEXT,
     PAUSE,
@@ -36,7 +37,7 @@ from sparse_coord_ros.look.page.controls import (
     Control,
     parse_control,
 )
-from sparse_coord_ros.look.page.server import (
+from sparse_coord_ros.show.page.server import (
     LARGEST_MESSAGE,
     MOST_OTHERS,
     MOST_PAGES,
@@ -44,7 +45,6 @@ from sparse_coord_ros.look.page.server import (
     Page,
     Server,
 )
-from sparse_coord_ros.solve.shipped import unseen_buildings, yardsticks
 
 ALL = (PAUSE, STEP, RATE, SEEK, NEXT, HALT)
 
@@ -64,7 +64,9 @@ class Told:
 def board():
     made = Board()
     run = make_run(load_scenario("env1"), {})
-    made.put("run", source="bag", title="a bag", controls=ALL, **messages.run_fields(run))
+    made.put(
+        "run", source="bag", title="a bag", controls=ALL, **messages.run_fields(run)
+    )
     return made
 
 
@@ -94,10 +96,14 @@ async def next_of(stream, *kinds):
 
 def test_every_yardstick_is_explained_and_only_bounds_are_called_so():
     """The names of the table beside a team's value, as the page explains them."""
-    script = (resources.files("sparse_coord_ros.look.page") / "static/panels.js").read_text()
+    script = (
+        resources.files("sparse_coord_ros.show.page") / "static/panels.js"
+    ).read_text()
     table = re.search(r"const YARDSTICKS = {(.*?)};", script, re.DOTALL)[1]
     told = dict(re.findall(r'"(.+?)": "(.+?)"', table))
-    scenarios = [load_scenario(name) for name in (*scenario_names(), *unseen_buildings())]
+    scenarios = [
+        load_scenario(name) for name in (*scenario_names(), *unseen_buildings())
+    ]
     scenarios += [one.with_settings({"penalty": -100}) for one in scenarios]
     names = {name for one in scenarios for name, _ in yardsticks(one)}
     assert names == set(told) and len(names) == 5
@@ -139,10 +145,21 @@ async def test_other_hosts_and_origins_are_refused(client, page):
     for name in ("127.0.0.1", "localhost", "[::1]"):
         answer = await client.get("/", headers={"Host": f"{name}:{port}"})
         assert answer.status == 200, name
-    foreign = ("evil.example", f"evil.example:{port}", "10.0.0.7", "[::1].evil", "me@localhost")
+    foreign = (
+        "evil.example",
+        f"evil.example:{port}",
+        "10.0.0.7",
+        "[::1].evil",
+        "me@localhost",
+    )
     for name in (*foreign, "", "a b", "[::"):
         assert (await client.get("/", headers={"Host": name})).status == 403, name
-    for origin in ("http://evil.example", "null", f"http://127.0.0.1:{port + 1}", "http://["):
+    for origin in (
+        "http://evil.example",
+        "null",
+        f"http://127.0.0.1:{port + 1}",
+        "http://[",
+    ):
         for path in ("/", "/ws"):
             answer = await client.get(path, headers={"Origin": origin})
             assert answer.status == 403, (origin, path)
@@ -150,7 +167,9 @@ async def test_other_hosts_and_origins_are_refused(client, page):
     assert answer.status == 403
     own = {"Origin": f"http://127.0.0.1:{port}", "Host": f"127.0.0.1:{port}"}
     async with client.ws_connect("/ws", headers=own, compress=15) as stream:
-        assert (await next_of(stream, "run"))["scenario"] == "env1" and page.boards[0].pages == 1
+        assert (await next_of(stream, "run"))["scenario"] == "env1" and page.boards[
+            0
+        ].pages == 1
         assert not stream.compress  # a team in this process would pay for it
         with pytest.raises(asyncio.TimeoutError):  # a message comes once
             await stream.receive(timeout=0.2)
@@ -171,7 +190,13 @@ async def test_controls_need_the_token_and_make_sense(client, page):
             await stream.send_str(data if isinstance(data, str) else json.dumps(data))
             return await next_of(stream, "error", "done", "hello")
 
-        for token in ({}, {"token": ""}, {"token": "wrong"}, {"token": 7}, {"token": "ü"}):
+        for token in (
+            {},
+            {"token": ""},
+            {"token": "wrong"},
+            {"token": 7},
+            {"token": "ü"},
+        ):
             answer = await say({"do": PAUSE, "value": True, **token})
             assert answer["type"] == "error" and "address" in answer["text"], token
         odd = ("", "x", "[]", "null", "{", '{"token": NaN}', "[" * 3000, '"a"', "1e999")
@@ -210,7 +235,9 @@ def test_several_runs_have_a_stream_each():
 
 
 @served
-async def test_bytes_huge_and_endless_messages_end_one_page_not_the_server(client, page):
+async def test_bytes_huge_and_endless_messages_end_one_page_not_the_server(
+    client, page
+):
     async with client.ws_connect("/ws") as stream:
         await stream.send_bytes(b"\0\1")
         assert "JSON" in (await next_of(stream, "error"))["text"]
@@ -257,7 +284,9 @@ async def test_of_too_many_pages_those_without_the_token_give_way(client, page):
             pass
     streams.append(await client.ws_connect("/ws"))
     await next_of(streams[-1], "run")
-    while (await streams[2].receive(timeout=PATIENCE_SECONDS)).type is aiohttp.WSMsgType.TEXT:
+    while (
+        await streams[2].receive(timeout=PATIENCE_SECONDS)
+    ).type is aiohttp.WSMsgType.TEXT:
         pass
     assert streams[2].closed and page.boards[0].pages == MOST_PAGES
     assert not any(stream.closed for stream in (*known, streams[3], streams[-1]))
@@ -287,7 +316,9 @@ async def test_of_too_many_pages_those_without_the_token_give_way(client, page):
 def test_a_malformed_request_is_refused_and_prints_nothing(request_, caplog):
     server = Server(board(), port=0)
     try:
-        with socket.create_connection(("127.0.0.1", server.port), timeout=PATIENCE_SECONDS) as one:
+        with socket.create_connection(
+            ("127.0.0.1", server.port), timeout=PATIENCE_SECONDS
+        ) as one:
             one.sendall(request_)
             assert re.match(rb"HTTP/1.. (400|403|404)|$", one.recv(100))
     finally:
@@ -307,11 +338,15 @@ def test_a_page_that_is_closed_while_it_is_answered_prints_nothing(caplog):
     closed = threading.Event()
     shown.source = SimpleNamespace(control=lambda _: closed.wait(PATIENCE_SECONDS))
     try:
-        with socket.create_connection(("127.0.0.1", server.port), timeout=PATIENCE_SECONDS) as one:
+        with socket.create_connection(
+            ("127.0.0.1", server.port), timeout=PATIENCE_SECONDS
+        ) as one:
             one.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
             one.sendall(STREAM)
             assert one.recv(12) == b"HTTP/1.1 101"
-            wish = json.dumps({"token": server.page.token, "do": PAUSE, "value": True}).encode()
+            wish = json.dumps(
+                {"token": server.page.token, "do": PAUSE, "value": True}
+            ).encode()
             frame = b"\x81" + bytes([0x80 | len(wish)]) + bytes(4) + wish
             one.sendall(5 * frame)
         closed.set()
@@ -355,7 +390,9 @@ def test_the_server_has_a_thread_and_a_port_of_its_own():
     one = Server(board(), port=0)
     try:
         assert one.address == f"http://127.0.0.1:{one.port}/#{one.page.token}"
-        with pytest.raises(RunError, match=rf"--port is {one.port}: .* --port 0 takes a free one"):
+        with pytest.raises(
+            RunError, match=rf"--port is {one.port}: .* --port 0 takes a free one"
+        ):
             Server(board(), port=one.port)
         with pytest.raises(RunError, match="--host is '203.0.113.9'"):
             Server(board(), host="203.0.113.9", port=0)
@@ -377,7 +414,10 @@ def test_the_server_has_a_thread_and_a_port_of_its_own():
         (SEEK, [1.5, 10**40]),
         (STEP, [0, 1001, True]),
         (NEXT, ["env1", {"scenario": "/etc/passwd", "penalty": -1}]),
-        (NEXT, [{"scenario": "env1", "penalty": bad} for bad in (5, "x", float("nan"))]),
+        (
+            NEXT,
+            [{"scenario": "env1", "penalty": bad} for bad in (5, "x", float("nan"))],
+        ),
     ],
 )
 def test_what_a_page_may_not_ask_for(name, values):
@@ -409,7 +449,17 @@ def test_an_address_is_told_only_where_there_is_something_to_see(tmp_path, capsy
         port = str(taken.getsockname()[1])
         for verb in ("train", "run"):
             out = tmp_path / verb
-            command = [verb, "env1", "--steps", "10", "--watch", "--port", port, "--out", str(out)]
+            command = [
+                verb,
+                "env1",
+                "--steps",
+                "10",
+                "--watch",
+                "--port",
+                port,
+                "--out",
+                str(out),
+            ]
             assert main(command) == 2 and not out.exists()
             assert "--port 0 takes a free one" in capsys.readouterr().err
     assert main(["watch", str(tmp_path), "--port", "0"]) == 2
@@ -417,10 +467,12 @@ def test_an_address_is_told_only_where_there_is_something_to_see(tmp_path, capsy
     assert line.startswith("error: ") and "is not a bag" in line
 
 
-@pytest.mark.parametrize("verb", ["watch", "watch BAG", "train env1 --watch", "run env1 --watch"])
+@pytest.mark.parametrize(
+    "verb", ["watch", "watch BAG", "train env1 --watch", "run env1 --watch"]
+)
 def test_without_aiohttp_one_line_says_what_to_install(verb, bag, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "aiohttp", None)
-    monkeypatch.delitem(sys.modules, "sparse_coord_ros.look.page.server")
+    monkeypatch.delitem(sys.modules, "sparse_coord_ros.show.page.server")
     assert main(verb.replace("BAG", str(bag)).split()) == 2
     [line] = capsys.readouterr().err.splitlines()
     assert line.startswith("error: the page needs the Python package aiohttp")

@@ -8,19 +8,19 @@ from teams import plain_run, walking
 
 from sparse_coord_ros.cli import train as train_verb
 from sparse_coord_ros.cli.main import make_parser
-from sparse_coord_ros.engine import training
-from sparse_coord_ros.engine.training import train
-from sparse_coord_ros.game.actions import COORDINATE
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.game.world import Action
-from sparse_coord_ros.learn.history import blank_history
-from sparse_coord_ros.learn.run_config import make_run
-from sparse_coord_ros.learners.tables import tables_equal
-from sparse_coord_ros.look.page import messages
-from sparse_coord_ros.look.page.board import Board
-from sparse_coord_ros.look.page.controls import PAUSE, RATE, STEP, Control
-from sparse_coord_ros.look.page.training_source import TrainedView, TrainingView
-from sparse_coord_ros.look.sources import in_memory
+from sparse_coord_ros.core.engine import training
+from sparse_coord_ros.core.engine.training import train
+from sparse_coord_ros.core.game.actions import COORDINATE
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.game.world import Action
+from sparse_coord_ros.core.learners.tables import tables_equal
+from sparse_coord_ros.core.runs.history import blank_history
+from sparse_coord_ros.core.runs.run_config import make_run
+from sparse_coord_ros.show.page import messages
+from sparse_coord_ros.show.page.board import Board
+from sparse_coord_ros.show.page.controls import PAUSE, RATE, STEP, Control
+from sparse_coord_ros.show.page.training_source import TrainedView, TrainingView
+from sparse_coord_ros.show.sources import in_memory
 
 OFTEN = {"q_star_init": 100, "ask_cost": 0, "epsilon": "constant:0.3", "steps": 300}
 
@@ -78,7 +78,7 @@ class Clock:
 def clock(monkeypatch):
     made = Clock()
     for module in ("live_source", "training_source"):
-        monkeypatch.setattr(f"sparse_coord_ros.look.page.{module}.time", made)
+        monkeypatch.setattr(f"sparse_coord_ros.show.page.{module}.time", made)
     return made
 
 
@@ -106,7 +106,9 @@ def test_looking_changes_no_bit_and_shows_what_there_is(every, clock):
     )
     view.end()
     alone = train(problem, "coop", 0, engine="python", evaluate_every=every, trials=2)
-    assert tables_equal(done.tables, alone.tables) and done.history.same_bits(alone.history)
+    assert tables_equal(done.tables, alone.tables) and done.history.same_bits(
+        alone.history
+    )
     assert [n for n, _ in done.evaluations] == [n for n, _ in alone.evaluations]
     assert 2.8 < clock.now < 3.6  # 300 steps, 100 a second
     assert len(steps) > 60
@@ -118,7 +120,9 @@ def test_looking_changes_no_bit_and_shows_what_there_is(every, clock):
     assert np.array(board.get("asked")["robots"]).sum() > 0
 
 
-@pytest.mark.parametrize(("learner", "every"), [("coop", 0), ("coop", 50), ("indiv", 0)])
+@pytest.mark.parametrize(
+    ("learner", "every"), [("coop", 0), ("coop", 50), ("indiv", 0)]
+)
 def test_the_last_frame_shows_what_was_learned_at_the_end(learner, every, clock):
     """Tables, questions and curves are the final ones, and the frame is the last transition.
 
@@ -141,7 +145,9 @@ def test_the_last_frame_shows_what_was_learned_at_the_end(learner, every, clock)
         for one, own in zip(tables, done.tables, strict=True):
             assert one["q_star"] == messages._plain(own.q_star)
         asked = np.array(board.get("asked")["robots"])
-        assert np.array_equal(asked, alone.asked) and (asked.sum() > 0) == (learner == "coop")
+        assert np.array_equal(asked, alone.asked) and (asked.sum() > 0) == (
+            learner == "coop"
+        )
         assert board.get("curves")["episodes"] == done.history.episodes
         assert len(done.evaluations) == (100 if every else 0)
 
@@ -247,14 +253,22 @@ def test_a_run_without_a_bag_is_shown_by_a_greedy_episode(asking, said, clock):
     def stop():
         raise KeyboardInterrupt
 
-    clock.then = {i / 2: lambda: frames.append(board.get("frame")) for i in range(1, 40)}
+    clock.then = {
+        i / 2: lambda: frames.append(board.get("frame")) for i in range(1, 40)
+    }
     clock.then[20.0] = stop
     with pytest.raises(KeyboardInterrupt):
         view.play()
     assert {frame["state"] for frame in frames} == {"acting greedily"}
-    assert {frame["speed"] for frame in frames} == {frame["rate"] for frame in frames} == {2.0}
+    assert (
+        {frame["speed"] for frame in frames}
+        == {frame["rate"] for frame in frames}
+        == {2.0}
+    )
     steps = [frame["step"] for frame in frames]
-    assert steps[0] == 0 and max(steps) < 20 and steps.count(0) > 1, "they are those of an episode"
+    assert steps[0] == 0 and max(steps) < 20 and steps.count(0) > 1, (
+        "they are those of an episode"
+    )
     assert all(len(frame["trails"][0]) <= frame["step"] + 1 for frame in frames)
     assert board.get("tables")["robots"][0]["step"] is None
     assert board.get("asked")["where"] == "asked here in 200 greedy episodes"

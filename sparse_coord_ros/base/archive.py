@@ -1,0 +1,184 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Arrays as the bytes of an .npz file: the container of tables, histories and checkpoints.
+
+Beside the arrays it has `format`, three texts: the number of the format of all three; the version
+of the software that wrote it; the SHA-256 of names, dtypes, shapes and bytes of all other arrays,
+in the order of the names. So whoever has read a file can trust what is in it.
+"""
+
+import hashlib
+import io
+import json
+import math
+import zipfile
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from sparse_coord_ros.base.errors import SparseCoordError, check_format, in_short
+from sparse_coord_ros.base.limits import ARRAYS, Limit
+from sparse_coord_ros.base.version import __version__
+
+FORMAT = 2
+"""Number of the format. It changes where the arrays of any of these files change."""
+
+ENTRY = b"PK\x01\x02"
+MOST_ARRAYS = 2**16
+"""What an entry of a zip file's directory begins with; how many there may be."""
+
+MOST_UPDATES = 2**31
+"""The compiled loops count in 32 bits."""
+
+LARGEST = 1e30
+"""No value that is learned is further from 0: what a scenario pays has limits, far below."""
+
+HEADERS: Mapping[tuple[int, int], Any] = {
+    (1, 0): np.lib.format.read_array_header_1_0,
+    (2, 0): np.lib.format.read_array_header_2_0,
+}
+
+
+def pack(arrays: Mapping[str, Any], *, compressed: bool = True) -> bytes:
+    """Return named arrays as bytes; equal arrays give equal bytes."""
+    whole: dict[str, Any] = {name: np.asarray(array) for name, array in arrays.items()}
+    head = np.array([str(FORMAT), __version__, _digest(whole)])
+    file = io.BytesIO()
+    (np.savez_compressed if compressed else np.savez)(file, format=head, **whole)
+    return file.getvalue()
+
+
+def unpack(
+    data: bytes,
+    *,
+    where: str,
+    what: str,
+    remedy: str,
+    error: type[SparseCoordError],
+    damaged: type[SparseCoordError] | None = None,
+    limit: Limit = ARRAYS,
+) -> dict[str, np.ndarray]:
+    """Return the arrays of a file.
+
+    Args:
+        data: its bytes.
+        where: what messages call it.
+        what: what it should be, such as "tables".
+        remedy: what to do where it is something else.
+        error: what to raise.
+        damaged: what to raise where it cannot be read or does not fit its digest; None: `error`.
+        limit: how many bytes its arrays may have.
+
+    Raises:
+        SparseCoordError: an `error`: it is larger, cannot be read, does not fit its digest, or is
+            in another format.
+    """
+    try:
+        _check_headers(data, limit)
+        with np.load(io.BytesIO(data), allow_pickle=False) as file:
+            arrays = {name: file[name] for name in file.files}
+        if "format" not in arrays:
+            raise ValueError("it has no array 'format'")
+        head = arrays.pop("format").ravel()[:3].tolist()
+        number = int(head[0])
+        if number == FORMAT and head[2] != _digest(arrays):
+            raise ValueError("its contents do not fit its digest")
+    except (
+        Exception
+    ) as failure:  # zip, zlib and NumPy's parser raise what a file makes them
+        problem = " ".join(str(failure).split()).partition(". ")[
+            0
+        ]  # no advice to trust it
+        told = f"{where}: cannot be read as {what} ({problem}); {remedy}"
+        raise (damaged or error)(told) from None
+    check_format(number, FORMAT, where, error)
+    return arrays
+
+
+def _check_headers(data: bytes, limit: Limit) -> None:
+    """Raise an exception unless the arrays are within the limit, and of numbers or texts.
+
+    Nothing is unpacked but their headers. Every size that is said is held against what is there.
+    """
+    if data.count(ENTRY) > MOST_ARRAYS:
+        raise ValueError(f"it has more than {MOST_ARRAYS:,} arrays")
+    with zipfile.ZipFile(io.BytesIO(data)) as file:
+        entries = file.infolist()
+        size = sum(entry.file_size for entry in entries)
+        if size > limit.elements:
+            raise ValueError(
+                f"its arrays have {size:,} bytes, allowed for {limit.what}: {limit.elements:,}"
+            )
+        for entry in entries:
+            with file.open(entry) as array:
+                shape, dtype = HEADERS[np.lib.format.read_magic(array)](array)[::2]
+                size = array.tell() + math.prod(shape) * dtype.itemsize
+            if (
+                dtype.kind not in "biufU"
+                or not dtype.itemsize
+                or size != entry.file_size
+            ):
+                raise ValueError(
+                    f"{entry.filename} has type {dtype.str} and shape {in_short(shape)} in "
+                    f"{entry.file_size:,} bytes"
+                )
+
+
+def member(
+    arrays: Mapping[str, Any],
+    name: str,
+    kind: Any,
+    *shape: int | None,
+    below: int | None = None,
+) -> np.ndarray:
+    """Return an array that has the type and shape that it must have.
+
+    Args:
+        arrays: those of a file.
+        name: which one.
+        kind: its type.
+        shape: its shape; None: any size.
+        below: its numbers are from 0 to below this; None: any numbers.
+
+    Raises:
+        ValueError: it is not there, or something else.
+    """
+    if name not in arrays:
+        raise ValueError(f"has no {name}")
+    array: np.ndarray = arrays[name]
+    due = [
+        size if want is None else want
+        for size, want in zip(array.shape, shape, strict=False)
+    ]
+    if array.dtype != kind or len(shape) != array.ndim or array.shape != tuple(due):
+        found = f"{array.dtype} of shape {in_short(array.shape)}"
+        raise ValueError(f"{name} is {found}, not {np.dtype(kind)} of {shape}")
+    if below is not None:
+        check_range(array, 0, below, name)
+    return array
+
+
+def check_range(array: np.ndarray, low: int, high: int, name: str) -> None:
+    """Raise `ValueError` unless all numbers are from `low` to below `high`."""
+    if array.size and not (low <= array.min() and array.max() < high):
+        raise ValueError(
+            f"{name} has numbers out of range, allowed: {low} to {high - 1}"
+        )
+
+
+def check_finite(array: np.ndarray, name: str) -> None:
+    """Raise `ValueError` unless all numbers are finite, and up to `LARGEST`."""
+    if not np.all(np.abs(array) <= LARGEST):
+        raise ValueError(
+            f"{name} has numbers that are not finite, or beyond {LARGEST:g}"
+        )
+
+
+def _digest(arrays: Mapping[str, Any]) -> str:
+    said = hashlib.sha256()
+    for name in sorted(arrays):
+        array = arrays[name]
+        said.update(json.dumps([name, array.dtype.str, array.shape]).encode())
+        said.update(array.tobytes())
+    return said.hexdigest()

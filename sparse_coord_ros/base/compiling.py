@@ -1,0 +1,416 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Compiling by numba: once a machine, in the background, kept on disk.
+
+Functions marked by `inner` are called by compiled loops and stay plain Python for everyone else.
+Numba looks only at the file of a loop itself to see whether what it kept is still good. So each
+version of the sources has a folder of its own, named by a digest of them all.
+"""
+
+import atexit
+import functools
+import hashlib
+import inspect
+import os
+import shutil
+import sys
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, wait
+from contextlib import ExitStack, contextmanager, suppress
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from types import ModuleType
+from typing import Any, TypeVar
+
+import numpy as np
+
+from sparse_coord_ros.base.errors import (
+    EXIT_INTERRUPTED,
+    SparseCoordError,
+    check_argument,
+)
+from sparse_coord_ros.base.files import import_apart, take_lock
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+FOLDER_VARIABLE = "SPARSE_COORD_CACHE"
+"""Environment variable: where to keep compiled loops; empty: nowhere. Unless it is set they are
+in `sparse_coord_ros` of the user's cache directory (XDG_CACHE_HOME, or ~/.cache)."""
+
+THREADS_VARIABLE = "NUMBA_NUM_THREADS"
+"""Environment variable of numba, which cannot be imported where it is 0."""
+
+COMPILER = ("numba", "llvmlite", "numpy")
+"""Installed packages whose versions the compiled code depends on."""
+
+SOURCES = (
+    "base/compiling.py",
+    "core/game/*.py",
+    "core/learners/*.py",
+    "core/runs/*.py",
+    "core/solve/*.py",
+    "core/engine/*.py",
+)
+"""Files that the loops, what they call and their constants come from."""
+
+WAIT_SECONDS = 0.2
+"""How long an interrupt may go unnoticed where the system does not wake up the waiting thread."""
+
+
+# Whether numba is there, and work in the background.
+
+
+def has_numba() -> bool:
+    """Whether numba is installed, and fits this NumPy."""
+    # Where it is imported there is nothing to wait for.
+    return (
+        _imports() if "numba" in sys.modules else bool(in_background("numba", _imports))
+    )
+
+
+def _imports() -> bool:
+    with suppress(ImportError):
+        return bool(numba())
+    return False
+
+
+def numba() -> ModuleType:
+    """Import numba where it is first needed: that takes as long as all the rest."""
+    threads = os.environ.get(THREADS_VARIABLE, "")
+    with suppress(ValueError):  # numba ignores what is no number
+        check_argument(
+            THREADS_VARIABLE, threads, int(threads) > 0, "a whole number from 1"
+        )
+    module = import_apart("numba", ".numba_config.yaml")
+    module.core.config._config_fname = (
+        os.devnull
+    )  # it would read the file at each compiling
+    return module
+
+
+_background: dict[object, Future[Any]] = {}
+_one_begins = threading.Lock()
+
+
+def in_background(key: object, work: Callable[[], Any]) -> Any:
+    """Do some work once a process and return its result, in a thread of its own.
+
+    An interrupt that arrives inside numba can get lost: LLVM calls back into Python through
+    ctypes, which swallows exceptions. Here it reaches the caller, who only waits, at once. The
+    work goes on for whoever calls next; a process that ends before it does so without it.
+
+    Args:
+        key: names the work.
+        work: what to do the first time.
+    """
+    with _one_begins:  # a cluster's worker computes in several threads
+        future = _background.get(key)
+        if future is None or (future.done() and future.exception() is not None):
+            future = _background[key] = Future()
+            threading.Thread(
+                target=_do, args=(work, future), name=f"{key}", daemon=True
+            ).start()
+    try:
+        while not future.done():
+            wait([future], timeout=WAIT_SECONDS)
+    except KeyboardInterrupt:
+        atexit.register(_end_without, future)
+        raise
+    return future.result()
+
+
+def _do(work: Callable[[], Any], future: Future[Any]) -> None:
+    try:
+        future.set_result(work())
+    except BaseException as error:
+        future.set_exception(error)
+
+
+def _end_without(future: Future[Any]) -> None:
+    """End the process while LLVM still works in another thread: taking it down would crash."""
+    if not future.done():
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(EXIT_INTERRUPTED)
+
+
+# What compiled loops may call.
+
+_inner: dict[Callable[..., Any], bool] = {}
+_overloads: dict[Callable[..., Any], Callable[..., Any]] = {}
+_before: list[Callable[[dict[str, Any]], None]] = []
+
+
+def inner(function: F) -> F:
+    """Let compiled loops call a function; for everyone else it stays plain Python."""
+    _inner[function] = False
+    return function
+
+
+def inlined(function: F) -> F:
+    """As `inner`, compiled into its caller: where passing many arrays takes longer than the work.
+
+    Inlining all functions would take numba half as long again to compile.
+    """
+    _inner[function] = True
+    return function
+
+
+def compiled_as(body: Callable[..., Any]) -> Callable[[F], F]:
+    """Let compiled loops call another body in place of a function, of the same results.
+
+    For what is done otherwise with lists than with arrays.
+    """
+
+    def noted(function: F) -> F:
+        _overloads[function] = lambda *args: body
+        return function
+
+    return noted
+
+
+def made_for_types(make: Callable[..., Callable[..., Any]]) -> Callable[[F], F]:
+    """Let compiled loops call what `make` returns for the numba types of the arguments."""
+
+    def noted(function: F) -> F:
+        _overloads[function] = make
+        return function
+
+    return noted
+
+
+def of_learner(function: F) -> F:
+    """Let a function be that of the learner whose mind is its first argument.
+
+    The function itself says what it means; a class that is a learner has a static method of the
+    same name, and its minds, named tuples, name the learner (`core.learners.mind`).
+    """
+    name = function.__name__
+
+    @functools.wraps(function)
+    def chosen(mind: Any, *args: Any) -> Any:
+        return getattr(mind.learner, name)(mind, *args)
+
+    _overloads[chosen] = lambda *args: getattr(args[0].instance_class.learner, name)
+    return chosen  # type: ignore[return-value]
+
+
+def flag_of_learner(name: str) -> Callable[[Any], bool]:
+    """Return a function of a mind that returns a flag of its learner: compiled a constant."""
+
+    def flag(mind: Any) -> bool:
+        return bool(getattr(mind.learner, name))
+
+    def choose(mind: Any) -> Callable[[Any], bool]:
+        if getattr(mind.instance_class.learner, name):
+            return lambda mind: True
+        return lambda mind: False
+
+    _overloads[flag] = choose
+    return flag
+
+
+def before_compiling(function: Callable[[dict[str, Any]], None]) -> Callable[..., None]:
+    """Call a function with the compiler's options once, before the first loop is compiled."""
+    _before.append(function)
+    return function
+
+
+@functools.cache
+def _registered(function: Callable[..., Any]) -> None:
+    """Tell numba of a function, or of what is called before compiling, once."""
+    options = accepted("_nrt", False)
+    inline = accepted("forceinline", True)
+    extending = numba().extending
+    if function in _before:
+        function(options)
+    elif function in _inner:
+        extending.register_jitable(**options, **(inline if _inner[function] else {}))(
+            function
+        )
+    else:
+        choose = _overloads[function]
+        extending.overload(function, jit_options={**options, **inline}, strict=False)(
+            choose
+        )
+
+
+@functools.cache
+def accepted(name: str, value: bool) -> dict[str, bool]:
+    """Return an option of numba's that makes the loops faster, where this numba has it.
+
+    `_nrt` off spares them counting references to arrays: they make none and keep none, and a step
+    of env1 takes 27 ns instead of 250. `forceinline`: see `inlined`. Neither is documented.
+    """
+    options = {name: value}
+    try:
+        numba().njit(**options)(lambda values: values[0])(np.zeros(1))
+    except (
+        Exception
+    ):  # whatever a numba without the option raises: slower, the same results
+        return {}
+    return options
+
+
+def jit(
+    loops: Sequence[Callable[..., Any]], rule: type | None = None
+) -> list[Callable[..., Any]]:
+    """Return loops that numba compiles when they are first called, or takes from disk.
+
+    No fast-math: the same bits as plain Python.
+
+    Args:
+        loops: the loops.
+        rule: the learner whose functions are compiled in; None: there is none.
+    """
+    for function in (*_before, *_inner, *_overloads):
+        _registered(function)
+    place = folder(rule)
+    config = vars(numba().config)
+    before = config["CACHE_DIR"]
+    if place is not None:
+        config["CACHE_DIR"] = str(place)
+    options: dict[str, Any] = dict(accepted("_nrt", False))
+    options |= {"nogil": True, "cache": place is not None}
+    try:
+        return [numba().njit(**options)(loop) for loop in loops]
+    finally:
+        config["CACHE_DIR"] = before
+
+
+# What is kept on disk.
+
+
+@functools.cache
+def folder(rule: type | None = None) -> Path | None:
+    """Return where the loops of these sources are kept; None where nothing can be kept.
+
+    Args:
+        rule: as of `jit`; the modules of its classes are among the sources.
+    """
+    named = os.environ.get(FOLDER_VARIABLE)
+    if named == "":
+        return None
+    try:
+        base = Path(named) if named else _user_cache()
+        found = base / digest_of_sources("\n".join(map(version, COMPILER)), rule)
+        found.mkdir(parents=True, exist_ok=True, mode=0o700)
+        return found if os.access(found, os.W_OK | os.X_OK) else None
+    except (OSError, RuntimeError, TypeError, PackageNotFoundError):
+        # No room, no home, no file of the rule, no numba.
+        return None
+
+
+def _user_cache() -> Path:
+    return (
+        Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+        / "sparse_coord_ros"
+    )
+
+
+def digest_of_sources(
+    compiler: str = "", rule: type | None = None, sources: Sequence[str] = ()
+) -> str:
+    """Return a digest of sources of this package.
+
+    Args:
+        compiler: what compiles them, and its version.
+        rule: as of `folder`.
+        sources: patterns of the files, from the package's folder; `SOURCES` where there are none.
+    """
+    digest = hashlib.sha256(compiler.encode())
+    package = Path(__file__).parents[1]
+    paths = [
+        path for pattern in sources or SOURCES for path in sorted(package.glob(pattern))
+    ]
+    for path in (*paths, *_sources_of(rule)):
+        digest.update(f"\n{path.name}\n".encode() + path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def _sources_of(rule: type | None) -> Iterator[Path]:
+    """Return the files in which a class and its bases of the user's own are defined."""
+    for one in () if rule is None else rule.__mro__:
+        if one.__module__.split(".")[0] not in (
+            __name__.split(".")[0],
+            "builtins",
+            "typing",
+        ):
+            yield Path(inspect.getfile(one))
+
+
+def compile_once(key: str, rule: type | None, warm_up: Callable[[], None]) -> None:
+    """Let numba compile, in the background; return when it has.
+
+    Where several processes want the same loops one compiles, the others wait and take its.
+
+    Args:
+        key: names the loops.
+        rule: as of `jit`.
+        warm_up: calls each of them.
+    """
+
+    def compile_or_take() -> None:
+        with _one_process(folder(rule), key):
+            try:
+                warm_up()
+            except (
+                Exception
+            ) as error:  # whatever a spoiled file on disk makes numba raise
+                if isinstance(error, SparseCoordError | MemoryError) or not forget(
+                    rule
+                ):
+                    raise
+                warm_up()
+            keep(key, rule)
+
+    in_background((key, rule), compile_or_take)
+
+
+@contextmanager
+def _one_process(place: Path | None, key: str) -> Iterator[None]:
+    """Hold a lock in the folder of the loops while they are not there; nothing where it fails."""
+    with ExitStack() as held:
+        if place is not None and not (place / key).exists():
+            with suppress(OSError):
+                take_lock(
+                    held.enter_context((place / f"{key}.lock").open("w")), wait=True
+                )
+        yield
+
+
+def is_compiled(key: str, rule: type | None = None) -> bool:
+    """Whether `compile_once` has compiled the loops of that name in this process."""
+    future = _background.get((key, rule))
+    return future is not None and future.done() and future.exception() is None
+
+
+def is_kept(key: str, rule: type | None = None) -> bool:
+    """Whether the loops of that name were compiled before: they need no compiling now."""
+    place = folder(rule)
+    return place is not None and (place / key).exists()
+
+
+def keep(key: str, rule: type | None = None) -> None:
+    """Note that the loops of that name are compiled."""
+    place = folder(rule)
+    if place is not None:
+        with suppress(OSError):  # a full disk: they are compiled again next time
+            (place / key).touch()
+
+
+def forget(rule: type | None = None) -> bool:
+    """Throw away what is kept, as it cannot be read; return whether there was anything."""
+    place = folder(rule)
+    kept = (
+        []
+        if place is None
+        else [one for one in place.iterdir() if one.suffix != ".lock"]
+    )
+    for path in kept:
+        if path.is_dir():
+            shutil.rmtree(path, ignore_errors=True)
+        else:
+            path.unlink(missing_ok=True)
+    return bool(kept)

@@ -1,0 +1,231 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The package's exceptions: one class a role, all of them `SparseCoordError`.
+
+Every message is one line that names the thing, its value, what is allowed and the remedy; the
+command line and the nodes print it and exit with `EXIT_BAD_INPUT`.
+"""
+
+import difflib
+import errno
+import reprlib
+import traceback
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+
+EXIT_BAD_INPUT = 2
+"""Exit code of every executable that stops because of bad input."""
+
+EXIT_FAULT = 1
+"""Exit code of every executable that stops because of a fault of its own."""
+
+
+EXIT_INTERRUPTED = 130
+"""Exit code of what is interrupted before it could end by itself."""
+
+
+class SparseCoordError(Exception):
+    """Base of all errors that end a program in words; its text is one line.
+
+    Attributes:
+        exit_code: with which a program ends that is stopped by it.
+    """
+
+    exit_code = EXIT_BAD_INPUT
+
+    def __str__(self) -> str:
+        """Return the line, also where it quotes what a stranger wrote."""
+        return in_line(super().__str__())
+
+
+class MapError(SparseCoordError):
+    """A map file is missing or malformed."""
+
+
+class ScenarioError(SparseCoordError):
+    """A scenario file is missing or malformed."""
+
+
+class SettingError(SparseCoordError):
+    """A setting (scenario field, `--set`, ROS parameter) is unknown or out of range."""
+
+
+class NotAllowedError(SettingError):
+    """A learner or perception model lies in a module that nobody here allowed to be imported."""
+
+
+class PluginError(SparseCoordError):
+    """A learner or perception model of the user's own failed; the cause has its traceback."""
+
+
+class RunError(SparseCoordError):
+    """A run cannot start or go on: a robot is missing, a name is taken, a directory exists."""
+
+
+class NameTakenError(RunError):
+    """Another node has this node's name; what it has begun is that other one's."""
+
+
+class TablesError(SparseCoordError):
+    """Learned tables are missing, malformed or do not fit the scenario."""
+
+
+class ResultsError(SparseCoordError):
+    """A results directory cannot be used."""
+
+
+class BagError(SparseCoordError):
+    """A bag cannot be made, written, read or recovered, or a type's definition is missing."""
+
+
+class FaultError(SparseCoordError):
+    """A fault of this software: an exception that nobody expected; the cause has its traceback."""
+
+    exit_code = EXIT_FAULT
+
+
+@contextmanager
+def needed(what: str, remedy: str) -> Iterator[None]:
+    """Import what need not be installed; raises RunError where it is missing.
+
+    Args:
+        what: who needs which package.
+        remedy: what to do.
+    """
+    try:
+        yield
+    except ImportError as error:
+        raise RunError(f"{what} ({error}); {remedy}") from None
+
+
+@contextmanager
+def retold(
+    error: type[SparseCoordError], caught: type[Exception], what: str, remedy: str = ""
+) -> Iterator[None]:
+    """Let an exception be an `error` whose line begins with what could not be done, or where.
+
+    Args:
+        error: what to raise.
+        caught: which exceptions; of an OSError only its reason is told.
+        what: how the line begins, before a colon.
+        remedy: how it ends.
+    """
+    try:
+        yield
+    except caught as failure:
+        why = failure.strerror if isinstance(failure, OSError) else failure
+        raise error(f"{what}: {why}{remedy}") from failure
+
+
+def failure_of(error: Exception) -> SparseCoordError:
+    """Return an exception as the error that its program is to end with.
+
+    Bad input stays what it is; what the system refuses names the file; any other exception is a
+    `FaultError` that says where it was raised.
+    """
+    if isinstance(error, SparseCoordError):
+        return error
+    if isinstance(error, OSError):
+        full = error.errno in (errno.ENOSPC, errno.EDQUOT)
+        remedy = "make room" if full else "give another path, or one that you may use"
+        failure: SparseCoordError = RunError(f"{os_error_text(error)}; {remedy}")
+    else:
+        said = " ".join(str(error).split())
+        frames = traceback.extract_tb(error.__traceback__)
+        where = f" ({frames[-1].filename}:{frames[-1].lineno})" if frames else ""
+        what = f"unexpected {type(error).__name__}{f': {said}' if said else ''}{where}"
+        failure = FaultError(
+            f"{what}; this is a fault of the software, please report it"
+        )
+    failure.__cause__ = error
+    return failure
+
+
+LONGEST_LINE = 2000
+"""Characters of a line that a person is to read."""
+
+
+def in_line(text: str) -> str:
+    """Return a text as one printable line; of a long one the middle is left out."""
+    line = "".join(
+        c if c.isprintable() else c.encode("unicode_escape").decode() for c in text
+    )
+    half = LONGEST_LINE // 2
+    return line if len(line) <= LONGEST_LINE else f"{line[:half]} ... {line[-half:]}"
+
+
+_short = reprlib.Repr()
+_short.maxlevel = 3
+_short.maxother = _short.maxstring = 80
+
+
+def in_short(value: object) -> str:
+    """Return a value as Python writes it, cut to a length that fits a line."""
+    return _short.repr(value)
+
+
+def wrong_argument(name: str, value: object, allowed: str) -> str:
+    """Return what to say of an argument that has a wrong value."""
+    return f"{name}: value is {in_short(value)}, allowed: {allowed}"
+
+
+def check_argument(
+    name: str,
+    value: object,
+    fits: bool,
+    allowed: str,
+    error: type[SparseCoordError] = SettingError,
+) -> None:
+    """Raise an `error` that names an argument, its value and what is allowed, unless it fits."""
+    if not fits:
+        raise error(wrong_argument(name, value, allowed))
+
+
+def check_function(name: str, value: object) -> None:
+    """Raise SettingError unless an argument can be called."""
+    check_argument(name, value, callable(value), "a function")
+
+
+OTHER_WORDS = {
+    "alpha": "step_size",
+    "learning_rate": "step_size",
+    "lr": "step_size",
+    "gamma": "discount",
+    "episodes": "steps",
+    "timesteps": "steps",
+    "algorithm": "learner",
+    "agent": "learner",
+    "output": "out",
+}
+"""What others call a setting or an option of ours."""
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """Return `" (did you mean 'x'?)"` for the nearest known name, or an empty string.
+
+    Capitals do not count, and `OTHER_WORDS` stand for ours.
+    """
+    names = {one.lower(): one for one in known}
+    wanted = name.lower()
+    bare = wanted.lstrip("-").replace("-", "_")
+    if bare in OTHER_WORDS:
+        wanted = wanted.removesuffix(wanted.lstrip("-")) + OTHER_WORDS[bare]
+    near = difflib.get_close_matches(wanted, names, n=1)
+    return f" (did you mean {names[near[0]]!r}?)" if near else ""
+
+
+def check_format(
+    found: object, known: int, where: str, error: type[SparseCoordError]
+) -> None:
+    """Raise an `error` unless a file says that it is in the format that this version reads."""
+    if type(found) is not int or found != known:
+        newer = isinstance(found, int) and found > known
+        remedy = "update sparse_coord_ros" if newer else "make it anew"
+        what = f"is in format {in_short(found)}, this version reads format {known}"
+        raise error(f"{where}: {what}; {remedy}")
+
+
+def os_error_text(error: OSError) -> str:
+    """Return what went wrong, and with which file where the system says so."""
+    problem = error.strerror or str(error)
+    return problem if error.filename is None else f"{error.filename}: {problem}"

@@ -1,0 +1,212 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Files that are written whole or not at all, and locks on them."""
+
+import errno
+import fcntl
+import itertools
+import os
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import chdir, nullcontext, suppress
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType
+from typing import IO, Any
+
+from sparse_coord_ros.base.errors import (
+    RunError,
+    SparseCoordError,
+    check_argument,
+    wrong_argument,
+)
+
+LONGEST_NAME = 255
+"""Bytes of the name of a file or a folder."""
+
+PARTIAL = ".partial"
+"""What the name of a file ends with while it is written."""
+
+
+def path_argument(
+    name: str,
+    value: object,
+    error: type[SparseCoordError] = RunError,
+    instead: str = "a path",
+) -> Path:
+    """Return an argument as a path.
+
+    Args:
+        name: of the argument.
+        value: what was given.
+        error: what to raise.
+        instead: what is allowed.
+
+    Raises:
+        SparseCoordError: an `error`: it is no text and no path, or no system has such a path.
+    """
+    text = os.fspath(value) if isinstance(value, str | os.PathLike) else None
+    if not isinstance(text, str):
+        raise error(wrong_argument(name, value, f"{instead}, as a text or a Path"))
+    check_argument(
+        name, value, "\0" not in text, "a path without NUL characters", error
+    )
+    parts = text.encode(errors="surrogatepass").split(b"/")
+    most = max(map(len, parts))
+    check_argument(
+        name, value, most <= LONGEST_NAME, f"names of up to {LONGEST_NAME} bytes", error
+    )
+    return Path(text)
+
+
+def write_whole(path: Path, data: bytes | str, *, sync: bool = False) -> None:
+    """Write a file so that whoever looks finds the old content or the new, never a part of it.
+
+    Args:
+        path: the file; its folder must exist.
+        data: the content; a text is written as UTF-8.
+        sync: also wait until the disk has the file and its name.
+
+    Raises:
+        OSError: it cannot be written, with the file's name; the old content is still there.
+    """
+    partial = path.with_name(path.name + PARTIAL)
+    try:
+        partial.unlink(missing_ok=True)  # it may be a link to somewhere else
+        with partial.open("xb") as file:
+            file.write(data.encode() if isinstance(data, str) else data)
+            if sync:
+                file.flush()
+                os.fsync(file.fileno())
+        os.replace(partial, path)
+    except BaseException as error:
+        with suppress(OSError):
+            partial.unlink(missing_ok=True)
+        if isinstance(error, OSError):
+            error.filename = str(path)  # a full disk does not say for which file
+        raise
+    if sync:
+        sync_directory(path.parent)
+
+
+def _numbered(path: Path) -> Iterator[Path]:
+    yield path
+    for number in itertools.count(2):
+        yield path.with_name(f"{path.name}{number}")
+
+
+def free_name(path: Path) -> Path:
+    """Return a name that nothing has, with a number at its end where it must have one."""
+    return next(free for free in _numbered(path) if not os.path.lexists(free))
+
+
+def rescue(
+    directory: Path,
+    write: Callable[[Path], None],
+    joins: Callable[[Path], bool] = lambda place: False,
+) -> Path:
+    """Write files into a directory that stands in for another, and return it.
+
+    It is a new one called `<directory>_rescued`, with a number where something has that name,
+    beside the other or in the folder for temporary files.
+
+    Args:
+        directory: the other one, an absolute path.
+        write: writes the files into a directory.
+        joins: whether to write into what has the name already.
+
+    Raises:
+        OSError: neither place can be written; that of the last.
+    """
+    for folder in (directory.parent, Path(tempfile.gettempdir())):
+        names = _numbered(folder / f"{directory.name}_rescued")
+        try:
+            place = next(place for place in names if _makes(place) or joins(place))
+            write(place)
+            return place
+        except OSError as error:
+            failure = error
+    raise failure
+
+
+def _makes(directory: Path) -> bool:
+    """Make a directory; False where something has its name. Other OSErrors pass."""
+    try:
+        directory.mkdir(parents=True)
+    except FileExistsError:
+        return False
+    return True
+
+
+class HeldError(Exception):
+    """Another process holds a file; the text names it where that is known."""
+
+
+def take_lock(
+    file: IO[Any] | int, *, exclusive: bool = True, wait: bool = False
+) -> bool:
+    """Lock an open file or folder until it is closed; False where somebody else has the lock.
+
+    True also where there are no locks, as in some network file systems.
+
+    Args:
+        file: the file, or its descriptor.
+        exclusive: for nobody else; else for all that read.
+        wait: wait for the lock.
+    """
+    how = fcntl.LOCK_EX if exclusive else fcntl.LOCK_SH
+    try:
+        fcntl.flock(file, how if wait else how | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:
+        pass
+    return True
+
+
+def hold(path: Path) -> IO[str]:
+    """Hold a file for this process alone until it is closed; it says which process that is.
+
+    The file stays when it is given up, and whoever comes next holds it.
+
+    Args:
+        path: the file; it is made where it is missing.
+
+    Raises:
+        HeldError: another process holds it.
+        OSError: it cannot be opened.
+    """
+    file = os.fdopen(
+        os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW), "r+", errors="replace"
+    )
+    if not take_lock(file):
+        with file:
+            raise HeldError(f"process {file.read().strip()}".rstrip())
+    with suppress(OSError):  # only words for whoever comes second
+        file.truncate(0)
+        file.write(str(os.getpid()))
+        file.flush()
+    return file
+
+
+def sync_directory(directory: Path) -> None:
+    """Let the disk have the names in a directory; an OSError passes."""
+    descriptor = os.open(directory, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(descriptor)
+    except OSError as error:
+        if error.errno != errno.EINVAL:  # this file system has nothing to do
+            raise
+    finally:
+        os.close(descriptor)
+
+
+def import_apart(name: str, file: str) -> ModuleType:
+    """Import a library, but not with its settings in the current directory: a stranger's, perhaps.
+
+    Args:
+        name: the library.
+        file: what that file of settings is called.
+    """
+    with chdir(Path(__file__).parent) if os.path.exists(file) else nullcontext():
+        return import_module(name)

@@ -1,0 +1,49 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""One colour for each robot, wherever robots are shown: pictures, films, pages, RViz.
+
+The colour-blind tell them apart too; in greyscale the robots' numbers do. The first five are of
+Okabe & Ito (2008), whose vermilion is that of the doorways.
+"""
+
+ROBOT_COLOURS = (
+    "#0072B2",  # blue
+    "#E69F00",  # orange
+    "#009E73",  # green
+    "#CC79A7",  # pink
+    "#56B4E9",  # sky blue
+    "#882255",  # wine
+    "#444444",  # grey
+    "#B5A800",  # dark yellow
+)
+DOORWAY_COLOUR = "#D55E00"
+WALL_COLOUR = "#404040"
+
+ANSWERED = "answered"
+REFUSED = "refused"
+FAILED = "failed"
+"""How a question ended, as shown: the peer said where it is; it refused; no answer came in time,
+or there was nobody to ask."""
+
+OUTCOME_COLOURS = {ANSWERED: "#009E73", REFUSED: "#D55E00", FAILED: "#888888"}
+OUTCOME_SIGNS = {ANSWERED: "✓", REFUSED: "✗", FAILED: "?"}
+"""What tells the outcomes apart beside colour."""
+
+
+def robot_colour(number: int) -> str:
+    """Return the colour of a robot (from 0) as #RRGGBB."""
+    return ROBOT_COLOURS[number % len(ROBOT_COLOURS)]
+
+
+def rgb(colour: str) -> tuple[float, float, float]:
+    """Return red, green and blue of #RRGGBB, each from 0 to 1."""
+    red, green, blue = (int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5))
+    return red, green, blue
+
+
+def ink_on(colour: str) -> str:
+    """Return black or white, whichever is more legible on #RRGGBB."""
+    red, green, blue = (one**2.2 for one in rgb(colour))
+    return (
+        "#000000" if 0.2126 * red + 0.7152 * green + 0.0722 * blue > 0.2 else "#FFFFFF"
+    )

@@ -1,0 +1,139 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A map and a scenario made from a floor plan, by the options of `import-map`, and their files."""
+
+import argparse
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from sparse_coord_ros.base.errors import MapError
+from sparse_coord_ros.base.files import write_whole
+from sparse_coord_ros.base.limits import to_yaml
+from sparse_coord_ros.cli.pictures import drawing
+from sparse_coord_ros.core.game.scenario import Scenario
+from sparse_coord_ros.core.game.settings import Setting, parse_assignments
+from sparse_coord_ros.lab.maps.image import FloorPlan
+from sparse_coord_ros.lab.maps.plan import Imported, import_map, scenario_of
+
+CELL = Setting("cell", float, None, "side of a cell, in metres, e.g. 0.5", 0, 1000)
+RADIUS = Setting(
+    "radius", float, None, "the robot's radius, in metres, e.g. 0.2", 0, 100
+)
+
+DPI = 150
+"""Of the picture."""
+
+
+class Made(NamedTuple):
+    """What is made of a floor plan as the options say.
+
+    Attributes:
+        plan: the floor plan.
+        imported: the map.
+        scenario: None where there are no robots.
+        suggested: its settings that fit the map's distances.
+        notes: what is odd, one line each.
+        files: what there is to write, by name.
+    """
+
+    plan: FloorPlan
+    imported: Imported
+    scenario: Scenario | None
+    suggested: dict[str, Any]
+    notes: list[str]
+    files: dict[Path, str]
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """What there is to know of it, as plain data."""
+        grid = self.imported.grid
+        return {
+            "cells": len(grid.cells),
+            **grid.doorway_facts,
+            "resolution": grid.resolution,
+            "origin": grid.origin,
+            "suggested": self.suggested,
+            "notes": self.notes,
+        }
+
+
+def make(options: argparse.Namespace, plan: FloorPlan) -> Made:
+    """Make a map and, where there are robots, a scenario as the options say.
+
+    Raises:
+        SparseCoordError: as of `import_map` and `scenario_of`; or a --set without '='.
+    """
+    robots = list(zip(options.start, options.goal, strict=False))
+    waiting = [
+        (one, one) for one in options.start[len(robots) :]
+    ]  # for a goal, on the page
+    given = parse_assignments(options.assignments)
+    names = ("cell", "radius", "doorway", "no_doorway", "doorway_length", "speck")
+    chosen = {name: getattr(options, name) for name in names}
+    imported = import_map(plan, robots=[*robots, *waiting], **chosen)
+    text, scenario_file, _ = _paths(options)
+    notes = list(imported.notes)
+    files = {text: imported.grid.to_text()}
+    if not robots:
+        return Made(plan, imported, None, {}, notes, files)
+    scenario, suggested, odd = scenario_of(imported, robots, given)
+    files[scenario_file] = _scenario_text(scenario, given, suggested)
+    return Made(plan, imported, scenario, suggested, notes + odd, files)
+
+
+def write(options: argparse.Namespace, made: Made) -> Path:
+    """Write the files, and the picture, whose path is returned."""
+    picture = _paths(options)[-1]
+    picture.parent.mkdir(parents=True, exist_ok=True)
+    for path, content in made.files.items():
+        write_whole(path, content)
+    with drawing():
+        from sparse_coord_ros.show.paths import floor_figure
+        from sparse_coord_ros.studies.report.charts import rendered
+
+        grid = made.imported.grid
+        robots = () if made.scenario is None else made.scenario.robots
+        figure = floor_figure(
+            grid, robots, made.plan, side=grid.resolution or 1.0, cells=True
+        )
+        data = rendered(figure, "png", DPI)
+    write_whole(picture, data)
+    return picture
+
+
+def _paths(options: argparse.Namespace) -> list[Path]:
+    """Return where the map, the scenario and the picture go."""
+    name = options.map.stem
+    folder = options.out or Path(f"{name}_map")
+    return [folder / f"{name}{end}" for end in (".txt", ".yaml", ".png")]
+
+
+def check_free(options: argparse.Namespace, *, replace: bool) -> None:
+    """Refuse to write over files, unless they may be replaced; over the source never.
+
+    Raises:
+        MapError: it would.
+    """
+    source = options.map
+    for path in _paths(options):
+        if path.exists() and not replace:
+            remedy = "choose another --out, or give --replace"
+            raise MapError(f"{path}: exists already, nothing is overwritten; {remedy}")
+        if path.exists() and source.exists() and path.samefile(source):
+            raise MapError(f"{source} would be overwritten; choose another --out")
+
+
+def _scenario_text(scenario: Scenario, given: dict, suggested: dict) -> str:
+    """Return the text of the scenario file: robots, and the settings that are no defaults."""
+    place = scenario.map.cells
+    robots = {
+        r.name: {"start": list(place[r.start]), "goal": list(place[r.goal])}
+        for r in scenario.robots
+    }
+    values = ((name, getattr(scenario, name)) for name in given)
+    plain = {
+        k: v if isinstance(v, bool | int | float | str) else str(v) for k, v in values
+    }
+    data = {"map": f"{scenario.map.name}.txt", "robots": robots, **plain, **suggested}
+    head = "# Made by import-map; robots' places are [row, column] of the map beside this file.\n"
+    return head + to_yaml(data, default_flow_style=None)

@@ -1,0 +1,270 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Many independent learning runs and their trials, on all cores, bit for bit as single runs.
+
+Run i of a batch with seed S is the single run with seed S + i: the same draws, the same tables.
+With numba a run is one compiled loop without the interpreter's lock, and runs go on in threads;
+without it the same loops run as plain Python, in processes. Where the iterator is
+closed, as by Ctrl-C, neither goes on for longer than a block of time steps.
+"""
+
+import os
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from functools import partial
+from itertools import groupby
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sparse_coord_ros.base.compiling import (
+    compile_once,
+    has_numba,
+    is_compiled,
+    is_kept,
+)
+from sparse_coord_ros.base.errors import SettingError
+from sparse_coord_ros.core.engine.cluster import Cluster
+from sparse_coord_ros.core.engine.processes import in_processes
+from sparse_coord_ros.core.engine.trained import Training
+from sparse_coord_ros.core.game.perception import (
+    check_found_elsewhere,
+    is_found_elsewhere,
+)
+from sparse_coord_ros.core.game.plugins import path_of
+from sparse_coord_ros.core.game.scenario import Scenario, load_scenario
+from sparse_coord_ros.core.learners.learner import Learner
+from sparse_coord_ros.core.learners.registry import learner_of
+from sparse_coord_ros.core.runs.forms import agrees
+from sparse_coord_ros.core.runs.run import LearningRun, Team
+from sparse_coord_ros.core.solve.exact import exact_means
+
+SMALL = "env1"
+"""The scenario on which loops are played when they are compiled."""
+
+ENGINES = ("auto", "numba", "python")
+
+
+def run_batch(
+    scenario: Scenario,
+    learner: str | Learner,
+    seeds: Sequence[int],
+    *,
+    cluster: Cluster | None = None,
+    **how: Any,
+) -> Iterator[Training]:
+    """Learn once for each seed, play greedy trials, and yield the runs in the order of the seeds.
+
+    Args:
+        scenario: the problem and its protocol.
+        learner: a learner, or its name.
+        seeds: one run each.
+        cluster: whose workers compute; None: this machine.
+        how: as of `run_batches`; a cluster's workers say by themselves how many `jobs` they do.
+
+    Raises:
+        SettingError: numba is asked for and not installed.
+        RunError: a process that computed runs was killed, or the cluster is lost.
+    """
+    rule = learner_of(learner)
+    if cluster is None:
+        yield from run_batches([Batch(scenario, rule, seeds)], **how)
+        return
+    check_found_elsewhere(scenario.perception)
+    shares = cluster.shares(seeds, agent_steps(scenario), len(seeds))
+    asked = [(scenario, rule, share, {**how, "jobs": 1}) for share in shares]
+    for _, runs in cluster.results(_runs_of, asked, in_order=True):
+        yield from runs
+
+
+class Batch(NamedTuple):
+    """Learning runs of one learner in one scenario, one for each seed."""
+
+    scenario: Scenario
+    learner: Learner
+    seeds: Sequence[int]
+
+
+def run_batches(
+    batches: Sequence[Batch],
+    *,
+    trials: int,
+    engine: str = "auto",
+    jobs: int | None = None,
+    history: bool = False,
+) -> Iterator[Training]:
+    """Compute batches on this machine, one after the other: no core waits for the end of one.
+
+    Args:
+        batches: what to compute; the runs come in this order.
+        trials: trials of each run; 0: none.
+        engine: "numba", "python", or "auto": numba where it is installed.
+        jobs: threads (or processes); all cores that this process may use where None.
+        history: whether each run comes with its learning history.
+
+    Raises:
+        SettingError, RunError: as of `run_batch`.
+    """
+    jobs = len(os.sched_getaffinity(0)) if jobs is None else jobs
+    for compiled, group in groupby(
+        batches, lambda one: uses_numba(engine, one.learner)
+    ):
+        same = list(group)
+        if compiled:
+            yield from _in_threads(same, trials, jobs, history)
+            continue
+        work = [
+            (one.scenario, one.learner, s, trials, history)
+            for one in same
+            for s in one.seeds
+        ]
+        found = all(map(_is_found_elsewhere, same))
+        if jobs == 1 or len(work) == 1 or not found:
+            yield from (_run_plain(*one) for one in work)
+        else:
+            yield from in_processes(_run_plain, work, jobs)
+
+
+def _is_found_elsewhere(batch: Batch) -> bool:
+    """Whether other processes find the learner and the perception model: not of a notebook."""
+    learner = path_of(type(batch.learner)) is not None
+    return learner and is_found_elsewhere(batch.scenario.perception)
+
+
+def _in_threads(
+    batches: Sequence[Batch], trials: int, jobs: int, history: bool
+) -> Iterator[Training]:
+    """Yield compiled runs."""
+    stop = np.zeros(1, dtype=np.bool_)
+    futures = []
+    with ThreadPoolExecutor(jobs) as pool:
+        try:
+            for scenario, rule, seeds in batches:
+                prepare(rule, history=history)
+                team = Team(scenario, rule, compiled=True, stop=stop)
+                run = partial(_run, team, trials=trials, gathering=history)
+                futures += [pool.submit(run, seed) for seed in seeds]
+            futures.reverse()
+            while futures:  # a run's tables can be large: keep none that was handed out
+                yield futures.pop().result()
+        finally:
+            stop[0] = True
+            pool.shutdown(wait=True, cancel_futures=True)
+
+
+def agent_steps(scenario: Scenario) -> int:
+    """Return the steps of one learning run, of all robots."""
+    return scenario.steps * len(scenario.robots)
+
+
+def _runs_of(
+    scenario: Scenario, learner: Learner, seeds: Sequence[int], how: dict[str, Any]
+) -> list[Training]:
+    """Compute some runs in a thread of a cluster's worker."""
+    return list(run_batch(scenario, learner, seeds, **how))
+
+
+def uses_numba(engine: str, learner: Learner | None = None) -> bool:
+    """Whether an engine setting means numba on this machine, and for a learner if one is named.
+
+    Raises:
+        SettingError: there is no such engine; or numba is asked for, and not installed or no help
+            to the learner.
+    """
+    if engine not in ENGINES:
+        raise SettingError(
+            f"setting engine: value is {engine!r}, allowed: {', '.join(ENGINES)}"
+        )
+    if engine == "python":
+        return False
+    if not has_numba():
+        if engine == "auto":
+            return False
+        remedy = "pip install numba, or leave the engine out: plain Python computes the same bits"
+        raise SettingError(
+            f"setting engine: value is 'numba', which is not installed; {remedy}"
+        )
+    if learner is None or agrees(learner):
+        return True
+    if engine == "numba":
+        raise SettingError(
+            f"setting engine: value is 'numba', but learner {learner.label} has no compiled form; "
+            "leave the engine out, or choose 'python'"
+        )
+    return False
+
+
+def _run_plain(
+    scenario: Scenario, learner: Learner, seed: int, trials: int, gathering: bool
+) -> Training:
+    return _run(Team(scenario, learner, compiled=False), seed, trials, gathering)
+
+
+def _run(team: Team, seed: int, trials: int, gathering: bool) -> Training:
+    """Learn for the scenario's budget, and play greedy trials with what was learned."""
+    learning = LearningRun(team, seed, gathering=gathering)
+    learning.advance(team.scenario.steps)
+    found = result_of(learning)
+    if not trials:
+        return found
+    exact = exact_means(team.scenario, found.tables)
+    return replace(found, trials=learning.play(trials), exact=exact)
+
+
+def result_of(learning: LearningRun) -> Training:
+    """Return what a run has brought so far."""
+    return Training(
+        learning.scenario,
+        learning.learner,
+        learning.seed,
+        "numba" if learning.team.compiled else "python",
+        learning.tables,
+        learning.history,
+        learning.visited,
+        learning.done,
+    )
+
+
+def prepare(
+    learner: str | Learner, *, engine: str = "auto", history: bool = False
+) -> None:
+    """Compile the loops for a learner where that has not been done in this process.
+
+    Does nothing where plain Python is going to compute. What shows progress calls it before its
+    clock starts: it takes some seconds, once a process, and Ctrl-C ends it at once. It plays on a
+    small map: on the user's own a trial may take minutes.
+
+    Args:
+        learner: a learner, or its name.
+        engine: as of `run_batch`.
+        history: whether the loop is needed that gathers the learning history.
+
+    Raises:
+        SettingError: numba is asked for and not installed.
+    """
+    rule = learner_of(learner)
+    if uses_numba(engine, rule):
+
+        def warm_up() -> None:
+            small = rule.with_defaults(load_scenario(SMALL).with_settings({"steps": 1}))
+            _run(Team(small, rule, compiled=True), seed=0, trials=1, gathering=history)
+
+        compile_once(*_loops_key(rule, history), warm_up)
+
+
+def is_prepared(*, learner: str | Learner = "coop", history: bool = False) -> bool:
+    """Whether the loops for a learner need no compiling: they are, in this process or on disk."""
+    key = _loops_key(learner, history)
+    return is_compiled(*key) or is_kept(*key)
+
+
+def is_loaded(*, learner: str | Learner = "coop", history: bool = False) -> bool:
+    """Whether the loops for a learner are ready in this process."""
+    return is_compiled(*_loops_key(learner, history))
+
+
+def _loops_key(learner: str | Learner, history: bool) -> tuple[str, type]:
+    """Return what tells the compiled loops apart: numba compiles them for each learner."""
+    kind = learner_of(learner).Mind.learner
+    return f"{kind.__qualname__}_with_history" if history else kind.__qualname__, kind

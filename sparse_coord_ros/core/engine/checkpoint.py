@@ -1,0 +1,129 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""`checkpoint.npz`: a learning run that was broken off, for either engine to go on with.
+
+It has the positions of G groups of robots that learn together (one; K for a learner that learns
+`alone`), what each robot remembers, `history_g_...`: the fields of `core.runs.history.History` of
+group g from 1, and `evaluations`, the text of their evaluations as JSON (`core.runs.checkpoint`
+has the container). The compiled loops trust the numbers, so a file that does not fit its digest is
+refused.
+"""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from sparse_coord_ros.base import archive
+from sparse_coord_ros.base.errors import RunError, TablesError
+from sparse_coord_ros.base.files import write_whole
+from sparse_coord_ros.core.game.scenario import Scenario
+from sparse_coord_ros.core.learners.learner import Learner
+from sparse_coord_ros.core.learners.memory import check_memory
+from sparse_coord_ros.core.learners.mind import Memory
+from sparse_coord_ros.core.runs import checkpoint
+from sparse_coord_ros.core.runs.checkpoint import position_arrays, positions_from
+from sparse_coord_ros.core.runs.evaluation import Evaluation, Measure
+from sparse_coord_ros.core.runs.history import history_from
+from sparse_coord_ros.core.runs.run import LearningState, groups_of
+from sparse_coord_ros.core.runs.tables import memory_from, saved_arrays
+
+CHECKPOINT_FILE = "checkpoint.npz"
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """A learning run that was broken off.
+
+    Attributes:
+        state: where it is.
+        evaluations: those so far, as (transitions, evaluation).
+        evaluate_every: transitions between two of them; 0: none.
+        trials: of each of them.
+    """
+
+    state: LearningState
+    evaluations: tuple[tuple[int, Evaluation], ...]
+    evaluate_every: int
+    trials: int
+
+    def save(self, path: Path, scenario: Scenario, learner: Learner, seed: int) -> None:
+        """Write the file, whole or not at all."""
+        arrays: dict[str, np.ndarray] = {
+            "evaluations": np.array(
+                json.dumps(
+                    [self.evaluate_every, self.trials, self.evaluations], default=asdict
+                )
+            )
+        }
+        arrays |= position_arrays(self.state.positions)
+        arrays |= saved_arrays(dict(enumerate(self.state.memories, start=1)))
+        for g, history in enumerate(self.state.histories, start=1):
+            arrays |= {
+                f"history_{g}_{name}": a for name, a in history._asdict().items()
+            }
+        write_whole(path, checkpoint.pack(run_digest(scenario, learner, seed), arrays))
+
+
+def load_checkpoint(
+    path: Path, scenario: Scenario, learner: Learner, seed: int
+) -> Checkpoint:
+    """Read a checkpoint of a run.
+
+    Raises:
+        RunError: there is none, it cannot be read, or it is that of another run.
+    """
+    if not path.exists():
+        remedy = "only a run that was interrupted can be resumed"
+        raise RunError(f"{path}: there is no such file; {remedy}")
+    said = f"learner {learner.label}, seed {seed}"
+    arrays = checkpoint.read(path, run_digest(scenario, learner, seed), said=said)
+    robots = len(scenario.robots)
+    groups = len(groups_of(scenario, learner))
+    try:
+        memories = [_memory(arrays, scenario, learner, k) for k in range(robots)]
+        histories = [
+            history_from(arrays, f"history_{g}_") for g in range(1, groups + 1)
+        ]
+        positions = positions_from(arrays, scenario, groups)
+        made = max(position.transitions for position in positions)
+        for memory in memories:
+            _check_counts(memory, made)
+        state = LearningState(positions, tuple(memories), tuple(histories))
+        every, trials, found = json.loads(str(arrays["evaluations"]))
+        evaluations = tuple((step, _evaluation(**data)) for step, data in found)
+    except (KeyError, ValueError, IndexError, TypeError, TablesError) as error:
+        raise checkpoint.broken(path, error) from None
+    return Checkpoint(state, evaluations, every, trials)
+
+
+def _memory(
+    arrays: Mapping[str, np.ndarray], scenario: Scenario, learner: Learner, k: int
+) -> Memory:
+    return check_memory(scenario, learner, k, memory_from(arrays, k + 1))
+
+
+def _check_counts(memory: Memory, made: int) -> None:
+    """Raise `ValueError` where more was counted than transitions were made.
+
+    Compiled loops look step sizes up by these counts, and do not check.
+    """
+    archive.check_range(memory["updates"], 0, made + 1, "updates")
+    if "q_coord_updates" in memory:
+        archive.check_range(memory["q_coord_updates"], 0, made + 1, "q_coord_updates")
+
+
+def _evaluation(
+    trials: int, not_arrived: int, **measures: dict[str, float]
+) -> Evaluation:
+    found = {name: Measure(**numbers) for name, numbers in measures.items()}
+    return Evaluation(trials=trials, not_arrived=not_arrived, **found)
+
+
+def run_digest(scenario: Scenario, learner: Learner, seed: int) -> str:
+    """Return a digest of what a run computes."""
+    said = json.dumps([scenario.computation(), learner.label, seed], sort_keys=True)
+    return hashlib.sha256(said.encode()).hexdigest()[:16]

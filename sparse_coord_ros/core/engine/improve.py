@@ -1,0 +1,432 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Learn, exchange, improve: a team plans on what its robots have learned.
+
+After learning each robot says once what it knows: where its moves led and how often, its doorways
+(cells where it felt r^C), its tables. From that all compute the same: a game as the team knows it,
+and a climb of the *team's* value in it, from the policies learned, by changes of what one robot
+does in one cell. Of two robots the value is exact, and the climb is that of
+`core.solve.asking_search`; of more it is that of trials with the same draws. The paper has no such
+exchange, and this is planning, on a learned model: what nobody has felt does not exist in it.
+"""
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sparse_coord_ros.base.compiling import has_numba
+from sparse_coord_ros.base.files import write_whole
+from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE, PRIMITIVES
+from sparse_coord_ros.core.game.grid import GridMap
+from sparse_coord_ros.core.game.links import UP
+from sparse_coord_ros.core.game.miscoordination import NOWHERE
+from sparse_coord_ros.core.game.scenario import Scenario
+from sparse_coord_ros.core.game.specs import Spec
+from sparse_coord_ros.core.learners.factored import UNKNOWN, key_of, states_of
+from sparse_coord_ros.core.learners.learner import Learner
+from sparse_coord_ros.core.learners.memory import check_memory
+from sparse_coord_ros.core.learners.mind import Memory, learned_rows, memory_of, row_of
+from sparse_coord_ros.core.learners.policy import asks_surely
+from sparse_coord_ros.core.learners.registry import check_improvable
+from sparse_coord_ros.core.learners.tables import Tables
+from sparse_coord_ros.core.runs.run import Team
+from sparse_coord_ros.core.runs.run_config import RUN_FILE, RunConfig, create_output
+from sparse_coord_ros.core.runs.tables import save_team
+from sparse_coord_ros.core.runs.trials import Trials
+from sparse_coord_ros.core.solve.asking_loops import AskingPolicies
+from sparse_coord_ros.core.solve.asking_search import climbed
+from sparse_coord_ros.core.solve.exact import MOST_ROBOTS
+from sparse_coord_ros.core.solve.routes import alone, passages
+
+IMPROVED = "improved"
+"""Folder in a run's directory for what the team made of what it learned."""
+
+LEAD = 1.0
+"""How much more than any other the action is worth that an improved table says."""
+
+TRIALS = 2000
+LOOKED_AT = 200
+"""Trials by which more robots are judged; trials after which most changes are given up."""
+
+SURE = 2.0
+"""Standard errors that a change has to be better by."""
+
+
+@dataclass(frozen=True)
+class Improvement:
+    """What planning on the learned model makes of a team.
+
+    Attributes:
+        tables: of each robot: what it learned, but for its factors r_bar, W and rho where it acts:
+            they are so low that greedy reading gives the improved policy.
+        before: what the learned team is worth on the learned model, averaged over the robots.
+        value: what the improved one is worth there.
+        doorways: cells where somebody has felt r^C; the plan knows no others.
+    """
+
+    tables: tuple[Tables, ...]
+    before: float
+    value: float
+    doorways: tuple[int, ...]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LearnedMap(GridMap):
+    """A map as a team knows it.
+
+    Attributes:
+        lead: where a successful move leads; the cell itself where none ever led out of it.
+        felt: cells where somebody has felt r^C.
+    """
+
+    lead: np.ndarray
+    felt: frozenset[int]
+
+    @property
+    def next_cell(self) -> np.ndarray:
+        """As of `GridMap`."""
+        return self.lead
+
+    @property
+    def doorways(self) -> frozenset[int]:
+        """As of `GridMap`."""
+        return self.felt
+
+
+def improve(
+    scenario: Scenario, learner: Learner, memories: Sequence[Memory]
+) -> Improvement:
+    """Return what the robots make of what they have learned; the same bits for each of them.
+
+    Of the scenario it takes what a robot knows before it learns: starts and goals, discount, cost
+    of asking, the percept model; of the map nothing but where cells lie.
+
+    Args:
+        scenario: the problem.
+        learner: who learned.
+        memories: what each robot remembers.
+
+    Raises:
+        SettingError: the robots do not learn what it needs.
+        TablesError: what they remember is not of this scenario.
+    """
+    check_improvable(scenario, learner)
+    for k, memory in enumerate(memories):
+        check_memory(scenario, learner, k, memory)
+    learned = learned_scenario(scenario, learner, memories)
+    if len(memories) == MOST_ROBOTS and not scenario.sparse and scenario.link == UP:
+        before, value, found = _of_a_pair(learned, learner, memories)
+    else:
+        before, value, found = _by_trials(learned, learner, memories)
+    tables = tuple(
+        Tables(scenario, learner, k, memory) for k, memory in enumerate(found)
+    )
+    return Improvement(tables, before, value, tuple(sorted(learned.map.doorways)))
+
+
+def save_improved(directory: Path, run: RunConfig, found: Improvement) -> Path:
+    """Write what a run's robots made of what they learned, as a run's directory in its own.
+
+    Raises:
+        RunError: it exists already.
+        OSError: it cannot be written.
+    """
+    folder = create_output(directory / IMPROVED)
+    write_whole(folder / RUN_FILE, run.to_yaml())
+    save_team(folder, [table.memory for table in found.tables])
+    return folder
+
+
+def learned_scenario(
+    scenario: Scenario, learner: Learner, memories: Sequence[Memory]
+) -> Scenario:
+    """Return the game as the team knows it; arguments as of `improve`.
+
+    Where a move leads says the robot that made it most often. Moves succeed as often as those did
+    that ever led anywhere; the others are walls. r^C is for each robot what it felt, on average.
+    """
+    cells = np.arange(len(scenario.map.cells))
+    tried = np.array([memory["updates"][:, :PRIMITIVES] for memory in memories]).sum(
+        axis=0
+    )
+    moved, successor, door = (
+        np.array([memory[name] for memory in memories])
+        for name in ("moved", "successor", "door")
+    )
+    most = moved.argmax(axis=0)[None]
+    leads = moved.any(axis=0)
+    felt = door.sum(axis=1) / np.maximum(1, (door != 0.0).sum(axis=1))
+    paid = felt / (learner.weights(scenario).common or 1.0)
+    same = {field.name: getattr(scenario.map, field.name) for field in fields(GridMap)}
+    return replace(
+        scenario,
+        map=LearnedMap(
+            **same,
+            lead=np.where(
+                leads, np.take_along_axis(successor, most, 0)[0], cells[:, None]
+            ),
+            felt=frozenset(np.flatnonzero(door.any(axis=0)).tolist()),
+        ),
+        move_success=float(moved.sum() / max(1, tried[leads].sum())),
+        penalty=-1.0,
+        common_reward=Spec("each", tuple((-paid).tolist())),
+    )
+
+
+def _of_a_pair(
+    learned: Scenario, learner: Learner, memories: Sequence[Memory]
+) -> tuple[float, float, list[Memory]]:
+    """Climb by exact values: the value before and after, and what the robots then remember."""
+    tables = [Tables(learned, learner, k, memory) for k, memory in enumerate(memories)]
+    cells = range(len(learned.map.cells))
+    asks = np.array([asks_surely(table.q_star.T) for table in tables])
+    best = np.array([table.q_star[:, :PRIMITIVES].argmax(axis=1) for table in tables])
+    unseen = [[table.values_asking(x, 0, ()) for x in cells] for table in tables]
+    moves = np.where(asks, np.argmax(unseen, axis=2), best)
+    seen = np.array([np.argmax(np.asarray(table.q_coord), axis=-1) for table in tables])
+    before, value, team, visited = climbed(learned, AskingPolicies(moves, asks, seen))
+    improved = []
+    for k, memory in enumerate(memories):
+        star = memory["q_star"].copy()
+        chosen = np.where(team.asks[k], COORDINATE, team.moves[k])
+        for x in np.flatnonzero(visited[k]).tolist():
+            star[x] = preferring(star[x], chosen[x])
+        after: dict[tuple[int, int, int], int] = {}
+        for x in np.flatnonzero(team.asks[k]).tolist():
+            after |= {(x, 1 - k, z): team.seen[k, x, z] for z in cells}
+            after[x, UNKNOWN, UNKNOWN] = team.moves[k, x]
+        improved.append(_acting(learned, learner, memory, star, after))
+    return before, value, improved
+
+
+def _by_trials(
+    learned: Scenario, learner: Learner, memories: Sequence[Memory]
+) -> tuple[float, float, list[Memory]]:
+    """Climb from what was learned, and from `one_at_a_time`: the better; as `_of_a_pair`."""
+    starts = memories, one_at_a_time(learned, learner, memories)
+    climbs = [_climb(learned, learner, start) for start in starts]
+    _, value, improved = max(climbs, key=lambda climb: climb[1])
+    return climbs[0][0], value, improved
+
+
+def one_at_a_time(
+    learned: Scenario, learner: Learner, memories: Sequence[Memory]
+) -> list[Memory]:
+    """Return what robots remember that take turns, on shortest ways.
+
+    Doorways side by side are a passage. Who is before one on its way asks, and makes way if it
+    perceives a peer inside, or one of lower number before it.
+    """
+    passage = passages(learned)
+    ahead = passage[learned.map.next_cell]
+    goals = [robot.goal for robot in learned.robots]
+    starts = []
+    for k, u in enumerate(_on_routes(learned, [()] * len(memories))):
+        star = np.column_stack([u, u.max(axis=1) - LEAD])
+        after: dict[tuple[int, int, int], int] = {}
+        for x, move in enumerate(u.argmax(axis=1).tolist()):
+            entered = ahead[x, move]
+            if x == goals[k] or entered in (NOWHERE, passage[x]):
+                continue
+            star[x] = preferring(star[x], COORDINATE)
+            waits = int(np.where(ahead[x] == entered, -np.inf, u[x]).argmax())
+            inside = passage == entered
+            before = (ahead == entered).any(axis=1)
+            for j in range(len(goals)):
+                first = inside | before & (j < k)
+                first[goals[j]] = False
+                after |= {
+                    (x, j, z): waits for z in np.flatnonzero(first).tolist() if j != k
+                }
+        alone = {**memories[k], "u": u, **rows_as_learned({}, len(u), len(goals))}
+        starts.append(_acting(learned, learner, alone, star, after))
+    return starts
+
+
+def _climb(
+    learned: Scenario, learner: Learner, memories: Sequence[Memory]
+) -> tuple[float, float, list[Memory]]:
+    """Climb by trials with the same draws; as `_of_a_pair`."""
+    team = Team(learned, learner, compiled=has_numba())
+    minds = team.initial(memories)
+    best = team.play(minds, 0, TRIALS, paired=True)
+    before = float(best.reward.mean())
+    better = True
+    while better:
+        better = False
+        for change in _changes(learned, team, minds, best.stays):
+            old = [list(row) for row, _ in change]
+            for row, new in change:
+                row[:] = new
+            found = _better(team, minds, best)
+            if found is not None:
+                best = found
+                better = True
+                continue
+            for (row, _), value in zip(change, old, strict=True):
+                row[:] = value
+    improved = []
+    for k in range(len(memories)):
+        memory = memory_of(team.mind(minds, k))
+        star = memory["q_star"]
+        u = memory["u"]
+        improved.append(_with_values(learned, learner, memory, star, u))
+    return before, float(best.reward.mean()), improved
+
+
+def _better(team: Team, minds: Any, best: Trials) -> Trials | None:
+    """Return trials of what the robots would do now, where that is better; else None."""
+    few = team.play(minds, 0, LOOKED_AT, paired=True)
+    if few.reward.mean() <= best.reward[:LOOKED_AT].mean():
+        return None
+    found = team.play(minds, 0, TRIALS, paired=True)
+    gain = (found.reward - best.reward).mean(axis=1)
+    return found if gain.mean() > SURE * gain.std() / TRIALS**0.5 else None
+
+
+Change = list[tuple[Any, np.ndarray]]
+"""Rows of minds, lists or arrays, and what to write to them."""
+
+
+def _changes(
+    learned: Scenario, team: Team, minds: Any, stays: np.ndarray
+) -> Iterator[Change]:
+    """Yield changes of what one robot does.
+
+    First another route: U of a robot alone that keeps out of one doorway, or of none. Then in one
+    cell another action. Then, where it asks, another move, or no correction, for one peer's cell
+    if that is in the way.
+
+    Args:
+        learned: the game as the team knows it.
+        team: scenario, learner and form.
+        minds: what the robots do.
+        stays: steps that each robot acts in each cell, shape (robots, cells).
+    """
+    each = [team.mind(minds, k) for k in range(len(stays))]
+    for avoided in ((), *((doorway,) for doorway in sorted(learned.map.doorways))):
+        routes = _on_routes(learned, [avoided] * len(each))
+        for mind, route in zip(each, routes, strict=True):
+            yield _other_route(mind, route)
+    lead = learned.map.next_cell
+    for k, x in np.argwhere(stays > 0).tolist():
+        row = each[k].q_star[x]
+        for action in range(len(ACTIONS)):
+            waits_for_ever = action < PRIMITIVES and lead[x, action] == x
+            if action != np.argmax(row) and not waits_for_ever:
+                yield [(row, preferring(np.array(row), action))]
+    for k, mind in enumerate(each):
+        yield from _corrections(mind, stays[k], len(each))
+
+
+def _other_route(mind: Any, route: np.ndarray) -> Change:
+    """Return the change of a robot that takes another route, with U of that, [cell, move]."""
+    u = np.array(mind.u)
+    star = np.array(mind.q_star)
+    star += np.column_stack([route, route.max(axis=1)]) - np.column_stack(
+        [u, u.max(axis=1)]
+    )
+    change = [(mind.q_star[x], row) for x, row in enumerate(star)]
+    return change + [(mind.u[x], row) for x, row in enumerate(route)]
+
+
+def _on_routes(learned: Scenario, avoided: Sequence[Collection[int]]) -> np.ndarray:
+    """Return U of robots alone that keep out of cells, shape (robots, cells, moves)."""
+    after = alone(learned, avoided)
+    p = learned.move_success
+    routes: np.ndarray = (
+        p * after[:, learned.map.next_cell] + (1.0 - p) * after[:, :, None]
+    )
+    return routes
+
+
+def _corrections(mind: Any, stays: np.ndarray, robots: int) -> Iterator[Change]:
+    keys = learned_rows(mind.rho).keys
+    for key, (x, peer, _) in zip(
+        keys.tolist(), states_of(keys, len(stays), robots), strict=True
+    ):
+        row = mind.rho.values[row_of(mind.rho, key)]
+        u = np.array(mind.u[x])
+        in_the_way = peer != UNKNOWN and row[u.argmax()] < 0.0
+        if in_the_way and stays[x] and asks_surely(mind.q_star[x]):
+            yield [(row, np.zeros(PRIMITIVES))]
+            for move in range(PRIMITIVES):
+                yield [(row, preferring(u + np.array(row), move) - u)]
+
+
+def preferring(values: np.ndarray, chosen: int) -> np.ndarray:
+    """Return values of which the chosen one leads: the others are lowered as far as need be."""
+    lowered: np.ndarray = np.minimum(values, values[chosen] - LEAD)
+    lowered[chosen] = values[chosen]
+    return lowered
+
+
+def _acting(
+    scenario: Scenario,
+    learner: Learner,
+    memory: Memory,
+    star: np.ndarray,
+    after: Mapping[tuple[int, int, int], int],
+) -> Memory:
+    """Return what a robot remembers that acts by other values.
+
+    Args:
+        scenario: the game.
+        learner: who learned.
+        memory: what it remembers.
+        star: its new Q*, shape (cells, 5).
+        after: its move by own cell, peer and the peer's cell, as of `states_of`.
+    """
+    u = memory["u"]
+    cells = len(memory["u"])
+    robots = len(scenario.robots)
+    states = states_of(memory["rho_keys"], cells, robots)
+    rows = dict(zip(map(tuple, states.tolist()), memory["rho_values"], strict=True))
+    for state, move in after.items():
+        lone = u[state[0]]
+        row = rows.get(state, np.zeros(PRIMITIVES))
+        rows[state] = preferring(lone + row, move) - lone
+    return _with_values(
+        scenario, learner, {**memory, **rows_as_learned(rows, cells, robots)}, star, u
+    )
+
+
+def rows_as_learned(
+    rows: Mapping[tuple[int, int, int], np.ndarray], cells: int, robots: int
+) -> dict[str, np.ndarray]:
+    """Return rows of rho, by what `states_of` says, as fields of a memory; without rows of 0."""
+    known = {
+        key_of(state, cells, robots): row for state, row in rows.items() if row.any()
+    }
+    keys = sorted(known)
+    values = np.array([known[key] for key in keys]).reshape(-1, PRIMITIVES)
+    return {
+        "rho_keys": np.array(keys, dtype=np.int64),
+        "rho_values": values,
+        "rho_updates": np.ones(values.shape, dtype=np.int64),
+    }
+
+
+def _with_values(
+    scenario: Scenario,
+    learner: Learner,
+    memory: Memory,
+    star: np.ndarray,
+    u: np.ndarray,
+) -> Memory:
+    """Return a memory with another Q*, and factors that give it."""
+    changed = {
+        "q_star": star,
+        "value": star.max(axis=1),
+        "r_bar": star[:, :PRIMITIVES] - u,
+        "w": star[:, COORDINATE] - u.max(axis=1) + _cost(scenario, learner),
+    }
+    return {**memory, **changed}
+
+
+def _cost(scenario: Scenario, learner: Learner) -> float:
+    """Return what asking costs, as the learner weighs it."""
+    return learner.weights(scenario).ask_cost * scenario.ask_cost

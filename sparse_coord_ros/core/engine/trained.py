@@ -1,0 +1,93 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a learning run has brought, whoever computed it, and its directory."""
+
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from sparse_coord_ros.base.errors import RunError
+from sparse_coord_ros.base.files import path_argument, write_whole
+from sparse_coord_ros.core.game.scenario import Scenario
+from sparse_coord_ros.core.learners.learner import Learner
+from sparse_coord_ros.core.learners.tables import Tables
+from sparse_coord_ros.core.runs.evaluation import Evaluation
+from sparse_coord_ros.core.runs.history import History
+from sparse_coord_ros.core.runs.run_config import RUN_FILE, create_output, make_run
+from sparse_coord_ros.core.runs.tables import save_team
+from sparse_coord_ros.core.runs.trials import Trials
+from sparse_coord_ros.core.solve.exact import ExactMeans
+
+
+@dataclass(frozen=True, eq=False)
+class Training:
+    """A learning run: what was learned, and how.
+
+    Attributes:
+        scenario: the problem and its protocol.
+        learner: who learned.
+        seed: the run's seed.
+        engine: "numba" or "python": what computed it; the bits are the same.
+        tables: what each robot learned.
+        history: one row an episode; none where it was not gathered.
+        visited: joint states of Q^C that each robot has updated, shape (robots,), int64.
+        transitions: transitions learned from; of a learner that learns `alone`, by each robot.
+        evaluations: evaluations of the team on the way, as (transitions, evaluation).
+        trials: greedy trials afterwards, arrays of shape (trials, robots), as `train_many` plays
+            them, seeded by the run's seed; None where none were played.
+        exact: what such a trial brings on average; None without trials, and where nobody knows.
+    """
+
+    scenario: Scenario
+    learner: Learner
+    seed: int
+    engine: str
+    tables: list[Tables]
+    history: History
+    visited: np.ndarray
+    transitions: int
+    evaluations: tuple[tuple[int, Evaluation], ...] = ()
+    trials: Trials | None = None
+    exact: ExactMeans | None = None
+
+    def __repr__(self) -> str:
+        """Return what it is, on one line."""
+        done = f"{self.transitions:,} steps, {self.history.episodes:,} episodes"
+        return f"<Training {self.scenario.label}; {self.learner.label}, seed {self.seed}; {done}>"
+
+    @property
+    def finished(self) -> bool:
+        """Whether it has learned for the scenario's budget."""
+        return self.transitions >= self.scenario.steps
+
+    def save(self, directory: str | Path) -> Path:
+        """Write a run's directory, as `sparse_coord train` does: every verb reads it.
+
+        Args:
+            directory: it must not exist; nothing is overwritten.
+
+        Returns:
+            The directory, with `run.yaml`, `tables.npz` and `history.npz`.
+
+        Raises:
+            RunError: it exists already, or cannot be written.
+            SettingError: its perception model is a function that nobody else can find.
+        """
+        run = make_run(self.scenario, {"seed": self.seed, "learner": self.learner})
+        said = run.to_yaml()
+        folder = create_output(path_argument("directory", directory))
+        try:
+            write_whole(folder / RUN_FILE, said)
+            save_team(folder, [table.memory for table in self.tables])
+            self.history.save(folder)
+        except BaseException as error:
+            shutil.rmtree(folder, ignore_errors=True)  # leave no half of a run
+            if isinstance(error, OSError):
+                what = (
+                    f"output directory {folder}: cannot be written ({error.strerror})"
+                )
+                raise RunError(f"{what}; choose another") from None
+            raise
+        return folder

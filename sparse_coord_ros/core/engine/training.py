@@ -1,0 +1,282 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""One learning run, on the engine that is quickest, with its history, evaluations and checkpoints.
+
+The engines give the same bits, and either goes on where the other one stopped.
+"""
+
+import signal
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Protocol
+
+from sparse_coord_ros.base.errors import SettingError, check_function
+from sparse_coord_ros.base.files import path_argument
+from sparse_coord_ros.core.engine import batch
+from sparse_coord_ros.core.engine.checkpoint import Checkpoint, load_checkpoint
+from sparse_coord_ros.core.engine.trained import Training
+from sparse_coord_ros.core.game.scenario import Scenario, ScenarioLike, loaded
+from sparse_coord_ros.core.game.settings import Setting
+from sparse_coord_ros.core.learners.learner import Learner
+from sparse_coord_ros.core.learners.registry import (
+    LearnerLike,
+    chosen_learner,
+    learner_of,
+)
+from sparse_coord_ros.core.runs.evaluation import Evaluation, Progress, silent, summary
+from sparse_coord_ros.core.runs.run import Glimpse, LearningRun, Team
+from sparse_coord_ros.core.runs.run_config import RUN_SETTINGS
+
+EVERY = Setting(
+    "evaluate-every", int, 0, "steps between evaluations", low=0, high=10_000_000
+)
+UNTIL = Setting("until", int, 0, "transitions after which to stop", low=0)
+EVERY_TRIALS = Setting(
+    "trials", int, 200, "trials of each of them", low=2, high=10_000_000
+)
+
+WORTH_COMPILING = 500_000
+WORTH_LOADING = 100_000
+"""Agent-steps that plain Python makes while numba compiles, or is imported and finds the compiled
+loops on disk: a shorter run is quicker without."""
+
+FIRST_PART = 1000
+"""Transitions learned at first between two looks at the clock and at signals."""
+
+PART_SECONDS = (0.05, 0.2)
+"""How long they may take; there are more of them, or fewer, next time."""
+
+SAVE_SECONDS = 30.0
+"""Time between two checkpoints."""
+
+
+class Watcher(Protocol):
+    """Who looks at a run while it goes on; it may hold it, or slow it down.
+
+    It is asked once more before the last transition.
+
+    Attributes:
+        wants_glimpse: whether it wants a transition to be made and shown when it looks next.
+    """
+
+    wants_glimpse: bool
+
+    def look(self, learning: LearningRun, glimpse: Glimpse | None) -> int | None:
+        """Look at a run between two transitions.
+
+        Args:
+            learning: the run.
+            glimpse: the transition that it has just made, where it could be made apart.
+
+        Returns:
+            After how many transitions to look again at the latest; 0: hold, and look again at
+            once; None: as it is best for the speed.
+        """
+
+
+def engine_for(scenario: Scenario, learner: str | Learner, engine: str = "auto") -> str:
+    """Return what computes a run: "numba" or "python".
+
+    "auto" is numba where it is installed, the learner has a compiled form, and the run is long
+    enough to be worth the seconds that numba takes to begin (or they have been spent already).
+
+    Raises:
+        SettingError: numba is asked for, and not installed or no help to the learner.
+    """
+    rule = learner_of(learner)
+    quick = batch.is_loaded(learner=rule, history=True) or worth_compiling(
+        scenario, rule
+    )
+    if engine == "auto" and not quick:
+        return "python"
+    return "numba" if batch.uses_numba(engine, rule) else "python"
+
+
+def worth_compiling(scenario: Scenario, learner: Learner) -> bool:
+    """Whether plain Python takes longer for a run than numba takes to begin."""
+    kept = batch.is_prepared(learner=learner, history=True)
+    needed = WORTH_LOADING if kept else WORTH_COMPILING
+    return scenario.steps * len(scenario.robots) >= needed
+
+
+def train(
+    scenario: ScenarioLike,
+    learner: LearnerLike = "coop",
+    seed: int = 0,
+    *,
+    engine: str = "auto",
+    evaluate_every: int | None = None,
+    trials: int = 200,
+    progress: Progress = silent,
+    checkpoint: Path | None = None,
+    resume: bool = False,
+    until: int | None = None,
+    watcher: Watcher | None = None,
+) -> Training:
+    """Learn once, for the scenario's budget: its setting `steps`, in transitions.
+
+    `Training.history` is what happened in each episode, `Training.save` writes a run's directory.
+
+    With a `checkpoint` an interrupt (SIGINT or SIGTERM, in the main thread) is held back until
+    the run is saved; a second one is not. `train(..., resume=True)` goes on from there, on either
+    engine, and ends with the bits of an unbroken run.
+
+    Args:
+        scenario: the problem and its protocol.
+        learner: who learns.
+        seed: seed of every random draw.
+        engine: "numba", "python", or "auto": what is quicker here. The bits are the same.
+        evaluate_every: transitions between two evaluations, the last one after the budget; 0:
+            none; None: none, or where a run goes on, as it began.
+        trials: greedy trials of each evaluation, seeded by the run's seed.
+        progress: called with the transitions done and the budget, several times a second.
+        checkpoint: file to save to, every half minute and when interrupted; None: nowhere.
+        resume: whether to go on from `checkpoint`.
+        until: transitions after which to stop, and to save; the budget where None.
+        watcher: looks at the run several times a second; the bits stay the same.
+
+    Raises:
+        ScenarioError, SettingError: no such scenario or learner, or a bad setting.
+        RunError: there is no checkpoint, it cannot be read, or is that of another run.
+        PluginError: a learner or perception model of the user's own failed.
+    """
+    rule = chosen_learner(learner)
+    scenario = rule.with_defaults(loaded(scenario))
+    seed = RUN_SETTINGS["seed"].parse(seed)
+    evaluate_every = None if evaluate_every is None else EVERY.parse(evaluate_every)
+    trials = EVERY_TRIALS.parse(trials)
+    until = scenario.steps if until is None else UNTIL.parse(until)
+    check_function("progress", progress)
+    if checkpoint is not None:
+        checkpoint = path_argument("checkpoint", checkpoint)
+    saved = None
+    if resume:
+        if checkpoint is None:
+            raise SettingError(
+                "setting resume: value is True, which needs a checkpoint to go on"
+            )
+        saved = load_checkpoint(checkpoint, scenario, rule, seed)
+        if evaluate_every is None:
+            evaluate_every = saved.evaluate_every
+            trials = saved.trials
+    used = engine_for(scenario, rule, engine)
+    if used == "numba":
+        batch.prepare(rule, history=True)
+    state = None if saved is None else saved.state
+    under_way = _RunUnderWay(
+        LearningRun(Team(scenario, rule, compiled=used == "numba"), seed, state),
+        evaluate_every or 0,
+        trials,
+        [] if saved is None else list(saved.evaluations),
+        checkpoint,
+        progress,
+        watcher,
+    )
+    learning = under_way.run(min(until, scenario.steps))
+    return replace(
+        batch.result_of(learning),
+        evaluations=tuple(under_way.evaluations),
+    )
+
+
+@dataclass
+class _RunUnderWay:
+    """A run under way; `evaluations` so far, other arguments as of `train`."""
+
+    learning: LearningRun
+    evaluate_every: int
+    trials: int
+    evaluations: list[tuple[int, Evaluation]]
+    checkpoint: Path | None
+    progress: Progress
+    watcher: Watcher | None
+
+    def run(self, until: int) -> LearningRun:
+        """Learn until so many transitions have been made, or a signal comes."""
+        with _held_back(wanted=self.checkpoint is not None) as caught:
+            self._learn(until, caught)
+            if caught or self.learning.done < self.learning.scenario.steps:
+                self._save()
+        if caught:
+            signal.raise_signal(caught[0])
+        return self.learning
+
+    def _learn(self, until: int, caught: list[int]) -> None:
+        learning = self.learning
+        every = self.evaluate_every
+        budget = learning.scenario.steps
+        part = FIRST_PART
+        saved = time.monotonic()
+        self.progress(learning.done, budget)
+        while learning.done < until and not caught:
+            wanted = self._look(until)
+            if wanted == 0 and learning.done < until:
+                continue
+            target = min(until, learning.done + min(part, wanted or part))
+            if self.watcher is not None and learning.done < until - 1:
+                target = min(target, until - 1)
+            if every:
+                target = min(target, (learning.done // every + 1) * every)
+            began = time.monotonic()
+            learning.advance(target)
+            took = time.monotonic() - began
+            if wanted is None and took < PART_SECONDS[0]:
+                part *= 2
+            elif took > PART_SECONDS[1]:
+                part = max(1, part // 2)
+            if every and (target == budget or target % every == 0):
+                self.evaluations.append((target, summary(learning.play(self.trials))))
+            self.progress(learning.done, budget)
+            if time.monotonic() - saved >= SAVE_SECONDS:
+                self._save()
+                saved = time.monotonic()
+
+    def _look(self, until: int) -> int | None:
+        """Let the watcher look; return what it returns."""
+        learning = self.learning
+        watcher = self.watcher
+        every = self.evaluate_every
+        if watcher is None:
+            return None
+        following = learning.done + 1
+        apart = following == until or not every or following % every != 0
+        glimpse = learning.glimpse() if apart and watcher.wants_glimpse else None
+        return watcher.look(learning, glimpse)
+
+    def _save(self) -> None:
+        """Write the checkpoint, where one is wanted."""
+        if self.checkpoint is not None:
+            run = self.learning
+            found = tuple(self.evaluations), self.evaluate_every, self.trials
+            saved = Checkpoint(run.state(), *found)
+            saved.save(self.checkpoint, run.scenario, run.learner, run.seed)
+
+
+@contextmanager
+def _held_back(*, wanted: bool) -> Iterator[list[int]]:
+    """Hold back the first SIGINT or SIGTERM; a list of one that came. The second interrupts."""
+    caught: list[int] = []
+    if not wanted or threading.current_thread() is not threading.main_thread():
+        yield caught
+        return
+
+    def note(number: int, _frame: object) -> None:
+        if caught:
+            raise KeyboardInterrupt
+        caught.append(number)
+
+    numbers = [
+        n
+        for n in (signal.SIGINT, signal.SIGTERM)
+        if signal.getsignal(n) != signal.SIG_IGN
+    ]
+    before = {number: signal.signal(number, note) for number in numbers}
+    try:
+        yield caught
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -1,0 +1,164 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Where the draws of a run come from: NumPy's streams, or for compiled loops single draws of them.
+
+What nothing looks at is never drawn by compiled loops: a jump of the generator makes a draw
+without those before it (`core.game.pcg64`). The bits are those of `core.game.streams`.
+"""
+
+import functools
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sparse_coord_ros.base.compiling import compiled_as, inlined, inner
+from sparse_coord_ros.core.game.links import LOST, UP, link_of
+from sparse_coord_ros.core.game.pcg64 import (
+    MOST,
+    jump_table,
+    jumped,
+    source_of,
+    uniform,
+)
+from sparse_coord_ros.core.game.perception import percept_probabilities
+from sparse_coord_ros.core.game.scenario import Scenario
+from sparse_coord_ros.core.game.streams import DRAWS, LEARNING, PERCEPT, Stream
+
+WIDTHS = tuple(DRAWS.values())
+"""Draws that a time step owns [role]."""
+
+JUMPS = jump_table()
+"""As of `CompiledDraws`."""
+
+
+class Links(NamedTuple):
+    """When robots get no answer, as arrays.
+
+    Attributes:
+        fails: whether percepts can fail.
+        down: when each robot's link is down, [k, time step modulo its length]; no columns where
+            links have no pattern.
+        dead_from: the time step from which all links are down.
+    """
+
+    fails: bool
+    down: np.ndarray
+    dead_from: int
+
+
+def links_of(scenario: Scenario, seed: int, phase: int) -> Links:
+    """Return when robots of a run get no answer."""
+    team = len(scenario.robots)
+    links = [link_of(scenario.link, seed, k, phase) for k in range(team)]
+    percept = percept_probabilities(scenario.perception, scenario.map)
+    fails = bool(team == 1 or (percept < 1.0).any() or scenario.link != UP)
+    return Links(fails, np.array([link.pattern for link in links]), links[0].dead_from)
+
+
+class PlainDraws:
+    """The draws of a run for plain Python.
+
+    Args:
+        scenario: the problem.
+        seed: the run's seed.
+        phase: LEARNING or EVALUATION.
+    """
+
+    def __init__(self, scenario: Scenario, seed: int, phase: int = LEARNING) -> None:
+        team = range(len(scenario.robots))
+        self._key = scenario, seed, phase
+        self.streams = [[Stream(seed, k, role, phase) for k in team] for role in DRAWS]
+
+    @functools.cached_property
+    def links(self) -> Links:
+        """When robots get no answer."""
+        return links_of(*self._key)
+
+
+class CompiledDraws(NamedTuple):
+    """The draws of a run for compiled loops.
+
+    Attributes:
+        links: when robots get no answer.
+        sources: a generator at a time step's beginning, as of `generator.source_of`,
+            [role, k, word]; those that nothing looks at are 0.
+        since: that time step [role, k].
+        jumps: as of `generator.jump_table`.
+    """
+
+    links: Links
+    sources: np.ndarray
+    since: np.ndarray
+    jumps: np.ndarray
+
+
+def compiled_draws(
+    scenario: Scenario,
+    seed: int,
+    phase: int,
+    looked_at: dict[int, bool],
+    members: np.ndarray,
+    first: int,
+) -> CompiledDraws:
+    """Return the draws of a run for compiled loops.
+
+    Args:
+        scenario: the problem.
+        seed: the run's seed.
+        phase: LEARNING or EVALUATION.
+        looked_at: whether anything looks at the draws of a role; others need no generator.
+        members: the robots that act.
+        first: the time step that they begin with.
+    """
+    team = len(scenario.robots)
+    sources = np.zeros((len(DRAWS), team, 4), dtype=np.uint64)
+    for role, width in DRAWS.items():
+        for k in members.tolist() if looked_at.get(role) else ():
+            sources[role, k] = source_of(seed, k, role, phase, first * width)
+    since = np.full((len(DRAWS), team), first)
+    return CompiledDraws(links_of(scenario, seed, phase), sources, since, JUMPS)
+
+
+@inlined
+def _jumped_to(
+    draws: CompiledDraws, role: int, k: int, step: int, column: int
+) -> float:
+    """As `drawn`; of each role and robot the time step is not before the last one's."""
+    source = draws.sources[role, k]
+    width = WIDTHS[role]
+    steps = step - draws.since[role, k]
+    if (steps + 1) * width > MOST:
+        _go_on(draws, role, k, step)
+        steps = 0
+    high, low = jumped(source, draws.jumps[steps * width + column + 1])
+    return uniform(high, low)
+
+
+@inner
+def _go_on(draws: CompiledDraws, role: int, k: int, step: int) -> None:
+    """Let a generator go on to a time step's beginning."""
+    source = draws.sources[role, k]
+    width = WIDTHS[role]
+    while draws.since[role, k] < step:
+        steps = min(step - draws.since[role, k], MOST // width)
+        high, low = jumped(source, draws.jumps[steps * width])
+        source[0] = high
+        source[1] = low
+        draws.since[role, k] += steps
+
+
+@compiled_as(_jumped_to)
+def drawn(draws: Any, role: int, k: int, step: int, column: int) -> float:
+    """Return a draw of robot k in a role at a time step."""
+    draw: float = draws.streams[role][k].at(step)[column]
+    return draw
+
+
+@inlined
+def percept_draw(draws: Any, k: int, step: int) -> float:
+    """Return the draw of robot k's percept, `LOST` while its link is down."""
+    links = draws.links
+    period = links.down.shape[1]
+    if step >= links.dead_from or (period > 0 and links.down[k, step % period]):
+        return LOST
+    return drawn(draws, PERCEPT, k, step, 0) if links.fails else 0.0

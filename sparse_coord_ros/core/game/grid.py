@@ -1,0 +1,357 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Grid maps: free cells, walls, doorways and starts, read from text files.
+
+A map file is a YAML header (`title`, `source`, `provenance`, and of a map of a real place
+`resolution`, `origin` and `radius`), a line `---`, then the grid: one line a row, `#` wall, `.`
+free, `D` doorway (free), a digit 1 to 9 a start (free).
+Free cells are numbered row by row from the top left; that number is a robot's local state.
+"""
+
+import os
+from collections.abc import Collection
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sparse_coord_ros.base.errors import MapError, did_you_mean, in_short
+from sparse_coord_ros.base.limits import MAP, MAP_HEADER, read_text, to_yaml, yaml_value
+from sparse_coord_ros.base.share import share_file, share_names
+from sparse_coord_ros.core.game.actions import DIRECTIONS
+
+WALL = "#"
+FREE = "."
+DOORWAY = "D"
+SYMBOLS = "'#' wall, '.' free, 'D' doorway, '1' to '9' start"
+UNREACHABLE = -1
+
+CLEAR = 0.07
+"""Cells between a body and a wall beside its lane, where there is room."""
+
+HEADER_TEXTS = ("title", "source", "provenance")
+RESOLUTIONS = (1e-3, 1000.0)
+"""Least and most metres a cell."""
+
+FURTHEST = 1e7
+"""Most metres from the frame's origin to the grid's corner."""
+
+
+@dataclass(frozen=True)
+class GridMap:
+    """A map: its rows of symbols and what follows from them.
+
+    Attributes:
+        name: the map's name (the file's stem).
+        rows: the grid, one string a row, all of the same length, top row first.
+        title: what the map shows.
+        source: where the map comes from; of one of a floor plan its YAML file.
+        provenance: which parts are found, derived or chosen.
+        resolution: metres a cell of the place that the map shows; None: of no real place.
+        origin: (x, y) of the grid's lower left corner in that place's frame, in metres.
+        radius: of the robots that the map was made for, in metres; 0: nobody said.
+    """
+
+    name: str
+    rows: tuple[str, ...]
+    title: str = ""
+    source: str = ""
+    provenance: str = ""
+    resolution: float | None = None
+    origin: tuple[float, float] = (0.0, 0.0)
+    radius: float = 0.0
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(rows, columns) of the grid, walls included."""
+        return len(self.rows), len(self.rows[0])
+
+    @cached_property
+    def cells(self) -> tuple[tuple[int, int], ...]:
+        """(row, column) of each free cell; the index is the cell's number."""
+        r, c = self._places
+        return tuple(zip(r.tolist(), c.tolist(), strict=True))
+
+    @cached_property
+    def _places(self) -> tuple[np.ndarray, np.ndarray]:
+        """The row and the column of each free cell."""
+        signs = np.frombuffer("".join(self.rows).encode(), dtype=np.uint8).reshape(
+            self.shape
+        )
+        r, c = np.nonzero(signs != ord(WALL))
+        return r, c
+
+    @cached_property
+    def number(self) -> dict[tuple[int, int], int]:
+        """The cell number of each free (row, column)."""
+        return {position: cell for cell, position in enumerate(self.cells)}
+
+    @cached_property
+    def doorways(self) -> frozenset[int]:
+        """The cells that are doorways, by their numbers; a doorway may have several cells."""
+        return frozenset(
+            x for x, (r, c) in enumerate(self.cells) if self.rows[r][c] == DOORWAY
+        )
+
+    @property
+    def doorway_count(self) -> int:
+        """How many doorways there are: doorway cells side by side, or in a row, are one."""
+        left = set(self.doorways)
+        count = 0
+        while left:
+            count += 1
+            reached = [left.pop()]
+            while reached:
+                beside = left.intersection(self.next_cell[reached.pop()].tolist())
+                reached += beside
+                left -= beside
+        return count
+
+    @property
+    def doorway_facts(self) -> dict[str, Any]:
+        """How many doorways there are, and the row and column of each of their cells."""
+        cells = [self.cells[x] for x in sorted(self.doorways)]
+        return {"doorways": self.doorway_count, "doorway_cells": cells}
+
+    @property
+    def doorways_in_words(self) -> str:
+        """How many doorways there are, and of how many cells where these are more."""
+        doorways = self.doorway_count
+        cells = len(self.doorways)
+        more = f" ({cells} cells)" if cells > doorways else ""
+        return f"{doorways} doorway{'s' * (doorways != 1)}{more}"
+
+    @cached_property
+    def starts(self) -> dict[int, int]:
+        """Cell number of each start digit of the map."""
+        return {
+            int(self.rows[r][c]): x
+            for x, (r, c) in enumerate(self.cells)
+            if self.rows[r][c].isdigit()
+        }
+
+    @cached_property
+    def next_cell(self) -> np.ndarray:
+        """Shape (cells, moves), int64: where a successful move leads; a wall: the cell itself."""
+        rows, columns = self.shape
+        number = np.full(
+            (rows + 2, columns + 2), UNREACHABLE, dtype=np.int64
+        )  # walls around
+        r, c = (place + 1 for place in self._places)
+        number[r, c] = np.arange(len(r))
+        after = np.stack([number[r + dr, c + dc] for dr, dc in DIRECTIONS], axis=1)
+        return np.where(after == UNREACHABLE, np.arange(len(r))[:, None], after)
+
+    @cached_property
+    def region(self) -> np.ndarray:
+        """Shape (cells,), int64: a number for each cell; two with the same have a way between."""
+        return regions(self.next_cell)
+
+    def distances_to(self, goal: int) -> np.ndarray:
+        """Shape (cells,): moves on a shortest path to `goal`; -1 where there is none."""
+        return moves_to(self.next_cell, goal)
+
+    def leading_to(self, goal: int) -> np.ndarray:
+        """Return the cells with a way to `goal`, but the goal itself: shape (n,), ascending."""
+        return np.flatnonzero(self.distances_to(goal) > 0)
+
+    def to_text(self) -> str:
+        """Return the map as the text of a map file; `parse_map` reads it back."""
+        said: dict[str, Any] = {name: getattr(self, name) for name in HEADER_TEXTS}
+        if self.resolution is not None:
+            said |= {"resolution": self.resolution, "origin": list(self.origin)}
+        if self.radius:
+            said["radius"] = self.radius
+        header = to_yaml(said)
+        return header + "---\n" + "\n".join(self.rows) + "\n"
+
+
+def moves_to(lead: np.ndarray, goal: int, avoided: Collection[int] = ()) -> np.ndarray:
+    """Return the moves from each cell to a goal through no avoided cell; -1: there is no way.
+
+    Args:
+        lead: where a successful move leads, shape (cells, moves).
+        goal: the cell to go to.
+        avoided: cells to keep out of.
+
+    Returns:
+        Shape (cells,), int64.
+    """
+    far = np.full(len(lead), UNREACHABLE, dtype=np.int64)
+    front = np.zeros(len(lead), dtype=np.bool_)
+    moves = 0
+    front[goal] = True
+    while front.any():
+        far[front] = moves
+        front[list(avoided)] = False
+        front = front[lead].any(axis=1) & (far == UNREACHABLE)
+        moves += 1
+    return far
+
+
+def regions(lead: np.ndarray) -> np.ndarray:
+    """Return the region of each cell: two cells with a way between them have the same number.
+
+    Args:
+        lead: where a successful move leads, shape (cells, moves); every move has its way back.
+
+    Returns:
+        Shape (cells,), int64.
+    """
+    region = np.arange(len(lead))
+    while True:  # each region joins the one with the least number beside it
+        joined = region.copy()
+        np.minimum.at(joined, region, region[lead].min(axis=1))
+        while (joined != joined[joined]).any():
+            joined = joined[joined]
+        if np.array_equal(joined, region):
+            return region
+        region = joined
+
+
+def map_names() -> list[str]:
+    """Return the names of the maps that the package ships, sorted."""
+    return share_names("maps", ".txt")
+
+
+def load_map(name: str, *, beside: Path | None = None) -> GridMap:
+    """Read a map by the name of a shipped map or by path.
+
+    Args:
+        name: a shipped map's name, or the path of a map file.
+        beside: a folder in which a relative path is looked up first (the scenario file's).
+
+    Raises:
+        MapError: there is no such map, or it is malformed.
+    """
+    folders = [beside, Path()] if beside else [Path()]
+    for candidate in [folder / name for folder in folders] + [
+        share_file("maps", f"{name}.txt")
+    ]:
+        if candidate is not None and os.path.isfile(candidate):
+            remedy = "give a map file; an image becomes one by: sparse_coord import-map"
+            text = read_text(candidate, MAP, MapError, remedy)
+            return parse_map(text, name=candidate.stem, where=str(candidate))
+    raise MapError(
+        f"map {name!r}: no such map{did_you_mean(name, map_names())}; give the path of a map file "
+        f"or one of: {', '.join(map_names())}"
+    )
+
+
+def parse_map(text: str, *, name: str, where: str) -> GridMap:
+    """Read a map from the text of a map file.
+
+    Args:
+        text: the file's text.
+        name: the map's name.
+        where: what error messages call the file.
+
+    Raises:
+        MapError: malformed header, unequal rows, unknown symbol, start given twice, no free cell.
+    """
+    lines = text.splitlines()
+    if "---" not in lines:
+        remedy = (
+            "a map is a header (title, source, provenance), a line '---', then the grid"
+        )
+        raise MapError(f"map {where}: no line '---'; {remedy}")
+    first = lines.index("---") + 1
+    rows = tuple(line.rstrip() for line in lines[first:])
+    while rows and not rows[-1]:
+        rows = rows[:-1]
+    _check_rows(rows, first + 1, where)
+    if len(rows) * len(rows[0]) > MAP.elements:
+        more = f"allowed: {MAP.elements:,}; use larger cells, or a part of it"
+        raise MapError(
+            f"map {where}: has {len(rows) * len(rows[0]):,} cells and walls, {more}"
+        )
+    return GridMap(
+        name=name, rows=rows, **_header("\n".join(lines[: first - 1]), where)
+    )
+
+
+def _header(text: str, where: str) -> dict[str, Any]:
+    numbers = {"resolution": RESOLUTIONS, "radius": (0.0, RESOLUTIONS[1])}
+    allowed = (*HEADER_TEXTS, *numbers, "origin")
+    header = (
+        yaml_value(text, where=f"map {where}: header", limit=MAP_HEADER, error=MapError)
+        or {}
+    )
+    if not isinstance(header, dict):
+        raise MapError(
+            f"map {where}: the header must be 'key: value' lines of {allowed}"
+        )
+    for key in header:
+        if key not in allowed:
+            raise MapError(
+                f"map {where}: unknown header key {key!r}{did_you_mean(str(key), allowed)}; "
+                f"allowed: {', '.join(allowed)}"
+            )
+    found: dict[str, Any] = {}
+    for key, value in header.items():
+        if key in numbers:
+            found[key] = number_of(
+                value, *numbers[key], f"map {where}: header key {key!r}"
+            )
+        elif key == "origin":
+            what = f"map {where}: header key 'origin'"
+            if not isinstance(value, list) or len(value) != 2:
+                raise MapError(
+                    f"{what} is {in_short(value)}, allowed: [x, y] in metres"
+                )
+            x, y = (number_of(one, -FURTHEST, FURTHEST, what) for one in value)
+            found[key] = (x, y)
+        else:
+            found[key] = str(value or "").strip()
+    if "origin" in found and "resolution" not in found:
+        raise MapError(
+            f"map {where}: has an origin and no resolution; give the metres a cell"
+        )
+    return found
+
+
+def number_of(value: object, low: float, high: float, what: str) -> float:
+    """Return a field of a map's file that is a number.
+
+    Args:
+        value: what the file says; None: nothing.
+        low: smallest number allowed.
+        high: largest number allowed.
+        what: file and field, for the error.
+
+    Raises:
+        MapError: it is none, or out of range.
+    """
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not number or not low <= value <= high:  # type: ignore[operator]
+        shown = "missing" if value is None else in_short(value)
+        raise MapError(f"{what} is {shown}, allowed: a number from {low:g} to {high:g}")
+    return float(value)  # type: ignore[arg-type]
+
+
+def _check_rows(rows: tuple[str, ...], first_line: int, where: str) -> None:
+    if not rows:
+        remedy = f"add one line a row ({SYMBOLS})"
+        raise MapError(f"map {where}: no grid after the line '---'; {remedy}")
+    seen: dict[str, int] = {}
+    for line, row in enumerate(rows, start=first_line):
+        if len(row) != len(rows[0]):
+            raise MapError(
+                f"map {where}, line {line}: row has {len(row)} symbols, the first row has "
+                f"{len(rows[0])}; all rows must be equally long (fill with '#')"
+            )
+        for column, symbol in enumerate(row if row.strip("#.D") else "", start=1):
+            if symbol not in "#.D123456789":
+                what = f"map {where}, line {line}, column {column}: unknown symbol {symbol!r}"
+                raise MapError(f"{what}; allowed: {SYMBOLS}")
+            if symbol.isdigit() and symbol in seen:
+                raise MapError(
+                    f"map {where}, line {line}: start {symbol} is there twice (first in line "
+                    f"{seen[symbol]}); each digit marks one start, replace one by '.'"
+                )
+            if symbol.isdigit():
+                seen[symbol] = line
+    if all(symbol == WALL for row in rows for symbol in row):
+        raise MapError(f"map {where}: no free cell; mark free cells with '.'")

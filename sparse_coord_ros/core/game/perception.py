@@ -1,0 +1,363 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Active-perception models: whether the percept of COORDINATE succeeds (paper, Section 3.2).
+
+"Whether or not it actually succeeds is environment-dependent." A model is a matrix of success
+probabilities over the asker's and the asked robot's cells; the percept succeeds when the draw of
+(asker, step) lies below the entry. A model is a function of the map and its numbers, registered
+under a name; one of the user's own may also be named as `module:function`.
+"""
+
+import inspect
+import itertools
+import math
+import sys
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+
+from sparse_coord_ros.base.compiling import inner
+from sparse_coord_ros.base.errors import SettingError, in_short
+from sparse_coord_ros.core.game.grid import GridMap
+from sparse_coord_ros.core.game.plugins import (
+    Registry,
+    failing_as,
+    is_path,
+    is_shipped,
+    path_of,
+)
+from sparse_coord_ros.core.game.specs import Form, Number, Spec, SpecFamily
+
+MOST_PERCEPTS = 2**29
+"""Pairs of cells for which there can be probabilities: those of 23,170 cells, 4 GiB."""
+
+PerceptionModel = Callable[..., np.ndarray]
+"""Takes the map and the numbers of its spec; returns what `percept_probabilities` does. Its
+attribute `numbers`, a tuple of `Number`, says their names and ranges; without one, its parameters
+after the map are numbers without bounds."""
+
+MARK = "is_perception_model"
+"""Attribute of functions that may be called as a model by their module and name; no other is."""
+
+
+def perception_model(function: PerceptionModel) -> PerceptionModel:
+    """Mark a function of one's own as a perception model: a decorator.
+
+    Its name in scenarios and for `--set perception=` is then `module:function`.
+    """
+    setattr(function, MARK, True)
+    return function
+
+
+def _model(name: str, thing: object) -> PerceptionModel:
+    if not callable(thing):
+        raise TypeError(
+            "is no function; it must take a map and return a matrix of probabilities"
+        )
+    if is_path(name) and getattr(thing, MARK, False) is not True:
+        remedy = "if it is one, write @sc.perception_model above it"
+        raise TypeError(
+            f"is not marked as a perception model and was not called; {remedy}"
+        )
+    return thing
+
+
+MODELS: Registry[PerceptionModel] = Registry(
+    "perception model", "sparse_coord_ros.perception", _model
+)
+"""Every perception model, by the name that scenarios give."""
+
+
+def register_perception(name: str, model: PerceptionModel) -> PerceptionModel:
+    """Let a scenario's setting `perception` name a model of one's own, in this process.
+
+    What is written names it as `module:function`, which other processes, and later calls, find by
+    themselves; a model that an installed package names as an entry point of the group
+    `sparse_coord_ros.perception` is found by that name.
+
+    Args:
+        name: the name.
+        model: function of the map and numbers; see `PerceptionModel`.
+
+    Raises:
+        SettingError: it is no function, or the name is none or taken.
+    """
+    with suppress(AttributeError, TypeError):  # of what is no function
+        perception_model(model)
+    return MODELS.register(name, model)
+
+
+def named_model(model: PerceptionModel) -> str:
+    """Return the name of a function that is handed over as a model, in this process.
+
+    It is the name that the function is registered under, if it is; else `module:function`, which
+    other processes find; else, of a function made within another one or typed in, a name that
+    this process alone knows (`check_found_elsewhere`): no other function ever gets it.
+    """
+    for name, known in MODELS.registered.items():
+        if known is model:
+            return _portable(name, known)
+    path = path_of(model)
+    if path is not None and _lies_at(model, path):
+        with suppress(
+            AttributeError, TypeError
+        ):  # of what takes no mark: it is refused then
+            perception_model(model)
+        MODELS.register(path, model)
+        return path
+    own = str(getattr(model, "__name__", ""))
+    own = own if own.isidentifier() and own.isascii() else "model"
+    numbered = (f"{own}_{number}" for number in itertools.count(2))
+    name = next(
+        one for one in itertools.chain([own], numbered) if one not in MODELS.names
+    )
+    MODELS.register(name, model)
+    _HERE_ALONE.add(name)
+    return name
+
+
+_HERE_ALONE: set[str] = set()
+"""Names of models that no other process can find."""
+
+
+def _lies_at(model: PerceptionModel, path: str) -> bool:
+    """Whether `module:function` leads to this very function."""
+    found: object = sys.modules.get(model.__module__)
+    for part in path.partition(":")[2].split("."):
+        found = getattr(found, part, None)
+    return found is model
+
+
+def check_found_elsewhere(model: Spec) -> None:
+    """Raise `SettingError` where no other process can find a model, nor a later call."""
+    if model.kind in _HERE_ALONE:
+        raise SettingError(
+            f"perception model {model.kind!r}: other processes, and later calls, cannot find this "
+            "function; define it in a module (a file)"
+        )
+
+
+def is_found_elsewhere(model: Spec) -> bool:
+    """Whether processes that this one starts find a model by its name."""
+    if is_path(model.kind) or is_shipped(MODELS.registered.get(model.kind)):
+        return True
+    return model.kind in MODELS.installed
+
+
+class PerceptionFamily(SpecFamily):
+    """The setting `perception`: the models of this package, and those of the user's own."""
+
+    @property
+    def forms(self) -> tuple[Form, ...]:
+        """The registered models, without those that are named with a module."""
+        return tuple(
+            _form(n, model) for n, model in MODELS.registered.items() if ":" not in n
+        )
+
+    @property
+    def usage(self) -> str:
+        """The allowed forms, for help and error texts."""
+        return f"{super().usage}, or one of your own as module:function"
+
+    def parse(self, value: object) -> Any:
+        """Read a model with its numbers; errors as of `SpecFamily.parse`.
+
+        A model whose code nobody allowed is only named: looking it up says so, where it is used.
+
+        Args:
+            value: the text of a spec; or a function of one's own, or a tuple of it and its
+                numbers, such as `(fog, 4)`.
+        """
+        if isinstance(value, Spec):
+            return value
+        function, *given = value if isinstance(value, tuple) and value else (value,)
+        if callable(function) and not isinstance(function, type):
+            name = named_model(function)
+            return self.numbered(_form(name, function), list(map(str, given)))
+        parts = str(value).split(":")
+        known = parts[0] in MODELS.names
+        words = 1 if known or not is_path(":".join(parts[:2])) else 2
+        kind = ":".join(parts[:words])
+        if not known and words == 1:
+            raise self.unknown(str(value), MODELS.names)
+        if MODELS.barred(kind):
+            numbers = parts[words:]
+            return self.numbered(
+                Form(kind, "", (Number("number"),) * len(numbers)), numbers
+            )
+        model = MODELS.find(kind)
+        spec = self.numbered(_form(kind, model), parts[words:])
+        return Spec(_portable(kind, model), spec.numbers)
+
+
+def _form(name: str, model: PerceptionModel) -> Form:
+    numbers = getattr(model, "numbers", None)
+    if numbers is None:
+        numbers = map(Number, list(inspect.signature(model).parameters)[1:])
+    return Form(name, (inspect.getdoc(model) or "").split("\n")[0], tuple(numbers))
+
+
+def _portable(kind: str, model: PerceptionModel) -> str:
+    """Return by what name other processes find a model: `module:function`, where it can be."""
+    path = path_of(model)
+    if path is None or is_shipped(model) or is_path(kind) or kind in MODELS.installed:
+        return kind
+    MODELS.register(path, model)
+    return path
+
+
+PERCEPTION = PerceptionFamily("perception")
+"""The perception models that a scenario can name."""
+
+
+def check_percepts(grid: GridMap) -> None:
+    """Raise `SettingError` where a map has more pairs of cells than probabilities fit."""
+    cells = len(grid.cells)
+    if cells**2 > MOST_PERCEPTS:
+        raise SettingError(
+            f"map {grid.name} has {cells} cells, allowed in learning: at most "
+            f"{math.isqrt(MOST_PERCEPTS)} (perception has a probability for each pair of them); "
+            "take larger cells (import-map --cell) or a part of the map"
+        )
+
+
+def percept_probabilities(model: Spec, grid: GridMap) -> np.ndarray:
+    """Return the success probability of a percept.
+
+    Args:
+        model: one of the kinds of `PERCEPTION`.
+        grid: the map.
+
+    Returns:
+        Shape (cells, cells), float64 in [0, 1]: first index the asker's cell, second the asked
+        robot's cell.
+
+    Raises:
+        SettingError: the map is too large, or a model of the user's own returns something else.
+        PluginError: it fails.
+    """
+    check_percepts(grid)
+    name = f"perception model {model.kind!r}"
+    with failing_as(name, f"it looked at map {grid.name}"):
+        found = MODELS.find(model.kind)(grid, *model.numbers)
+    cells = len(grid.cells)
+    with suppress(TypeError, ValueError):
+        matrix = np.ascontiguousarray(found, dtype=np.float64)
+        if matrix.shape == (cells, cells) and ((matrix >= 0) & (matrix <= 1)).all():
+            return matrix
+    raise SettingError(
+        f"{name}: returned {' '.join(in_short(found).split())}, allowed: probabilities from 0 to "
+        f"1, shape ({cells}, {cells}): the asker's cell, then the asked robot's"
+    )
+
+
+@inner
+def succeeds(draw: Any, probability: Any) -> Any:
+    """Return whether a percept succeeds: numbers or arrays of them; the loops compile it.
+
+    Args:
+        draw: the asker's draw of the time step, from `core.game.percepts.Percepts`.
+        probability: that of the two robots' cells, from `percept_probabilities`.
+    """
+    return draw < probability
+
+
+def asked_peers(peers: str, number: int, robots: int, draw: float) -> tuple[int, ...]:
+    """Return whom a robot asks by COORDINATE, in ascending order (paper, Section 3.2; footnote 3).
+
+    Args:
+        peers: the setting: "one" or "all".
+        number: the robot, from 0.
+        robots: how many there are.
+        draw: its draw `streams.PEER` of the time step, in [0, 1).
+    """
+    if peers == "all" or robots == 1:
+        return (*range(number), *range(number + 1, robots))
+    return (drawn_peer(number, robots, draw),)
+
+
+@inner
+def drawn_peer(number: int, robots: int, draw: float) -> int:
+    """Return the one peer that a robot asks; arguments as of `asked_peers`. Loops compile it."""
+    peer = int(draw * (robots - 1))
+    return peer + 1 if peer >= number else peer
+
+
+def _probability(grid: GridMap, p: float) -> np.ndarray:
+    """Succeed with the same probability everywhere."""
+    return np.full((len(grid.cells), len(grid.cells)), p)
+
+
+def _range(grid: GridMap, reach: float) -> np.ndarray:
+    """Succeed within so many cells, measured straight between the cells' centres."""
+    centres = np.array(grid.cells, dtype=float)
+    gap = centres[:, None, :] - centres[None, :, :]
+    return np.asarray(np.hypot(gap[..., 0], gap[..., 1]) <= reach, dtype=float)
+
+
+def _line_of_sight(grid: GridMap) -> np.ndarray:
+    """Succeed where the straight line between the cells' centres crosses no wall."""
+    cells = grid.cells
+    seen = np.zeros((len(cells), len(cells)))
+    for x, here in enumerate(cells):
+        for y in range(x, len(cells)):
+            seen[x, y] = seen[y, x] = _sees(grid, here, cells[y])
+    return seen
+
+
+def _sees(grid: GridMap, here: tuple[int, int], there: tuple[int, int]) -> bool:
+    """Walk the line in exact integer steps through every cell whose inside it crosses.
+
+    A line through a corner point of four cells passes when one of the two cells beside the
+    corner is free.
+    """
+    (r, c) = here
+    (end_r, end_c) = there
+    rows = abs(end_r - r)
+    columns = abs(end_c - c)
+    step_r = 1 if end_r > r else -1
+    step_c = 1 if end_c > c else -1
+    # Twice the (signed) distance to the next row border against that to the next column border.
+    error = columns - rows
+    while (r, c) != (end_r, end_c):
+        if error == 0:
+            beside = ((r + step_r, c), (r, c + step_c))
+            if not any(cell in grid.number for cell in beside):
+                return False
+            r = r + step_r
+            c = c + step_c
+            error += 2 * (columns - rows)
+        elif error > 0:
+            c += step_c
+            error -= 2 * rows
+        else:
+            r += step_r
+            error += 2 * columns
+        if (r, c) not in grid.number:
+            return False
+    return True
+
+
+def _always(grid: GridMap) -> np.ndarray:
+    """Succeed."""
+    return _probability(grid, 1.0)
+
+
+def _never(grid: GridMap) -> np.ndarray:
+    """Fail."""
+    return _probability(grid, 0.0)
+
+
+setattr(_probability, "numbers", (Number("p", 0.0, 1.0),))  # noqa: B010 - mypy
+setattr(_range, "numbers", (Number("cells", 0.0),))  # noqa: B010
+
+for _name, _function in (
+    ("always", _always),
+    ("never", _never),
+    ("probability", _probability),
+    ("line_of_sight", _line_of_sight),
+    ("range", _range),
+):
+    register_perception(_name, _function)

@@ -1,0 +1,66 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Which percepts of a run succeed: by the perception model, and by the links of the robots."""
+
+import functools
+
+import numpy as np
+
+from sparse_coord_ros.core.game.links import LOST, UP, link_of
+from sparse_coord_ros.core.game.perception import percept_probabilities, succeeds
+from sparse_coord_ros.core.game.scenario import Scenario
+from sparse_coord_ros.core.game.specs import Spec
+from sparse_coord_ros.core.game.streams import LEARNING, PERCEPT, Stream
+
+
+def ruled_out(scenario: Scenario) -> np.ndarray:
+    """Return where a peer cannot be when a percept fails: [own cell, peer's cell].
+
+    That is where it would surely have been perceived. A percept that fails though it would
+    have succeeded wherever the peer is says nothing.
+    """
+    certain: np.ndarray = (
+        percept_probabilities(scenario.perception, scenario.map) == 1.0
+    )
+    certain &= (scenario.link == UP) & ~certain.all(axis=1, keepdims=True)
+    return certain
+
+
+NEVER_PERCEIVING = (Spec("never"), Spec("probability", (0.0,)))
+"""Perception models by which no percept ever succeeds."""
+
+
+NEVER_UP = (Spec("dead", (0.0,)), Spec("lost", (1.0,)))
+"""Links that never bring an answer."""
+
+
+def percepts_can_succeed(scenario: Scenario) -> bool:
+    """Return whether a percept can succeed at all, as far as the settings alone tell."""
+    return scenario.perception not in NEVER_PERCEIVING and scenario.link not in NEVER_UP
+
+
+class Percepts:
+    """Active perception in a run: which percepts succeed.
+
+    Args:
+        scenario: the problem.
+        seed, phase: as of `Stream`.
+    """
+
+    def __init__(self, scenario: Scenario, seed: int, phase: int = LEARNING) -> None:
+        self._of = functools.cache(
+            lambda k: (
+                Stream(seed, k, PERCEPT, phase),
+                link_of(scenario.link, seed, k, phase),
+            )
+        )
+        self._probabilities = percept_probabilities(scenario.perception, scenario.map)
+
+    def draw(self, step: int, asker: int) -> float:
+        """Return the draw of a robot's percept: `LOST` while its link is down."""
+        stream, link = self._of(asker)
+        return LOST if link.down(step) else stream.at(step)[0]
+
+    def sees(self, step: int, asker: int, here: int, there: int) -> bool:
+        """Whether a robot in cell `here` perceives a robot in cell `there` at a time step."""
+        return bool(succeeds(self.draw(step, asker), self._probabilities[here, there]))

@@ -1,0 +1,320 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Things of the user's own, found by name: from Python, by entry point, or as `module:name`.
+
+What a name stands for is looked up in this order: what was registered (the package's own
+included), entry points of installed packages, and `module:name`, a module that Python can import
+or that lies in the current directory.
+
+Files and messages come from anybody, and importing a module runs it. So a module is imported by
+`module:name` only where it is allowed: by the user, on the command line, as a node's parameter or
+in Python. What a file or a message says allows nothing.
+"""
+
+import importlib
+import os
+import re
+import sys
+import traceback
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from importlib.metadata import EntryPoint, distributions
+from pathlib import Path
+from typing import Generic, TypeVar
+
+from sparse_coord_ros.base.errors import (
+    NotAllowedError,
+    PluginError,
+    SettingError,
+    SparseCoordError,
+    check_argument,
+    did_you_mean,
+    retold,
+)
+
+T = TypeVar("T")
+
+_PATH = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_][\w.]*", re.ASCII)
+
+ALLOW_VARIABLE = "SPARSE_COORD_ALLOW"
+"""Environment variable with the allowed modules, between blanks: child processes have it too."""
+
+
+def allowed() -> tuple[str, ...]:
+    """Return the modules and packages that may be imported by `module:name`."""
+    return tuple(os.environ.get(ALLOW_VARIABLE, "").split())
+
+
+def allow_modules(modules: str | Iterable[str]) -> None:
+    """Let modules, and packages with all that is in them, be imported by `module:name`.
+
+    It holds for this process and those that it starts.
+
+    Args:
+        modules: their names; in a text, between blanks.
+
+    Raises:
+        SettingError: that is no module's name.
+    """
+    given = isinstance(modules, str | Iterable)
+    check_argument("allow", modules, given, "names of modules, in a text or a list")
+    for module in (
+        modules.split() if isinstance(modules, str) else filter(None, modules)
+    ):
+        if not is_path(f"{module}:name"):
+            named = "the name of a module, such as my_team"
+            raise SettingError(f"allow: value is {module!r}, allowed: {named}")
+        os.environ[ALLOW_VARIABLE] = " ".join(dict.fromkeys([*allowed(), module]))
+
+
+def of_file(name: str) -> str:
+    """Return how to name what is in a file of Python code; empty: the name is not a file's."""
+    module = Path(name).stem
+    return (
+        f" (did you mean '{module}:NAME', a name in that file?)"
+        if name.endswith(".py")
+        else ""
+    )
+
+
+def allow_named(given: object) -> None:
+    """Allow the module that the user names: in a text `module:name`, numbers may follow."""
+    words = given.split(":") if isinstance(given, str) else []
+    if is_path(":".join(words[:2])):
+        allow_modules(words[0])
+
+
+@contextmanager
+def leaving_out(what: str, say: Callable[[str], object]) -> Iterator[None]:
+    """Go on without what needs code that nobody allowed, and say so in one line."""
+    try:
+        yield
+    except NotAllowedError as error:
+        say(f"left out {what}: {error}")
+
+
+class Registry(Generic[T]):
+    """Named things of one kind.
+
+    Args:
+        kind: what error messages call one of them, e.g. "learner".
+        group: the entry points' group of other packages.
+        check: makes one of whatever a name stands for; raises TypeError with what is wrong.
+    """
+
+    def __init__(
+        self, kind: str, group: str, check: Callable[[str, object], T]
+    ) -> None:
+        self.kind = kind
+        self.group = group
+        self._check = check
+        self._known: dict[str, T] = {}
+
+    def register(self, name: str, thing: object) -> T:
+        """Let a name stand for something of one's own; an equal name of one's own is replaced.
+
+        Raises:
+            SettingError: it is nothing of this kind, or the name is none or taken.
+        """
+        if not (is_path(name) or (name.isidentifier() and name.isascii())):
+            allowed = "letters, digits and '_', not a digit first"
+            raise SettingError(f"{self.kind} name {name!r}: allowed: {allowed}")
+        made = self.made(name, thing)
+        if is_shipped(self._known.get(name)) and not is_shipped(made):
+            what = f"{self.kind} name {name!r}: is taken by this package's own"
+            raise SettingError(f"{what}; choose another name")
+        self._known[name] = made
+        if is_path(name):
+            allow_named(name)  # other processes import it
+        return made
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Every name that is registered or an entry point of an installed package."""
+        return tuple(dict.fromkeys([*self._known, *self.installed]))
+
+    @property
+    def installed(self) -> tuple[str, ...]:
+        """The names that are entry points of installed packages."""
+        return tuple(point.name for point in self._points())
+
+    def _points(self) -> Iterator[EntryPoint]:
+        """Yield the entry points of installed packages; whoever lies beside us is not installed.
+
+        Where nothing but the current directory offers one, a foreign folder would.
+        """
+        places = [place for place in sys.path if place and not _is_here(place)]
+        for one in distributions(path=places):
+            yield from one.entry_points.select(group=self.group)
+
+    @property
+    def registered(self) -> Mapping[str, T]:
+        """What is registered in this process, by name."""
+        return dict(self._known)
+
+    @property
+    def usage(self) -> str:
+        """What names are allowed, in words."""
+        return f"{', '.join(self.names)}, or one of your own as module:name"
+
+    def find(self, name: str) -> T:
+        """Return what a name stands for.
+
+        Raises:
+            SettingError: nothing has this name, or it is nothing of this kind.
+            NotAllowedError: its module may not be imported.
+            PluginError: its module is there, and fails.
+        """
+        if name in self._known:
+            return self._known[name]
+        for point in self._points():
+            if point.name == name:
+                return self.register(
+                    name, self._imported(name, point.module, point.attr)
+                )
+        if not is_path(name):
+            hint = of_file(name) or did_you_mean(name, self.names)
+            what = f"unknown {self.kind} {name!r}{hint}"
+            raise SettingError(f"{what}; allowed: {self.usage}")
+        module, _, attribute = name.partition(":")
+        if self.barred(name):
+            raise NotAllowedError(
+                f"{self.kind} {name!r}: module {module} was not imported, for whoever wrote that "
+                f"name chose the code; if you trust it, allow it: --allow {module}, a node's "
+                f"parameter allow, or allow={module!r} in Python"
+            )
+        with _current_directory():
+            found = self._imported(name, module, attribute)
+        return self.register(name, found)
+
+    def barred(self, name: str) -> bool:
+        """Whether a name stands for code that nobody has allowed to be imported."""
+        module = name.partition(":")[0] + "."
+        known = name in self._known or any(
+            module.startswith(f"{one}.") for one in allowed()
+        )
+        return is_path(name) and not known
+
+    def _imported(self, name: str, module: str, attribute: str) -> object:
+        found: object
+        try:
+            found = importlib.import_module(module)
+        except (
+            Exception,
+            SystemExit,
+        ) as error:  # of other people's code, whatever it raises
+            lost = error.name if isinstance(error, ModuleNotFoundError) else None
+            if lost is not None and f"{module}.".startswith(f"{lost}."):
+                raise self._missing(name, error) from None
+            what = f"{self.kind} {name!r}: its module failed: {_problem(error)}"
+            raise PluginError(f"{what}; mend it, and call again") from error
+        try:
+            for part in attribute.split("."):
+                found = getattr(found, part)
+        except AttributeError as error:
+            raise self._missing(name, error) from None
+        return found
+
+    def _missing(self, name: str, error: BaseException) -> SettingError:
+        problem = " ".join(str(error).split()) or type(error).__name__
+        return SettingError(
+            f"{self.kind} {name!r} is not there ({problem}); install it, or call this where "
+            "Python finds its module (PYTHONPATH, or the current directory)"
+        )
+
+    def made(self, name: str, thing: object) -> T:
+        """Return what a thing that goes by that name stands for.
+
+        Raises:
+            SettingError: it is nothing of this kind.
+        """
+        with retold(SettingError, TypeError, f"{self.kind} {name!r}"):
+            return self._check(name, thing)
+
+
+def is_path(name: str) -> bool:
+    """Whether a name has the form `module:name`."""
+    return _PATH.fullmatch(name) is not None
+
+
+def path_of(thing: type | Callable[..., object]) -> str | None:
+    """Return `module:name` of a class or function, by which other processes find it.
+
+    None where they could not: it was made within a function or typed in, not read from a file.
+    """
+    module = getattr(thing, "__module__", "")
+    name = getattr(thing, "__qualname__", "")
+    if module == "__main__":  # a script: others find it by its file's name
+        module = Path(getattr(sys.modules["__main__"], "__file__", None) or "").stem
+    path = f"{module}:{name}"
+    return path if is_path(path) else None
+
+
+def is_shipped(thing: object) -> bool:
+    """Whether a class, function or object comes with this package."""
+    module = getattr(thing, "__module__", None) or ""
+    return module.partition(".")[0] == __name__.partition(".")[0]
+
+
+@contextmanager
+def failing_as(what: str, doing: str) -> Iterator[None]:
+    """Say in one line where code of the user's own failed.
+
+    Args:
+        what: the code's kind and name.
+        doing: what it was called for.
+
+    Raises:
+        PluginError: it raised; the exception that it raised is the cause.
+    """
+    try:
+        yield
+    except SparseCoordError:
+        raise
+    except (
+        Exception,
+        SystemExit,
+    ) as error:  # of other people's code, whatever it raises
+        remedy = "mend it, and call again"
+        raise PluginError(
+            f"{what} failed while {doing}: {_problem(error)}; {remedy}"
+        ) from error
+
+
+def _problem(error: BaseException) -> str:
+    """Return what was raised and, where it was other people's code that did, at which line."""
+    theirs = [
+        f for f in traceback.extract_tb(error.__traceback__) if not _is_ours(f.filename)
+    ]
+    place = (
+        f" ({Path(theirs[-1].filename).name}, line {theirs[-1].lineno})"
+        if theirs
+        else ""
+    )
+    text = " ".join(f"{type(error).__name__}: {error}".split()).removesuffix(":")
+    return f"{text}{place}"
+
+
+def _is_ours(name: str) -> bool:
+    """Whether a file is this package's, or is what imports modules."""
+    if name.startswith("<frozen ") or name == importlib.__file__:
+        return True
+    return Path(name).is_relative_to(Path(__file__).parents[2])
+
+
+def _is_here(place: str) -> bool:
+    return os.path.exists(place) and os.path.samefile(place, ".")
+
+
+@contextmanager
+def _current_directory() -> Iterator[None]:
+    """Let Python find modules in the current directory too, after all other places."""
+    here = os.getcwd()
+    added = here not in sys.path and "" not in sys.path
+    if added:
+        sys.path.append(here)
+    try:
+        yield
+    finally:
+        if added and here in sys.path:
+            sys.path.remove(here)

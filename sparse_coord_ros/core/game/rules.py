@@ -1,0 +1,224 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The rules of the game, each once: starts, moves, percepts, miscoordinations, rewards.
+
+The world node, the loops, evaluation, planners and logs call these functions. They run on lists
+in plain Python and on arrays in compiled loops.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sparse_coord_ros.base.compiling import inlined
+from sparse_coord_ros.core.game.draws import drawn, percept_draw
+from sparse_coord_ros.core.game.miscoordination import (
+    NOWHERE,
+    meet,
+    meeting_places,
+    together,
+)
+from sparse_coord_ros.core.game.perception import (
+    drawn_peer,
+    percept_probabilities,
+    succeeds,
+)
+from sparse_coord_ros.core.game.scenario import Scenario
+from sparse_coord_ros.core.game.streams import MOTION, PEER, POLICY, START
+
+EPISODE_GAP = 2
+"""Time steps from an episode's last state to the next one's first: no robot learns across it."""
+
+UNKNOWN_PARTNERS = -1
+"""In place of partners: they are not told; every bit of it is set."""
+
+
+class Problem(NamedTuple):
+    """A scenario as arrays, or as lists for plain Python; k is a robot, x its cell.
+
+    Attributes:
+        starts: start cell [k].
+        goals: goal cell [k].
+        next_cell: where a move leads [x][move].
+        places: meeting place of each cell, as of `core.game.miscoordination` [x].
+        percept: probability that a percept succeeds, always an array [x, cell of the peer].
+        all_peers: whether COORDINATE perceives every peer (footnote 3), or one drawn at random.
+        penalties: r^C of a miscoordination [k].
+        start_cells: cells where an exploring start can be [k][number].
+        start_counts: how many they are [k].
+        move_success: probability that a move succeeds.
+        goal_reward: r^I at the goal.
+        ask_cost: cost of COORDINATE.
+        discount: gamma.
+        referee: whether the world tells with whom a robot was in a miscoordination.
+    """
+
+    starts: Any
+    goals: Any
+    next_cell: Any
+    places: Any
+    percept: np.ndarray
+    all_peers: bool
+    penalties: Any
+    start_cells: Any
+    start_counts: Any
+    move_success: float
+    goal_reward: float
+    ask_cost: float
+    discount: float
+    referee: bool
+
+
+INDEX = np.uint32
+"""The type of cells, robots and actions in arrays. Numba looks at each signed index whether it is
+negative, which takes a tenth of a step's time."""
+
+LISTED = (
+    "starts",
+    "goals",
+    "next_cell",
+    "places",
+    "penalties",
+    "start_cells",
+    "start_counts",
+)
+
+
+def problem_of(scenario: Scenario, *, plain: bool, percepts: bool = True) -> Problem:
+    """Return a scenario as arrays, or as lists for plain Python.
+
+    Args:
+        scenario: the problem.
+        plain: whether plain Python is to use it.
+        percepts: whether `perceive` will be called; the model of percepts may be unknown.
+    """
+    grid = scenario.map
+    robots = scenario.robots
+    free = [grid.leading_to(robot.goal) for robot in robots]
+    percept = np.zeros((0, 0))
+    if percepts:
+        percept = percept_probabilities(scenario.perception, grid)
+    start_cells = np.zeros((len(robots), max(map(len, free))), dtype=INDEX)
+    for k, choices in enumerate(free):
+        start_cells[k, : len(choices)] = choices
+    problem = Problem(
+        starts=np.array([robot.start for robot in robots], dtype=INDEX),
+        goals=np.array([robot.goal for robot in robots], dtype=INDEX),
+        next_cell=np.ascontiguousarray(grid.next_cell, dtype=INDEX),
+        places=meeting_places(scenario),
+        percept=percept,
+        all_peers=scenario.peers == "all",
+        penalties=np.array(scenario.penalties),
+        start_cells=start_cells,
+        start_counts=np.array([len(choices) for choices in free]),
+        move_success=scenario.move_success,
+        goal_reward=scenario.goal_reward,
+        ask_cost=scenario.ask_cost,
+        discount=scenario.discount,
+        referee=scenario.referee,
+    )
+    if plain:
+        lists = {name: getattr(problem, name).tolist() for name in LISTED}
+        problem = problem._replace(**lists)
+    return problem
+
+
+@inlined
+def start_of(problem: Problem, draws: Any, k: int, step: int, exploring: float) -> int:
+    """Return where robot k begins an episode: at its start, or at an exploring start.
+
+    Args:
+        problem: the scenario.
+        draws: where the draws come from.
+        k: the robot.
+        step: the episode's first time step.
+        exploring: probability of an exploring start: any cell with a way to the goal.
+    """
+    if exploring > 0.0 and drawn(draws, START, k, step, 0) < exploring:
+        pick = int(drawn(draws, START, k, step, 1) * problem.start_counts[k])
+        cell: int = problem.start_cells[k][pick]
+        return cell
+    start: int = problem.starts[k]
+    return start
+
+
+@inlined
+def led(problem: Problem, draws: Any, k: int, step: int, cell: int, move: int) -> int:
+    """Return the cell in which a move of robot k ends: where it leads, or the same cell."""
+    target: int = problem.next_cell[cell][move]
+    succeeds = drawn(draws, MOTION, k, step, 0) < problem.move_success
+    return target if succeeds else cell
+
+
+@inlined
+def perceive(problem: Problem, draws: Any, k: int, step: int, cells: Any) -> int:
+    """Return the peers that robot k perceives by COORDINATE, the sum of 2^j; 0: it fails."""
+    team = len(cells)
+    if team == 2:
+        if succeeds(
+            percept_draw(draws, k, step), problem.percept[cells[k], cells[1 - k]]
+        ):
+            return 2 - k
+        return 0
+    first = 0
+    end = team
+    if not problem.all_peers and team > 1:
+        which = drawn(draws, POLICY, k, step, PEER) if team > 2 else 0.0
+        first = drawn_peer(k, team, which)
+        end = first + 1
+    draw = percept_draw(draws, k, step)
+    seen = 0
+    for j in range(first, end):
+        if j != k:
+            if not succeeds(draw, problem.percept[cells[k], cells[j]]):
+                return 0
+            seen |= 1 << j
+    return seen
+
+
+@inlined
+def miscoordination(problem: Problem, cells: Any, members: Any) -> bool:
+    """Return whether robots miscoordinate: two of them are at one meeting place.
+
+    Args:
+        problem: the scenario.
+        cells: the cell of each robot after the step.
+        members: the robots that are in the game.
+    """
+    return meet(problem.places, cells, members)
+
+
+@inlined
+def partners_of(problem: Problem, cells: Any, members: Any, k: int) -> int:
+    """Return with whom robot k is in a miscoordination, the sum of 2^j; 0: with none."""
+    found = 0
+    place = problem.places[cells[k]]
+    if place != NOWHERE:
+        for j in members:
+            if j != k and together(place, problem.places[cells[j]]):
+                found |= 1 << j
+    return found
+
+
+@inlined
+def individual_reward(problem: Problem, arrives: bool) -> float:
+    """Return r^I_k of a step."""
+    return problem.goal_reward if arrives else 0.0
+
+
+@inlined
+def common_reward(problem: Problem, k: int, conflict: bool) -> float:
+    """Return r^C of a step for robot k: arrived or not, if any robots miscoordinate."""
+    return problem.penalties[k] if conflict else 0.0
+
+
+@inlined
+def asking_reward(problem: Problem, asked: bool) -> float:
+    """Return minus the cost of COORDINATE, answered or not; or 0."""
+    return -problem.ask_cost if asked else 0.0
+
+
+@inlined
+def goal_paid(problem: Problem, factor: float) -> float:
+    """Return what the goal pays from the arrival on, times a factor: it pays for ever."""
+    return factor * problem.goal_reward / (1.0 - problem.discount)

@@ -1,0 +1,507 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Scenarios: map, robots, rewards, dynamics, perception and learning protocol as one object."""
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sparse_coord_ros.base.errors import (
+    MapError,
+    ScenarioError,
+    SettingError,
+    did_you_mean,
+    in_short,
+)
+from sparse_coord_ros.base.files import path_argument
+from sparse_coord_ros.base.limits import SCENARIO, parse_yaml, read_text
+from sparse_coord_ros.base.share import share_file, share_names
+from sparse_coord_ros.core.game.actions import PRIMITIVES
+from sparse_coord_ros.core.game.buildings import building
+from sparse_coord_ros.core.game.grid import GridMap, load_map, parse_map
+from sparse_coord_ros.core.game.links import LINKS
+from sparse_coord_ros.core.game.perception import PERCEPTION
+from sparse_coord_ros.core.game.plugins import allow_modules, allow_named
+from sparse_coord_ros.core.game.schedules import EPSILON, STARTS, STEP_SIZE
+from sparse_coord_ros.core.game.settings import as_text, setting, settings_of
+from sparse_coord_ros.core.game.specs import Form, Number, Spec, SpecFamily
+
+COMMON_REWARD = SpecFamily(
+    "common_reward",
+    Form("same", "every robot pays the penalty"),
+    Form(
+        "each",
+        "each robot, in the scenario's order, pays its own factor times the penalty",
+        (Number("factor", 0.0, 1e6, repeated=True),),
+    ),
+)
+"""Who pays what of r^C (paper, Section 5)."""
+
+
+CREDIT = SpecFamily(
+    "credit",
+    Form("own", "once"),
+    Form("team", "as often as there are robots that it falls on"),
+    Form("weight", "as often as this number says", (Number("w", 0.0, 1e6),)),
+)
+"""How much a robot weighs r^C while it learns."""
+
+PEERS = ("one", "all")
+"""Whom COORDINATE perceives: a peer drawn at random, or every other robot (paper, footnote 3)."""
+
+LARGEST_DENSE = 2**24
+"""Bytes of one robot's Q^C up to which it is an array: a pair's on 724 cells."""
+
+LONGEST = 1_000_000
+"""Most steps of an episode or a trial."""
+
+LARGEST = 1e9
+"""Largest reward, cost or initial value: sums of them stay numbers."""
+
+LONGEST_NAME = 100
+"""Letters of a robot's name: DDS takes 255 of a topic, its namespace included."""
+
+DIALOGUE = ("perception", "link", "peers")
+"""The settings that say whom COORDINATE asks and when the answer comes."""
+
+PROTOCOL = (
+    *("steps", "max_steps", "starts", "step_size", "epsilon"),
+    *("q_star_init", "q_coord_init", "goal_value", "credit", "referee"),
+)
+"""The settings that say how robots learn; the others say what they play."""
+
+
+@dataclass(frozen=True)
+class Robot:
+    """One robot of a scenario: its name, start cell and goal cell (cell numbers)."""
+
+    name: str
+    start: int
+    goal: int
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """One learning problem and its protocol: robots on a map, and the settings.
+
+    `given` names the settings that somebody chose, in the file or later; a learner may have
+    defaults of its own for the others (`Learner.defaults`).
+    """
+
+    name: str
+    map: GridMap
+    robots: tuple[Robot, ...]
+    paper: Mapping[str, Mapping[str, Any]] = field(compare=False)
+    steps: int = setting(
+        10_000, "step budget of learning, in transitions", low=1, high=10**7
+    )
+    goal_reward: float = setting(
+        10.0, "r^I paid on arrival and each step after it", low=0, high=LARGEST
+    )
+    penalty: float = setting(
+        -20.0, "r^C of one miscoordination, paid to all", low=-LARGEST, high=0
+    )
+    common_reward: Spec = setting(
+        "same",
+        "what each robot pays of r^C: the penalty, or its own factor times the penalty",
+        COMMON_REWARD,
+    )
+    ask_cost: float = setting(
+        1.0, "cost of choosing COORDINATE, answered or not", low=0, high=LARGEST
+    )
+    discount: float = setting(0.95, "gamma", low=0, high=0.999)
+    move_success: float = setting(
+        0.8, "probability that a move succeeds", low=0.01, high=1
+    )
+    conflict: str = setting(
+        "same_cell",
+        "when a step is a miscoordination: two robots in the same doorway, or in any doorways",
+        choices=("same_cell", "any_doorway"),
+    )
+    perception: Spec = setting(
+        "always", "when the percept of COORDINATE succeeds", PERCEPTION
+    )
+    link: Spec = setting(
+        "up", "when a robot's COORDINATE gets no answer: lost, late or refused", LINKS
+    )
+    peers: str = setting(
+        "one",
+        "whom COORDINATE perceives: one peer drawn at random, or all of them",
+        choices=PEERS,
+    )
+    credit: Spec = setting(
+        "own",
+        "how much r^C counts in learning: once, for each robot that it falls on, or as weighed",
+        CREDIT,
+    )
+    referee: bool = setting(
+        False, "whether the reward says with whom a robot was in a miscoordination"
+    )
+    max_steps: int = setting(
+        100, "a learning episode ends after as many steps", low=1, high=LONGEST
+    )
+    horizon: int = setting(
+        100, "an evaluation trial ends after as many steps", low=1, high=LONGEST
+    )
+    starts: Spec = setting(
+        "exploring:1:0.2:0.5", "start cells of learning episodes", STARTS
+    )
+    step_size: Spec = setting("floored:0.5:0.1:0.01", "alpha of QLUpdate", STEP_SIZE)
+    epsilon: Spec = setting(
+        "linear:0.15:0.02:0.8", "exploration of pi_epsilon", EPSILON
+    )
+    q_star_init: float = setting(
+        20.0, "initial value of Q*", low=-LARGEST, high=LARGEST
+    )
+    q_coord_init: float = setting(
+        200.0, "initial value of Q^C", low=-LARGEST, high=LARGEST
+    )
+    goal_value: float = setting(
+        200.0,
+        "value of being at the goal while learning: 200 = absorbing goal that pays 10 a step for "
+        "ever, 0 = a single payment",
+        low=-LARGEST,
+        high=LARGEST,
+    )
+    given: frozenset[str] = field(default=frozenset(), compare=False)
+
+    def __post_init__(self) -> None:
+        """Raise `SettingError` where a setting does not fit the robots."""
+        team = len(self.robots)
+        factors = len(self.common_reward.numbers)
+        if self.common_reward.kind == "each" and factors != team:
+            raise SettingError(
+                f"setting common_reward: {str(self.common_reward)!r} has {factors} "
+                f"factor{'s' * (factors != 1)}, scenario {self.name} has {team} robots and needs "
+                f"{team}; give each robot one, in the scenario's order"
+            )
+
+    @property
+    def label(self) -> str:
+        """Its name, and each setting that has not its default: `env1, penalty=-100`."""
+        defaults = SETTINGS.defaults()
+        own = {
+            n: v
+            for n, v in self.plain_settings.items()
+            if getattr(self, n) != defaults[n]
+        }
+        return ", ".join([self.name, *(f"{n}={as_text(v)}" for n, v in own.items())])
+
+    def __repr__(self) -> str:
+        """Return what it is, on one line."""
+        robots = len(self.robots)
+        cells = len(self.map.cells)
+        return f"<Scenario {self.label}; {robots} robots, {cells} cells>"
+
+    @property
+    def names(self) -> list[str]:
+        """The names of the robots."""
+        return [robot.name for robot in self.robots]
+
+    @property
+    def penalties(self) -> tuple[float, ...]:
+        """r^C of one miscoordination for each robot (paper, Section 5)."""
+        return tuple(factor * self.penalty for factor in self._factors)
+
+    @property
+    def common_weight(self) -> float:
+        """How much r^C counts for a robot that learns: the setting `credit`."""
+        if self.credit.kind == "team":
+            return float(sum(factor != 0.0 for factor in self._factors))
+        return self.credit.numbers[0] if self.credit.kind == "weight" else 1.0
+
+    @property
+    def _factors(self) -> tuple[float, ...]:
+        same = self.common_reward.kind == "same"
+        return (1.0,) * len(self.robots) if same else self.common_reward.numbers
+
+    @property
+    def perceived(self) -> int:
+        """How many local states Q^C tells apart: the own one and those of the perceived peers."""
+        return max(2, len(self.robots)) if self.peers == "all" else 2
+
+    @property
+    def sparse(self) -> bool:
+        """Whether Q^C has rows for visited joint states only, as of `is_sparse`."""
+        return is_sparse(len(self.map.cells), self.perceived)
+
+    def with_settings(
+        self, values: Mapping[str, object] | None = None, /, **settings: object
+    ) -> "Scenario":
+        """Return a copy with some settings changed, e.g. `with_settings(penalty=-100)`.
+
+        Who names a perception model of their own here allows its module to be imported. It may
+        also be handed over: `perception=fog`, or `perception=(fog, 4)` with its numbers.
+
+        Args:
+            values: settings by name; values may be texts, as on the command line.
+            **settings: more of them.
+
+        Raises:
+            SettingError: an unknown name, a bad value, or one that does not fit the robots.
+        """
+        given = {**(values or {}), **settings}
+        allow_named(given.get("perception"))
+        return self.changed(given)
+
+    def changed(self, values: Mapping[str, object]) -> "Scenario":
+        """As `with_settings`, of values from a file: they allow nothing."""
+        parsed = SETTINGS.parse(values)
+        return replace(self, **parsed, given=self.given | set(parsed))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain data, the map's text included; `scenario_from_dict` reads it back."""
+        place = {x: list(position) for x, position in enumerate(self.map.cells)}
+        return {
+            "name": self.name,
+            "map": {"name": self.map.name, "text": self.map.to_text()},
+            "robots": {
+                r.name: {"start": place[r.start], "goal": place[r.goal]}
+                for r in self.robots
+            },
+            **self.plain_settings,
+            "paper": {learner: dict(row) for learner, row in self.paper.items()},
+        }
+
+    def computation(self) -> dict[str, Any]:
+        """Return plain data of all that affects what is computed, for digests.
+
+        Left out are names, provenance and the paper's rows.
+        """
+        return {
+            "map": list(self.map.rows),
+            "robots": [[robot.start, robot.goal] for robot in self.robots],
+            **self.plain_settings,
+        }
+
+    @property
+    def plain_settings(self) -> dict[str, int | float | str]:
+        """Every setting as a number or a text."""
+        values = {name: getattr(self, name) for name in SETTINGS}
+        return {n: str(v) if isinstance(v, Spec) else v for n, v in values.items()}
+
+
+SETTINGS = settings_of(Scenario)
+"""Every setting of a scenario that `--set` and the `set` parameter can change."""
+
+
+def dense_nbytes(cells: int, agents: int) -> int:
+    """Return the bytes of Q^C as an array: a float64 for each joint state and move."""
+    return int(cells**agents * PRIMITIVES * np.dtype(np.float64).itemsize)
+
+
+def is_sparse(cells: int, agents: int) -> bool:
+    """Return whether Q^C is no array: it is over more than a pair, or on so large a map.
+
+    There an array would take more than `LARGEST_DENSE` bytes a robot.
+    """
+    return agents > 2 or dense_nbytes(cells, 2) > LARGEST_DENSE
+
+
+RESERVED_NAMES = ("world_simulator", "recorder", "team")
+PAPER_LEARNERS = ("indiv", "noncoop", "coop")
+PAPER_MEASURES = ("reward", "time_to_goal", "miscoordinations")
+FILE_KEYS = ("name", "map", "robots", "paper", *SETTINGS)
+
+
+PARAMETERS = "params"
+"""Beside them lies a file of ROS parameters."""
+
+
+def scenario_names() -> list[str]:
+    """Return the names of the scenarios that the package ships, sorted."""
+    return [name for name in share_names("config", ".yaml") if name != PARAMETERS]
+
+
+ScenarioLike = str | Path | Scenario
+
+
+def loaded(scenario: ScenarioLike) -> Scenario:
+    """Return a scenario as it is, or load it by its name or path.
+
+    Raises:
+        ScenarioError: there is none, or it is none.
+    """
+    if isinstance(scenario, Scenario):
+        return scenario
+    return load_scenario(scenario)
+
+
+def load_scenario(
+    name: str | Path, *, allow: str | Iterable[str] = (), **settings: object
+) -> Scenario:
+    """Read a scenario, e.g. `load_scenario("env1", penalty=-100)`.
+
+    Args:
+        name: the name of a shipped scenario or of a generated building (`core.game.buildings`), or
+            the path of a scenario file.
+        allow: modules that the file may name, with a perception model of one's own.
+        **settings: settings to change, as of `Scenario.with_settings`.
+
+    Raises:
+        ScenarioError: there is no such scenario, or it is malformed.
+        MapError: its map is missing or malformed.
+        SettingError: a bad setting.
+    """
+    path = path_argument(
+        "scenario", name, ScenarioError, "a Scenario, a name or a path"
+    )
+    name = str(name)
+    allow_modules(allow)
+    generated = None if path.is_file() else building(name)
+    if generated is not None:
+        return scenario_from_dict(generated, where=name, name=name).with_settings(
+            settings
+        )
+    if not path.is_file():
+        shipped = share_file("config", f"{name}.yaml")
+        if shipped is None:
+            raise ScenarioError(
+                f"scenario {name!r}: no such scenario{did_you_mean(name, scenario_names())}; give "
+                f"the path of a scenario file or one of: {', '.join(scenario_names())}"
+            )
+        path = shipped
+    text = read_text(path, SCENARIO, ScenarioError, "give the path of a scenario file")
+    data = parse_yaml(text, where=str(path))
+    scenario = scenario_from_dict(
+        data, where=str(path), name=path.stem, beside=path.parent
+    )
+    return scenario.with_settings(settings)
+
+
+def scenario_from_dict(
+    data: Mapping[str, Any], *, where: str, name: str, beside: Path | None = None
+) -> Scenario:
+    """Build a scenario from plain data (a parsed scenario file or `Scenario.to_dict`).
+
+    Args:
+        data: the mapping.
+        where: what error messages call it.
+        name: the scenario's name where the data has none.
+        beside: folder for a relative map path.
+
+    Raises:
+        ScenarioError: a field is missing, unknown or bad.
+        MapError: the map is missing or malformed.
+    """
+    if "image" in data and "map" not in data:
+        remedy = f"make one of it with: sparse_coord import-map {where}"
+        raise ScenarioError(f"{where}: is a map of map_server, no scenario; {remedy}")
+    for key in data:
+        if key not in FILE_KEYS:
+            what = f"{where}: unknown field {key!r}{did_you_mean(str(key), FILE_KEYS)}"
+            raise ScenarioError(f"{what}; allowed: {', '.join(FILE_KEYS)}")
+    if "map" not in data:
+        raise ScenarioError(
+            f"{where}: field 'map' is missing; name a shipped map or a map file"
+        )
+    grid = _map(data["map"], where, beside)
+    name = str(data.get("name", name))
+    if not re.fullmatch(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}", name):
+        allowed = "up to 100 letters, digits, '_', '-' and '.'; rename the scenario (or its file)"
+        raise ScenarioError(f"{where}: field 'name' is {name!r}, allowed: {allowed}")
+    robots = _robots(data.get("robots"), grid, where)
+    paper = _paper(data.get("paper", {}), where)
+    try:
+        given = SETTINGS.parse({k: v for k, v in data.items() if k in SETTINGS})
+        return Scenario(name, grid, robots, paper, **given, given=frozenset(given))
+    except SettingError as error:
+        raise ScenarioError(f"{where}: {error}") from None
+
+
+def _map(value: object, where: str, beside: Path | None) -> GridMap:
+    if isinstance(value, dict) and set(value) == {"name", "text"}:
+        return parse_map(
+            str(value["text"]), name=str(value["name"]), where=f"{where} (map)"
+        )
+    if not isinstance(value, str):
+        raise ScenarioError(
+            f"{where}: field 'map' is {value!r}, allowed: a map's name or path"
+        )
+    try:
+        return load_map(value, beside=beside)
+    except MapError as error:
+        raise MapError(f"{where}: {error}") from None
+
+
+def _robots(value: object, grid: GridMap, where: str) -> tuple[Robot, ...]:
+    if not isinstance(value, dict) or not value:
+        problem = (
+            "has no robot" if not value else f"is {type(value).__name__}, not a mapping"
+        )
+        raise ScenarioError(
+            f"{where}: field 'robots' {problem}; write one line a robot under it, its name first, "
+            "e.g. robot_1: {start: 1, goal: 2}"
+        )
+    robots = []
+    for name, entry in value.items():
+        if not isinstance(entry, dict) or set(entry) != {"start", "goal"}:
+            why = f"is {entry!r}, must be {{start: ..., goal: ...}}"
+            raise ScenarioError(f"{where}: robot {name}: {why}")
+        good = (
+            str(name).isidentifier()
+            and str(name).isascii()
+            and len(str(name)) <= LONGEST_NAME
+        )
+        if not good or name in RESERVED_NAMES:
+            raise ScenarioError(
+                f"{where}: robot name {str(name)!r}: allowed: up to {LONGEST_NAME} letters, "
+                f"digits and '_', no digit first, not {', '.join(RESERVED_NAMES)}; e.g. robot_1"
+            )
+        start = _cell(entry["start"], grid, f"{where}: robot {name}: start")
+        goal = _cell(entry["goal"], grid, f"{where}: robot {name}: goal")
+        if start == goal:
+            more = f"{list(grid.cells[start])}; choose another cell for one of them"
+            raise ScenarioError(
+                f"{where}: robot {name}: start and goal are the same cell, {more}"
+            )
+        if grid.region[goal] != grid.region[start]:
+            raise ScenarioError(
+                f"{where}: robot {name}: its goal {entry['goal']} cannot be reached from its "
+                f"start {entry['start']} on map {grid.name}; open a way or choose another goal"
+            )
+        robots.append(Robot(str(name), start, goal))
+    return tuple(robots)
+
+
+def _cell(value: object, grid: GridMap, where: str) -> int:
+    """Return the cell number of a start digit of the map or of [row, column]."""
+    numbers = value if isinstance(value, list | tuple) else [value]
+    if all(
+        isinstance(number, int) and not isinstance(number, bool) for number in numbers
+    ):
+        if len(numbers) == 1 and numbers[0] in grid.starts:
+            return grid.starts[numbers[0]]
+        if tuple(numbers) in grid.number:
+            return grid.number[tuple(numbers)]
+    rows, columns = grid.shape
+    raise ScenarioError(
+        f"{where} is {value!r}, allowed: a start of map {grid.name} ({sorted(grid.starts)}), or "
+        f"[row, column] of a free cell of its {rows} x {columns} grid, counted from 0 at the top "
+        "left"
+    )
+
+
+def _paper(value: Any, where: str) -> dict[str, dict[str, Any]]:
+    """Check the paper's rows: learner -> measure -> [mean, spread]."""
+    rows: dict[str, Any] = value if isinstance(value, dict) else {"": value}
+    for learner, row in rows.items():
+        for measure, pair in row.items() if isinstance(row, dict) else [("", row)]:
+            numbers = isinstance(pair, list) and all(
+                isinstance(v, int | float) for v in pair
+            )
+            known = learner in PAPER_LEARNERS and measure in PAPER_MEASURES
+            if not known or not numbers or len(pair) != 2:
+                field = ": ".join(
+                    str(name) for name in ("paper", learner, measure) if name != ""
+                )
+                raise ScenarioError(
+                    f"{where}: {field} is {in_short(pair)}; allowed: for each of "
+                    f"{', '.join(PAPER_LEARNERS)}: {', '.join(PAPER_MEASURES)}, each [mean, "
+                    "spread]"
+                )
+    return rows

@@ -1,0 +1,252 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The Markov game in progress: dynamics, r^I_k, r^C, episodes and time steps.
+
+The world simulator node, the simulation without ROS and the evaluation all step this one object.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from sparse_coord_ros.core.game.draws import PlainDraws
+from sparse_coord_ros.core.game.rules import (
+    EPISODE_GAP,
+    UNKNOWN_PARTNERS,
+    asking_reward,
+    common_reward,
+    individual_reward,
+    led,
+    miscoordination,
+    partners_of,
+    problem_of,
+    start_of,
+)
+from sparse_coord_ros.core.game.scenario import Scenario
+from sparse_coord_ros.core.game.schedules import probabilities
+from sparse_coord_ros.core.game.streams import LEARNING
+
+FIRST_STEP = 1
+"""The first time step; 0 is left for requests of people, who do not know the step."""
+
+
+class Reward(NamedTuple):
+    """R_k(t) and its parts: total = individual + common + ask_cost.
+
+    Attributes:
+        individual: r^I_k.
+        common: r^C.
+        ask_cost: minus the cost of asking, or 0.
+        total: their sum.
+        partners: with whom the robot was in the miscoordination: the sum of 2^j of the peers j
+            (from 0), 0 for none; `UNKNOWN_PARTNERS` where the world has no `referee`.
+    """
+
+    individual: float
+    common: float
+    ask_cost: float
+    total: float
+    partners: int = UNKNOWN_PARTNERS
+
+
+class RewardWeights(NamedTuple):
+    """How much each part of R_k(t) counts for whoever learns from it."""
+
+    individual: float
+    common: float
+    ask_cost: float
+
+
+SUM_OF_PARTS = RewardWeights(1.0, 1.0, 1.0)
+"""R_k(t) itself, as the paper has it."""
+
+
+class Action(NamedTuple):
+    """What an agent does at a time step.
+
+    Attributes:
+        move: the primitive action (the hatted A_k(t) of Algorithm 1 after COORDINATE).
+        asked: whether the agent chose COORDINATE.
+        peer: the agent whose local state it asked for; -1 where it asked nobody or several.
+        perceived: whether the percept (of every agent that was asked) succeeded.
+    """
+
+    move: int
+    asked: bool
+    peer: int
+    perceived: bool
+
+
+class StepOutcome(NamedTuple):
+    """What one step of the world brought.
+
+    Attributes:
+        rewards: R_k(t) of every agent.
+        miscoordination: whether the step ended in a miscoordination.
+        arrived: the agents that reached their goals with this step.
+        episode_over: all agents that act have arrived, or the episode's steps are used up.
+    """
+
+    rewards: tuple[Reward, ...]
+    miscoordination: bool
+    arrived: tuple[int, ...]
+    episode_over: bool
+
+
+class Position(NamedTuple):
+    """Where a game is between two transitions, so that another world can go on from there.
+
+    Attributes:
+        transitions: steps made so far.
+        step: the current time step t.
+        under_way: whether the episode has had a transition; if not, it is yet to begin at `step`,
+            and what follows here means nothing.
+        episode_start: the time step at which it began.
+        cells: the local state X_k(t) of every agent.
+        arrived: whether each agent has reached its goal, or is no part of the game.
+    """
+
+    transitions: int
+    step: int
+    under_way: bool
+    episode_start: int
+    cells: tuple[int, ...]
+    arrived: tuple[bool, ...]
+
+
+def before_episode(transitions: int, step: int, team: int) -> Position:
+    """Return the position of a game whose next episode is yet to begin, at a time step."""
+    return Position(transitions, step, False, step, (0,) * team, (False,) * team)
+
+
+class World:
+    """The joint state of a team on its map, stepped by joint actions.
+
+    Args:
+        scenario: the problem.
+        seed: the run's seed.
+        phase: LEARNING or EVALUATION: which random draws the world uses. Episodes of LEARNING
+            begin as the learning protocol says, those of EVALUATION at the scenario's starts.
+        max_steps: steps after which an episode ends; the scenario's where None.
+        agents: the agents that move (numbers from 0); all where None. Others stay out of the game.
+
+    Attributes:
+        step: the current time step t.
+        cells: the local state X_k(t) of every agent.
+        arrived: whether each agent has reached its goal in this episode.
+        episode: number of the current episode, from 0.
+        transitions: steps made so far.
+        miscoordinations: how many of them ended in a miscoordination.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        seed: int,
+        *,
+        phase: int = LEARNING,
+        max_steps: int | None = None,
+        agents: Sequence[int] | None = None,
+    ) -> None:
+        self.scenario = scenario
+        self.agents = (
+            tuple(range(len(scenario.robots))) if agents is None else tuple(agents)
+        )
+        self.max_steps = scenario.max_steps if max_steps is None else max_steps
+        self.step = FIRST_STEP
+        self.episode = 0
+        self.transitions = 0
+        self.miscoordinations = 0
+        self._problem = problem_of(scenario, plain=True, percepts=False)
+        self._draws = PlainDraws(scenario, seed, phase)
+        self._exploring = None
+        if phase == LEARNING:
+            self._exploring = probabilities(scenario.starts, scenario.steps)
+        self._begin_here()
+
+    def begin_episode(self) -> None:
+        """Put every agent at a start; the new episode's first step lies `EPISODE_GAP` later."""
+        self.episode += 1
+        self.step += EPISODE_GAP
+        self._begin_here()
+
+    def _begin_here(self) -> None:
+        self._episode_start = self.step
+        self.cells = [robot.start for robot in self.scenario.robots]
+        self.arrived = [k not in self.agents for k in range(len(self.cells))]
+        if self._exploring is None:
+            return
+        share = float(self._exploring[min(self.step, len(self._exploring) - 1)])
+        for k in self.agents:
+            self.cells[k] = start_of(self._problem, self._draws, k, self.step, share)
+
+    @property
+    def episode_over(self) -> bool:
+        """Whether all agents that act have arrived, or the episode's steps are used up."""
+        return all(self.arrived) or self.step - self._episode_start >= self.max_steps
+
+    def position(self) -> Position:
+        """Return where the game is."""
+        if self.step == self._episode_start:
+            return before_episode(self.transitions, self.step, len(self.cells))
+        cells = tuple(self.cells)
+        arrived = tuple(self.arrived)
+        return Position(
+            self.transitions, self.step, True, self._episode_start, cells, arrived
+        )
+
+    def go_on_from(self, position: Position) -> None:
+        """Go on where another world of the same run was; `episode` counts from 0 again."""
+        self.transitions = position.transitions
+        self.step = position.step
+        self._episode_start = position.episode_start
+        if position.under_way:
+            self.cells = list(position.cells)
+            self.arrived = list(position.arrived)
+        else:
+            self._begin_here()
+
+    def advance(self, actions: Sequence[Action | None]) -> StepOutcome:
+        """Make one time step.
+
+        Args:
+            actions: one entry an agent; None where it does not act (arrived, or missing).
+
+        Returns:
+            The outcome; `step` and `cells` are then those of the next time step.
+        """
+        cells = self.cells
+        arrivals = []
+        for k in self.agents:
+            action = actions[k]
+            if action is not None and not self.arrived[k]:
+                cells[k] = self.led(k, action.move)
+                if cells[k] == self._problem.goals[k]:
+                    arrivals.append(k)
+        conflict = miscoordination(self._problem, cells, self.agents)
+        rewards = [
+            self._reward(k, action, k in arrivals, conflict)
+            for k, action in enumerate(actions)
+        ]
+        for k in arrivals:
+            self.arrived[k] = True
+        self.step += 1
+        self.transitions += 1
+        self.miscoordinations += conflict
+        return StepOutcome(tuple(rewards), conflict, tuple(arrivals), self.episode_over)
+
+    def _reward(
+        self, k: int, action: Action | None, home: bool, conflict: bool
+    ) -> Reward:
+        """Return R_k(t)."""
+        problem = self._problem
+        individual = individual_reward(problem, home)
+        common = common_reward(problem, k, conflict)
+        cost = asking_reward(problem, action is not None and action.asked)
+        partners = UNKNOWN_PARTNERS
+        if problem.referee:
+            partners = partners_of(problem, self.cells, self.agents, k)
+        return Reward(individual, common, cost, individual + common + cost, partners)
+
+    def led(self, k: int, move: int) -> int:
+        """Return the cell in which a move of agent k ends in this time step."""
+        return led(self._problem, self._draws, k, self.step, self.cells[k], move)

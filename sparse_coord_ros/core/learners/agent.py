@@ -1,0 +1,316 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""One robot in plain Python: what it decides, does and learns, by whatever learner.
+
+Robot nodes, the verification of logs, films and PettingZoo's tests drive this object; the loops
+of `core.runs.loop` call the same functions for all robots of a team.
+"""
+
+from array import array
+from collections.abc import Callable
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sparse_coord_ros.core.game import streams
+from sparse_coord_ros.core.game.actions import COORDINATE, PRIMITIVES
+from sparse_coord_ros.core.game.draws import PlainDraws, drawn
+from sparse_coord_ros.core.game.perception import asked_peers
+from sparse_coord_ros.core.game.plugins import is_shipped
+from sparse_coord_ros.core.game.scenario import Scenario
+from sparse_coord_ros.core.game.schedules import probabilities, step_sizes
+from sparse_coord_ros.core.game.specs import Spec
+from sparse_coord_ros.core.game.world import Action, Reward
+from sparse_coord_ros.core.learners import rules
+from sparse_coord_ros.core.learners.learner import Learner
+from sparse_coord_ros.core.learners.mind import Memory, as_lists, memory_of
+from sparse_coord_ros.core.learners.policy import choose, choose_move
+from sparse_coord_ros.core.learners.rules import Transition
+from sparse_coord_ros.core.learners.tables import Tables
+
+NOBODY = -1
+"""In place of a peer: the robot asked none, or several."""
+
+UNKNOWN = -1
+"""In place of a peer's cell."""
+
+
+class Decision(NamedTuple):
+    """An agent's choice at a time step, before active perception.
+
+    Attributes:
+        action: A_k(t), as of `core.game.actions`.
+        peers: the agents to ask where the action is COORDINATE, in ascending order; else none.
+    """
+
+    action: int
+    peers: tuple[int, ...] = ()
+
+
+class Choice(NamedTuple):
+    """What an agent did at a time step.
+
+    Attributes:
+        cell: X_k(t).
+        decision: A_k(t).
+        action: the primitive action that it became.
+        perceived: the perceived local states of the asked peers; None where it did not ask, or
+            ActivePercept is FALSE.
+    """
+
+    cell: int
+    decision: Decision
+    action: Action
+    perceived: tuple[int, ...] | None
+
+
+class Schedules(NamedTuple):
+    """Numbers by time step or by count, for plain Python: compact, and quick to index.
+
+    Attributes:
+        epsilon: probability of an explored action [time step].
+        floors: least step size [time step].
+        step_sizes: the step size of the n-th update of an entry, without the floor [n].
+    """
+
+    epsilon: Any
+    floors: Any
+    step_sizes: Any
+
+
+@lru_cache(maxsize=8)
+def schedules(epsilon: Spec, step_size: Spec, budget: int) -> Schedules:
+    """Return the schedules of a run; they are kept, as all robots of a process share them."""
+    sizes = step_sizes(step_size, budget)
+    tables = (probabilities(epsilon, budget), sizes.by_step, sizes.by_count)
+    return Schedules(*(array("d", table.tobytes()) for table in tables))
+
+
+DOING = {
+    "begin_episode": "beginning an episode",
+    "decide": "deciding",
+    "act": "acting",
+    "values_asking": "acting",
+    "learn": "learning",
+}
+"""What a learner does in the methods of an agent."""
+
+
+def _blaming(
+    learner: Learner, doing: str, method: Callable[..., Any]
+) -> Callable[..., Any]:
+    """Return a method that says in one line where a learner of one's own fails."""
+
+    def blaming(*args: Any) -> Any:
+        with learner.blamed(doing):
+            return method(*args)
+
+    return blaming
+
+
+class Agent:
+    """Agent k of a learner.
+
+    Args:
+        learner: who learns.
+        scenario: the problem; of it the agent uses the sizes, the learning protocol and which
+            cell ends its episodes.
+        number: k, from 0.
+        seed: the run's seed.
+        memory: what it remembers; None: nothing yet.
+        learning: False: act greedily and never learn.
+        phase: LEARNING or EVALUATION: which random draws the agent uses.
+
+    Attributes:
+        learner, scenario, number, learning: as of the arguments.
+        goal: the cell that ends its episodes.
+        task: what it knows of its task.
+        mind: what it has learned, as lists; it goes on learning in it.
+        peers: the other robots, in ascending order.
+    """
+
+    def __init__(
+        self,
+        learner: Learner,
+        scenario: Scenario,
+        number: int,
+        seed: int,
+        *,
+        memory: Memory | None = None,
+        learning: bool = True,
+        phase: int = streams.LEARNING,
+    ) -> None:
+        self.learner = learner
+        self.scenario = scenario
+        self.number = number
+        self.learning = learning
+        self.goal = scenario.robots[number].goal
+        self.peers = tuple(k for k in range(len(scenario.robots)) if k != number)
+        self._asks_whom = scenario.peers
+        self._weights = learner.weights(scenario)
+        self._schedules = schedules(
+            scenario.epsilon, scenario.step_size, scenario.steps
+        )
+        self._draws = PlainDraws(scenario, seed, phase)
+        self._values = [0.0] * PRIMITIVES
+        self._initial = learner.mind(scenario, number)
+        self.task = learner.task(scenario, number, self._schedules.step_sizes)
+        self.mind = as_lists(self._initial, memory)
+        if not is_shipped(learner):
+            for name, doing in DOING.items():
+                setattr(self, name, _blaming(learner, doing, getattr(self, name)))
+
+    def begin_episode(self) -> None:
+        """Begin an episode."""
+        rules.begin_episode(self.mind, self.task)
+
+    def decide(self, step: int, cell: int) -> Decision:
+        """Choose A_k(t) by the learning policy pi_epsilon (Algorithm 1, line 4)."""
+        epsilon = self.epsilon(step)
+        values = self.mind.q_star[cell]
+        action = choose(
+            values, self.task.actions, epsilon, self._draws, self.number, step
+        )
+        if action != COORDINATE:
+            return Decision(action)
+        draw = drawn(self._draws, streams.POLICY, self.number, step, streams.PEER)
+        return Decision(
+            action, asked_peers(self._asks_whom, self.number, self.task.robots, draw)
+        )
+
+    def act(
+        self,
+        step: int,
+        cell: int,
+        decision: Decision,
+        perceived: tuple[int, ...] | None,
+    ) -> Action:
+        """Turn the decision into a primitive action (Algorithm 1, lines 5 to 10).
+
+        Args:
+            step: t.
+            cell: X_k(t).
+            decision: what `decide` returned for this step.
+            perceived: the local states of the asked peers; None where ActivePercept is FALSE.
+        """
+        if decision.action != COORDINATE:
+            return Action(decision.action, False, NOBODY, False)
+        seen, cells = self._percept(cell, decision.peers, perceived)
+        move = choose_move(
+            self.mind,
+            self.task,
+            cell,
+            seen,
+            cells,
+            self.epsilon(step),
+            self._draws,
+            step,
+            self._values,
+        )
+        return action_of(decision, move, perceived=perceived is not None)
+
+    def learn(self, step: int, choice: Choice, reward: Reward, next_cell: int) -> None:
+        """Learn from a transition (Algorithm 1, lines 12 to 18).
+
+        Args:
+            step: t.
+            choice: what it did there.
+            reward: R_k(t) in its parts.
+            next_cell: X_k(t+1).
+        """
+        if not self.learning:
+            return
+        cell, decision, action, perceived = choice
+        weights = self._weights
+        seen, cells = self._percept(cell, decision.peers, perceived)
+        draw = 0.0
+        if self.learner.draws:
+            draw = drawn(self._draws, streams.REPLAY, self.number, step, 0)
+        now = Transition(
+            step=step,
+            cell=cell,
+            action=decision.action,
+            move=action.move,
+            seen=seen,
+            cells=cells,
+            next_cell=next_cell,
+            next_seen=0,
+            next_cells=cells,
+            individual=weights.individual * reward.individual,
+            common=weights.common * reward.common,
+            felt=reward.common,
+            asking=weights.ask_cost * reward.ask_cost,
+            partners=reward.partners,
+            epsilon=self.epsilon(step),
+            floor=self._scheduled(self._schedules.floors, step),
+            draw=draw,
+        )
+        rules.learn(self.mind, self.task, now)
+
+    def epsilon(self, step: int) -> float:
+        """Return the probability of exploring at a time step; 0 without learning."""
+        return self._scheduled(self._schedules.epsilon, step) if self.learning else 0.0
+
+    def values(self, cell: int) -> list[float]:
+        """Return Q*(cell, .)."""
+        return list(self.mind.q_star[cell])
+
+    def values_asking(
+        self, cell: int, perceived: tuple[int, ...] | None
+    ) -> list[float]:
+        """Return the values by which COORDINATE chooses a move: Q^C, or Q* after a failed percept.
+
+        Args:
+            cell: X_k(t).
+            perceived: the local states of the asked peers, in their order (of one peer of several
+                it does not matter which it is); None where ActivePercept is FALSE.
+        """
+        peers = () if perceived is None else self.peers[: len(perceived)]
+        seen, cells = self._percept(cell, peers, perceived)
+        rules.asking_values(self.mind, self.task, cell, seen, cells, self._values)
+        return list(self._values)
+
+    @property
+    def asked_in(self) -> np.ndarray:
+        """How often it has learned from COORDINATE in each cell, shape (cells,), int64."""
+        return np.array([row[COORDINATE] for row in self.mind.updates], dtype=np.int64)
+
+    @property
+    def tables(self) -> Tables:
+        """What it has learned so far; a copy."""
+        return Tables(self.scenario, self.learner, self.number, self.memory())
+
+    def memory(self) -> dict[str, np.ndarray]:
+        """Return all that it remembers; a copy."""
+        return memory_of(self.mind)
+
+    def go_on_from(self, memory: Memory) -> None:
+        """Go on with what another agent of the same run has learned; the memory is checked."""
+        self.mind = as_lists(self._initial, memory)
+
+    def _percept(
+        self, cell: int, peers: tuple[int, ...], perceived: tuple[int, ...] | None
+    ) -> tuple[int, list[int]]:
+        """Return the peers that are perceived, the sum of 2^j, and the cells that are known."""
+        cells = [UNKNOWN] * self.task.robots
+        cells[self.number] = cell
+        seen = 0
+        if perceived is not None:
+            for peer, place in zip(peers, perceived, strict=True):
+                seen |= 1 << peer
+                cells[peer] = place
+        return seen, cells
+
+    @staticmethod
+    def _scheduled(values: Any, step: int) -> float:
+        found: float = values[min(step, len(values) - 1)]
+        return found
+
+
+def action_of(decision: Decision, move: int, *, perceived: bool) -> Action:
+    """Return what an agent does, its decision having become a move."""
+    asks = decision.action == COORDINATE
+    peers = decision.peers
+    peer = peers[0] if asks and len(peers) == 1 else NOBODY
+    return Action(move, asks, peer, asks and perceived)

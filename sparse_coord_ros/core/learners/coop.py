@@ -1,0 +1,106 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Algorithm 1 of Melo & Veloso (AAMAS 2009): Q* over the own cell, Q^C over joint states.
+
+The lines are those of Algorithm 1. Lines 2 to 5, 11, 16, 19 and 20 are the caller's: exploration,
+random draws and time (`core.learners.policy`, `core.runs.loop`, the robot's node).
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sparse_coord_ros.base.errors import SettingError
+from sparse_coord_ros.core.game.actions import ACTIONS, PRIMITIVES
+from sparse_coord_ros.core.game.scenario import Scenario
+from sparse_coord_ros.core.learners.learner import Learner
+from sparse_coord_ros.core.learners.mind import Rows, empty_rows, read
+from sparse_coord_ros.core.learners.rules import (
+    Task,
+    Transition,
+    copy_moves,
+    expected,
+    greatest,
+    joint_state,
+    ql_update,
+    reward_of,
+    row_of_state,
+)
+
+MOST_JOINT_STATES = 2**63
+"""Joint states are numbered by 64-bit integers."""
+
+
+class Coop(Learner):
+    """Algorithm 1 of the paper."""
+
+    name = "coop"
+    title = "Coop."
+    summary = "Algorithm 1"
+
+    class Mind(NamedTuple):
+        """What a robot has learned.
+
+        Attributes:
+            q_star: Q* [cell][action].
+            updates: how often each entry of it was updated.
+            q_coord: Q^C: a row [move] for each joint state that was perceived.
+        """
+
+        q_star: Any
+        updates: Any
+        q_coord: Rows
+
+    def check(self, scenario: Scenario) -> None:
+        """Raise `SettingError` where joint states are more than can be numbered."""
+        cells = len(scenario.map.cells)
+        if cells**scenario.perceived >= MOST_JOINT_STATES:
+            raise SettingError(
+                "setting peers: value is 'all', allowed with this learner below 2^63 joint "
+                f"states; scenario {scenario.name} has {cells}^{scenario.perceived}; use 'one', "
+                "fewer robots, or learner factored"
+            )
+
+    @staticmethod
+    def initial(scenario: Scenario, robot: int) -> Mind:
+        """Return the tables before learning (line 1)."""
+        cells = len(scenario.map.cells)
+        first = np.full((1, PRIMITIVES), scenario.q_coord_init)
+        return Coop.Mind(
+            q_star=np.full((cells, len(ACTIONS)), scenario.q_star_init),
+            updates=np.zeros((cells, len(ACTIONS)), dtype=np.int32),
+            q_coord=empty_rows(cells**scenario.perceived, first),
+        )
+
+    @staticmethod
+    def asking_values(
+        mind: Mind, task: Task, cell: int, seen: int, cells: Any, values: Any
+    ) -> None:
+        """Set the values by which COORDINATE chooses a move."""
+        if seen == 0:
+            copy_moves(mind.q_star[cell], values)  # line 9
+            return
+        read(mind.q_coord, joint_state(task, cell, seen, cells), values)  # line 7
+
+    @staticmethod
+    def bootstrap(mind: Mind, task: Task, cell: int, now: Transition) -> float:
+        """Return max_b Q*(cell, b)."""
+        return greatest(mind.q_star[cell], len(ACTIONS))
+
+    @staticmethod
+    def learn(mind: Mind, task: Task, now: Transition) -> None:
+        """Update Q^C where a peer was perceived, then Q*."""
+        reward = reward_of(now)
+        after = expected(mind, task, now)
+        if now.seen != 0:  # line 12
+            row = row_of_state(mind.q_coord, task, now.cell, now.seen, now.cells)
+            values = mind.q_coord.values[row]
+            updates = mind.q_coord.updates[row]
+            ql_update(
+                values, updates, now.move, task, now.floor, reward, after
+            )  # line 13
+        values = mind.q_star[now.cell]
+        updates = mind.updates[now.cell]
+        ql_update(
+            values, updates, now.action, task, now.floor, reward, after
+        )  # line 18

@@ -1,0 +1,185 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""CQ-learning (De Hauwere, Vrancx & Nowe, AAMAS 2010): ask where rewards are not a lone robot's.
+
+A robot begins with Q* of a robot alone (`core.learners.lone`), which never changes. It compares
+the rewards of each own cell and move with those that it would get alone, by Student's t-test on
+windows of `WINDOW` samples. Where they differ the cell is marked. In marked cells it looks at its
+peer, here by COORDINATE, and compares the rewards of each joint state in the same way. A joint
+state where they differ has a row of its own in Q^C, the augmented table, which begins at Q* and
+learns
+
+    Q^C(x, z, a) = (1 - alpha) Q^C(x, z, a) + alpha (r + gamma max_b Q*(y, b)).
+
+Other joint states keep Q*, by which it also acts after a failed percept. The price of asking is
+in no reward that it learns from: the paper has none, and where the robot asks is not a matter of
+values. In tables Q*(x, COORDINATE) says where: it is `MARK` above the best move in marked cells,
+`MARK` below it in others.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sparse_coord_ros.base.compiling import inner
+from sparse_coord_ros.base.errors import SettingError
+from sparse_coord_ros.core.game.actions import COORDINATE, PRIMITIVES
+from sparse_coord_ros.core.game.scenario import Scenario
+from sparse_coord_ros.core.game.world import RewardWeights
+from sparse_coord_ros.core.learners.coop import Coop
+from sparse_coord_ros.core.learners.learner import Learner
+from sparse_coord_ros.core.learners.lone import lone_values
+from sparse_coord_ros.core.learners.mind import Memory, Rows, empty_rows, place
+from sparse_coord_ros.core.learners.rules import (
+    Task,
+    Transition,
+    Values,
+    expected,
+    greatest,
+    joint_state,
+    ql_update,
+    reward_of,
+)
+
+MARK = 1.0
+"""How far COORDINATE is above the best move in marked cells, and below it in others."""
+
+WINDOW = 20
+"""Samples of a test; the next test has new ones, so that a sample is judged once."""
+
+T_CRITICAL = 2.093
+"""Student's t of 19 degrees of freedom that chance exceeds once in twenty times."""
+
+COUNT, SUM, SQUARES = range(3)
+"""Entries of a window: how many samples there are, and their sums."""
+
+MARKED = -1.0
+"""In place of a count of samples: the joint state is marked, and not tested any more."""
+
+
+class CQ(Learner):
+    """CQ-learning."""
+
+    name = "cq"
+    title = "CQ-learning"
+    summary = "CQ-learning: asks in cells that it marks (De Hauwere et al., 2010)"
+
+    class Mind(NamedTuple):
+        """What a robot has learned.
+
+        Attributes:
+            q_star: Q* [cell][action].
+            updates: how often each action was chosen.
+            q_coord: Q^C: a row [move] for each joint state.
+            samples: windows of the moves and of the joint states [cell][move or 4 + z][COUNT...].
+        """
+
+        q_star: Any
+        updates: Any
+        q_coord: Rows
+        samples: Any
+
+    def check(self, scenario: Scenario) -> None:
+        """Raise `SettingError` unless COORDINATE perceives one peer, and the map is small."""
+        if scenario.perceived > 2:
+            what = (
+                f"setting peers: value is 'all', allowed with learner {self.label}: one"
+            )
+            raise SettingError(f"{what}; leave it out")
+        if scenario.sparse:
+            raise SettingError(
+                f"learner {self.label}: scenario {scenario.name} has {len(scenario.map.cells)} "
+                "cells, allowed: 724; use a smaller map, or learner coop or factored"
+            )
+
+    def check_memory(self, scenario: Scenario, robot: int, memory: Memory) -> None:
+        """Check the windows of samples."""
+        samples = memory["samples"]
+        if not np.isin(samples[..., COUNT], [MARKED, *range(WINDOW)]).all():
+            allowed = f"{MARKED:g}, 0 to {WINDOW - 1}"
+            raise ValueError(f"samples has counts out of range, allowed: {allowed}")
+        if (samples[..., SQUARES] < 0.0).any():
+            raise ValueError("samples has sums of squares below 0")
+
+    def weights(self, scenario: Scenario) -> RewardWeights:
+        """Return how much each part of R_k(t) counts: the price of asking does not."""
+        return super().weights(scenario)._replace(ask_cost=0.0)
+
+    @staticmethod
+    def initial(scenario: Scenario, robot: int) -> Mind:
+        """Return Q* of a robot alone; no cell is marked."""
+        lone = lone_values(scenario, robot)
+        cells = len(lone)
+        q_star = np.column_stack([lone, lone.max(axis=1) - MARK])
+        return CQ.Mind(
+            q_star=q_star,
+            updates=np.zeros(q_star.shape, dtype=np.int32),
+            q_coord=empty_rows(cells * cells, lone),
+            samples=np.zeros((cells, PRIMITIVES + cells, 3)),
+        )
+
+    asking_values = staticmethod(Coop.asking_values)
+    """As Algorithm 1: by Q^C after an answer, else by Q*."""
+
+    @staticmethod
+    def explores(mind: Mind, task: Task, seen: int) -> bool:
+        """Return that the move after COORDINATE is explored as any other."""
+        return True
+
+    @staticmethod
+    def bootstrap(mind: Mind, task: Task, cell: int, now: Transition) -> float:
+        """Return the maximum of Q*(cell, .) over the moves."""
+        return greatest(mind.q_star[cell], PRIMITIVES)
+
+    @staticmethod
+    def learn(mind: Mind, task: Task, now: Transition) -> None:
+        """Sample the reward; learn Q^C in joint states that are marked."""
+        cell = now.cell
+        mind.updates[cell][now.action] += 1
+        values = mind.q_star[cell]
+        samples = mind.samples[cell]
+        if now.action != COORDINATE:
+            if not is_marked(values) and differs(samples[now.move], now.common):
+                values[COORDINATE] = greatest(values, PRIMITIVES) + MARK
+            return
+        if now.seen != 0:
+            key = joint_state(task, cell, now.seen, now.cells)
+            peer_cell = key % task.cells
+            if differs(samples[PRIMITIVES + peer_cell], now.common):
+                after = expected(mind, task, now)
+                row = place(mind.q_coord, key)
+                values = mind.q_coord.values[row]
+                updates = mind.q_coord.updates[row]
+                ql_update(
+                    values, updates, now.move, task, now.floor, reward_of(now), after
+                )
+
+
+@inner
+def is_marked(values: Values) -> bool:
+    """Return whether a row of Q* says that its cell is marked."""
+    return bool(values[COORDINATE] > greatest(values, PRIMITIVES))
+
+
+@inner
+def differs(sample: Any, value: float) -> bool:
+    """Add a sample; return whether the mean is not 0 by the test of this window, or one before.
+
+    Args:
+        sample: the window: [COUNT, SUM, SQUARES]; it begins anew when it is full.
+        value: the reward less that of a lone robot with the same transition.
+    """
+    if sample[COUNT] < 0.0:
+        return True
+    sample[COUNT] += 1.0
+    sample[SUM] += value
+    sample[SQUARES] += value * value
+    if sample[COUNT] < WINDOW:
+        return False
+    square = sample[SUM] * sample[SUM]
+    spread = WINDOW * sample[SQUARES] - square
+    found = bool(square * (WINDOW - 1) > T_CRITICAL * T_CRITICAL * spread)
+    sample[COUNT] = MARKED if found else 0.0
+    sample[SUM] = 0.0
+    sample[SQUARES] = 0.0
+    return found

@@ -1,0 +1,672 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Algorithm 1 with Q* and Q^C in factors: U, what a robot does alone, and what its peers change.
+
+    Q*(x, b)          = U(x, b) + r_bar(x, b)                      for the four moves b
+    Q*(x, COORDINATE) = max_b U(x, b) - cost of asking + W(x)
+    Q^C(x, z, b)      = U(x, b) + sum over the peers j of rho_j(x, z_j, b)
+
+By its definition Q^C(x, z, b) = E[r^I + gamma max Q*(y, .)] + E[r^C]: the first term, U, does not
+depend on where the peers are; the second, rho, is 0 in nearly all joint states. A failed percept
+has a row of rho of its own. docs/coordination.md has the rule and its reasons.
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sparse_coord_ros.base.archive import MOST_UPDATES, check_range
+from sparse_coord_ros.base.compiling import inlined, inner, of_learner
+from sparse_coord_ros.base.errors import SettingError
+from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE, PRIMITIVES
+from sparse_coord_ros.core.game.percepts import ruled_out
+from sparse_coord_ros.core.game.scenario import Scenario
+from sparse_coord_ros.core.game.settings import LARGEST_WHOLE
+from sparse_coord_ros.core.game.specs import Spec
+from sparse_coord_ros.core.learners.learner import Learner
+from sparse_coord_ros.core.learners.mind import (
+    NO_ROW,
+    Memory,
+    Rows,
+    empty_rows,
+    find,
+    place,
+)
+from sparse_coord_ros.core.learners.rules import (
+    Task,
+    Transition,
+    Values,
+    greatest,
+    step_size,
+)
+
+MOST_CREDIT = 8
+"""How often r^C counts at most by default: of sixteen robots that count it for all, some never
+move."""
+
+UNKNOWN = -1
+"""In place of a peer's cell: the percept failed."""
+
+
+class Factored(Learner):
+    """Algorithm 1 with Q* and Q^C in factors."""
+
+    name = "factored"
+    title = "Factored"
+    summary = "Algorithm 1 with Q^C as an individual part and sparse corrections"
+    draws = True
+    partners = True
+    defaults = MappingProxyType(
+        {
+            "epsilon": "linear:0.3:0.02:0.8",
+            "starts": "exploring:1:0:0.5",
+            "peers": "all",
+            "credit": "team",
+            "step_size": "floored:0.6:0.1:0.01",
+        }
+    )
+    values = ("q_star", "value", "u", "r_bar", "w", "rho")
+    scratch = ("correction", "found", "there", "blame")
+
+    class Mind(NamedTuple):
+        """What a robot has learned; x is a cell, b a move.
+
+        Attributes:
+            q_star: Q* [x][action], kept up to date.
+            value: max_b Q*(x, b) over all five actions [x], kept up to date.
+            updates: how often a move was tried [x][b], and COORDINATE [x][4].
+            u: U [x][b].
+            r_bar: r^C to be expected without knowing where the peers are [x][b].
+            w: W, what a percept is worth [x].
+            rho: a row [b] for own cell, peer and its cell; and one for failed percepts.
+            door: the last r^C felt on coming to a cell, or staying there, weighed; 0: never any.
+            commons: updates of each entry of r_bar [x][b].
+            moved: how often a move led out of its cell [x][b].
+            successor: where it led the last time that it did [x][b].
+            last: of the last step with COORDINATE: the step after it, the move and all robots'
+                cells, the peers' `UNKNOWN` where the percept failed.
+            tried: the moves that were tried, x * moves + b, in the order of their first time.
+            used: how many they are [0].
+            correction: space for Q^C(x, z, .) - U(x, .) [b].
+            found: space for the rows that it adds up to [robot].
+            there: space for what the second of two questions is worth where each move leads [b].
+            blame: space for how far each robot is in the way there [b][robot].
+        """
+
+        q_star: Any
+        value: Any
+        updates: Any
+        u: Any
+        r_bar: Any
+        w: Any
+        rho: Rows
+        door: Any
+        commons: Any
+        moved: Any
+        successor: Any
+        last: Any
+        tried: Any
+        used: Any
+        correction: Any
+        found: Any
+        there: Any
+        blame: Any
+
+    # A team.
+
+    def with_defaults(self, scenario: Scenario) -> Scenario:
+        """As of `Learner`; with more than two robots, `referee` is on unless it was chosen.
+
+        With more than `MOST_CREDIT` robots r^C counts so often.
+        """
+        chosen = super().with_defaults(scenario)
+        if len(scenario.robots) > 2 and "referee" not in scenario.given:
+            chosen = replace(chosen, referee=True)
+        if len(scenario.robots) > MOST_CREDIT and "credit" not in scenario.given:
+            chosen = replace(chosen, credit=Spec("weight", (float(MOST_CREDIT),)))
+        return chosen
+
+    def check(self, scenario: Scenario) -> None:
+        """Raise `SettingError` unless COORDINATE perceives every peer."""
+        if len(scenario.robots) > 2 and scenario.peers != "all":
+            raise SettingError(
+                f"setting peers: value is {scenario.peers!r}, allowed with learner factored and "
+                "more than two robots: all; set peers=all, or leave it out"
+            )
+
+    def rows_of_a_cell(self, scenario: Scenario) -> int:
+        """As of `Learner`: one for each peer's cell, and one for failed percepts."""
+        return (len(scenario.robots) - 1) * len(scenario.map.cells) + 1
+
+    def learned_rows(self, scenario: Scenario, memory: Memory) -> np.ndarray:
+        """As of `Learner`: corrections that are not 0."""
+        cells = len(scenario.map.cells)
+        robots = len(scenario.robots)
+        keys = memory["rho_keys"][memory["rho_values"].any(axis=1)]
+        return np.bincount(states_of(keys, cells, robots)[:, 0], minlength=cells)
+
+    def ruled_out(self, scenario: Scenario) -> np.ndarray:
+        """As of `Learner`: the learner looks at it."""
+        return ruled_out(scenario)
+
+    def check_memory(self, scenario: Scenario, robot: int, memory: Memory) -> None:
+        """Check where moves led and how often, where r^C was felt, and the last question."""
+        cells = len(scenario.map.cells)
+        felt = self.weights(scenario).common * scenario.penalties[robot]
+        if not np.isin(memory["door"], [0.0, felt]).all():
+            raise ValueError(f"door has an r^C that is neither 0 nor {felt:g}")
+        if not np.array_equal(memory["value"], memory["q_star"].max(axis=1)):
+            raise ValueError("value is not the maximum of q_star")
+        made = memory["updates"][:, :PRIMITIVES]
+        for name in ("commons", "moved"):
+            check_range(memory[name], 0, MOST_UPDATES, name)
+            if (memory[name] > made).any():
+                raise ValueError(f"{name} counts a move more often than it was tried")
+        check_range(memory["used"], 0, len(memory["tried"]) + 1, "used")
+        used = int(memory["used"][0])
+        known = np.array_equal(np.sort(memory["tried"][:used]), np.flatnonzero(made))
+        if not known or memory["tried"][used:].any():
+            raise ValueError("tried are not the moves that were counted")
+        successor = memory["successor"]
+        left = memory["moved"] > 0
+        check_range(successor, 0, cells, "successor")
+        if (
+            successor[~left].any()
+            or (successor == np.arange(cells)[:, None])[left].any()
+        ):
+            raise ValueError(
+                "successor is not another cell just where a move led out of its own"
+            )
+        _check_last(memory["last"], robot, cells)
+
+    # One robot.
+
+    @staticmethod
+    def initial(scenario: Scenario, robot: int) -> Mind:
+        """Return the factors before learning: U is `q_coord_init`, all else 0."""
+        cells = len(scenario.map.cells)
+        team = len(scenario.robots)
+        moves = (cells, PRIMITIVES)
+        u = np.full(moves, scenario.q_coord_init)
+        q_star = np.full((cells, len(ACTIONS)), scenario.q_coord_init + 0.0)
+        q_star[:, COORDINATE] = scenario.q_coord_init - scenario.ask_cost + 0.0
+        keys = failed_key(cells, cells, team)
+        return Factored.Mind(
+            q_star=q_star,
+            value=q_star.max(axis=1),
+            updates=np.zeros(q_star.shape, dtype=np.int32),
+            u=u,
+            r_bar=np.zeros(moves),
+            w=np.zeros(cells),
+            rho=empty_rows(keys, np.zeros((1, PRIMITIVES)), team),
+            door=np.zeros(cells),
+            commons=np.zeros(moves, dtype=np.int64),
+            moved=np.zeros(moves, dtype=np.int64),
+            successor=np.zeros(moves, dtype=np.int64),
+            last=np.zeros(2 + team, dtype=np.int64),
+            tried=np.zeros(cells * PRIMITIVES, dtype=np.int64),
+            used=np.zeros(1, dtype=np.int64),
+            correction=np.zeros(PRIMITIVES),
+            found=np.zeros(team, dtype=np.int64),
+            there=np.zeros(PRIMITIVES),
+            blame=np.zeros((PRIMITIVES, team)),
+        )
+
+    @staticmethod
+    def asking_values(
+        mind: Mind, task: Task, cell: int, seen: int, cells: Any, values: Any
+    ) -> None:
+        """Set U + rho, of what is perceived or of failed percepts."""
+        correct(mind, task, cell, seen, cells)
+        for b in range(PRIMITIVES):
+            values[b] = mind.u[cell][b] + mind.correction[b]
+
+    @staticmethod
+    def explores(mind: Mind, task: Task, seen: int) -> bool:
+        """Return whether the percept failed: only then the move is explored."""
+        return seen == 0
+
+    @staticmethod
+    def learn(mind: Mind, task: Task, now: Transition) -> None:
+        """Learn U, r_bar or rho and W; then replay a move."""
+        learn_move(mind, task, now)
+        if now.action == COORDINATE:
+            learn_asking(mind, task, now)
+        refresh(mind, task, now.cell)
+        replay(mind, task, now)
+
+    # Parts that an ablation turns off.
+
+    @staticmethod
+    def counts(mind: Mind, task: Task, peer: int, cell: int, peer_cell: int) -> bool:
+        """Return whether the robot counts the correction of a peer that it perceives.
+
+        Of more than two robots in one cell, only those with higher numbers give way; a pair
+        learns who waits by itself.
+        """
+        return not (task.robots > 2 and cell == peer_cell and task.number < peer)
+
+    @staticmethod
+    def update_by_percept(mind: Mind, task: Task, cell: int, floor: float) -> None:
+        """Move r_bar of every move toward what the percept corrects."""
+        for b in range(PRIMITIVES):
+            mind.r_bar[cell][b] = toward(mind.r_bar[cell][b], floor, mind.correction[b])
+
+    @staticmethod
+    def look_back(mind: Mind, task: Task, now: Transition) -> None:
+        """Learn from two questions in a row what each move would have brought at the first."""
+        last = mind.last
+        first = last[2 + task.number]
+        for b in range(PRIMITIVES):
+            look_ahead(mind, task, now, first, b)
+        correct(mind, task, first, now.seen, now.cells)
+        here = surplus(mind, task, first)
+        failed = False
+        for peer in range(task.robots):
+            if peer != task.number:
+                peer_cell = last[2 + peer]
+                if peer_cell == UNKNOWN:
+                    failed = True
+                else:
+                    key = rho_key(first, peer, peer_cell, task.cells, task.robots)
+                    learn_first(mind, task, now, first, key, 1 << peer, here)
+        if failed:
+            key = failed_key(first, task.cells, task.robots)
+            learn_first(mind, task, now, first, key, ~(1 << task.number), here)
+
+    @staticmethod
+    def replay(mind: Mind, task: Task, now: Transition) -> None:
+        """Set U of a move that was tried to what the own model says of it (Dyna)."""
+        pair = mind.tried[int(now.draw * mind.used[0])]
+        x = pair // PRIMITIVES
+        b = pair % PRIMITIVES
+        s = mind.successor[x][b]
+        share = mind.moved[x][b] / mind.updates[x][b]
+        if s == task.goal:
+            there = task.goal_reward + task.discount * task.goal_value
+        else:
+            there = task.discount * mind.value[s]
+        here = task.discount * mind.value[x]
+        mind.u[x][b] = share * there + (1.0 - share) * here
+        refresh(mind, task, x)
+
+
+def _check_last(last: np.ndarray, robot: int, cells: int) -> None:
+    """Check what is kept of the last step with COORDINATE."""
+    step, move, *_ = last
+    peers = np.delete(last[2:], robot)
+    failed = bool(np.all(peers == UNKNOWN))
+    check_range(step, 0, LARGEST_WHOLE, "last")
+    check_range(move, 0, PRIMITIVES, "last")
+    check_range(last[2 + robot], 0, cells, "last")
+    check_range(peers, UNKNOWN if failed else 0, cells, "last")
+
+
+@of_learner
+def counts(mind: Any, task: Task, peer: int, cell: int, peer_cell: int) -> bool:
+    """As `Factored.counts`."""
+    raise NotImplementedError
+
+
+@of_learner
+def update_by_percept(mind: Any, task: Task, cell: int, floor: float) -> None:
+    """As `Factored.update_by_percept`."""
+
+
+@of_learner
+def look_back(mind: Any, task: Task, now: Transition) -> None:
+    """As `Factored.look_back`."""
+
+
+@of_learner
+def replay(mind: Any, task: Task, now: Transition) -> None:
+    """As `Factored.replay`."""
+
+
+# Values.
+
+
+@inner
+def rho_key(cell: int, peer: int, peer_cell: int, cells: int, robots: int) -> int:
+    """Return the key of a row of rho."""
+    return (cell * robots + peer) * cells + peer_cell
+
+
+@inner
+def failed_key(cell: int, cells: int, robots: int) -> int:
+    """Return the key of the row of failed percepts of a cell; of cell number `cells` the end."""
+    return cells * robots * cells + cell
+
+
+def states_of(keys: np.ndarray, cells: int, robots: int) -> np.ndarray:
+    """Return what the keys of rho mean: shape (rows, 3), int64.
+
+    Args:
+        keys: of rows, shape (rows,).
+        cells: of the map.
+        robots: how many there are.
+
+    Returns:
+        The own cell, the peer (from 0) and its cell; twice `UNKNOWN` for a failed percept.
+    """
+    seen = keys < failed_key(0, cells, robots)
+    own, rest = np.divmod(keys, robots * cells)
+    peer, place = np.divmod(rest, cells)
+    columns = [
+        np.where(seen, own, keys - failed_key(0, cells, robots)),
+        np.where(seen, peer, UNKNOWN),
+        np.where(seen, place, UNKNOWN),
+    ]
+    return np.stack(columns, axis=1)
+
+
+def key_of(state: tuple[int, int, int], cells: int, robots: int) -> int:
+    """Return the key of a row of rho that `states_of` says."""
+    cell, peer, place = state
+    if peer == UNKNOWN:
+        return failed_key(cell, cells, robots)
+    return rho_key(cell, peer, place, cells, robots)
+
+
+def corrections_of(
+    mind: Any, task: Task, cell: int, perceived: Mapping[int, int] | None, move: int
+) -> dict[tuple[int, int], float]:
+    """Return rho of a move, by (peer, its cell); by twice `UNKNOWN` if the percept failed.
+
+    Args:
+        mind: what the robot remembers, as lists.
+        task: its task.
+        cell: the own cell.
+        perceived: the cells of the peers, by peer; None: the percept failed.
+        move: the primitive action.
+    """
+    keys = {(UNKNOWN, UNKNOWN): failed_key(cell, task.cells, task.robots)}
+    if perceived is not None:
+        keys = {
+            (peer, place): rho_key(cell, peer, place, task.cells, task.robots)
+            for peer, place in perceived.items()
+        }
+    rows = {place: find(mind.rho, key) for place, key in keys.items()}
+    return {
+        place: 0.0 if row == NO_ROW else mind.rho.values[row][move]
+        for place, row in rows.items()
+    }
+
+
+@inlined
+def refresh(mind: Any, task: Task, cell: int) -> None:
+    """Set Q*(cell, .) from the factors."""
+    u = mind.u[cell]
+    r_bar = mind.r_bar[cell]
+    q_star = mind.q_star[cell]
+    for b in range(PRIMITIVES):
+        q_star[b] = u[b] + r_bar[b]
+    q_star[COORDINATE] = greatest(u, PRIMITIVES) - task.ask_cost + mind.w[cell]
+    mind.value[cell] = greatest(q_star, len(ACTIONS))
+
+
+@inlined
+def correct(mind: Any, task: Task, cell: int, seen: int, cells: Any) -> None:
+    """Set `mind.correction` to Q^C(x, z, .) - U(x, .), and `mind.found` to its rows of rho."""
+    for b in range(PRIMITIVES):
+        mind.correction[b] = 0.0
+    if seen == 0:
+        add_row(mind, failed_key(cell, task.cells, task.robots))
+        return
+    for peer in range(task.robots):
+        mind.found[peer] = NO_ROW
+        if peer != task.number and counts(mind, task, peer, cell, cells[peer]):
+            key = rho_key(cell, peer, cells[peer], task.cells, task.robots)
+            mind.found[peer] = add_row(mind, key)
+
+
+@inlined
+def add_row(mind: Any, key: int) -> int:
+    """Add a row of rho to `mind.correction`, if there is one; return it, or `NO_ROW`."""
+    row = find(mind.rho, key)
+    if row != NO_ROW:
+        for b in range(PRIMITIVES):
+            mind.correction[b] += mind.rho.values[row][b]
+    return row
+
+
+@inner
+def gain(u: Values, correction: Values) -> float:
+    """Return what a percept changes in the value of the best move."""
+    best = u[0] + correction[0]
+    for b in range(1, PRIMITIVES):
+        best = max(best, u[b] + correction[b])
+    return best - greatest(u, PRIMITIVES)
+
+
+@inner
+def best_move(values: Values) -> int:
+    """Return the best of the four moves, of equal ones the first."""
+    best = 0
+    for b in range(1, PRIMITIVES):
+        if values[b] > values[best]:
+            best = b
+    return best
+
+
+# Learning.
+
+
+@inner
+def toward(value: float, alpha: float, target: float) -> float:
+    """Return a value moved toward a target by a share of the way."""
+    return value + alpha * (target - value)
+
+
+@inlined
+def learn_move(mind: Any, task: Task, now: Transition) -> None:
+    """Learn U and the model from a move and, if the robot did not ask, r_bar."""
+    x = now.cell
+    b = now.move
+    y = now.next_cell
+    common = now.common if now.partners != 0 else 0.0
+    count = mind.updates[x][b] + 1
+    mind.updates[x][b] = count
+    if count == 1:
+        mind.tried[mind.used[0]] = x * PRIMITIVES + b
+        mind.used[0] += 1
+    if y != x:
+        mind.moved[x][b] += 1
+        mind.successor[x][b] = y
+    if common != 0.0:
+        mind.door[y] = common
+    after = task.goal_value if y == task.goal else mind.value[y]
+    alpha = step_size(task, count, now.floor)
+    mind.u[x][b] = toward(mind.u[x][b], alpha, now.individual + task.discount * after)
+    if now.action != COORDINATE:
+        count = mind.commons[x][b] + 1
+        mind.commons[x][b] = count
+        alpha = max(1.0 / (count + 1), now.floor / max(1.0, task.credit))
+        mind.r_bar[x][b] = toward(mind.r_bar[x][b], alpha, common)
+
+
+@inlined
+def learn_asking(mind: Any, task: Task, now: Transition) -> None:
+    """Learn from COORDINATE: rho of what was perceived, and what percepts are worth."""
+    x = now.cell
+    common = now.common if now.partners != 0 else 0.0
+    if now.seen == 0:
+        if task.ruled_out[x, x]:
+            common = now.felt if now.partners != 0 else 0.0
+        key = failed_key(x, task.cells, task.robots)
+        learn_rho(mind, task, now, place(mind.rho, key), now.move, common)
+    else:
+        for peer in range(task.robots):
+            if peer != task.number:
+                brought = common if (now.partners >> peer) & 1 else 0.0
+                key = rho_key(x, peer, now.cells[peer], task.cells, task.robots)
+                learn_rho(mind, task, now, place(mind.rho, key), now.move, brought)
+    if mind.last[0] == now.step:
+        look_back(mind, task, now)
+    note_question(mind, task, now)
+    correct(mind, task, x, now.seen, now.cells)
+    count = mind.updates[x][COORDINATE] + 1
+    mind.updates[x][COORDINATE] = count
+    alpha = step_size(task, count, now.floor)
+    mind.w[x] = toward(mind.w[x], alpha, gain(mind.u[x], mind.correction))
+    update_by_percept(mind, task, x, now.floor)
+
+
+@inlined
+def learn_rho(
+    mind: Any, task: Task, now: Transition, row: int, b: int, common: float
+) -> None:
+    """Learn one entry of rho from the r^C that is its peer's doing."""
+    updates = mind.rho.updates[row]
+    values = mind.rho.values[row]
+    count = updates[b] + 1
+    updates[b] = count
+    values[b] = toward(values[b], step_of_rho(task, count, now.floor), common)
+
+
+@inlined
+def step_of_rho(task: Task, count: int, floor: float) -> float:
+    """Return the step size of an entry's update: less than U's, which counts from 1."""
+    return step_size(task, min(count + 1, len(task.step_sizes) - 1), floor)
+
+
+@inlined
+def note_question(mind: Any, task: Task, now: Transition) -> None:
+    """Note the question of this step, for the next one."""
+    mind.last[0] = now.step + 1
+    mind.last[1] = now.move
+    for robot in range(task.robots):
+        known = robot == task.number or now.seen != 0
+        mind.last[2 + robot] = now.cells[robot] if known else UNKNOWN
+
+
+# Looking back.
+
+
+@inlined
+def surplus(mind: Any, task: Task, cell: int) -> float:
+    """Return what the percept of `mind.correction` is worth in a cell one step later.
+
+    Beyond the average of percepts there.
+    """
+    worth: float = task.discount * (gain(mind.u[cell], mind.correction) - mind.w[cell])
+    return worth
+
+
+@inlined
+def look_ahead(mind: Any, task: Task, now: Transition, first: int, b: int) -> None:
+    """Set what the second question would have been worth where a move leads, and who is there.
+
+    Args:
+        mind: what the robot remembers; `there` and `blame` are set.
+        task: the robot's task.
+        now: the step with the second question.
+        first: the cell of the first question.
+        b: the move.
+    """
+    s = mind.successor[first][b]
+    known = mind.moved[first][b] > 0 and s != task.goal
+    mind.there[b] = 0.0
+    for peer in range(task.robots):
+        mind.blame[b][peer] = 0.0
+    if not known:
+        return
+    correct(mind, task, s, now.seen, now.cells)
+    mind.there[b] = surplus(mind, task, s)
+    if now.seen != 0:
+        best = best_move(mind.u[s])
+        for peer in range(task.robots):
+            row = mind.found[peer]
+            if row != NO_ROW:
+                mind.blame[b][peer] = min(0.0, mind.rho.values[row][best])
+
+
+@inlined
+def learn_first(
+    mind: Any,
+    task: Task,
+    now: Transition,
+    first: int,
+    key: int,
+    peers: int,
+    here: float,
+) -> None:
+    """Learn what the moves would have brought at the first question, for one row of rho.
+
+    Each move that was tried would have led to its successor, or left the robot in its cell. Where
+    a peer is now, and r^C was felt there once, it would have been felt. Of the move that was made
+    r^C is learned already. Being there has the value that the second question would have had,
+    and waiting as well, if peers are in the way.
+
+    Args:
+        mind: what the robot remembers.
+        task: the robot's task.
+        now: the step with the second question.
+        first: the cell of the first question.
+        key: of the row of what was perceived there.
+        peers: whose row it is, the sum of 2^j; all of a failed percept.
+        here: what the second question would have been worth in the first cell.
+    """
+    row = place(mind.rho, key)
+    rho = mind.rho.values[row]
+    updates = mind.rho.updates[row]
+    owed = here if rho[best_move(mind.u[first])] < 0.0 else 0.0
+    for b in range(PRIMITIVES):
+        if mind.updates[first][b] == 0:
+            continue
+        share = mind.moved[first][b] / mind.updates[first][b]
+        s = mind.successor[first][b]
+        brought = (1.0 - share) * owed
+        brought += share * mind.there[b] * share_of(mind, task, peers, b)
+        if b == mind.last[1]:
+            rho[b] += step_of_rho(task, updates[b], now.floor) * brought
+        elif now.seen != 0 or (
+            is_empty(task, now, first) and (share == 0.0 or is_empty(task, now, s))
+        ):
+            if is_met(task, now, peers, first):
+                brought += (1.0 - share) * mind.door[first]
+            if is_met(task, now, peers, s):
+                brought += share * mind.door[s]
+            if brought != 0.0 or rho[b] != 0.0:
+                learn_rho(mind, task, now, row, b, brought)
+
+
+@inlined
+def share_of(mind: Any, task: Task, peers: int, b: int) -> float:
+    """Return how much of what is in the way these peers are; if nothing is, the shares are equal.
+
+    Args:
+        mind: what the robot remembers.
+        task: the robot's task.
+        peers: the sum of 2^j.
+        b: the move.
+    """
+    count = 0
+    some = 0.0
+    whole = 0.0
+    for j in range(task.robots):
+        whole += mind.blame[b][j]
+        if (peers >> j) & 1:
+            count += 1
+            some += mind.blame[b][j]
+    return some / whole if whole < 0.0 else count / (task.robots - 1)
+
+
+@inlined
+def is_met(task: Task, now: Transition, peers: int, cell: int) -> bool:
+    """Return whether one of the peers (the sum of 2^j) was perceived in a cell."""
+    if now.seen == 0:
+        return False
+    for j in range(task.robots):
+        if (peers >> j) & 1 and now.cells[j] == cell:
+            return True
+    return False
+
+
+@inlined
+def is_empty(task: Task, now: Transition, cell: int) -> bool:
+    """Return whether a failed percept says that a cell is empty: of one peer alone."""
+    return bool(task.robots == 2 and task.ruled_out[now.cell, cell])

@@ -1,0 +1,117 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Joint-state Q-learning: what two robots learn that see each other always.
+
+Each learns for itself, by Watkins' Q-learning, over the joint state. Q^C begins at the Q* of a
+lone robot that pays as much (`core.learners.lone`) and bootstraps on itself, as the next joint
+state is seen too:
+
+    Q^C(x, z, a) = (1 - alpha) Q^C(x, z, a) + alpha (r + gamma max_b Q^C(y, z', b)).
+
+Every step costs a question. COORDINATE stands above all moves in every cell.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sparse_coord_ros.base.errors import SettingError
+from sparse_coord_ros.core.game.actions import COORDINATE, PRIMITIVES
+from sparse_coord_ros.core.game.links import UP
+from sparse_coord_ros.core.game.scenario import Scenario
+from sparse_coord_ros.core.game.world import RewardWeights
+from sparse_coord_ros.core.learners.coop import Coop
+from sparse_coord_ros.core.learners.learner import Learner
+from sparse_coord_ros.core.learners.lone import lone_values
+from sparse_coord_ros.core.learners.mind import Rows, empty_rows, place, read
+from sparse_coord_ros.core.learners.rules import (
+    Task,
+    Transition,
+    expected,
+    greatest,
+    joint_state,
+    ql_update,
+    reward_of,
+)
+
+MARK = 1.0
+"""How far COORDINATE is above the best move."""
+
+
+class Joint(Learner):
+    """Joint-state Q-learning."""
+
+    name = "joint"
+    title = "Joint-state Q"
+    summary = "Q-learning of two robots over the joint state, which they always see"
+    sees_all = True
+    scratch = ("price", "row")
+    given = ("price",)
+
+    class Mind(NamedTuple):
+        """What a robot has learned.
+
+        Attributes:
+            q_star: Q* of a lone robot that asks everywhere [cell][action].
+            updates: how often it has learned in each cell, in the column of COORDINATE.
+            q_coord: Q^C: a row [move] for each joint state.
+            price: what a step costs [0].
+            row: space for a row [move].
+        """
+
+        q_star: Any
+        updates: Any
+        q_coord: Rows
+        price: Any
+        row: Any
+
+    def check(self, scenario: Scenario) -> None:
+        """Raise `SettingError` unless there are two robots that can always see each other."""
+        sees = scenario.perception.kind == "always" and scenario.link == UP
+        if len(scenario.robots) != 2 or scenario.sparse or not sees:
+            raise SettingError(
+                f"learner {self.label}: scenario {scenario.name} has {len(scenario.robots)} "
+                f"robots, {len(scenario.map.cells)} cells, perception {scenario.perception}, link "
+                f"{scenario.link}; allowed: 2, at most 724, always, up; use another learner"
+            )
+
+    def weights(self, scenario: Scenario) -> RewardWeights:
+        """Return how much each part of R_k(t) counts: the price of asking is due anyway."""
+        return super().weights(scenario)._replace(ask_cost=0.0)
+
+    @staticmethod
+    def initial(scenario: Scenario, robot: int) -> Mind:
+        """Return the values of a lone robot that asks everywhere."""
+        lone = lone_values(scenario, robot, scenario.ask_cost)
+        q_star = np.column_stack([lone, lone.max(axis=1) + MARK])
+        return Joint.Mind(
+            q_star=q_star,
+            updates=np.zeros(q_star.shape, dtype=np.int32),
+            q_coord=empty_rows(len(lone) * len(lone), lone),
+            price=np.array([scenario.ask_cost]),
+            row=np.zeros(PRIMITIVES),
+        )
+
+    asking_values = staticmethod(Coop.asking_values)
+    """As Algorithm 1: by Q^C after an answer, else by Q*."""
+
+    @staticmethod
+    def bootstrap(mind: Mind, task: Task, cell: int, now: Transition) -> float:
+        """Return max_b Q^C(y, z', b)."""
+        read(
+            mind.q_coord,
+            joint_state(task, cell, now.next_seen, now.next_cells),
+            mind.row,
+        )
+        return greatest(mind.row, PRIMITIVES)
+
+    @staticmethod
+    def learn(mind: Mind, task: Task, now: Transition) -> None:
+        """Update Q^C of the joint state, by the next joint state."""
+        after = expected(mind, task, now)
+        reward = reward_of(now) - mind.price[0]
+        row = place(mind.q_coord, joint_state(task, now.cell, now.seen, now.cells))
+        values = mind.q_coord.values[row]
+        updates = mind.q_coord.updates[row]
+        ql_update(values, updates, now.move, task, now.floor, reward, after)
+        mind.updates[now.cell][COORDINATE] += 1

@@ -1,0 +1,313 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a learner is: a class with static methods that read and write one robot's mind.
+
+The methods run on lists in a robot node and in plain Python, and on arrays in the compiled loops:
+they may index (`mind.q_star[cell][b]`), compute and call functions marked by `compiling.inner`,
+and make nothing. A learner of one's own overrides one of them or more; a memory of its own is an
+entry of `memory`. See examples/own_learner.py and docs/tutorials/own_learner.md.
+"""
+
+import functools
+import math
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, nullcontext, suppress
+from dataclasses import replace
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from sparse_coord_ros.base.compiling import inner
+from sparse_coord_ros.base.errors import SettingError, in_short
+from sparse_coord_ros.core.game.actions import ACTIONS, PRIMITIVES
+from sparse_coord_ros.core.game.plugins import failing_as, is_shipped, path_of
+from sparse_coord_ros.core.game.scenario import Scenario
+from sparse_coord_ros.core.game.world import RewardWeights
+from sparse_coord_ros.core.learners.mind import Memory, mind_class
+from sparse_coord_ros.core.learners.rules import Task, Transition
+
+Made = Callable[[Scenario, int], np.ndarray]
+"""Makes an array of a mind before learning, of a scenario and a robot (from 0)."""
+
+
+def _guarded(
+    method: Callable[..., Any], name: str, check: Callable[[str, Any], Any]
+) -> Callable[..., Any]:
+    """Return a method of a learner of one's own that says in one line where it fails.
+
+    Args:
+        method: the method.
+        name: its name.
+        check: returns what the method returned, or raises `SettingError`.
+    """
+
+    @functools.wraps(method)
+    def guarded(self: "Learner", *args: Any, **more: Any) -> Any:
+        with self.blamed(f"making its {name}"):
+            return check(f"learner {self.label!r}", method(self, *args, **more))
+
+    return guarded
+
+
+def _checked_scenario(said: str, made: Any) -> Any:
+    if not isinstance(made, Scenario):
+        raise SettingError(
+            f"{said}: its with_defaults returned {in_short(made)}, allowed: a Scenario"
+        )
+    return made
+
+
+def _checked_weights(said: str, made: Any) -> Any:
+    with suppress(TypeError, ValueError):
+        weights = RewardWeights(*map(float, made))
+        if all(map(math.isfinite, weights)):
+            return weights
+    allowed = "three numbers, for the individual reward, the common reward and the cost of asking"
+    raise SettingError(f"{said}: its weights are {made!r}, allowed: {allowed}")
+
+
+def _anything(said: str, made: Any) -> Any:
+    return made
+
+
+CHECKS: Mapping[str, Callable[[str, Any], Any]] = {
+    "with_defaults": _checked_scenario,
+    "check": _anything,
+    "weights": _checked_weights,
+}
+"""The methods of a learner of one's own that are checked."""
+
+
+NOWHERE_RULED_OUT = np.zeros((0, 0), dtype=np.bool_)
+"""Of learners that do not ask where a peer cannot be."""
+
+
+class Learner:
+    """One learner: its names, what it needs, and how its robots choose and learn.
+
+    Attributes:
+        name: what it is called where learners are named, once it is registered.
+        title: what it is called in print; empty: its label.
+        summary: one line: what it is.
+        asks: whether COORDINATE is among its actions; if not, the fifth column of Q* is NaN.
+        alone: whether each robot learns with no other robot in the world (Indiv. of Section 4).
+            Such a learner cannot run live.
+        sees_all: whether its robots see all others in every step, asked or not. Such a learner
+            cannot run live either.
+        draws: whether it wants a random number in each step (`Transition.draw`).
+        partners: whether it wants to know with whom a robot was in a miscoordination
+            (`Transition.partners`), where the scenario has a referee.
+        defaults: values of scenario settings where neither the scenario nor the user chose one;
+            `run.yaml` says each value that held.
+        Mind: the named tuple of what a robot remembers; `initial` fills it.
+        memory: further fields of it, each with what makes its array before learning.
+        values: fields with what it has learned, but for counts: what another run can begin with.
+        given: fields that `initial` computes again: they are no part of files and logs.
+        scratch: fields that mean nothing between two calls; likewise.
+        entry_point: what an installed package calls it; None: none does. The registry sets it.
+    """
+
+    name: str | None = None
+    title: str = ""
+    summary: str = ""
+    asks: bool = True
+    alone: bool = False
+    sees_all: bool = False
+    draws: bool = False
+    partners: bool = False
+    defaults: Mapping[str, object] = MappingProxyType({})
+    Mind: type[Any]
+    memory: Mapping[str, Made] = MappingProxyType({})
+    values: tuple[str, ...] = ("q_star", "q_coord")
+    given: tuple[str, ...] = ()
+    scratch: tuple[str, ...] = ()
+    entry_point: str | None = None
+
+    def __init_subclass__(cls, **more: object) -> None:
+        """Give the class its own names, and the class of its minds."""
+        super().__init_subclass__(**more)
+        for attribute in ("name", "title", "summary"):
+            if attribute not in vars(cls):
+                setattr(cls, attribute, getattr(Learner, attribute))
+        own = vars(cls).get("memory", {})
+        functions = [one for one in vars(cls).values() if isinstance(one, staticmethod)]
+        for function in functions:  # so that those of a subclass can call it
+            inner(function.__func__)
+        if own or functions:  # else compiled loops of its base class are its own, too
+            cls.Mind = mind_class(cls, (*cls.Mind._fields, *own))
+        if not is_shipped(cls):
+            for name, check in CHECKS.items():
+                if name in vars(cls):
+                    setattr(cls, name, _guarded(vars(cls)[name], name, check))
+
+    # One robot.
+
+    @staticmethod
+    def initial(scenario: Scenario, robot: int) -> Any:
+        """Return a robot's mind (from 0) before learning, as arrays (Algorithm 1, line 1)."""
+        raise NotImplementedError
+
+    @staticmethod
+    def begin_episode(mind: Any, task: Task) -> None:
+        """Begin an episode."""
+
+    @staticmethod
+    def asking_values(
+        mind: Any, task: Task, cell: int, seen: int, cells: Any, values: Any
+    ) -> None:
+        """Set the values by which COORDINATE chooses a move (Algorithm 1, lines 6 to 10).
+
+        Args:
+            mind: what the robot remembers.
+            task: what it knows of its task.
+            cell: X_k(t).
+            seen: the peers that are perceived, the sum of 2^j; 0: the percept failed.
+            cells: the cells of all robots; those of peers that are not seen mean nothing.
+            values: set [move].
+        """
+        raise NotImplementedError
+
+    @staticmethod
+    def explores(mind: Any, task: Task, seen: int) -> bool:
+        """Return whether the move after COORDINATE is explored, too: in the paper never."""
+        return False
+
+    @staticmethod
+    def bootstrap(mind: Any, task: Task, cell: int, now: Transition) -> float:
+        """Return what is expected from a cell on that is not the goal."""
+        raise NotImplementedError
+
+    @staticmethod
+    def learn(mind: Any, task: Task, now: Transition) -> None:
+        """Learn from a transition (Algorithm 1, lines 12 to 14 and 18)."""
+        raise NotImplementedError
+
+    # Its name.
+
+    @property
+    def label(self) -> str:
+        """What it is called in files, so that other processes find it.
+
+        The name of a learner of this package, or of one that an installed package registers as an
+        entry point; else `module:Class`; else its name, under which each process must register it.
+
+        Raises:
+            SettingError: there is none.
+        """
+        if is_shipped(self):
+            label = self.name
+        elif self.entry_point is not None:
+            label = self.entry_point
+        elif vars(
+            self
+        ):  # others could make one of its class, and not with these attributes
+            label = self.name
+        else:
+            label = path_of(type(self)) or self.name
+        if label is None:
+            raise SettingError(
+                f"learner {type(self).__qualname__}: other processes cannot find it; define its "
+                "class in a module (a file), or give it an attribute 'name' and register it"
+            )
+        return label
+
+    @property
+    def runs_live(self) -> bool:
+        """Whether its robots learn together and each for itself, as nodes do."""
+        return not (self.alone or self.sees_all)
+
+    def __repr__(self) -> str:
+        """Return what the learner is called in files."""
+        return f"<learner {self.label}>"
+
+    # A team.
+
+    def with_defaults(self, scenario: Scenario) -> Scenario:
+        """Return the scenario with this learner's defaults for settings that nobody chose.
+
+        Raises:
+            SettingError: a default is no setting, or has a bad value.
+        """
+        values = {k: v for k, v in self.defaults.items() if k not in scenario.given}
+        if not values:
+            return scenario
+        return replace(scenario.with_settings(values), given=scenario.given)
+
+    def check(self, scenario: Scenario) -> None:
+        """Raise `SettingError` where it cannot learn a scenario; called before a run begins."""
+
+    def check_memory(self, scenario: Scenario, robot: int, memory: Memory) -> None:
+        """Raise `ValueError` unless a robot (from 0) can have learned that.
+
+        Types, shapes and counts are right already, and values are finite.
+        """
+
+    def rows_of_a_cell(self, scenario: Scenario) -> int:
+        """Return how many rows of what depends on peers there can be for each own cell."""
+        return int(len(scenario.map.cells) ** (scenario.perceived - 1))
+
+    def learned_rows(self, scenario: Scenario, memory: Memory) -> np.ndarray:
+        """Return how many such rows a robot has learned, by the own cell, (cells,), int64."""
+        keys = memory.get("q_coord_keys", np.zeros(0, dtype=np.int64))
+        own = keys // self.rows_of_a_cell(scenario)
+        return np.bincount(own, minlength=len(scenario.map.cells))
+
+    def weights(self, scenario: Scenario) -> RewardWeights:
+        """Return how much each part of R_k(t) counts while it learns.
+
+        Unless changed it is their sum, with r^C as often as the setting `credit` says.
+        """
+        return RewardWeights(1.0, scenario.common_weight, 1.0)
+
+    def task(self, scenario: Scenario, robot: int, step_sizes: Any = ()) -> Task:
+        """Return what a robot (from 0) knows of its task.
+
+        Args:
+            scenario: the problem.
+            robot: the robot.
+            step_sizes: as of `Task`; of a robot that does not learn there are none.
+        """
+        weights = self.weights(scenario)
+        return Task(
+            number=robot,
+            robots=len(scenario.robots),
+            cells=len(scenario.map.cells),
+            goal=scenario.robots[robot].goal,
+            actions=len(ACTIONS) if self.asks else PRIMITIVES,
+            discount=scenario.discount,
+            goal_value=scenario.goal_value,
+            goal_reward=weights.individual * scenario.goal_reward,
+            ask_cost=weights.ask_cost * scenario.ask_cost,
+            credit=weights.common,
+            step_sizes=step_sizes,
+            ruled_out=self.ruled_out(scenario),
+        )
+
+    def ruled_out(self, scenario: Scenario) -> np.ndarray:
+        """Return `Task.ruled_out`, for learners that look at it; else an array of no cells."""
+        return NOWHERE_RULED_OUT
+
+    def minds(self, scenario: Scenario) -> list[Any]:
+        """Return the minds of all robots before learning, as arrays, with their own memory."""
+        return [self.mind(scenario, k) for k in range(len(scenario.robots))]
+
+    def mind(self, scenario: Scenario, robot: int) -> Any:
+        """Return a robot's mind (from 0) before learning, as arrays, with its own memory."""
+        with self.blamed("making what a robot remembers"):
+            base = type(self).initial(scenario, robot)
+            more = {}
+            for one in reversed(type(self).__mro__):
+                for name, make in vars(one).get("memory", {}).items():
+                    more[name] = np.asarray(make(scenario, robot))
+            return self.Mind(**base._asdict(), **more)
+
+    def blamed(self, doing: str) -> AbstractContextManager[None]:
+        """Return a context in which a failure of a learner of one's own is said in one line.
+
+        Args:
+            doing: what the learner does there.
+        """
+        if is_shipped(self):
+            return nullcontext()
+        return failing_as(f"learner {self.label!r}", doing)

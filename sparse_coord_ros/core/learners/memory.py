@@ -1,0 +1,112 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Whether a memory is one that a robot can have: each memory is checked where it enters."""
+
+import numpy as np
+
+from sparse_coord_ros.base.archive import (
+    MOST_UPDATES,
+    check_finite,
+    check_range,
+    member,
+)
+from sparse_coord_ros.base.errors import TablesError
+from sparse_coord_ros.core.game.actions import ACTIONS, PRIMITIVES
+from sparse_coord_ros.core.game.scenario import Scenario
+from sparse_coord_ros.core.learners.learner import Learner
+from sparse_coord_ros.core.learners.mind import (
+    Memory,
+    Rows,
+    memory_of,
+    remembered_fields,
+)
+
+
+def check_memory(
+    scenario: Scenario, learner: Learner, k: int, memory: Memory
+) -> Memory:
+    """Check what a robot is said to remember, wherever that comes from: a file or a message.
+
+    Args:
+        scenario: the problem.
+        learner: who learned it.
+        k: the robot, from 0.
+        memory: what the robot is said to remember.
+
+    Returns:
+        The memory, without arrays that the learner does not know.
+
+    Raises:
+        TablesError: no robot of this scenario and learner can have learned that.
+    """
+    try:
+        return _checked(scenario, learner, k, memory)
+    except (ValueError, LookupError, TypeError) as error:
+        who = f"robot {k + 1} of scenario {scenario.name} with learner {learner.label}"
+        remedy = "use what a run of this very scenario and learner wrote"
+        raise TablesError(
+            f"{who} cannot have learned that ({error}); {remedy}"
+        ) from None
+
+
+def _checked(scenario: Scenario, learner: Learner, k: int, memory: Memory) -> Memory:
+    mind = learner.mind(scenario, k)
+    names: list[str] = []
+    for name, value in remembered_fields(mind):
+        if isinstance(value, Rows):
+            names += [f"{name}_keys", f"{name}_values", f"{name}_updates"]
+            _check_rows(memory, name, value)
+        else:
+            names.append(name)
+            _check_array(memory, name, np.asarray(value))
+    check_range(memory["updates"], 0, MOST_UPDATES, "updates")
+    if not learner.asks:
+        check_range(memory["updates"][:, PRIMITIVES:], 0, 1, "updates")
+    found = {name: memory[name] for name in names}
+    learner.check_memory(scenario, k, found)
+    return found
+
+
+def _check_array(memory: Memory, name: str, begun: np.ndarray) -> None:
+    """Check an array: of the type and shape that it began with, and finite."""
+    kind = np.int64 if begun.dtype.kind == "i" else begun.dtype
+    array = member(memory, name, kind, *begun.shape)
+    if kind == np.float64:
+        nothing = np.isnan(begun)
+        check_finite(array[~nothing], name)
+        if not np.isnan(array[nothing]).all():
+            raise ValueError(
+                f"{name} has values of {ACTIONS[-1]}, which this learner never chooses"
+            )
+
+
+def _check_rows(memory: Memory, name: str, begun: Rows) -> None:
+    """Check a table of rows: ascending keys, each once, and as many rows."""
+    keys = member(memory, f"{name}_keys", np.int64, None, below=begun.most)
+    shape = len(keys), PRIMITIVES
+    if (keys[1:] <= keys[:-1]).any():
+        raise ValueError(f"{name}_keys are not in ascending order, or have a key twice")
+    check_finite(member(memory, f"{name}_values", np.float64, *shape), f"{name}_values")
+    member(memory, f"{name}_updates", np.int64, *shape, below=MOST_UPDATES)
+
+
+def taught(scenario: Scenario, learner: Learner, k: int, memory: Memory) -> Memory:
+    """Return what a robot remembers that begins with what was learned in another run.
+
+    It has the values, and counts from 0.
+
+    Args:
+        scenario: the problem.
+        learner: who is to go on.
+        k: the robot, from 0.
+        memory: what was learned; it fits.
+    """
+    found = memory_of(learner.mind(scenario, k))
+    for name in learner.values:
+        if name in found:
+            found[name] = memory[name]
+        else:
+            found[f"{name}_keys"] = memory[f"{name}_keys"]
+            found[f"{name}_values"] = memory[f"{name}_values"]
+            found[f"{name}_updates"] = np.zeros_like(memory[f"{name}_updates"])
+    return found

@@ -1,0 +1,159 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""How a robot chooses: pi_epsilon and pi_g of Algorithm 1, once for every way of running."""
+
+from typing import Any
+
+from sparse_coord_ros.base.compiling import inlined, inner
+from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE, PRIMITIVES
+from sparse_coord_ros.core.game.draws import drawn
+from sparse_coord_ros.core.game.streams import (
+    BLIND,
+    BLIND_ACTION,
+    BLIND_EXPLORE,
+    EXPLORE,
+    EXPLORED_ACTION,
+    POLICY,
+    PRIMITIVE_TIE,
+    TIE,
+)
+from sparse_coord_ros.core.learners.rules import (
+    Task,
+    Values,
+    asking_values,
+    explores,
+    greatest,
+)
+
+
+@inlined
+def greedy_action(
+    values: Values, count: int, draws: Any, k: int, step: int, column: int
+) -> int:
+    """Return the greedy action pi_g of the first `count`: uniform among exact maxima.
+
+    Args:
+        values: one row of a table.
+        count: how many actions compete.
+        draws: where the draws come from.
+        k: the robot.
+        step: the time step.
+        column: the column of POLICY that decides between ties.
+    """
+    best = greatest(values, count)
+    ties = 0
+    last = 0
+    for action in range(count):
+        if values[action] == best:
+            ties += 1
+            last = action
+    if (
+        ties == 1
+    ):  # nearly always: without a branch for each value the processor waits less
+        return last
+    return tied(values, best, count, int(drawn(draws, POLICY, k, step, column) * ties))
+
+
+@inner
+def tied(values: Values, best: float, count: int, number: int) -> int:
+    """Return that one of the actions with the best value which has this number, from 0."""
+    for action in range(count):
+        if values[action] == best:
+            if number == 0:
+                return action
+            number -= 1
+    return 0
+
+
+@inlined
+def choose(
+    values: Values, count: int, epsilon: float, draws: Any, k: int, step: int
+) -> int:
+    """Return A_k(t) by the learning policy pi_epsilon (Algorithm 1, line 4)."""
+    if epsilon > 0.0 and drawn(draws, POLICY, k, step, EXPLORE) < epsilon:
+        return int(drawn(draws, POLICY, k, step, EXPLORED_ACTION) * count)
+    return greedy_action(
+        values, len(ACTIONS), draws, k, step, TIE
+    )  # NaN is never chosen
+
+
+@inlined
+def choose_move(
+    mind: Any,
+    task: Task,
+    cell: int,
+    seen: int,
+    cells: Any,
+    epsilon: float,
+    draws: Any,
+    step: int,
+    values: Any,
+) -> int:
+    """Return the move that COORDINATE becomes (Algorithm 1, lines 6 to 10).
+
+    Args:
+        mind: what the robot remembers.
+        task: its task.
+        cell: X_k(t).
+        seen: the peers that it perceives, the sum of 2^j; 0: the percept failed.
+        cells: the cells of all robots.
+        epsilon: probability of exploring.
+        draws: where the draws come from.
+        step: the time step t.
+        values: space for a row [move].
+    """
+    k = task.number
+    if epsilon > 0.0 and explores(mind, task, seen):
+        if drawn(draws, BLIND, k, step, BLIND_EXPLORE) < epsilon:
+            return int(drawn(draws, BLIND, k, step, BLIND_ACTION) * PRIMITIVES)
+    asking_values(mind, task, cell, seen, cells, values)
+    return greedy_action(values, PRIMITIVES, draws, k, step, PRIMITIVE_TIE)
+
+
+@inner
+def asks_surely(values: Any) -> Any:
+    """Return whether a greedy robot asks here, whatever it draws: what "asks here" means.
+
+    That is where COORDINATE is worth more than every move. Where it is worth as much as the best
+    move, pi_g breaks the tie by a draw: the robot asks there at times, and is not said to ask. One
+    that knows no COORDINATE (NaN) never asks.
+
+    Args:
+        values: a row of Q*; or Q* transposed, shape (5, cells).
+
+    Returns:
+        A bool; or bools of shape (cells,).
+    """
+    asks = values[COORDINATE] > values[0]
+    for move in range(1, PRIMITIVES):
+        asks = asks & (values[COORDINATE] > values[move])
+    return asks
+
+
+@inner
+def asks_at_times(values: Any) -> Any:
+    """Return whether a greedy robot may ask here: COORDINATE is worth as much as any move.
+
+    Arguments and what is returned as of `asks_surely`.
+    """
+    asks = values[COORDINATE] >= values[0]
+    for move in range(1, PRIMITIVES):
+        asks = asks & (values[COORDINATE] >= values[move])
+    return asks
+
+
+def tabulate(mind: Any, task: Task, peer: int, cells: Any, table: Any) -> None:
+    """Fill in Q^C of pairs: the values by which COORDINATE chooses a move.
+
+    Args:
+        mind: what the robot remembers.
+        task: its task.
+        peer: who is perceived.
+        cells: space for the cells of all robots.
+        table: filled, [own cell][cell of the peer][move].
+    """
+    for x in range(task.cells):
+        cells[task.number] = x
+        for z in range(task.cells):
+            cells[peer] = z
+            asking_values(mind, task, x, 1 << peer, cells, table[x][z])

@@ -1,0 +1,88 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Learners by their names: those of this package, and those of one's own."""
+
+from sparse_coord_ros.base.errors import SettingError
+from sparse_coord_ros.core.game.plugins import (
+    Registry,
+    allow_named,
+    failing_as,
+    is_shipped,
+)
+from sparse_coord_ros.core.game.scenario import Scenario
+from sparse_coord_ros.core.learners.baselines import Indiv, NonCoop
+from sparse_coord_ros.core.learners.coop import Coop
+from sparse_coord_ros.core.learners.cq import CQ
+from sparse_coord_ros.core.learners.factored import Factored
+from sparse_coord_ros.core.learners.joint import Joint
+from sparse_coord_ros.core.learners.learner import Learner
+
+
+def _learner(name: str, thing: object) -> Learner:
+    made = thing
+    if isinstance(thing, type) and issubclass(thing, Learner):
+        with failing_as(f"learner {name!r}", "being made"):
+            made = thing()
+    if not isinstance(made, Learner):
+        remedy = (
+            "it must be a subclass of sparse_coord_ros.Learner, or an instance of one"
+        )
+        raise TypeError(f"is no learner; {remedy}")
+    if not is_shipped(made) and made.name in LEARNERS.installed:
+        made.entry_point = made.name
+    return made
+
+
+LEARNERS: Registry[Learner] = Registry("learner", "sparse_coord_ros.learners", _learner)
+"""Every learner, by what it is called in files."""
+
+for _own in (Coop(), NonCoop(), Indiv(), Factored(), CQ(), Joint()):
+    LEARNERS.register(_own.label, _own)
+
+
+LearnerLike = str | Learner | type[Learner]
+
+
+def chosen_learner(learner: LearnerLike) -> Learner:
+    """As `learner_of`, of what the caller names, and so allows to be imported."""
+    allow_named(learner)
+    return learner_of(learner)
+
+
+def learner_of(learner: LearnerLike) -> Learner:
+    """Return a learner by its name; learners and their classes are taken as they are.
+
+    Raises:
+        SettingError: there is no such learner.
+    """
+    if isinstance(learner, str):
+        return LEARNERS.find(learner)
+    made = LEARNERS.made(repr(learner), learner)
+    known = LEARNERS.registered.get(made.label)
+    if isinstance(learner, type) and type(known) is learner:
+        return known
+    return LEARNERS.register(made.label, made)
+
+
+def register_learner(learner: "Learner | type[Learner]") -> Learner:
+    """Let a learner of one's own be named by its attribute `name`, in this process.
+
+    What is written names it as `module:Class`, which other processes, and later calls, find by
+    themselves; a learner that an installed package names as an entry point of the group
+    `sparse_coord_ros.learners` is found by that name.
+
+    Raises:
+        SettingError: it is no learner, or its name is none or taken.
+    """
+    made = LEARNERS.made(repr(learner), learner)
+    return LEARNERS.register(made.name or made.label, made)
+
+
+def check_improvable(scenario: Scenario, learner: Learner) -> None:
+    """Raise `SettingError` where robots do not learn what `core.engine.improve` plans on."""
+    if not isinstance(learner, Factored):
+        what = f"improve: learner {learner.label} keeps no model of where moves lead"
+        raise SettingError(f"{what}; needs learner factored")
+    if len(scenario.robots) > 2 and not scenario.referee:
+        what = "improve: with more than two robots each must know which r^C is its own"
+        raise SettingError(f"{what}; needs setting referee=true")

@@ -1,0 +1,227 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What every learner works with: the task of a robot, a transition, and QLUpdate.
+
+The functions marked `of_learner` are those that make a learner. Each is a static method of its
+class (`core.learners.learner.Learner` says what it has to do). They run on lists in plain Python
+and on arrays in compiled loops, so they return numbers or nothing, and make no arrays.
+"""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+
+from sparse_coord_ros.base.compiling import flag_of_learner, inlined, inner, of_learner
+from sparse_coord_ros.core.game.actions import PRIMITIVES
+from sparse_coord_ros.core.learners.mind import Rows, place
+
+Values: TypeAlias = Sequence[float] | np.ndarray
+"""A row of a table: the values of the actions, in their order."""
+
+
+class Task(NamedTuple):
+    """What a robot knows of its task.
+
+    Attributes:
+        number: the robot k, from 0.
+        robots: how many there are.
+        cells: free cells of the map.
+        goal: the cell that ends its episodes.
+        actions: how many actions it has: all five, or only the moves.
+        discount: gamma.
+        goal_value: value of being at the goal while learning.
+        goal_reward: r^I on arrival, weighed.
+        ask_cost: the cost of asking, weighed.
+        credit: how often r^C counts.
+        step_sizes: the step size of the n-th update of an entry, without the floor [n].
+        ruled_out: where a peer cannot be when a percept fails, shape (cells, cells), bool: the own
+            cell, the peer's; of learners that do not look at it shape (0, 0).
+    """
+
+    number: int
+    robots: int
+    cells: int
+    goal: int
+    actions: int
+    discount: float
+    goal_value: float
+    goal_reward: float
+    ask_cost: float
+    credit: float
+    step_sizes: Any
+    ruled_out: Any
+
+
+class Transition(NamedTuple):
+    """What a robot learns from: a time step t, and where it led.
+
+    Attributes:
+        step: the time step t.
+        cell: X_k(t).
+        action: A_k(t), as of `core.game.actions`.
+        move: the primitive action that it became.
+        seen: the peers that were perceived, the sum of 2^j; 0: none.
+        cells: the cells of all robots at t; of peers only those that were perceived are known.
+        next_cell: X_k(t+1).
+        next_seen, next_cells: as `seen` and `cells`, at t+1, of learners that always see all.
+        individual: r^I_k, weighed.
+        common: r^C, weighed.
+        felt: r^C as it is.
+        asking: minus the cost of asking, weighed; or 0.
+        partners: with whom the robot was in a miscoordination, the sum of 2^j; 0: none; -1: not
+            known.
+        epsilon: probability of exploring.
+        floor: least step size.
+        draw: a random number in [0, 1), of learners that want one.
+    """
+
+    step: int
+    cell: int
+    action: int
+    move: int
+    seen: int
+    cells: Any
+    next_cell: int
+    next_seen: int
+    next_cells: Any
+    individual: float
+    common: float
+    felt: float
+    asking: float
+    partners: int
+    epsilon: float
+    floor: float
+    draw: float
+
+
+# What makes a learner.
+
+
+@of_learner
+def begin_episode(mind: Any, task: Task) -> None:
+    """Begin an episode."""
+
+
+@of_learner
+def asking_values(
+    mind: Any, task: Task, cell: int, seen: int, cells: Any, values: Any
+) -> None:
+    """Set the values by which COORDINATE chooses a move (Algorithm 1, lines 6 to 10)."""
+
+
+@of_learner
+def explores(mind: Any, task: Task, seen: int) -> bool:
+    """Return whether the move after COORDINATE is explored as any other."""
+    raise NotImplementedError
+
+
+@of_learner
+def bootstrap(mind: Any, task: Task, cell: int, now: Transition) -> float:
+    """Return what is expected from a cell on that is not the goal: max_b Q*(cell, b)."""
+    raise NotImplementedError
+
+
+@of_learner
+def learn(mind: Any, task: Task, now: Transition) -> None:
+    """Learn from a transition (Algorithm 1, lines 12 to 14 and 18)."""
+
+
+sees_all = flag_of_learner("sees_all")
+"""Whether the robots of a mind's learner see all others in every step."""
+
+wants_draw = flag_of_learner("draws")
+"""Whether it wants a random number in each step."""
+
+wants_partners = flag_of_learner("partners")
+"""Whether it wants to know with whom a robot was in a miscoordination."""
+
+
+# What they are made of.
+
+
+@inner
+def greatest(values: Values, count: int) -> float:
+    """Return the maximum of the first `count` values: max_b Q'(y, b) of QLUpdate."""
+    best: float = values[0]
+    for action in range(1, count):
+        if values[action] > best:
+            best = values[action]
+    return best
+
+
+@inlined
+def step_size(task: Task, count: int, floor: float) -> float:
+    """Return alpha of the n-th update of an entry: never less than the floor."""
+    alpha: float = task.step_sizes[count]
+    if alpha > floor:
+        return alpha
+    return floor
+
+
+@inlined
+def expected(mind: Any, task: Task, now: Transition) -> float:
+    """Return what is expected from X_k(t+1) on: the value of the goal, or `bootstrap`."""
+    if now.next_cell == task.goal:
+        return task.goal_value
+    return bootstrap(mind, task, now.next_cell, now)
+
+
+@inlined
+def reward_of(now: Transition) -> float:
+    """Return R_k(t) as it counts in learning."""
+    return now.individual + now.common + now.asking
+
+
+@inlined
+def ql_update(
+    values: Any,
+    updates: Any,
+    b: int,
+    task: Task,
+    floor: float,
+    reward: float,
+    after: float,
+) -> None:
+    """Update an entry of a row by QLUpdate (paper, Section 3.2; equation 3).
+
+    Q(x, b) = (1 - alpha) Q(x, b) + alpha (r + gamma max_b' Q'(y, b'))
+
+    Args:
+        values: the row Q(x, .), changed.
+        updates: how often each entry was updated, changed.
+        b: the action.
+        task: the robot's task.
+        floor: least step size.
+        reward: r.
+        after: max_b' Q'(y, b'), or the value of the goal.
+    """
+    count = updates[b] + 1
+    updates[b] = count
+    alpha = step_size(task, count, floor)
+    values[b] = (1.0 - alpha) * values[b] + alpha * (reward + task.discount * after)
+
+
+@inlined
+def joint_state(task: Task, cell: int, seen: int, cells: Any) -> int:
+    """Return the number of a joint state: its digits are the own cell, then the seen peers'."""
+    if task.robots == 2:
+        return cell * task.cells + cells[1 - task.number]
+    key = cell
+    for j in range(task.robots):
+        if (seen >> j) & 1:
+            key = key * task.cells + cells[j]
+    return key
+
+
+@inlined
+def copy_moves(source: Values, target: Any) -> None:
+    """Copy the values of the moves."""
+    for b in range(PRIMITIVES):
+        target[b] = source[b]
+
+
+@inlined
+def row_of_state(rows: Rows, task: Task, cell: int, seen: int, cells: Any) -> int:
+    """Return the row of a joint state, a new one if it was not met."""
+    return place(rows, joint_state(task, cell, seen, cells))

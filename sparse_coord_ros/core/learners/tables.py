@@ -1,0 +1,168 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What one robot has learned, to be read: Q* and Q^C, whatever the learner keeps them as."""
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sparse_coord_ros.base.errors import NotAllowedError
+from sparse_coord_ros.core.game.actions import PRIMITIVES
+from sparse_coord_ros.core.game.scenario import Scenario
+from sparse_coord_ros.core.learners import rules
+from sparse_coord_ros.core.learners.mind import Memory, as_lists
+from sparse_coord_ros.core.learners.policy import tabulate
+from sparse_coord_ros.core.learners.rules import Task
+
+if TYPE_CHECKING:
+    from sparse_coord_ros.core.learners.learner import Learner
+
+
+class Tables:
+    """What one robot has learned, to be read.
+
+    Args:
+        scenario: the problem.
+        learner: who learned; None: its code may not be imported, and Q^C is not known.
+        number: the robot, from 0.
+        memory: all that the robot remembers.
+        q_coord: as of the property, where it is known already.
+
+    Attributes:
+        scenario, learner, number, memory: as of the arguments.
+        q_star: Q*_k, shape (cells, 5), float64; column 4 (COORDINATE) is NaN for a baseline.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        learner: "Learner | None",
+        number: int,
+        memory: Memory,
+        q_coord: np.ndarray | None = None,
+    ) -> None:
+        self.scenario = scenario
+        self.learner = learner
+        self.number = number
+        self.memory = memory
+        self.q_star: np.ndarray = memory["q_star"]
+        self._q_coord = q_coord
+
+    def __repr__(self) -> str:
+        """Return what they are, on one line."""
+        name = "unknown" if self.learner is None else self.learner.label
+        return f"<Tables of robot {self.number + 1} of {self.scenario.name}, learner {name}>"
+
+    @cached_property
+    def q_coord(self) -> "np.ndarray | JointTable":
+        """Q^C_k: the values by which COORDINATE chooses a move after a successful percept.
+
+        An array of shape (cells, cells, 4), float64, where COORDINATE perceives one peer: first
+        index the own cell, second the peer's. With more peers, and on large maps, it is read
+        entry by entry (`JointTable`).
+        """
+        if self._q_coord is not None:
+            return self._q_coord
+        table = JointTable(self)
+        return table if self.scenario.sparse else table.whole()
+
+    def values_asking(self, cell: int, seen: int, cells: Sequence[int]) -> list[float]:
+        """Return the values by which COORDINATE chooses a move.
+
+        Args:
+            cell: the own cell.
+            seen: the peers that are perceived, the sum of 2^j; 0: the percept failed.
+            cells: the cells of all robots; those of peers that are not perceived mean nothing.
+        """
+        values = [0.0] * PRIMITIVES
+        rules.asking_values(self.mind, self.task, cell, seen, cells, values)
+        return values
+
+    @property
+    def rule(self) -> "Learner":
+        """Who learned.
+
+        Raises:
+            NotAllowedError: its code may not be imported.
+        """
+        if self.learner is None:
+            raise NotAllowedError(
+                "tables: the code of their learner may not be imported"
+            )
+        return self.learner
+
+    @cached_property
+    def task(self) -> Task:
+        """What the robot knows of its task."""
+        return self.rule.task(self.scenario, self.number)
+
+    @cached_property
+    def mind(self) -> Any:
+        """What the robot remembers, as lists; not to be written to."""
+        return as_lists(self.rule.mind(self.scenario, self.number), self.memory)
+
+
+class JointTable:
+    """Q^C, read entry by entry.
+
+    `table[cell, *peer_cells]` is the row of a joint state, `table[cell, *peer_cells, move]` an
+    entry of it; the peers are in ascending order.
+
+    Args:
+        tables: of the robot.
+
+    Attributes:
+        shape: of the whole table.
+    """
+
+    def __init__(self, tables: Tables) -> None:
+        scenario = tables.scenario
+        self._tables = tables
+        self._cells = len(scenario.map.cells)
+        self._robots = len(scenario.robots)
+        peers = [k for k in range(self._robots) if k != tables.number]
+        self._peers = peers[: scenario.perceived - 1]
+        self.shape = (self._cells,) * scenario.perceived + (PRIMITIVES,)
+
+    def __getitem__(self, index: tuple[int, ...]) -> Any:
+        """Return the row of a joint state, or one entry of it."""
+        cell, *others = index
+        cells = [cell] * self._robots
+        seen = 0
+        for peer, place in zip(self._peers, others, strict=False):
+            cells[peer] = place
+            seen |= 1 << peer
+        row = np.array(self._tables.values_asking(cell, seen, cells))
+        return row[others[-1]] if len(index) == len(self.shape) else row
+
+    def whole(self) -> np.ndarray:
+        """Return the table of one perceived peer as an array."""
+        if not self._peers:
+            return np.repeat(
+                self._tables.q_star[:, None, :PRIMITIVES], self._cells, axis=1
+            )
+        [peer] = self._peers
+        rows = np.zeros(self.shape).tolist()
+        tabulate(self._tables.mind, self._tables.task, peer, [0] * self._robots, rows)
+        return np.array(rows)
+
+
+def tables_equal(one: Sequence[Tables], other: Sequence[Tables]) -> bool:
+    """Return whether teams have learned the same, bit for bit."""
+    return len(one) == len(other) and all(
+        memories_equal(a.memory, b.memory) for a, b in zip(one, other, strict=True)
+    )
+
+
+def memories_equal(one: Memory, other: Memory) -> bool:
+    """Return whether robots remember the same, bit for bit."""
+    if one.keys() != other.keys():
+        return False
+    return all(
+        one[name].dtype == other[name].dtype
+        and one[name].shape == other[name].shape
+        and one[name].tobytes() == other[name].tobytes()
+        for name in one
+    )

@@ -1,0 +1,107 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Checkpoints as bytes: what somebody needs to go on with a run, as one .npz file.
+
+Arrays beside those of `archive`: `run`, a digest of what the run computes, and whatever the
+caller adds. A file of another run is refused.
+
+For robot k from 1 there is what it remembers, as in `core.runs.tables`. Of G games: `transitions`,
+`step`, `under_way`, `episode_start`, each of shape (G,), `cells` and `arrived`, (G, K): the fields
+of `core.game.world.Position`.
+"""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sparse_coord_ros.base import archive
+from sparse_coord_ros.base.errors import RunError
+from sparse_coord_ros.base.limits import ARRAYS, read_file
+from sparse_coord_ros.core.game.scenario import Scenario
+from sparse_coord_ros.core.game.settings import LARGEST_WHOLE
+from sparse_coord_ros.core.game.world import Position, before_episode
+
+
+class BrokenCheckpointError(RunError):
+    """A checkpoint is there, but cannot be read; an earlier one may serve."""
+
+
+def pack(run: str, arrays: Mapping[str, np.ndarray]) -> bytes:
+    """Return the bytes of a checkpoint.
+
+    Args:
+        run: a digest of what the run computes.
+        arrays: what its owner needs to go on.
+    """
+    return archive.pack({**arrays, "run": np.array(run)}, compressed=False)
+
+
+def broken(path: Path, problem: object) -> BrokenCheckpointError:
+    """Return the error for a checkpoint that cannot be read."""
+    return BrokenCheckpointError(
+        f"{path}: cannot be read as a checkpoint ({problem}); begin the run anew"
+    )
+
+
+def read(path: Path, run: str, *, said: str) -> dict[str, np.ndarray]:
+    """Return the arrays of a checkpoint.
+
+    Args:
+        path: its file.
+        run: the digest of the run that is to go on.
+        said: the run in words.
+
+    Raises:
+        BrokenCheckpointError: it cannot be read, or does not fit its digest.
+        RunError: it is of another run, or in another format.
+    """
+    remedy = "begin the run anew"
+    data = read_file(path, ARRAYS, BrokenCheckpointError, remedy)
+    how: Any = {"error": RunError, "damaged": BrokenCheckpointError, "remedy": remedy}
+    arrays = archive.unpack(data, where=str(path), what="a checkpoint", **how)
+    found = str(arrays.pop("run", ""))
+    if found != run:
+        raise RunError(
+            f"{path}: is the checkpoint of another run than this one ({said}); go on with the "
+            "scenario, its settings, the learner and the seed that it began with"
+        )
+    return arrays
+
+
+def position_arrays(positions: Sequence[Position]) -> dict[str, np.ndarray]:
+    """Return where games are as named arrays."""
+    return {
+        name: np.array([getattr(p, name) for p in positions])
+        for name in Position._fields
+    }
+
+
+def positions_from(
+    arrays: Mapping[str, np.ndarray], scenario: Scenario, games: int = 1
+) -> tuple[Position, ...]:
+    """Return what `position_arrays` took apart: the positions of so many games.
+
+    Raises:
+        ValueError: something is missing, or has another type, shape or range than it must have.
+    """
+    robots = len(scenario.robots)
+    cells = len(scenario.map.cells)
+    like = position_arrays([before_episode(0, 0, robots)] * games)
+    fields = [
+        archive.member(
+            arrays,
+            name,
+            one.dtype,
+            *one.shape,
+            below=cells if name == "cells" else LARGEST_WHOLE,
+        )
+        for name, one in like.items()
+    ]
+    return tuple(
+        Position._make([*one, tuple(places), tuple(arrived)])
+        for *one, places, arrived in zip(
+            *(array.tolist() for array in fields), strict=True
+        )
+    )

@@ -1,0 +1,75 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Whether a learner of one's own computes the same compiled as in plain Python."""
+
+import sys
+
+from sparse_coord_ros.base.errors import PluginError
+from sparse_coord_ros.core.game.plugins import is_shipped
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.learners.learner import Learner
+from sparse_coord_ros.core.learners.tables import memories_equal
+from sparse_coord_ros.core.runs.run import LearningRun, Team
+
+STEPS = 1000
+"""Time steps that a learner of one's own makes in both forms before it is used compiled."""
+
+TRIED_ON = "env1"
+
+TELLING = (
+    "No implementation of function",
+    "Untyped global name",
+    "Unknown attribute",
+    "Cannot",
+)
+"""Beginnings of the lines in which numba says what it cannot compile."""
+
+_tried: dict[type[Learner], bool] = {}
+
+
+def agrees(learner: Learner) -> bool:
+    """Return whether the compiled form of a learner can be used.
+
+    That of this package's learners can; tests see to it. One of one's own learns for `STEPS` steps
+    in both forms, once a process. If numba cannot compile it, or a bit differs (powers and
+    exponentials do differ), it is said once, and the learner runs in plain Python.
+    """
+    rule = learner.Mind.learner
+    if is_shipped(rule):
+        return True
+    if rule not in _tried:
+        problem = _problem(learner)
+        _tried[rule] = problem is None
+        if problem is not None:
+            said = f"learner {learner.label}: runs in plain Python, not compiled: {problem}"
+            print(said, file=sys.stderr)
+    return _tried[rule]
+
+
+def _problem(learner: Learner) -> str | None:
+    """Return why a learner cannot run compiled; None: it can."""
+    scenario = learner.with_defaults(
+        load_scenario(TRIED_ON).with_settings({"steps": STEPS})
+    )
+    plain = LearningRun(
+        Team(scenario, learner, compiled=False), seed=0, gathering=False
+    )
+    plain.advance(STEPS)
+    try:
+        compiled = LearningRun(
+            Team(scenario, learner, compiled=True), seed=0, gathering=False
+        )
+        compiled.advance(STEPS)
+    except PluginError as error:  # plain Python has run it: numba cannot compile it
+        return f"numba cannot compile it ({_reason(error)})"
+    pairs = zip(plain.memories, compiled.memories, strict=True)
+    if all(memories_equal(one, other) for one, other in pairs):
+        return None
+    return "what it learns differs in its last bits"
+
+
+def _reason(error: PluginError) -> str:
+    """Return what numba says last of why: the innermost reason."""
+    lines = [line.strip() for line in str(error.__cause__).splitlines()]
+    reasons = [line for line in lines if line.startswith(TELLING)]
+    return reasons[-1] if reasons else type(error.__cause__).__name__

@@ -1,0 +1,280 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The learning history of a run: one row an episode, the same bits from every way of running.
+
+`history.npz` in a run's directory holds the arrays of a `History` by their names.
+"""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from sparse_coord_ros.base import archive
+from sparse_coord_ros.base.dataframes import data_frame
+from sparse_coord_ros.base.errors import RunError, retold
+from sparse_coord_ros.base.files import write_whole
+from sparse_coord_ros.base.limits import ARRAYS, read_file
+from sparse_coord_ros.core.game.world import Action, StepOutcome
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+HISTORY_FILE = "history.npz"
+CURVES = ("length", "reward", "miscoordinations", "asks", "arrived")
+"""The measures of an episode that make a learning curve."""
+
+FIRST_EPISODES = 64
+"""Rows of a recorder at first; they double when they are used up."""
+
+
+class History(NamedTuple):
+    """What happened in each learning episode; E episodes of K robots.
+
+    An episode begins with its first transition: one that never had any is left out. The last one
+    may have been cut off by the end of the budget. Robots that learn all at once share their
+    episodes; of a learner that learns `alone` each robot has its own: first all episodes of robot
+    1, then those of robot 2 and so on, as `present` says.
+
+    Attributes:
+        first_step: the time step at which the episode begins, shape (E,), int64.
+        length: its transitions, shape (E,), int64.
+        reward: undiscounted sum of R_k(t) that robot k received while it was under way, not after
+            its arrival, shape (E, K), float64; 0 where it was not present.
+        miscoordinations: transitions that ended in a miscoordination, shape (E,), int64.
+        asks: how often robot k chose COORDINATE, shape (E, K), int64.
+        arrived: whether robot k reached its goal, shape (E, K), bool.
+        present: whether robot k was in the world, shape (E, K), bool.
+    """
+
+    first_step: np.ndarray
+    length: np.ndarray
+    reward: np.ndarray
+    miscoordinations: np.ndarray
+    asks: np.ndarray
+    arrived: np.ndarray
+    present: np.ndarray
+
+    def __repr__(self) -> str:
+        """Return what it is, on one line."""
+        return f"<History of {self.episodes} episodes of {self.robots} robots>"
+
+    @property
+    def episodes(self) -> int:
+        """Number of episodes, E."""
+        return len(self.length)
+
+    @property
+    def robots(self) -> int:
+        """Number of robots, K."""
+        return int(self.present.shape[1])
+
+    def curve(
+        self, name: str, window: int = 1, *, robot: int | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return a learning curve, ready to be plotted: `plt.plot(*history.curve("length", 50))`.
+
+        Args:
+            name: length, reward, miscoordinations, asks or arrived (their share).
+            window: episodes over which to average (all there are, where these are fewer).
+            robot: only this robot (from 1) and the episodes it was present in; None: the mean of
+                the robots present.
+
+        Returns:
+            The time step at which the last episode of each window begins, and the average over
+            the window; both have shape (E - window + 1,).
+
+        Raises:
+            RunError: no such measure, robot or window.
+        """
+        if name not in CURVES:
+            raise RunError(
+                f"history: there is no measure {name!r}; allowed: {', '.join(CURVES)}"
+            )
+        if robot is not None and not 1 <= robot <= self.robots:
+            raise RunError(
+                f"history: there is no robot {robot}; allowed: 1 to {self.robots}"
+            )
+        if window < 1:
+            raise RunError(f"history: window is {window}, allowed: at least 1")
+        values = np.asarray(getattr(self, name), dtype=np.float64)
+        if robot is None:
+            if values.ndim == 2:
+                values = (values * self.present).sum(axis=1) / self.present.sum(axis=1)
+            # Robots that learned alone: side by side in time, not one after the other.
+            order = np.argsort(self.first_step, kind="stable")
+        else:
+            order = np.flatnonzero(self.present[:, robot - 1])
+            values = values[:, robot - 1] if values.ndim == 2 else values
+        steps = self.first_step[order]
+        values = values[order]
+        window = min(window, max(1, len(values)))
+        sums = np.cumsum(np.concatenate([np.zeros(1), values]))
+        return steps[window - 1 :], (sums[window:] - sums[:-window]) / window
+
+    def to_pandas(self, names: Sequence[str] | None = None) -> "pd.DataFrame":
+        """Return a pandas DataFrame: one row for each episode and each robot present.
+
+        Columns: episode (from 0), first_step, length, robot, reward, asks, arrived,
+        miscoordinations.
+
+        Args:
+            names: what to call the robots; their numbers from 1 where None.
+
+        Raises:
+            RunError: pandas is not installed.
+        """
+        episode, robot = np.nonzero(self.present)
+        labels = np.arange(1, self.robots + 1) if names is None else np.array(names)
+        return data_frame(
+            {
+                "episode": episode,
+                "first_step": self.first_step[episode],
+                "length": self.length[episode],
+                "robot": labels[robot],
+                "reward": self.reward[episode, robot],
+                "asks": self.asks[episode, robot],
+                "arrived": self.arrived[episode, robot],
+                "miscoordinations": self.miscoordinations[episode],
+            }
+        )
+
+    def same_bits(self, other: "History") -> bool:
+        """Whether two histories are equal, bit for bit."""
+        pairs = zip(self, other, strict=True)
+        return all(a.shape == b.shape and a.tobytes() == b.tobytes() for a, b in pairs)
+
+    def first(self, episodes: int) -> "History":
+        """Return the first episodes: no copy."""
+        return History(*(array[:episodes] for array in self))
+
+    def copy(self) -> "History":
+        """Return a copy."""
+        return History(*(array.copy() for array in self))
+
+    def save(self, directory: Path) -> None:
+        """Write `history.npz`, whole or not at all."""
+        write_whole(directory / HISTORY_FILE, archive.pack(self._asdict()))
+
+
+def blank_history(episodes: int, robots: int) -> History:
+    """Return a history of zeros, in which no robot is present."""
+    whole = np.zeros((3, episodes), dtype=np.int64)
+    flags = np.zeros((2, episodes, robots), dtype=np.bool_)
+    sums = np.zeros((episodes, robots))
+    return History(
+        whole[0], whole[1], sums, whole[2], np.zeros_like(sums, np.int64), *flags
+    )
+
+
+def concatenated(histories: Sequence[History]) -> History:
+    """Join histories of the same robots, one after the other."""
+    return History(*map(np.concatenate, zip(*histories, strict=True)))
+
+
+def load_history(directory: Path) -> History:
+    """Read `history.npz` of a run's directory.
+
+    Raises:
+        RunError: there is none, or it cannot be read.
+    """
+    path = directory / HISTORY_FILE
+    how: Any = {"error": RunError, "remedy": "use a file that run or train wrote"}
+    data = read_file(path, ARRAYS, **how)
+    arrays = archive.unpack(data, where=str(path), what="a learning history", **how)
+    with retold(RunError, ValueError, f"{path}", f"; {how['remedy']}"):
+        return history_from(arrays)
+
+
+def history_from(arrays: Mapping[str, np.ndarray], prefix: str = "") -> History:
+    """Return the history whose arrays stand in a mapping under their names behind a prefix.
+
+    Raises:
+        ValueError: one is missing, or has another type or shape than it must have.
+    """
+    present = archive.member(arrays, f"{prefix}present", np.bool_, None, None)
+    blank = blank_history(0, 0)._asdict().items()
+    return History(
+        *(
+            archive.member(arrays, prefix + name, one.dtype, *present.shape[: one.ndim])
+            for name, one in blank
+        )
+    )
+
+
+class HistoryRecorder:
+    """Gathers the history of a run that is fed to it transition by transition.
+
+    Args:
+        robots: number of robots, K.
+        members: numbers (from 0) of the robots that are in the world; all where None.
+        history: rows to go on from; the first transition added goes into a new episode unless
+            `under_way`.
+        under_way: whether the last episode of `history` goes on.
+    """
+
+    def __init__(
+        self,
+        robots: int,
+        *,
+        members: Sequence[int] | None = None,
+        history: History | None = None,
+        under_way: bool = False,
+    ) -> None:
+        self._members = list(range(robots) if members is None else members)
+        begun = blank_history(0, robots) if history is None else history
+        self._rows = concatenated([begun, blank_history(FIRST_EPISODES, robots)])
+        self._used = begun.episodes
+        self._episode: int | None = None
+        self._goes_on = under_way
+
+    def add(
+        self,
+        episode: int,
+        step: int,
+        actions: Sequence[Action | None],
+        outcome: StepOutcome,
+    ) -> None:
+        """Take in one transition.
+
+        Args:
+            episode: number of the episode; another one than before begins a new row.
+            step: the time step t at which the robots acted.
+            actions: what each robot did; None where it did not act.
+            outcome: what the world returned.
+        """
+        if episode != self._episode:
+            self._episode = episode
+            if not self._goes_on:
+                self._begin(step)
+            self._goes_on = False
+        rows = self._rows
+        last = self._used - 1
+        rows.length[last] += 1
+        rows.miscoordinations[last] += outcome.miscoordination
+        for k in self._members:
+            action = actions[k]
+            if action is not None:
+                rows.reward[last, k] += outcome.rewards[k].total
+                rows.asks[last, k] += action.asked
+        for k in outcome.arrived:
+            rows.arrived[last, k] = True
+
+    def _begin(self, step: int) -> None:
+        """Begin the next row."""
+        if self._used == self._rows.episodes:
+            # Twice as many; they take memory as they are written to.
+            more = blank_history(self._used, self._rows.robots)
+            self._rows = concatenated([self._rows, more])
+        self._rows.first_step[self._used] = step
+        self._rows.present[self._used, self._members] = True
+        self._used += 1
+
+    def history(self) -> History:
+        """Return the episodes so far, the one under way included; a copy."""
+        return self.look().copy()
+
+    def look(self) -> History:
+        """Return what `history` returns, to be looked at before the next transition: no copy."""
+        return self._rows.first(self._used)

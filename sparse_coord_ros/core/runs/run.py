@@ -1,0 +1,546 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""One learning run, plain or compiled, that can stop between any two transitions and go on.
+
+Both forms run the loops of `core.runs.loop`: in plain Python on lists, compiled on arrays.
+"""
+
+from array import array
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sparse_coord_ros.core.game import streams
+from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE, PRIMITIVES
+from sparse_coord_ros.core.game.draws import PlainDraws, compiled_draws
+from sparse_coord_ros.core.game.perception import asked_peers
+from sparse_coord_ros.core.game.rules import (
+    EPISODE_GAP,
+    INDEX,
+    miscoordination,
+    problem_of,
+)
+from sparse_coord_ros.core.game.scenario import Scenario
+from sparse_coord_ros.core.game.schedules import probabilities, step_sizes
+from sparse_coord_ros.core.game.world import (
+    FIRST_STEP,
+    Action,
+    Position,
+    before_episode,
+)
+from sparse_coord_ros.core.learners.learner import Learner
+from sparse_coord_ros.core.learners.mind import (
+    Memory,
+    as_lists,
+    has_room,
+    learned_rows,
+    memory_of,
+    part,
+    stacked,
+    with_room,
+)
+from sparse_coord_ros.core.learners.registry import learner_of
+from sparse_coord_ros.core.learners.tables import Tables
+from sparse_coord_ros.core.runs import loop
+from sparse_coord_ros.core.runs.history import History, blank_history, concatenated
+from sparse_coord_ros.core.runs.loop import DONE, EPISODE_START, PLACED, STEP
+from sparse_coord_ros.core.runs.trials import Trials
+
+BLOCK = 2048
+"""Time steps for which tables and the history get room at once."""
+
+NEVER = 1 << 62
+"""A time step that no run reaches."""
+
+
+class Stopped(Exception):  # noqa: N818 - no error: the run is not wanted any more
+    """A run was given up between two transitions."""
+
+
+class LearningState(NamedTuple):
+    """A learning run between two transitions: either form can go on from it, bit for bit.
+
+    Attributes:
+        positions: the game of each group of robots that learn together.
+        memories: what each robot remembers.
+        histories: the episodes of each group.
+    """
+
+    positions: tuple[Position, ...]
+    memories: tuple[Memory, ...]
+    histories: tuple[History, ...]
+
+
+class Glimpse(NamedTuple):
+    """One transition of K robots, for those who watch them.
+
+    Attributes:
+        step: the time step t (of robots that learn alone: of the first one).
+        cells: X_k(t); None where it is not known.
+        actions: what each robot did; None where it did not act.
+        after: X_k(t+1), likewise; None: none is known.
+        miscoordination: whether robots ended up in the same doorway.
+        rewards: R_k(t); empty: not known.
+        ends: how percepts ended, numbers of `wire.PerceptEnd`; empty: not known.
+    """
+
+    step: int
+    cells: tuple[int | None, ...]
+    actions: tuple[Action | None, ...]
+    after: tuple[int | None, ...] | None
+    miscoordination: bool
+    rewards: Sequence[Any] = ()
+    ends: Sequence[int | None] = ()
+
+
+def groups_of(scenario: Scenario, learner: Learner) -> list[list[int]]:
+    """Return the robots (from 0) that learn together.
+
+    They are all, or for a learner that learns `alone` each robot by itself: one robot at a time
+    in the world, each for the whole budget, so that none ever meets another (paper, Section 4).
+    """
+    everyone = list(range(len(scenario.robots)))
+    return [[k] for k in everyone] if learner.alone else [everyone]
+
+
+class Team:
+    """One scenario and learner in one form, for many runs.
+
+    Args:
+        scenario: the problem and its protocol.
+        learner: who learns.
+        compiled: whether numba is to compute it.
+        stop: where its one entry is set, runs raise `Stopped` at the next transition.
+
+    Raises:
+        SettingError: the learner cannot learn the scenario.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        learner: Learner,
+        *,
+        compiled: bool,
+        stop: np.ndarray | None = None,
+    ) -> None:
+        learner.check(scenario)
+        self.scenario = scenario
+        self.learner = learner
+        self.compiled = compiled
+        self.loops = loop.compiled(learner.Mind.learner) if compiled else loop.PLAIN
+        self._stop = np.zeros(1, dtype=np.bool_) if stop is None else stop
+        sizes = step_sizes(scenario.step_size, scenario.steps)
+        everyone = np.arange(len(scenario.robots), dtype=INDEX)
+        rule = loop.Rule(
+            problem=problem_of(scenario, plain=not compiled),
+            members=everyone,
+            actions=len(ACTIONS) if learner.asks else PRIMITIVES,
+            max_steps=scenario.max_steps,
+            exploring=probabilities(scenario.starts, scenario.steps),
+            epsilon=probabilities(scenario.epsilon, scenario.steps),
+            floors=sizes.by_step,
+            weights=np.array(learner.weights(scenario)),
+            goal_value=scenario.goal_value,
+            step_sizes=sizes.by_count,
+            ruled_out=learner.ruled_out(scenario),
+            tasks=None,
+        )
+        groups = groups_of(scenario, learner)
+        self.rules = [
+            self._formed(rule._replace(members=np.array(own, dtype=INDEX)))
+            for own in groups
+        ]
+        greedy: dict[str, Any] = {
+            "max_steps": scenario.horizon,
+            "exploring": np.zeros(1),
+            "epsilon": np.zeros(1),
+        }
+        self._trying = self._formed(rule._replace(**greedy))
+
+    def _formed(self, rule: loop.Rule) -> loop.Rule:
+        """Return a rule for the loops: as it is, or for plain Python with lists."""
+        if self.compiled:
+            return rule
+        names = ("exploring", "epsilon", "floors", "step_sizes")
+        tables: dict[str, Any] = {
+            name: array("d", getattr(rule, name).tobytes()) for name in names
+        }
+        members = rule.members.tolist()
+        weights = rule.weights.tolist()
+        listed = rule._replace(members=members, weights=weights, **tables)
+        tasks = [
+            self.learner.task(self.scenario, k, listed.step_sizes)
+            for k in range(len(self.scenario.robots))
+        ]
+        return listed._replace(tasks=tasks)
+
+    def initial(self, memories: Sequence[Memory] = ()) -> Any:
+        """Return what robots know that remember this; nothing: before learning."""
+        minds = self.learner.minds(self.scenario)
+        if self.compiled:
+            return stacked(minds, BLOCK, memories)
+        known = memories or (None,) * len(minds)
+        return [
+            as_lists(mind, memory) for mind, memory in zip(minds, known, strict=True)
+        ]
+
+    def state(
+        self, rule: loop.Rule, seed: int, phase: int, position: Position
+    ) -> loop.State:
+        """Return a game in progress, at a position."""
+        clock = [
+            position.step,
+            position.episode_start,
+            position.transitions,
+            int(position.under_way),
+            NEVER,
+        ]
+        team = len(self.scenario.robots)
+        arrived = [int(home) for home in position.arrived]
+        if self.compiled:
+            members = rule.members
+            draws: Any = compiled_draws(
+                self.scenario,
+                seed,
+                phase,
+                self._looked_at(rule, phase),
+                members,
+                position.step,
+            )
+            cells = np.array(position.cells, dtype=INDEX)
+            game = loop.Game(np.array(clock), cells, np.array(arrived))
+            chosen = np.zeros((3, team), dtype=INDEX)
+            chosen[0] = cells
+            choice = loop.Choices(
+                cells=chosen[0],
+                actions=chosen[1],
+                moves=chosen[2],
+                seen=np.zeros(team, dtype=np.int64),
+                values=np.zeros(PRIMITIVES),
+            )
+        else:
+            draws = PlainDraws(self.scenario, seed, phase)
+            game = loop.Game(clock, list(position.cells), arrived)
+            choice = loop.Choices(
+                cells=list(position.cells),
+                actions=[0] * team,
+                moves=[0] * team,
+                seen=[0] * team,
+                values=[0.0] * PRIMITIVES,
+            )
+        return loop.State(rule, game, choice, draws, self._stop)
+
+    def _looked_at(self, rule: loop.Rule, phase: int) -> dict[int, bool]:
+        """Return of which roles anything looks at the draws."""
+        learning = phase == streams.LEARNING
+        return {
+            streams.POLICY: True,
+            streams.MOTION: True,
+            streams.PERCEPT: self.learner.asks,
+            streams.START: bool(np.any(rule.exploring)),
+            streams.REPLAY: learning and self.learner.draws,
+            streams.BLIND: learning and self.learner.asks,
+        }
+
+    def play(
+        self,
+        minds: Any,
+        seed: int,
+        trials: int,
+        *,
+        paired: bool = False,
+        progress: Callable[[int, int], None] | None = None,
+    ) -> Trials:
+        """Play greedy trials.
+
+        Args:
+            minds: what the robots know.
+            seed: seed of the trials.
+            trials: how many there are.
+            paired: whether a trial has the same draws whatever happened in those before it.
+            progress: called with the trials played and all of them, before each one.
+
+        Raises:
+            Stopped: the run is not wanted any more.
+        """
+        scenario = self.scenario
+        team = len(scenario.robots)
+        cells = len(scenario.map.cells)
+        position = before_episode(0, FIRST_STEP + EPISODE_GAP, team)
+        state = self.state(self._trying, seed, streams.EVALUATION, position)
+        results = np.zeros((trials, team, 4))
+        asked, stays = np.zeros((2, team, cells), dtype=np.int64)
+        filled: Any = (results, asked, stays)
+        if not self.compiled:
+            filled = [table.tolist() for table in filled]
+        with self.learner.blamed("acting"):
+            if progress is not None:
+                for played in range(trials):
+                    progress(played, trials)
+                    self.loops.play(state, minds, *filled, played + 1, paired)
+            self.loops.play(state, minds, *filled, trials, paired)
+        results, asked, stays = map(np.asarray, filled)
+        self.check_wanted()
+        times = results[:, :, loop.TIME]
+        return Trials(
+            reward=results[:, :, loop.REWARD],
+            time_to_goal=np.minimum(times, float(scenario.horizon)),
+            asks=results[:, :, loop.ASKS],
+            arrived=times <= scenario.horizon,
+            miscoordinations=results[:, 0, loop.CONFLICTS],
+            asked=asked,
+            stays=stays,
+        )
+
+    def tables(self, minds: Any) -> list[Tables]:
+        """Return what each robot has learned; a copy."""
+        found = []
+        for k in range(len(self.scenario.robots)):
+            mind = self.mind(minds, k)
+            memory = memory_of(mind)
+            found.append(
+                Tables(self.scenario, self.learner, k, memory, self._q_coord(mind, k))
+            )
+        return found
+
+    def _q_coord(self, mind: Any, k: int) -> np.ndarray | None:
+        """Return Q^C of a pair by the compiled loop; None where there is no such loop."""
+        team = len(self.scenario.robots)
+        cells = len(self.scenario.map.cells)
+        if not self.compiled or self.scenario.sparse or team == 1:
+            return None
+        peer = 1 if k == 0 else 0
+        table = np.zeros((cells, cells, PRIMITIVES))
+        task = self.learner.task(self.scenario, k, np.zeros(1))
+        self.loops.tabulate(mind, task, peer, np.zeros(team, dtype=np.int64), table)
+        return table
+
+    def mind(self, minds: Any, k: int) -> Any:
+        """Return what robot k (from 0) knows: it goes on learning in it."""
+        return part(minds, k) if self.compiled else minds[k]
+
+    def check_wanted(self) -> None:
+        """Raise `Stopped` where the run is not wanted any more."""
+        if self._stop[0]:
+            raise Stopped
+
+
+class LearningRun:
+    """A learning run in progress.
+
+    Args:
+        team: scenario, learner and form.
+        seed: the run's seed.
+        state: where to go on; None: at the beginning.
+        gathering: whether to gather the history.
+
+    Attributes:
+        scenario, learner, seed: of the run.
+        done: transitions made, by each group of robots.
+        minds: what all robots know.
+    """
+
+    def __init__(
+        self,
+        team: Team,
+        seed: int,
+        state: LearningState | None = None,
+        *,
+        gathering: bool = True,
+    ) -> None:
+        self.team = team
+        self.scenario = team.scenario
+        self.learner = team.learner
+        self.seed = seed
+        robots = len(team.scenario.robots)
+        groups = len(team.rules)
+        if state is None:
+            first = before_episode(0, FIRST_STEP, robots)
+            state = LearningState(
+                (first,) * groups, (), (blank_history(0, robots),) * groups
+            )
+        self.minds = team.initial(state.memories)
+        self.done = state.positions[0].transitions
+        self._states = [
+            team.state(rule, seed, streams.LEARNING, position)
+            for rule, position in zip(team.rules, state.positions, strict=True)
+        ]
+        self._records: list[loop.Record | None] = [None] * groups
+        if gathering:
+            self._records = [
+                record_of(one, compiled=team.compiled) for one in state.histories
+            ]
+
+    def advance(self, until: int) -> None:
+        """Let every group of robots learn until it has made so many transitions.
+
+        Raises:
+            Stopped: the run is not wanted any more.
+        """
+        for number, state in enumerate(self._states):
+            clock = state.game.clock
+            while clock[DONE] < until:
+                self._make_room(number)
+                with self.learner.blamed("learning"):
+                    self.team.loops.learn(
+                        state, self.minds, self._records[number], until
+                    )
+                self.team.check_wanted()
+        self.done = max(self.done, until)
+
+    def _make_room(self, number: int) -> None:
+        """Give tables and the history room, and let the loop look up before it is used up."""
+        if not self.team.compiled:
+            return
+        clock = self._states[number].game.clock
+        if not has_room(self.minds, BLOCK):
+            self.minds = with_room(self.minds, BLOCK)
+        record = self._records[number]
+        if record is not None and record.used[0] + BLOCK > len(record.length):
+            self._records[number] = record_of(self._history(number), compiled=True)
+        clock[loop.END] = clock[STEP] + BLOCK
+
+    def glimpse(self) -> Glimpse:
+        """Let every group of robots make one transition, and return it."""
+        positions = [_position(state.game) for state in self._states]
+        self.advance(self.done + 1)
+        rows: list[tuple[int, Action | None, int]] = []  # in the order of the robots
+        met = False
+        for state, before in zip(self._states, positions, strict=True):
+            members = state.rule.members
+            for k in members:
+                cell = before.cells[k]
+                action = None
+                if not (before.under_way and before.arrived[k]):
+                    cell = int(state.choice.cells[k])
+                    action = self._action(state, k, before.step)
+                rows.append((cell, action, int(state.game.cells[k])))
+            met |= bool(miscoordination(state.rule.problem, state.game.cells, members))
+        cells, actions, after = zip(*rows, strict=True)
+        return Glimpse(positions[0].step, cells, actions, after, met)
+
+    def _action(self, state: loop.State, k: int, step: int) -> Action:
+        """Return what a robot did at the time step that was made last."""
+        choice = state.choice
+        asked = int(choice.actions[k]) == COORDINATE
+        peer = -1
+        if asked:
+            draw = streams.Stream(self.seed, k, streams.POLICY).at(step)[streams.PEER]
+            peers = asked_peers(self.scenario.peers, k, len(self.scenario.robots), draw)
+            peer = peers[0] if len(peers) == 1 else -1
+        return Action(int(choice.moves[k]), asked, peer, int(choice.seen[k]) != 0)
+
+    def mind(self, k: int) -> Any:
+        """Return what robot k (from 0) knows: it goes on learning in it."""
+        return self.team.mind(self.minds, k)
+
+    @property
+    def tables(self) -> list[Tables]:
+        """What every robot has learned so far; a copy."""
+        return self.team.tables(self.minds)
+
+    @property
+    def step(self) -> int:
+        """The time step of the next transition (of robots that learn alone: of the first one)."""
+        return int(self._states[0].game.clock[STEP])
+
+    @property
+    def asked(self) -> np.ndarray:
+        """How often each robot has learned from COORDINATE in each cell, shape (robots, cells)."""
+        robots = range(len(self.scenario.robots))
+        return np.array([np.array(self.mind(k).updates)[:, COORDINATE] for k in robots])
+
+    @property
+    def visited(self) -> np.ndarray:
+        """Rows of Q^C (or rho) that each robot has updated, shape (robots,), int64."""
+        robots = range(len(self.scenario.robots))
+        return np.array([rows_updated(self.mind(k)) for k in robots])
+
+    @property
+    def memories(self) -> tuple[Memory, ...]:
+        """What every robot remembers; a copy."""
+        return tuple(memory_of(self.mind(k)) for k in range(len(self.scenario.robots)))
+
+    def play(self, trials: int) -> Trials:
+        """Play greedy trials with what was learned so far."""
+        return self.team.play(self.minds, self.seed, trials)
+
+    @property
+    def history(self) -> History:
+        """The episodes so far."""
+        return concatenated(
+            [blank_history(0, len(self.scenario.robots)), *self._histories()]
+        )
+
+    def _histories(self) -> tuple[History, ...]:
+        there = [number for number, one in enumerate(self._records) if one is not None]
+        return tuple(map(self._history, there))
+
+    def _history(self, number: int) -> History:
+        record = self._records[number]
+        state = self._states[number]
+        assert record is not None
+        return history_of(record, len(self.scenario.robots), state.rule.members)
+
+    def state(self) -> LearningState:
+        """Return where the run is."""
+        positions = tuple(_position(state.game) for state in self._states)
+        return LearningState(positions, self.memories, self._histories())
+
+
+def learn(
+    scenario: Scenario, learner: str | Learner, seed: int, *, compiled: bool = False
+) -> list[Tables]:
+    """Return what robots learn in the scenario's budget, by default in plain Python."""
+    run = LearningRun(Team(scenario, learner_of(learner), compiled=compiled), seed)
+    run.advance(scenario.steps)
+    return run.tables
+
+
+def rows_updated(mind: Any) -> int:
+    """Return how many rows of a mind's tables have an update."""
+    found = 0
+    for value in mind:
+        if hasattr(value, "most"):
+            found += len(learned_rows(value).keys)
+    return found
+
+
+def record_of(history: History, *, compiled: bool) -> loop.Record:
+    """Return a record that goes on from a history; compiled it has room for two blocks."""
+    used = [history.episodes, history.robots]
+    rows = history
+    if compiled:
+        rows = concatenated([history, blank_history(2 * BLOCK, history.robots)])
+    fields = {name: getattr(rows, name) for name in loop.Record._fields[1:]}
+    if compiled:
+        return loop.Record(np.array(used), **fields)
+    return loop.Record(used, **{name: table.tolist() for name, table in fields.items()})
+
+
+def history_of(record: loop.Record, robots: int, members: Any) -> History:
+    """Return the history of a record; a copy."""
+    episodes = int(record.used[0])
+    blank = blank_history(episodes, robots)
+    fields = {}
+    for name in loop.Record._fields[1:]:
+        like = getattr(blank, name)
+        found = np.array(getattr(record, name)[:episodes], dtype=like.dtype)
+        fields[name] = found.reshape(like.shape)
+    present = np.zeros((episodes, robots), dtype=np.bool_)
+    present[:, list(members)] = True
+    return History(**fields, present=present)
+
+
+def _position(game: loop.Game) -> Position:
+    clock = game.clock
+    team = len(game.cells)
+    transitions = int(clock[DONE])
+    step = int(clock[STEP])
+    if not clock[PLACED]:
+        return before_episode(transitions, step, team)
+    cells = tuple(int(cell) for cell in game.cells)
+    arrived = tuple(bool(home) for home in game.arrived)
+    return Position(transitions, step, True, int(clock[EPISODE_START]), cells, arrived)

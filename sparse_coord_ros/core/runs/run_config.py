@@ -1,0 +1,400 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a run is: scenario, seed, learner and timing, as one object and as `run.yaml`.
+
+The world simulator publishes this text once, latched, on the topic `run`; robots and recorder
+need nothing else, and the log holds it too.
+"""
+
+import hashlib
+import json
+import platform
+import re
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass, fields
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from sparse_coord_ros.base.errors import (
+    RunError,
+    SettingError,
+    check_format,
+    did_you_mean,
+)
+from sparse_coord_ros.base.limits import SCENARIO, parse_yaml, read_text, to_yaml
+from sparse_coord_ros.base.version import __version__
+from sparse_coord_ros.core.game.grid import RESOLUTIONS
+from sparse_coord_ros.core.game.perception import (
+    MODELS,
+    check_found_elsewhere,
+    check_percepts,
+)
+from sparse_coord_ros.core.game.scenario import Scenario, scenario_from_dict
+from sparse_coord_ros.core.game.settings import setting, settings_of
+from sparse_coord_ros.core.game.specs import Form, SpecFamily
+from sparse_coord_ros.core.learners.learner import Learner
+from sparse_coord_ros.core.learners.registry import (
+    LEARNERS,
+    check_improvable,
+    learner_of,
+)
+
+RUN_FILE = "run.yaml"
+SCENARIO_FILE = "scenario.yaml"
+MAP_FILE = "map.txt"
+"""The files that say what a run is: in its directory the first, in its bag all."""
+
+FORMAT = 2
+"""Number of the format of `run.yaml`, its field `format`. Format 1 did not say `bodies`."""
+
+OWN_CLOCK = "own"
+NO_CLOCK = "none"
+"""Whether a run owns /clock."""
+
+RUN_RECORD = "sparse_coord_ros"
+"""Name of the bag's metadata record about the run."""
+
+
+class LearnerName(SpecFamily):
+    """The setting that names a learner, as its name or as `module:Class`."""
+
+    @property
+    def usage(self) -> str:
+        """The allowed names, for help and error texts."""
+        return LEARNERS.usage
+
+    @property
+    def forms(self) -> tuple[Form, ...]:
+        """The learners that are registered."""
+        return tuple(Form(name, one.summary) for name, one in self._registered())
+
+    def _registered(self) -> list[tuple[str, Learner]]:
+        return list(LEARNERS.registered.items())
+
+    def parse(self, value: object) -> Any:
+        """Return the learner's name as files have it.
+
+        Raises:
+            SettingError: there is no such learner.
+        """
+        named = value if isinstance(value, Learner) else str(value)
+        if isinstance(named, str) and LEARNERS.barred(named):
+            return named  # looking it up says so, where it is used
+        return learner_of(named).label
+
+
+class LiveLearnerName(LearnerName):
+    """The same for a live run; others are refused with a reason where the run is made."""
+
+    @property
+    def usage(self) -> str:
+        """The allowed names, for help and error texts."""
+        shipped = ", ".join(form.text for form in self.forms)
+        return f"{shipped}, or one of your own as module:name"
+
+    def _registered(self) -> list[tuple[str, Learner]]:
+        return [(name, one) for name, one in super()._registered() if one.runs_live]
+
+
+LEARNER = LearnerName("learner")
+LIVE_LEARNER = LiveLearnerName("learner")
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunConfig:
+    """A run: a scenario, and settings that belong to no scenario.
+
+    `versions` names what computed it. `id` tells one live run from every other: the world makes it
+    when it announces the run; what never was live has none.
+    """
+
+    scenario: Scenario
+    seed: int = setting(0, "seed of every random draw", low=0, high=2**63 - 1)
+    learner: str = setting(
+        "coop", "who learns; coop is Algorithm 1 of the paper", LEARNER
+    )
+    greedy: bool = setting(
+        False, "act on learned tables, without exploring or learning"
+    )
+    improve: bool = setting(
+        False,
+        "after learning, exchange what was learned and plan on it (learner factored)",
+    )
+    step_period: float = setting(
+        0.1, "simulated seconds a time step", low=1e-3, high=60
+    )
+    clock: str = setting(
+        OWN_CLOCK,
+        "own: /clock tells the run's time, step t is t * step_period; none: it is left to others",
+        choices=(OWN_CLOCK, NO_CLOCK),
+    )
+    resolution: float = setting(
+        0.0,
+        "metres a cell, at least 0.001; 0: the map's own, or 1 where it shows no real place",
+        low=0,
+        high=RESOLUTIONS[1],
+    )
+    step_timeout: float = setting(
+        5.0, "seconds until a silent robot is left out", low=0.1
+    )
+    percept_timeout: float = setting(
+        2.0, "seconds until an unanswered request is a failed percept", low=0.05
+    )
+    bodies: bool = setting(
+        False, "the robots have bodies: each step waits for their drivers"
+    )
+    slips: bool = setting(
+        True,
+        "moves also fail at random, as in the grid (move_success); false: only where bodies fail",
+    )
+    tables: str = setting(
+        "", "directory of a run whose tables to begin with; empty: none"
+    )
+    recorded: bool = setting(False, "do not start before a recorder listens")
+    checkpoint: int = setting(
+        10_000,
+        "time steps between two recordings of the learned tables; 0: only at the end",
+        low=0,
+        high=2**31 - 1,
+    )
+    versions: Mapping[str, str]
+    id: str = ""
+
+    def __post_init__(self) -> None:
+        """Look up the map's resolution where 0 is given.
+
+        Raises:
+            SettingError: the deadlines contradict each other, or the cells are too small.
+        """
+        if self.resolution == 0.0:
+            object.__setattr__(self, "resolution", self.scenario.map.resolution or 1.0)
+        if self.resolution < RESOLUTIONS[0]:
+            why = f"0 or a number from {RESOLUTIONS[0]:g} to {RESOLUTIONS[1]:g}"
+            raise SettingError(
+                f"setting resolution: value is {self.resolution:g}, allowed: {why}"
+            )
+        if self.percept_timeout >= self.step_timeout:
+            raise SettingError(
+                f"setting percept_timeout: value is {self.percept_timeout:g}, allowed: less than "
+                f"step_timeout ({self.step_timeout:g})"
+            )
+        if self.improve and self.greedy:
+            remedy = "leave one of them out"
+            raise SettingError(
+                f"setting improve: a greedy run learns nothing; {remedy}"
+            )
+
+    @property
+    def rule(self) -> Learner:
+        """The learner that the run names.
+
+        Raises:
+            NotAllowedError: its code may not be imported.
+        """
+        return learner_of(self.learner)
+
+    @property
+    def known_rule(self) -> Learner | None:
+        """The learner that the run names; None where its code may not be imported."""
+        return None if LEARNERS.barred(self.learner) else self.rule
+
+    @property
+    def by_this_package(self) -> bool:
+        """Whether the world that computed it is ours, not one of one's own."""
+        return "sparse_coord_ros" in self.versions
+
+    @property
+    def markers_tell_steps(self) -> bool:
+        """Whether the topic `markers` has time steps as stamps: else they are for people only."""
+        return self.by_this_package and self.clock == OWN_CLOCK
+
+    @property
+    def title(self) -> str:
+        """What its learner is called in print, as far as that may be known."""
+        rule = self.known_rule
+        return self.learner if rule is None else rule.title or self.learner
+
+    def check_code(self) -> None:
+        """Raise `NotAllowedError` where the code that it names may not be imported."""
+        learner_of(self.learner)
+        MODELS.find(self.scenario.perception.kind)
+
+    @property
+    def digest(self) -> str:
+        """A digest of all that affects what is learned: the same where the same bits come out."""
+        said = [
+            self.learner,
+            self.seed,
+            self.greedy,
+            self.tables,
+            self.scenario.computation(),
+        ]
+        if self.bodies:
+            said.append({"slips": self.slips})
+        return hashlib.sha256(json.dumps(said, sort_keys=True).encode()).hexdigest()[
+            :16
+        ]
+
+    def to_yaml(self) -> str:
+        """Return the text of `run.yaml`; `run_from_yaml` reads it back.
+
+        Raises:
+            SettingError: its perception model is a function that nobody else can find.
+        """
+        check_found_elsewhere(self.scenario.perception)
+        data: dict[str, Any] = {"id": self.id, "format": FORMAT}
+        data |= {f.name: getattr(self, f.name) for f in fields(self)}
+        data["scenario"] = self.scenario.to_dict()
+        data["versions"] = dict(self.versions)
+        if not self.id:
+            del data["id"]
+        return to_yaml(data)
+
+    @staticmethod
+    def identity(text: bytes) -> str:
+        """Return the `id` that the text of a live run begins with, without reading it."""
+        found = re.match(rb"id: '?(\w{1,99})'?\n", text)
+        return found[1].decode() if found else ""
+
+    def record(self) -> dict[str, str]:
+        """Return the texts of the bag's metadata record."""
+        named = {
+            "scenario": self.scenario.name,
+            "seed": str(self.seed),
+            "learner": self.learner,
+        }
+        if self.id:
+            named["id"] = self.id
+        return named | {
+            f"version_{name}": str(value) for name, value in self.versions.items()
+        }
+
+
+RUN_SETTINGS = settings_of(RunConfig)
+"""Parameters of a run that belong to no scenario."""
+
+
+def make_run(scenario: Scenario, values: Mapping[str, object]) -> RunConfig:
+    """Build a run of this software's versions.
+
+    Args:
+        scenario: the problem.
+        values: some of `RUN_SETTINGS`; the others take their defaults.
+
+    Raises:
+        SettingError: an unknown name or a bad value.
+    """
+    settings = RUN_SETTINGS.parse(values)
+    learner = learner_of(settings.get("learner", RunConfig.learner))
+    scenario = learner.with_defaults(scenario)
+    learner.check(scenario)
+    if settings.get("improve"):
+        check_improvable(scenario, learner)
+    check_percepts(scenario.map)
+    run = RunConfig(scenario=scenario, versions=versions(), **settings)
+    run.check_code()
+    return run
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of what a run's numbers depend on."""
+    found = {"sparse_coord_ros": __version__, "python": platform.python_version()}
+    for name in (
+        "numpy",
+        "PyYAML",
+        "mcap",
+        "rclpy",
+        "rmw_fastrtps_cpp",
+        "ros-rmw-fastrtps-cpp",
+    ):
+        with suppress(PackageNotFoundError):
+            found[name] = version(name)
+    return found
+
+
+def bag_files(run: RunConfig, text: str) -> dict[str, str]:
+    """Return the texts that a bag of a run attaches, by their names; `text`: of its `run.yaml`."""
+    scenario = to_yaml(run.scenario.to_dict())
+    return {
+        RUN_FILE: text,
+        SCENARIO_FILE: scenario,
+        MAP_FILE: run.scenario.map.to_text(),
+    }
+
+
+def run_from_yaml(text: str, *, where: str) -> RunConfig:
+    """Read a run back; settings that the text lacks have their defaults.
+
+    Raises:
+        RunError: it is no run, has an unknown field, or is in another format.
+        ScenarioError: not YAML, or the scenario in it is malformed.
+        SettingError: a bad value.
+    """
+    data = parse_yaml(text, where=where)
+    check_format(data.pop("format", None), FORMAT, where, RunError)
+    known = [f.name for f in fields(RunConfig)]
+    wrong = [
+        f"unknown field {n!r}{did_you_mean(str(n), known)}"
+        for n in data
+        if n not in known
+    ]
+    for name in ("scenario", "versions"):
+        if not isinstance(data.get(name), dict):
+            wrong.append(f"field {name!r} is missing or no mapping")
+    if wrong:
+        remedy = "use the file that run or train wrote"
+        raise RunError(
+            f"{where}: is not a run.yaml of this software: {wrong[0]}; {remedy}"
+        )
+    scenario = scenario_from_dict(
+        data["scenario"], where=f"{where} (scenario)", name="scenario"
+    )
+    settings = RUN_SETTINGS.parse({n: data[n] for n in RUN_SETTINGS if n in data})
+    return RunConfig(
+        scenario=scenario,
+        versions=data["versions"],
+        id=str(data.get("id", "")),
+        **settings,
+    )
+
+
+MOST_NAMED = 8
+"""Runs of a folder that a message names."""
+
+
+def load_run(directory: Path) -> RunConfig:
+    """Read `run.yaml` of a run's output directory.
+
+    Raises:
+        RunError: there is none, or it is not one of this version.
+    """
+    path = directory / RUN_FILE
+    inside = sorted(str(file.parent) for file in directory.glob(f"*/{RUN_FILE}"))
+    if inside and not path.exists():
+        more = (
+            f" and {len(inside) - MOST_NAMED} more" if len(inside) > MOST_NAMED else ""
+        )
+        runs = f"{', '.join(inside[:MOST_NAMED])}{more}"
+        raise RunError(
+            f"{directory}: is no run; it holds these runs, give one of them: {runs}"
+        )
+    remedy = "give the output directory of 'sparse_coord run' or 'sparse_coord train'"
+    text = read_text(path, SCENARIO, RunError, remedy)
+    return run_from_yaml(text, where=str(path))
+
+
+def create_output(directory: Path) -> Path:
+    """Create a run's output directory and return it.
+
+    Raises:
+        RunError: it exists already; nothing is overwritten.
+        OSError: it cannot be created.
+    """
+    try:
+        directory.mkdir(parents=True)
+    except FileExistsError:
+        what = f"output directory {directory}: exists already, nothing is overwritten"
+        raise RunError(f"{what}; choose another one or remove it") from None
+    return directory

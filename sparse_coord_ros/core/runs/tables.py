@@ -1,0 +1,214 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What robots have learned as bytes and on disk: `tables.npz` of a team, one file a robot apart.
+
+The container is that of `archive`. Of robot k (from 1) there is each field of its learner's mind
+(`core.learners.mind`) as an array `<field>_k`: `q_star_k`, shape (cells, actions), columns north,
+south, east, west, COORDINATE; `updates_k`, how often each entry was updated; and so on. A table of
+rows such as Q^C is three arrays: `q_coord_keys_k`, shape (rows,), ascending, `q_coord_values_k`
+and `q_coord_updates_k`, shape (rows, moves): the rows that were learned. The key of a joint state
+is a number whose digits, in base cells, are the own cell and then those of the perceived peers.
+
+Cells are numbered row by row from the top left, free cells only.
+"""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sparse_coord_ros.base import archive
+from sparse_coord_ros.base.errors import TablesError, retold
+from sparse_coord_ros.base.files import write_whole
+from sparse_coord_ros.base.limits import ARRAYS, Limit, read_file
+from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE, PRIMITIVES
+from sparse_coord_ros.core.game.scenario import Scenario
+from sparse_coord_ros.core.learners.learner import Learner
+from sparse_coord_ros.core.learners.memory import check_memory
+from sparse_coord_ros.core.learners.mind import Memory, memory_of
+from sparse_coord_ros.core.learners.registry import learner_of
+from sparse_coord_ros.core.learners.tables import Tables
+
+TEAM_FILE = "tables.npz"
+
+COUNT = "count_"
+"""What the names of the numbers beside the tables begin with."""
+
+REMEDY = "use a file that run or train wrote"
+
+
+def robot_file(directory: Path, robot: str) -> Path:
+    """Return where a robot node saves its own tables."""
+    return directory / f"tables_{robot}.npz"
+
+
+def pack_tables(
+    memories: Mapping[int, Memory], *, counts: Mapping[str, int] | None = None
+) -> bytes:
+    """Return what some robots (numbers from 1) remember as the bytes of an .npz file.
+
+    Equal memories give equal bytes.
+
+    Args:
+        memories: what each robot remembers.
+        counts: numbers to store beside them, as arrays `count_<name>`.
+    """
+    return archive.pack(saved_arrays(memories, counts=counts))
+
+
+def saved_arrays(
+    memories: Mapping[int, Memory], *, counts: Mapping[str, int] | None = None
+) -> dict[str, np.ndarray]:
+    """Return what `pack_tables` writes, by name; arguments as there."""
+    arrays: dict[str, np.ndarray] = {}
+    for number, memory in memories.items():
+        arrays |= {f"{name}_{number}": array for name, array in memory.items()}
+    for name, count in (counts or {}).items():
+        arrays[f"{COUNT}{name}"] = np.array(count, dtype=np.int64)
+    return arrays
+
+
+class SavedTables(NamedTuple):
+    """What one robot has saved.
+
+    Attributes:
+        memory: what it remembers; not checked.
+        counts: the numbers beside its tables.
+        arrays: all that the file holds, by name: of each robot in it, and the counts.
+    """
+
+    memory: Memory
+    counts: dict[str, int]
+    arrays: Mapping[str, np.ndarray]
+
+
+def unpack_saved(
+    data: bytes, numbers: Sequence[int], *, where: str, limit: Limit = ARRAYS
+) -> list[SavedTables]:
+    """Read what the given robots (numbers from 1) saved from the bytes of an .npz file.
+
+    Raises:
+        TablesError: not a tables file, or a robot is not in it; `where` says where they are from.
+    """
+    how: Any = {"what": "tables", "remedy": REMEDY, "error": TablesError}
+    arrays = archive.unpack(data, where=where, limit=limit, **how)
+    with retold(TablesError, ValueError, where, f"; {REMEDY}"):
+        counts = {
+            name.removeprefix(COUNT): int(archive.member(arrays, name, np.int64))
+            for name in arrays
+            if name.startswith(COUNT)
+        }
+        return [SavedTables(memory_from(arrays, k), counts, arrays) for k in numbers]
+
+
+def memory_from(arrays: Mapping[str, np.ndarray], number: int) -> dict[str, np.ndarray]:
+    """Return what a robot (from 1) remembers by what a file says.
+
+    Raises:
+        ValueError: it is not there, or has no Q*.
+    """
+    ending = f"_{number}"
+    memory = {
+        name.removesuffix(ending): array
+        for name, array in arrays.items()
+        if name.endswith(ending) and not name.startswith(COUNT)
+    }
+    if "q_star" not in memory:
+        raise ValueError(f"has no q_star{ending}")
+    archive.member(memory, "q_star", np.float64, None, len(ACTIONS))
+    return memory
+
+
+def load_saved(path: Path, numbers: Sequence[int]) -> list[SavedTables]:
+    """Read what the given robots (numbers from 1) saved from one file.
+
+    Raises:
+        TablesError: no such file, not a tables file, or a robot is not in it.
+    """
+    data = read_file(path, ARRAYS, TablesError, REMEDY)
+    return unpack_saved(data, numbers, where=str(path))
+
+
+def save_team(directory: Path, memories: Sequence[Memory]) -> None:
+    """Write `tables.npz` of a whole team, whole or not at all."""
+    data = pack_tables(dict(enumerate(memories, start=1)))
+    write_whole(directory / TEAM_FILE, data)
+
+
+def load_team(
+    directory: Path, scenario: Scenario, learner: Learner | None
+) -> list[Tables]:
+    """Read a team's tables from an output directory.
+
+    They are in `tables.npz`, or in one file a robot where the robot nodes were started by hand.
+
+    Raises:
+        TablesError: neither is there, a file is malformed, or no robot of this scenario and
+            learner can have learned what it says.
+    """
+    numbers = range(1, len(scenario.robots) + 1)
+    if (directory / TEAM_FILE).exists():
+        saved = load_saved(directory / TEAM_FILE, numbers)
+    else:
+        parts = [robot_file(directory, robot.name) for robot in scenario.robots]
+        missing = [part.name for part in parts if not part.exists()]
+        if missing:
+            what = f"{directory}: neither {TEAM_FILE} nor {', '.join(missing)} is there"
+            raise TablesError(f"{what}; give the output directory of a finished run")
+        saved = [
+            load_saved(part, [k])[0] for k, part in zip(numbers, parts, strict=True)
+        ]
+    with retold(TablesError, TablesError, str(directory)):
+        return [
+            tables_of(scenario, learner, k, one.memory) for k, one in enumerate(saved)
+        ]
+
+
+def tables_of(
+    scenario: Scenario, learner: Learner | None, k: int, memory: Memory
+) -> Tables:
+    """Return the tables of a robot that is said to remember something.
+
+    Args:
+        scenario: the problem.
+        learner: who learned it; None: its code may not be imported.
+        k: the robot, from 0.
+        memory: what the robot is said to remember.
+
+    Raises:
+        TablesError: no robot of this scenario and learner can have learned that.
+    """
+    if learner is not None:
+        memory = check_memory(scenario, learner, k, memory)
+    cells = len(scenario.map.cells)
+    if len(memory["q_star"]) != cells:
+        raise TablesError(
+            f"q_star has {len(memory['q_star'])} cells, the map has {cells}"
+        )
+    return Tables(scenario, learner, k, memory)
+
+
+def tables_from_values(
+    scenario: Scenario, k: int, q_star: np.ndarray, q_coord: np.ndarray | None = None
+) -> Tables:
+    """Return tables of values that come from elsewhere, such as another program.
+
+    Args:
+        scenario: the problem.
+        k: the robot, from 0.
+        q_star: Q*, shape (cells, 5), float64; NaN in column 4 for robots that cannot ask.
+        q_coord: Q^C of pairs, shape (cells, cells, 4), float64; None: what it begins with.
+
+    Raises:
+        TablesError: they do not fit the scenario.
+    """
+    asks = not np.isnan(q_star[:, COORDINATE]).any()
+    learner = learner_of("coop" if asks else "noncoop")
+    memory = memory_of(learner.mind(scenario, k)) | {"q_star": q_star}
+    if asks and q_coord is not None:
+        rows = q_coord.reshape(-1, PRIMITIVES)
+        memory["q_coord_keys"] = np.arange(len(rows))
+        memory["q_coord_values"] = rows
+        memory["q_coord_updates"] = np.zeros(rows.shape, dtype=np.int64)
+    return tables_of(scenario, learner, k, memory)

@@ -1,0 +1,483 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The search for the best asking team: iterated local search, every team evaluated exactly.
+
+A restart begins with random routes and random cells to ask in. It climbs: one robot's choice in
+one cell is changed as long as that makes the team better. The moves after percepts are never
+searched: with everything else fixed they are those of a Markov decision process over joint states,
+and value iteration finds the best. Then a few choices are shaken and it climbs again, until that
+has been in vain for a while. Restart i draws from (seed, i), so a search that was cut off goes on
+where it was.
+"""
+
+import json
+from collections.abc import Callable, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sparse_coord_ros.base.errors import (
+    ResultsError,
+    SettingError,
+    check_format,
+    check_function,
+)
+from sparse_coord_ros.base.files import path_argument, write_whole
+from sparse_coord_ros.base.limits import RESULTS, read_text
+from sparse_coord_ros.base.version import __version__
+from sparse_coord_ros.core.game.actions import ACTIONS, MOVES, PRIMITIVES
+from sparse_coord_ros.core.game.links import check_up
+from sparse_coord_ros.core.game.miscoordination import meeting_places, together
+from sparse_coord_ros.core.game.perception import percept_probabilities
+from sparse_coord_ros.core.game.scenario import Scenario, ScenarioLike, loaded
+from sparse_coord_ros.core.game.settings import Setting
+from sparse_coord_ros.core.runs.run_config import RUN_SETTINGS
+from sparse_coord_ros.core.solve import asking_loops
+from sparse_coord_ros.core.solve.asking_loops import (
+    OPTIONS,
+    AskingPolicies,
+    WeightedGame,
+    Workspace,
+)
+from sparse_coord_ros.core.solve.optimum import worth_alone
+from sparse_coord_ros.core.solve.shipped import AskingTeam, RobotPolicy, game_digest
+
+FORMAT = 1
+WARNING = "a lower bound: the search may have missed a better team"
+
+RESTARTS = Setting("restarts", int, 20, "restarts of the search", low=1, high=1_000_000)
+
+LETTERS = "".join(name[0] for name in MOVES)
+"""The moves in a policy's texts: the first letters of the primitive actions, in their order."""
+
+PATIENCE = 10
+"""A restart ends after as many shakes in vain."""
+
+MOST_SHAKEN = 3
+"""Choices that a shake changes at most."""
+
+AGREE = 1e-5
+"""Restarts whose values differ by less ended at the same one."""
+
+ROUTES = (0.01, 0.5, 3.0)
+"""How much a cell costs at random, on top of 1, where a restart draws its routes."""
+
+ASKED = (0.0, 0.1, 0.3)
+"""Share of cells that a restart begins to ask in."""
+
+DEVIATIONS = 5
+"""Restarts of the search for what one robot alone could gain."""
+
+Progress = Callable[[int, int, float], None]
+"""Called with restarts done, restarts to be done, and the best value so far."""
+
+
+def find_asking_team(
+    scenario: ScenarioLike,
+    *,
+    restarts: int = 20,
+    seed: int = 0,
+    file: str | Path | None = None,
+    progress: Progress = lambda done, of, best: None,
+) -> AskingTeam:
+    """Search for the best team of two robots that has Algorithm 1's form.
+
+    Its `value` is a lower bound of what such a team can be worth: the search may miss the best.
+    `shipped_asking_team` returns what was found once for the paper's scenarios.
+
+    Args:
+        scenario: a problem of two robots.
+        restarts: how often the search begins anew.
+        seed: of the search.
+        file: a JSON file to keep the search in, and to go on from; None: nothing is kept.
+        progress: called after each restart with those done, all, and the best value so far.
+
+    Raises:
+        SettingError: not two robots, or a bad value.
+        ResultsError: the file is that of another search.
+    """
+    scenario = loaded(scenario)
+    check_two_robots(scenario)
+    restarts = RESTARTS.parse(restarts)
+    seed = RUN_SETTINGS["seed"].parse(seed)
+    file = None if file is None else path_argument("file", file)
+    check_function("progress", progress)
+    game = _game(scenario)
+    both = np.ones(2, dtype=np.bool_)
+    values, best = _kept(file, scenario, seed)
+    found = None if best is None else _from_texts(scenario, best)
+    for i in range(len(values), restarts):
+        policy, value = _restart(game, both, [seed, i])
+        if found is None or value > max(values) + asking_loops.BETTER:
+            found = policy
+        values.append(value)
+        if file is not None:
+            _keep(file, scenario, seed, values, _texts(game, found))
+        progress(len(values), restarts, max(values))
+    assert found is not None
+    top = max(values)
+    robots = _texts(game, found)
+    return AskingTeam(
+        value=top,
+        robots=robots,
+        gains=tuple(_gain(scenario, robots, k, seed) for k in range(2)),
+        restarts=len(values),
+        agreed=sum(value > top - AGREE for value in values),
+        seed=seed,
+        game=game_digest(scenario),
+        version=__version__,
+        date=f"{datetime.now(UTC):%Y-%m-%d}",
+    )
+
+
+def check_two_robots(scenario: Scenario) -> None:
+    """Raise `SettingError` unless the scenario has two robots."""
+    team = len(scenario.robots)
+    if team != 2:
+        raise SettingError(
+            f"search for the best asking team: scenario {scenario.name} has {team} "
+            f"robot{'s' * (team != 1)}, allowed: 2; for others there are the bound of robots "
+            "alone and the joint optimum, leave out --class"
+        )
+
+
+def _game(scenario: Scenario, weights: Sequence[float] = (0.5, 0.5)) -> WeightedGame:
+    """Return the game; the weights say how much each robot's reward counts."""
+    grid = scenario.map
+    cells = len(grid.cells)
+    check_up(scenario.link, "search for the best asking team")
+    percept = percept_probabilities(scenario.perception, grid)
+    places = meeting_places(scenario)
+    paid = sum(w * p for w, p in zip(weights, scenario.penalties, strict=True))
+    toll = np.where(together(places[:, None], places[None, :]), paid, 0.0)
+    share = np.array(weights)
+    robots = scenario.robots
+    starts, goals = np.array([(robot.start, robot.goal) for robot in robots]).T
+    far = np.array([grid.distances_to(goal) for goal in goals])
+    near = np.argsort((far[0][:, None] + far[1]).ravel(), kind="stable")
+    alone = share[:, None] * worth_alone(scenario, far)
+    return WeightedGame(
+        lead=np.column_stack([grid.next_cell, np.arange(cells)]),
+        starts=starts,
+        goals=goals,
+        percept=percept,
+        fails=percept.min(axis=1) < 1.0,
+        toll=toll,
+        prize=share * scenario.goal_reward / (1.0 - scenario.discount),
+        cost=share * scenario.ask_cost,
+        discount=float(scenario.discount),
+        success=float(scenario.move_success),
+        above=alone[0][:, None] + alone[1],
+        everything=near[near != goals[0] * cells + goals[1]],
+    )
+
+
+def _space(game: WeightedGame) -> Workspace:
+    cells = len(game.lead)
+    return Workspace(
+        value=np.zeros((cells, cells)),
+        kept=np.zeros((cells, cells)),
+        order=np.zeros(cells * cells, dtype=np.int64),
+        stack=np.zeros(cells * cells, dtype=np.int64),
+        tried=np.zeros(cells * cells, dtype=np.int64),
+        inside=np.zeros(cells * cells, dtype=np.bool_),
+        visited=np.zeros((2, cells), dtype=np.bool_),
+        nobody=np.zeros(2, dtype=np.bool_),
+    )
+
+
+def _restart(
+    game: WeightedGame,
+    free: np.ndarray,
+    seed: list[int],
+    fixed: AskingPolicies | None = None,
+) -> tuple[AskingPolicies, float]:
+    """Climb from a random team, and again from where shakes lead.
+
+    Args:
+        game: whose reward counts.
+        free: whose choices are searched.
+        seed: of the draws.
+        fixed: what those do whose choices are not searched.
+    """
+    rng = np.random.default_rng(seed)
+    begun = _random(game, rng)
+    if fixed is not None:
+        for mine, theirs in zip(begun, fixed, strict=True):
+            mine[~free] = theirs[~free]
+    return _climbed(game, free, begun, rng)
+
+
+def _climbed(
+    game: WeightedGame, free: np.ndarray, best: AskingPolicies, rng: np.random.Generator
+) -> tuple[AskingPolicies, float]:
+    """Climb from a team, which is changed, and again from where shakes lead; as `_restart`."""
+    loops = asking_loops.compiled()
+    space = _space(game)
+    trials = np.arange(2 * len(game.lead) * OPTIONS)
+    top = loops.climb(game, best, free, space, rng.permutation(trials))
+    vain = 0
+    while vain < PATIENCE:
+        vain += 1
+        loops.visit(game, best, space)
+        policy = _shaken(game, best, space.visited & free[:, None], rng)
+        value = loops.climb(game, policy, free, space, rng.permutation(trials))
+        if value > top + asking_loops.BETTER:
+            best = policy
+            top = value
+            vain = 0
+    return best, top
+
+
+def climbed(
+    scenario: Scenario, team: AskingPolicies
+) -> tuple[float, float, AskingPolicies, np.ndarray]:
+    """Make a team of two robots better, as a restart that begins with this team.
+
+    Returns:
+        Its value before and after; what it does then, in every joint state; and whether a robot
+        acts in a cell, shape (2, cells).
+    """
+    game = _game(scenario)
+    nobody = np.zeros(2, dtype=np.bool_)
+    before = asking_loops.compiled().solve(game, team, nobody, _space(game), -np.inf)
+    found, value = _climbed(game, ~nobody, _copy(team), np.random.default_rng(0))
+    return before, value, *_everywhere(game, found)
+
+
+def _copy(team: AskingPolicies) -> AskingPolicies:
+    return AskingPolicies(*(array.copy() for array in team))
+
+
+def _random(game: WeightedGame, rng: np.random.Generator) -> AskingPolicies:
+    """Return a team on random routes that asks in random cells."""
+    lead = game.lead[:, :PRIMITIVES]
+    cells = len(lead)
+    moves = np.zeros((2, cells), dtype=np.int64)
+    for k, goal in enumerate(game.goals):
+        toll = 1.0 + rng.choice(ROUTES) * rng.random(cells)
+        far = np.full(cells, np.inf)
+        far[goal] = 0.0
+        for _ in range(cells):
+            new = np.minimum(far, (toll + far)[lead].min(axis=1))
+            if np.array_equal(new, far):
+                break
+            far = new
+        moves[k] = (toll + far)[lead].argmin(axis=1)
+    asks = rng.random((2, cells)) < rng.choice(ASKED, size=(2, 1))
+    return AskingPolicies(moves, asks, np.zeros((2, cells, cells), dtype=np.int64))
+
+
+def _shaken(
+    game: WeightedGame,
+    policy: AskingPolicies,
+    visited: np.ndarray,
+    rng: np.random.Generator,
+) -> AskingPolicies:
+    """Return a copy with a few choices changed, where the robots act or next to that."""
+    new = _copy(policy)
+    near = visited.copy()
+    for k in range(2):
+        near[k, game.lead[visited[k]]] = True
+    places = np.argwhere(near & visited.max(axis=1, keepdims=True))
+    for _ in range(rng.integers(1, MOST_SHAKEN + 1)):
+        k, x = places[rng.integers(len(places))]
+        new.asks[k, x] = rng.random() < 0.5
+        if game.fails[x] or not new.asks[k, x]:
+            new.moves[k, x] = rng.integers(PRIMITIVES)
+    return new
+
+
+def _everywhere(
+    game: WeightedGame, policy: AskingPolicies
+) -> tuple[AskingPolicies, np.ndarray]:
+    """Return the team with the best moves after every percept, and where its robots act.
+
+    A robot that never gets to a cell does not ask there.
+    """
+    loops = asking_loops.compiled()
+    new = _copy(policy)
+    space = _space(game)
+    both = np.ones(2, dtype=np.bool_)
+    loops.solve(game, new, both, space, -np.inf)
+    loops.visit(game, new, space)
+    new.asks[:] &= space.visited
+    # Every joint state, also where the team never gets.
+    loops.sweep(game, new, both, space.value, game.everything, -np.inf)
+    return new, space.visited
+
+
+def _texts(
+    game: WeightedGame, policy: AskingPolicies
+) -> tuple[RobotPolicy, RobotPolicy]:
+    """Return the team as texts."""
+    new, _ = _everywhere(game, policy)
+
+    def robot(k: int) -> RobotPolicy:
+        asked = {
+            str(x): "".join(LETTERS[move] for move in new.seen[k, x])
+            for x in np.flatnonzero(new.asks[k])
+        }
+        return RobotPolicy("".join(LETTERS[move] for move in new.moves[k]), asked)
+
+    return robot(0), robot(1)
+
+
+def _from_texts(scenario: Scenario, robots: Sequence[RobotPolicy]) -> AskingPolicies:
+    cells = len(scenario.map.cells)
+    policy = AskingPolicies(
+        np.array(
+            [[LETTERS.index(letter) for letter in robot.moves] for robot in robots]
+        ),
+        np.zeros((2, cells), dtype=np.bool_),
+        np.zeros((2, cells, cells), dtype=np.int64),
+    )
+    for k, robot in enumerate(robots):
+        for x, letters in robot.asks.items():
+            policy.asks[k, int(x)] = True
+            policy.seen[k, int(x)] = [LETTERS.index(letter) for letter in letters]
+    return policy
+
+
+def _gain(
+    scenario: Scenario, robots: Sequence[RobotPolicy], k: int, seed: int
+) -> float:
+    """Return the most that robot k was found to gain for itself, the other staying as it is."""
+    loops = asking_loops.compiled()
+    alone = np.arange(2) == k
+    game = _game(scenario, alone)
+    fixed = _from_texts(scenario, robots)
+    now = loops.solve(game, fixed, np.zeros(2, dtype=np.bool_), _space(game), -np.inf)
+    trials = np.arange(2 * len(scenario.map.cells) * OPTIONS)
+    own = _copy(fixed)
+    best = loops.climb(game, own, alone, _space(game), trials)
+    for i in range(DEVIATIONS):
+        best = max(best, _restart(game, alone, [seed, k, i], fixed)[1])
+    return best - now if best > now + asking_loops.BETTER else 0.0
+
+
+def _kept(
+    file: Path | None, scenario: Scenario, seed: int
+) -> tuple[list[float], list[RobotPolicy] | None]:
+    """Return the values and the best team of a search that was cut off."""
+    if file is None or not file.exists():
+        return [], None
+    text = read_text(file, RESULTS, ResultsError, "give another file")
+    try:
+        data = json.loads(text)
+        values = [float(value) for value in data["values"]]
+        best = [RobotPolicy(str(r["moves"]), dict(r["asks"])) for r in data["robots"]]
+        check_format(data["format"], FORMAT, str(file), ResultsError)
+        said = (data["game"], data["seed"])
+        fits = _from_texts(scenario, best).moves.shape == (2, len(scenario.map.cells))
+    except (ValueError, LookupError, TypeError, AttributeError):
+        raise ResultsError(
+            f"{file}: is no search for the best asking team; give another file"
+        ) from None
+    if said != (game_digest(scenario), seed) or not values or not fits:
+        what = f"{file}: is the search of another game or seed (seed {data['seed']})"
+        raise ResultsError(
+            f"{what}; give another file, or the same scenario, settings and seed"
+        )
+    return values, best
+
+
+def _keep(
+    file: Path,
+    scenario: Scenario,
+    seed: int,
+    values: list[float],
+    robots: Sequence[RobotPolicy],
+) -> None:
+    data: dict[str, Any] = {
+        "format": FORMAT,
+        "scenario": scenario.name,
+        "game": game_digest(scenario),
+        "seed": seed,
+        "values": values,
+        "robots": [{"moves": robot.moves, "asks": robot.asks} for robot in robots],
+    }
+    write_whole(file, json.dumps(data, indent=1) + "\n")
+
+
+def _acting(
+    scenario: Scenario, robots: Sequence[RobotPolicy]
+) -> tuple[AskingPolicies, np.ndarray, list[dict[int, list[int]]]]:
+    """Return what a team does where it gets to.
+
+    Returns:
+        Its choices; whether a robot acts in a cell, shape (2, cells); and of each robot, the
+        peer's cells that it can perceive in each cell where it asks.
+    """
+    team = _from_texts(scenario, robots)
+    game = _game(scenario)
+    space = _space(game)
+    cells = len(scenario.map.cells)
+    asking_loops.visit(game, team, space)
+    seen: list[dict[int, list[int]]] = [{}, {}]
+    count = asking_loops.reach(game, team, space.nobody, space)
+    for state in np.sort(space.order[:count]):
+        here = (int(state // cells), int(state % cells))
+        for k in range(2):
+            x = here[k]
+            z = here[1 - k]
+            if x != game.goals[k] and team.asks[k, x] and game.percept[x, z] > 0.0:
+                seen[k].setdefault(x, []).append(z)
+    return team, space.visited, seen
+
+
+def in_words(scenario: Scenario, robots: Sequence[RobotPolicy]) -> list[str]:
+    """Return what the team does, a line for each way and each cell to ask in.
+
+    Cells that a robot gets to only because it stepped aside follow its way.
+    """
+    policy, visited, seen = _acting(scenario, robots)
+    lines = []
+    for k, robot in enumerate(scenario.robots):
+        peer = scenario.robots[1 - k].name
+        usual = policy.moves[k].copy()
+        for x, others in seen[k].items():
+            usual[x] = np.bincount(
+                policy.seen[k, x, others], minlength=PRIMITIVES
+            ).argmax()
+        way = _way(scenario, robot.start, robot.goal, usual)
+        lines.append(f"{robot.name}: {_route(scenario, way, usual, robot.goal)}")
+        aside = [x for x in np.flatnonzero(visited[k]).tolist() if x not in way]
+        for x, others in sorted(seen[k].items()):
+            text = f"  asks in {_place(scenario, x)}: {ACTIONS[usual[x]]}"
+            for move in range(PRIMITIVES):
+                where = [z for z in others if policy.seen[k, x, z] == move]
+                if move != usual[x] and where:
+                    cells = ", ".join(_place(scenario, z) for z in where)
+                    text += f"; {ACTIONS[move]} where {peer} is in {cells}"
+            lines.append(text)
+        if aside:
+            moves = [f"{_place(scenario, x)} {ACTIONS[usual[x]]}" for x in aside]
+            lines.append(f"  off its way: {', '.join(moves)}")
+    return lines
+
+
+def _way(scenario: Scenario, start: int, goal: int, moves: np.ndarray) -> list[int]:
+    way = [start]
+    while way[-1] != goal:
+        x = int(scenario.map.next_cell[way[-1], moves[way[-1]]])
+        if x in way:
+            break
+        way.append(x)
+    return way
+
+
+def _route(scenario: Scenario, way: list[int], moves: np.ndarray, goal: int) -> str:
+    """Return a way in words: its corners, and the moves between them."""
+    text = _place(scenario, way[0])
+    for here, there in zip(way, way[1:], strict=False):
+        if there == way[-1] or moves[there] != moves[here]:
+            text += f" {ACTIONS[moves[here]]} to {_place(scenario, there)}"
+    return text if way[-1] == goal else f"{text}, and no further"
+
+
+def _place(scenario: Scenario, cell: int) -> str:
+    row, column = scenario.map.cells[cell]
+    return f"({row}, {column})"

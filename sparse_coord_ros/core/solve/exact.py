@@ -1,0 +1,403 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a team of at most two robots is worth, computed exactly: its joint Markov chain.
+
+The same trials as `core.runs.evaluation.play` plays, without drawing any: greedy policies, ties
+and percepts with their probabilities, the same end. So nothing here has a standard error. Where
+the two differ is only in what a trial's draws cannot show: a draw has 53 bits, a probability here
+is a float, and moments are sums of floats (a spread below about 1e-6 of the mean is rounding). One
+robot is a pair whose other robot has arrived before it begins.
+"""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sparse_coord_ros.base.errors import SettingError
+from sparse_coord_ros.core.game.actions import COORDINATE, OUTCOMES, PRIMITIVES, STAY
+from sparse_coord_ros.core.game.links import check_up
+from sparse_coord_ros.core.game.miscoordination import meeting_places, together
+from sparse_coord_ros.core.game.perception import percept_probabilities
+from sparse_coord_ros.core.game.scenario import Scenario
+from sparse_coord_ros.core.learners.learner import Learner
+from sparse_coord_ros.core.learners.registry import learner_of
+from sparse_coord_ros.core.learners.tables import Tables
+from sparse_coord_ros.core.runs import evaluation
+from sparse_coord_ros.core.runs.evaluation import Evaluation, Measure, Progress
+from sparse_coord_ros.core.solve.exact_loops import (
+    ARRIVED,
+    CONFLICTS,
+    QUANTITIES,
+    REWARD,
+    Pair,
+    Sums,
+    compiled,
+)
+
+MOST_ROBOTS = 2
+"""The joint chain of more robots is too large; they are evaluated by trials."""
+
+MOST_STATES = 2**20
+MOST_OUTCOMES = 50_000_000
+"""Joint states within reach, which take up to a gigabyte, and outcomes of steps that are followed,
+which take up to five seconds: beyond that trials are quicker."""
+
+
+@dataclass(frozen=True)
+class ExactEvaluation:
+    """What a team is worth, exactly; the measures are those of `Evaluation`.
+
+    Attributes:
+        reward: total discounted reward a robot: goal paid from arrival on for ever, penalties,
+            costs of asking. Its spread is over single robots and trials, as in trials.
+        time_to_goal: steps until arrival; the horizon for a robot that does not arrive.
+        miscoordinations: steps of a trial that end in a miscoordination.
+        asks: how often a robot chose COORDINATE in a trial.
+        all_arrived: probability that all robots arrive within the horizon.
+        robots: expected reward of each robot.
+        asked: expected number of asks of a trial in each cell, shape (robots, cells).
+        stays: expected number of steps that each robot acts in each cell, same shape.
+    """
+
+    reward: Measure
+    time_to_goal: Measure
+    miscoordinations: Measure
+    asks: Measure
+    all_arrived: float
+    robots: tuple[float, ...]
+    asked: np.ndarray
+    stays: np.ndarray
+
+    def __repr__(self) -> str:
+        """Return what was computed, on one line."""
+        return f"<ExactEvaluation: {evaluation.measured_in_words(self)}>"
+
+    @property
+    def how(self) -> str:
+        """How it was found, in words."""
+        return "exact"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain data, without what there is for each cell."""
+        said = asdict(self)
+        return {k: v for k, v in said.items() if k not in ("asked", "stays")}
+
+
+def evaluate_exact(
+    scenario: Scenario,
+    tables: Sequence[Tables],
+    *,
+    learner: str | Learner | None = None,
+) -> ExactEvaluation:
+    """Compute what a team of one or two robots is worth.
+
+    Args:
+        scenario: the problem.
+        tables: the tables of every robot.
+        learner: whose greedy policy acts on them; None: Algorithm 1's, or that of a baseline
+            where the column of COORDINATE is NaN.
+
+    Raises:
+        TablesError: the tables do not fit the scenario.
+        SettingError: more than two robots, or more joint states within their reach than it pays
+            for.
+    """
+    check_exact(scenario)
+    evaluation.check_tables(scenario, tables, learner)
+    robots = _robots(scenario, tables, learner)
+    team = len(scenario.robots)
+    own = _within_reach(scenario, robots)
+    sums = _carried(_pair(scenario, robots, own), spreads=True, most=MOST_OUTCOMES)
+    if sums is None:
+        raise _does_not_pay(
+            scenario, f"over {MOST_OUTCOMES:,} outcomes of steps", "as many"
+        )
+    asked, stays = np.zeros((2, team, len(scenario.map.cells)))
+    asked[:, own] = sums.asked[:team]
+    stays[:, own] = sums.stays[:team]
+    squares = sums.squares[:-1].reshape(3, 2)
+    reward, time_to_goal, asks = map(_measure, sums.robots[:, :team], squares[:, :team])
+    return ExactEvaluation(
+        reward=reward,
+        time_to_goal=time_to_goal,
+        miscoordinations=_measure(sums.team[: CONFLICTS + 1], sums.squares[-1:]),
+        asks=asks,
+        all_arrived=min(1.0, float(sums.team[ARRIVED])),
+        robots=tuple(sums.robots[REWARD, :team].tolist()),
+        asked=asked,
+        stays=stays,
+    )
+
+
+def evaluate_best(
+    scenario: Scenario,
+    tables: Sequence[Tables],
+    *,
+    trials: int,
+    seed: int = 0,
+    learner: str | Learner | None = None,
+    progress: Progress = evaluation.silent,
+) -> ExactEvaluation | Evaluation:
+    """Compute what a team is worth where that can be, else play trials.
+
+    Args:
+        scenario: the problem.
+        tables: the tables of every robot.
+        trials: how many, if trials are played.
+        seed: of the trials.
+        learner: as of `evaluate_exact`.
+        progress: of the trials.
+
+    Raises:
+        TablesError: the tables do not fit the scenario.
+    """
+    try:
+        return evaluate_exact(scenario, tables, learner=learner)
+    except SettingError:  # too many, or a link that fails by time
+        how: Any = {
+            "trials": trials,
+            "seed": seed,
+            "learner": learner,
+            "progress": progress,
+        }
+        return evaluation.summary(evaluation.play(scenario, tables, **how))
+
+
+def check_exact(scenario: Scenario) -> None:
+    """Raise `SettingError` where the team is too large for exact evaluation."""
+    team = len(scenario.robots)
+    if team > MOST_ROBOTS:
+        raise SettingError(
+            f"exact evaluation: scenario {scenario.name} has {team} robots, allowed: 1 or "
+            f"{MOST_ROBOTS}; larger teams are evaluated by trials, leave out 'exact'"
+        )
+
+
+class ExactMeans(NamedTuple):
+    """What a trial of a team of two robots brings on average, exactly.
+
+    Attributes:
+        reward, time_to_goal, asks: of each robot, shape (2,).
+        miscoordinations: of the team.
+        arrived: probability that both arrive within the horizon.
+    """
+
+    reward: np.ndarray
+    time_to_goal: np.ndarray
+    asks: np.ndarray
+    miscoordinations: float
+    arrived: float
+
+
+def exact_means(scenario: Scenario, tables: Sequence[Tables]) -> ExactMeans | None:
+    """Return the means of `evaluate_exact`, a hundred times faster; None where there are none.
+
+    There are none for another number of robots than two, and on maps so large that a team without
+    a policy would take longer than trials.
+
+    Args:
+        scenario: the problem.
+        tables: the tables of every robot, which fit it.
+    """
+    cells = len(scenario.map.cells)
+    large = cells**2 * OUTCOMES**2 * scenario.horizon > MOST_OUTCOMES
+    if len(scenario.robots) != MOST_ROBOTS or large:
+        return None
+    try:
+        robots = _robots(scenario, tables, None)
+    except SettingError:
+        return None
+    sums = _carried(_pair(scenario, robots, np.arange(cells)), spreads=False)
+    assert sums is not None
+    return ExactMeans(*sums.robots, *map(float, sums.team))
+
+
+def _does_not_pay(scenario: Scenario, what: str, most: str) -> SettingError:
+    return SettingError(
+        f"exact evaluation: this team in scenario {scenario.name} has {what}, allowed: up to "
+        f"{most}; leave out 'exact' for trials, or evaluate a team that has learned more"
+    )
+
+
+class Greedy(NamedTuple):
+    """How likely a greedy robot does what in each cell, before it perceives anything.
+
+    Attributes:
+        asks: that it asks, (cells,): 1 where it `asks_surely`, less where a draw breaks a tie
+            with a move.
+        moves: each move without asking; (cells, moves).
+        blind: each move after a percept that failed, 0 where it never asks; (cells, moves).
+        coord: its Q^C, by which it acts after others.
+    """
+
+    asks: np.ndarray
+    moves: np.ndarray
+    blind: np.ndarray
+    coord: Any
+
+
+def _robots(
+    scenario: Scenario, tables: Sequence[Tables], learner: str | Learner | None
+) -> list[Greedy]:
+    """Return the robots as greedy ones that act on tables, which fit."""
+    check_up(scenario.link, "exact evaluation")
+    found = []
+    for k, one in enumerate(tables):
+        acting = one
+        if learner is not None:
+            acting = Tables(scenario, learner_of(learner), k, one.memory)
+        found.append(_choices(acting))
+    return found
+
+
+def _choices(tables: Tables) -> Greedy:
+    cells = tables.task.cells
+    actions = tables.task.actions
+    chosen = _greedy(tables.q_star[:, :actions])
+    asks = chosen[:, COORDINATE] if actions > COORDINATE else np.zeros(cells)
+    blind = np.zeros((cells, PRIMITIVES))
+    for x in np.flatnonzero(asks).tolist():
+        blind[x] = _greedy(np.array(tables.values_asking(x, 0, ())))
+    return Greedy(asks, chosen[:, :PRIMITIVES], blind, tables.q_coord)
+
+
+def _within_reach(scenario: Scenario, robots: Sequence[Greedy]) -> np.ndarray:
+    """Return the cells that robots can come to, ascending; SettingError where too many."""
+    moving = [(one.moves > 0.0) | (one.blind > 0.0) for one in robots]
+    reached = [np.empty(0, dtype=np.int64)] * len(robots)
+    while True:
+        before = reached
+        reached = [_closure(scenario, k, moves) for k, moves in enumerate(moving)]
+        own = np.union1d(reached[0], reached[-1])
+        if len(own) ** 2 > MOST_STATES:
+            raise _does_not_pay(
+                scenario, f"{len(own) ** 2:,} joint states", f"{MOST_STATES:,}"
+            )
+        if all(map(np.array_equal, before, reached)):
+            return own
+        for k, one in enumerate(robots if len(robots) > 1 else ()):
+            where = reached[k][one.asks[reached[k]] > 0.0]
+            seen = _greedy(_rows(one.coord, where, reached[1 - k]))
+            moving[k][where] |= (seen > 0.0).any(axis=1)
+
+
+def _closure(scenario: Scenario, k: int, moves: np.ndarray) -> np.ndarray:
+    """Return the cells that robot k can come to by moves, shape (cells, moves), bool."""
+    robot = scenario.robots[k]
+    lead = scenario.map.next_cell
+    found = {robot.start, robot.goal}
+    left = [robot.start]
+    while left:
+        x = left.pop()
+        if x != robot.goal:
+            new = set(lead[x, moves[x]].tolist()) - found
+            found |= new
+            left += new
+    return np.array(sorted(found))
+
+
+def _pair(scenario: Scenario, robots: Sequence[Greedy], own: np.ndarray) -> Pair:
+    """Return the two robots on the cells `own`, ascending, which they do not leave."""
+    cells = len(own)
+    alone = len(robots) == 1
+    percepts = percept_probabilities(scenario.perception, scenario.map)[
+        np.ix_(own, own)
+    ]
+    if alone:  # it has nobody to ask: its percepts fail
+        percepts = np.zeros_like(percepts)
+    asking = np.array([one.asks[own] for one in robots])
+    moves = np.array([_moves(one, own, percepts) for one in robots])
+    starts = np.searchsorted(own, [robot.start for robot in scenario.robots])
+    goals = np.searchsorted(own, [robot.goal for robot in scenario.robots])
+    places = meeting_places(scenario)[own]
+    meets = together(places[:, None], places[None, :])
+    penalties = scenario.penalties
+    if alone:
+        starts = np.append(starts, goals)
+        goals = np.tile(goals, 2)
+        penalties = (*penalties, 0.0)
+        asking = np.repeat(asking, 2, axis=0)
+        moves = np.repeat(moves, 2, axis=0)
+        meets = np.zeros_like(meets)
+    # Where a move leads out of the cells, nobody makes it.
+    lead = np.minimum(np.searchsorted(own, scenario.map.next_cell[own]), cells - 1)
+    either = moves.sum(axis=1)
+    asked = np.empty((2, cells, cells, OUTCOMES))
+    asked[..., :STAY] = moves[:, 1] / np.where(either > 0.0, either, 1.0)
+    asked[..., STAY] = asking[:, :, None]
+    return Pair(
+        lead=np.column_stack([lead, np.arange(cells)]),
+        starts=starts,
+        goals=goals,
+        moves=either,
+        asks=asking,
+        asked=asked,
+        meets=meets,
+        penalties=np.array(penalties),
+        worth=scenario.goal_reward / (1.0 - scenario.discount),
+        cost=float(scenario.ask_cost),
+        discount=float(scenario.discount),
+        success=float(scenario.move_success),
+        horizon=scenario.horizon,
+    )
+
+
+def _carried(pair: Pair, *, spreads: bool, most: float = np.inf) -> Sums | None:
+    """Return what a trial brings, its squares only where `spreads` asks for them.
+
+    None: steps have more than `most` outcomes in all.
+    """
+    cells = len(pair.lead)
+    likely = np.zeros((2, cells**2))
+    places = np.zeros((2, cells**2), dtype=np.int64)
+    sums = Sums(
+        robots=np.zeros((3, 2)),
+        team=np.zeros(2),
+        squares=np.zeros(QUANTITIES),
+        asked=np.zeros((2, cells)),
+        stays=np.zeros((2, cells)),
+        brought=np.zeros((2, QUANTITIES)),
+        so_far=np.zeros((2, cells**2 if spreads else 0, QUANTITIES)),
+    )
+    return sums if compiled()(pair, *likely, *places, sums, most) else None
+
+
+def _moves(robot: Greedy, own: np.ndarray, percepts: np.ndarray) -> np.ndarray:
+    """Return how likely a robot makes each move, (2, own cell, peer's cell, moves).
+
+    Without asking, and together with asking; the sum over both and the moves is 1.
+    """
+    both = np.zeros((2, len(own), len(own), PRIMITIVES))
+    both[0] = robot.moves[own, None, :]
+    where = np.flatnonzero(robot.asks[own])
+    if len(where):
+        there = own[where]
+        seen = percepts[where, :, None]
+        after = seen * _greedy(_rows(robot.coord, there, own))
+        after += (1.0 - seen) * robot.blind[there, None, :]
+        both[1, where] = robot.asks[there, None, None] * after
+    return both
+
+
+def _rows(q_coord: Any, own: np.ndarray, peers: np.ndarray) -> np.ndarray:
+    """Return the rows of Q^C of some cells, shape (own cells, peer's cells, moves)."""
+    if isinstance(q_coord, np.ndarray):
+        found: np.ndarray = q_coord[np.ix_(own, peers)]
+        return found
+    rows = [[q_coord[x, z] for z in peers.tolist()] for x in own.tolist()]
+    return np.array(rows).reshape(len(own), len(peers), PRIMITIVES)
+
+
+def _greedy(values: np.ndarray) -> np.ndarray:
+    """Return the probabilities of pi_g over the last axis: uniform among the exact maxima."""
+    best = values == values.max(axis=-1, keepdims=True)
+    chosen: np.ndarray = best / best.sum(axis=-1, keepdims=True)
+    return chosen
+
+
+def _measure(means: np.ndarray, squares: np.ndarray) -> Measure:
+    """Return mean and spread over robots and trials; there is no error of sampling."""
+    mean = means.mean()
+    return Measure(float(mean), float(np.sqrt(max(0.0, squares.mean() - mean**2))), 0.0)

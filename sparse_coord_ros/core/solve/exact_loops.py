@@ -1,0 +1,252 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The loop behind exact evaluation: a team of two robots, its probabilities carried forward.
+
+Plain Python over NumPy arrays, compiled by numba where it is installed; the same bits.
+"""
+
+import functools
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sparse_coord_ros.base.compiling import has_numba, inner, jit
+from sparse_coord_ros.core.game.actions import OUTCOMES, STAY
+
+
+class Pair(NamedTuple):
+    """Two robots that act greedily.
+
+    Attributes:
+        lead: where each move leads, and `STAY`; (cells, moves + 1).
+        starts: start cell of each robot; (2,).
+        goals: goal cell of each robot; (2,).
+        moves: probability of each move, whether asked or not; (2, own cell,
+            peer's cell, moves).
+        asks: probability of asking; (2, cells).
+        asked: probability of having asked, given what the step came to, a move or `STAY`;
+            (2, own cell, peer's cell, moves + 1).
+        meets: whether a step that ends in these cells is a miscoordination; (cells, cells).
+        penalties: r^C of each robot; (2,).
+        worth: of a robot's arrival, carried to infinity.
+        cost: of asking.
+        discount: gamma.
+        success: probability that a move succeeds.
+        horizon: steps of a trial.
+    """
+
+    lead: np.ndarray
+    starts: np.ndarray
+    goals: np.ndarray
+    moves: np.ndarray
+    asks: np.ndarray
+    asked: np.ndarray
+    meets: np.ndarray
+    penalties: np.ndarray
+    worth: float
+    cost: float
+    discount: float
+    success: float
+    horizon: int
+
+
+REWARD, TIME, ASKS = range(3)
+"""Rows of the sums of each robot."""
+
+CONFLICTS, ARRIVED = range(2)
+"""Entries of the sums of the team."""
+
+QUANTITIES = 7
+"""`REWARD`, `TIME` and `ASKS` of both robots, numbered 2 * row + robot, and miscoordinations."""
+
+
+class Sums(NamedTuple):
+    """What a trial brings, filled by `carry`, and the space that it needs; all 0 before.
+
+    Attributes:
+        robots: mean `REWARD`, `TIME` and `ASKS` of each robot; (3, 2).
+        team: mean `CONFLICTS`, and the probability that all have `ARRIVED`; (2,).
+        squares: mean square of each of the `QUANTITIES`; (QUANTITIES,).
+        asked: expected asks of each robot in each cell; (2, cells).
+        stays: expected steps that each robot acts in each cell; (2, cells).
+        brought: mean and square of what a step brings of each quantity; (2, QUANTITIES).
+        so_far: mean of each quantity so far, times the probability of the joint state, now and
+            after the step; (2, cells^2, QUANTITIES), or (2, 0, QUANTITIES) where squares are not
+            wanted.
+    """
+
+    robots: np.ndarray
+    team: np.ndarray
+    squares: np.ndarray
+    asked: np.ndarray
+    stays: np.ndarray
+    brought: np.ndarray
+    so_far: np.ndarray
+
+
+def carry(
+    pair: Pair,
+    likely: np.ndarray,
+    later: np.ndarray,
+    here: np.ndarray,
+    there: np.ndarray,
+    sums: Sums,
+    most: float,
+) -> bool:
+    """Add up what a trial brings on average; False: steps have more outcomes than `most`.
+
+    Args:
+        pair: the two robots.
+        likely: space for the probabilities of the joint states, 0; (cells^2,).
+        later: as `likely`.
+        here: space for the joint states that are possible; (cells^2,).
+        there: as `here`.
+        sums: filled.
+        most: outcomes of steps after which to give up.
+    """
+    cells = len(pair.lead)
+    one = pair.goals[0]
+    other = pair.goals[1]
+    home = one * cells + other
+    squared = sums.so_far.shape[1] > 0
+    here[0] = pair.starts[0] * cells + pair.starts[1]
+    likely[here[0]] = 1.0
+    count = 1
+    factor = 1.0
+    followed = 0
+    for t in range(pair.horizon):
+        found = 0
+        if followed > most:
+            return False
+        for i in range(count):
+            state = here[i]
+            p = likely[state]
+            likely[state] = 0.0
+            x = state // cells
+            z = state % cells
+            acts(pair, sums, 0, x, p, factor)
+            acts(pair, sums, 1, z, p, factor)
+            for a in range(OUTCOMES):
+                first = p * outcome(pair, 0, x, z, a)
+                if first == 0.0:
+                    continue
+                for b in range(OUTCOMES):
+                    q = first * outcome(pair, 1, z, x, b)
+                    if q == 0.0:
+                        continue
+                    followed += 1
+                    y = pair.lead[x, a]
+                    w = pair.lead[z, b]
+                    target = y * cells + w
+                    pay(pair, sums, x, z, y, w, factor * q, q)
+                    if squared:
+                        bring(pair, sums.brought, 0, x, z, y, w, a, factor)
+                        bring(pair, sums.brought, 1, z, x, w, y, b, factor)
+                        pass_on(sums, t % 2, state, target, q, q / p)
+                    if target != home:
+                        if later[target] == 0.0:
+                            there[found] = target
+                            found += 1
+                        later[target] += q
+            if squared:
+                sums.so_far[t % 2, state] = 0.0
+        likely, later = later, likely
+        here, there = there, here
+        count = found
+        factor *= pair.discount
+        if squared:
+            sums.so_far[(t + 1) % 2, home] = 0.0
+    return True
+
+
+@inner
+def acts(pair: Pair, sums: Sums, k: int, x: int, p: float, factor: float) -> None:
+    """Add up that robot k acts in cell x, unless it has arrived."""
+    if x != pair.goals[k]:
+        asks = p * pair.asks[k, x]
+        sums.robots[TIME, k] += p
+        sums.robots[ASKS, k] += asks
+        sums.robots[REWARD, k] -= factor * p * pair.asks[k, x] * pair.cost
+        sums.stays[k, x] += p
+        sums.asked[k, x] += asks
+
+
+@inner
+def outcome(pair: Pair, k: int, x: int, z: int, outcome: int) -> float:
+    """Return how likely robot k's step from x, its peer in z, is one move, or that it stays."""
+    arrived = x == pair.goals[k]
+    if outcome != STAY:
+        return 0.0 if arrived else pair.success * pair.moves[k, x, z, outcome]
+    return 1.0 if arrived else 1.0 - pair.success
+
+
+@inner
+def pay(
+    pair: Pair, sums: Sums, x: int, z: int, y: int, w: int, worth: float, q: float
+) -> None:
+    """Add up what a step from (x, z) to (y, w) pays, its probability q, discounted: `worth`."""
+    if pair.meets[y, w]:
+        sums.team[CONFLICTS] += q
+        sums.robots[REWARD, 0] += worth * pair.penalties[0]
+        sums.robots[REWARD, 1] += worth * pair.penalties[1]
+    if y == pair.goals[0] and x != y:
+        sums.robots[REWARD, 0] += worth * pair.worth
+    if w == pair.goals[1] and z != w:
+        sums.robots[REWARD, 1] += worth * pair.worth
+    if y == pair.goals[0] and w == pair.goals[1]:
+        sums.team[ARRIVED] += q
+
+
+@inner
+def bring(
+    pair: Pair,
+    brought: np.ndarray,
+    k: int,
+    x: int,
+    z: int,
+    y: int,
+    w: int,
+    a: int,
+    factor: float,
+) -> None:
+    """Write mean and square of what a step brings to robot k, which it leads from x to y.
+
+    The peer is led from z to w, the step comes to `a`, and its reward counts `factor` times.
+    """
+    acting = 1.0 if x != pair.goals[k] else 0.0
+    meets = 1.0 if pair.meets[y, w] else 0.0
+    asked = acting * pair.asked[k, x, z, a]
+    paid = meets * pair.penalties[k]
+    if acting and y == pair.goals[k]:
+        paid += pair.worth
+    with_cost = paid - pair.cost
+    brought[0, 2 * REWARD + k] = factor * (paid - asked * pair.cost)
+    brought[1, 2 * REWARD + k] = factor**2 * (
+        asked * with_cost * with_cost + (1.0 - asked) * paid * paid
+    )
+    brought[:, 2 * TIME + k] = acting
+    brought[:, 2 * ASKS + k] = asked
+    brought[:, QUANTITIES - 1] = meets
+
+
+@inner
+def pass_on(
+    sums: Sums, now: int, state: int, target: int, q: float, share: float
+) -> None:
+    """Add what was brought to the squares, and to the means of the state that a step leads to.
+
+    (X + c)^2 is X^2 + 2 c X + c^2. The step's probability is q, `share` that of the state's.
+    """
+    for i in range(QUANTITIES):
+        mean = sums.brought[0, i]
+        square = sums.brought[1, i]
+        before = share * sums.so_far[now, state, i]
+        sums.so_far[1 - now, target, i] += before + q * mean
+        sums.squares[i] += 2.0 * mean * before + q * square
+
+
+@functools.cache
+def compiled() -> Callable[..., Any]:
+    """Return `carry`, compiled by numba where it is installed (when it is first called)."""
+    return jit([carry])[0] if has_numba() else carry

@@ -1,0 +1,104 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The joint finite MDP of a scenario as arrays P and R, for planners that others wrote.
+
+One controller sees the joint state, chooses every robot's move and pays nothing for asking: the
+problem whose value `optimum` computes.
+"""
+
+import functools
+from dataclasses import dataclass
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from sparse_coord_ros.base.errors import SettingError
+from sparse_coord_ros.core.game.actions import PRIMITIVES
+from sparse_coord_ros.core.game.scenario import ScenarioLike, loaded
+from sparse_coord_ros.core.solve.optimum import LARGEST, payment, successors
+
+
+@dataclass(frozen=True)
+class JointMDP:
+    """A finite MDP.
+
+    Attributes:
+        P: for each joint action a sparse matrix of SciPy, shape (states, states): the probability
+            of the next state [s, s'].
+        R: expected reward, averaged over the robots, shape (states, actions).
+        discount: gamma.
+        start: number of the scenario's joint start.
+        goal: number of the state in which all have arrived; it is absorbing and pays goal_reward a
+            step.
+        shape: (cells,) * robots: `numpy.unravel_index` gives a state's cells by it.
+        actions: the moves of each joint action, shape (actions, robots), as of
+            `core.game.actions`.
+    """
+
+    P: tuple[Any, ...]
+    R: np.ndarray
+    discount: float
+    start: int
+    goal: int
+    shape: tuple[int, ...]
+    actions: np.ndarray
+
+    def __repr__(self) -> str:
+        """Return what it is, on one line."""
+        return "<JointMDP of {} states and {} actions>".format(*self.R.shape)
+
+
+def joint_mdp(scenario: ScenarioLike) -> JointMDP:
+    """Return the finite MDP whose value `optimum` computes, as arrays for planners.
+
+    One controller sees every robot's cell, chooses every robot's move, and pays nothing for
+    asking: `P[a]` holds the probabilities of the next joint state, `R` the expected rewards.
+
+    Raises:
+        SettingError: it has more than 100,000 joint states.
+    """
+    from scipy import sparse
+
+    scenario = loaded(scenario)
+    cells = len(scenario.map.cells)
+    team = range(len(scenario.robots))
+    states = cells ** len(team)
+    if states > LARGEST:
+        more = f"allowed for a joint MDP: up to {LARGEST:,}; choose fewer robots or a smaller map"
+        raise SettingError(
+            f"scenario {scenario.name}: has {states:,} joint states, {more}"
+        )
+    p = scenario.move_success
+    stays = sparse.identity(
+        cells, format="csr"
+    )  # row x is cell x: stays[to] leads to `to`
+    own = [
+        [p * stays[to] + (1.0 - p) * stays for to in successors(scenario, k)]
+        for k in team
+    ]
+    shape = (cells,) * len(team)
+    starts, goals = zip(
+        *((robot.start, robot.goal) for robot in scenario.robots), strict=True
+    )
+    goal = int(np.ravel_multi_index(goals, shape))
+    chosen = list(product(range(PRIMITIVES), repeat=len(team)))
+    both = functools.partial(sparse.kron, format="csr")
+    transitions = [
+        sparse.csr_array(
+            functools.reduce(both, [own[k][move] for k, move in enumerate(moves)])
+        )
+        for moves in chosen
+    ]
+    paid = payment(scenario).ravel()
+    rewards = np.column_stack([matrix @ paid for matrix in transitions])
+    rewards[goal] = scenario.goal_reward
+    return JointMDP(
+        tuple(transitions),
+        rewards,
+        scenario.discount,
+        int(np.ravel_multi_index(starts, shape)),
+        goal,
+        shape,
+        np.array(chosen),
+    )

@@ -1,0 +1,156 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The exact joint optimum: value iteration over joint states and joint actions.
+
+The yardstick for Coop.: a single controller that sees the full joint state, chooses the joint
+action and pays nothing for asking. Its value is the average over the robots, as in the paper.
+"""
+
+import hashlib
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sparse_coord_ros.core.game.miscoordination import meeting_places, miscoordinated
+from sparse_coord_ros.core.game.scenario import Scenario, ScenarioLike, loaded
+
+LARGEST = 100_000
+"""Largest number of joint states that is solved exactly."""
+
+TOLERANCE = 1e-11
+"""Largest change of a sweep, as a share of the greatest value."""
+
+
+@dataclass(frozen=True)
+class Optimum:
+    """The best value of any joint policy, averaged over the robots.
+
+    Attributes:
+        value: total discounted reward from the scenario's starts.
+        exact: True: the optimum itself; False: an upper bound, each robot alone and unhindered.
+        joint_states: number of joint states of the scenario.
+    """
+
+    value: float
+    exact: bool
+    joint_states: int
+
+
+def joint_optimum(scenario: ScenarioLike) -> Optimum:
+    """Return the exact joint optimum: full joint state and action, no cost of asking.
+
+    Its `value` is the total discounted reward from the starts, averaged over the robots. Where the
+    joint state space is too large (`exact` is False), it is an upper bound.
+
+    It does not depend on how robots learn: it is computed once for all scenarios that are the
+    same but for that.
+    """
+    scenario = loaded(scenario)
+    cells = len(scenario.map.cells)
+    team = len(scenario.robots)
+    states = cells**team
+    if states > LARGEST:
+        return Optimum(independent_bound(scenario), False, states)
+    leads = [successors(scenario, k) for k in range(team)]
+    paid = payment(scenario)
+    starts, goals = zip(
+        *((robot.start, robot.goal) for robot in scenario.robots), strict=True
+    )
+    numbers = scenario.discount, scenario.move_success, scenario.goal_reward
+    arrays = hashlib.sha256(
+        np.concatenate([paid.ravel(), *map(np.ravel, leads)]).tobytes()
+    )
+    key = starts, goals, numbers, paid.shape, arrays.digest()
+    if key not in _solved:
+        _solved[key] = _solve(scenario, leads, paid)
+    return Optimum(_solved[key], True, states)
+
+
+_solved: dict[Hashable, float] = {}
+
+
+def _solve(scenario: Scenario, leads: Sequence[np.ndarray], paid: np.ndarray) -> float:
+    """Return the optimum; arguments as `successors` and `payment` return them."""
+    start = tuple(robot.start for robot in scenario.robots)
+    return float(
+        _worth(scenario, leads, paid).max(axis=tuple(range(len(leads))))[start]
+    )
+
+
+def _worth(
+    scenario: Scenario, leads: Sequence[np.ndarray], paid: np.ndarray
+) -> np.ndarray:
+    """Return the worth of joint actions, last robot first, in joint states."""
+    value = np.zeros(paid.shape)
+    every = (slice(None),) * len(leads)
+    p = scenario.move_success
+    goal = tuple(robot.goal for robot in scenario.robots)
+    while True:
+        # What the joint state is worth that a step leads to; each robot adds its axis in front.
+        worth: np.ndarray = scenario.discount * value + paid
+        for k, lead in enumerate(leads):
+            worth = np.stack(
+                [p * worth.take(to, 2 * k) + (1.0 - p) * worth for to in lead]
+            )
+        # All have arrived: the trial is over, and nobody pays where they stand in one doorway.
+        worth[every + goal] = scenario.goal_reward / (1.0 - scenario.discount)
+        best = worth.max(axis=tuple(range(len(leads))))
+        if np.abs(best - value).max() <= TOLERANCE * max(1.0, np.abs(best).max()):
+            return worth
+        value = best
+
+
+def independent_bound(scenario: Scenario) -> float:
+    """Return what the robots would be worth without penalties: no policy can be worth more.
+
+    Each robot is alone on a shortest path.
+    """
+    robots = scenario.robots
+    ways = scenario.map.distances_to
+    far = np.array([ways(robot.goal)[robot.start] for robot in robots])
+    return float(np.mean(worth_alone(scenario, far)))
+
+
+def worth_alone(
+    scenario: Scenario, far: np.ndarray, *, moved: bool = False
+) -> np.ndarray:
+    """Return what a robot alone in the world is worth, so many moves from its goal.
+
+    The time to goal T is negative binomial, and the goal pays goal_reward / (1 - gamma) *
+    gamma^(T-1). At the goal, and where no way leads to it, that is 0.
+
+    Args:
+        scenario: the problem.
+        far: moves to the goal; negative: there is no way.
+        moved: the value as a step ends there that is yet to be paid, not as one begins: at the
+            goal it has just arrived.
+
+    Returns:
+        Shape of `far`.
+    """
+    gamma = scenario.discount
+    p = scenario.move_success
+    prize = scenario.goal_reward / (1.0 - gamma)
+    later = gamma ** np.maximum(far if moved else far - 1, 0)
+    worth = prize * later * (p / (1.0 - gamma * (1.0 - p))) ** far
+    return np.where(far < (0 if moved else 1), 0.0, worth)
+
+
+def successors(scenario: Scenario, k: int) -> np.ndarray:
+    """Shape (moves, cells): where a successful move leads; an arrived robot stays."""
+    table = scenario.map.next_cell.T.copy()
+    table[:, scenario.robots[k].goal] = scenario.robots[k].goal
+    return table
+
+
+def payment(scenario: Scenario) -> np.ndarray:
+    """Shape (cells,) * robots: average reward of a step that ends in that joint state."""
+    cells = len(scenario.map.cells)
+    team = len(scenario.robots)
+    paid = np.zeros((cells,) * team)
+    states = np.indices(paid.shape)
+    for k, robot in enumerate(scenario.robots):
+        paid += np.where(states[k] == robot.goal, scenario.goal_reward, 0.0)
+    conflict = miscoordinated(meeting_places(scenario)[states])
+    return paid / team + np.where(conflict, sum(scenario.penalties) / team, 0.0)

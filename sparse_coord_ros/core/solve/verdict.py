@@ -1,0 +1,138 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The last word on a learned team: what it earns, what it loses, and whether it coordinates."""
+
+from typing import NamedTuple
+
+from sparse_coord_ros.core.game.percepts import percepts_can_succeed
+from sparse_coord_ros.core.game.scenario import Scenario
+from sparse_coord_ros.core.learners.factored import Factored
+from sparse_coord_ros.core.learners.learner import Learner
+from sparse_coord_ros.core.runs.evaluation import Evaluation
+from sparse_coord_ros.core.solve.exact import ExactEvaluation
+from sparse_coord_ros.core.solve.optimum import independent_bound
+from sparse_coord_ros.core.solve.reference import shortest_path_reference
+from sparse_coord_ros.core.solve.shipped import yardsticks
+
+HARDLY_EVER = 1e-3
+"""Share of the trials in which some robot may fail to arrive."""
+
+SLIGHT = 0.005
+"""A loss is slight up to this share of what a robot alone in the world earns."""
+
+ENOUGH = 0.5
+"""Coordination counts as learned from this share of the gap on."""
+
+RARE = 0.05
+"""COORDINATE per robot and episode below which a team is said not to ask.
+
+Once in twenty episodes changes nothing that a robot does: such asks are leftovers of exploration.
+"""
+
+SURE = 3.0
+"""Standard errors by which a team must be worse to be called worse."""
+
+LOST = "lost"
+WORSE = "worse"
+NEEDLESS = "needless"
+IN_VAIN = "in vain"
+SILENT = "silent"
+LEARNED = "learned"
+FAILING = "failing"
+
+
+def needless(scenario: Scenario) -> bool:
+    """Return whether robots that ignore each other lose only slightly.
+
+    They take fixed shortest paths. The loss is that against robots alone in the world.
+    """
+    alone = independent_bound(scenario)
+    return alone - shortest_path_reference(scenario).reward <= SLIGHT * alone
+
+
+class LastWord(NamedTuple):
+    """What became of a team: one of the words above, and sentences for people."""
+
+    kind: str
+    text: str
+
+
+def last_word(
+    scenario: Scenario, learner: Learner, found: Evaluation | ExactEvaluation
+) -> LastWord:
+    """Return what a team earns, beside robots that ignore each other and the best team known.
+
+    Robots that ignore each other take fixed shortest paths and never ask. The gap is what the
+    best team known earns more than they. A team has learned to coordinate if its robots ask and
+    it closes at least half of the gap. A team whose robots do not ask may earn more than robots
+    that ignore each other, too: by its choice among equally short paths, or by a detour.
+
+    Args:
+        scenario: the problem.
+        learner: who learned.
+        found: the value of its team.
+    """
+    advice = _advice(scenario, learner)
+    missed = 1.0 - found.all_arrived
+    if missed > HARDLY_EVER:
+        remedy = "more steps"
+        if not isinstance(learner, Factored):
+            remedy = "--learner factored or more steps"
+        return LastWord(
+            LOST,
+            f"In {missed:.1%} of the trials some robot did not arrive. Try {remedy}.",
+        )
+    alone = independent_bound(scenario)
+    ignoring = shortest_path_reference(scenario)
+    earned = found.reward.mean
+    slight = SLIGHT * alone
+    if ignoring.reward - earned > slight + SURE * found.reward.standard_error:
+        return LastWord(
+            WORSE,
+            f"This team is worse than robots that ignore each other: a robot earns {earned:.2f}, "
+            f"on shortest paths without asking {ignoring.reward:.2f}. {advice}",
+        )
+    [(name, best), *_] = yardsticks(scenario)
+    gap = best - ignoring.reward
+    if gap <= slight:
+        return LastWord(
+            NEEDLESS,
+            f"Coordination is not needed here: robots that ignore each other earn "
+            f"{ignoring.reward:.2f} each, the {name} {best:.2f}. A robot of this team earns "
+            f"{earned:.2f}.",
+        )
+    own = f"a robot earns {earned:.2f}, robots that ignore each other {ignoring.reward:.2f}"
+    if not percepts_can_succeed(scenario):
+        return LastWord(IN_VAIN, f"{advice} In this team {own}.")
+    asks = found.asks.mean
+    if not learner.asks or asks < RARE:
+        why = f"a robot asks {asks:.2g} times an episode"
+        if not learner.asks:
+            why = f"the learner {learner.title or learner.label} cannot ask"
+        return LastWord(
+            SILENT,
+            f"The team does not coordinate by asking: {why}. In this team {own}, "
+            f"the {name} {best:.2f}. {advice}",
+        )
+    gain = earned - ignoring.reward
+    said = (
+        f"{own}. This closes {gain / gap:.0%} of the gap to the {name} ({best:.2f}; loss "
+        f"{best - earned:.2f}). Miscoordinations per episode: {found.miscoordinations.mean:.2g} "
+        f"instead of {ignoring.miscoordinations:.2g}."
+    )
+    if gain >= ENOUGH * gap:
+        return LastWord(LEARNED, f"The team learned to coordinate: {said}")
+    return LastWord(FAILING, f"The team hardly coordinates: {said} {advice}")
+
+
+def _advice(scenario: Scenario, learner: Learner) -> str:
+    """Return what helps a team that does not coordinate.
+
+    More steps help Factored only: others settle on not asking (docs/design.md).
+    """
+    if not percepts_can_succeed(scenario):
+        setting = f"perception {scenario.perception}, link {scenario.link}"
+        return f"Asking cannot help here: no percept can succeed ({setting})."
+    if isinstance(learner, Factored):
+        return "Try more steps."
+    return "Try --learner factored."

@@ -1,0 +1,268 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A kinematic simulator of bodies: differential drives among walls, with seeded noise.
+
+What it leaves out: inertia, sensors, and what happens after a collision. Bodies that touch each
+other are counted, and drive on through each other; walls stop them.
+"""
+
+import itertools
+import math
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from sparse_coord_ros.core.game.streams import bit_generator
+from sparse_coord_ros.lab.driving.ground import Ground, Pose
+from sparse_coord_ros.lab.driving.steering import STOP, Command
+from sparse_coord_ros.protocol.lockstep.bodies import BEGIN, Goals
+
+BODIES = 2
+"""The phase of the bodies' random draws. `core.game.streams` has the other phases."""
+
+WHEELS, SENSORS = range(2)
+"""Roles of a body's draws."""
+
+TRACK = 1.6
+"""Metres between the wheels, in radii of the body."""
+
+BIAS = 0.25
+"""How far wheels differ in size from what the odometry takes them for, in shares of the noise."""
+
+IN_DOORWAY = "doorway"
+ELSEWHERE = "elsewhere"
+
+
+class Noise(NamedTuple):
+    """How unsure bodies are; standard deviations.
+
+    Attributes:
+        wheels: of a wheel's speed in a tick, as a share of it; a quarter of it is each wheel's
+            own, for good: the odometry drifts.
+        pose: of a localised position, in metres; of its yaw, as many radians.
+    """
+
+    wheels: float = 0.1
+    pose: float = 0.01
+
+
+class Touch(NamedTuple):
+    """Two bodies began to touch.
+
+    Attributes:
+        seconds: when.
+        robots: which, from 0.
+        where: `IN_DOORWAY` where one of their middles is in a doorway, else `ELSEWHERE`.
+        place: (x, y) between them.
+    """
+
+    seconds: float
+    robots: tuple[int, int]
+    where: str
+    place: tuple[float, float]
+
+
+class Body:
+    """A differential drive.
+
+    Args:
+        ground: the floor.
+        noise: how unsure it is.
+        seed: the run's seed.
+        robot: its number, from 0.
+
+    Attributes:
+        pose: where it is.
+        odometry: where it would be by what its wheels were told, since it was put somewhere.
+        command: what it was last told.
+        bumps: how often it drove against a wall.
+    """
+
+    def __init__(self, ground: Ground, noise: Noise, seed: int, robot: int) -> None:
+        self._ground = ground
+        self._noise = noise
+        draws = (bit_generator(seed, robot, role, BODIES) for role in (WHEELS, SENSORS))
+        self._wheels, self._sensors = map(np.random.Generator, draws)
+        self._bias = 1.0 + BIAS * noise.wheels * self._wheels.standard_normal(2)
+        self._track = TRACK * ground.radius
+        self._against = False
+        self.pose = self.odometry = Pose(0.0, 0.0, 0.0)
+        self.command = STOP
+        self.bumps = 0
+
+    def put(self, x: float, y: float) -> None:
+        """Put the body somewhere, its nose as it was; its odometry begins there."""
+        self.pose = self.odometry = Pose(x, y, self.pose.yaw)
+        self.command = STOP
+
+    def tick(self, seconds: float) -> None:
+        """Let time pass."""
+        ahead, turn = self.command
+        if not (ahead or turn):
+            return
+        self.odometry = _arc(self.odometry, ahead, turn, seconds)
+        errors = self._bias * (
+            1.0 + self._noise.wheels * self._wheels.standard_normal(2)
+        )
+        left = (ahead - turn * self._track / 2) * float(errors[0])
+        right = (ahead + turn * self._track / 2) * float(errors[1])
+        wanted = _arc(
+            self.pose, (left + right) / 2, (right - left) / self._track, seconds
+        )
+        for x, y in (
+            wanted[:2],
+            (wanted.x, self.pose.y),
+            (self.pose.x, wanted.y),
+            self.pose[:2],
+        ):
+            if not self._ground.blocked(x, y):
+                break
+        against = (x, y) != wanted[:2]
+        self.bumps += against and not self._against
+        self._against = against
+        self.pose = Pose(x, y, wanted.yaw)
+
+    def seen(self) -> Pose:
+        """Return the pose as its localisation has it; each look draws anew."""
+        dx, dy, turn = (self._noise.pose * self._sensors.standard_normal(3)).tolist()
+        return Pose(self.pose.x + dx, self.pose.y + dy, self.pose.yaw + turn)
+
+
+def _arc(pose: Pose, ahead: float, turn: float, seconds: float) -> Pose:
+    """Return where a body is after driving an arc."""
+    angle = turn * seconds
+    yaw = math.remainder(pose.yaw + angle, math.tau)
+    middle = pose.yaw + angle / 2
+    chord = (
+        ahead
+        * seconds
+        * (math.sin(angle / 2) / (angle / 2) if abs(angle) > 1e-9 else 1.0)
+    )
+    return Pose(
+        pose.x + chord * math.cos(middle), pose.y + chord * math.sin(middle), yaw
+    )
+
+
+class Arena:
+    """The bodies of a team.
+
+    In step with the drivers, time passes by a tick with all goals, and then whenever each body
+    that is under way has been told what to do next; it stands still otherwise. So what happens
+    depends on the seed alone, not on how long anybody takes. Else time passes whenever `tick` is
+    called, as on a real floor.
+
+    Args:
+        ground: the floor.
+        count: how many there are.
+        seed: the run's seed.
+        noise: how unsure they are.
+        period: seconds a tick.
+
+    Attributes:
+        bodies: one a robot.
+        ticks: how many have passed.
+        touches: where bodies began to touch each other.
+    """
+
+    def __init__(
+        self, ground: Ground, count: int, seed: int, noise: Noise, period: float
+    ) -> None:
+        self.ground = ground
+        self.period = period
+        self.bodies = [Body(ground, noise, seed, k) for k in range(count)]
+        self.ticks = self._number = 0
+        self.touches: list[Touch] = []
+        self._under_way: set[int] = set()
+        self._told: dict[int, Command] = {}
+        self._touching: set[tuple[int, int]] = set()
+
+    @property
+    def seconds(self) -> float:
+        """The simulated time."""
+        return BEGIN + self.ticks * self.period
+
+    @property
+    def bumps(self) -> int:
+        """How often bodies drove against walls."""
+        return sum(body.bumps for body in self.bodies)
+
+    def put(self, cells: Mapping[int, int]) -> None:
+        """Put bodies into cells."""
+        for robot, cell in cells.items():
+            self.bodies[robot].put(*self.ground.place(robot, cell))
+        self._touching = set(self._touching_now())
+
+    def send(self, goals: Goals) -> bool:
+        """Take in what bodies are told; return whether that is new, and time has passed."""
+        if goals.number == self._number:
+            return False
+        self._number = goals.number
+        # A simulator that was started again: drivers wait for poses newer than what they know.
+        self.ticks = max(self.ticks, round((goals.since - BEGIN) / self.period))
+        self._told.clear()
+        self._under_way = set()
+        for body in self.bodies:
+            body.command = STOP
+        if goals.place:
+            self.put({goal.robot: goal.end for goal in goals.bodies})
+        else:
+            self._under_way = {goal.robot for goal in goals.bodies}
+        self.tick()
+        return True
+
+    @property
+    def waits_for(self) -> set[int]:
+        """The robots whose drivers are to say something next; all, where nobody is under way."""
+        return self._under_way - self._told.keys() or set(range(len(self.bodies)))
+
+    def reached(self, robot: int, number: int) -> bool:
+        """Take in that a body has ended its goal; return whether time has passed."""
+        if number != self._number or robot not in self._under_way:
+            return False
+        self._under_way.discard(robot)
+        self._told.pop(robot, None)
+        self.bodies[robot].command = STOP
+        return self._tick_when_told()
+
+    def told(self, robot: int, command: Command) -> bool:
+        """Take in what a body is to do, in step; return whether time has passed.
+
+        A stop is ignored: no body moves while no time passes.
+        """
+        if not any(command):
+            return False
+        self._told[robot] = command
+        return self._tick_when_told()
+
+    def _tick_when_told(self) -> bool:
+        if not self._under_way or not self._under_way <= self._told.keys():
+            return False
+        for robot, body in enumerate(self.bodies):
+            body.command = self._told[robot] if robot in self._under_way else STOP
+        self._told.clear()
+        self.tick()
+        return True
+
+    def tick(self) -> None:
+        """Let one tick of time pass."""
+        self.ticks += 1
+        for body in self.bodies:
+            body.tick(self.period)
+        now = set(self._touching_now())
+        for pair in sorted(now - self._touching):
+            (x, y), (x2, y2) = (self.bodies[k].pose[:2] for k in pair)
+            inside = self.ground.in_doorway(x, y) or self.ground.in_doorway(x2, y2)
+            where = IN_DOORWAY if inside else ELSEWHERE
+            self.touches.append(
+                Touch(self.seconds, pair, where, ((x + x2) / 2, (y + y2) / 2))
+            )
+        self._touching = now
+
+    def _touching_now(self) -> list[tuple[int, int]]:
+        reach = 2 * self.ground.radius
+        places = enumerate(body.pose[:2] for body in self.bodies)
+        pairs = itertools.combinations(places, 2)
+        return [
+            (j, k) for (j, here), (k, there) in pairs if math.dist(here, there) < reach
+        ]

@@ -1,0 +1,110 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""One body's driver as a state machine: goals and poses in, commands and reports out."""
+
+import math
+
+from sparse_coord_ros.lab.driving.ground import Ground, Pose
+from sparse_coord_ros.lab.driving.mover import SLACK, Look, Mover
+from sparse_coord_ros.lab.driving.steering import STOP, Command, Limits, distance, steer
+from sparse_coord_ros.protocol.lockstep.bodies import Goals, Reached
+
+ASTRAY = 0.25
+"""Share of a cell that a body may be off the line to its next place before it goes back to it."""
+
+
+class Driver(Mover):
+    """Steers one robot's body from cell to cell.
+
+    It is where it was to go when it is near its place there. When time is over the body stops, and
+    the cell that it is in counts. After goals and poses, ask what is `next`.
+
+    Args:
+        ground: the floor.
+        limits: what the body may do.
+        robot: whose body, from 0.
+    """
+
+    def __init__(self, ground: Ground, limits: Limits, robot: int) -> None:
+        super().__init__(ground, robot)
+        self._limits = limits
+        self._way: list[tuple[float, float]] = []
+        self._answered = math.nan
+
+    def take(self, goals: Goals) -> bool:
+        """As of `Mover`."""
+        new = super().take(goals)
+        if new:
+            self._way = []
+            self._answered = math.nan
+        return new
+
+    def begin_again(self) -> None:
+        """As of `Mover`."""
+        super().begin_again()
+        self._answered = math.nan
+
+    def next(self) -> tuple[Command | None, Reached | None]:
+        """Return what the body is to do now, and how its goal ended if it has.
+
+        None for both where there is nothing to do, or nothing new was seen since. Where the same
+        pose comes again and again, the last answer was lost, and is given again.
+        """
+        look = self._look()
+        if self._goal is None:
+            return None, self._ended if self._unheard else None
+        if look is None or not self._newer(look):
+            return None, None  # a newer pose is to come
+        if look.goals.place:
+            return None, self._placed(look)
+        if look.stamp == self._answered and not self._unheard:
+            return None, None
+        self._answered = look.stamp
+        return self._steered(look)
+
+    def _steered(self, look: Look) -> tuple[Command, Reached | None]:
+        """Steer to the next place of the way; stop where it ends, or when time is over."""
+        if self._began is None:
+            self._began = look.stamp
+        self._way = way = self._way or self._find_way(look)
+        pose = look.pose
+        near = self._limits.near
+        while len(way) > 1 and distance(pose, way[0]) <= near:
+            way.pop(0)
+        if distance(pose, way[0]) <= near:
+            return STOP, self._end(look, there=True)
+        if look.stamp - self._began >= self._limits.seconds - SLACK:
+            return STOP, self._end(look, there=False)
+        return steer(pose, way[0], self._limits), None
+
+    def _find_way(self, look: Look) -> list[tuple[float, float]]:
+        """Return the places to pass, the goal last: through free cells, wherever the body is."""
+        ground = self._ground
+        robot = self._robot
+        (_, goal, pose, _, target) = look
+        here = ground.cell(pose.x, pose.y)
+        if here is None or here == goal.end:
+            return [target]
+        grid = ground.grid
+        if goal.end in grid.next_cell[here].tolist():
+            place = ground.place(robot, here)
+            astray = _off_line(pose, place, target) > ASTRAY * ground.side
+            return [place, target] if astray else [target]
+        ways = grid.distances_to(goal.end)
+        if ways[here] < 0:
+            return [target]
+        cells = [here]
+        while cells[-1] != goal.end:
+            cells.append(
+                min(grid.next_cell[cells[-1]].tolist(), key=lambda x: int(ways[x]))
+            )
+        return [ground.place(robot, cell) for cell in cells]
+
+
+def _off_line(
+    pose: Pose, start: tuple[float, float], end: tuple[float, float]
+) -> float:
+    """Return the metres from a pose to the line through two places."""
+    dx = end[0] - start[0]
+    dy = end[1] - start[1]
+    return abs(dx * (pose.y - start[1]) - dy * (pose.x - start[0])) / math.hypot(dx, dy)

@@ -1,0 +1,317 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Moves as goals of a navigation server (Nav2), as a state machine: what it says is one opinion.
+
+Poses decide, not the server's results. A result is a reason to look: the cell of the next pose
+counts, whether the server speaks of success or not. Each goal that was sent is followed until the
+server says that it is over; a goal that is not wanted any more is cancelled first.
+"""
+
+import math
+from collections import Counter
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+from sparse_coord_ros.lab.driving.ground import Ground, Pose
+from sparse_coord_ros.lab.driving.mover import Look, Mover
+from sparse_coord_ros.lab.driving.steering import distance
+from sparse_coord_ros.protocol.lockstep.bodies import Reached
+
+SETTLE_SECONDS = 1.0
+"""How long a newer pose is waited for: some localisations are silent where a body stands."""
+
+BACKOFF_SECONDS = 0.25
+LONGEST_BACKOFF = 4.0
+"""Until a goal is sent again; twice as long after each time."""
+
+ANSWER_SECONDS = 2.0
+"""How long the server's answer is waited for, to a goal and to its cancelling."""
+
+
+class NavLimits(NamedTuple):
+    """What is asked of the server.
+
+    Attributes:
+        near: metres from a place within which the body is there, whatever the server says.
+        seconds: a move may take.
+        silence: seconds without feedback until a goal is given up; 0: for ever.
+        detour: metres left to go beyond which a move is given up; 0: any way is taken.
+        bring: whether the server also brings bodies to where an episode begins.
+    """
+
+    near: float
+    seconds: float
+    silence: float = 1.0
+    detour: float = 0.0
+    bring: bool = True
+
+
+class NavPort(Protocol):
+    """What can be done to the server. A ticket is this client's number of a goal."""
+
+    def send(self, ticket: int, target: Pose) -> bool:
+        """Send a goal; False: there is no server."""
+
+    def cancel(self, ticket: int) -> None:
+        """Ask the server to end a goal that it has accepted."""
+
+    def cancel_all(self) -> object:
+        """Ask the server to end whatever goals it has."""
+
+    def say(self, text: str) -> None:
+        """Tell people that something went wrong."""
+
+
+@dataclass
+class _Sent:
+    """A goal that the server has, or may have.
+
+    Attributes:
+        ticket: its number.
+        goals: the number of the goals that it belongs to.
+        since: when it was sent.
+        heard: when the server last spoke of it; None: it has not accepted it.
+        cancelled: when its end was asked for.
+    """
+
+    ticket: int
+    goals: int
+    since: float
+    heard: float | None = None
+    cancelled: float | None = None
+
+
+class Navigator(Mover):
+    """Sends one robot's body from cell to cell by a navigation server, one goal a cell.
+
+    All times `now` are seconds of one clock that does not go back. After each event, and every
+    now and then, ask what is `next`.
+
+    Args:
+        ground: the floor.
+        limits: what is asked of the server.
+        robot: whose body, from 0.
+        port: how the server is reached.
+
+    Attributes:
+        held: whether nothing may be driven.
+        counts: how moves ended, and why goals were given up.
+    """
+
+    def __init__(
+        self, ground: Ground, limits: NavLimits, robot: int, port: NavPort
+    ) -> None:
+        super().__init__(ground, robot)
+        self._limits = limits
+        self._port = port
+        self._sent: _Sent | None = None
+        self._tickets = self._number = self._tries = 0
+        self._taken = self._again = 0.0
+        self._blind = self.held = False
+        self._over: tuple[float, float] | None = (
+            None  # since when, and the newest pose's stamp
+        )
+        self.counts: Counter[str] = Counter()
+
+    @property
+    def clear(self) -> bool:
+        """Whether the server has no goal of this client, as far as is known."""
+        return self._sent is None
+
+    def sees(self, seconds: float, pose: Pose) -> None:
+        """As of `Mover`."""
+        super().sees(seconds, pose)
+        self._blind = False
+
+    def give_up(self, now: float, kind: str, why: str, *, blind: bool = False) -> None:
+        """Cancel the goal that is under way, and end the move where the body stands.
+
+        A body that is to be brought somewhere is sent again.
+
+        Args:
+            now: the time.
+            kind: what it counts as.
+            why: what is said of it.
+            blind: nobody knows where the body is, until the next pose.
+        """
+        self._blind |= blind
+        self._leave(now)
+        if self._goal is None or self._over is not None:
+            return
+        self.counts[kind] += 1
+        self._port.say(why)
+        if self._goals.place:
+            self._wait(now)
+        else:
+            self._over = now, self._stamp
+
+    def accepted(self, ticket: int, now: float) -> None:
+        """Take in that the server has accepted a goal; one that is not wanted is cancelled."""
+        sent = self._sent
+        if sent is None or sent.ticket != ticket:
+            self.counts["late acceptances"] += 1
+            self._port.say("Nav2 accepted a goal too late: it is cancelled")
+            self._port.cancel(ticket)
+            return
+        sent.heard = now
+        if sent.cancelled is not None:
+            self._port.cancel(ticket)
+
+    def rejected(self, ticket: int, now: float) -> None:
+        """Take in that the server has rejected a goal: it is sent again, a little later."""
+        if self._sent is not None and self._sent.ticket == ticket:
+            self._sent = None
+            self.counts["rejected"] += 1
+            self._port.say(
+                "Nav2 rejected the goal (is its navigator active?): it is sent again"
+            )
+            self._wait(now)
+
+    def feedback(self, ticket: int, left: float, now: float) -> None:
+        """Take in that the server works at a goal, and how many metres are left."""
+        sent = self._sent
+        if sent is None or sent.ticket != ticket:
+            return
+        sent.heard = now
+        if 0 < self._limits.detour < left and not self._goals.place:
+            why = f"Nav2 makes a detour of {left:.1f} m (detour): the goal is cancelled"
+            self.give_up(now, "detours", why)
+
+    def ended(self, ticket: int, now: float, kind: str, why: str) -> None:
+        """Take in that the server has ended a goal.
+
+        Args:
+            ticket: which.
+            now: the time.
+            kind: what it counts as.
+            why: what is said of it; empty: nothing, it went well.
+        """
+        sent = self._sent
+        if sent is None or sent.ticket != ticket:
+            return
+        self._sent = None
+        if (
+            sent.cancelled is not None
+            or sent.goals != self._number
+            or self._goal is None
+        ):
+            return
+        if why:
+            self.give_up(now, kind, why)
+        elif self._goals.place:
+            self._wait(now)
+        else:
+            self._over = now, self._stamp
+
+    def next(self, now: float) -> Reached | None:
+        """Do what is to be done now; return how the goal ended if it has."""
+        self._watch(now)
+        if self._goals.number != self._number:
+            self._number = self._goals.number
+            self._taken = now
+            self._again = now
+            self._tries = 0
+            self._over = None
+        if self.held:
+            self._taken = now  # a move's time does not pass while nothing may be driven
+        if (
+            self.held
+            or self._goal is None
+            or (self._sent and self._sent.goals != self._number)
+        ):
+            self._leave(now)
+            return None
+        look = self._look()
+        late = now - self._taken >= SETTLE_SECONDS
+        if look is None or self._blind or not (late or self._newer(look)):
+            return None
+        if self._began is None:
+            self._began = look.stamp
+        reached = self._arrives(look)
+        if reached is not None:
+            self.counts["arrived"] += 1
+            self._leave(now)
+            return reached
+        limit = self._limits.seconds
+        if not look.goals.place and now - self._taken >= limit:
+            why = f"the move was not made within {limit:g} s (step_seconds)"
+            self.give_up(now, "out of time", why)
+        if self._over is not None:
+            return self._settles(look, *self._over, now)
+        self._send(look, now)
+        return None
+
+    def _arrives(self, look: Look) -> Reached | None:
+        """Return that the body is where it was to go, whatever the server says; else None."""
+        if look.goals.place:
+            return self._placed(look)
+        near = distance(look.pose, look.target) <= self._limits.near
+        return self._end(look, there=True) if near else None
+
+    def _settles(
+        self, look: Look, since: float, before: float, now: float
+    ) -> Reached | None:
+        """Return where a move that is over has ended, once the server and a newer pose say so.
+
+        Args:
+            look: what is known.
+            since: when the move was over.
+            before: the newest pose's stamp then.
+            now: the time.
+        """
+        unseen = look.stamp == before and now - since < SETTLE_SECONDS
+        if self._sent is not None or unseen:
+            return None
+        there = self._ground.inside(look.goal.end, look.pose.x, look.pose.y)
+        self.counts["arrived" if there else "not there"] += 1
+        return self._end(look, there=there)
+
+    def _send(self, look: Look, now: float) -> None:
+        """Send the goal where the server has none, unless it is to wait."""
+        goals, _, pose, _, (x, y) = look
+        if (
+            self._sent is None
+            and now >= self._again
+            and (self._limits.bring or not goals.place)
+        ):
+            self._tickets += 1
+            if self._port.send(
+                self._tickets, Pose(x, y, math.atan2(y - pose.y, x - pose.x))
+            ):
+                self._sent = _Sent(self._tickets, self._number, now)
+            else:
+                self._wait(now)
+
+    def _leave(self, now: float) -> None:
+        """Ask for the end of the goal that the server has, once."""
+        sent = self._sent
+        if sent is not None and sent.cancelled is None:
+            sent.cancelled = now
+            if sent.heard is not None:
+                self._port.cancel(sent.ticket)
+
+    def _wait(self, now: float) -> None:
+        self._again = now + min(BACKOFF_SECONDS * 2**self._tries, LONGEST_BACKOFF)
+        self._tries += 1
+
+    def _watch(self, now: float) -> None:
+        """Look whether the server still speaks."""
+        sent = self._sent
+        silence = self._limits.silence
+        if sent is None:
+            return
+        since = sent.since if sent.cancelled is None else sent.cancelled
+        if (
+            sent.heard is None or sent.cancelled is not None
+        ) and now - since >= ANSWER_SECONDS:
+            self._sent = None
+            self.counts["unanswered"] += 1
+            why = f"Nav2 has not answered for {ANSWER_SECONDS:g} s: its goals are cancelled"
+            self._port.say(why)
+            self._port.cancel_all()
+            self._wait(now)
+        elif sent.heard is not None and 0 < silence < now - sent.heard:
+            why = (
+                f"Nav2 has said nothing for {silence:g} s (feedback_timeout): cancelled"
+            )
+            self.give_up(now, "silent", why)

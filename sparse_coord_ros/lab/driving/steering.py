@@ -1,0 +1,74 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""How a differential drive is steered to a place, and how long that may take."""
+
+import math
+from typing import NamedTuple
+
+from sparse_coord_ros.lab.driving.ground import Pose
+
+TURN_FIRST = 0.5
+"""Radians off the bearing from which the body turns on the spot; nearer, it drives faster."""
+
+TURN_GAIN = 3.0
+SPEED_GAIN = 3.0
+"""Per second: how fast an angle or a distance that is left is worked off."""
+
+CRAWL = 0.1
+"""Least share of the speed with which the last bit of a way is driven."""
+
+SPARE = 2.0
+"""How many times the time for half a turn and a cell a move may take, unless somebody says."""
+
+
+class Limits(NamedTuple):
+    """What a body may do.
+
+    Attributes:
+        speed: metres a second.
+        turn: radians a second.
+        near: metres from a place within which the body is there.
+        seconds: a move may take, by the clock of the poses.
+    """
+
+    speed: float
+    turn: float
+    near: float
+    seconds: float
+
+
+class Command(NamedTuple):
+    """What a body is to do: metres a second ahead, radians a second counterclockwise."""
+
+    ahead: float
+    turn: float
+
+
+STOP = Command(0.0, 0.0)
+
+
+SETTLE_SECONDS = 3.0
+"""What slowing down and the last bit of a way add."""
+
+
+def move_seconds(side: float, speed: float, turn: float) -> float:
+    """Return how long a move may take unless somebody says, in seconds."""
+    return SPARE * (side / speed + math.pi / turn) + SETTLE_SECONDS
+
+
+def distance(pose: Pose, place: tuple[float, float]) -> float:
+    """Return the metres from a body to a place."""
+    return math.hypot(place[0] - pose.x, place[1] - pose.y)
+
+
+def steer(pose: Pose, place: tuple[float, float], limits: Limits) -> Command:
+    """Return what a body is to do next to come to a place: turn, then drive and correct."""
+    bearing = math.atan2(place[1] - pose.y, place[0] - pose.x)
+    off = math.remainder(bearing - pose.yaw, math.tau)
+    turn = max(-limits.turn, min(limits.turn, TURN_GAIN * off))
+    if abs(off) > TURN_FIRST:
+        return Command(0.0, math.copysign(max(abs(turn), CRAWL * limits.turn), off))
+    ahead = min(limits.speed, SPEED_GAIN * distance(pose, place)) * (
+        1.0 - abs(off) / TURN_FIRST
+    )
+    return Command(max(CRAWL * limits.speed, ahead), turn)

@@ -1,0 +1,80 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Transforms on the floor, as /tf and /tf_static say them: where one frame is in another."""
+
+import math
+from typing import NamedTuple
+
+from sparse_coord_ros.lab.driving.ground import Pose
+
+DEEPEST = 100
+"""Most frames between two; a chain that is longer goes round in a circle."""
+
+
+class Seen(NamedTuple):
+    """A frame in its parent: where, and since when; a static one has no time."""
+
+    parent: str
+    pose: Pose
+    seconds: float | None
+
+
+def yaw_of(x: float, y: float, z: float, w: float) -> float:
+    """Return the yaw of a quaternion of any length, in radians."""
+    return math.atan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
+
+
+class Tree:
+    """The newest transforms.
+
+    Attributes:
+        way: the frames on the way that was last asked for.
+    """
+
+    def __init__(self) -> None:
+        self.way: list[str] = []
+        self._frames: dict[str, Seen] = {}
+
+    def hear(self, parent: str, child: str, pose: Pose, seconds: float | None) -> None:
+        """Take in a transform; `seconds` None: a static one. Names may begin with a slash."""
+        self._frames[child.lstrip("/")] = Seen(parent.lstrip("/"), pose, seconds)
+
+    def find(self, parent: str, child: str) -> tuple[float, Pose] | None:
+        """Return (seconds, where `child` is in `parent`) by the newest transforms.
+
+        The time is the newest one on the way: that of the odometry, which comes more often than a
+        localisation corrects it. None: there is no way, or only a static one.
+        """
+        parent = parent.lstrip("/")
+        frame = child.lstrip("/")
+        self.way = []
+        here = Pose(0.0, 0.0, 0.0)
+        newest = None
+        for _ in range(DEEPEST):
+            if frame == parent:
+                return None if newest is None else (newest, here)
+            self.way.append(frame)
+            seen = self._frames.get(frame)
+            if seen is None:
+                return None
+            here = _within(seen.pose, here)
+            if seen.seconds is not None:
+                newest = seen.seconds if newest is None else max(newest, seen.seconds)
+            frame = seen.parent
+        return None
+
+
+def parent_of(pose: Pose, here: Pose) -> Pose:
+    """Return where a frame is in which a body is at `here`, if it is at `pose` itself."""
+    turn = math.remainder(pose.yaw - here.yaw, math.tau)
+    x, y, _ = _within(Pose(0.0, 0.0, turn), here)
+    return Pose(pose.x - x, pose.y - y, turn)
+
+
+def _within(frame: Pose, pose: Pose) -> Pose:
+    """Return a pose of a frame as one of the frame's parent."""
+    cos = math.cos(frame.yaw)
+    sin = math.sin(frame.yaw)
+    x = frame.x + cos * pose.x - sin * pose.y
+    y = frame.y + sin * pose.x + cos * pose.y
+    return Pose(x, y, math.remainder(frame.yaw + pose.yaw, math.tau))

@@ -1,0 +1,235 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Learned teams driven through the simulator of bodies, without ROS: episodes to count in.
+
+World, drivers and bodies are the same state machines that the nodes are made of, in step.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sparse_coord_ros.core.game.settings import SettingTable, tables_from_yaml
+from sparse_coord_ros.core.game.streams import EVALUATION
+from sparse_coord_ros.core.learners.tables import Tables
+from sparse_coord_ros.core.runs.evaluation import greedy_team
+from sparse_coord_ros.core.runs.run_config import RUN_SETTINGS, RunConfig
+from sparse_coord_ros.lab.driving.arena import ELSEWHERE, IN_DOORWAY, Arena, Noise
+from sparse_coord_ros.lab.driving.driver import Driver
+from sparse_coord_ros.lab.driving.ground import Ground
+from sparse_coord_ros.lab.driving.steering import Limits, move_seconds
+from sparse_coord_ros.protocol.lockstep.bodies import BodiesSide, BodyWorld, Goals
+
+_TABLES = tables_from_yaml(Path(__file__).with_name("settings.yaml"))
+DRIVER_SETTINGS = _TABLES["driver"]
+BODY_SETTINGS = _TABLES["body"]
+"""What a driver is told of its robot's body, and what the simulator of bodies is told."""
+
+NAV2_SETTINGS = _TABLES["nav2_driver"]
+"""What a driver is told that leaves the steering to Nav2."""
+
+_ALL = {**DRIVER_SETTINGS, **BODY_SETTINGS, "slips": RUN_SETTINGS["slips"]}
+DRIVE_SETTINGS = SettingTable(_ALL.values())
+"""All that `drive` is told of bodies."""
+
+
+def limits_of(values: dict, side: float) -> Limits:
+    """Return what a body may do.
+
+    Args:
+        values: `DRIVER_SETTINGS`.
+        side: metres a cell.
+    """
+    seconds = values["step_seconds"] or move_seconds(
+        side, values["speed"], values["turn"]
+    )
+    return Limits(values["speed"], values["turn"], values["near"] * side, seconds)
+
+
+def arena_of(run: RunConfig, values: dict, seed: int) -> Arena:
+    """Return the bodies of a run's team; `values`: `BODY_SETTINGS`, `seed`: of their noise."""
+    noise = Noise(values["wheel_noise"], values["pose_noise"])
+    ground = Ground(run, values["radius"])
+    return Arena(ground, len(run.scenario.robots), seed, noise, values["period"])
+
+
+class Moment(NamedTuple):
+    """Where all bodies are at a time.
+
+    Attributes:
+        episode: number of the episode, from 0.
+        seconds: the simulated time.
+        places: (x, y) of each body, in metres.
+    """
+
+    episode: int
+    seconds: float
+    places: tuple[tuple[float, float], ...]
+
+
+class Floor:
+    """World, drivers and bodies in one process.
+
+    Args:
+        run: the run.
+        values: `DRIVER_SETTINGS` and `BODY_SETTINGS`, typed.
+        seed: of the bodies' noise.
+        world: the game.
+
+    Attributes:
+        bodies: who sends the bodies.
+        arena: where they are.
+        drivers: one a robot.
+        moves: how many moves bodies were sent on.
+        followed: the episode whose path is kept; None: none.
+        path: where the bodies were at each tick of such episodes.
+    """
+
+    def __init__(
+        self, run: RunConfig, values: dict, seed: int, world: BodyWorld
+    ) -> None:
+        self.bodies = BodiesSide(world, self.send)
+        self.arena = arena_of(run, values, seed)
+        ground = self.arena.ground
+        limits = limits_of(values, ground.side)
+        self.drivers = [
+            Driver(ground, limits, k) for k in range(len(self.arena.bodies))
+        ]
+        self.moves = 0
+        self.followed: int | None = None
+        self.path: list[Moment] = []
+        self._goals: list[Goals] = []
+
+    def send(self, goals: Goals) -> None:
+        """Take in what bodies are told."""
+        self._goals.append(goals)
+        self.moves += 0 if goals.place else len(goals.bodies)
+
+    def drive(self) -> None:
+        """Let the bodies drive until all are there."""
+        while self._goals:
+            goals = self._goals.pop(0)
+            if self.arena.send(goals):
+                self._look()
+            for driver in self.drivers:
+                driver.take(goals)
+            while self._answer():
+                pass
+
+    def _answer(self) -> bool:
+        """Ask each driver once; return whether one of them did anything."""
+        did = False
+        for k, driver in enumerate(self.drivers):
+            command, reached = driver.next()
+            if reached is not None:
+                ticked = self.arena.reached(k, reached.number)
+                self.bodies.reached(reached)
+            else:
+                ticked = command is not None and self.arena.told(k, command)
+            if ticked:
+                self._look()
+                if self.followed is not None:
+                    places = tuple(body.pose[:2] for body in self.arena.bodies)
+                    self.path.append(Moment(self.followed, self.arena.seconds, places))
+            did |= command is not None or reached is not None
+        return did
+
+    def _look(self) -> None:
+        for body, driver in zip(self.arena.bodies, self.drivers, strict=True):
+            driver.sees(self.arena.seconds, body.seen())
+
+
+@dataclass
+class Drive:
+    """What came of driven episodes; E episodes of K robots.
+
+    Attributes:
+        floor: what happened in all episodes together.
+        steps: time steps of each episode, shape (E,).
+        seconds: simulated seconds of each episode, shape (E,).
+        arrived: whether each robot arrived within the horizon, shape (E, K).
+        times: steps until it arrived; the horizon where it did not; shape (E, K).
+        miscoordinations: steps that ended with two robots in one doorway, shape (E,).
+        in_doorways, elsewhere: how often bodies began to touch each other there, shape (E,).
+        asks: how often robots chose COORDINATE, shape (E, K).
+        drift: metres between odometry and body at each episode's end, shape (E, K).
+    """
+
+    floor: Floor
+    steps: np.ndarray
+    seconds: np.ndarray
+    arrived: np.ndarray
+    times: np.ndarray
+    miscoordinations: np.ndarray
+    in_doorways: np.ndarray
+    elsewhere: np.ndarray
+    asks: np.ndarray
+    drift: np.ndarray
+
+
+def drive(
+    run: RunConfig,
+    tables: Sequence[Tables],
+    *,
+    episodes: int,
+    seed: int,
+    values: dict,
+    followed: int = 0,
+    progress: Callable[[int], None] = lambda done: None,
+) -> Drive:
+    """Drive a learned team through greedy episodes from the scenario's starts.
+
+    Args:
+        run: the run that learned them.
+        tables: the tables of every robot.
+        episodes: how many, one at least.
+        seed: of every draw: the team's and the grid's as in an evaluation, and the bodies'.
+        values: `DRIVE_SETTINGS`, typed.
+        followed: of so many episodes, the first ones, the path is kept.
+        progress: called with the number of episodes that are done.
+
+    Raises:
+        SparseCoordError: tables that do not fit, bodies that do not fit.
+    """
+    scenario = run.scenario
+    team = greedy_team(scenario, tables, seed, run.learner)
+    horizon = scenario.horizon
+    slips = values["slips"]
+    world = BodyWorld(scenario, seed, slips=slips, phase=EVALUATION, max_steps=horizon)
+    floor = Floor(run, values, seed, world)
+    arena = floor.arena
+    sent = floor.bodies
+    found: list[tuple[Any, ...]] = []
+    for episode in range(episodes):
+        world.begin_episode()
+        floor.followed = episode if episode < followed else None
+        touched = len(arena.touches)
+        before = sent.seconds
+        times = np.full(len(tables), horizon)
+        asks = np.zeros(len(tables), dtype=np.int64)
+        steps = miscoordinations = 0
+        while not world.episode_over:
+            actions = team.act(world)
+            while not sent.made(actions):
+                floor.drive()
+            outcome = world.advance(actions)
+            steps += 1
+            miscoordinations += outcome.miscoordination
+            asks += [action is not None and action.asked for action in actions]
+            times[list(outcome.arrived)] = steps
+        seconds = sent.seconds - before
+        arrived = list(world.arrived)
+        places = [touch.where for touch in arena.touches[touched:]]
+        touches = places.count(IN_DOORWAY), places.count(ELSEWHERE)
+        drift = [math.dist(body.pose[:2], body.odometry[:2]) for body in arena.bodies]
+        found.append(
+            (steps, seconds, arrived, times, miscoordinations, *touches, asks, drift)
+        )
+        progress(episode + 1)
+    return Drive(
+        floor, *map(np.array, zip(*found, strict=True))
+    )  # in the order of its fields

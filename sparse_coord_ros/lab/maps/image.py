@@ -1,0 +1,309 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Maps of map_server, as SLAM tools write them: a YAML file and an image, read, written, shown."""
+
+import base64
+import io
+import math
+import os
+import warnings
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image, UnidentifiedImageError
+
+from sparse_coord_ros.base.errors import MapError, SettingError, in_short, retold
+from sparse_coord_ros.base.files import write_whole
+from sparse_coord_ros.base.limits import (
+    IMAGE,
+    MAP_HEADER,
+    open_regular,
+    parse_yaml,
+    read_text,
+    to_yaml,
+)
+from sparse_coord_ros.core.game.grid import (
+    FURTHEST,
+    RESOLUTIONS,
+    WALL,
+    GridMap,
+    number_of,
+)
+from sparse_coord_ros.core.game.settings import Setting, SettingTable
+
+IMAGES = (".pgm", ".png", ".pbm", ".ppm", ".bmp", ".jpg", ".jpeg", ".tif", ".tiff")
+"""What the names of images end with, as map_server's maps are."""
+
+LONGEST_SIDE = 65_535
+"""Pixels along a side: counts along a row are 16-bit numbers."""
+
+FIELDS = SettingTable(
+    [
+        Setting("image", str, None, "the image's file"),
+        Setting("resolution", float, None, "metres a pixel", *RESOLUTIONS),
+        Setting("negate", int, 0, "1: dark is free", low=0, high=1),
+        Setting(
+            "occupied_thresh", float, 0.65, "occupied from this probability on", 0, 1
+        ),
+        Setting("free_thresh", float, 0.25, "free below this probability", 0, 1),
+        Setting(
+            "mode", str, "trinary", "how to read", choices=("trinary", "scale", "raw")
+        ),
+    ]
+)
+"""The fields of the YAML file with map_server's defaults; what has none must be there."""
+
+UNKNOWN_GREY = 205
+"""What map_saver writes for unknown; by Jazzy's own free_thresh of 0.25 that is read as free."""
+
+LEVEL = 1e-6
+"""Largest yaw of an origin that counts as none, in radians."""
+
+
+SHARPEST = 4096
+"""Pixels along the longer side of a picture into which one can zoom."""
+
+UNKNOWN = 200
+FREE = 255
+OCCUPIED = 0
+"""Shades of grey."""
+
+
+@dataclass(frozen=True)
+class FloorPlan:
+    """A map of map_server: what each pixel is, and where the image lies.
+
+    Attributes:
+        path: the YAML file.
+        free: pixels known to be free, shape (rows, columns), bool, top row first.
+        occupied: pixels known to be occupied; what is neither is unknown.
+        resolution: metres a pixel.
+        origin: (x, y) of the image's lower left corner, in metres.
+        doubtful: share of the free pixels that have the grey by which map_saver means unknown.
+    """
+
+    path: Path
+    free: np.ndarray
+    occupied: np.ndarray
+    resolution: float
+    origin: tuple[float, float]
+    doubtful: float = 0.0
+
+    @property
+    def name(self) -> str:
+        """The file's stem."""
+        return self.path.stem
+
+
+def read_floor_plan(path: Path) -> FloorPlan:
+    """Read a map as map_server does: image, resolution, origin, negate, thresholds, mode.
+
+    A pixel's probability of being occupied is (255 - value) / 255, or value / 255 with `negate`.
+    Colours count by their mean. Pixels that are not opaque are unknown; so is what lies between
+    the thresholds.
+
+    Args:
+        path: the YAML file; the image's path in it counts from its folder.
+
+    Raises:
+        MapError: a file is missing or broken, or a field is missing or bad.
+    """
+    if path.suffix.lower() in IMAGES:
+        beside = path.with_suffix(".yaml")
+        raise MapError(
+            f"{path}: is an image; give the YAML file that belongs to it"
+            + (
+                f": {beside}"
+                if beside.exists()
+                else ", with image, resolution and origin"
+            )
+        )
+    text = read_text(path, MAP_HEADER, MapError, "give the YAML file")
+    said = parse_yaml(text, where=str(path), limit=MAP_HEADER, error=MapError)
+    if "robots" in said and "image" not in said:
+        remedy = f"let a team learn on it: sparse_coord train {path}"
+        raise MapError(
+            f"{path}: is a scenario already, not the map of a building; {remedy}"
+        )
+    with retold(MapError, SettingError, f"{path}"):
+        data = {
+            name: one.parse(said.get(name, one.default)) for name, one in FIELDS.items()
+        }
+    origin = _origin(said.get("origin", [0.0, 0.0, 0.0]), f"{path}: field 'origin'")
+    above = data["occupied_thresh"]
+    below = data["free_thresh"]
+    negate = data["negate"]
+    if below >= above:
+        allowed = f"less than occupied_thresh ({above:g})"
+        raise MapError(
+            f"{path}: setting free_thresh: value is {below:g}, allowed: {allowed}"
+        )
+    values, known = _pixels(path.parent / data["image"])
+    if (
+        data["mode"] == "raw"
+    ):  # the value is the probability in percent; more is unknown
+        occupancy = np.round(values if not negate else 255.0 - values)
+        known = known & (occupancy <= 100.0)
+        occupancy = occupancy / np.float32(100.0)
+    else:
+        occupancy = (values if negate else 255.0 - values) / np.float32(255.0)
+    free = known & (occupancy < below)
+    occupied = known & (occupancy > above)
+    doubtful = float((values[free] == UNKNOWN_GREY).mean()) if free.any() else 0.0
+    return FloorPlan(path, free, occupied, data["resolution"], origin, doubtful)
+
+
+def floor_plan_of(grid: GridMap) -> FloorPlan | None:
+    """Return the floor plan that a map was made of; None: of none that is there."""
+    if grid.resolution is None or not os.path.isfile(grid.source):
+        return None
+    with suppress(MapError):
+        return read_floor_plan(Path(grid.source))
+    return None
+
+
+def _origin(value: object, what: str) -> tuple[float, float]:
+    if not isinstance(value, list) or len(value) not in (2, 3):
+        raise MapError(
+            f"{what} is {in_short(value)}, allowed: [x, y, yaw] in metres, radians"
+        )
+    x, y, yaw = (number_of(one, -FURTHEST, FURTHEST, what) for one in [*value, 0.0][:3])
+    if abs(math.remainder(yaw, math.tau)) > LEVEL:
+        raise MapError(
+            f"{what} has a yaw of {yaw:g}, allowed: 0, as cells lie along the image; turn the "
+            "image so that its rows lie along the frame's x axis, and set 0"
+        )
+    return x, y
+
+
+def _pixels(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Return an image's values from 0 to 255, float32, and which pixels are opaque."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", Image.DecompressionBombWarning)
+            with open_regular(path, IMAGE) as file:
+                content = io.BytesIO(
+                    file.read()
+                )  # Pillow asks it for what a damaged file says
+            with Image.open(content) as image:
+                if (
+                    image.width * image.height > IMAGE.elements
+                    or max(image.size) > LONGEST_SIDE
+                ):
+                    raise Image.DecompressionBombError
+                image.load()
+                return _values(image)
+    except (Image.DecompressionBombError, Image.DecompressionBombWarning):
+        remedy = "scale it down, and multiply the resolution by as much"
+        raise MapError(
+            f"{path}: has more than {IMAGE.elements:,} pixels; {remedy}"
+        ) from None
+    except FileNotFoundError:
+        remedy = (
+            "the YAML file's field 'image' is to name it, from the YAML file's folder"
+        )
+        raise MapError(f"{path}: no such image; {remedy}") from None
+    except (
+        Exception
+    ) as error:  # Pillow raises what a broken file makes its decoders raise
+        problem = " ".join(str(error).split())[:200]
+        if isinstance(error, UnidentifiedImageError):  # which names Python's object
+            problem = "its format is unknown"
+        why = f"cannot be read as an image ({problem}); save it anew as PGM or PNG"
+        raise MapError(f"{path}: {why}") from None
+
+
+def _values(image: Image.Image) -> tuple[np.ndarray, np.ndarray]:
+    mode = image.mode
+    if mode.startswith("I;16"):
+        values = np.asarray(image, dtype=np.float32) / np.float32(257.0)
+    elif mode == "I":  # Pillow reads 16-bit PGM so
+        values = np.asarray(image, dtype=np.float32)
+        values = values / np.float32(257.0 if values.max(initial=0) > 255 else 1.0)
+    elif mode in ("1", "L"):
+        values = np.asarray(image.convert("L"), dtype=np.float32)
+    else:
+        pixels = np.asarray(image.convert("RGBA"))
+        opaque = pixels[..., 3] == 255
+        return pixels[..., :3].mean(axis=-1, dtype=np.float32), opaque
+    return values, np.ones(values.shape, dtype=bool)
+
+
+def write_floor_plan(
+    grid: GridMap,
+    directory: Path,
+    name: str,
+    *,
+    resolution: float,
+    pixels: int,
+    image: str,
+) -> tuple[Path, Path]:
+    """Write a map as map_server reads it; doorways are free.
+
+    Args:
+        grid: the map.
+        directory: where to; it must exist.
+        name: the files' stem.
+        resolution: metres a cell.
+        pixels: pixels along the side of a cell.
+        image: "pgm" or "png".
+
+    Returns:
+        The YAML file and the image.
+    """
+    free = np.array([[sign != WALL for sign in row] for row in grid.rows])
+    values = (
+        np.where(free, 254, 0)
+        .astype(np.uint8)
+        .repeat(pixels, axis=0)
+        .repeat(pixels, axis=1)
+    )
+    file = io.BytesIO()
+    Image.fromarray(values).save(file, format={"pgm": "PPM", "png": "PNG"}[image])
+    picture = directory / f"{name}.{image}"
+    said = directory / f"{name}.yaml"
+    fields = {name: one.default for name, one in FIELDS.items()} | {
+        "image": picture.name
+    }
+    fields |= {"resolution": resolution / pixels, "origin": [*grid.origin, 0.0]}
+    write_whole(picture, file.getvalue())
+    write_whole(said, to_yaml(fields))
+    return said, picture
+
+
+def grey(plan: FloorPlan) -> np.ndarray:
+    """Return a floor plan as a grey picture, shape (rows, columns), uint8, top row first."""
+    shade = np.full(plan.free.shape, UNKNOWN, dtype=np.uint8)
+    shade[plan.free] = FREE
+    shade[plan.occupied] = OCCUPIED
+    return shade
+
+
+def data_url(plan: FloorPlan) -> str:
+    """Return a floor plan as a grey picture for a page: a PNG, at most `SHARPEST` pixels long."""
+    picture = Image.fromarray(grey(plan))
+    picture = picture.reduce(math.ceil(max(picture.size) / SHARPEST))
+    file = io.BytesIO()
+    picture.save(file, format="PNG")
+    return f"data:image/png;base64,{base64.b64encode(file.getvalue()).decode()}"
+
+
+def under(grid: GridMap) -> dict[str, Any] | None:
+    """Return the floor plan under a map, as a picture for a page; None: there is none.
+
+    Its place is that of its upper left corner, and its size, in cells of the map.
+    """
+    plan = floor_plan_of(grid)
+    if plan is None:
+        return None
+    scale = plan.resolution / (grid.resolution or 1.0)
+    height, width = (side * scale for side in plan.free.shape)
+    x, y = (
+        (a - b) / (grid.resolution or 1.0)
+        for a, b in zip(plan.origin, grid.origin, strict=True)
+    )
+    place = {"x": x, "y": grid.shape[0] - y - height, "width": width, "height": height}
+    return {"href": data_url(plan), **place}

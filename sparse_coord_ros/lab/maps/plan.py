@@ -1,0 +1,430 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""From a floor plan to a map and a scenario: cells, doorways, robots, and settings that fit."""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy import ndimage
+
+from sparse_coord_ros.base.errors import MapError, ScenarioError
+from sparse_coord_ros.base.limits import MAP
+from sparse_coord_ros.core.game.grid import CLEAR, DOORWAY, FREE, WALL, GridMap
+from sparse_coord_ros.core.game.scenario import SETTINGS, Scenario, scenario_from_dict
+from sparse_coord_ros.core.solve.verdict import needless
+from sparse_coord_ros.lab.maps import gridding
+from sparse_coord_ros.lab.maps.image import UNKNOWN_GREY, FloorPlan
+
+Place = tuple[float, float]
+"""(x, y) in metres, in the map's frame."""
+
+WALL_THICKNESS = 0.3
+"""Metres of wall that a doorway leads through, unless one says so."""
+
+SHOWN = 6
+"""Most places that a note names."""
+
+FURTHEST_SHARE = 0.3
+"""The value of arriving at the furthest start, as a share of its value at the goal."""
+
+LONG_WAYS = "floored:0.5:0.8:0.01"
+"""Step sizes where the budget is short for the ways: moves that succeed are always the same."""
+
+SHORTEST_BUDGET = 20
+"""So many times shorter than wanted a budget may be, with these step sizes: seen with 17 (9,173
+cells, 10 million steps), not with 23 (11,115 cells)."""
+
+FIRST_GUESS = 0.1
+"""Q* at first, as a share of the goal's value: that of the default settings."""
+
+
+@dataclass(frozen=True)
+class Imported:
+    """A floor plan as a map.
+
+    Attributes:
+        grid: the map.
+        parts: cells of each part of the free space, largest first; those without a robot are left
+            out of the map where there are robots.
+        notes: what is odd, one line each.
+    """
+
+    grid: GridMap
+    parts: tuple[int, ...]
+    notes: tuple[str, ...]
+
+
+def import_map(
+    plan: FloorPlan,
+    *,
+    cell: float,
+    radius: float,
+    robots: Sequence[tuple[Place, Place]] = (),
+    doorway: Sequence[Place] = (),
+    no_doorway: Sequence[Place] = (),
+    doorway_length: float | None = None,
+    speck: float = gridding.SPECK,
+) -> Imported:
+    """Make a map of a floor plan.
+
+    Args:
+        plan: the floor plan.
+        cell: the side of a cell, in metres.
+        radius: the robot's, in metres.
+        robots: start and goal of each; parts of the map without any of them become walls.
+        doorway: places in cells that are to be doorways.
+        no_doorway: places in doorways that are to be none.
+        doorway_length: most metres through a doorway; what is longer is a corridor. None: of
+            a wall of `WALL_THICKNESS`, the robot's radius on both sides, and a cell.
+        speck: spots smaller than this, in metres, are noise.
+
+    Raises:
+        MapError: the cells are smaller than pixels, or so large that a wall lies between two
+            centres; the map has no free cell; or a place is in no free cell.
+    """
+    if doorway_length is None:
+        doorway_length = 2 * radius + WALL_THICKNESS + cell
+    if cell < plan.resolution:
+        allowed = f"at least a pixel of the map, {plan.resolution:g} m"
+        raise MapError(f"cell is {cell:g} m, allowed: {allowed}")
+    cells = plan.free.size * (plan.resolution / cell) ** 2
+    if cells > MAP.elements:
+        what = (
+            f"the grid would have {cells:,.0f} cells, allowed: up to {MAP.elements:,}"
+        )
+        raise MapError(f"{what}; choose larger cells, or cut the map")
+    layout = _layout_of(plan, cell, radius, speck)
+    free = layout.free
+    corner = (
+        plan.origin[0] + layout.left * plan.resolution,
+        plan.origin[1]
+        + (plan.free.shape[0] - layout.top) * plan.resolution
+        - len(free) * cell,
+    )
+    frame = _Frame(free, corner, cell, plan.name)
+    labels, _ = ndimage.label(free)
+    sizes = np.bincount(labels.ravel())[1:]
+    if robots:
+        used = {
+            int(labels[cell]) for pair in _robot_cells(frame, robots) for cell in pair
+        }
+        free &= np.isin(labels, sorted(used))
+    else:
+        free &= np.isin(
+            labels,
+            1 + np.flatnonzero((sizes >= gridding.CRUMB) | (sizes == sizes.max())),
+        )
+    run = max(1, math.floor(doorway_length / cell + 1e-9))
+    doors = _doorways(frame, gridding.across(free, run), doorway, no_doorway)
+    # Nothing but walls around the map is of use: a border of one cell stays.
+    rows, columns = (np.flatnonzero(free.any(axis=axis)) for axis in (1, 0))
+    top = max(0, rows[0] - 1)
+    bottom = min(free.shape[0], rows[-1] + 2)
+    left = max(0, columns[0] - 1)
+    right = min(free.shape[1], columns[-1] + 2)
+    symbols = np.where(doors > 0, DOORWAY, np.where(free, FREE, WALL))[
+        top:bottom, left:right
+    ]
+    grid = GridMap(
+        name=plan.name,
+        rows=tuple("".join(row) for row in symbols),
+        title=f"{plan.name}: a map of map_server in cells of {cell:g} m",
+        source=str(plan.path.resolve()),
+        provenance=f"made by import-map for robots of radius {radius:g} m",
+        resolution=cell,
+        origin=(
+            round(float(corner[0] + left * cell), 6),
+            round(float(corner[1] + (free.shape[0] - bottom) * cell), 6),
+        ),
+        radius=radius,
+    )
+    parts = tuple(
+        sorted((int(size) for size in sizes if size >= gridding.CRUMB), reverse=True)
+    )
+    wide = [
+        frame.centre(place)
+        for place in gridding.two_wide(free, run)
+        if not doors[place]
+    ]
+    notes = tuple(_notes(layout.cut, grid.doorway_count, parts, bool(robots), wide))
+    notes += tuple(_pixel_notes(plan, cell, radius))
+    return Imported(grid, parts, notes)
+
+
+def _layout_of(
+    plan: FloorPlan, cell: float, radius: float, speck: float
+) -> gridding.Gridding:
+    """Return the best grid on a floor plan, which has a free cell."""
+    space = gridding.space_of(plan, radius, speck)
+    if space.blocked.all():
+        seen = (
+            "no place is wide enough for it" if plan.free.any() else "no pixel is free"
+        )
+        raise MapError(
+            f"map {plan.name}: a robot of radius {radius:g} m finds no room: {seen}; check negate "
+            "and the thresholds in the YAML file, or choose a smaller radius"
+        )
+    layout = gridding.best_layout(space, cell / plan.resolution)
+    if layout.slips:
+        raise MapError(
+            f"map {plan.name}: cells of {cell:g} m are so large that a wall slips between two "
+            f"({layout.slips} times, wherever the grid lies); choose smaller ones"
+        )
+    if not layout.free.any():
+        remedy = "choose smaller cells"
+        raise MapError(
+            f"map {plan.name}: no cell of {cell:g} m has a free centre; {remedy}"
+        )
+    return layout
+
+
+def _doorways(
+    frame: "_Frame", found: np.ndarray, add: Sequence[Place], remove: Sequence[Place]
+) -> np.ndarray:
+    """Return the doorways found, shape (rows, columns), with those that the user wants."""
+    doors = found.copy()
+    for place in remove:
+        number = doors[frame.cell(place, "no doorway")]
+        if not number:
+            remedy = "the picture shows them"
+            raise MapError(f"no doorway at {_metres(place)}: there is none; {remedy}")
+        doors[doors == number] = 0
+    for place in add:
+        where = frame.cell(place, "doorway")
+        doors[where] = doors[where] or doors.max() + 1
+    return doors
+
+
+def _pixel_notes(plan: FloorPlan, cell: float, radius: float) -> Iterator[str]:
+    """Yield what is odd about an image or the sizes, one line each."""
+    if plan.doubtful:
+        yield (
+            f"{plan.doubtful:.0%} of the free pixels have grey {UNKNOWN_GREY}, which map_saver "
+            "writes for unknown: where they are unknown, set free_thresh to 0.196 in the YAML file"
+        )
+    narrow = radius / (0.5 - CLEAR)
+    if cell < narrow:
+        yield (
+            f"lanes touch walls: cells of {cell:g} m leave {max(0.0, cell / 2 - radius):.2g} m on "
+            f"each side of a robot of radius {radius:g} m; choose cells of {narrow:.2g} m or more"
+        )
+
+
+def _notes(
+    cut: int, doors: int, parts: tuple[int, ...], robots: bool, wide: list[Place]
+) -> Iterator[str]:
+    """Yield what is odd about a map, one line each."""
+    if cut:
+        yield (
+            f"{_count(cut, 'part is', 'parts are')} cut off although a robot would fit through: a "
+            "smaller cell may keep the way open"
+        )
+    if len(parts) > 1:
+        left = "those without a robot are walls now" if robots else "all are in the map"
+        sizes = ", ".join(map(str, parts[:8])) + ", ..." * (len(parts) > 8)
+        yield f"{len(parts)} parts of the map do not connect (cells: {sizes}); {left}"
+    if not doors:
+        yield (
+            "no doorway found: robots have nothing to coordinate; doorways are one cell wide, so "
+            "choose larger cells, or add a doorway"
+        )
+    if wide:
+        places = " ".join(f"{x:.2f},{y:.2f}" for x, y in wide[:SHOWN])
+        yield (
+            f"{_count(len(wide), 'passage is', 'passages are')} two cells wide, and no doorway, "
+            f"as two robots pass there side by side: at {places}"
+            f"{' ...' * (len(wide) > SHOWN)}; where they would not, choose larger cells, or "
+            "make both cells a doorway"
+        )
+
+
+def _count(number: int, one: str, many: str) -> str:
+    return f"{number} {one if number == 1 else many}"
+
+
+class _Frame:
+    """Cells of a grid by their places in metres, and back."""
+
+    def __init__(self, free: np.ndarray, corner: Place, side: float, name: str) -> None:
+        self._free = free.copy()
+        self._corner = corner
+        self._side = side
+        self._name = name
+
+    def centre(self, cell: tuple[int, int]) -> Place:
+        """Return (x, y) of the middle of a cell (row, column)."""
+        row, column = cell
+        level = self._free.shape[0] - 1 - row
+        x, y = self._corner
+        return x + (column + 0.5) * self._side, y + (level + 0.5) * self._side
+
+    def cell(self, place: Place, what: str) -> tuple[int, int]:
+        """Return (row, column) of the free cell at a place.
+
+        Raises:
+            MapError: there is none.
+        """
+        height, width = self._free.shape
+        column = math.floor((place[0] - self._corner[0]) / self._side)
+        row = height - 1 - math.floor((place[1] - self._corner[1]) / self._side)
+        inside = 0 <= row < height and 0 <= column < width
+        if inside and self._free[row, column]:
+            return row, column
+        cells: Any = np.nonzero(self._free)
+        x, y = np.array(self.centre(cells))
+        near = int(np.hypot(x - place[0], y - place[1]).argmin())
+        problem = "is in no free cell" if inside else "is outside the map"
+        remedy = f"the nearest free cell is at {x[near]:.2f},{y[near]:.2f}"
+        raise MapError(
+            f"{what} at {_metres(place)} {problem} of {self._name}; {remedy}"
+        )
+
+
+def _robot_cells(
+    frame: _Frame, robots: Sequence[tuple[Place, Place]]
+) -> list[tuple[tuple[int, int], tuple[int, int]]]:
+    """Return the cells of each robot's start and goal; MapError where one is not free."""
+    return [
+        (
+            frame.cell(start, f"start of robot_{k}"),
+            frame.cell(goal, f"goal of robot_{k}"),
+        )
+        for k, (start, goal) in enumerate(robots, start=1)
+    ]
+
+
+def _metres(place: Place) -> str:
+    return f"{place[0]:g},{place[1]:g}"
+
+
+def suggested_settings(
+    grid: GridMap, pairs: Sequence[tuple[int, int]], given: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return settings that fit a map's distances, where the defaults would not.
+
+    A robot needs d / p steps for d cells, p being the probability that a move succeeds. The
+    horizon lies four standard deviations above; episodes of learning are one and a half times the
+    furthest start's way; the discount leaves `FURTHEST_SHARE` of the goal's value there; and the
+    values at first, and the budget, follow from that. Where that is the largest there is, larger
+    step sizes bring values over the long way in time.
+
+    Args:
+        grid: the map.
+        pairs: start and goal cell of each robot.
+        given: settings that somebody chose; they stay.
+    """
+    values = {**SETTINGS.defaults(), **SETTINGS.parse(dict(given))}
+    p = values["move_success"]
+    ways = [grid.distances_to(goal) for _, goal in pairs]
+    own = max(int(way[start]) for way, (start, _) in zip(ways, pairs, strict=True))
+    furthest = max(int(way.max()) for way in ways)
+    horizon = 1.1 * (own / p + 4 * math.sqrt(own * (1 - p)) / p)
+    found: dict[str, Any] = {"horizon": max(100, _round_up(horizon, 50))}
+    found["max_steps"] = max(100, _round_up(1.5 * furthest / p, 50))
+    discount = math.ceil(1000 * FURTHEST_SHARE ** (p / furthest)) / 1000
+    found["discount"] = min(0.999, max(values["discount"], discount))
+    discount = given.get("discount", found["discount"])
+    value = values["goal_reward"] / (1.0 - float(discount))
+    found["goal_value"] = found["q_coord_init"] = round(value, 3)
+    found["q_star_init"] = round(FIRST_GUESS * value, 3)
+    needed = max(_steps_for(way, p) for way in ways)
+    most = SETTINGS["steps"].high
+    found["steps"] = int(min(most, max(20_000, _round_up(needed, 10_000))))
+    if found["steps"] == most:
+        found["step_size"] = LONG_WAYS
+    default = SETTINGS.defaults()
+    return {k: v for k, v in found.items() if k not in given and v != default[k]}
+
+
+def _steps_for(way: np.ndarray, p: float) -> float:
+    """Return steps in which each cell's every move is tried some times over, on the way to a goal.
+
+    Args:
+        way: moves from each cell to the goal, -1 where there is none.
+        p: the probability that a move succeeds.
+    """
+    cells = int((way >= 0).sum())
+    return 12.0 * cells * math.sqrt(cells * int(way.max()) / p)
+
+
+def _round_up(value: float, unit: int) -> int:
+    return unit * math.ceil(value / unit)
+
+
+def scenario_of(
+    imported: Imported, robots: Sequence[tuple[Place, Place]], given: Mapping[str, Any]
+) -> tuple[Scenario, dict[str, Any], list[str]]:
+    """Return a scenario on an imported map.
+
+    Args:
+        imported: the map.
+        robots: start and goal of each robot, in metres.
+        given: settings that somebody chose.
+
+    Returns:
+        The scenario; the settings that were suggested; what is legal but odd, one line each.
+
+    Raises:
+        MapError: a start or a goal is in no free cell.
+        ScenarioError: a robot has no way to its goal.
+        SettingError: a bad setting.
+    """
+    for key in given:
+        if key in ("map", "robots", "name", "paper"):
+            raise ScenarioError(
+                f"--set {key}: is no setting; give it by an option of its own"
+            )
+    grid = imported.grid
+    free = np.array([[sign != WALL for sign in row] for row in grid.rows])
+    frame = _Frame(free, grid.origin, grid.resolution or 1.0, grid.name)
+    data = {
+        f"robot_{k}": {"start": list(start), "goal": list(goal)}
+        for k, (start, goal) in enumerate(_robot_cells(frame, robots), start=1)
+    }
+    said = {
+        "name": grid.name,
+        "map": {"name": grid.name, "text": grid.to_text()},
+        "robots": data,
+    }
+    plain = scenario_from_dict({**said, **given}, where=grid.name, name=grid.name)
+    pairs = [(robot.start, robot.goal) for robot in plain.robots]
+    suggested = suggested_settings(grid, pairs, given)
+    scenario = plain.with_settings(suggested)
+    return scenario, suggested, list(_oddities(scenario))
+
+
+def _oddities(scenario: Scenario) -> Iterator[str]:
+    """Yield what is legal but odd about robots on a map."""
+    grid = scenario.map
+    robots = scenario.robots
+    needed = 0.0
+    if len({robot.start for robot in robots}) < len(robots):
+        yield "two robots start in the same cell: that is no conflict, but hardly possible"
+    if len({robot.goal for robot in robots}) < len(robots):
+        yield "two robots have the same goal: they would stand in each other"
+    for robot in robots:
+        goal = f"the goal of {robot.name} is"
+        if robot.goal in grid.doorways:
+            yield f"{goal} in a doorway: it stays there and is in everybody's way"
+        way = grid.distances_to(robot.goal)
+        moves = int(way[robot.start])
+        steps = moves / scenario.move_success
+        if steps > scenario.horizon:
+            yield (
+                f"{goal} {moves} cells away, and takes {steps:.0f} steps in the mean: more than "
+                f"the horizon of {scenario.horizon}"
+            )
+        needed = max(needed, _steps_for(way, scenario.move_success))
+    if len(robots) > 1 and grid.doorways and needless(scenario):
+        yield (
+            "nothing to coordinate: on shortest paths robots hardly ever come to a doorway at the "
+            "same time; choose other starts and goals, or add a doorway where they meet"
+        )
+    if needed > SHORTEST_BUDGET * scenario.steps:
+        yield (
+            f"the step budget of {scenario.steps:,} is short for {len(grid.cells):,} cells: "
+            "robots may not learn to arrive; choose larger cells, or more steps"
+        )

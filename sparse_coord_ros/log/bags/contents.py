@@ -1,0 +1,603 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What is in one MCAP file, finished or not, and which parts of it cannot be read."""
+
+import struct
+import zlib
+from bisect import bisect_left
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from itertools import accumulate, groupby
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from mcap.opcode import Opcode
+from mcap.records import Attachment as AttachmentRecord
+from mcap.records import Channel, Chunk, DataEnd, Footer, Header, Metadata, Schema
+
+from sparse_coord_ros.base.errors import BagError, retold
+from sparse_coord_ros.base.limits import CHUNK, CHUNKS, RECORDS
+from sparse_coord_ros.log.bags.gaps import Gap, from_note
+from sparse_coord_ros.log.bags.layout import PARTIAL
+from sparse_coord_ros.log.bags.metadata import (
+    CONTINUED_RECORD,
+    RECOVERED_RECORD,
+    FileSummary,
+)
+from sparse_coord_ros.log.bags.records import (
+    HEAD,
+    LATEST_NS,
+    LENGTH,
+    MAGIC,
+    MESSAGE,
+    Cut,
+    Damage,
+    RecordPlace,
+    Source,
+    check_crc,
+    chunk_content,
+    describe,
+    message_heads,
+    parse,
+)
+from sparse_coord_ros.log.bags.topics import BagTopic, topic_of
+
+OWN_LIBRARY = "sparse_coord_ros "
+"""How the header of a file by `BagWriter` begins: in these every checksum is there."""
+
+CUT_OFF = "the file ends here, without an end: it was cut off"
+SEARCHED = 1 << 24
+"""Bytes of records that are tried, beside the file's size, in searching where it goes on."""
+SEARCH = 1 << 12
+TRIED = 1 << 11
+"""What a search, and each place in it where a record may begin, cost beside."""
+
+TOGETHER = 1 << 20
+"""Bytes that are looked at in one go."""
+
+_CHUNK_HEAD = struct.Struct("<QQQII")
+"""Earliest and latest time, size and checksum of the content, length of the compression's name."""
+_CRC_BYTES = 4
+_BARE = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
+_OTHERS = {Opcode.HEADER, Opcode.CHUNK, Opcode.MESSAGE_INDEX, Opcode.ATTACHMENT}
+_OTHERS |= {Opcode.METADATA, Opcode.DATA_END}
+_FOOTER = HEAD.pack(Opcode.FOOTER, 20)
+
+
+class Part(NamedTuple):
+    """Messages that lie together in a file.
+
+    Attributes:
+        content: bytes in which their data are.
+        begins: where in it each one's data begin, shape (messages,).
+        heads: their heads, of type `records.MESSAGE_HEAD`, same shape.
+    """
+
+    content: bytes
+    begins: np.ndarray
+    heads: np.ndarray
+
+
+class Block(NamedTuple):
+    """A chunk with messages, or a message outside of chunks.
+
+    Attributes:
+        offset: where it begins in the file.
+        length: its bytes.
+        size: those of its records, decompressed.
+        start_ns, end_ns: earliest and latest log time of its messages.
+    """
+
+    offset: int
+    length: int
+    size: int
+    start_ns: int
+    end_ns: int
+
+
+@dataclass(frozen=True)
+class Attachment:
+    """A file in the bag.
+
+    Attributes:
+        name: what it is called.
+        media_type: what kind of file it is.
+        log_time_ns: when it was attached.
+        size: its bytes.
+        offset: where they begin in the bag's file.
+        file: that file.
+    """
+
+    name: str
+    media_type: str
+    log_time_ns: int
+    size: int
+    offset: int = field(compare=False)
+    file: "BagFile" = field(repr=False, compare=False)
+
+    @property
+    def data(self) -> bytes:
+        """Its bytes, read now; raises BagError if the file has changed."""
+        return self.file.read(self.offset, self.size)
+
+
+class BagFile:
+    """What is in one file.
+
+    A file that is not checked is only looked through, record by record: milliseconds for a bag of
+    a million steps. What its chunks hold is checked when it is read. It stays open, so that it may
+    be renamed or removed meanwhile, and `extend` takes in what it has grown by.
+
+    Framing decides what is lost to damage. A bad record is stepped over by its length where
+    another one follows. Elsewhere the next record is searched that is whole and right: its kind,
+    length and checksum, and what follows it. The end of a file that is not checked may be a record
+    that is being written: that is no gap.
+
+    Args:
+        path: the file.
+        checked: read every byte, compare every checksum, count the messages.
+
+    Attributes:
+        path: the file.
+        finished: whether its recorder closed it: its end is there.
+        size: its bytes.
+        readable_bytes: how far it was looked through: where the data end.
+        topics: by channel.
+        counts, sizes: number of messages, and bytes of their data, by topic; if checked.
+        metadata: name and texts of each metadata record, in the order of the file.
+        attachments: in the order of the file.
+        blocks: where the messages are, in the order of the file.
+        compressions: of the chunks that were read: some of `zstd`, `lz4` and `none`.
+
+    Raises:
+        BagError: there is no such file, it does not begin as MCAP, or holds other messages than
+            those of ROS 2.
+    """
+
+    def __init__(self, path: Path, *, checked: bool) -> None:
+        self.path = path
+        self.finished = self._checked = False
+        self._grows = not checked
+        self._lost: list[tuple[int, int, str]] = []
+        self._flaw: str | None = None
+        self.size = 0
+        self.readable_bytes = len(MAGIC)
+        self.topics: dict[int, BagTopic] = {}
+        self.counts: Counter[str] = Counter()
+        self.sizes: Counter[str] = Counter()
+        self.metadata: list[tuple[str, Mapping[str, str]]] = []
+        self.attachments: list[Attachment] = []
+        self.blocks: list[Block] = []
+        self.compressions: set[str] = set()
+        self._schemas: dict[int, Schema] = {}
+        self._channels: dict[int, Channel] = {}
+        self._known = np.zeros(1 << 16, dtype=bool)
+        # Who writes one checksum writes all, so that a zeroed one does not pass for none.
+        self._own = self._crcs = self._altered = False
+        self._end: tuple[RecordPlace, int] | None = None  # and the checksum of the data
+        self._tried = self._contents = 0
+        self._source = Source(path)
+        with retold(BagError, BagError, f"{path}"):
+            self.extend()
+            if checked:
+                self._check()
+
+    @property
+    def summary(self) -> FileSummary:
+        """What `metadata.yaml` says about it."""
+        start_ns = min((block.start_ns for block in self.blocks), default=0)
+        end_ns = max((block.end_ns for block in self.blocks), default=0)
+        return FileSummary(self.path.name, dict(self.counts), start_ns, end_ns)
+
+    @property
+    def gaps(self) -> list[Gap]:
+        """What cannot be read, as far as that is known; first what `recover` has left out."""
+        offsets = [block.offset for block in self.blocks]
+        found = (
+            [] if self.recovered is None else from_note(self.recovered.get("gaps", ""))
+        )
+        for begin, end, why in self._lost:
+            at = bisect_left(offsets, begin)
+            before = [block.end_ns for block in self.blocks[:at][-1:]]
+            behind = [block.start_ns for block in self.blocks[at : at + 1]]
+            if before > behind and behind:  # what two chunks hold may overlap in time
+                before, behind = behind, before
+            times = next(iter(before), None), next(iter(behind), None)
+            found.append(Gap(begin, end, why, *times, self.path.name))
+        return found
+
+    @property
+    def damage(self) -> str | None:
+        """The first gap, or what is wrong with its end: place and one sentence; None: nothing."""
+        return (
+            f"byte {self._lost[0][0]}: {self._lost[0][2]}" if self._lost else self._flaw
+        )
+
+    @property
+    def whole(self) -> bool:
+        """Whether all that was recorded was read; what is wrong is only in the summary."""
+        return not self._lost and not self._altered
+
+    @property
+    def recovered(self) -> Mapping[str, str] | None:
+        """What `recover` noted when it made this file of a broken one; None if it did not.
+
+        Its key `gaps` says what of the original is lost, see `gaps.from_note`.
+        """
+        return dict(reversed(self.metadata)).get(RECOVERED_RECORD)
+
+    @property
+    def continued(self) -> Mapping[str, str] | None:
+        """Why this file continues a bag (see `metadata.CONTINUED_RECORD`); None: it does not."""
+        return dict(reversed(self.metadata)).get(CONTINUED_RECORD)
+
+    def extend(self) -> bool:
+        """Go on to where the file ends now; return whether there was anything new."""
+        before = self.readable_bytes
+        size = self._source.size
+        if size == self.size:
+            return False
+        self.size = size
+        self.finished = _has_end(self._source, size)
+        while self._end is None and (begin := self.readable_bytes) < self.size:
+            try:
+                record = self._source.record(begin, self.size)
+                self._take(record)
+                stop = begin
+                end = record.end
+            except Damage as damage:
+                found = self._behind(begin)
+                if (
+                    found is None
+                    and isinstance(damage, Cut)
+                    and self._grows
+                    and not self.finished
+                ):
+                    break  # the rest of a record that is being written comes later
+                stop, end = found or (self.size, self.size)
+                self._lose(begin, stop, damage.problem)
+            self.readable_bytes = end if self._end is None else stop
+        return self.readable_bytes != before
+
+    def close(self) -> None:
+        """Close the file; a second call does nothing."""
+        self._source.close()
+
+    def read(self, offset: int, length: int) -> bytes:
+        """Return bytes of the file; raises BagError if they are not there any more."""
+        try:
+            return self._source.read(offset, length)
+        except Damage as damage:
+            raise self._changed(damage) from damage
+
+    def parts(self, blocks: Sequence[Block]) -> Iterator[Part]:
+        """Yield the messages of blocks, those of small ones together.
+
+        Of a file that is not checked those that cannot be read are left out, and noted as gaps.
+
+        Raises:
+            BagError: the file was checked, and has changed since.
+        """
+        totals = accumulate(block.size for block in blocks)
+        for _, near in groupby(
+            zip(blocks, totals, strict=True), lambda one: one[1] // TOGETHER
+        ):
+            group = [block for block, _ in near]
+            try:
+                part = self._part(group)
+            except Damage as damage:
+                if len(group) > 1:
+                    for block in group:
+                        yield from self.parts([block])
+                elif self._checked:
+                    raise self._changed(damage) from damage
+                else:
+                    self._lose(
+                        group[0].offset,
+                        group[0].offset + group[0].length,
+                        damage.problem,
+                    )
+            else:
+                yield part
+
+    def _changed(self, damage: Damage) -> BagError:
+        return BagError(f"{self.path} has changed while it was read: {damage}")
+
+    def _lose(self, begin: int, end: int, why: str) -> None:
+        """Note that bytes cannot be read; what lies side by side is one gap."""
+        lost = self._lost
+        blocks = self.blocks
+        if not lost and self.finished:
+            with suppress(Damage):  # what a lost chunk defined is there again
+                summary = self._source.read(self.size - len(MAGIC) - 20, 8)
+                self._check_summary(int.from_bytes(summary, "little"))
+        at = bisect_left(blocks, begin, key=lambda block: block.offset)
+        if blocks[at : at + 1] and blocks[at].offset < end:
+            del blocks[at]
+        at = bisect_left(lost, begin, key=lambda gap: gap[0])
+        if at and lost[at - 1][1] >= begin:
+            at -= 1
+            begin, before, why = lost.pop(at)
+            end = max(end, before)
+        if lost[at : at + 1] and lost[at][0] <= end:
+            end = lost.pop(at)[1]
+        lost.insert(at, (begin, end, why))
+
+    def _behind(self, begin: int) -> tuple[int, int] | None:
+        """Return where a damage ends, and where the walk goes on; None: there is no record."""
+        most = SEARCHED + self.size
+        self._tried += TRIED
+        with suppress(Damage):
+            record = self._source.head(begin, self.size)
+            if record.end <= self.size and self._framed(record) and self._tried < most:
+                return record.end, record.end
+            if record.opcode == Opcode.CHUNK and self._block(record):
+                return None  # the file ends within it
+        self._tried += SEARCH
+        for place in self._source.places(begin + 1, self.size):
+            if self._tried > most:
+                break  # somebody has made it so
+            self._tried += TRIED
+            with suppress(Damage):
+                record = self._source.record(place, self.size)
+                if self._framed(record):
+                    self._tried += record.length
+                    if record.opcode == Opcode.CHUNK:
+                        self._part([self._block(record)[0]])
+                    self._take(record)
+                    return place, record.end
+        return None
+
+    def _framed(self, record: RecordPlace) -> bool:
+        """Whether a record's length is right: its own fields say so, or another one follows."""
+        with suppress(Damage):
+            if record.opcode == Opcode.CHUNK:
+                return self._block(record) is not None
+        try:
+            return self._belongs(self._source.head(record.end, self.size))
+        except Cut:
+            return True  # the file ends there
+        except Damage:
+            return False
+
+    def _content(self, block: Block) -> bytes:
+        """Return the records of a block; raises Damage."""
+        data = self._source.read(block.offset, block.length)
+        if data[0] != Opcode.CHUNK:
+            return data
+        chunk = parse(Chunk, data[HEAD.size :], block.offset)
+        content = chunk_content(chunk, block.offset, crc_required=self._crcs)
+        self._crcs |= chunk.uncompressed_crc != 0
+        self.compressions.add(chunk.compression or "none")
+        return content
+
+    def _part(self, blocks: Sequence[Block]) -> Part:
+        """Return the messages of blocks, as one part; raises Damage."""
+        contents = [self._content(block) for block in blocks]
+        starts = np.cumsum([0, *map(len, contents[:-1])])
+        part = self._understand(b"".join(contents), starts, blocks[0].offset)
+        times = part.heads["log_ns"]
+        firsts = np.searchsorted(part.begins, starts, side="right")
+        begin, end = (
+            np.array(column) for column in list(zip(*blocks, strict=True))[3:]
+        )
+        if len(times) and not (
+            firsts[-1] < len(times)
+            and (np.minimum.reduceat(times, firsts) == begin).all()
+            and (np.maximum.reduceat(times, firsts) == end).all()
+        ):
+            raise Damage(
+                blocks[0].offset, "a chunk whose times are not those of its messages"
+            )
+        return part
+
+    def _belongs(self, record: RecordPlace) -> bool:
+        """Whether a record of this kind may be at its place."""
+        foreign = record.opcode >= 0x80 or record.opcode in _BARE
+        known = not self._own if foreign else record.opcode in _OTHERS
+        return known and (record.opcode == Opcode.HEADER) == (
+            record.offset == len(MAGIC)
+        )
+
+    def _take(self, record: RecordPlace) -> None:
+        """Take one record, whole or not at all; raises Damage."""
+        if not self._belongs(record):
+            raise Damage(
+                record.offset, f"{describe(record.opcode)}, which has no business there"
+            )
+        if len(self.metadata) + len(self.attachments) > RECORDS:
+            raise BagError(
+                f"more than {RECORDS:,} attachments and metadata records are not read"
+            )
+        match record.opcode:
+            case Opcode.HEADER:
+                header = parse(Header, self._body(record), record.offset)
+                self._own = self._crcs = header.library.startswith(OWN_LIBRARY)
+            case Opcode.METADATA:
+                found = parse(Metadata, self._body(record), record.offset)
+                self.metadata.append((found.name, found.metadata))
+            case Opcode.DATA_END:
+                end = parse(DataEnd, self._body(record), record.offset)
+                self._end = record, end.data_section_crc
+            case Opcode.CHUNK:
+                self._take_chunk(record)
+            case Opcode.ATTACHMENT:
+                self._take_attachment(record)
+            case (
+                Opcode.MESSAGE_INDEX
+            ):  # nobody reads it, but its length tells it from damage
+                size = int.from_bytes(self._source.read(record.body + 2, 4), "little")
+                if size != record.length - 6:
+                    raise Damage(
+                        record.offset, "a message index whose fields do not fit into it"
+                    )
+            case opcode if opcode in _BARE:
+                self._take_bare(record)
+
+    def _body(self, record: RecordPlace) -> bytes:
+        return self._source.read(record.body, record.length)
+
+    def _block(self, record: RecordPlace) -> tuple[Block, int]:
+        """Return where a chunk is, and the checksum of its content; raises Damage."""
+        head = self._source.read(record.body, min(record.length, 64))
+        with suppress(struct.error):
+            start_ns, end_ns, content, crc, name = _CHUNK_HEAD.unpack_from(head)
+            [size] = LENGTH.unpack_from(head, _CHUNK_HEAD.size + name)
+            if _CHUNK_HEAD.size + name + LENGTH.size + size == record.length:
+                length = record.end - record.offset
+                return Block(record.offset, length, content, start_ns, end_ns), crc
+        raise Damage(record.offset, "a chunk record whose fields do not fit into it")
+
+    def _take_chunk(self, record: RecordPlace) -> None:
+        block, crc = self._block(record)
+        self._contents += min(block.size, CHUNK.bytes)  # more is damage, or refused
+        if self._contents > CHUNKS.bytes + CHUNKS.elements * self.size:
+            problem = f"a chunk of {block.size} bytes after too many for this file"
+            raise Damage(record.offset, problem)
+        # A recorder tells of its topics before the first message, and of the run at time 0.
+        early = not (self.topics and block.end_ns)
+        if (block.size or crc) and not (early and not len(self._part([block]).heads)):
+            self.blocks.append(block)
+
+    def _take_bare(self, record: RecordPlace) -> None:
+        """Take a message outside of chunks, or what defines a channel."""
+        data = self._source.read(record.offset, HEAD.size + record.length)
+        heads = self._understand(data, np.zeros(1, dtype=int), record.offset).heads
+        for log_ns in heads["log_ns"].tolist():
+            self.blocks.append(
+                Block(record.offset, len(data), len(data), log_ns, log_ns)
+            )
+
+    def _take_attachment(self, record: RecordPlace) -> None:
+        body = self._body(record)
+        found = parse(AttachmentRecord, body, record.offset)
+        expected = int.from_bytes(body[-_CRC_BYTES:], "little")
+        what = f"attachment {found.name!r}"
+        crc = zlib.crc32(body[:-_CRC_BYTES])
+        check_crc(expected, crc, record.offset, what, required=self._crcs)
+        self._crcs |= expected != 0
+        if found.log_time > LATEST_NS:
+            raise Damage(record.offset, f"{what} has an impossible time")
+        size = len(found.data)
+        where = size, record.end - _CRC_BYTES - size, self
+        self.attachments.append(
+            Attachment(found.name, found.media_type, found.log_time, *where)
+        )
+
+    def _check(self) -> None:
+        """Read what is in the blocks, and compare the checksums of the file."""
+        for part in self.parts(tuple(self.blocks)):
+            self._count(part.heads)
+            if self.counts.total() > (most := RECORDS + self.size):
+                raise BagError(
+                    f"more than {most:,} messages in {self.size:,} bytes are not read"
+                )
+        self._checked = True
+        closed = self.path.suffix != PARTIAL
+        if self._end is None:
+            if closed:
+                self._lose(self.size, self.size, CUT_OFF)
+            return
+        end, expected = self._end
+        try:
+            if not self._lost:
+                self._altered = True
+                crc = 0
+                for place in range(0, end.offset, TOGETHER):
+                    data = self._source.read(place, min(TOGETHER, end.offset - place))
+                    crc = zlib.crc32(data, crc)
+                check_crc(
+                    expected, crc, end.offset, "the data before", required=self._own
+                )
+                self._altered = False
+            if end.end < self.size:
+                self._check_summary(end.end)
+            elif closed:
+                raise Damage(self.size, CUT_OFF)
+        except Damage as damage:
+            self._flaw = str(damage)
+
+    def _check_summary(self, offset: int) -> None:
+        """Check the end of a file; only the channels in it are of interest, as nobody seeks."""
+        crc = 0
+        read = self._source.read
+        definitions = []
+        while (
+            record := self._source.record(offset, self.size)
+        ).opcode != Opcode.FOOTER:
+            if record.opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                definitions.append(record)
+            crc = zlib.crc32(read(offset, record.end - offset), crc)
+            offset = record.end
+        data = read(offset, record.end - offset)
+        footer = parse(Footer, data[HEAD.size :], offset)
+        crc = zlib.crc32(data[:-4], crc)
+        check_crc(footer.summary_crc, crc, offset, "the summary", required=self._own)
+        for one in definitions:
+            self._define(one.opcode, self._body(one), one.offset)
+        if (
+            self.size - record.end != len(MAGIC)
+            or read(record.end, len(MAGIC)) != MAGIC
+        ):
+            raise Damage(self.size, "the file does not end with MCAP's magic bytes")
+
+    def _define(self, opcode: int, body: bytes, offset: int) -> None:
+        """Take in a schema or a channel; raises Damage where it contradicts an earlier one."""
+        if opcode == Opcode.SCHEMA:
+            schema = parse(Schema, body, offset)
+            if self._schemas.setdefault(schema.id, schema) != schema:
+                raise Damage(offset, f"a second, different schema {schema.id}")
+            return
+        channel = parse(Channel, body, offset)
+        known = self._channels.get(channel.id)
+        if known not in (None, channel):
+            raise Damage(offset, f"a second, different channel {channel.id}")
+        if known is None:
+            topic = topic_of(channel, self._schemas, offset)
+            for other in self.topics.values():
+                if other.name == topic.name and other.type_name != topic.type_name:
+                    raise Damage(offset, f"topic {topic.name!r} has a second type")
+            self._channels[channel.id] = channel
+            self.topics[channel.id] = topic
+            self.counts[topic.name] += 0
+            self._known[channel.id] = True
+
+    def _understand(self, content: bytes, starts: np.ndarray, offset: int) -> Part:
+        """Return the messages among records, and take in the channels that these define."""
+        places, heads, others = message_heads(content, starts, offset)
+        if (
+            len(heads)
+            and max(heads["log_ns"].max(), heads["publish_ns"].max()) > LATEST_NS
+        ):
+            raise Damage(offset, "a message with an impossible time")
+        for opcode, begin, end in others:
+            if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                self._define(opcode, content[begin:end], offset)
+            elif self._own or opcode < 0x80:
+                raise Damage(offset, f"{describe(opcode)} within a chunk")
+        known = self._known[heads["channel"]]
+        if not known.all():
+            channel = heads["channel"][~known][0]
+            raise Damage(offset, f"a message of the unknown channel {channel}")
+        return Part(content, places + HEAD.size + MESSAGE.size, heads)
+
+    def _count(self, heads: np.ndarray) -> None:
+        """Count messages, and the bytes of their data."""
+        counts = np.bincount(heads["channel"])
+        sizes = np.bincount(heads["channel"], heads["length"] - MESSAGE.size)
+        for channel in np.flatnonzero(counts).tolist():
+            name = self.topics[channel].name
+            self.counts[name] += int(counts[channel])
+            self.sizes[name] += int(sizes[channel])
+
+
+def _has_end(source: Source, size: int) -> bool:
+    """Whether a file ends as its recorder's `close` leaves it."""
+    tail = len(_FOOTER) + 20 + len(MAGIC)
+    with suppress(Damage):  # it is shorter
+        data = source.read(size - tail, tail)
+        return data.startswith(_FOOTER) and data.endswith(MAGIC)
+    return False

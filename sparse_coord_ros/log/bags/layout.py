@@ -1,0 +1,158 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The files of a bag: new, unbuffered, locked while they grow, every failure a `BagError`."""
+
+import contextlib
+import errno
+import os
+import shutil
+from functools import partial
+from pathlib import Path
+from typing import BinaryIO
+
+from sparse_coord_ros.base.errors import BagError, retold
+from sparse_coord_ros.base.files import (
+    PARTIAL,
+    rescue,
+    sync_directory,
+    take_lock,
+    write_whole,
+)
+from sparse_coord_ros.base.limits import open_regular
+
+failing = partial(retold, BagError, OSError)
+"""What the system refuses is a BagError."""
+
+
+class OutputFile:
+    """A new file, as an output stream of `mcap.writer.Writer`.
+
+    Unbuffered: what is written is with the operating system, and survives the process. The first
+    failure is final; the file then ends with the last whole record. Until it is closed the file
+    is locked, so that nobody recovers what is still being recorded.
+
+    Attributes:
+        path: the file; its name ends with `.partial` until `finish`, which puts it elsewhere where
+            its directory was deleted.
+        refusal: why the file takes nothing more, or None while it does.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Create the file, `.partial`; an OSError passes, `create_bag_file` explains it."""
+        self.path = path.with_name(path.name + PARTIAL)
+        self.refusal: str | None = None
+        self._position = 0
+        self._file = open(self.path, "x+b", buffering=0)
+        take_lock(self._file, exclusive=True)
+
+    @property
+    def closed(self) -> bool:
+        """Whether `close` was called."""
+        return self._file.closed
+
+    def check_usable(self) -> None:
+        """Raise BagError with the refusal, if there is one."""
+        if self.refusal is not None:
+            raise BagError(self.refusal)
+
+    def write(self, data: bytes) -> None:
+        """Write all bytes, or raise BagError with the cause and the place."""
+        rest = memoryview(data)
+        begin = self._position
+        try:
+            while rest:
+                # A nearly full disk takes a part and fails with the next call.
+                written = self._file.write(rest)
+                self._position += written
+                rest = rest[written:]
+        except OSError as error:
+            self.refusal = (
+                f"cannot write {self.path} beyond {self._position} bytes: {error.strerror}; the "
+                "recording ends there, unfinished: make room or choose another directory, and "
+                "finish what there is with sparse_coord recover"
+            )
+            with contextlib.suppress(OSError):
+                self._file.truncate(begin)
+            raise BagError(self.refusal) from error
+
+    def tell(self) -> int:
+        """Return the number of bytes written."""
+        return self._position
+
+    def flush(self) -> None:
+        """Do nothing: there is no buffer."""
+
+    def finish(self) -> None:
+        """Let the disk have everything, then drop `.partial` from the name; raises BagError.
+
+        A file that was deleted is still open: it is copied to `<directory>_rescued`, or into the
+        folder for temporary files.
+        """
+        whole = self.path.with_name(self.path.name.removesuffix(PARTIAL))
+        with failing(f"cannot finish {self.path} as {whole.name}", "; all is in it"):
+            if not os.fstat(self._file.fileno()).st_nlink:
+                self.path = self._copied_out(whole.absolute())
+                return
+            if whole.exists():
+                raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST))
+            os.fsync(self._file.fileno())
+            self.path = self.path.rename(whole)
+            sync_directory(whole.parent)
+
+    def _copied_out(self, whole: Path) -> Path:
+        """Return the copy of a file that was deleted; the last OSError passes."""
+
+        def write(place: Path) -> None:
+            try:
+                with open(place / whole.name, "xb") as copy:
+                    self._file.seek(0)
+                    shutil.copyfileobj(self._file, copy, 1 << 20)
+                    os.fsync(copy.fileno())
+            except OSError:
+                shutil.rmtree(place, ignore_errors=True)
+                raise
+
+        return rescue(whole.parent, write) / whole.name
+
+    def close(self) -> None:
+        """Close the file; raises BagError if the system reports a late failure."""
+        if self.refusal is None:
+            self.refusal = f"the bag {self.path} is closed: open a new one"
+        with failing(f"cannot close {self.path}"):
+            self._file.close()
+
+
+def create_bag_file(directory: Path, file_name: str, *, new: bool = True) -> OutputFile:
+    """Make the directory, which must not exist where it is `new`, and a file in it.
+
+    Raises:
+        BagError: it cannot be made.
+    """
+    try:
+        if new:
+            directory.mkdir(parents=True)
+        return OutputFile(directory / file_name)
+    except FileExistsError as error:
+        remedy = "choose another name, or move it away"
+        raise BagError(f"bag directory {directory} exists: {remedy}") from error
+    except OSError as error:
+        why = f"{error.strerror}; choose a directory that you may write to"
+        raise BagError(f"cannot make the bag {directory / file_name}: {why}") from error
+
+
+def open_to_read(path: Path) -> BinaryIO:
+    """Open a file; raises BagError if there is none, also at once of a pipe or a device."""
+    with failing(f"cannot read {path}"):
+        return open_regular(path)
+
+
+def being_recorded(path: Path) -> bool:
+    """Whether a recorder holds the file's lock; raises BagError."""
+    with open_to_read(path) as file:
+        return not take_lock(file, exclusive=False)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text file all or nothing, and let the disk have it; BagError where that fails."""
+    with failing(f"cannot write {path}", "; make room"):
+        write_whole(path, text, sync=True)

@@ -1,0 +1,139 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The messages of a bag in the order of their log times, from any position, without holding them.
+
+One pass notes time and topic of every message (18 bytes each). Then the file is streamed; only a
+message that lies in the file before one with an earlier log time is kept until its turn.
+"""
+
+from array import array
+from collections.abc import Collection, Iterator
+
+import numpy as np
+
+from sparse_coord_ros.base.errors import BagError
+from sparse_coord_ros.log.bags.reader import Bag, Message
+
+
+class Playlist:
+    """A bag's messages, one after the other by log time; of equal times as in the file.
+
+    Args:
+        bag: an open bag.
+        topics: the topics to play; must hold messages.
+        kept: topics of which the last message stays true until the next, such as latched ones.
+
+    Attributes:
+        start_ns: log time of the first message.
+        end_ns: log time of the last message.
+        step_count: number of time steps.
+
+    Raises:
+        BagError: there is no message on these topics.
+    """
+
+    def __init__(
+        self, bag: Bag, topics: Collection[str], kept: Collection[str] = ()
+    ) -> None:
+        self._bag = bag
+        self._topics = frozenset(topics)
+        numbers = {name: number for number, name in enumerate(sorted(self._topics))}
+        log_times = array("q")
+        kinds = array("H")
+        for message in bag.messages(self._topics):
+            log_times.append(message.log_time_ns)
+            kinds.append(numbers[message.topic])
+        if not log_times:
+            raise BagError(
+                f"bag {bag.path}: no message to play on {', '.join(sorted(topics))}"
+            )
+        times = np.frombuffer(log_times, np.int64)
+        order = np.argsort(times, kind="stable")
+        self._times = times[order]
+        self._kinds = np.frombuffer(kinds, np.uint16)[order]
+        self._places = np.empty(len(order), np.int64)
+        self._places[order] = np.arange(len(order))
+        self._kept = [numbers[name] for name in sorted(kept) if name in numbers]
+        clock = numbers.get(bag.clock or "")
+        ticks = (
+            self._times[self._kinds == clock] if clock in self._kinds else self._times
+        )
+        self._ticks = np.unique(np.append(ticks, self._times[0]))
+        self.start_ns = int(self._times[0])
+        self.end_ns = int(self._times[-1])
+        self.step_count = len(self._ticks)
+        self._stream: Iterator[tuple[int, Message]] = iter(())
+        self._waiting: dict[int, Message] = {}
+        self._next = 0
+        self.seek(self.start_ns)
+
+    def __len__(self) -> int:
+        """Return the number of messages."""
+        return len(self._times)
+
+    @property
+    def next_ns(self) -> int | None:
+        """Log time of the next message; None at the end."""
+        return int(self._times[self._next]) if self._next < len(self._times) else None
+
+    @property
+    def step_end_ns(self) -> int | None:
+        """Log time of the last message of the step that comes next; None at the end.
+
+        A step lasts until the next message of the clock; in a bag without any, it is all that has
+        one log time.
+        """
+        if self._next == len(self._times):
+            return None
+        following = np.searchsorted(self._ticks, self._times[self._next], side="right")
+        if following == len(self._ticks):
+            return self.end_ns
+        return int(
+            self._times[np.searchsorted(self._times, self._ticks[following]) - 1]
+        )
+
+    def seek(self, time_ns: int) -> list[Message]:
+        """Go on with the first message at or after a time.
+
+        Returns:
+            The last message before that time of each kept topic, in their order.
+        """
+        self._next = int(np.searchsorted(self._times, time_ns))
+        lasts = (
+            np.flatnonzero(self._kinds[: self._next] == kind)[-1:]
+            for kind in self._kept
+        )
+        wanted = sorted(int(last[0]) for last in lasts if len(last))
+        messages = self._bag.messages(self._topics)
+        self._stream = zip(memoryview(self._places.data), messages, strict=False)
+        self._waiting.clear()
+        found = {place: self._find(place, set(wanted)) for place in wanted}
+        return [found[place] for place in wanted]
+
+    def prepare(self) -> None:
+        """Read ahead, so that the next `take` need not wait for the disk."""
+        if self._next < len(self._times):
+            self._waiting[self._next] = self._find(self._next)
+
+    def take(self) -> Message:
+        """Return the next message; there must be one (`next_ns`).
+
+        Raises:
+            BagError: the bag is no longer what it was.
+        """
+        message = self._find(self._next)
+        self._next += 1
+        return message
+
+    def _find(self, wanted: int, also: Collection[int] = ()) -> Message:
+        """Take the message of a place out of what waits, or read on up to it."""
+        if wanted in self._waiting:
+            return self._waiting.pop(wanted)
+        for place, message in self._stream:
+            if place == wanted:
+                return message
+            if place >= self._next or place in also:
+                self._waiting[place] = message
+        raise BagError(
+            f"bag {self._bag.path}: has changed while it was played; start again"
+        )

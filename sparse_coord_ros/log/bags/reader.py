@@ -1,0 +1,383 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The bag reader: finished, unfinished and damaged bags, without ROS."""
+
+import re
+from collections import Counter
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from sparse_coord_ros.base.errors import BagError, check_format
+from sparse_coord_ros.core.runs.run_config import RUN_RECORD
+from sparse_coord_ros.log.bags.contents import Attachment, BagFile, Block, Part
+from sparse_coord_ros.log.bags.gaps import Gap
+from sparse_coord_ros.log.bags.layout import PARTIAL
+from sparse_coord_ros.log.bags.metadata import told_files
+from sparse_coord_ros.log.bags.records import MESSAGE
+from sparse_coord_ros.log.bags.topics import BagTopic
+from sparse_coord_ros.protocol.wire import BAG_FORMAT, CLOCK, FORMAT_KEY
+
+BAG_DIRECTORY = "bag"
+"""Name of the bag's directory in that of a run."""
+
+
+class Message(NamedTuple):
+    """A recorded message.
+
+    Attributes:
+        topic: the topic's full name.
+        data: the serialised message with its CDR header.
+        log_time_ns: time of reception.
+        publish_time_ns: time of publication.
+        sequence: its place in its channel, from 0 where `BagWriter` wrote it.
+    """
+
+    topic: str
+    data: bytes
+    log_time_ns: int
+    publish_time_ns: int
+    sequence: int
+
+
+class Bag:
+    """What is in a bag: in one file, or in several one after the other.
+
+    Args:
+        files: its files in their order.
+        blocks: those of each file whose messages are read; None: all.
+        missing: files that should be there.
+
+    Attributes:
+        files: its files.
+        missing: as given.
+        path: the file; of several their directory.
+        part: whether only some blocks of its files are read.
+
+    Raises:
+        BagError: files do not belong together, or hold a run in another format.
+    """
+
+    def __init__(
+        self,
+        files: Sequence[BagFile],
+        blocks: Sequence[Sequence[Block]] | None = None,
+        missing: Sequence[Gap] = (),
+    ) -> None:
+        self.files = tuple(files)
+        self._blocks = blocks
+        self.missing = tuple(missing)
+        self.path = files[0].path if len(files) == 1 else files[0].path.parent
+        self.part = blocks is not None
+        topics: dict[str, BagTopic] = {}
+        for file in self.files:
+            for topic in file.topics.values():
+                if topics.setdefault(topic.name, topic).schema != topic.schema:
+                    what = f"topic {topic.name} has another definition than in the file before"
+                    remedy = "these are no parts of one bag; name one"
+                    raise BagError(f"{file.path}: {what}: {remedy}")
+        run = self.metadata.get(RUN_RECORD)
+        if run is not None:
+            said = run.get(FORMAT_KEY, "")
+            number = int(said) if said.isdecimal() and len(said) < 9 else said
+            check_format(number, BAG_FORMAT, str(self.path), BagError)
+
+    @property
+    def finished(self) -> bool:
+        """Whether its recorder closed it."""
+        return all(file.finished for file in self.files)
+
+    @property
+    def gaps(self) -> tuple[Gap, ...]:
+        """What of it cannot be read, as far as that is known, file by file.
+
+        Of a bag that is not checked more may be found when messages are read.
+        """
+        inside = [
+            gap._replace(place=n)
+            for n, file in enumerate(self.files)
+            for gap in file.gaps
+        ]
+        found = []
+        for gap in sorted([*self.missing, *inside], key=lambda one: one.place):
+            behind = self.files[gap.place + bool(gap.end) :]
+            ends = [
+                file.blocks[-1].end_ns
+                for file in self.files[: gap.place]
+                if file.blocks
+            ]
+            starts = [file.blocks[0].start_ns for file in behind if file.blocks]
+            first_ns = ends[-1] if gap.first_ns is None and ends else gap.first_ns
+            last_ns = starts[0] if gap.last_ns is None and starts else gap.last_ns
+            found.append(gap._replace(first_ns=first_ns, last_ns=last_ns))
+        return tuple(found)
+
+    @property
+    def damage(self) -> str | None:
+        """What is missing, or where the first damage is and what is wrong there; None: nothing is.
+
+        A bag that is unfinished is not damaged by that alone.
+        """
+        found = [f"{gap.file} {gap.why}" for gap in self.missing]
+        for file in self.files:
+            where = f"{file.path.name}: " * (len(self.files) > 1)
+            found += [] if file.damage is None else [f"{where}{file.damage}"]
+        return found[0] if found else None
+
+    @property
+    def whole(self) -> bool:
+        """Whether all that was recorded was read, though the end of a file be damaged."""
+        return not self.missing and all(file.whole for file in self.files)
+
+    @property
+    def lost_bytes(self) -> int:
+        """Bytes in gaps of its files, as they are."""
+        return sum(gap.end - gap.begin for gap in self.gaps if not gap.recovered)
+
+    @property
+    def topics(self) -> dict[str, BagTopic]:
+        """Its topics by name."""
+        found: dict[str, BagTopic] = {}
+        for file in self.files:
+            for topic in file.topics.values():
+                found.setdefault(topic.name, topic)
+        return found
+
+    @property
+    def clock(self) -> str | None:
+        """The topic that holds its clock, however it is called; None: there is none.
+
+        It is known by its type. Of several it is the one of the usual name, else the one that says
+        most.
+        """
+        topics = self.topics
+        counts = self.counts
+        found = sorted(
+            name for name in topics if topics[name].type_name == CLOCK.type_name
+        )
+        return max(
+            found, key=lambda one: (one == f"/{CLOCK.name}", counts[one]), default=None
+        )
+
+    @property
+    def channels(self) -> Mapping[int, str]:
+        """The topic of each channel, by the number in the heads of `parts`."""
+        return dict(enumerate(self.topics, start=1))
+
+    @property
+    def counts(self) -> Counter[str]:
+        """Messages by topic."""
+        return Counter(
+            {n: sum(file.counts[n] for file in self.files) for n in self.topics}
+        )
+
+    @property
+    def sizes(self) -> Counter[str]:
+        """Bytes of the messages' data by topic."""
+        return Counter(
+            {n: sum(file.sizes[n] for file in self.files) for n in self.topics}
+        )
+
+    @property
+    def message_count(self) -> int:
+        """Messages of all topics."""
+        return self.counts.total()
+
+    @property
+    def start_ns(self) -> int:
+        """Earliest log time; 0 without messages."""
+        return min(
+            (block.start_ns for blocks in self.blocks for block in blocks), default=0
+        )
+
+    @property
+    def end_ns(self) -> int:
+        """Latest log time; 0 without messages."""
+        return max(
+            (block.end_ns for blocks in self.blocks for block in blocks), default=0
+        )
+
+    @property
+    def blocks(self) -> Sequence[Sequence[Block]]:
+        """Where in each file the messages are."""
+        return (
+            [file.blocks for file in self.files]
+            if self._blocks is None
+            else self._blocks
+        )
+
+    @property
+    def compressions(self) -> tuple[str, ...]:
+        """How its chunks are compressed: some of `zstd`, `lz4` and `none`."""
+        return tuple(
+            sorted({name for file in self.files for name in file.compressions})
+        )
+
+    @property
+    def attachments(self) -> tuple[Attachment, ...]:
+        """Its attachments, each read when its data are asked for."""
+        return tuple(one for file in self.files for one in file.attachments)
+
+    @property
+    def metadata_records(self) -> tuple[tuple[str, Mapping[str, str]], ...]:
+        """Name and texts of each metadata record; a name may be there more than once."""
+        return tuple(record for file in self.files for record in file.metadata)
+
+    @property
+    def metadata(self) -> dict[str, Mapping[str, str]]:
+        """The texts of the first metadata record of each name."""
+        return dict(reversed(self.metadata_records))
+
+    @property
+    def recovered(self) -> Mapping[str, str] | None:
+        """What `recover` noted when it made the last file of a broken one; None if it did not."""
+        return self.files[-1].recovered
+
+    def between(self, first_ns: int, last_ns: int) -> "Bag":
+        """Return the blocks that have messages of some log times, as a bag of their own."""
+
+        def inside(block: Block) -> bool:
+            return block.end_ns >= first_ns and block.start_ns <= last_ns
+
+        return Bag(
+            self.files,
+            [list(filter(inside, each)) for each in self.blocks],
+            self.missing,
+        )
+
+    def extend(self) -> bool:
+        """Take in what the last file has grown by; return whether there was anything."""
+        return self.files[-1].extend()
+
+    def close(self) -> None:
+        """Close files that are still open."""
+        for file in self.files:
+            file.close()
+
+    def messages(self, topics: Collection[str] | None = None) -> Iterator[Message]:
+        """Yield the messages outside of gaps, in the order of the file.
+
+        Args:
+            topics: names of the topics to yield; None: all.
+
+        Raises:
+            BagError: the file has changed since it was opened, or cannot be read.
+        """
+        if topics is not None and not topics:
+            return
+        for part in self.parts():
+            names = self.channels
+            mine = [
+                one for one, name in names.items() if topics is None or name in topics
+            ]
+            here = np.isin(part.heads["channel"], mine)
+            heads = part.heads[here]
+            begins = part.begins[here]
+            ends = begins + heads["length"].astype(np.int64) - MESSAGE.size
+            fields = (
+                heads[name] for name in ("channel", "log_ns", "publish_ns", "sequence")
+            )
+            columns = (column.tolist() for column in (begins, ends, *fields))
+            content = part.content
+            for begin, end, channel, log_ns, publish_ns, sequence in zip(
+                *columns, strict=True
+            ):
+                yield Message(
+                    names[channel], content[begin:end], log_ns, publish_ns, sequence
+                )
+
+    def parts(self, files: Iterable[int] | None = None) -> Iterator[Part]:
+        """Yield the messages outside of gaps, many together, with the channels of the whole.
+
+        Args:
+            files: numbers (from 0) of the files to read; None: all.
+
+        Raises:
+            BagError: the file has changed since it was opened, or cannot be read.
+        """
+        table = np.zeros(1 << 16, dtype=np.uint16)
+        for place in range(len(self.files)) if files is None else files:
+            file = self.files[place]
+            for part in file.parts(tuple(self.blocks[place])):
+                numbers = {name: channel for channel, name in self.channels.items()}
+                for channel, topic in file.topics.items():
+                    table[channel] = numbers[topic.name]
+                part.heads["channel"] = table[part.heads["channel"]]
+                yield part
+
+
+def open_bag(path: Path, *, checked: bool = True) -> Bag:
+    """Open a bag.
+
+    Args:
+        path: a bag's directory, that of a run with a `bag` in it, an `.mcap` or an
+            `.mcap.partial` file.
+        checked: read through it once, check every byte and count the messages; else only look
+            where what lies, see `BagFile`.
+
+    Returns:
+        The bag; if it is damaged, as far as it can be read.
+
+    Raises:
+        BagError: there is no such file, none in the directory or several that are not parts of
+            one bag, or a file does not begin as MCAP, holds other messages than those of ROS 2, or
+            is a run's in another format than this version's.
+    """
+    files = bag_files(Path(path))
+    missing = list(_missing(files)) if Path(path).is_dir() else []
+    return Bag([BagFile(file, checked=checked) for file in files], missing=missing)
+
+
+def _missing(files: Sequence[Path]) -> Iterator[Gap]:
+    """Yield the files of a bag that its names or `metadata.yaml` tell of, but are not there."""
+    stem, last = stem_and_number(files[-1])
+    told = [stem_and_number(Path(name))[1] for name in told_files(files[0].parent)]
+    numbers = [
+        -1,
+        *(stem_and_number(file)[1] for file in files),
+        max([last, *told]) + 1,
+    ]
+    for place, (before, behind) in enumerate(pairwise(numbers)):
+        names = [f"{stem}_{number}.mcap" for number in sorted({before + 1, behind - 1})]
+        if behind - before > 1:
+            why = "is missing" if len(names) == 1 else "are missing"
+            yield Gap(0, 0, why, None, None, " to ".join(names), place)
+
+
+_NUMBERED = re.compile(rf"(.+)_(0|[1-9][0-9]*)\.mcap({re.escape(PARTIAL)})?")
+
+
+def bag_files(path: Path) -> list[Path]:
+    """Return the MCAP files of a bag's directory in order, or the file itself; raises BagError.
+
+    Several are one bag where their names differ in their numbers only. Where a finished and an
+    unfinished file of one name lie beside each other, it is the finished one. In a directory
+    without any, they are those of the directory `bag` there, as `run` leaves it.
+    """
+    if not path.is_dir():
+        return [path]
+    for directory in (path, path / BAG_DIRECTORY):
+        there = [*directory.glob(f"[!.]*.mcap{PARTIAL}"), *directory.glob("[!.]*.mcap")]
+        files = list({file.name.removesuffix(PARTIAL): file for file in there}.values())
+        named = {stem_and_number(file) for file in files}
+        if len(named) < len(files) or len({stem for stem, _ in named}) > 1:
+            problem = f"bag {directory} has {len(files)} .mcap files"
+            raise BagError(f"{problem}: name one, or move it to another directory")
+        if files:
+            return sorted(files, key=stem_and_number)
+    remedy = "give a bag's directory or its file"
+    raise BagError(f"{path} is not a bag: it has no .mcap file; {remedy}")
+
+
+def stem_and_number(file: Path) -> tuple[str, int]:
+    """Return what the names of a bag's files begin with, and the number in that of one of them.
+
+    They are `bag` and 0 where the name says nothing.
+    """
+    match = _NUMBERED.fullmatch(file.name)
+    if match is not None:
+        return match[1], int(match[2])
+    return file.name.removesuffix(PARTIAL).removesuffix(".mcap") or "bag", 0

@@ -1,0 +1,135 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a bag says about a topic: its type, and the quality of service that is offered.
+
+A player offers what the recording says: without `transient_local` in the bag a replayed `map` is
+no longer latched.
+"""
+
+import functools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from mcap.records import Channel, Schema
+
+from sparse_coord_ros.base.errors import BagError
+from sparse_coord_ros.base.limits import METADATA, yaml_value
+from sparse_coord_ros.log.bags.records import Damage
+
+# rmw's RMW_DURATION_INFINITE, 2**63 - 1 ns: what rosbag2 records for a publisher without a
+# deadline, lifespan or lease.
+_INFINITE = {"sec": 9223372036, "nsec": 854775807}
+
+_POLICIES = {
+    "reliability": ("reliable", "best_effort"),
+    "durability": ("transient_local", "volatile"),
+    "history": ("keep_last", "keep_all"),
+}
+"""In the order of rmw's numbers from 1, by which rosbag2 called them before version 9."""
+
+
+@dataclass(frozen=True)
+class QoS:
+    """The quality of service that a topic's publisher offers.
+
+    Attributes:
+        history: `keep_last` or `keep_all`.
+        depth: messages kept with `keep_last`, 0 or more; ignored with `keep_all`.
+        reliability: `reliable` or `best_effort`.
+        durability: `volatile`, or `transient_local` for a latched topic.
+    """
+
+    history: str = "keep_last"
+    depth: int = 10
+    reliability: str = "reliable"
+    durability: str = "volatile"
+
+    def as_mapping(self) -> dict[str, Any]:
+        """Return the profile with the keys, order and policy names of rosbag2 version 9."""
+        return vars(self) | {
+            "deadline": dict(_INFINITE),
+            "lifespan": dict(_INFINITE),
+            "liveliness": "automatic",
+            "liveliness_lease_duration": dict(_INFINITE),
+            "avoid_ros_namespace_conventions": False,
+        }
+
+
+@functools.lru_cache
+def profiles_from_text(text: str) -> tuple[QoS, ...]:
+    """Return the profiles of a channel's `offered_qos_profiles`, in any version's spelling.
+
+    Raises:
+        BagError: the text is not YAML, or not a list of profiles.
+    """
+    try:
+        entries = yaml_value(text, where="QoS", limit=METADATA, error=BagError) or []
+        return tuple(_profile(entry) for entry in entries)
+    except (BagError, ValueError, OverflowError, TypeError, AttributeError) as error:
+        raise BagError("its QoS profiles cannot be read") from error
+
+
+def _profile(entry: dict[str, Any]) -> QoS:
+    values: dict[str, Any] = {"depth": int(entry.get("depth", QoS.depth))}
+    if values["depth"] < 0:
+        raise ValueError
+    for name, allowed in _POLICIES.items():
+        value = entry.get(name)
+        if isinstance(value, int) and 1 <= value <= len(allowed):
+            value = allowed[value - 1]
+        # Else it is what rosbag2 calls unknown, system_default or best_available.
+        values[name] = value if value in allowed else getattr(QoS, name)
+    return QoS(**values)
+
+
+def latched(profiles: Sequence[QoS]) -> bool:
+    """Whether a late subscriber gets the last message."""
+    return any(qos.durability == "transient_local" for qos in profiles)
+
+
+class BagTopic(NamedTuple):
+    """A topic of a bag.
+
+    Attributes:
+        name: full name, with a leading slash.
+        type_name: message type, e.g. `nav_msgs/msg/Path`.
+        schema: the type's definition with all it depends on.
+        qos: the profile of each publisher.
+        type_hash: the type's RIHS01 hash, empty if unknown.
+        schema_encoding: the language of `schema`: `ros2msg`, in bags of others also `ros2idl`.
+    """
+
+    name: str
+    type_name: str
+    schema: str
+    qos: tuple[QoS, ...] = (QoS(),)
+    type_hash: str = ""
+    schema_encoding: str = "ros2msg"
+
+
+def topic_of(channel: Channel, schemas: dict[int, Schema], offset: int) -> BagTopic:
+    """Return what a channel record and its schema say.
+
+    Args:
+        channel: the record.
+        schemas: the schemas known by then, by id.
+        offset: where in the file they are, for the error.
+
+    Raises:
+        BagError: the messages are none of ROS 2.
+        Damage: the records make no sense.
+    """
+    if channel.message_encoding != "cdr":
+        what = f"topic {channel.topic!r} is encoded as {channel.message_encoding!r}, not cdr"
+        raise BagError(f"this MCAP file is no ROS 2 bag: {what}")
+    schema = schemas.get(channel.schema_id)
+    if schema is None:
+        raise Damage(offset, f"topic {channel.topic!r} has no type")
+    try:
+        qos = profiles_from_text(channel.metadata.get("offered_qos_profiles", ""))
+        text = schema.data.decode()
+    except (BagError, UnicodeDecodeError) as error:
+        raise Damage(offset, f"topic {channel.topic!r}: {error}") from error
+    type_hash = channel.metadata.get("topic_type_hash", "")
+    return BagTopic(channel.topic, schema.name, text, qos, type_hash, schema.encoding)

@@ -1,0 +1,341 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The bag writer: raw CDR messages into a rosbag2 directory of MCAP files."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from mcap.writer import CompressionType, Writer
+
+from sparse_coord_ros.base.errors import BagError
+from sparse_coord_ros.base.version import __version__
+from sparse_coord_ros.log.bags.layout import create_bag_file, write_text
+from sparse_coord_ros.log.bags.metadata import (
+    CONTINUED_RECORD,
+    METADATA_FILE,
+    METADATA_RECORD,
+    RESTARTED,
+    SPLIT,
+    FileSummary,
+    bag_information,
+    metadata_yaml,
+    offered_qos_profiles,
+    yaml_text,
+)
+from sparse_coord_ros.log.bags.reader import Bag, stem_and_number
+from sparse_coord_ros.log.bags.records import LATEST_NS
+from sparse_coord_ros.log.bags.schemas import schema_text, stored_name, type_hash
+from sparse_coord_ros.log.bags.topics import BagTopic, QoS
+
+DEFAULT_CHUNK_SIZE = 256 * 1024
+"""Bytes of uncompressed messages in a chunk: what a killed process loses at most."""
+
+INSIDE = tuple(
+    f"_Writer__{name}"
+    for name in ("chunk_indices", "schemas", "channels", "chunk_builder")
+)
+CHUNKS, SCHEMAS, CHANNELS, BUILDER = INSIDE
+"""Private attributes of mcap's Writer, which defines a channel in one chunk only: by these `flush`
+defines it in another one. A test says where a release of mcap has renamed them."""
+
+
+class BagWriter:
+    """Writes one bag: a new directory with `<name>_0.mcap` and `metadata.yaml`.
+
+    Further files follow where a limit is passed, by `begin_file`, or where an earlier bag is
+    continued: `<name>_1.mcap` and so on, each with a metadata record that says why it begins.
+    Channels and sequence numbers go on.
+
+    Until it is closed the file is `<name>_0.mcap.partial`, alone in its directory. Every chunk is
+    handed to the operating system as soon as it is full, and by `flush`: a bag that is never
+    closed holds these chunks complete, for `open_bag` to read and `recover` to finish. As a
+    context manager the writer closes the bag on success and abandons it on an exception, so that
+    a broken run does not look whole. The same calls give the same bytes. Not thread-safe: one
+    thread, or one lock, for all calls.
+
+    Args:
+        directory: the bag's directory, made here with its parents; must not exist.
+        compression: of chunks: `zstd`, `lz4` or `none`.
+        chunk_size: bytes of uncompressed messages after which a chunk is written.
+        name: stem of the MCAP file; the directory's name by default.
+        number: of its first file.
+        max_bytes: begin another file after so many; 0: never.
+        max_ns: the same, after so much log time.
+        earlier: the bag in that directory that is to be continued (`recover.continued`).
+        why: what the first new file then says, see `begin_file`.
+
+    Raises:
+        BagError: directory or file cannot be made.
+    """
+
+    def __init__(
+        self,
+        directory: Path,
+        *,
+        compression: str = "zstd",
+        chunk_size: int = DEFAULT_CHUNK_SIZE,
+        name: str | None = None,
+        number: int = 0,
+        max_bytes: int = 0,
+        max_ns: int = 0,
+        earlier: Bag | None = None,
+        why: Mapping[str, str] | None = None,
+    ) -> None:
+        """Make the directory and start the file, as the class says."""
+        self._compression = CompressionType[compression.upper()]
+        self._chunk_size = chunk_size
+        self._max_bytes = max_bytes
+        self._max_ns = max_ns
+        self._directory = Path(directory)
+        stem = self._directory.name if name is None else name
+        self._files: list[FileSummary] = []
+        self._topics_before: Mapping[str, BagTopic] = {}
+        if earlier is not None:
+            stem, last = stem_and_number(earlier.files[-1].path)
+            number = last + 1
+            self._files += [file.summary for file in earlier.files]
+            self._topics_before = earlier.topics
+        self._stem = stem
+        self._number = number
+        self._gone: Path | None = None
+        self._bytes_before = 0
+        self._channels: dict[str, int] = {}
+        self._topics: dict[str, BagTopic] = {}
+        self._counts: dict[int, int] = {}
+        self._start_file(None if earlier is None else why or {"why": RESTARTED})
+
+    def _start_file(self, why: Mapping[str, str] | None) -> None:
+        """Begin a file, with the channels that there are; None: the bag's first."""
+        self._file_name = f"{self._stem}_{self._number}.mcap"
+        self._file = create_bag_file(self._directory, self._file_name, new=why is None)
+        self._writer = Writer(
+            self._file,  # type: ignore[arg-type]  # of a stream, Writer uses write, tell and flush
+            chunk_size=self._chunk_size,
+            compression=self._compression,
+            enable_data_crcs=True,
+        )
+        self._add_message = self._writer.add_message
+        self._schema_ids: dict[tuple[str, str, bytes], int] = {}
+        self._defined_twice = 0
+        self._start_ns = LATEST_NS
+        self._end_ns = 0
+        self._writer.start(profile="ros2", library=f"sparse_coord_ros {__version__}")
+        for topic in self._topics.values():
+            self._register(topic)
+        if why is not None:
+            self._writer.add_metadata(CONTINUED_RECORD, dict(why))
+
+    def begin_file(self, why: Mapping[str, str]) -> None:
+        """End the file and begin the next.
+
+        Args:
+            why: texts of its metadata record `continued`; see `metadata.CONTINUED_RECORD`.
+
+        Raises:
+            BagError: writing failed, or the bag is closed.
+        """
+        self._file.check_usable()
+        self._finish_file()
+        self._bytes_before += self._file.tell()
+        self._number += 1
+        self._start_file(why)
+
+    @property
+    def message_count(self) -> int:
+        """Number of messages written, those in the unfinished chunk included."""
+        return sum(self._counts.values())
+
+    @property
+    def bytes_written(self) -> int:
+        """Bytes handed to the operating system; the unfinished chunk is not among them."""
+        return self._bytes_before + self._file.tell()
+
+    def add_topic(self, topic: str, type_name: str, qos: QoS) -> int:
+        """Return the topic's channel id, registering topic and type if the topic is new.
+
+        Args:
+            topic: full topic name, with a leading slash.
+            type_name: `package/msg/Type`, or `package/srv/Service_Event` for service events: the
+                bag calls these as of `stored_name`.
+            qos: what the topic's publisher offers.
+
+        Raises:
+            BagError: the type's definition is not installed, or the bag is closed or broken.
+        """
+        self._file.check_usable()
+        if topic in self._channels:
+            return self._channels[topic]
+        name = stored_name(type_name)
+        digest = type_hash(type_name) if name == type_name else ""
+        known = BagTopic(topic, name, schema_text(type_name), (qos,), digest)
+        return self.add_known_topic(known)
+
+    def add_known_topic(self, topic: BagTopic) -> int:
+        """Return the channel id of a new topic, told as another bag tells it.
+
+        Raises:
+            BagError: the bag is closed or broken.
+        """
+        self._file.check_usable()
+        self._topics[topic.name] = topic
+        channel_id = self._channels[topic.name] = self._register(topic)
+        self._counts[channel_id] = self._in_files(topic.name)
+        return channel_id
+
+    def _register(self, topic: BagTopic) -> int:
+        """Write a topic's type and channel into the file, and return the channel."""
+        schema = topic.type_name, topic.schema_encoding, topic.schema.encode()
+        if schema not in self._schema_ids:
+            self._schema_ids[schema] = self._writer.register_schema(*schema)
+        profiles = offered_qos_profiles(topic.qos)
+        said = {"offered_qos_profiles": profiles, "topic_type_hash": topic.type_hash}
+        return self._writer.register_channel(
+            topic.name, "cdr", self._schema_ids[schema], said
+        )
+
+    def write(
+        self,
+        channel_id: int,
+        data: bytes,
+        log_time_ns: int,
+        publish_time_ns: int,
+        sequence: int | None = None,
+    ) -> None:
+        """Append one message.
+
+        Args:
+            channel_id: as `add_topic` returned it.
+            data: the serialised message with its CDR header.
+            log_time_ns: time of reception in nanoseconds, 0 to 2**63 - 1, in any order.
+            publish_time_ns: time of publication, likewise.
+            sequence: its sequence number; by default its place in its channel, from 0.
+
+        Raises:
+            BagError: the bag is closed, or writing failed, after which the bag takes no more
+                messages.
+            KeyError: the channel is unknown.
+        """
+        if self._file.refusal is not None:
+            raise BagError(self._file.refusal)
+        too_big = 0 < self._max_bytes <= self._file.tell()
+        if too_big or 0 < self._max_ns <= log_time_ns - self._start_ns:
+            self.begin_file({"why": SPLIT})
+        count = self._counts[channel_id]
+        number = count if sequence is None else sequence
+        self._add_message(channel_id, log_time_ns, data, publish_time_ns, number)
+        self._counts[channel_id] = count + 1
+        if log_time_ns < self._start_ns:
+            self._start_ns = log_time_ns
+        if log_time_ns > self._end_ns:
+            self._end_ns = log_time_ns
+
+    def add_metadata(self, name: str, data: Mapping[str, str]) -> None:
+        """Add a metadata record of texts, for example parameters or versions.
+
+        Raises:
+            BagError: writing failed, or the bag is closed.
+        """
+        self._file.check_usable()
+        self._writer.add_metadata(name, dict(data))
+
+    def attach(
+        self, name: str, data: bytes, media_type: str, log_time_ns: int = 0
+    ) -> None:
+        """Add a file as an attachment, for example a scenario as `application/yaml`.
+
+        Raises:
+            BagError: writing failed, or the bag is closed.
+        """
+        self._file.check_usable()
+        # The creation time stays 0, "not available": the bytes must not depend on the clock.
+        self._writer.add_attachment(0, log_time_ns, name, media_type, data)
+
+    def flush(self) -> None:
+        """End the current chunk and hand it to the operating system, without fsync.
+
+        The next chunk defines channels again that are new: should a chunk of an unfinished file be
+        lost, the others can be read.
+
+        Raises:
+            BagError: writing failed, or the bag is closed.
+        """
+        self._file.check_usable()
+        self._writer.flush()
+        inside = vars(self._writer)
+        if self._defined_twice < len(self._topics) and inside[CHUNKS]:
+            self._defined_twice = len(self._topics)
+            for schema in inside[SCHEMAS].values():
+                inside[BUILDER].add_schema(schema)
+            for channel in inside[CHANNELS].values():
+                inside[BUILDER].add_channel(channel)
+
+    def close(self) -> None:
+        """Finish and rename the MCAP file, write `metadata.yaml`; a second call does nothing.
+
+        Raises:
+            BagError: writing failed, now or earlier: the file stays `.partial`, or only
+                `metadata.yaml` is missing.
+        """
+        if self._file.closed:
+            return
+        self._finish_file()
+        topics = {**self._topics_before, **self._topics}
+        files = [file for file in self._files if (self._directory / file.name).exists()]
+        information = bag_information(files, topics.values())
+        write_text(self._directory / METADATA_FILE, metadata_yaml(information))
+        if self._gone is not None:
+            gone = f"the bag {self._gone} was deleted while it was recorded"
+            rest = f"{files[0].name} and what came after it, is in {self._directory}"
+            raise BagError(f"{gone}; what was still open, {rest}")
+
+    def _in_files(self, topic: str) -> int:
+        """Return how many messages of a topic are in the files that are finished."""
+        return sum(file.counts.get(topic, 0) for file in self._files)
+
+    def _finish_file(self) -> None:
+        """Finish and rename the file, and close it in any case."""
+        counts = {
+            one: self._counts[c] - self._in_files(one)
+            for one, c in self._channels.items()
+        }
+        file = FileSummary(self._file_name, counts, self._start_ns, self._end_ns)
+        try:
+            self._file.check_usable()
+            self._writer.flush()
+            # rosbag2 stores its information in the file too, and reads it from there if the
+            # MCAP file is opened alone.
+            said = yaml_text(bag_information([file], self._topics.values()))
+            self._writer.add_metadata(METADATA_RECORD, {"serialized_metadata": said})
+            self._writer.finish()
+            self._file.finish()
+        finally:
+            self._file.close()
+        self._files.append(file)
+        if self._file.path.parent != self._directory:  # that was deleted
+            self._gone = self._gone or self._directory
+            self._directory = self._file.path.parent
+
+    def abandon(self) -> None:
+        """Write the current chunk and close the file without finishing it.
+
+        It stays `.partial`: `open_bag` reads every message, `recover` finishes it.
+
+        Raises:
+            BagError: writing failed.
+        """
+        try:
+            if self._file.refusal is None:
+                self._writer.flush()
+        finally:
+            self._file.close()
+
+    def __enter__(self) -> "BagWriter":
+        """Return the writer itself."""
+        return self
+
+    def __exit__(self, exception_type: type[BaseException] | None, *_: object) -> None:
+        """Close the bag, or abandon it if the block raised."""
+        if exception_type is None:
+            self.close()
+        else:
+            self.abandon()

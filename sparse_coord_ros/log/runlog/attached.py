@@ -1,0 +1,186 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What robots have learned, and the plans that they made of it, as a bag has them attached."""
+
+import hashlib
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from sparse_coord_ros.base.errors import TablesError
+from sparse_coord_ros.core.learners.tables import Tables
+from sparse_coord_ros.core.runs.run_config import RunConfig
+from sparse_coord_ros.core.runs.tables import tables_of, unpack_saved
+from sparse_coord_ros.log.bags.contents import Attachment
+from sparse_coord_ros.log.bags.metadata import RESTARTED
+from sparse_coord_ros.log.bags.reader import Bag
+from sparse_coord_ros.log.runlog.difference import Difference
+from sparse_coord_ros.log.runlog.timeline import Rollback, holds
+from sparse_coord_ros.protocol import wire
+
+TABLES = wire.TABLES.name
+
+
+def _pattern(name: str) -> re.Pattern[str]:
+    return re.compile(name.replace(".npz", r"\.npz"), re.ASCII)
+
+
+NAME = _pattern(wire.tables_attachment("(.+)", "(0|[1-9][0-9]{0,17})"))
+PLAN_NAME = _pattern(wire.improved_attachment("(.+)"))
+
+
+class RecordedTables(NamedTuple):
+    """One robot's tables in the log.
+
+    Attributes:
+        robot: its number from 0.
+        step: everything is learned that happened before this time step.
+        tables: what it had learned.
+        counts: the numbers stored beside them.
+        arrays: all that is attached, by name; empty where these are no recorded ones.
+    """
+
+    robot: int
+    step: int
+    tables: Tables
+    counts: Mapping[str, int]
+    arrays: Mapping[str, np.ndarray]
+
+
+def attached_tables(
+    bag: Bag, run: RunConfig, backs: Sequence[Rollback]
+) -> Iterator[tuple[int, Attachment, tuple[int, int] | None]]:
+    """Yield the attachments that are called like tables, but those that a roll-back superseded.
+
+    Each with the place of its file before it, and (robot from 0, time step) after it; None where
+    they are of no robot.
+    """
+    robots = run.scenario.names
+    for place, file in enumerate(bag.files):
+        for attachment in file.attachments:
+            match = NAME.fullmatch(attachment.name)
+            if match is not None and match[1] in robots:
+                step = int(match[2])
+                if holds(place, step, backs):
+                    yield place, attachment, (robots.index(match[1]), step)
+            elif attachment.name.startswith(wire.TABLES_FOLDER):
+                yield place, attachment, None
+
+
+class RecordedPlan(NamedTuple):
+    """The tables that a robot made of what all had learned, as a bag has them.
+
+    Attributes:
+        robot: its number from 0.
+        arrays: all that is attached, by name.
+    """
+
+    robot: int
+    arrays: Mapping[str, np.ndarray]
+
+
+def read_tables(
+    bag: Bag, run: RunConfig, backs: Sequence[Rollback] = ()
+) -> tuple[list[RecordedTables], list[Difference]]:
+    """Return the attachments tables/<robot>_<step>.npz, and what is odd about them.
+
+    Those that a roll-back superseded are left out; those from its checkpoint on come again.
+    """
+    found: list[RecordedTables] = []
+    problems: list[Difference] = []
+    copies = _Copies(bag)
+    for in_file, attachment, of in attached_tables(bag, run, backs):
+        if of is None:
+            problems.append(_of_no_robot(attachment))
+            continue
+        k, step = of
+        robot = run.scenario.names[k]
+        again = any(
+            back.file == in_file and back.step <= step <= back.until for back in backs
+        )
+        copy = copies.of(in_file, attachment)
+        if copy is not None and not again:
+            problems += [Difference(step, robot, TABLES, *words) for words in copy]
+            continue
+        try:
+            [saved] = unpack_saved(attachment.data, [k + 1], where=attachment.name)
+            tables = tables_of(run.scenario, run.known_rule, k, saved.memory)
+        except TablesError as error:
+            problems.append(
+                Difference(step, robot, TABLES, str(error), "readable tables")
+            )
+            continue
+        said = saved.counts.get("step")
+        if said != step:
+            problems.append(
+                Difference(step, robot, TABLES, f"of step {said}", f"of {step}")
+            )
+        found.append(RecordedTables(k, step, tables, saved.counts, saved.arrays))
+    return found, problems
+
+
+def read_plans(bag: Bag, run: RunConfig) -> tuple[list[RecordedPlan], list[Difference]]:
+    """Return the attachments improved/<robot>.npz, and what is odd about them."""
+    robots = run.scenario.names
+    found: list[RecordedPlan] = []
+    problems: list[Difference] = []
+    copies = _Copies(bag)
+    for in_file, file in enumerate(bag.files):
+        for attachment in file.attachments:
+            name = attachment.name
+            match = PLAN_NAME.fullmatch(name)
+            if match is None or match[1] not in robots:
+                if name.startswith(wire.PLANS_FOLDER):
+                    problems.append(_of_no_robot(attachment))
+                continue
+            copy = copies.of(in_file, attachment)
+            if copy is not None:
+                problems += [Difference(None, match[1], name, *words) for words in copy]
+                continue
+            k = robots.index(match[1])
+            try:
+                saved = unpack_saved(attachment.data, [k + 1], where=name)[0]
+            except TablesError as error:
+                problems.append(
+                    Difference(None, match[1], name, str(error), "a readable plan")
+                )
+                continue
+            found.append(RecordedPlan(k, saved.arrays))
+    return found, problems
+
+
+def _of_no_robot(attachment: Attachment) -> Difference:
+    name = attachment.name
+    what = f"attachment {name if len(name) < 100 else f'{name[:60]}...'}"
+    return Difference(None, None, what, "of no robot of the run", "of one")
+
+
+class _Copies:
+    """Tells attachments that come a second time, with the same name and content.
+
+    Args:
+        bag: the bag.
+    """
+
+    def __init__(self, bag: Bag) -> None:
+        self._bag = bag
+        self._last_file: dict[tuple[str, bytes], int] = {}
+
+    def of(self, in_file: int, attachment: Attachment) -> list[tuple[str, str]] | None:
+        """Return what is odd about a copy, as (logged, computed); None: it is the first one.
+
+        To a recorder that was started again robots say their last ones again.
+
+        Args:
+            in_file: the place of its file in the bag.
+            attachment: the attachment.
+        """
+        key = attachment.name, hashlib.sha256(attachment.data).digest()
+        before = self._last_file.get(key)
+        self._last_file[key] = in_file
+        if before is None:
+            return None
+        why = (self._bag.files[in_file].continued or {}).get("why")
+        return [] if why == RESTARTED and before != in_file else [("twice", "once")]

@@ -1,0 +1,45 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Decodes a bag's messages by the definitions in the bag itself, without ROS."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from mcap.records import Schema
+from mcap_ros2.decoder import DecoderFactory
+
+from sparse_coord_ros.log.bags.topics import BagTopic
+
+PLAIN_CDR = (b"\x00\x00", b"\x00\x01")
+"""What a message begins with: its encoding, with the high or the low byte first."""
+
+
+class Decoder:
+    """Turns CDR into objects whose attributes are the message's fields.
+
+    Args:
+        topics: the bag's topics with their definitions.
+    """
+
+    def __init__(self, topics: Mapping[str, BagTopic]) -> None:
+        self._factory = DecoderFactory()
+        self._schemas = {
+            name: Schema(number, topic.schema.encode(), "ros2msg", topic.type_name)
+            for number, (name, topic) in enumerate(topics.items(), start=1)
+        }
+
+    def __call__(self, topic: str, data: bytes) -> Any:
+        """Return a message of a topic.
+
+        Raises:
+            ValueError: the bytes, or the definition in the bag, cannot be read.
+        """
+        schema = self._schemas[topic]
+        try:
+            if data[:2] not in PLAIN_CDR:
+                raise ValueError(f"its encoding is {data[:2].hex(' ')}, no plain CDR")
+            decode: Any = self._factory.decoder_for("cdr", schema)
+            return decode(data)
+        except Exception as error:  # of a changed file the library raises what comes up
+            why = f"{type(error).__name__}: {' '.join(str(error).split())}"
+            raise ValueError(f"cannot be decoded as {schema.name} ({why})") from error

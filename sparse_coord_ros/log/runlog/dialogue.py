@@ -1,0 +1,257 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The dialogue of active perception, put together from the recorded service events."""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sparse_coord_ros.log.runlog.difference import DIALOGUE, NO_REQUEST, Difference
+from sparse_coord_ros.log.runlog.timeline import steps_of
+from sparse_coord_ros.protocol.wire.events import QUESTIONS, EventKind
+from sparse_coord_ros.protocol.wire.frame import SECOND
+
+
+@dataclass(slots=True)
+class Request:
+    """One request of a dialogue and what came of it.
+
+    Attributes:
+        asker: number of the asking robot.
+        peer: number of the asked robot.
+        step: the time step of the request.
+        position: where the asker said it is, in metres.
+        wall_ns: wall clock of the four events by kind; those that were not recorded are missing.
+        answer: (step, position) of the response; position None: refused. None: no response.
+        said: the response by the peer's own account (kind ANSWERED), as `answer`.
+        returned: wall clock and answer of each response that came, in the order of the log.
+    """
+
+    asker: int
+    peer: int
+    step: int
+    position: tuple[float, float]
+    wall_ns: dict[int, int] = field(default_factory=dict)
+    answer: tuple[Any, ...] | None = None
+    said: tuple[Any, ...] | None = None
+    returned: list[tuple[int, tuple[Any, ...]]] = field(default_factory=list)
+
+    @property
+    def seconds(self) -> float | None:
+        """Wall clock from the request to its answer; None where one of them is not recorded."""
+        if EventKind.SENT not in self.wall_ns or EventKind.RETURNED not in self.wall_ns:
+            return None
+        return (
+            self.wall_ns[EventKind.RETURNED] - self.wall_ns[EventKind.SENT]
+        ) / SECOND
+
+    def take(
+        self,
+        kind: EventKind,
+        wall_ns: int,
+        step: int,
+        where: tuple[float, float] | None,
+    ) -> list[tuple[str, str]]:
+        """Take in one of its events; return what is odd about it, as (logged, computed)."""
+        if kind == EventKind.RETURNED:
+            self.returned.append((wall_ns, (step, where)))
+            return []
+        odd = [("twice", "once")] if kind in self.wall_ns else []
+        self.wall_ns.setdefault(kind, wall_ns)
+        if kind in QUESTIONS and where != self.position:
+            odd.append((f"from {where}", f"from {self.position}"))
+        if kind == EventKind.ANSWERED:
+            self.said = (step, where)
+        return odd
+
+    def choose(self) -> list[tuple[Any, ...]]:
+        """Take the peer's own among the responses for the answer; return the others."""
+        if not self.returned:
+            return []
+        *others, chosen = sorted(self.returned, key=lambda one: one[1] == self.said)
+        self.wall_ns[EventKind.RETURNED], self.answer = chosen
+        return [answer for _, answer in others]
+
+
+def sent_ns(request: Request) -> int:
+    """Return when a request was sent, by the wall clock; 0 where that is not recorded."""
+    return request.wall_ns.get(EventKind.SENT, 0)
+
+
+def heard(requests: Sequence[Request]) -> list[Request]:
+    """Return the requests but those that the asker had given up when their answer came.
+
+    A robot that gets no answer for a while asks again, and then listens only to the newer request:
+    of a peer that stood still all answers come, but one of them counts.
+
+    Args:
+        requests: some of one asker's.
+
+    Returns:
+        The newest first.
+    """
+    latest: dict[tuple[int, int], float] = {}
+    found = []
+    for request in sorted(requests[::-1], key=sent_ns, reverse=True):
+        place = (request.peer, request.step)
+        if request.wall_ns.get(EventKind.RETURNED, 0) < latest.get(place, math.inf):
+            found.append(request)
+        if EventKind.SENT in request.wall_ns:
+            latest[place] = sent_ns(request)
+    return found
+
+
+def times_asked_again(requests: Sequence[Request]) -> int:
+    """Return how often a robot must have asked again as its peer was a step behind.
+
+    Where it asked again for another reason, as it was too busy to look at an answer that had come,
+    two answers of the very step are there, and it did not wait for its peer.
+
+    Args:
+        requests: the answered ones of `heard`.
+    """
+    places: set[tuple[int, int]] = set()
+    again = 0
+    for request in requests:
+        place = request.peer, request.step
+        behind = request.answer is not None and request.answer[0] < request.step
+        again += behind and place in places
+        places.add(place)
+    return again
+
+
+def put_together(
+    events: Sequence[np.ndarray], names: Sequence[str], period: int
+) -> tuple[list[Request], list[Difference], list[Difference]]:
+    """Return the robots' requests in order of time step, what is odd, and responses of others.
+
+    Of two servers of a robot's service each responds; what the robot itself sent is the answer.
+
+    A client tells of a request and its answer under one identity, the service under another; the
+    two meet in (asker, step, number of the request). What persons asked is left out. Each of them
+    tells its events in the order of its clock.
+
+    Args:
+        events: those of each asked robot, of type `EVENT`, in the order of the log.
+        names: the robots.
+        period: nanoseconds of a time step.
+    """
+    dialogue = _Dialogue(names, period)
+    for peer, rows in enumerate(events):
+        dialogue.take(peer, rows)
+    ordered = [dialogue.requests[key] for key in sorted(dialogue.requests)]
+    return ordered, dialogue.problems, list(_other_answers(ordered, names))
+
+
+class _Event(NamedTuple):
+    """A row of `protocol.wire.events.EVENT`."""
+
+    ns: int
+    kind: int
+    wall_ns: int
+    client: bytes
+    number: int
+    is_request: bool
+    asker: int
+    xy: np.ndarray
+    seen: bool
+
+    @property
+    def place(self) -> tuple[float, float]:
+        """Where the asker is, or the asked robot."""
+        x, y = self.xy.tolist()
+        return x, y
+
+    @property
+    def said(self) -> tuple[float, float] | None:
+        """The same; None where the asked robot refuses to say it."""
+        return self.place if self.is_request or self.seen else None
+
+
+class _Dialogue:
+    """Puts events together, robot by robot.
+
+    Args:
+        names: the robots.
+        period: nanoseconds of a time step.
+
+    Attributes:
+        requests: by (time step, asker, peer, number of the request).
+        problems: what is odd.
+    """
+
+    def __init__(self, names: Sequence[str], period: int) -> None:
+        self._names = names
+        self._period = period
+        self.requests: dict[tuple[int, int, int, int], Request] = {}
+        self.problems: list[Difference] = []
+
+    def take(self, peer: int, rows: np.ndarray) -> None:
+        """Take in the events of the requests to one robot, in the order of the log."""
+        asked: dict[tuple[bool, bytes, int], Request | None] = {}
+        newest: dict[bytes | None, int] = {}
+        events = map(_Event._make, rows.tolist())
+        for step, event in zip(
+            steps_of(rows, self._period).tolist(), events, strict=True
+        ):
+            of_client = event.kind in (EventKind.SENT, EventKind.RETURNED)
+            key = of_client, event.client, event.number
+            if event.is_request:
+                asked[key] = self._asked(peer, step, event)
+            if key not in asked:
+                words = EventKind(event.kind).words
+                self._note(step, peer, f"{DIALOGUE} {words}", NO_REQUEST, "with it")
+                continue
+            request = asked[key]
+            if request is not None:  # else a person asked
+                writer = event.client if of_client else None
+                before = newest.get(writer, 0)
+                newest[writer] = max(before, event.wall_ns)
+                self._said(request, step, event, before)
+
+    def _asked(self, peer: int, step: int, event: "_Event") -> Request | None:
+        """Return the request that an event is of; None: a person's."""
+        if event.asker < 0 or step == 0:
+            return None
+        key = step, event.asker, peer, event.number
+        return self.requests.setdefault(
+            key, Request(event.asker, peer, step, event.place)
+        )
+
+    def _said(self, request: Request, step: int, event: "_Event", newest: int) -> None:
+        """Take in an event of a robot's request.
+
+        Args:
+            request: the request.
+            step: the time step of the event.
+            event: the event.
+            newest: the newest clock of its writer before.
+        """
+        kind = EventKind(event.kind)
+        due = step * self._period
+        odd = request.take(kind, event.wall_ns, step, event.said)
+        if event.ns != due:
+            odd.append((f"stamp {event.ns} ns", f"{due} ns"))
+        if newest > event.wall_ns:
+            younger = f"{newest - event.wall_ns} ns younger"
+            odd.append((f"after one that is {younger}", "before it"))
+        what = f"{DIALOGUE} with {self._names[request.peer]}, {kind.words}"
+        for words in odd:
+            self._note(request.step, request.asker, what, *words)
+
+    def _note(self, step: int, robot: int, *words: str) -> None:
+        self.problems.append(Difference(step, self._names[robot], *words))
+
+
+def _other_answers(
+    requests: Sequence[Request], names: Sequence[str]
+) -> Iterator[Difference]:
+    """Choose the answer of each request; yield the responses that are none."""
+    for one in requests:
+        what = f"{DIALOGUE} with {names[one.peer]}, {EventKind.RETURNED.words}"
+        for other in one.choose():
+            words = f"{other} too", f"{one.answer} only"
+            yield Difference(one.step, names[one.asker], what, *words)

@@ -1,0 +1,294 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Each COORDINATE traced: who asked whom, what was answered, and what was learned from it."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE, PRIMITIVES
+from sparse_coord_ros.core.learners.factored import UNKNOWN, Factored, corrections_of
+from sparse_coord_ros.core.learners.mind import memory_of
+from sparse_coord_ros.core.runs.run_config import RunConfig
+from sparse_coord_ros.log.runlog.agents import first_memory
+from sparse_coord_ros.log.runlog.dialogue import Request
+from sparse_coord_ros.log.runlog.log import RunLog
+from sparse_coord_ros.log.runlog.percepts import percept_end
+from sparse_coord_ros.log.runlog.replay import (
+    Replay,
+    Trajectory,
+    fresh_agent,
+    stretches,
+    trajectory_of,
+)
+
+
+class Update(NamedTuple):
+    """What a robot has learned from a transition.
+
+    Attributes:
+        next_cell: where its action led.
+        reward: R_k(t).
+        star: entry (cell, action) of Q*, its value before and after.
+        coord: entry (own cell, perceived cells, move) of Q^C, before and after; or None.
+        corrections: of a learner that learns in factors: the peer (from 0) and its cell, and rho
+            of the move there before and after; both `UNKNOWN` for failed percepts.
+    """
+
+    next_cell: int
+    reward: float
+    star: tuple[tuple[int, ...], float, float]
+    coord: tuple[tuple[int, ...], float, float] | None
+    corrections: tuple[tuple[int, int, float, float], ...] = ()
+
+
+class Coordination(NamedTuple):
+    """One COORDINATE.
+
+    Attributes:
+        step: the time step.
+        robot: the robot's number; cell: where it was.
+        peers: whom it had to ask.
+        requests: what it asked, in order, with the answers and the wall clock.
+        outcome: how the percept ended, in the words of `wire.PerceptEnd`.
+        perceived: the cells that it perceived, or None.
+        move: the primitive action that COORDINATE became.
+        q_values: the four values that the action was chosen by, before learning: of Q^C at the
+            joint state where it perceived, else of Q* at its cell; empty, and nothing computed,
+            where the robot shows nothing of what it learns, the learner's code may not be
+            imported, or what it had learned is lost.
+        update: what it learned from it; None where it did not (left out, or the log ends).
+        agrees: whether computing it again gives the logged action.
+        doubt: why the numbers may be others than the robot had; None where they are not.
+    """
+
+    step: int
+    robot: int
+    cell: int
+    peers: tuple[int, ...]
+    requests: tuple[Request, ...]
+    outcome: str
+    perceived: tuple[int, ...] | None
+    move: int
+    q_values: tuple[float, ...] = ()
+    update: Update | None = None
+    agrees: bool = True
+    doubt: str | None = None
+
+
+def coordinations(log: RunLog, robot: int) -> list[int]:
+    """Return the time steps at which a robot chose COORDINATE, ascending."""
+    return [int(step) for step in log.step[log.asked[:, robot]]]
+
+
+def explained(log: RunLog, robot: int, steps: Sequence[int]) -> Iterator[Coordination]:
+    """Yield what came of a robot's COORDINATE at time steps, where it chose that.
+
+    The tables before and after are computed again as `verify` does: from the start of the log, or
+    from the checkpoint after a gap; the log is followed once for all.
+
+    Args:
+        log: the log.
+        robot: the robot's number.
+        steps: the time steps, ascending.
+    """
+    begun = None
+    doubt = log.hides(robot)
+    if doubt is None and log.run.known_rule is not None:
+        begun, odd = first_memory(log, robot)
+        doubt = None if odd is None else f"{odd}"
+        if begun is None:
+            doubt = (
+                f"the log does not hold the tables that {log.names[robot]} began with"
+            )
+            begun = memory_of(log.run.rule.mind(log.run.scenario, robot))
+    for part in stretches(log):
+        mine = [step for step in steps if part.holds(step)]
+        if not mine:
+            continue
+        trajectory = trajectory_of(log, robot, part)
+        replay = None
+        why = doubt
+        if part.lost:
+            why = (
+                "by which values, and what it learned, is lost as a part of the log is"
+            )
+        elif begun is not None:
+            replay = Replay(log, trajectory, fresh_agent(log, robot, begun, part))
+        for step in mine:
+            place = int(np.searchsorted(trajectory.step, step))
+            if step in trajectory.step and log.asked[trajectory.row[place], robot]:
+                one = _logged(log, robot, trajectory, place)._replace(doubt=why)
+                yield (
+                    one
+                    if replay is None
+                    else _replayed(log, one, trajectory, replay, place)
+                )
+
+
+def _logged(
+    log: RunLog, robot: int, trajectory: Trajectory, place: int
+) -> Coordination:
+    """Return what the log says of an action that is COORDINATE."""
+    step = int(trajectory.step[place])
+    row = trajectory.row[place]
+    asked = tuple(r for r in log.requests if (r.asker, r.step) == (robot, step))
+    where = int(trajectory.cell[place])
+    peers = tuple(trajectory.peers[place].tolist())
+    end = percept_end(log.ended[row, robot])
+    perceived = trajectory.perceived_at(place)
+    move = int(log.move[row, robot])
+    return Coordination(step, robot, where, peers, asked, end, perceived, move)
+
+
+def _replayed(
+    log: RunLog, one: Coordination, trajectory: Trajectory, replay: Replay, place: int
+) -> Coordination:
+    """Replay a robot up to its COORDINATE and over it; return also what it went by and learned."""
+    agent = replay.agent
+    cell = one.cell
+    perceived = one.perceived
+    agrees = replay.advance(place)
+    values = tuple(agent.values_asking(cell, perceived)[:PRIMITIVES])
+    entries: list[tuple[int, ...]] = [(cell, COORDINATE)]
+    entries += [] if perceived is None else [(cell, *perceived, one.move)]
+
+    def learned() -> tuple[list[float], dict[tuple[int, int], float]]:
+        found = [agent.values(cell)[COORDINATE]]
+        if perceived is not None:
+            found.append(agent.values_asking(cell, perceived)[one.move])
+        rho = {}
+        if isinstance(agent.learner, Factored):
+            seen = (
+                None
+                if perceived is None
+                else dict(zip(agent.peers, perceived, strict=True))
+            )
+            rho = corrections_of(agent.mind, agent.task, cell, seen, one.move)
+        return found, rho
+
+    before, rho = learned()
+    if not agrees or not replay.advance(place + 1):
+        move = one.move if replay.other is None else replay.other.move
+        return one._replace(move=move, q_values=values, agrees=False)
+    if not trajectory.learned[place]:
+        return one._replace(q_values=values)
+    after, rho_after = learned()
+    star, *coord = zip(entries, before, after, strict=True)
+    corrections = tuple((*who, rho[who], value) for who, value in rho_after.items())
+    reward = float(log.reward[trajectory.row[place], one.robot, -1])
+    led = int(trajectory.next_cell[place])
+    update = Update(led, reward, star, coord[0] if coord else None, corrections)
+    return one._replace(q_values=values, update=update)
+
+
+def cell_in_words(run: RunConfig, cell: int | None) -> str:
+    """Return a cell's number, row and column; None: it is not known."""
+    if cell is None:
+        return "an unknown cell"
+    row, column = run.scenario.map.cells[cell]
+    return f"cell {cell} [{row}, {column}]"
+
+
+def choice_in_words(run: RunConfig, robot: int, cell: int | None) -> str:
+    """Return which robot (from 0) chooses COORDINATE, and where."""
+    return f"{run.scenario.robots[robot].name} in {cell_in_words(run, cell)} chooses COORDINATE"
+
+
+def move_in_words(
+    run: RunConfig, cell: int | None, perceived: Sequence[int] | None, move: int
+) -> str:
+    """Return which move COORDINATE became, and by which row of the tables.
+
+    Args:
+        run: the run.
+        cell: where the robot was; None: that, or its tables, are not known.
+        perceived: the cells of the peers that it perceived; None: the percept failed.
+        move: the primitive action.
+    """
+    if cell is None:
+        return f"goes {ACTIONS[move]}"
+    row = f"Q*[{cell}]"
+    if perceived is not None:
+        row = f"Q^C[{', '.join(map(str, (cell, *perceived)))}]"
+    elif isinstance(run.known_rule, Factored):
+        row = f"U + rho[{cell}; failed percept]"
+    return f"goes {ACTIONS[move]} by {row}"
+
+
+def row_in_words(values: Iterable[float]) -> str:
+    """Return the values of the moves, with their names."""
+    return ", ".join(f"{a} {v:.6g}" for a, v in zip(ACTIONS, values, strict=False))
+
+
+def reward_in_words(run: RunConfig, reward: float, next_cell: int | None) -> str:
+    """Return what a robot got, and where its move led."""
+    return f"reward {reward:g}, to {cell_in_words(run, next_cell)}"
+
+
+def in_words(log: RunLog, one: Coordination) -> Iterator[str]:
+    """Yield the lines that tell of a COORDINATE: question, answer, move, what was learned."""
+    run = log.run
+    yield f"step {one.step}: {choice_in_words(run, one.robot, one.cell)}"
+    if one.doubt is not None and one.q_values:
+        yield f"  (the numbers may be wrong: {one.doubt}; see 'sparse_coord verify')"
+    if not one.requests:
+        peers = ", ".join(log.names[peer] for peer in one.peers) or "nobody"
+        yield f"  was to ask {peers}; no request is in the log"
+    for request in one.requests:
+        yield f"  asks {log.names[request.peer]}: {_answer(log, one, request)}"
+    if one.perceived is not None:
+        yield f"  perceives {', '.join(cell_in_words(run, cell) for cell in one.perceived)}"
+    else:
+        yield f"  perceives nothing ({one.outcome})"
+    of_ours = None if log.hides(one.robot) else one.cell
+    moves = move_in_words(run, of_ours, one.perceived, one.move)
+    if not one.q_values:
+        yield f"  {moves}" + ("" if one.doubt is None else f"; {one.doubt}")
+        return
+    yield f"  {moves}: {row_in_words(one.q_values)}"
+    if not one.agrees:
+        yield "  (the log says another action; see 'sparse_coord verify')"
+    yield from _learned(log, one)
+
+
+def _answer(log: RunLog, one: Coordination, request: Request) -> str:
+    if request.answer is None:
+        return "no answer is in the log"
+    step, position = request.answer
+    if step != one.step:
+        said = (
+            "not there yet (at" if step < one.step else "has gone on (to"
+        ) + f" step {step})"
+    elif position is None:
+        said = "refused"
+    elif (cell := log.frame.cell(*position)) is None:
+        said = f"answers {position}, which is no free cell"
+    else:
+        said = f"answers {cell_in_words(log.run, cell)}"
+    return (
+        said
+        if request.seconds is None
+        else f"{said}, after {request.seconds * 1e3:.3f} ms"
+    )
+
+
+def _learned(log: RunLog, one: Coordination) -> Iterator[str]:
+    update = one.update
+    if update is None:
+        yield "  learns nothing from it: no reward came in time, or the next action was another"
+        return
+    yield f"  {reward_in_words(log.run, update.reward, update.next_cell)}"
+    if log.run.greedy:
+        yield "  learns nothing: the run is greedy"
+        return
+    for table, changed in (("Q^C", update.coord), ("Q*", update.star)):
+        if changed is None:
+            yield "  Q^C stays as it is: nothing was perceived"
+            continue
+        (*state, action), before, after = changed
+        yield f"  {table}[{', '.join(map(str, state))}; {ACTIONS[action]}] {before!r} -> {after!r}"
+    for peer, place, before, after in update.corrections:
+        where = "failed percept" if peer == UNKNOWN else f"{log.names[peer]} in {place}"
+        yield f"  correction rho[{one.cell}; {where}; {ACTIONS[one.move]}] {before!r} -> {after!r}"

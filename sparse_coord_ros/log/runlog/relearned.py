@@ -1,0 +1,227 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a team had learned at any time step: learned again from the recorded checkpoint before."""
+
+from collections.abc import Callable, Sequence
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from sparse_coord_ros.core.game.actions import PRIMITIVES
+from sparse_coord_ros.core.game.rules import EPISODE_GAP
+from sparse_coord_ros.core.learners.agent import Agent
+from sparse_coord_ros.core.learners.tables import Tables
+from sparse_coord_ros.log.runlog.attached import RecordedTables
+from sparse_coord_ros.log.runlog.replay import Replay, Stretch, restored, trajectory_of
+from sparse_coord_ros.log.runlog.window import MOVES, LongLog
+from sparse_coord_ros.protocol import wire
+
+AT_ONCE = 2000
+"""Time steps that are read and learned again at once."""
+
+MOST_BYTES = 100_000_000
+"""Of what is kept, about; the oldest of it goes first."""
+
+
+TablesThen = dict[int, tuple[int, Tables]]
+"""By robot up to which time step it had learned, and its tables then."""
+
+
+class Asked(NamedTuple):
+    """A question, and what came of it.
+
+    Attributes:
+        robot: who asks, from 0.
+        cell: where it is.
+        perceived: the cells of the peers that it perceived; None: the percept failed.
+    """
+
+    robot: int
+    cell: int
+    perceived: tuple[int, ...] | None
+
+
+class _Part(NamedTuple):
+    """A part of a log as it is learned again: from which step on, each robot's actions' steps."""
+
+    first: int
+    steps: list[np.ndarray]
+    replays: list[Replay]
+
+    def advance(self, step: int) -> bool:
+        """Go on to a time step; return whether the robots did what their agents choose."""
+        pairs = zip(self.steps, self.replays, strict=True)
+        return all(
+            [one.advance(int(np.searchsorted(steps, step))) for steps, one in pairs]
+        )
+
+
+class Relearned:
+    """Answers what a team had learned, and keeps what it has computed for the next question.
+
+    Args:
+        log: the log.
+    """
+
+    def __init__(self, log: LongLog) -> None:
+        self._log = log
+        self._kept: dict[int, list[RecordedTables]] = {}
+        self._at = 0
+        self._part: _Part | None = None
+
+    def _recorded(self, step: int) -> list[RecordedTables]:
+        """Return of each robot that has any the newest recorded tables up to a time step."""
+        robots = range(len(self._log.run.scenario.robots))
+        found = (self._log.tables_before(k, step) for k in robots)
+        return [one for one in found if one is not None]
+
+    def tables(self, step: int, still: Callable[[], bool] = lambda: True) -> TablesThen:
+        """Return by robot up to which time step it had learned, and its tables then.
+
+        That is `step`; where a part of the log is lost or does not tell all, or the learner's code
+        may not be imported, it is the time step of the newest recorded tables. A robot without any
+        is left out. The next call may change these tables.
+
+        Args:
+            step: the time step.
+            still: whether that is still wanted; if not, the newest recorded tables will do.
+
+        Raises:
+            BagError, TablesError: the log or its tables cannot be read.
+        """
+        run = self._log.run
+        recorded = self._recorded(step)
+        if run.greedy or all(one.step == step for one in recorded):
+            return {one.robot: (step, one.tables) for one in recorded}
+        part = None if run.known_rule is None else self._reached(step, still)
+        if part is None:
+            return {one.robot: (one.step, one.tables) for one in recorded}
+        return {one.agent.number: (step, one.agent.tables) for one in part.replays}
+
+    def begin(self, step: int) -> int:
+        """Return from which time step on is learned again what leads to a time step."""
+        first = self._first(step)
+        if first is None:
+            return step
+        return (
+            self._at if self._part is not None and first <= self._at <= step else first
+        )
+
+    def _first(self, step: int) -> int | None:
+        """Return the newest time step up to one of which all robots' tables are known."""
+        common = set.intersection(*map(set, self._log.table_steps()))
+        return max((at for at in {*common, *self._kept} if at <= step), default=None)
+
+    def values(
+        self,
+        step: int,
+        asked: Sequence[Asked],
+        still: Callable[[], bool] = lambda: True,
+    ) -> list[tuple[float, ...]] | None:
+        """Return the values by which robots that ask at a time step choose their moves.
+
+        Args:
+            step: the time step.
+            asked: who asked then, and what came of it.
+            still: as of `tables`.
+
+        Returns:
+            Of each question the values of the four moves, as `explain` has them; None where the
+            tables of that time step cannot be learned again.
+
+        Raises:
+            BagError, TablesError: the log or its tables cannot be read.
+        """
+        if self._log.run.known_rule is None:
+            return None
+        agents = self._standing if self._log.run.greedy else self._agents(step, still)
+        if any(one.robot not in agents for one in asked):
+            return None
+        rows = [
+            agents[one.robot].values_asking(one.cell, one.perceived) for one in asked
+        ]
+        return [tuple(row[:PRIMITIVES]) for row in rows]
+
+    def _agents(self, step: int, still: Callable[[], bool]) -> dict[int, Agent]:
+        """Return the robots' agents as they were at a time step; none where that is not known."""
+        part = self._reached(step, still)
+        return (
+            {}
+            if part is None
+            else {one.agent.number: one.agent for one in part.replays}
+        )
+
+    @cached_property
+    def _standing(self) -> dict[int, Agent]:
+        """Agents that go by the tables of a run in which no robot learns."""
+        run = self._log.run
+        return {
+            one.robot: Agent(
+                run.rule,
+                run.scenario,
+                one.robot,
+                run.seed,
+                memory=one.tables.memory,
+                learning=False,
+            )
+            for one in self._recorded(self._log.last_step)
+        }
+
+    def _reached(self, step: int, still: Callable[[], bool]) -> _Part | None:
+        """Return a part that has been learned again up to a step; None where that cannot be."""
+        first = self._first(step)
+        if first is None:
+            return None
+        part = self._part
+        self._part = None
+        sought = False
+        if part is None or not first <= self._at <= step:
+            part = self._begin(self._kept.get(first) or self._recorded(first))
+            sought = True
+        while (
+            part is not None
+            and still()
+            and part.advance(min(step, part.first + AT_ONCE))
+        ):
+            if step < part.first + AT_ONCE:
+                if sought and step > part.first:  # who came here may come again
+                    self._keep(part, step)
+                self._part = part
+                self._at = step
+                return part
+            part = self._begin(self._keep(part, part.first + AT_ONCE))
+        return None
+
+    def _begin(self, saved: Sequence[RecordedTables]) -> _Part | None:
+        """Begin a part; None where some of it is lost, or not said what it takes to go on."""
+        first = saved[0].step
+        wait = self._log.run.scenario.max_steps + EPISODE_GAP
+        # The state before the first one says whether an episode begins there.
+        log = self._log.read(
+            max(0, first - 1), first + AT_ONCE + wait, [*MOVES, wire.PERCEPT]
+        )
+        if log.bag.gaps or log.tracks.gaps:
+            return None
+        done = [trajectory_of(log, one.robot, Stretch(first)) for one in saved]
+        for (
+            one
+        ) in done:  # whether it has learned from its very last action no later one says
+            one.learned[-1:] |= one.told[-1:]
+        pairs = zip(done, saved, strict=True)
+        replays = [
+            Replay(log, trajectory, restored(log, one)) for trajectory, one in pairs
+        ]
+        return _Part(first, [one.step for one in done], replays)
+
+    def _keep(self, part: _Part, step: int) -> list[RecordedTables]:
+        """Keep and return what the robots remember at a time step that a part has reached."""
+        team = [replay.agent for replay in part.replays]
+        saved = [RecordedTables(one.number, step, one.tables, {}, {}) for one in team]
+        self._kept[step] = saved
+        size = sum(
+            array.nbytes for one in saved for array in one.tables.memory.values()
+        )
+        while len(self._kept) > max(2, MOST_BYTES // (2 * size)):
+            del self._kept[next(iter(self._kept))]
+        return saved

@@ -1,0 +1,232 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Any stretch of a long log, read by itself; the learning history of a log, stretch by stretch."""
+
+from collections.abc import Collection, Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from sparse_coord_ros.base.limits import TABLES
+from sparse_coord_ros.core.runs.history import History
+from sparse_coord_ros.core.runs.run_config import RunConfig
+from sparse_coord_ros.core.runs.tables import tables_of, unpack_saved
+from sparse_coord_ros.log.bags.contents import Attachment, Block
+from sparse_coord_ros.log.bags.reader import Bag, open_bag
+from sparse_coord_ros.log.runlog.attached import RecordedTables, attached_tables
+from sparse_coord_ros.log.runlog.bag_run import find_run
+from sparse_coord_ros.log.runlog.log import RunLog
+from sparse_coord_ros.log.runlog.timeline import gap_in_words, rollbacks
+from sparse_coord_ros.log.runlog.tracks import Tracks
+from sparse_coord_ros.protocol import wire
+from sparse_coord_ros.protocol.wire.frame import Frame
+
+MOVES = (wire.LOCAL_STATE, wire.REWARD, wire.ACTION)
+"""What the history is computed from."""
+
+STEPS_AROUND = 500
+"""Time steps before and after one that are read to show it."""
+
+STRETCH_BYTES = 500_000
+"""Bytes of the file of which the history is computed at once."""
+
+
+class Questions(NamedTuple):
+    """Each COORDINATE of a part of a log, in the order of the time steps; n of them.
+
+    Attributes:
+        step: the time step, shape (n,), int64.
+        robot: who asks, from 0, shape (n,), int64.
+        cell: where it is, shape (n,), int64.
+    """
+
+    step: np.ndarray
+    robot: np.ndarray
+    cell: np.ndarray
+
+
+def questions_in(log: RunLog, first: int, last: int) -> Questions:
+    """Return each COORDINATE from one time step of a log to another where the cell is known."""
+    begin, end = np.searchsorted(log.step, [first, last + 1])
+    cells = log.cells[begin:end]
+    rows, robots = np.nonzero(log.asked[begin:end] & (cells >= 0))
+    return Questions(
+        log.step[begin + rows], robots, cells[rows, robots].astype(np.int64)
+    )
+
+
+class Episodes(NamedTuple):
+    """What a stretch of a log brought to the learning history.
+
+    Attributes:
+        history: its episodes.
+        questions: its questions, those of the last episode included.
+        read_to: up to which time step these two go.
+        log: its time steps, but those of a last episode that may go on.
+        last_step: up to which time step that is.
+        open_step: where the last episode begins if it may go on, so that it has to be read again;
+            None: all are whole.
+    """
+
+    history: History
+    questions: Questions
+    read_to: int
+    log: RunLog
+    last_step: int
+    open_step: int | None
+
+
+class LongLog:
+    """A bag of any length, of which only what is asked for is read.
+
+    What a roll-back has superseded is left out.
+    What cannot be read is left out: `losses` names it, once reading has come there.
+
+    Args:
+        path: as of `read_run`.
+
+    Attributes:
+        bag: what is where in the file.
+        run: the run.
+        period: nanoseconds a time step.
+
+    Raises:
+        BagError: nothing can be read, or the bag holds no run, or is of another format.
+        RunError, ScenarioError, SettingError: the run in the bag is not one of this version.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.bag = open_bag(path, checked=False)
+        try:
+            self._source = find_run(self.bag)
+        except BaseException:
+            self.bag.close()
+            raise
+        self.run: RunConfig = self._source.run
+        self.period = Frame(self.run).period
+        self._backs = rollbacks(self.bag)
+
+    @property
+    def blocks(self) -> list[Block]:
+        """Where in the files the messages are, up to what a roll-back has superseded."""
+        found = []
+        for place, blocks in enumerate(self.bag.blocks):
+            firsts = [back.first for back in self._backs if back.file > place]
+            end = min(firsts) * self.period - 1 if firsts else np.inf
+            known = [block for block in blocks if block.start_ns <= end]
+            found += [
+                block._replace(end_ns=int(min(block.end_ns, end))) for block in known
+            ]
+        return found
+
+    @property
+    def last_step(self) -> int:
+        """The newest time step that the file's blocks name."""
+        return max((place.end_ns for place in self.blocks), default=0) // self.period
+
+    @property
+    def losses(self) -> list[str]:
+        """What cannot be read, as far as reading has come there, one line each."""
+        return [gap_in_words(gap, self.period) for gap in self.bag.gaps]
+
+    def read(
+        self, first: int, last: int, only: Collection[wire.Topic] | None = None
+    ) -> RunLog:
+        """Return the time steps from `first` to `last`, as far as some topics tell; None: all."""
+        bag = self.bag.between(first * self.period, last * self.period)
+        return RunLog(Tracks(bag, self._source, only)).between(first, last)
+
+    def whole(self, only: Collection[wire.Topic]) -> RunLog:
+        """Return all time steps and tables, as far as some topics tell of them, read once."""
+        tracks = Tracks(Bag(self.bag.files), self._source, only)
+        tracks.add_tables()
+        return RunLog(tracks)
+
+    def around(self, step: int) -> RunLog:
+        """Return the time steps around one, or around the newest."""
+        step = min(step, self.last_step)
+        return self.read(max(0, step - STEPS_AROUND), step + STEPS_AROUND)
+
+    def episodes(
+        self, begin: int = 0, also: Collection[wire.Topic] = ()
+    ) -> Iterator[Episodes]:
+        """Yield the learning history from a time step on, stretch by stretch, as far as there is.
+
+        Args:
+            begin: the time step at which an episode begins; 0: the log.
+            also: what else to read than what the history is computed from.
+        """
+        finished = self.bag.finished
+        size = 0
+        last_ns = 0
+        places = [one for one in self.blocks if one.end_ns >= begin * self.period]
+        for number, place in enumerate(places, start=1):
+            size = size + place.length
+            last_ns = max(last_ns, place.end_ns)
+            whole = number == len(places)
+            if size < STRETCH_BYTES and not whole:
+                continue
+            last = last_ns // self.period
+            log = self.read(begin, last, (*MOVES, *also))
+            history = log.history()
+            size = 0
+            end = last + 1
+            open_step = None
+            read_to = last
+            if not whole and history.episodes < 2:
+                size = -3 * STRETCH_BYTES  # an episode may be longer
+                continue
+            if not whole:
+                end = int(history.first_step[-1])
+                read_to = end - 1
+                history = history.first(-1)
+            elif not finished and history.episodes:
+                end = open_step = int(history.first_step[-1])
+            questions = questions_in(log, begin, read_to)
+            log = log.between(begin, end - 1)
+            yield Episodes(history, questions, read_to, log, end - 1, open_step)
+            begin = end
+
+    def tables_before(
+        self, robot: int, step: int | None = None
+    ) -> RecordedTables | None:
+        """Return a robot's newest tables of a time step or earlier; None: there are none.
+
+        Args:
+            robot: its number from 0.
+            step: the time step; None: the newest of all.
+
+        Raises:
+            BagError, TablesError: they cannot be read.
+        """
+        known = self._known_tables()[robot]
+        at = max((at for at in known if step is None or at <= step), default=None)
+        if at is None:
+            return None
+        place = known[at]
+        [saved] = unpack_saved(place.data, [robot + 1], where=place.name, limit=TABLES)
+        tables = tables_of(self.run.scenario, self.run.known_rule, robot, saved.memory)
+        return RecordedTables(robot, at, tables, saved.counts, saved.arrays)
+
+    @property
+    def empty(self) -> bool:
+        """Whether there is no time step."""
+        return not any(place.end_ns for place in self.blocks)
+
+    def begin(self) -> RunLog:
+        """Return the first time steps."""
+        ends = [place.end_ns for place in self.blocks if place.end_ns][:2]
+        return self.read(0, max(ends) // self.period)
+
+    def table_steps(self) -> list[list[int]]:
+        """Return of each robot the time steps of its tables."""
+        return [sorted(known) for known in self._known_tables()]
+
+    def _known_tables(self) -> list[dict[int, Attachment]]:
+        """Return of each robot where its tables are, by time step; of equal steps the later."""
+        known: list[dict[int, Attachment]] = [{} for _ in self.run.scenario.robots]
+        for _, attachment, of in attached_tables(self.bag, self.run, self._backs):
+            if of is not None:
+                known[of[0]][of[1]] = attachment
+        return known

@@ -1,6 +1,0 @@
-# Copyright 2026 The sparse_coord_ros authors
-# SPDX-License-Identifier: Apache-2.0
-"""Runs to look at: policies, episodes and curves as data, and as pictures, films and pages.
-
-Nothing here needs ROS; `steps`, `episodes`, `policy` and `sources` need no Matplotlib.
-"""

@@ -1,0 +1,250 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Bodies between the barrier and the step: sent first, and the step is made when they are there.
+
+`BodyWorld` is the game that bodies play: where a move leads is where the body says it is.
+`BodiesSide` sends them: when every robot has acted, each body that moves is told its cell; when
+all have said where they are, the world makes the step. A body that does not get there has stayed.
+
+At an episode's begin bodies are to be at the episode's first cells. A simulator puts them there;
+real ones are brought there by whoever can, and the world waits.
+"""
+
+from collections.abc import Callable, Sequence
+from enum import IntEnum
+from typing import Any, NamedTuple
+
+from sparse_coord_ros.core.game.scenario import Scenario
+from sparse_coord_ros.core.game.world import Action, World
+
+LOST = -1
+"""In place of a cell: the body is in none."""
+
+BEGIN = 1.0
+"""Seconds at which simulated time begins. A pose of this time may be older than any goals."""
+
+
+class HaltWord(IntEnum):
+    """What a world last said to all drivers about halting: nothing so far, halt, or go on."""
+
+    NOTHING = 0
+    HALT = 1
+    GO_ON = 2
+
+
+class BodyGoal(NamedTuple):
+    """Where one body is to go.
+
+    Attributes:
+        robot: whose body, from 0.
+        start: the cell in which the game has it.
+        end: the cell that it is to be in.
+    """
+
+    robot: int
+    start: int
+    end: int
+
+
+class Goals(NamedTuple):
+    """What bodies are told at once.
+
+    Attributes:
+        number: counts from 1; reports on older goals are ignored.
+        step: the time step.
+        place: an episode begins: bodies may get there in any way, and take their time.
+        since: the time of the newest pose that was reported on before, by the clock of the poses.
+            Drivers act only on newer ones: by then the simulator of the bodies knows the goals.
+        bodies: the goals of the bodies that are told something, in the robots' order.
+        halt: whether all bodies are to stand, whatever their goals are.
+    """
+
+    number: int
+    step: int
+    place: bool
+    since: float
+    bodies: tuple[BodyGoal, ...]
+    halt: HaltWord = HaltWord.NOTHING
+
+
+NO_GOALS = Goals(0, 0, False, BEGIN, ())
+"""What bodies have been told before any goals come; those are numbered from 1."""
+
+
+class Reached(NamedTuple):
+    """How one body's goal ended.
+
+    Attributes:
+        robot: whose body, from 0.
+        number: that of the goals.
+        cell: the free cell that the body is in; `LOST` where it is in none.
+        there: whether it came where it was to go.
+        seconds: how long it took, by the clock of its poses.
+        stamp: the time of the pose that says so.
+    """
+
+    robot: int
+    number: int
+    cell: int
+    there: bool
+    seconds: float
+    stamp: float
+
+
+class BodyWorld(World):
+    """The Markov game of a scenario, played by bodies.
+
+    Args:
+        scenario: the problem.
+        seed: the run's seed.
+        slips: moves also fail at random, as in the grid and with its draws: the body is told to
+            stay. So a learned team meets the world that it knows, and bodies that always get
+            there play the grid's game, bit for bit.
+        more: `phase` and `max_steps`, as of `World`.
+
+    Attributes:
+        there: the cell of each robot after the step that is about to be made.
+    """
+
+    def __init__(
+        self, scenario: Scenario, seed: int, *, slips: bool = True, **more: Any
+    ) -> None:
+        super().__init__(scenario, seed, **more)
+        self.slips = slips
+        self.there = list(self.cells)
+
+    def wanted(self, k: int, move: int) -> int:
+        """Return the cell that robot k's body is to go to; its own one where the move slips."""
+        if self.slips:
+            return super().led(k, move)
+        return int(self.scenario.map.next_cell[self.cells[k], move])
+
+    def led(self, k: int, move: int) -> int:
+        """Return the cell in which the body of robot k is."""
+        return self.there[k]
+
+
+class BodiesSide:
+    """Sends bodies for a `BodyWorld`.
+
+    Bodies that are in each other's way are sent one after the other: see `waves`.
+
+    Args:
+        world: the game.
+        tell: called with what bodies are told.
+
+    Attributes:
+        placing: whether bodies are waited for at the cells in which the episode begins or goes on.
+        failed: moves that did not get there.
+        lost: of these, moves after which the body was in no cell, or nobody knew where.
+        seconds: how long the steps took, in all, by the clock of the poses.
+    """
+
+    def __init__(self, world: BodyWorld, tell: Callable[[Goals], None]) -> None:
+        self._world = world
+        self._tell = tell
+        self._step: int | None = None
+        self._expected: list[int] | None = None
+        self.placing = False
+        self._ahead: list[tuple[BodyGoal, ...]] = []
+        self._under_way: dict[int, BodyGoal] = {}
+        self._number = 0
+        self._longest = 0.0
+        self._since = BEGIN
+        self.failed = self.lost = 0
+        self.seconds = 0.0
+
+    @property
+    def waiting(self) -> list[int]:
+        """The robots whose bodies are waited for."""
+        return sorted(self._under_way)
+
+    def made(self, actions: Sequence[Action | None]) -> bool:
+        """Return whether the world can make its step; at a new step the bodies are sent first.
+
+        Args:
+            actions: the joint action, complete.
+        """
+        world = self._world
+        if self._step != world.step:
+            self._step = world.step
+            self._ahead = []
+            self._under_way = {}
+            self._longest = 0.0
+            left = self._expected
+            self._expected = world.there = list(world.cells)
+            if left != world.there:  # an episode begins, or goes on after a break
+                here = tuple(
+                    BodyGoal(k, cell, cell) for k, cell in enumerate(world.cells)
+                )
+                self._send(here, place=True)
+            goals = [
+                BodyGoal(k, world.cells[k], world.wanted(k, action.move))
+                for k, action in enumerate(actions)
+                if action is not None and not world.arrived[k]
+            ]
+            self._ahead += waves(goals, world.scenario.map.doorways)
+        self._go_on()
+        return not self._under_way
+
+    def reached(self, said: Reached) -> bool:
+        """Take in where a body is; return whether the world may go on."""
+        goal = self._under_way.get(said.robot)
+        if goal is None or said.number != self._number:
+            return False
+        del self._under_way[said.robot]
+        self._since = max(self._since, said.stamp)
+        if not self.placing:
+            self._longest = max(self._longest, said.seconds)
+            self._settle(goal, said.cell)
+        self._go_on()
+        return not self._under_way
+
+    def give_up(self) -> None:
+        """Count the bodies that are waited for as not moved."""
+        for k in self.waiting:
+            self._settle(self._under_way.pop(k), LOST)
+        self._go_on()
+
+    def _settle(self, goal: BodyGoal, cell: int) -> None:
+        self.failed += cell != goal.end
+        self.lost += cell == LOST
+        self._world.there[goal.robot] = goal.start if cell == LOST else cell
+
+    def _go_on(self) -> None:
+        """Send those that come next when all others are there."""
+        while not self._under_way:
+            self.seconds = self.seconds + self._longest
+            self._longest = 0.0
+            self.placing = False
+            if not self._ahead:
+                return
+            self._send(self._ahead.pop(0))
+
+    def _send(self, goals: tuple[BodyGoal, ...], *, place: bool = False) -> None:
+        self._number += 1
+        self.placing = place
+        self._under_way = {goal.robot: goal for goal in goals}
+        self._tell(Goals(self._number, self._world.step, place, self._since, goals))
+
+
+def waves(
+    goals: Sequence[BodyGoal], doorways: frozenset[int]
+) -> list[tuple[BodyGoal, ...]]:
+    """Return the goals in the order in which bodies can drive them; a body that stays has none.
+
+    A body enters a cell when the one that leaves it is out. Of several that want to enter only one
+    goes, those out of doorways first. Where bodies change places, those out of doorways go first;
+    where there are none, all go.
+    """
+    moving = (goal for goal in goals if goal.end != goal.start)
+    ahead = sorted(moving, key=lambda goal: (goal.start not in doorways, goal.robot))
+    found = []
+    while ahead:
+        leaving = {goal.start for goal in ahead}
+        out = [c for c in ahead if c.start in doorways and c.end not in doorways]
+        ready = [c for c in ahead if c.end not in leaving] or out or ahead
+        first = {goal.end: goal for goal in reversed(ready)}.values()
+        found.append(tuple(sorted(first)))
+        ahead = [goal for goal in ahead if goal not in first]
+    return found

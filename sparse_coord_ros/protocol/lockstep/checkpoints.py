@@ -1,0 +1,265 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The checkpoints of one node of a team on its disk, and what they hold.
+
+World and robots save under the same time steps, each its own file `<node>_<step>.npz` in the
+directory `checkpoint` of the output directory. A team goes on from the newest step of which
+everybody has a file: the last common checkpoint. Step 0 is the run's beginning, and needs none.
+A file says within its digest how it is called (`name`): under another name it is no checkpoint.
+What a node counts of the run's faults is never taken back: `<node>_events.npz` has it.
+"""
+
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sparse_coord_ros.base.errors import RunError, TablesError
+from sparse_coord_ros.base.files import PARTIAL, HeldError, hold, write_whole
+from sparse_coord_ros.core.game.scenario import Scenario
+from sparse_coord_ros.core.learners.memory import check_memory
+from sparse_coord_ros.core.runs import checkpoint
+from sparse_coord_ros.core.runs.history import history_from
+from sparse_coord_ros.core.runs.run_config import RunConfig
+from sparse_coord_ros.core.runs.tables import memory_from, saved_arrays
+from sparse_coord_ros.protocol.lockstep.robot_side import RobotState
+from sparse_coord_ros.protocol.lockstep.world_side import WorldState
+from sparse_coord_ros.protocol.wire import WORLD
+
+CHECKPOINTS = "checkpoint"
+"""The directory's name."""
+
+BEGINNING = 0
+"""The step under which everybody always has a checkpoint: that of a run that is yet to begin."""
+
+EVENTS = "events"
+"""In place of a step in a file's name: what was counted."""
+
+KEPT_OWN = 3
+KEPT_COMMON = 2
+"""How many of its newest files a node keeps, and how many of those that all nodes here have."""
+
+
+class Store:
+    """Where a node's checkpoints are: nowhere. `Checkpoints` has them on disk."""
+
+    def steps(self) -> list[int]:
+        """Return the steps that the node can go on from, the newest first."""
+        return []
+
+    def load(self, step: int) -> Any:
+        """Return the `WorldState` or `RobotState` of a step; None: at the beginning."""
+        return None
+
+    def save(self, state: WorldState | RobotState) -> None:
+        """Save where the node is."""
+
+    def counted(self) -> dict[str, int]:
+        """Return what `count` saved last."""
+        return {}
+
+    def count(self, events: Mapping[str, int]) -> None:
+        """Save what was counted so far."""
+
+
+class Checkpoints(Store):
+    """One node's checkpoints on disk.
+
+    Args:
+        out: the output directory; it must exist.
+        node: the node's name: `wire.WORLD`, or that of a robot.
+        run: the run.
+
+    Attributes:
+        broken: why files could not be read, one line each.
+
+    Raises:
+        RunError: another process has this node's checkpoints there.
+        OSError: nothing can be written there.
+    """
+
+    def __init__(self, out: Path, node: str, run: RunConfig) -> None:
+        self._node = node
+        self._run = run
+        self._names = run.scenario.names
+        self.broken: list[str] = []
+        self._readable: set[int] = set()
+        self._folder = out / CHECKPOINTS
+        try:
+            self._folder.mkdir(exist_ok=True)
+            self._lock = hold(self._folder / f"{node}.lock")
+        except HeldError as error:
+            what = (
+                f"output directory {out}: another process runs {node} there ({error})"
+            )
+            raise RunError(
+                f"{what}; stop that one, or choose another directory"
+            ) from None
+
+    @staticmethod
+    def remove(out: Path) -> None:
+        """Remove the checkpoints of a run that is finished and saved."""
+        folder = out / CHECKPOINTS
+        with suppress(OSError):
+            for path in folder.iterdir():
+                if path.name.endswith((".npz", f".npz{PARTIAL}", ".lock")):
+                    path.unlink()
+            folder.rmdir()
+
+    def close(self) -> None:
+        """Let others have the directory; the end of the process does so too."""
+        self._lock.close()
+
+    def steps(self) -> list[int]:
+        """Return the steps that this node can go on from, the newest first, at last 0.
+
+        Raises:
+            RunError: a file is of another run, or in another format.
+        """
+        files = steps_of(self._folder, self._node)
+        for step in set(files) - self._readable:
+            try:
+                self.load(step)
+                self._readable.add(step)
+            except checkpoint.BrokenCheckpointError as error:
+                line = str(error).replace(
+                    "begin the run anew", "an earlier one is used"
+                )
+                if line not in self.broken:
+                    self.broken.append(line)
+        return [*(step for step in files if step in self._readable), BEGINNING]
+
+    def save(self, state: WorldState | RobotState) -> None:
+        """Save where the node is; an OSError leaves the earlier checkpoints as they are."""
+        self._folder.mkdir(exist_ok=True)
+        self._write(state.step, self._arrays(state))
+        self._readable.add(state.step)
+        self._prune()
+
+    def counted(self) -> dict[str, int]:
+        """Return what `count` saved last.
+
+        Raises:
+            RunError: it is of another run, or in another format.
+        """
+        try:
+            counts = self._read(EVENTS) if self._path(EVENTS).exists() else {}
+            return {name: int(array) for name, array in counts.items()}
+        except (checkpoint.BrokenCheckpointError, TypeError, ValueError) as error:
+            self.broken.append(
+                f"{self._path(EVENTS)}: what was counted is lost ({error})"
+            )
+            return {}
+
+    def count(self, events: Mapping[str, int]) -> None:
+        """Save what was counted so far."""
+        self._write(EVENTS, {name: np.array(number) for name, number in events.items()})
+
+    def load(self, step: int) -> Any:
+        """Return where the node was: a `WorldState` or a `RobotState`; None: at the beginning.
+
+        Raises:
+            RunError: there is no such checkpoint, it is broken or of another run.
+        """
+        if step == BEGINNING:
+            return None
+        arrays = self._read(step)
+        try:
+            return self._state(step, arrays)
+        except (KeyError, ValueError, IndexError, TypeError, TablesError) as error:
+            raise checkpoint.broken(self._path(step), error) from None
+
+    def _arrays(self, state: WorldState | RobotState) -> dict[str, np.ndarray]:
+        """Return a state as named arrays; its step is in the file's name."""
+        fields = state._asdict()
+        del fields["step"]
+        if isinstance(state, WorldState):
+            arrays = checkpoint.position_arrays([fields.pop("position")])
+            history = fields.pop("history")._asdict()
+            arrays |= {f"history_{name}": array for name, array in history.items()}
+        else:
+            number = self._names.index(self._node) + 1
+            arrays = saved_arrays({number: fields.pop("memory")})
+        return arrays | {name: np.array(value) for name, value in fields.items()}
+
+    def _state(
+        self, step: int, arrays: Mapping[str, np.ndarray]
+    ) -> WorldState | RobotState:
+        """Return what `_arrays` took apart."""
+        kind: type[WorldState] | type[RobotState] = RobotState
+        fields: dict[str, Any] = {"step": step}
+        if self._node == WORLD:
+            kind = WorldState
+            fields["position"] = checkpoint.positions_from(arrays, self._run.scenario)[
+                0
+            ]
+            fields["history"] = history_from(arrays, "history_")
+        else:
+            scenario = self._run.scenario
+            k = self._names.index(self._node)
+            memory = memory_from(arrays, k + 1)
+            fields["memory"] = check_memory(scenario, self._run.rule, k, memory)
+        for name in set(kind._fields) - set(fields):
+            value = arrays[name].tolist()
+            fields[name] = tuple(value) if isinstance(value, list) else value
+        return kind(**fields)
+
+    def _prune(self) -> None:
+        """Remove what is older than the newest files, and than those that all nodes here have."""
+        mine = steps_of(self._folder, self._node)
+        others = (set(steps_of(self._folder, name)) for name in (WORLD, *self._names))
+        common = sorted(set(mine).intersection(*others), reverse=True)
+        for step in set(mine[KEPT_OWN:]) - set(common[:KEPT_COMMON]):
+            with suppress(OSError):
+                self._path(step).unlink()
+
+    def _path(self, what: int | str) -> Path:
+        return self._folder / f"{self._node}_{what}.npz"
+
+    def _write(self, what: int | str, arrays: Mapping[str, np.ndarray]) -> None:
+        path = self._path(what)
+        named = {**arrays, "name": np.array(path.stem)}
+        write_whole(path, checkpoint.pack(self._run.digest, named), sync=what != EVENTS)
+
+    def _read(self, what: int | str) -> dict[str, np.ndarray]:
+        path = self._path(what)
+        run = self._run
+        said = f"{run.scenario.name}, learner {run.learner}, seed {run.seed}"
+        arrays = checkpoint.read(path, run.digest, said=said)
+        name = str(arrays.pop("name", ""))
+        if name != path.stem:
+            raise checkpoint.broken(path, f"it is that of {name}")
+        return arrays
+
+
+def steps_of(folder: Path, node: str) -> list[int]:
+    """Return under which time steps a directory has files of a node, the newest first."""
+    texts = (
+        path.stem.removeprefix(f"{node}_") for path in folder.glob(f"{node}_*.npz")
+    )
+    return sorted((int(text) for text in texts if text.isdecimal()), reverse=True)
+
+
+def robots_elsewhere(out: Path, scenario: Scenario) -> list[str]:
+    """Return which robots of a run that has come on in a directory never had anything there."""
+    folder = out / CHECKPOINTS
+    names = scenario.names
+    begun = any(steps_of(folder, name) for name in (WORLD, *names))
+    return [name for name in names if begun and not (folder / f"{name}.lock").exists()]
+
+
+def check_robots(out: Path, scenario: Scenario) -> None:
+    """Refuse to go on with robots of ours in the place of others.
+
+    Raises:
+        RunError: a robot is one of one's own, or has its files elsewhere.
+    """
+    away = robots_elsewhere(out, scenario)
+    if away:
+        raise RunError(
+            f"{out}: holds nothing of {', '.join(away)} (a robot of one's own, or with another "
+            "'out'), so the run cannot go on there; begin a new one, or start each of its nodes "
+            "with resume:=true"
+        )

@@ -1,0 +1,341 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""One robot's side of the lock step, as a state machine without ROS.
+
+Messages come in by `state`, `reward` and `answer`, in any order between topics, each perhaps
+twice; what the robot does goes out through `RobotPort`. The result depends on what the messages
+say, never on when they come.
+"""
+
+from collections import deque
+from typing import NamedTuple, Protocol
+
+from sparse_coord_ros.core.game.actions import COORDINATE
+from sparse_coord_ros.core.game.percepts import Percepts
+from sparse_coord_ros.core.game.world import Action, Reward
+from sparse_coord_ros.core.learners.agent import Agent, Choice, Decision
+from sparse_coord_ros.core.learners.mind import Memory
+from sparse_coord_ros.core.runs.run_config import RunConfig
+from sparse_coord_ros.protocol.wire import COUNTS, Account, PerceptEnd
+
+NO_STEP = 0
+"""The step of a request by a person, who does not know the time step."""
+
+BEFORE_ANY_STEP = -1
+
+ASKS = COUNTS[:4]
+"""How percepts end, and how often a peer was asked again; see `RobotSide.asks`."""
+
+
+class RobotPort(Protocol):
+    """What a robot can do to the outside."""
+
+    def ask(self, peer: int, step: int, cell: int) -> None:
+        """Request the peer's local state of a time step; `cell` is the asker's own."""
+
+    def act(self, step: int, action: Action, account: Account) -> None:
+        """Publish the action that answers the local state of a time step."""
+
+    def percept(self, step: int, cell: int, perceived: tuple[int, ...] | None) -> None:
+        """Publish what came of COORDINATE: the peers' cells, or None for a failed percept."""
+
+    def episode(self, step: int) -> None:
+        """An episode begins for this robot at a time step, before it acts in it."""
+
+    def checkpoint(self, step: int) -> None:
+        """Publish and save: all is learned that happened before a time step, and no more."""
+
+
+class Answer(NamedTuple):
+    """The asked robot's side of COORDINATE.
+
+    Attributes:
+        step: the time step that the asked robot is at; older than the request: not there yet.
+        cell: its local state, or None: not perceived.
+    """
+
+    step: int
+    cell: int | None
+
+
+class RobotState(NamedTuple):
+    """All that a robot needs to go on from a time step with the same bits.
+
+    Attributes:
+        step: the time step; all is learned that happened before it, and no more.
+        cell: its local state X_k(step).
+        transitions: transitions that it has seen.
+        episode_start: the time step at which the episode began.
+        learned_last: whether its next action says that it has learned from the one before.
+        counts: `RobotSide.asks`, `learned` and `dropped`, in this order.
+        memory: what its agent has learned.
+    """
+
+    step: int
+    cell: int
+    transitions: int
+    episode_start: int
+    learned_last: bool
+    counts: tuple[int, ...]
+    memory: Memory
+
+
+class RobotSide:
+    """Drives one `Agent` by messages.
+
+    Args:
+        run: the run.
+        agent: the agent; its number is the robot's place in the scenario.
+        port: what the robot can do.
+
+    Attributes:
+        newest: the last local state received, as (step, cell); step 0 before the first.
+        asks: how the percepts of its actions ended: "answered" (by every peer that was asked),
+            "refused" (by one of them), "late" (no answer by the deadline); and how many requests
+            were "repeated" because the peer was a step behind.
+        transitions: transitions that it has seen.
+        learned: transitions that it has learned from.
+        dropped: transitions not learned from because the reward did not come.
+    """
+
+    def __init__(self, run: RunConfig, agent: Agent, port: RobotPort) -> None:
+        self.newest = (NO_STEP, -1)
+        self._asks_before: tuple[int, ...] = ()
+        self._port = port
+        self._checkpoint = run.checkpoint
+        self._max_steps = run.scenario.max_steps
+        self._budget = run.scenario.steps
+        self._states: deque[tuple[int, int]] = deque()
+        self._reward: Reward | None = None
+        self._choice: Choice | None = None  # whose outcome is still to come
+        self._account = Account(
+            PerceptEnd.DID_NOT_ASK, False
+        )  # what was said beside it
+        self._asked: Decision | None = (
+            None  # whose peers are asked, one after the other
+        )
+        self._seen: tuple[int, ...] = ()  # cells of those that have answered
+        self._percepts = Percepts(run.scenario, run.seed)
+        self.go_on_from(agent, None)
+
+    @property
+    def waiting(self) -> tuple[str, int] | None:
+        """What the robot waits for from outside the world's rhythm, and of which time step.
+
+        "percept" or "reward". A deadline runs on it; when it passes, call `expire`.
+        """
+        if self._asked is not None:
+            return ("percept", self._handled)
+        if self._states and self._choice is not None:
+            return ("reward", self._handled)
+        return None
+
+    @property
+    def handled(self) -> int:
+        """The time step that the tables are of: of the last local state that was worked off.
+
+        All is learned that happened before it; 0 before the first state.
+        """
+        return max(self._handled, NO_STEP)
+
+    @property
+    def asking(self) -> int:
+        """The peer that it waits for, or -1."""
+        return -1 if self._asked is None else self._asked.peers[len(self._seen)]
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """The numbers stored beside its tables: `wire.COUNTS`."""
+        own = {"dropped": self.dropped, "learned": self.learned, "step": self.handled}
+        return {**self.asks, **own}
+
+    def state(self, step: int, cell: int) -> None:
+        """Take in the own local state X_k of a time step."""
+        if step <= self.newest[0]:
+            self._repeat(step, cell)
+            return
+        self.newest = (step, cell)
+        self._states.append((step, cell))
+        self._asked = None  # where it still asks, the world went on without it
+        self._go_on()
+
+    def reward(self, step: int, reward: Reward) -> None:
+        """Take in R_k of the action at a time step."""
+        if self._choice is not None and step == self._handled:
+            self._reward = reward
+            self._go_on()
+
+    def answer(self, peer: int, request_step: int, answer: Answer) -> None:
+        """Take in a peer's answer to the request of a time step."""
+        step = self._handled
+        asked = self._asked
+        if asked is None or step != request_step or self.asking != peer:
+            return
+        if answer.step < step:
+            self.asks["repeated"] += 1
+            self._port.ask(peer, step, self._cell)
+        elif answer.step > step or answer.cell is None:
+            self._act(None, PerceptEnd.REFUSED)
+        else:
+            self._seen += (answer.cell,)
+            if len(self._seen) < len(asked.peers):
+                self._port.ask(self.asking, step, self._cell)
+            else:
+                self._act(self._seen, PerceptEnd.ANSWERED)
+
+    def expire(self) -> None:
+        """The deadline on `waiting` has passed: a failed percept, or a transition unlearned."""
+        if self._asked is not None:
+            self._act(None, PerceptEnd.LATE)
+        elif self.waiting is not None:
+            self.dropped += 1
+            self._choice = None
+            self._go_on()
+
+    def due(self, there: int) -> int | None:
+        """Return what a peer in a cell answers to the question under way: its cell, or nothing."""
+        sees = self._percepts.sees(self._handled, self.agent.number, self._cell, there)
+        return there if sees else None
+
+    def asked(self, asker: int, step: int, asker_cell: int | None) -> Answer:
+        """Answer a peer's request; the environment's perception model decides.
+
+        Args:
+            asker: the asking agent's number.
+            step: the time step of the request; 0 from a person, who gets the newest state.
+            asker_cell: where the asker is; None where that is no free cell.
+        """
+        own_step, own_cell = self.newest
+        if step == NO_STEP:
+            return Answer(own_step, own_cell if own_step != NO_STEP else None)
+        if own_step != step or asker_cell is None:
+            return Answer(own_step, None)
+        seen = self._percepts.sees(step, asker, asker_cell, own_cell)
+        return Answer(own_step, own_cell if seen else None)
+
+    def snapshot(self) -> RobotState:
+        """Return where the robot is: a copy, of the time step `handled`.
+
+        An agent learns only when it works off a state, so this may be asked for at any time.
+        """
+        # What it has chosen at this step, it will choose again.
+        chosen = self._asked is not None or self._choice is not None
+        asks = self._asks_before if chosen else self.asks.values()
+        told = self._learned_last if self._choice is None else self._account.learned
+        place = self.handled, self._cell, self.transitions, self._episode_start
+        return RobotState(
+            *place, told, (*asks, self.learned, self.dropped), self.agent.memory()
+        )
+
+    def account_of(self, step: int) -> Account | None:
+        """Return what the robot said of itself at a time step; None: it is over, or to come."""
+        return (
+            self._account
+            if self._choice is not None and step == self._handled
+            else None
+        )
+
+    def go_on_from(self, agent: Agent, state: RobotState | None) -> None:
+        """Go on where a robot of the same run was, and forget all that is newer.
+
+        Whatever is under way to it then is of the time that is taken back: listen anew.
+
+        Args:
+            agent: a fresh agent of the run.
+            state: where to go on; None: at the run's beginning.
+        """
+        self.agent = agent
+        self._states.clear()
+        self._reward = self._choice = self._asked = None
+        if state is not None:
+            agent.go_on_from(state.memory)
+        begin = (BEFORE_ANY_STEP, -1, 0, NO_STEP, False, (0,) * (len(ASKS) + 2))
+        place = begin if state is None else state[:-1]
+        (
+            step,
+            cell,
+            self.transitions,
+            self._episode_start,
+            self._learned_last,
+            counts,
+        ) = place
+        self._handled = step
+        self._cell = cell
+        self.newest = (max(step, NO_STEP), cell)
+        *asks, self.learned, self.dropped = counts
+        self.asks = dict(zip(ASKS, asks, strict=True))
+
+    def _go_on(self) -> None:
+        """Work off the states that have come, as far as what belongs to them is there."""
+        while self._states:
+            step, cell = self._states[0]
+            before = self._handled
+            choice = self._choice
+            if choice is not None and step == before + 1:
+                if self._reward is None:
+                    return
+                self.agent.learn(before, choice, self._reward, cell)
+                self._learned_last = self.agent.learning
+                self.learned += self.agent.learning
+            self._choice = self._reward = None
+            self._states.popleft()
+            if step == before + 1:
+                self.transitions += 1
+            else:
+                self._episode_start = step
+                self._port.episode(step)
+            self._handled = step
+            self._cell = cell
+            if (
+                self._checkpoint
+                and before // self._checkpoint < step // self._checkpoint
+            ):
+                if before != BEFORE_ANY_STEP:
+                    self._port.checkpoint(step)
+            if not self._states and not self._rests(step, cell):
+                self._choose()
+
+    def _repeat(self, step: int, cell: int) -> None:
+        """The world says a state again because it misses the action: say it, or choose it now."""
+        if self._choice is not None and self._handled == step:
+            self._port.act(step, self._choice.action, self._account)
+        elif self._asked is None and self._handled == step and cell != self.agent.goal:
+            self._choose()
+
+    def _rests(self, step: int, cell: int) -> bool:
+        """Whether no action is due: arrived, end of the episode, or end of the run."""
+        ended = self.transitions >= self._budget
+        return (
+            ended
+            or cell == self.agent.goal
+            or step - self._episode_start >= self._max_steps
+        )
+
+    def _choose(self) -> None:
+        if self._handled == self._episode_start:
+            self.agent.begin_episode()
+        self._asks_before = tuple(self.asks.values())
+        decision = self._asked = self.agent.decide(self._handled, self._cell)
+        self._seen = ()
+        if decision.peers:
+            self._port.ask(self.asking, self._handled, self._cell)
+        elif decision.action == COORDINATE:
+            self._act(None, PerceptEnd.NOBODY_TO_ASK)
+        else:
+            self._act(None, PerceptEnd.DID_NOT_ASK)
+
+    def _act(self, perceived: tuple[int, ...] | None, ended: PerceptEnd) -> None:
+        decision = self._asked
+        self._asked = None
+        assert decision is not None
+        step = self._handled
+        cell = self._cell
+        if ended in (PerceptEnd.ANSWERED, PerceptEnd.REFUSED, PerceptEnd.LATE):
+            self.asks[ended.words] += 1
+        action = self.agent.act(step, cell, decision, perceived)
+        account = self._account = Account(ended, self._learned_last)
+        self._learned_last = False
+        self._choice = Choice(self._cell, decision, action, perceived)
+        if action.asked:
+            self._port.percept(step, cell, perceived)
+        self._port.act(step, action, account)

@@ -1,0 +1,172 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""How a team goes back to its last common checkpoint, as state machines without ROS.
+
+Every robot says which checkpoints it has. The world chooses the newest that all have, itself
+included, goes back to it and orders everybody to do so. It goes on when all have obeyed, or when a
+deadline has passed. An order stands until all have obeyed: a robot that was deaf obeys when it
+hears again, and joins the team where it then is.
+"""
+
+import uuid
+from collections import Counter
+from collections.abc import Callable
+
+from sparse_coord_ros.core.game.rules import EPISODE_GAP
+from sparse_coord_ros.core.learners.agent import Agent
+from sparse_coord_ros.protocol.lockstep.checkpoints import Store
+from sparse_coord_ros.protocol.lockstep.robot_side import RobotSide
+from sparse_coord_ros.protocol.lockstep.world_side import WorldSide
+from sparse_coord_ros.protocol.wire.status import NO_ORDER, ROLL_CALL, Order, Progress
+
+
+class WorldRollback:
+    """The world's part.
+
+    Args:
+        side: the world's side of the lock step.
+        store: its checkpoints.
+        robots: number of robots.
+
+    Attributes:
+        order: the order that stands.
+        events: what happened to the run and is never taken back: `replaced_robots`, which began
+            anew, `returned_robots`, which came back with what they had learned, and how often all
+            were `taken_back`.
+        said: what each robot said last; None: nothing yet.
+        waiting: the robots that have yet to obey.
+    """
+
+    def __init__(self, side: WorldSide, store: Store, robots: int) -> None:
+        self.order = Order()
+        self.events = Counter(store.counted())
+        self._side = side
+        self._store = store
+        self.said: list[Progress | None] = [None] * robots
+        self.waiting: set[int] = set()
+
+    def heard(self, robot: int, said: Progress) -> bool:
+        """Take in what a robot says; return whether it is a new process in an old one's place."""
+        before = self.said[robot]
+        self.said[robot] = said
+        new = before is not None and before.life != said.life
+        if new and self._side.world.transitions:
+            self.events["returned_robots" if said.resumed else "replaced_robots"] += 1
+        able = self.order.step in (ROLL_CALL, *said.checkpoints)
+        if said.obeyed == self.order.name or not able:
+            self.waiting.discard(robot)
+        elif new:
+            self.waiting.add(robot)
+        if not self.waiting and not self._side.held:
+            self.order = Order()
+        return new
+
+    def go_back(self, *, together: bool = True) -> bool:
+        """Go back to a checkpoint and let an order stand; then tell everybody.
+
+        Args:
+            together: everybody to the newest one that all have. Else the world alone to its own
+                newest: the robots stay as they are and say where that is, and a new episode begins
+                after all that any of them has seen: `WorldSide.begin_at`.
+
+        Returns:
+            Whether there is such a checkpoint.
+
+        Raises:
+            RunError: the world's checkpoint is of another run.
+        """
+        steps = set(self._store.steps())
+        if together:
+            steps.intersection_update(
+                *(said.checkpoints if said else () for said in self.said)
+            )
+        if not steps:
+            return False
+        self._side.go_on_from(self._store.load(max(steps)))
+        self.waiting = set(range(len(self.said)))
+        step = max(steps) if together else ROLL_CALL
+        self.order = Order(uuid.uuid4().hex, step, self._side.world.step)
+        self.events["taken_back"] += together
+        return True
+
+    def go_on(self, *, anyway: bool = False) -> bool:
+        """Go on where the team is held and all have obeyed; return whether it does.
+
+        Args:
+            anyway: do not wait any longer for those that have not obeyed.
+        """
+        if not self._side.held or (self.waiting and not anyway):
+            return False
+        if self.order.step == ROLL_CALL:
+            said = [one for one in self.said if one is not None]
+            step = max(one.step for one in said) + 1 + EPISODE_GAP
+            self._side.begin_at(step, max(one.transitions for one in said))
+        if not self.waiting or self.order.step == ROLL_CALL:
+            self.order = Order()
+        self._side.start()
+        return True
+
+
+class RobotRollback:
+    """A robot's part.
+
+    Args:
+        side: the robot's side of the lock step.
+        store: its checkpoints.
+        fresh: makes an agent as it is at the run's beginning.
+        life: names this process.
+        resumed: as of `Progress`.
+    """
+
+    def __init__(
+        self,
+        side: RobotSide,
+        store: Store,
+        fresh: Callable[[], Agent],
+        life: str,
+        resumed: bool,
+    ) -> None:
+        self._side = side
+        self._store = store
+        self._fresh = fresh
+        self._life = life
+        self._resumed = resumed
+        self._obeyed = NO_ORDER
+
+    def begin(self) -> int:
+        """Go on from the newest checkpoint of one's own; return its step, 0 without any.
+
+        Raises:
+            RunError: it is of another run.
+        """
+        step = max(self._store.steps(), default=0)
+        if step:
+            self._side.go_on_from(self._fresh(), self._store.load(step))
+        return step
+
+    def obey(self, order: Order) -> bool:
+        """Go back as the world orders; return whether to listen anew, and then say `_progress`.
+
+        What is under way from the time that is taken back must not be taken for new: of steps
+        with the same numbers no robot can tell.
+
+        Args:
+            order: the order.
+
+        Raises:
+            RunError: the checkpoint is of another run.
+        """
+        if order.name in (NO_ORDER, self._obeyed):
+            return False
+        if order.step != ROLL_CALL:
+            if order.step not in self._store.steps():
+                return False
+            self._side.go_on_from(self._fresh(), self._store.load(order.step))
+        self._obeyed = order.name
+        return True
+
+    def progress(self) -> Progress:
+        """Return what to say to the world: on joining, after saving, after `obey`."""
+        at = (self._side.handled, self._side.transitions)
+        steps = tuple(self._store.steps())
+        return Progress(self._life, *at, steps, self._obeyed, self._resumed)

@@ -1,0 +1,287 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The world's side of the lock step, as a state machine without ROS.
+
+A time step is a barrier: the world advances when every robot has acted or its deadline passed.
+"""
+
+from collections.abc import Callable
+from itertools import pairwise
+from typing import NamedTuple, Protocol
+
+from sparse_coord_ros.core.game.game import Game, ResumableGame
+from sparse_coord_ros.core.game.world import Action, Position, Reward, World
+from sparse_coord_ros.core.runs.history import History, HistoryRecorder
+from sparse_coord_ros.core.runs.run import Glimpse
+from sparse_coord_ros.core.runs.run_config import RunConfig
+from sparse_coord_ros.protocol.wire import Began
+
+
+class WorldPort(Protocol):
+    """What the world can do to the outside."""
+
+    def state(self, robot: int, step: int, cell: int) -> None:
+        """Publish a robot's local state."""
+
+    def reward(self, robot: int, step: int, reward: Reward) -> None:
+        """Publish the reward of a robot's action at a time step."""
+
+    def episode(self, step: int) -> None:
+        """An episode begins at a time step, whose states follow."""
+
+    def checkpoint(self, step: int) -> None:
+        """Save: the robots do so too, when they have worked off their states of this step."""
+
+
+class WorldState(NamedTuple):
+    """All that the world needs to go on with the same bits.
+
+    Attributes:
+        step: the time step under which the robots save theirs.
+        position: where the game is; where an episode ended at `step`, at the next one's begin.
+        counts: `episode` and `miscoordinations` of the game, `timeouts`, `left_out`, `stale`,
+            `lost`.
+        began: why the episode began.
+        absent: robots that nobody waits for.
+        history: the episodes.
+    """
+
+    step: int
+    position: Position
+    counts: tuple[int, int, int, int, int, int]
+    began: str
+    absent: tuple[int, ...]
+    history: History
+
+
+class WorldSide:
+    """Drives one game by messages.
+
+    Args:
+        run: the run.
+        port: what the world can do.
+        game: what is played; the Markov game of the run's scenario where None.
+
+    Attributes:
+        world: the game.
+        timeouts: how often a robot's deadline passed.
+        left_out: number of (robot, step) pairs: transitions made without the robot's action though
+            it had not arrived.
+        began: why the episode began: one of the reasons of `wire`.
+        stale: actions that came too late, or twice.
+        lost: transitions that count as made and are no part of the history.
+        absent: robots that missed a deadline and have not acted since; nobody waits for them.
+        history: gathers the episodes.
+        watcher: None, or called after each transition with it.
+        held: after `go_on_from` and until `start`: what robots do is of the time taken back.
+    """
+
+    def __init__(
+        self, run: RunConfig, port: WorldPort, game: Game | None = None
+    ) -> None:
+        self.world: Game = World(run.scenario, run.seed) if game is None else game
+        self.timeouts = self.left_out = self.stale = self.lost = 0
+        self.began: str = Began.START
+        self.absent: set[int] = set()
+        self.history = HistoryRecorder(len(run.scenario.robots))
+        self.watcher: Callable[[Glimpse], None] | None = None
+        self.held = False
+        self._begins = True
+        self._port = port
+        self._budget = run.scenario.steps
+        self._checkpoint = run.checkpoint
+        self._robots = range(len(run.scenario.robots))
+        self._begin_step()
+        self._beginning = self.snapshot()
+
+    def begin_at(self, step: int, transitions: int) -> None:
+        """After `go_on_from`, leave out what was done since; then call `start`.
+
+        Args:
+            step: the time step at which a new episode is to begin; nothing is left out where that
+                is not after the present one.
+            transitions: made until then.
+        """
+        world = self.world
+        assert isinstance(world, ResumableGame)
+        if step <= world.step:
+            return
+        lost = max(0, transitions - world.transitions)
+        episode = world.episode
+        done = world.transitions + lost
+        anew = world.position()._replace(step=step, under_way=False, episode_start=step)
+        world.go_on_from(anew._replace(transitions=done))
+        world.episode = episode + 1
+        self.began = Began.RESET
+        self._begins = True
+        self.lost += lost
+
+    @property
+    def finished(self) -> bool:
+        """Whether the step budget is used up."""
+        return self.world.transitions >= self._budget
+
+    @property
+    def complete(self) -> bool:
+        """Whether the barrier is open: all robots that are waited for have acted."""
+        return not self.missing() and any(
+            action is not None for action in self._actions
+        )
+
+    @property
+    def actions(self) -> tuple[Action | None, ...]:
+        """The joint action as far as it is in; None where a robot has not acted."""
+        return tuple(self._actions)
+
+    def missing(self) -> list[int]:
+        """Return the robots whose actions the world waits for."""
+        return [
+            k
+            for k in self._robots
+            if self._actions[k] is None
+            and not self.world.arrived[k]
+            and k not in self.absent
+        ]
+
+    def start(self) -> None:
+        """Publish the first joint state, also that after `go_on_from`."""
+        self.held = False
+        if self._begins:
+            self._port.episode(self.world.step)
+        self._publish_states()
+
+    def snapshot(self, step: int | None = None) -> WorldState | None:
+        """Return where the world is; None: its game cannot be resumed.
+
+        Args:
+            step: the time step under which the robots save; the present one where None.
+        """
+        world = self.world
+        if not isinstance(world, ResumableGame):
+            return None
+        own = (self.timeouts, self.left_out, self.stale, self.lost)
+        counts = (world.episode, world.miscoordinations, *own)
+        step = world.step if step is None else step
+        absent = tuple(sorted(self.absent))
+        history = self.history.history()
+        return WorldState(step, world.position(), counts, self.began, absent, history)
+
+    def go_on_from(self, state: WorldState | None) -> None:
+        """Go on where the world of the same run was; None: at its beginning. Then call `start`."""
+        state = state or self._beginning
+        world = self.world
+        assert state is not None and isinstance(world, ResumableGame)
+        world.go_on_from(state.position)
+        self.began = state.began
+        self.absent = set(state.absent)
+        world.episode, world.miscoordinations, *own = state.counts
+        self.timeouts, self.left_out, self.stale, self.lost = own
+        under_way = state.position.under_way
+        robots = len(self._robots)
+        self.history = HistoryRecorder(
+            robots, history=state.history, under_way=under_way
+        )
+        self.held = True
+        self._begins = not under_way
+        self._begin_step()
+
+    def action(self, robot: int, step: int, action: Action) -> bool:
+        """Take in a robot's action; return whether the barrier is now open."""
+        if self.held:
+            return False
+        self.absent.discard(robot)
+        if (
+            step != self.world.step
+            or self._actions[robot] is not None
+            or self.world.arrived[robot]
+            or self.finished
+        ):
+            self.stale += 1
+            return False
+        self._actions[robot] = action
+        return self.complete
+
+    def advance(self) -> None:
+        """Make the time step and publish what came of it."""
+        step = self.world.step
+        acted = [k for k in self._robots if self._actions[k] is not None]
+        self.left_out += self.world.arrived.count(False) - len(acted)
+        before = tuple(self.world.cells) if self.watcher is not None else ()
+        outcome = self.world.advance(self._actions)
+        self.history.add(self.world.episode, step, self._actions, outcome)
+        if self.watcher is not None:
+            after = tuple(self.world.cells)
+            said = self.actions, after, outcome.miscoordination, outcome.rewards
+            self.watcher(Glimpse(step, before, *said))
+        self._begin_step()
+        for k in acted:
+            self._rewards[k] = (step, outcome.rewards[k])
+            self._port.reward(k, step, outcome.rewards[k])
+        self._publish_states()
+        reached = self.world.step
+        if not self.finished:
+            if outcome.episode_over:
+                self._begin_episode(
+                    Began.ARRIVED if all(self.world.arrived) else Began.STEPS
+                )
+            elif all(self.world.arrived[k] or k in self.absent for k in self._robots):
+                self._begin_episode(Began.NOBODY_LEFT)
+        self._save_where_due(step, reached, self.world.step)
+
+    def _begin_step(self) -> None:
+        """Forget the actions of the last time step, and the rewards that were said with it."""
+        self._actions: list[Action | None] = [None] * len(self._robots)
+        self._rewards: list[tuple[int, Reward] | None] = [None] * len(self._robots)
+
+    def new_episode(self, began: str = Began.RESET) -> None:
+        """Start an episode, for a reason; actions that wait at the barrier are forgotten."""
+        before = self.world.step
+        self._begin_episode(began)
+        self._save_where_due(before, self.world.step)
+
+    def _begin_episode(self, began: str) -> None:
+        self.began = began
+        self._begin_step()
+        self.world.begin_episode()
+        self._port.episode(self.world.step)
+        self._publish_states()
+
+    def expire(self) -> list[int]:
+        """The deadline has passed: leave the missing robots out; return whom.
+
+        The others go on: with the next step, or with a new episode where all of them have
+        arrived. Without any other, the world goes on waiting.
+        """
+        missing = self.missing()
+        if not missing or len(self.absent.union(missing)) == len(self._robots):
+            return []
+        self.timeouts += len(missing)
+        self.absent.update(missing)
+        if self.complete:
+            self.advance()
+        else:
+            self.new_episode(Began.NOBODY_LEFT)
+        return missing
+
+    def repeat(self) -> None:
+        """Publish again what robots may have lost; one that has it says its action again.
+
+        To all: a missing robot may be waiting for what an arrived one answers, or for where one
+        is whose answers it doubts.
+        """
+        for k in self._robots:
+            reward = self._rewards[k]
+            if reward is not None:
+                self._port.reward(k, *reward)
+            self._port.state(k, self.world.step, self.world.cells[k])
+
+    def _publish_states(self) -> None:
+        for k in self._robots:
+            self._port.state(k, self.world.step, self.world.cells[k])
+
+    def _save_where_due(self, *steps: int) -> None:
+        """Save at the published steps at which the robots do too."""
+        every = self._checkpoint
+        for before, step in pairwise(steps):
+            if every and before // every < step // every:
+                self._port.checkpoint(step)

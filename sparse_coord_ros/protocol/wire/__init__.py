@@ -1,0 +1,338 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The vocabulary of the wire, without ROS: topics, services, labels and states, each said once.
+
+`TOPICS` is the table of all messages: whose each is, its type, the labels of its numbers, how it
+is delivered and recorded. `messages.py` packs and reads by it, `ros/nodes/interface.py` binds it
+to message classes and QoS profiles; the recorder and the log follow it. Topic names are relative:
+a team's to its namespace, a robot's to its own name; what ROS shares among all nodes is absolute.
+What is of no use to people begins with an underscore: `ros2 topic list` hides it.
+"""
+
+from dataclasses import dataclass
+from enum import IntEnum, StrEnum
+from typing import NamedTuple
+
+from sparse_coord_ros.base import limits, palette
+from sparse_coord_ros.base.limits import Limit
+from sparse_coord_ros.protocol.wire.services import ACTIVE_PERCEPTION
+
+
+class Owner(StrEnum):
+    """Whose a topic is: one of the team, one of each robot, one of each world or robot node."""
+
+    TEAM = "team"
+    ROBOT = "robot"
+    NODE = "node"
+
+
+class Delivery(StrEnum):
+    """How a topic is published.
+
+    At every time step; now and then; its last message is kept for late subscribers; its last
+    `TABLES_DEPTH` are kept.
+    """
+
+    STEP = "step"
+    EVENT = "event"
+    LATCHED = "latched"
+    TABLES = "tables"
+
+
+TABLES_DEPTH = 10
+"""A recorder that lags further behind misses tables of checkpoints."""
+
+
+@dataclass(frozen=True)
+class Topic:
+    """One topic.
+
+    Attributes:
+        name: relative to the team's namespace, or to the robot's or node's name.
+        type_name: the message's type, such as `std_msgs/msg/String`.
+        owner: whose it is.
+        delivery: how it is published.
+        tapped: published as packed bytes, and handed to a recorder in the same process: what
+            each time step and episode says.
+        recorded: it is written into a bag as it is.
+        labels: of a sensor_msgs/JointState: what its numbers are called. A reader looks numbers
+            up by their labels, so a sender may add others.
+        limit: what is larger is dropped before anything looks into it.
+    """
+
+    name: str
+    type_name: str
+    owner: Owner
+    delivery: Delivery
+    tapped: bool = False
+    recorded: bool = True
+    labels: tuple[str, ...] = ()
+    limit: Limit = limits.MESSAGE
+
+    def of(self, owner: str) -> str:
+        """Return the topic's name below a robot's name; `~` is the node's own, "" the team's."""
+        return f"{owner}/{self.name}" if owner else self.name
+
+    @property
+    def stamped(self) -> bool:
+        """Whether the message begins with its time (a header or a clock), that of the run."""
+        return self.type_name in (_CLOCK, _POSE, _NUMBERS, _GRID, _PATH, _ODOMETRY)
+
+    def column(self, label: str) -> int:
+        """Return which of the numbers has a label."""
+        return self.labels.index(label)
+
+
+class PerceptEnd(IntEnum):
+    """How the percept of an action ended.
+
+    The action is no COORDINATE; every peer that was asked said where it is; a peer refused, or was
+    further; no answer came by the deadline; there is no peer.
+    """
+
+    DID_NOT_ASK = 0
+    ANSWERED = 1
+    REFUSED = 2
+    LATE = 3
+    NOBODY_TO_ASK = 4
+
+    @property
+    def words(self) -> str:
+        """The same in words."""
+        return self.name.lower().replace("_", " ")
+
+    @property
+    def outcome(self) -> str:
+        """What pictures and pages show of it: `palette.ANSWERED`, `REFUSED` or `FAILED`."""
+        shown = {
+            PerceptEnd.ANSWERED: palette.ANSWERED,
+            PerceptEnd.REFUSED: palette.REFUSED,
+        }
+        return shown.get(self, palette.FAILED)
+
+    @classmethod
+    def said(cls, number: float) -> "PerceptEnd | None":
+        """Return the one that a number in a message says; None: it says none of them."""
+        return next((end for end in cls if end == number), None)
+
+    @classmethod
+    def untold(cls, *, perceived: bool, peers: int) -> "PerceptEnd":
+        """Return how a percept ended of which nobody says it: in one process none is late."""
+        return (
+            cls.ANSWERED if perceived else cls.REFUSED if peers else cls.NOBODY_TO_ASK
+        )
+
+
+class Account(NamedTuple):
+    """What a robot says of itself in its `action`, beside the action: the fields are labels there.
+
+    Attributes:
+        percept: how its percept ended, a `PerceptEnd`.
+        learned: whether it has learned from its action before this one.
+    """
+
+    percept: int
+    learned: bool
+
+
+ACTION_LABELS = ("east", "north", "coordinate", "peer", "perceived")
+"""Of an `action`: what the action's own numbers are called; after them comes the account."""
+
+PARTNERS = "partners"
+"""A label more of `reward` where the world has a `referee`: the sum of 2^(j-1) of the robots j
+(from 1) with which the robot was in the miscoordination."""
+
+TEAM, ROBOT, NODE = Owner
+_STEP, _EVENT, _LATCHED, _TABLES = Delivery
+_STRING = "std_msgs/msg/String"
+_STATUS = "diagnostic_msgs/msg/DiagnosticStatus"
+_TRUTH = "std_msgs/msg/Bool"
+_POSE = "geometry_msgs/msg/PoseStamped"
+_NUMBERS = "sensor_msgs/msg/JointState"
+_GRID = "nav_msgs/msg/OccupancyGrid"
+_MARKERS = "visualization_msgs/msg/MarkerArray"
+_CLOCK = "rosgraph_msgs/msg/Clock"
+_PATH = "nav_msgs/msg/Path"
+_ODOMETRY = "nav_msgs/msg/Odometry"
+_REPORT = "diagnostic_msgs/msg/DiagnosticArray"
+_BYTES = "std_msgs/msg/UInt8MultiArray"
+_ROSOUT = "rcl_interfaces/msg/Log"
+_PARAMETERS = "rcl_interfaces/msg/ParameterEvent"
+
+RUN = Topic("run", _STRING, TEAM, _LATCHED, limit=limits.SCENARIO)
+STATUS = Topic("status", _STATUS, TEAM, _LATCHED)
+CLOCK = Topic("clock", _CLOCK, TEAM, _STEP, tapped=True)
+"""Outside any namespace that is /clock, which nodes with `use_sim_time` follow. Of a run whose
+`clock` is none it is called `HIDDEN_CLOCK`: the log needs it, and /clock is others'."""
+
+HIDDEN_CLOCK = "_clock"
+
+MAP = Topic("map", _GRID, TEAM, _LATCHED, tapped=True, limit=limits.PICTURE)
+MARKERS = Topic("markers", _MARKERS, TEAM, _LATCHED, tapped=True, limit=limits.PICTURE)
+SCENE = Topic("scene", _MARKERS, TEAM, _LATCHED, limit=limits.PICTURE)
+"""For people only: names of robots, who asks whom, how full doorways are."""
+
+DIAGNOSTICS = Topic("/diagnostics", _REPORT, TEAM, _EVENT, limit=limits.PICTURE)
+"""Absolute, as REP 107 has it, so that an aggregator hears every team; drivers and other teams
+publish here too. The stamps are of the wall clock, in no frame."""
+
+LOCAL_STATE = Topic("local_state", _POSE, ROBOT, _STEP, tapped=True)
+REWARD_LABELS = ("individual", "common", "ask_cost", "total")
+REWARD = Topic("reward", _NUMBERS, ROBOT, _STEP, tapped=True, labels=REWARD_LABELS)
+ACTION = Topic(
+    *("action", _NUMBERS, ROBOT, _STEP),
+    tapped=True,
+    labels=(*ACTION_LABELS, *Account._fields),
+)
+PERCEPT = Topic("percept", _PATH, ROBOT, _STEP)
+COORDINATION_MAP = Topic(
+    *("coordination_map", _GRID, ROBOT, _LATCHED), tapped=True, limit=limits.PICTURE
+)
+PROGRESS = Topic("_progress", _STATUS, ROBOT, _LATCHED)
+"""What a robot says of its checkpoints, and the recorder of the orders that it has seen."""
+
+TABLES = Topic("tables", _BYTES, ROBOT, _TABLES, recorded=False, limit=limits.TABLES)
+"""Of a robot, as the bytes of an .npz file; the recorder attaches them to the bag."""
+
+CLAIM = Topic("_claim", "std_msgs/msg/Header", NODE, _LATCHED)
+"""Of the world and of every robot: `frame_id` is what the node is called by nobody else, and its
+`ClaimRank`. The stamp (wall clock, since when) is for people only."""
+
+_EVENTS = (
+    f"{ACTIVE_PERCEPTION.name}/_service_event",
+    f"{ACTIVE_PERCEPTION.type_name}_Event",
+)
+SERVICE_EVENTS = Topic(*_EVENTS, ROBOT, _STEP)
+"""What rclpy publishes of the requests to a robot and of its answers."""
+
+RECORDING = Topic("_recording", _STRING, TEAM, _LATCHED, recorded=False)
+"""Where a recorder writes: the bag's directory."""
+
+BODY_GOALS = Topic(
+    *("goals", _NUMBERS, TEAM, _LATCHED),
+    recorded=False,
+    labels=("number", "place", "since", "halt"),
+)
+"""Where bodies are to go, of a world with bodies; see `protocol.lockstep.bodies`. After its own
+numbers come, for each robot that it tells something, `GOAL_LABELS` below the robot's name:
+`robot_1/from`, `robot_1/to`, cells. Whether all are to halt stands in the same message: a driver
+that starts late never hears a goal without it."""
+
+GOAL_LABELS = ("from", "to")
+
+REACHED_LABELS = ("number", "cell", "there", "seconds", "stamp")
+REACHED = Topic(
+    "reached", _NUMBERS, ROBOT, _EVENT, recorded=False, labels=REACHED_LABELS
+)
+"""Of a robot's driver: where the body is when its goal is over; cell -1: in none."""
+
+HALTED = Topic("halted", _TRUTH, ROBOT, _LATCHED, recorded=False)
+"""Of a robot's driver: whether it lets the body stand because it was told to halt."""
+
+POSE = Topic("pose", _POSE, ROBOT, _STEP, recorded=False)
+ODOMETRY = Topic("odom", _ODOMETRY, ROBOT, _STEP, recorded=False)
+CMD_VEL = Topic("cmd_vel", "geometry_msgs/msg/Twist", ROBOT, _EVENT, recorded=False)
+"""Of bodies: where they are, by their localisation and by their wheels; what they are to do."""
+
+ROSOUT = Topic("/rosout", _ROSOUT, TEAM, _EVENT, limit=limits.PICTURE)
+PARAMETER_EVENTS = Topic(
+    "/parameter_events", _PARAMETERS, TEAM, _EVENT, limit=limits.PICTURE
+)
+
+TOPICS = tuple(one for one in list(globals().values()) if isinstance(one, Topic))
+"""All of them, as they stand above."""
+
+TABLES_FOLDER = "tables/"
+PLANS_FOLDER = "improved/"
+"""What the names of a bag's attached tables begin with, and those of the plans made of them."""
+
+
+def tables_attachment(robot: str, step: int | str) -> str:
+    """Return what a robot's tables of a time step are called as an attachment of a bag."""
+    return f"{TABLES_FOLDER}{robot}_{step}.npz"
+
+
+def improved_attachment(robot: str) -> str:
+    """Return what a robot's plan is called as an attachment: its improved tables."""
+    return f"{PLANS_FOLDER}{robot}.npz"
+
+
+WORLD = "world_simulator"
+RECORDER = "recorder"
+"""Roles, and what their nodes are called unless they are renamed: the world is who announces
+`run`, a recorder who publishes `_recording`; a robot's node has the robot's name."""
+
+MAP_FRAME = "map"
+
+DOORWAYS = "doorways"
+GOALS = "goals"
+ROBOTS = "robots"
+"""The namespaces of the markers."""
+
+ROBOT_NAMES = "names"
+QUESTIONS = "questions"
+WORDS = "words"
+OCCUPANCY = "occupancy"
+"""The namespaces of the scene's markers: texts over the robots, lines from who asks to whom, what
+came of it in words, boxes over the doorways."""
+
+COUNTS = ("answered", "refused", "late", "repeated", "dropped", "learned", "step")
+"""The numbers stored beside a robot's tables: how percepts ended; requests repeated as the peer
+was behind; transitions given up as no reward came; updates made; the time step of the tables."""
+
+BAG_FORMAT = 2
+"""Number of what a bag holds, in its metadata record. In format 1 runs did not say `bodies`."""
+
+FORMAT_KEY = "format"
+"""What that number is called there."""
+
+
+class RunState(StrEnum):
+    """The states of a run that `status` can name."""
+
+    WAITING = "waiting"
+    RESUMING = "resuming"
+    LEARNING = "learning"
+    GREEDY = "acting greedily"
+    PAUSED = "paused"
+    HALTED = "halted"
+    FINISHED = "finished"
+    STOPPED = "stopped"
+
+
+OVER = (RunState.FINISHED, RunState.STOPPED)
+"""The states after which a world says nothing more."""
+
+
+class Began(StrEnum):
+    """Why an episode began, as `status` says it.
+
+    The run's first; all had arrived; `max_steps` were used up; somebody asked for it; nobody was
+    left to wait for.
+    """
+
+    START = "start"
+    ARRIVED = "arrived"
+    STEPS = "steps"
+    RESET = "reset"
+    NOBODY_LEFT = "nobody"
+
+
+class ClaimRank(IntEnum):
+    """How far a node of a name has come; whoever has come further keeps the name.
+
+    It looks whether the name is taken; it has the name; it takes part in a run.
+    """
+
+    STARTING = 0
+    HOLDING = 1
+    JOINED = 2
+
+
+class Occasion(StrEnum):
+    """On which a robot publishes its tables."""
+
+    INITIAL = "initial"
+    CHECKPOINT = "checkpoint"
+    IMPROVED = "improved"
+    FINAL = "final"

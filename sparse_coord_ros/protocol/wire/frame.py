@@ -1,0 +1,74 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Time steps and cells as the seconds and metres that messages speak of, and back.
+
+The nodes and whoever reads their log use this same object, so that both mean the same.
+"""
+
+from math import isfinite
+
+from sparse_coord_ros.core.game.actions import DIRECTIONS
+from sparse_coord_ros.core.game.grid import GridMap
+from sparse_coord_ros.core.runs.run_config import RunConfig
+
+SECOND = 1_000_000_000
+"""Nanoseconds."""
+
+EAST_NORTH = [(float(column), float(-row)) for row, column in DIRECTIONS]
+"""The primitive actions as unit vectors (x east, y north: REP-103)."""
+MOVE_OF = {vector: move for move, vector in enumerate(EAST_NORTH)}
+
+
+class Frame:
+    """The frame `map` and the clock of one run.
+
+    Args:
+        run: the run; time step t is stamped t * step_period seconds, the map's lower left corner
+            lies at its `origin`, x points east, y north.
+
+    Attributes:
+        grid: the map.
+        resolution: metres a cell.
+        origin: (x, y) of the map's lower left corner, in metres.
+        period: nanoseconds a time step.
+        centres: (x, y) of the middle of each free cell, in metres.
+        referee: whether rewards say with whom a robot was in a miscoordination.
+        names: the robots; robots: how many they are.
+    """
+
+    def __init__(self, run: RunConfig) -> None:
+        self.grid: GridMap = run.scenario.map
+        self.resolution = run.resolution
+        self.origin = x, y = self.grid.origin
+        self.referee = run.scenario.referee
+        self.names = run.scenario.names
+        self.robots = len(self.names)
+        self.period = round(run.step_period * SECOND)
+        rows = self.grid.shape[0]
+        side = self.resolution
+        cells = self.grid.cells
+        self.centres = [
+            (x + (c + 0.5) * side, y + (rows - r - 0.5) * side) for r, c in cells
+        ]
+        self._cells = {centre: cell for cell, centre in enumerate(self.centres)}
+
+    def stamp(self, step: int) -> tuple[int, int]:
+        """Return (sec, nanosec) of a time step."""
+        return divmod(step * self.period, SECOND)
+
+    def step(self, sec: int, nanosec: int) -> int:
+        """Return the time step of a stamp (the nearest one)."""
+        return (sec * SECOND + nanosec + self.period // 2) // self.period
+
+    def cell(self, x: float, y: float) -> int | None:
+        """Return the free cell at a position in metres, or None where there is none."""
+        cell = self._cells.get((x, y))
+        if cell is None:
+            column = (x - self.origin[0]) // self.resolution
+            south = (y - self.origin[1]) // self.resolution
+            if isfinite(column) and isfinite(
+                south
+            ):  # of a place far off they may overflow
+                position = (self.grid.shape[0] - 1 - int(south), int(column))
+                cell = self.grid.number.get(position)
+        return cell

@@ -1,0 +1,481 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The messages of a run, packed and read by the vocabulary, without ROS.
+
+A `MessageForm` says how the messages of a topic look as bytes, and what rows they make. The nodes
+pack and read single messages by it (`Messages`), the log many at once, by columns.
+An error's text says what such a message does, such as "labels no number total".
+"""
+
+import struct
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from math import isfinite
+from typing import Any, get_type_hints
+
+import numpy as np
+
+from sparse_coord_ros.base.palette import DOORWAY_COLOUR, rgb, robot_colour
+from sparse_coord_ros.core.game.scenario import Scenario
+from sparse_coord_ros.core.game.world import Action, Reward
+from sparse_coord_ros.core.runs.run_config import RunConfig
+from sparse_coord_ros.protocol import wire
+from sparse_coord_ros.protocol.wire.cdr import (
+    Fixed,
+    Free,
+    Item,
+    Layout,
+    nothing,
+    place,
+    place_at,
+    stamp,
+)
+from sparse_coord_ros.protocol.wire.frame import EAST_NORTH, MOVE_OF, SECOND, Frame
+from sparse_coord_ros.protocol.wire.occupancy import OccupancyData
+
+STAMPED = struct.Struct("<4xiI")
+"""How a message that begins with its stamp begins as CDR: encapsulation, sec, nanosec."""
+
+NS = ("ns", "i8")
+"""The first column of every row: the message's stamp in nanoseconds."""
+
+Fill = Callable[[np.ndarray, np.ndarray], np.ndarray | None]
+"""Puts the free fields of messages into rows; returns which make sense, None: all."""
+
+
+def stamps_of(fields: np.ndarray, prefix: str = "") -> np.ndarray:
+    """Return the stamps of messages' fields in nanoseconds, shape (messages,)."""
+    seconds = fields[f"{prefix}sec"].astype(np.int64)
+    return np.asarray(seconds * SECOND + fields[f"{prefix}nanosec"])
+
+
+def places_of(fields: np.ndarray, name: str) -> np.ndarray:
+    """Return positions of messages' fields, shape (messages, 2); NaN in place of -0.0.
+
+    No node writes -0.0. It equals 0.0, though its bits are others; NaN equals nothing.
+    """
+    found = fields[name]
+    return np.where((found == 0.0) & np.signbit(found), np.nan, found)
+
+
+def by_name(rows: np.ndarray, fields: np.ndarray) -> None:
+    """Fill rows whose columns are called as the fields are."""
+    rows["ns"] = stamps_of(fields)
+    for name in (rows.dtype.names or ())[1:]:
+        rows[name] = fields[name]
+
+
+def no_other_form(message: Any) -> tuple[Any, ...]:
+    """Refuse a message that has no known layout."""
+    raise ValueError("has another form than those of the run")
+
+
+@dataclass(frozen=True)
+class MessageForm:
+    """How the messages of one topic look as bytes, and what rows they make.
+
+    Attributes:
+        columns: structured type of a row: "ns" first, then what a message says.
+        layouts: how messages look as bytes, each with what fills rows from their fields.
+        read: of what other programs may publish in other layouts: gives the row of a decoded
+            message, as a tuple; ValueError where it makes no sense.
+    """
+
+    columns: np.dtype
+    layouts: Sequence[tuple[Layout, Fill]]
+    read: Callable[[Any], tuple[Any, ...]] = no_other_form
+
+    @cached_property
+    def layout(self) -> Layout:
+        """The layout of a form that has one."""
+        return self.layouts[0][0]
+
+    def rows(
+        self, content: bytes, begins: np.ndarray, sizes: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the rows of many messages, and which of them have this form; both (messages,).
+
+        Args:
+            content: bytes in which the messages lie.
+            begins: where each begins, shape (messages,).
+            sizes: their bytes, shape (messages,).
+        """
+        rows = np.zeros(len(begins), dtype=self.columns)
+        left = np.ones(len(begins), dtype=bool)
+        for layout, fill in self.layouts:
+            mine = np.flatnonzero(left & (sizes >= layout.size))
+            fits, fields = layout.read(content, begins[mine])
+            mine = mine[fits]
+            filled = rows[mine]
+            taken = fill(filled, fields[fits])
+            rows[mine] = filled
+            left[mine if taken is None else mine[taken]] = False
+        return rows, ~left
+
+
+def nanoseconds(time: Any) -> int:
+    """Return a decoded time in nanoseconds; ValueError where it is none."""
+    if not 0 <= time.nanosec < SECOND:
+        raise ValueError(
+            f"is stamped {time.sec} s {time.nanosec} ns, which is no time of the run"
+        )
+    return int(time.sec) * SECOND + int(time.nanosec)
+
+
+def header(prefix: str = "") -> list[Item]:
+    """Return a header's fields in the frame `map`."""
+    return [*stamp(prefix), wire.MAP_FRAME]
+
+
+def read_header(header: Any) -> int:
+    """Return a decoded header's stamp in nanoseconds; ValueError in another frame than `map`."""
+    if header.frame_id != wire.MAP_FRAME:
+        raise ValueError(f"is in the frame {header.frame_id!r}, not {wire.MAP_FRAME!r}")
+    return nanoseconds(header.stamp)
+
+
+def read_pose(message: Any) -> tuple[int, tuple[float, float]]:
+    """Return (nanoseconds, (x, y)) of a decoded geometry_msgs/PoseStamped.
+
+    Raises:
+        ValueError: another frame than `map`, or a pose that is turned or off the ground.
+    """
+    place = message.pose.position
+    turn = message.pose.orientation
+    if (place.z, turn.x, turn.y, turn.z, turn.w) != (0.0, 0.0, 0.0, 0.0, 1.0):
+        raise ValueError("holds a pose that is not flat on the map")
+    return read_header(message.header), (place.x, place.y)
+
+
+def labelled(labels: Sequence[str]) -> MessageForm:
+    """Return the form of a sensor_msgs/JointState whose positions, `numbers`, have labels."""
+    count = len(labels)
+
+    def read(message: Any) -> tuple[int, list[float]]:
+        ns, said = read_labelled(message)
+        missing = [label for label in labels if label not in said]
+        if missing:
+            raise ValueError(f"labels no number {', '.join(missing)}")
+        return ns, [said[label] for label in labels]
+
+    numbers = Free("numbers", f"({count},)<f8")
+    items: list[Item] = [Fixed("<u4", count), *labels, Fixed("<u4", count), numbers]
+    layout = Layout([*header(), *items, *nothing("<u4", "<u4")])
+    return MessageForm(
+        np.dtype([NS, ("numbers", "f8", (count,))]), [(layout, by_name)], read
+    )
+
+
+def read_labelled(message: Any) -> tuple[int, dict[str, float]]:
+    """Return (nanoseconds, numbers by their labels) of a decoded sensor_msgs/JointState.
+
+    Raises:
+        ValueError: another frame, a label that is given twice, or labels without numbers.
+    """
+    ns = read_header(message.header)
+    labels = [str(label) for label in message.name]
+    if len(set(labels)) < len(labels):
+        raise ValueError(f"labels a number twice: {', '.join(labels)[:200]}")
+    if len(labels) != len(message.position):
+        raise ValueError(
+            f"has {len(labels)} labels and {len(message.position)} numbers"
+        )
+    return ns, dict(zip(labels, message.position, strict=True))
+
+
+CLOCK_FORM = MessageForm(np.dtype([NS]), [(Layout(stamp()), by_name)])
+POSE_ITEMS = [*header(), *place()]
+"""The fields of a geometry_msgs/PoseStamped."""
+
+POSE_FORM = MessageForm(
+    np.dtype([NS, ("xy", "2f8")]), [(Layout(POSE_ITEMS), by_name)], read_pose
+)
+ACTION_FORM = labelled(wire.ACTION.labels)
+REWARD_FORM = labelled(wire.REWARD.labels)
+REFEREED_FORM = labelled((*wire.REWARD.labels, wire.PARTNERS))
+"""Of rewards where the world has a `referee`."""
+
+
+def path(count: int) -> list[Item]:
+    """Return the fields of a nav_msgs/Path of some poses, whose own stamps may be any."""
+    items: list[Item] = [*header(), Fixed("<u4", count)]
+    for number in range(count):
+        items += [*header(f"{number}_"), *place(f"{number}_")]
+    return items
+
+
+def percept_form(robots: int) -> MessageForm:
+    """Return the form of a percept: `count` positions `places`, the own one first, then NaN."""
+
+    def fill(count: int) -> Fill:
+        def put(rows: np.ndarray, fields: np.ndarray) -> None:
+            rows["ns"] = stamps_of(fields)
+            rows["count"] = count
+            rows["places"] = np.nan
+            for number in range(count):
+                rows["places"][:, number] = places_of(fields, f"{number}_xy")
+
+        return put
+
+    columns = np.dtype([NS, ("count", "i4"), ("places", "f8", (robots, 2))])
+    return MessageForm(
+        columns, [(Layout(path(n)), fill(n)) for n in range(1, robots + 1)]
+    )
+
+
+def grid_form(frame: Frame, due: bytes | None = None) -> MessageForm:
+    """Return the form of an occupancy grid on the map: its `data`, southmost first.
+
+    Args:
+        frame: the run's frame.
+        due: what the data must be, which then are no column; None: anything.
+    """
+    rows, columns = frame.grid.shape
+    count = rows * columns
+    size = [Fixed("<f4", frame.resolution), Fixed("<u4", columns), Fixed("<u4", rows)]
+    data = Free("data", f"({count},)i1") if due is None else Fixed(f"V{count}", due)
+    items = [
+        *nothing("<i4", "<u4"),
+        *size,
+        *place_at(*frame.origin),
+        Fixed("<u4", count),
+        data,
+    ]
+    column = [("data", "i1", (count,))] if due is None else []
+    return MessageForm(
+        np.dtype([NS, *column]), [(Layout([*header(), *items]), by_name)]
+    )
+
+
+CUBE = 1
+SPHERE = 2
+CYLINDER = 3
+SHOW = 0
+"""Shapes of visualization_msgs/Marker, and what is to be done with it."""
+
+
+def markers_form(frame: Frame, scenario: Scenario) -> MessageForm:
+    """Return the form of the markers: doorways, then each robot's goal and itself, at `places`.
+
+    The map is dark where walls are; the scene's boxes stand on the doorways' plates.
+    """
+    # Namespace, number, cell (None: it moves); shape; width and height in cells; colour, opacity.
+    marks: list[tuple[str, int, int | None, int, float, float, str, float]] = [
+        (wire.DOORWAYS, number, cell, CUBE, 0.9, 0.05, DOORWAY_COLOUR, 0.3)
+        for number, cell in enumerate(sorted(frame.grid.doorways))
+    ]
+    for k, robot in enumerate(scenario.robots):
+        marks.append(
+            (wire.GOALS, k, robot.goal, CYLINDER, 0.9, 0.04, robot_colour(k), 0.8)
+        )
+        marks.append((wire.ROBOTS, k, None, SPHERE, 0.5, 0.5, robot_colour(k), 0.8))
+    items: list[Item] = [Fixed("<u4", len(marks))]
+    for i, (space, number, cell, shape, width, height, colour, opacity) in enumerate(
+        marks
+    ):
+        items += [
+            *header(f"{i}_"),
+            space,
+            *(Fixed("<i4", n) for n in (number, shape, SHOW)),
+        ]
+        items += place(f"{i}_") if cell is None else place_at(*frame.centres[cell])
+        items += [
+            Fixed("<f8", size * frame.resolution) for size in (width, width, height)
+        ]
+        items += [Fixed("<f4", share) for share in (*rgb(colour), opacity)]
+        items += [*nothing("<i4", "<u4", "u1", "<u4", "<u4"), ""]  # lifetime to texture
+        items += [*nothing("<i4", "<u4"), "", "", *nothing("<u4", "<u4"), "", "", ""]
+        items += nothing("<u4", "u1")
+
+    def fill(rows: np.ndarray, fields: np.ndarray) -> np.ndarray:
+        rows["ns"] = stamps_of(fields, "0_")
+        moving = [number for number, mark in enumerate(marks) if mark[2] is None]
+        for k, number in enumerate(moving):
+            rows["places"][:, k] = places_of(fields, f"{number}_xy")
+        stamps = [stamps_of(fields, f"{number}_") for number in range(len(marks))]
+        return np.asarray(np.all([one == stamps[0] for one in stamps], axis=0))
+
+    columns = np.dtype([NS, ("places", "f8", (len(scenario.robots), 2))])
+    return MessageForm(columns, [(Layout(items), fill)])
+
+
+def action_numbers(action: Action) -> tuple[float, ...]:
+    """Return the numbers of an `action` up to the account; peers count from 1, 0 is none."""
+    east, north = EAST_NORTH[action.move]
+    return (
+        east,
+        north,
+        float(action.asked),
+        float(action.peer + 1),
+        float(action.perceived),
+    )
+
+
+def action_from(numbers: Sequence[float]) -> Action:
+    """Return the action that the numbers of an `action` say; the account is left out.
+
+    Raises:
+        ValueError: (east, north) is no primitive action, or peer is no number.
+    """
+    east, north, asked, peer, perceived = numbers[:5]
+    move = MOVE_OF.get((east, north))
+    if move is None:
+        raise ValueError(
+            f"says (east, north) = ({east:g}, {north:g}), no primitive action"
+        )
+    if not isfinite(peer):
+        raise ValueError(f"says peer {peer:g}, no robot's number")
+    return Action(move, bool(asked), int(peer) - 1, bool(perceived))
+
+
+ACCOUNT_KINDS = tuple(get_type_hints(wire.Account).values())
+"""The types of an account's numbers."""
+
+
+FLAGS = (0.0, 1.0)
+"""No and yes as numbers."""
+
+
+class Messages(Frame):
+    """The messages of one run: its time steps, its map and its metres, as CDR.
+
+    What is read is checked: the frame, the stamp, the numbers. What does not fit the run raises
+    ValueError, and so may whatever cannot be decoded at all, with any exception.
+
+    Args:
+        run: the run.
+        decode: returns the message that bytes of a topic hold, which have no known layout.
+    """
+
+    def __init__(
+        self, run: RunConfig, decode: Callable[[wire.Topic, bytes], Any]
+    ) -> None:
+        super().__init__(run)
+        self._decode = decode
+        self._reward = REFEREED_FORM if self.referee else REWARD_FORM
+        self._grids = OccupancyData(self)
+        self._grid = grid_form(self).layout
+        self._markers = markers_form(self, run.scenario).layout
+
+    def _read(
+        self, topic: wire.Topic, form: MessageForm, data: bytes
+    ) -> tuple[Any, ...]:
+        """Return (sec, nanosec, *numbers) of a message."""
+        said = form.layout.unpack(data)
+        if said is None:
+            ns, numbers = form.read(self._decode(topic, data))
+            said = *divmod(ns, SECOND), *numbers
+        return said
+
+    def checked_step(self, sec: int, nanosec: int) -> int:
+        """Return the time step of a stamp.
+
+        Raises:
+            ValueError: it lies before the run's beginning, or is no time.
+        """
+        if sec < 0 or not 0 <= nanosec < SECOND:
+            raise ValueError(
+                f"is stamped {sec} s {nanosec} ns, which is no time of the run"
+            )
+        return self.step(sec, nanosec)
+
+    def pack_clock(self, step: int) -> bytes:
+        """Return the time of a time step as CDR of rosgraph_msgs/Clock."""
+        return CLOCK_FORM.layout.pack(*self.stamp(step))
+
+    def pack_state(self, step: int, cell: int) -> bytes:
+        """Return X_k(t) as CDR of geometry_msgs/PoseStamped."""
+        return POSE_FORM.layout.pack(*self.stamp(step), *self.centres[cell])
+
+    def unpack_state(self, data: bytes) -> tuple[int, int]:
+        """Return (step, cell) of a local state.
+
+        Raises:
+            ValueError: the pose lies in no free cell.
+        """
+        sec, nanosec, x, y = self._read(wire.LOCAL_STATE, POSE_FORM, data)
+        cell = self.cell(x, y)
+        if cell is None:
+            raise ValueError(
+                f"is at ({x:g}, {y:g}), no free cell of map {self.grid.name}"
+            )
+        return self.checked_step(sec, nanosec), cell
+
+    def pack_reward(self, step: int, reward: Reward) -> bytes:
+        """Return R_k(t) and its parts as CDR of sensor_msgs/JointState."""
+        numbers = reward if self.referee else reward[: len(wire.REWARD.labels)]
+        return self._reward.layout.pack(*self.stamp(step), *numbers)
+
+    def unpack_reward(self, data: bytes) -> tuple[int, Reward]:
+        """Return (step, reward) of a reward.
+
+        Raises:
+            ValueError: labels are missing or doubled, or a number is none.
+        """
+        sec, nanosec, *numbers = self._read(wire.REWARD, self._reward, data)
+        if not all(map(isfinite, numbers)):
+            raise ValueError(
+                f"says the rewards {', '.join(map(str, numbers))}: not finite"
+            )
+        individual, common, cost, total, *partners = numbers
+        reward = Reward(individual, common, cost, total, *map(int, partners))
+        return self.checked_step(sec, nanosec), reward
+
+    def pack_action(self, step: int, action: Action, account: wire.Account) -> bytes:
+        """Return an action as CDR of sensor_msgs/JointState; peers count from 1, 0 is none."""
+        return ACTION_FORM.layout.pack(
+            *self.stamp(step), *action_numbers(action), *account
+        )
+
+    def unpack_action(self, data: bytes) -> tuple[int, Action]:
+        """Return (step, action).
+
+        Raises:
+            ValueError: labels are missing or doubled, (east, north) is no primitive action, or
+                another number is none that a robot says.
+        """
+        step, action, _ = self._action(data)
+        return step, action
+
+    def unpack_account(self, data: bytes) -> tuple[int, Action, wire.Account]:
+        """Return (step, action, what the robot says of itself); errors as of `unpack_action`."""
+        step, action, numbers = self._action(data)
+        said = numbers[-len(ACCOUNT_KINDS) :]
+        if not all(map(isfinite, said)):
+            raise ValueError(f"says {', '.join(map(str, said))} of itself: not finite")
+        kinds = zip(ACCOUNT_KINDS, said, strict=True)
+        return step, action, wire.Account(*(kind(number) for kind, number in kinds))
+
+    def _action(self, data: bytes) -> tuple[int, Action, Sequence[float]]:
+        sec, nanosec, *numbers = self._read(wire.ACTION, ACTION_FORM, data)
+        _, _, asked, peer, perceived = numbers[:5]
+        if not (asked in FLAGS and perceived in FLAGS and 0 <= peer <= self.robots):
+            raise ValueError(
+                f"says coordinate {asked}, peer {peer}, perceived {perceived}: no action"
+            )
+        return self.checked_step(sec, nanosec), action_from(numbers), numbers
+
+    def pack_map(self, step: int) -> bytes:
+        """Return the map as CDR of nav_msgs/OccupancyGrid."""
+        return self._grid.pack(*self.stamp(step), self._grids.map)
+
+    def pack_coordination_map(self, step: int, q_star: np.ndarray) -> bytes:
+        """Return where a robot chooses COORDINATE as CDR of nav_msgs/OccupancyGrid.
+
+        It is 100 there, 0 elsewhere, -1 in walls.
+        """
+        return self._grid.pack(*self.stamp(step), self._grids.coordination(q_star))
+
+    def pack_markers(self, stamp: tuple[int, int], cells: Sequence[int]) -> bytes:
+        """Return doorways, goals and robots as CDR of visualization_msgs/MarkerArray.
+
+        Args:
+            stamp: (sec, nanosec).
+            cells: of the robots.
+        """
+        doorways = stamp * len(self.grid.doorways)
+        robots = (
+            number for cell in cells for number in (*stamp, *stamp, *self.centres[cell])
+        )
+        return self._markers.pack(*doorways, *robots)

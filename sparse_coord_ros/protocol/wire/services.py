@@ -1,0 +1,43 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The services of a team, without ROS. Each lies below its node's name; `~` is the node's own."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Service:
+    """One service.
+
+    Attributes:
+        name: relative to the node's name.
+        type_name: such as `std_srvs/srv/Trigger`.
+    """
+
+    name: str
+    type_name: str
+
+    def of(self, owner: str) -> str:
+        """Return the service's name below a node's name; `~` is the node's own."""
+        return f"{owner}/{self.name}"
+
+
+ACTIVE_PERCEPTION = Service("active_perception", "nav_msgs/srv/GetPlan")
+"""Of a robot: where it is."""
+
+LEARNED = Service("learned", "std_srvs/srv/Trigger")
+"""Of a robot of a run that is to `improve`, once it has learned all: what, as base64 text of the
+bytes of `core.runs.tables.pack_tables`."""
+
+SAVE = Service("save", "std_srvs/srv/Trigger")
+"""Of a robot, or a team: write the tables."""
+
+PAUSE = Service("pause", "std_srvs/srv/SetBool")
+STEP = Service("step", "std_srvs/srv/Trigger")
+"""Of the world and the player: hold or go on; make one time step."""
+
+HALT = Service("halt", "std_srvs/srv/SetBool")
+"""Of a world with bodies, and of each driver: let all bodies, or this one, stand; or go on."""
+
+RESET = Service("reset", "std_srvs/srv/Trigger")
+"""Of the world: begin a new episode."""

@@ -1,0 +1,141 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the world says of the run on `status`, and each robot of its checkpoints on `_progress`.
+
+The fields are what the values of these messages are called, but where it says otherwise.
+"""
+
+from typing import Any, NamedTuple
+
+NO_ORDER = ""
+"""In place of the name of an order: none stands."""
+
+ROLL_CALL = -1
+"""In place of a checkpoint's step: who is asked says where it is, and goes on."""
+
+FURTHEST_STEP = 2**25
+"""No run comes further: it has 10^7 transitions at most, and two time steps between episodes."""
+
+
+class Order(NamedTuple):
+    """The world's word to go back.
+
+    Attributes:
+        name: a new one for each order; `NO_ORDER`: no order stands.
+        step: the checkpoint to go back to, or `ROLL_CALL`.
+        first: the time step of the first local state after it.
+    """
+
+    name: str = NO_ORDER
+    step: int = 0
+    first: int = 0
+
+
+class Said(NamedTuple):
+    """What `status` says.
+
+    Attributes:
+        run: the identity of the world's run, which `run.yaml` gives as `id`.
+        state: a `RunState`; the message itself, not one of its values.
+        step: the time step.
+        transitions: how many were made.
+        left_out: (robot, step) pairs of them that the world made without the robot, though it had
+            not arrived.
+        began: why the episode began, a `Began`.
+        order: to go back to a checkpoint, where one stands: the value `rollback`.
+    """
+
+    run: str
+    state: str
+    step: int
+    transitions: int
+    left_out: int = 0
+    began: str = ""
+    order: Order = Order()
+
+    def values(self) -> dict[str, object]:
+        """Return the values of its message."""
+        order = " ".join(map(str, self.order)) if self.order.name else ""
+        values = {**self._asdict(), "rollback": order}
+        del values["state"], values["order"]
+        return values
+
+
+def values_of(message: Any, *needed: str) -> dict[str, str]:
+    """Return the values of a diagnostic_msgs/DiagnosticStatus; ValueError: one is missing."""
+    values = {value.key: value.value for value in message.values}
+    missing = [name for name in needed if name not in values]
+    if missing:
+        raise ValueError(f"calls no value {missing[0]!r}")
+    return values
+
+
+def read_status(message: Any) -> Said:
+    """Return what the world says on `status`.
+
+    Raises:
+        ValueError: a value is missing, or no number.
+    """
+    values = values_of(message, "step", "transitions", "left_out", "began")
+    step, transitions, left_out = (int(values[name]) for name in Said._fields[2:5])
+    if step < 0 or transitions < 0:
+        raise ValueError(f"says step {step} with {transitions} transitions")
+    name, *steps = values.get("rollback", "").split() or [NO_ORDER]
+    if len(steps) != (2 if name else 0):
+        raise ValueError(f"says rollback {values['rollback']!r}")
+    order = Order(name, *map(int, steps))
+    began = values["began"]
+    run = values.get("run", "")
+    return Said(run, str(message.message), step, transitions, left_out, began, order)
+
+
+class Progress(NamedTuple):
+    """What a robot says of itself when it joins, has saved, or has obeyed.
+
+    Attributes:
+        life: names the process; another one than before: the robot was replaced.
+        step: the time step that it has worked off.
+        transitions: that it has seen.
+        checkpoints: steps that it can go back to, 0 (the run's beginning) among them; none where
+            it keeps no checkpoints.
+        obeyed: the newest order that it has obeyed.
+        resumed: it was started to go on where its predecessor was, not to begin anew.
+    """
+
+    life: str
+    step: int
+    transitions: int
+    checkpoints: tuple[int, ...] = ()
+    obeyed: str = NO_ORDER
+    resumed: bool = False
+
+    def values(self) -> dict[str, object]:
+        """Return the values of its message."""
+        checkpoints = " ".join(map(str, self.checkpoints))
+        return {
+            **self._asdict(),
+            "resumed": int(self.resumed),
+            "checkpoints": checkpoints,
+        }
+
+
+def read_progress(message: Any) -> Progress:
+    """Return what a robot says of its checkpoints.
+
+    Raises:
+        ValueError: it is malformed.
+    """
+    values = values_of(message, *Progress._fields)
+    step = int(values["step"])
+    transitions = int(values["transitions"])
+    checkpoints = tuple(int(text) for text in values["checkpoints"].split())
+    if not all(
+        0 <= number <= FURTHEST_STEP for number in (step, transitions, *checkpoints)
+    ):
+        raise ValueError(
+            f"says step {step} with {transitions} transitions: no run comes there"
+        )
+    resumed = values["resumed"] == "1"
+    return Progress(
+        values["life"], step, transitions, checkpoints, values["obeyed"], resumed
+    )

@@ -1,0 +1,133 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Is this package installed as a whole, does numba compile, and what may keep nodes apart?"""
+
+import os
+import platform
+import shutil
+from collections.abc import Iterator, Mapping
+from importlib import metadata
+from pathlib import Path
+from typing import NamedTuple
+
+from sparse_coord_ros.base import compiling
+from sparse_coord_ros.base.errors import RunError
+from sparse_coord_ros.base.share import PACKAGE, share_folder
+from sparse_coord_ros.base.version import __version__
+from sparse_coord_ros.ros.nodes.environment import DOMAIN, PROFILES, RANGE, ros_domain
+
+FINE = "ok"
+HINT = "hint"
+WRONG = "wrong"
+"""It works; it works, and could be better or may surprise; it does not work."""
+
+RANGES = {
+    "SUBNET": "this network",
+    "SYSTEM_DEFAULT": "the system's",
+    "LOCALHOST": "this machine",
+}
+"""The ranges in which nodes find each other."""
+
+ALSO = ("ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER", PROFILES)
+"""Further variables that decide who hears whom."""
+
+PARTICIPANT = 600_000
+"""Bytes of shared memory that a process with ROS takes: its segment, and a port."""
+
+
+class Finding(NamedTuple):
+    """One finding.
+
+    Attributes:
+        level: FINE, HINT or WRONG.
+        part: what it is about, in a word or two.
+        text: what was found, one line.
+        remedy: what to do; empty: nothing.
+    """
+
+    level: str
+    part: str
+    text: str
+    remedy: str = ""
+
+
+def installation() -> Finding:
+    """Look at this package; `pip check` says whether what it requires fits."""
+    here = f"{__version__} in {Path(__file__).parents[2]}, Python {platform.python_version()}"
+    again = "install it again: pip install -e . (or make clean, then make test)"
+    try:
+        share_folder("config")
+        installed = metadata.version(PACKAGE)
+    except FileNotFoundError as error:
+        return Finding(WRONG, "package", str(error), again)
+    except metadata.PackageNotFoundError:
+        return Finding(HINT, "package", f"{here}, found by its path alone", again)
+    if installed != __version__:
+        return Finding(
+            WRONG, "package", f"{here}, but {installed} is what pip installed", again
+        )
+    return Finding(FINE, "package", here)
+
+
+def compiler() -> Finding:
+    """Look at numba: whether it is there, compiles, and where it keeps what it compiled."""
+    try:
+        numba = compiling.numba()
+        numba.njit(lambda number: number + 1)(1)
+    except ModuleNotFoundError:
+        text = "is not installed: the same results, but batches and train a hundred times slower"
+        return Finding(HINT, "numba", text, "pip install numba")
+    except Exception as error:  # whatever an installation that does not fit raises
+        text = f"does not work: {' '.join(str(error).split())}"
+        return Finding(WRONG, "numba", text, "pip install --upgrade numba numpy")
+    folder = compiling.folder()
+    if folder is None:
+        text = f"{numba.__version__} compiles, but cannot keep it: some ten seconds a process"
+        remedy = f"make ~/.cache writable, or export {compiling.FOLDER_VARIABLE}=FOLDER"
+        return Finding(HINT, "numba", text, remedy)
+    return Finding(
+        FINE, "numba", f"{numba.__version__} compiles, and keeps it in {folder}"
+    )
+
+
+def discovery(variables: Mapping[str, str] = os.environ) -> Iterator[Finding]:
+    """Look at ROS's environment variables."""
+    try:
+        yield Finding(FINE, "discovery", f"{DOMAIN} {ros_domain(variables)}")
+    except RunError as error:
+        remedy = f"export {DOMAIN}=0, the same for all robots of a team"
+        yield Finding(WRONG, "discovery", str(error), remedy)
+    span = variables.get(RANGE, "").upper() or "SUBNET"
+    if span in RANGES:
+        yield Finding(FINE, "discovery", f"{RANGE} {span}: {RANGES[span]}")
+    else:
+        text = f"{RANGE} is {span!r}, with which no node finds another"
+        remedy = f"export {RANGE}=LOCALHOST (this machine) or SUBNET (the network)"
+        yield Finding(WRONG, "discovery", text, remedy)
+    for name in ALSO:
+        if variables.get(name):
+            yield Finding(FINE, "discovery", f"{name} is {variables[name]}")
+
+
+def shared_memory(folder: Path = Path("/dev/shm")) -> Iterator[Finding]:
+    """Look at the shared memory by which nodes on one machine talk.
+
+    Args:
+        folder: where it is.
+    """
+    from sparse_coord_ros.ros.nodes.shared_memory import leftovers
+
+    if not folder.is_dir():
+        return
+    left = leftovers(folder)
+    free = shutil.disk_usage(folder).free
+    if left:
+        text = f"{len(left)} files of processes that are gone in {folder}"
+        remedy = "harmless until it is full; the next node that starts removes them"
+        yield Finding(HINT, "shared memory", text, remedy)
+    if free < 16 * PARTICIPANT:
+        text = (
+            f"{folder} has {free / 1e6:.0f} MB free; each process with ROS takes 0.6 MB"
+        )
+        remedy = "remove leftovers, or give a container more (docker run --ipc=host)"
+        yield Finding(HINT, "shared memory", text, remedy)

@@ -1,0 +1,160 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Do two processes find each other over ROS 2 and hear each other?
+
+Two children are started (`python -m sparse_coord_ros.ros.doctor.round_trip echo NAME`, and `ask`):
+a crash or a hang in the middleware is then a finding, and no end of the doctor.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from typing import Any
+
+from sparse_coord_ros.ros.doctor.checks import FINE, HINT, WRONG, Finding
+from sparse_coord_ros.ros.nodes.environment import PROFILES, RANGE, SECURITY
+
+SECONDS = 8.0
+"""How long the asker waits for an answer."""
+
+START_SECONDS = 20.0
+"""How long importing rclpy may take beside that, on a slow machine."""
+
+GRACE_SECONDS = 5.0
+"""How long a process may take to leave: one that is killed leaves files in shared memory."""
+
+TRIED = "rmw_fastrtps_cpp"
+"""The middleware that this package is tested with."""
+
+TRANSPORTS = "FASTDDS_BUILTIN_TRANSPORTS"
+
+OTHER_WAYS: tuple[tuple[str, str, str], ...] = (
+    (TRANSPORTS, "UDPv4", "shared memory does not work between processes here"),
+    (RANGE, "LOCALHOST", "multicast does not work here, or discovery is turned off"),
+)
+"""What to try where nobody answers, and what it means where that helps."""
+
+SUSPECTS = ("RMW_IMPLEMENTATION", SECURITY, "ROS_DISCOVERY_SERVER", PROFILES)
+"""Variables that keep ROS from starting, or nodes apart, where they are wrong."""
+
+
+def findings() -> Iterator[Finding]:
+    """Try rclpy, the middleware, and a round trip between two processes."""
+    said = round_trip()
+    if "missing" in said:
+        text = f"is not there ({said['missing']}): all works but run, replay and a live watch"
+        remedy = "source /opt/ros/jazzy/setup.bash, or pip install '.[ros]'"
+        yield Finding(HINT, "ROS 2", text, remedy)
+        return
+    if "rmw" in said:
+        known = said["rmw"] == TRIED
+        remedy = "" if known else f"export RMW_IMPLEMENTATION={TRIED}, which was tested"
+        yield Finding(
+            FINE if known else HINT, "ROS 2", f"rclpy with {said['rmw']}", remedy
+        )
+    if "round_trip" in said:
+        text = (
+            f"two processes found each other and talked in {said['round_trip']:.1f} s"
+        )
+        yield Finding(FINE, "round trip", text)
+        return
+    text = said.get("problem", "two processes on this machine do not hear each other")
+    remedy = f"look at the findings above; unset {', '.join(SUSPECTS)}; stop the firewall to try"
+    if "problem" not in said:
+        for name, value, meaning in OTHER_WAYS:
+            if os.environ.get(name) != value and "round_trip" in round_trip(
+                {name: value}
+            ):
+                text = meaning
+                remedy = f"export {name}={value}, or mend it"
+                break
+    yield Finding(WRONG, "round trip", text, remedy)
+
+
+def round_trip(changes: Mapping[str, str] | None = None) -> dict[str, Any]:
+    """Let one process ask and another answer.
+
+    Args:
+        changes: environment variables to change.
+
+    Returns:
+        `rmw`, and `round_trip`, the seconds until the first answer, where one came; or `missing`,
+        why rclpy cannot be imported; or `problem`.
+    """
+    name = f"sparse_coord_doctor_{os.getpid()}"
+    env = {**os.environ, **(changes or {})}
+    run = [sys.executable, "-P", "-m", __name__]
+    pipe = subprocess.PIPE
+    echo, asker = (
+        subprocess.Popen(
+            [*run, role, name], env=env, stdout=pipe, stderr=pipe, text=True
+        )
+        for role in ("echo", "ask")
+    )
+    try:
+        out, err = asker.communicate(timeout=SECONDS + START_SECONDS)
+        lines = err.strip().splitlines()
+        with suppress(json.JSONDecodeError, IndexError):
+            return dict(json.loads(out.strip().splitlines()[-1]))
+        return {
+            "problem": lines[-1] if lines else f"a process died ({asker.returncode})"
+        }
+    except subprocess.TimeoutExpired:
+        return {"problem": "the middleware hangs"}
+    finally:
+        for process in (asker, echo):
+            process.terminate()
+            try:
+                process.communicate(timeout=GRACE_SECONDS)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.communicate()
+
+
+def main(role: str, name: str) -> int:
+    """Answer until killed, or ask and print what came of it as JSON."""
+    try:
+        import rclpy
+        from std_msgs.msg import Int64
+
+        from sparse_coord_ros.ros.nodes.spin import ros_context
+    except ImportError as error:
+        print(json.dumps({"missing": str(error)}))
+        return 0
+    from rclpy.executors import SingleThreadedExecutor
+
+    stopped: list[int] = []
+    signal.signal(signal.SIGTERM, lambda number, _: stopped.append(number))
+    with ros_context() as context:
+        node = rclpy.create_node(f"{name}_{role}", context=context)
+        executor = SingleThreadedExecutor(context=context)
+        executor.add_node(node)
+        asks = role == "ask"
+        says, hears = ("question", "answer") if asks else ("answer", "question")
+        publisher = node.create_publisher(Int64, f"{name}/{says}", 10)
+        heard: list[Any] = []
+        then = heard.append if asks else publisher.publish
+        node.create_subscription(Int64, f"{name}/{hears}", then, 10)
+        began = time.monotonic()
+        while not (stopped or heard or (asks and time.monotonic() - began > SECONDS)):
+            if asks:
+                publisher.publish(Int64(data=1))
+            executor.spin_once(timeout_sec=0.05)
+        if asks:
+            said: dict[str, Any] = {"rmw": rclpy.get_rmw_implementation_identifier()}
+            said |= {"round_trip": time.monotonic() - began} if heard else {}
+            print(json.dumps(said), flush=True)
+        executor.shutdown()
+        node.destroy_node()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(*sys.argv[1:]))

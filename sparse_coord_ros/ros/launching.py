@@ -1,0 +1,436 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the launch files start: a team, its bodies, or what drives them; needs launch and ROS.
+
+A launch is a guest in somebody's system: what is nearer to the user wins (an argument over the
+parameter file, also where it names the default), a misspelt value ends it in one line, a misspelt
+name gets a warning, and nodes go into the namespace in which the launch file was included. A team
+that fails ends alone.
+"""
+
+import sys
+from collections.abc import Callable, Iterable, Mapping
+from datetime import datetime
+from pathlib import Path
+from tempfile import NamedTemporaryFile
+from typing import Any
+
+import launch.actions as actions
+from ament_index_python.packages import PackageNotFoundError, get_package_prefix
+from launch.event import Event
+from launch.event_handlers import OnProcessExit
+from launch.events import Shutdown, matches_action
+from launch.events.process import ShutdownProcess
+from launch.launch_context import LaunchContext
+from launch.launch_description import LaunchDescription
+from launch.logging import get_logger
+from launch_ros.actions import Node
+
+from sparse_coord_ros.base.errors import (
+    EXIT_BAD_INPUT,
+    RunError,
+    SettingError,
+    did_you_mean,
+)
+from sparse_coord_ros.base.limits import SCENARIO, parse_yaml, read_text
+from sparse_coord_ros.base.share import PACKAGE
+from sparse_coord_ros.core.game.plugins import allow_modules, allow_named
+from sparse_coord_ros.core.game.scenario import SETTINGS, Scenario, load_scenario
+from sparse_coord_ros.core.game.settings import Setting, SettingTable, parse_assignments
+from sparse_coord_ros.core.runs.run_config import OWN_CLOCK
+from sparse_coord_ros.protocol.lockstep.checkpoints import check_robots
+from sparse_coord_ros.protocol.wire import CLOCK, RECORDER, WORLD
+from sparse_coord_ros.ros.nodes.parameters import PARAMETERS
+from sparse_coord_ros.ros.nodes.transforms import TF, TF_STATIC
+from sparse_coord_ros.show.layouts import foxglove_layout, rviz_config
+
+_WORLD = PARAMETERS[WORLD]
+OF_WORLD = ("seed", "learner", "greedy", "improve", "tables", "rate")
+ARGUMENTS = SettingTable(
+    [
+        Setting(
+            "scenario", str, "env1", "a shipped scenario's name, or a scenario file"
+        ),
+        Setting("set", str, "", "changed scenario settings: penalty=-100,steps=2000"),
+        *(_WORLD[name] for name in (*OF_WORLD, "clock")),
+        Setting("out", str, "", "output directory; empty: <scenario>_<date>_<time>"),
+        Setting("record", bool, True, "record the run to the bag OUT/bag"),
+        _WORLD["resume"],
+        Setting("respawn", bool, False, "start nodes that failed again, with resume"),
+        Setting(
+            "namespace", str, "", "of the team, below the one that the launch is in"
+        ),
+        Setting(
+            "use_sim_time", bool, False, "the nodes' ROS clocks follow the topic clock"
+        ),
+        Setting("rviz", bool, False, "open RViz, where it is installed, for this team"),
+        Setting(
+            "foxglove",
+            str,
+            "",
+            "file for a Foxglove layout of this team, to be imported",
+        ),
+        Setting(
+            "allow", str, "", "modules that a scenario may name, separated by commas"
+        ),
+        Setting(
+            *("params_file", str, ""),
+            "parameters of all nodes, such as config/params.yaml; arguments that are given win",
+        ),
+    ]
+)
+"""Arguments of a team's launch. One that is not given is left to the parameter file."""
+
+
+class TeamFailed(Event):
+    """A team has ended, and nodes of it had failed: for whoever includes its launch file.
+
+    Args:
+        namespace: of the team.
+        why: a text for each node that failed.
+    """
+
+    name = f"{PACKAGE}.TeamFailed"
+
+    def __init__(self, namespace: str, why: Iterable[str]) -> None:
+        self.namespace = namespace
+        self.why = tuple(why)
+
+
+def description(
+    file: str, arguments: Mapping[str, Setting], start: Callable[["LaunchedTeam"], None]
+) -> LaunchDescription:
+    """Return what a launch file is: its arguments, and a team.
+
+    Args:
+        file: the launch file.
+        arguments: by name.
+        start: adds nodes to a team.
+    """
+
+    def launch(given: Mapping[str, str], context: LaunchContext) -> list[Any]:
+        team = LaunchedTeam(arguments, given, Path(file).name, context)
+        start(team)
+        return team.actions
+
+    return described(file, arguments, launch)
+
+
+def described(
+    file: str,
+    arguments: Mapping[str, Setting],
+    launch: Callable[[Mapping[str, str], LaunchContext], list[Any]],
+) -> LaunchDescription:
+    """Return a launch description with some arguments.
+
+    Args:
+        file: the launch file.
+        arguments: by name; one without a default (None) must be given.
+        launch: returns what the launch does, from the texts of the arguments that are given and
+            the context. What is not given, the parameter file may say.
+    """
+    given: dict[str, str] = {}
+
+    def keep_given(context: LaunchContext) -> None:
+        """Keep what is given before the defaults are filled in."""
+        found = context.launch_configurations
+        given.update({name: found[name] for name in arguments if found.get(name)})
+
+    def go_on(context: LaunchContext) -> list[Any]:
+        """Launch; the defaults are taken away: to the next launch file they would be given."""
+        for name in arguments.keys() - given.keys():
+            context.launch_configurations.pop(name, None)
+        if _is_own(file):
+            warn_of_unknown(arguments)
+        return launch(given, context)
+
+    declared = [
+        actions.DeclareLaunchArgument(
+            name,
+            default_value=None if one.default is None else _shown(one.default),
+            description=f"{one.help} (allowed: {one.allowed})",
+        )
+        for name, one in arguments.items()
+    ]
+    first, last = (actions.OpaqueFunction(function=one) for one in (keep_given, go_on))
+    return LaunchDescription([first, *declared, last])
+
+
+def _is_own(file: str) -> bool:
+    """Whether a launch file was given on the command line, not included by another one."""
+    return Path(file).name in {Path(word).name for word in sys.argv}
+
+
+def warn_of_unknown(arguments: Iterable[str]) -> None:
+    """Warn of arguments on the command line that no argument of the launch file is called.
+
+    `ros2 launch` takes them all, as they may be meant for launch files that this one includes.
+    """
+    known = list(arguments)
+    for word in sys.argv:
+        name, sign, _ = word.partition(":=")
+        if sign and name not in known:
+            what = f"argument {name!r} is unknown and changes nothing"
+            remedy = "--show-args lists the arguments"
+            get_logger(PACKAGE).warning(f"{what}{did_you_mean(name, known)}; {remedy}")
+
+
+class LaunchedTeam:
+    """The nodes of a team as a launch starts them.
+
+    Args:
+        table: the launch's arguments.
+        given: the texts of those that are given.
+        file: the launch file's name.
+        context: of the launch.
+
+    Attributes:
+        given: the arguments that are given, typed.
+        scenario: what is learned.
+        own_clock: whether the team publishes the topic `clock` of its namespace.
+        sim_time: whether the nodes' ROS clocks follow it, or /clock where it is not the team's.
+        actions: what the launch is to do.
+
+    Raises:
+        SparseCoordError: a bad argument, an output directory that exists.
+    """
+
+    def __init__(
+        self,
+        table: Mapping[str, Setting],
+        given: Mapping[str, str],
+        file: str,
+        context: LaunchContext,
+    ) -> None:
+        self._arguments = table
+        self.given = typed(table, given)
+        allow_modules(self.get("allow").replace(",", " "))  # the nodes inherit it
+        changes = parse_assignments(
+            filter(None, self.get("set").replace(" ", "").split(","))
+        )
+        for named in (self.get("learner"), *changes.values()):
+            allow_named(named)
+        self._in_file = _of_world(self.get("params_file"))
+        self.scenario: Scenario = load_scenario(self.of_world("scenario"))
+        now = f"{self.scenario.name}_{datetime.now():%Y%m%d_%H%M%S}"
+        self._out = out = self.get("out") or self._in_file.get("out") or now
+        self._resume = (
+            {"resume": True} if self.get("resume") and Path(out).exists() else {}
+        )
+        if Path(out).exists() and not self._resume:
+            remedy = "choose another, or go on with that run: resume:=true"
+            raise RunError(
+                f"out: {out} exists already, nothing is overwritten; {remedy}"
+            )
+        if self._resume:
+            check_robots(Path(out), self.scenario)
+        self.sim_time = self.get("use_sim_time")
+        pushed = context.launch_configurations.get("ros_namespace", "")
+        self._namespace = "/".join(
+            filter(None, (pushed, self.get("namespace").strip("/")))
+        )
+        self.own_clock = self.of_world("clock") == OWN_CLOCK
+        self._running: dict[int, Node] = {}
+        self._own = _is_own(file)
+        self._failed: list[str] = []
+        self._settings = _typed(SETTINGS, changes)
+        self.actions: list[Any] = []
+
+    def get(self, name: str) -> Any:
+        """Return an argument, or its default."""
+        return self.given.get(name, self._arguments[name].default)
+
+    def of_world(self, name: str) -> Any:
+        """Return an argument, else what the parameter file says of the world, else its default."""
+        return self.given.get(name, self._in_file.get(name, self.get(name)))
+
+    def of(self, names: Iterable[str]) -> dict[str, Any]:
+        """Return those of some arguments that were given."""
+        return {name: self.given[name] for name in names if name in self.given}
+
+    @property
+    def _remapped(self) -> list[tuple[str, str]]:
+        """What names are to be: ROS's clocks follow /clock, whatever namespace a node is in."""
+        return [("/clock", CLOCK.name)] if self.own_clock else []
+
+    def add_team(self, **more: Any) -> None:
+        """Add world, robots and recorder.
+
+        Args:
+            more: further parameters of the world; what the argument `set` says wins.
+        """
+        own = {"out": self._out, **self._resume}
+        world = {name: self.of_world(name) for name in ("scenario", "clock")}
+        world |= {**self.of(OF_WORLD), "recorded": self.get("record")}
+        self.add(WORLD, {**own, **world, **more, **self._settings})
+        for robot in self.scenario.robots:
+            self.add("robot", {**own, **self.of(["tables"])}, robot.name)
+        if self.get("record"):
+            self.add(RECORDER, {**own, "out": str(Path(self._out) / "bag")})
+
+    def add(
+        self,
+        executable: str,
+        values: Mapping[str, Any],
+        name: str = "",
+        remapped: Iterable = (),
+    ) -> list[Any]:
+        """Add a node of the team, and return what the launch does for it.
+
+        Args:
+            executable: of this package.
+            values: its parameters.
+            name: what it is called; empty: as its executable.
+            remapped: further names of topics and what they are called instead.
+        """
+        file = self.get("params_file")
+        parameters: list[Any] = [file] if file else []
+        parameters += [{"use_sim_time": self.sim_time}, dict(values)]
+        node = Node(
+            package=PACKAGE,
+            executable=executable,
+            name=name or executable,
+            namespace=self.get("namespace").strip("/"),
+            parameters=parameters,
+            remappings=[*self._remapped, *remapped],
+            output="screen",
+        )
+
+        def ended(event: Any, context: LaunchContext) -> list[Any]:
+            del self._running[id(node)]
+            if event.returncode == 0 or context.is_shutdown:
+                return self._when_all_ended()
+            failed = f"{event.process_name} ended with exit code {event.returncode}"
+            if self.get("respawn") and event.returncode != EXIT_BAD_INPUT:
+                resume = {"resume": True} if "resume" in PARAMETERS[executable] else {}
+                again = self.add(executable, {**values, **resume}, name, remapped)
+                later = actions.TimerAction(period=1.0, actions=again)
+                return [actions.LogInfo(msg=f"{failed}: again"), later]
+            self._failed.append(failed)
+            return [
+                *(self._end() if executable == WORLD else ()),
+                *self._when_all_ended(),
+            ]
+
+        self._running[id(node)] = node
+        handler = OnProcessExit(target_action=node, on_exit=ended)
+        added = [node, actions.RegisterEventHandler(handler)]
+        self.actions += added
+        return added
+
+    def _end(self) -> list[Any]:
+        """Return what ends the team's other nodes, and the launch where it is the team's own."""
+        if self._own:
+            return [actions.EmitEvent(event=Shutdown(reason="no world"))]
+        left = map(matches_action, self._running.values())
+        return [
+            actions.EmitEvent(event=ShutdownProcess(process_matcher=one))
+            for one in left
+        ]
+
+    def _when_all_ended(self) -> list[Any]:
+        if self._running or not self._failed:
+            return []
+        if self._own:
+            raise RunError("; ".join(self._failed))
+        return [actions.EmitEvent(event=TeamFailed(self._namespace, self._failed))]
+
+    def add_views(self) -> None:
+        """Add RViz, and write Foxglove's layout, where they are asked for.
+
+        Raises:
+            RunError: RViz is not installed.
+        """
+        names = self.scenario.names
+        if self.get("foxglove"):
+            Path(self.get("foxglove")).write_text(
+                foxglove_layout(names, self._namespace)
+            )
+        if not self.get("rviz"):
+            return
+        try:
+            get_package_prefix("rviz2")
+        except PackageNotFoundError:
+            remedy = "sudo apt install ros-jazzy-rviz2, or leave rviz:=true out"
+            other = "'sparse_coord watch' shows the team in a browser"
+            raise RunError(
+                f"rviz:=true: RViz is not installed: {remedy}; {other}"
+            ) from None
+        with NamedTemporaryFile(
+            "w", prefix="team_", suffix=".rviz", delete=False
+        ) as config:
+            config.write(rviz_config(names, self._namespace))
+        view = Node(
+            package="rviz2",
+            executable="rviz2",
+            namespace=self.get("namespace").strip("/"),
+            arguments=["-d", config.name],
+            parameters=[{"use_sim_time": self.sim_time or self.own_clock}],
+            remappings=[
+                *self._remapped,
+                *((f"/{topic}", topic) for topic in (TF, TF_STATIC)),
+            ],
+        )
+        self.actions.append(view)
+
+
+def typed(table: Mapping[str, Setting], given: Mapping[str, str]) -> dict[str, Any]:
+    """Return the texts of arguments as values.
+
+    Raises:
+        SettingError: a bad value.
+    """
+    try:
+        return _typed(table, given)
+    except SettingError as error:
+        raise SettingError(str(error).replace("setting", "argument", 1)) from None
+
+
+def one_for_each(argument: str, text: str, robots: Iterable[str]) -> list[str]:
+    """Return what an argument says of each robot, separated by commas; empty: their names.
+
+    Raises:
+        SettingError: it says too little or too much.
+    """
+    names = list(robots)
+    said = [one.strip(" /") for one in text.split(",") if one.strip(" /")]
+    if said and len(said) != len(names):
+        allowed = f"{len(names)}, one for each of {', '.join(names)}"
+        raise SettingError(
+            f"argument {argument}: {len(said)} names, allowed: {allowed}"
+        )
+    return said or names
+
+
+def _typed(table: Mapping[str, Setting], texts: Mapping[str, str]) -> dict[str, Any]:
+    """Return texts as values; those that may name code stay texts, for the nodes to read.
+
+    Raises:
+        SettingError: an unknown name or a bad value.
+    """
+    told = {
+        n: t
+        for n, t in texts.items()
+        if n in table and not isinstance(table[n].kind, type)
+    }
+    left = {name: text for name, text in texts.items() if name not in told}
+    return told | SettingTable(table.values()).parse(left)
+
+
+def _shown(default: Any) -> str:
+    """Return a default as an argument says it."""
+    return str(default).lower() if isinstance(default, bool) else str(default)
+
+
+def _of_world(file: str) -> dict[str, Any]:
+    """Return what a parameter file says of the world; nodes of any name may be meant by it."""
+    said: dict[str, Any] = {}
+    if file:
+        remedy = "give params_file a ROS parameter file"
+        text = read_text(Path(file), SCENARIO, SettingError, remedy)
+        for node, section in parse_yaml(text, where=file, error=SettingError).items():
+            if str(node).rpartition("/")[2] in (WORLD, "*", "**") and isinstance(
+                section, dict
+            ):
+                said |= section.get("ros__parameters") or {}
+    return said

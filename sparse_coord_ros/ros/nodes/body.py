@@ -1,0 +1,201 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The body node: a kinematic simulator of all the robots' bodies of a run."""
+
+import functools
+import time
+from collections import Counter
+from typing import Any, Unpack
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import PoseStamped, Twist
+from nav_msgs.msg import Odometry
+from rclpy.publisher import Publisher
+from std_msgs.msg import Header
+
+from sparse_coord_ros.core.runs.run_config import RunConfig
+from sparse_coord_ros.lab.driving.arena import ELSEWHERE, IN_DOORWAY, Arena
+from sparse_coord_ros.lab.driving.steering import Command
+from sparse_coord_ros.lab.driving.transforms import parent_of
+from sparse_coord_ros.lab.driving.trials import arena_of
+from sparse_coord_ros.protocol.lockstep.bodies import BEGIN, Goals, Reached
+from sparse_coord_ros.protocol.wire import MAP_FRAME
+from sparse_coord_ros.protocol.wire.frame import SECOND
+from sparse_coord_ros.protocol.wire.messages import CLOCK_FORM
+from sparse_coord_ros.ros.nodes import interface, transforms
+from sparse_coord_ros.ros.nodes.follower import Follower
+from sparse_coord_ros.ros.nodes.messages import Converter
+from sparse_coord_ros.ros.nodes.parameters import PARAMETERS, Place
+from sparse_coord_ros.ros.nodes.spin import run_node
+
+AGAIN_SECONDS = 0.5
+"""After this silence poses are published again: a driver that has just come has none."""
+
+FASTEST = 1000.0
+"""Metres or radians a second that no body makes: who tells it more is not listened to."""
+
+MOST_MOMENTS = 1_000_000
+"""Ticks of which the paths are kept."""
+
+
+class BodyNode(Follower):
+    """Hears what bodies are to do (Twist), and says where they are: PoseStamped, Odometry, tf.
+
+    Args:
+        place: where the node is made, and with what: see `Place`.
+
+    Attributes:
+        arena: the bodies, once a run has begun.
+
+    Raises:
+        SparseCoordError: a bad parameter, a body that does not fit its cells.
+    """
+
+    arena: Arena
+
+    def __init__(self, **place: Unpack[Place]) -> None:
+        super().__init__("body", PARAMETERS["body"], **place)
+        self._said = time.monotonic()
+        self._paths: list[list[float]] = []
+        self._time_publisher: Publisher | None = None
+        if self.values["body_clock"]:
+            self._time_publisher = self.announce(interface.CLOCK)
+
+    def begin(self, run: RunConfig) -> None:
+        """Put the bodies at the scenario's starts."""
+        convert = Converter(run)
+        names = convert.names
+        self.arena = arena_of(run, self.values, run.seed)
+        self.arena.put({k: robot.start for k, robot in enumerate(run.scenario.robots)})
+        self._report = self.reporter("bodies")
+        self._pose_publishers = [self.announce(interface.POSE, name) for name in names]
+        self._odometry_publishers = [
+            self.announce(interface.ODOMETRY, name) for name in names
+        ]
+        frames = (transforms.ODOM, transforms.BASE)
+        self._frames = [
+            [transforms.robot_frame(self, name, f) for f in frames] for name in names
+        ]
+        self._transforms = transforms.TransformPublisher(self)
+        self.intake.listen(
+            interface.BODY_GOALS, self._on_goals, read=convert.read_goals
+        )
+        for k, name in enumerate(names):
+            take = functools.partial(self._on_command, k)
+            self.intake.listen(interface.CMD_VEL, take, name, read=read_command)
+            report = functools.partial(convert.read_reached, k)
+            self.intake.listen(interface.REACHED, self._on_reached, name, read=report)
+        if self.values["body_rate"] > 0:
+            self.create_timer(
+                self.values["period"] / self.values["body_rate"], self._on_time
+            )
+        self._say(look=True)
+
+    def _on_goals(self, goals: Goals) -> None:
+        if self.values["body_rate"] == 0:
+            if self.arena.send(goals):
+                self._say(look=True)
+        elif goals.place:
+            self.arena.put({goal.robot: goal.end for goal in goals.bodies})
+
+    def _on_command(self, robot: int, command: Command) -> None:
+        if self.values["body_rate"] > 0:
+            self.arena.bodies[robot].command = command
+        elif self.arena.told(robot, command):
+            self._say(look=True)
+
+    def _on_reached(self, reached: Reached) -> None:
+        if self.values["body_rate"] == 0 and self.arena.reached(
+            reached.robot, reached.number
+        ):
+            self._say(look=True)
+
+    def _on_time(self) -> None:
+        self.arena.tick()
+        self._say(look=True)
+
+    def _say(self, *, look: bool) -> None:
+        """Publish where the bodies are; `look`: they are looked at anew, else as last time."""
+        arena = self.arena
+        self._said = time.monotonic()
+        if look:
+            self._looks = [body.seen() for body in arena.bodies]
+            if self.values["paths"] and len(self._paths) < MOST_MOMENTS:
+                places = [number for body in arena.bodies for number in body.pose]
+                self._paths.append([arena.seconds, *places])
+        sec, nanosec = divmod(round(arena.seconds * SECOND), SECOND)
+        stamp = Time(sec=sec, nanosec=nanosec)
+        if self._time_publisher is not None:
+            self._time_publisher.publish(CLOCK_FORM.layout.pack(sec, nanosec))
+        for k, body in enumerate(arena.bodies):
+            if not look and k not in arena.waits_for:
+                continue  # its driver would take it for unheard, and say too much
+            odom, base = self._frames[k]
+            header, within = (
+                Header(stamp=stamp, frame_id=one) for one in (MAP_FRAME, odom)
+            )
+            odometry = Odometry(header=within, child_frame_id=base)
+            odometry.pose.pose = transforms.pose_message(body.odometry)
+            drift = transforms.transform(
+                header, odom, parent_of(self._looks[k], body.odometry)
+            )
+            way = transforms.transform(within, base, body.odometry)
+            self._transforms.publish([drift, way])
+            odometry.twist.twist.linear.x, odometry.twist.twist.angular.z = body.command
+            self._odometry_publishers[k].publish(odometry)
+            seen = PoseStamped(
+                header=header, pose=transforms.pose_message(self._looks[k])
+            )
+            self._pose_publishers[k].publish(seen)
+
+    def go_on(self, now: float) -> None:
+        """Say again where the bodies are, where nobody drives."""
+        if now - self._said >= AGAIN_SECONDS and self.values["body_rate"] == 0:
+            self._say(look=False)
+
+    def report(self) -> None:
+        """Publish how often bodies touched each other and the walls."""
+        self._report("driving", self.summary())
+
+    def summary(self) -> dict[str, Any]:
+        """Return what happened, as plain data."""
+        arena = self.arena
+        where = Counter(touch.where for touch in self.arena.touches)
+        return {
+            "seconds": round(arena.seconds - BEGIN, 3),
+            "touches_in_doorways": where[IN_DOORWAY],
+            "touches_elsewhere": where[ELSEWHERE],
+            "bumps": arena.bumps,
+        }
+
+    def finish(self, *, interrupted: bool) -> None:
+        """Say what happened, and write the paths."""
+        if self.presence is None:
+            return
+        said = ", ".join(f"{name} {value}" for name, value in self.summary().items())
+        self.get_logger().info(f"bodies: {said}")
+        if self.values["paths"]:
+            rows = np.array(self._paths)
+            places = rows[:, 1:].reshape(len(rows), len(self.arena.bodies), 3)
+            np.savez_compressed(self.values["paths"], seconds=rows[:, 0], poses=places)
+
+
+def read_command(message: Twist) -> Command:
+    """Return what a body is told to do.
+
+    Raises:
+        ValueError: a speed is no number, or beyond what any body does.
+    """
+    command = Command(message.linear.x, message.angular.z)
+    if not all(abs(speed) <= FASTEST for speed in command):
+        most = f"allowed: numbers up to {FASTEST:g}"
+        raise ValueError(
+            f"linear.x is {command.ahead:g}, angular.z {command.turn:g}; {most}"
+        )
+    return command
+
+
+def main() -> int:
+    """Run the node `body`."""
+    return run_node(lambda context: BodyNode(context=context))

@@ -1,0 +1,82 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The driver node: steers a robot's body to its cells, and says which cell the body is in."""
+
+from typing import Any
+
+from geometry_msgs.msg import TwistStamped
+
+from sparse_coord_ros.lab.driving.driver import Driver
+from sparse_coord_ros.lab.driving.ground import Ground
+from sparse_coord_ros.lab.driving.steering import STOP, Command
+from sparse_coord_ros.lab.driving.trials import limits_of
+from sparse_coord_ros.ros.nodes import interface
+from sparse_coord_ros.ros.nodes.mover import MoverNode
+from sparse_coord_ros.ros.nodes.spin import run_node, wait_for_readers
+
+
+class DriverNode(MoverNode):
+    """Steers the body of one robot: Twist, or TwistStamped where `stamped` says so.
+
+    Attributes:
+        driver: what steers the body, once a run has begun.
+    """
+
+    KIND = "driver"
+    driver: Driver
+
+    def set_up(self) -> None:
+        """Offer commands, too."""
+        super().set_up()
+        topic = interface.CMD_VEL
+        self._type: Any = TwistStamped if self.values["stamped"] else topic.type
+        self._cmd_vel = self.create_publisher(
+            self._type, topic.of(self.robot), topic.qos
+        )
+
+    def make(self, ground: Ground, number: int) -> Driver:
+        """Return what steers the body."""
+        self.driver = Driver(ground, limits_of(self.values, ground.side), number)
+        return self.driver
+
+    def drive(self) -> None:
+        """Command what is to be done now, and report where the goal is over."""
+        command, reached = self.driver.next()
+        if command is not None:
+            self._command(command)
+        if reached is not None:
+            self.report_reached(reached)
+
+    def _command(self, command: Command) -> None:
+        message = twist = self._type()
+        if self.values["stamped"]:
+            message.header.stamp = self.get_clock().now().to_msg()
+            message.header.frame_id = self.base_frame
+            twist = message.twist
+        twist.linear.x, twist.angular.z = command
+        self._cmd_vel.publish(message)
+
+    def missing(self) -> str:
+        """Return that nobody hears the commands, where that is so."""
+        heard = self._cmd_vel.get_subscription_count() > 0
+        return "" if heard else f"a body that hears {self._cmd_vel.topic_name}"
+
+    def halt(self, why: str = "") -> None:
+        """Let the body stand."""
+        self._command(STOP)
+        if why:
+            self.get_logger().warning(why, throttle_duration_sec=5.0)
+
+    def stands(self) -> bool:
+        """Return whether the body was told to stand: it was."""
+        return True
+
+    def finish(self, *, interrupted: bool) -> None:
+        """Stop the body."""
+        super().finish(interrupted=interrupted)
+        wait_for_readers([self._cmd_vel])
+
+
+def main() -> int:
+    """Run the node `driver`."""
+    return run_node(lambda context: DriverNode(context=context))

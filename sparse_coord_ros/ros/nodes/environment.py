@@ -1,0 +1,104 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the middleware is told before ROS starts."""
+
+import os
+import re
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+
+from sparse_coord_ros.base.errors import RunError
+from sparse_coord_ros.base.share import share_folder
+
+PROFILES = "FASTRTPS_DEFAULT_PROFILES_FILE"
+
+
+DOMAIN = "ROS_DOMAIN_ID"
+RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+MOST_PARTICIPANTS = 32
+"""How many participants find each other with the range LOCALHOST: rmw_fastrtps looks for the first
+32 of a domain (maxInitialPeersRange)."""
+
+
+def check_participants(count: int) -> None:
+    """Refuse to start more processes than find each other on this machine.
+
+    Raises:
+        RunError: they are too many for the discovery range.
+    """
+    if os.environ.get(RANGE, "").upper() == "LOCALHOST" and count > MOST_PARTICIPANTS:
+        raise RunError(
+            f"{count} nodes in processes of their own: with {RANGE}=LOCALHOST at most "
+            f"{MOST_PARTICIPANTS} find each other; use {RANGE}=SUBNET, or leave out --processes"
+        )
+
+
+LAST_DOMAIN = 232
+"""The ports of DDS end there."""
+
+
+def ros_domain(variables: Mapping[str, str] = os.environ) -> int:
+    """Return the ROS domain that these environment variables choose; unset or empty: 0.
+
+    Raises:
+        RunError: DDS has no such domain. Leading zeros are refused, as ROS would read the rest as
+            an octal number.
+    """
+    domain = variables.get(DOMAIN, "").strip() or "0"
+    if not re.fullmatch("0|[1-9][0-9]{0,2}", domain) or int(domain) > LAST_DOMAIN:
+        allowed = f"a whole number from 0 to {LAST_DOMAIN}, without leading zeros"
+        raise RunError(f"{DOMAIN} is {domain!r}, allowed: {allowed}")
+    return int(domain)
+
+
+SECURITY = "ROS_SECURITY_ENABLE"
+SECURITY_MARK = b"dds.sec.auth.plugin"
+"""What a Fast DDS with DDS-Security knows by name."""
+
+
+def check_security() -> None:
+    """Refuse to start where DDS-Security is asked for and the Fast DDS that is here has none.
+
+    That is the one of the PyPI wheels. Others, such as that of the apt packages, have it.
+
+    Raises:
+        RunError: nothing would be secured.
+    """
+    library = Path(sys.prefix) / "lib" / "libfastrtps.so"
+    if os.environ.get(SECURITY, "").lower() != "true" or not library.exists():
+        return
+    if SECURITY_MARK not in library.read_bytes():
+        raise RunError(
+            f"{SECURITY} asks for DDS-Security, but this Fast DDS ({library}, from PyPI) is built "
+            "without it and nothing would be secured; use ROS 2's apt packages "
+            "(docs/reliability.md), or unset it"
+        )
+
+
+def repair_promptly() -> None:
+    """Let Fast DDS offer a lost message again after 10 ms; its own period is 3 s.
+
+    On a busy machine its shared memory drops messages, and networks lose frames. In a run of a
+    few seconds they would come after the end, or after they were overwritten. Profiles that the
+    user has chosen stay, and other middlewares take no notice. Those that lie in the current
+    directory nobody has chosen: Fast DDS would take them, and they may name any file to write.
+    """
+    os.environ["SKIP_DEFAULT_XML_FILE"] = "1"
+    os.environ.setdefault(PROFILES, _profiles("fastdds.xml"))
+
+
+def one_host() -> dict[str, str]:
+    """Return the environment for processes of a team that are all on this machine.
+
+    Each offer is answered, by every reader: every 10 ms that costs more than it saves where no
+    network loses anything, so here it is every 50 ms. Profiles that the user has chosen stay.
+    """
+    chosen = os.environ.get(PROFILES, _profiles("fastdds.xml"))
+    if chosen == _profiles("fastdds.xml"):
+        chosen = _profiles("fastdds_one_host.xml")
+    return {**os.environ, PROFILES: chosen}
+
+
+def _profiles(name: str) -> str:
+    return str(share_folder("config") / name)

@@ -1,0 +1,198 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A node that follows a run: it begins when a world announces one, and ends with it."""
+
+import time
+from typing import Any, Unpack
+
+from sparse_coord_ros.base.errors import RunError
+from sparse_coord_ros.core.game.settings import SettingTable
+from sparse_coord_ros.core.runs.run_config import RunConfig
+from sparse_coord_ros.protocol.lockstep.timeouts import (
+    SILENT_SECONDS,
+    Reminder,
+    WorldPresence,
+)
+from sparse_coord_ros.protocol.wire.status import Said, read_status
+from sparse_coord_ros.ros.nodes import interface
+from sparse_coord_ros.ros.nodes.messages import read_run, run_announced
+from sparse_coord_ros.ros.nodes.outputs import check_place
+from sparse_coord_ros.ros.nodes.parameters import ParameterNode, Place
+
+TICK_SECONDS = 0.02
+REPORT_SECONDS = 1.0
+STOP_SECONDS = 1.0
+"""How long a node that gets a signal waits for the world's last word: both may get it."""
+
+
+class Follower(ParameterNode):
+    """Hears the world's `run` and `status`, and calls what a subclass overrides.
+
+    In this order: `may_begin` until it is true, `begin` once, then with every tick `go_on`, every
+    second `report`, with every status of the run's world `world_said`. After the run's end the
+    node is `done` as soon as `all_done` says so. A world that is silent for the parameter
+    `world_timeout` is lost: `lost` ends the node.
+
+    Args:
+        name: the node's name unless the command line remaps it.
+        table: its parameters; without `world_timeout` the world is waited for for ever.
+        place: where the node is made, and with what: see `Place`.
+
+    Attributes:
+        part: whose `go_on`, `report`, `world_said` and `all_done` are called: this node, or
+            what `begin` has put here.
+        run: the run, once it is announced.
+        status: what the world said last.
+        presence: whether the run's world is there; None: the node has not begun.
+
+    Raises:
+        SparseCoordError: a bad parameter, no world simulator.
+    """
+
+    tick_seconds = TICK_SECONDS
+
+    def __init__(self, name: str, table: SettingTable, **place: Unpack[Place]) -> None:
+        super().__init__(name, table, **place)
+        self.part: Any = self
+        self.run: RunConfig | None = None
+        self.status: Said | None = None
+        self.presence: WorldPresence | None = None
+        self._missing = Reminder()
+        self._reported = time.monotonic()
+        self._stopping: float | None = None
+        self.intake.listen(interface.RUN, self._on_run, unpack=self._read_run)
+        self.intake.listen(interface.STATUS, self._on_status, read=read_status)
+        self.create_timer(self.tick_seconds, self._tick)
+
+    def set_up(self) -> None:
+        """Refuse an output directory that cannot be, before there is a run."""
+        check_place(self.values.get("out", ""))
+
+    def may_begin(self, now: float) -> bool:
+        """Whether the node is ready for a run; asked with every tick until it begins."""
+        return True
+
+    def wait(self) -> None:
+        """Wait for a run to be announced; called with every tick until one is.
+
+        Raises:
+            RunError: no world simulator has announced one within `startup_timeout`.
+        """
+        topic = self.resolve_topic_name(interface.RUN.name)
+        limit = self.values["startup_timeout"]
+        self.remind(self.reminder, f"a world simulator on {topic}")
+        if 0 < limit < time.monotonic() - self.born:
+            raise RunError(
+                f"startup_timeout: node {self.get_name()} heard of no world simulator on {topic} "
+                f"within {limit:g} s; start one: "
+                "ros2 run sparse_coord_ros world_simulator --ros-args -p scenario:=env1"
+            )
+
+    def check(self, run: RunConfig) -> None:
+        """Raise `SparseCoordError` where the node cannot follow a run; it waits for another."""
+
+    def begin(self, run: RunConfig) -> None:
+        """Begin with a run."""
+
+    def world_said(self, said: Said) -> None:
+        """Take in a status of the run's world, also the last one before the node began."""
+
+    def go_on(self, now: float) -> None:
+        """Do what is due; called with every tick."""
+
+    def report(self) -> None:
+        """Say how it goes; called every second."""
+
+    def all_done(self, now: float) -> bool:
+        """Whether nothing is left to do after the run's end."""
+        return True
+
+    def another_run(self, data: bytes) -> RunConfig | None:
+        """Return the run of another world that is announced; None: the node stays with its own."""
+        assert self.presence is not None
+        self.presence.another_run()
+        self.intake.drop(
+            interface.RUN.name,
+            "another world simulator has begun a run",
+            "this node stays with the run that it is in, and ends when the world of that is gone",
+        )
+        return None
+
+    def lost(self, why: str) -> None:
+        """The run's world is gone: save what there is, and end."""
+        self.get_logger().warning(f"{why}: this node saves what it has and ends")
+        self.done = True
+
+    def may_stop(self) -> bool:
+        """Whether all is done up to the step at which the world stopped, or it does not stop."""
+        now = time.monotonic()
+        self._stopping = self._stopping or now
+        if self.presence is None or self.done:
+            return True
+        if self.presence.end is not None:
+            return self.part.all_done(now)
+        return now - self._stopping > STOP_SECONDS
+
+    def _read_run(self, data: bytes) -> RunConfig | None:
+        """Return a run to follow; what a node under way does not follow, it does not read."""
+        identity = run_announced(data)
+        if self.run is not None and identity == self.run.id:
+            return None
+        if self.presence is None:
+            run = read_run(data)
+            self.check(run)
+            return run
+        if not identity:
+            raise ValueError("names no run")
+        return self.another_run(data)
+
+    def _on_run(self, run: RunConfig | None) -> None:
+        self.run = run or self.run
+
+    def _on_status(self, said: Said) -> None:
+        self.status = said
+        if self.presence is None:
+            return
+        try:
+            self.presence.hear(*said[:4], time.monotonic())
+        except ValueError as error:
+            self.intake.drop(interface.STATUS.name, error)
+        else:
+            self.part.world_said(said)
+
+    def _tick(self) -> None:
+        now = time.monotonic()
+        if self.presence is None:
+            ready = self.may_begin(now)
+            if self.run is None:
+                self.wait()
+            elif ready:
+                self._begin(self.run, now)
+            return
+        self.part.go_on(now)
+        if now - self._reported >= REPORT_SECONDS:
+            self._reported = now
+            self.part.report()
+        if self.presence.end is not None:
+            self.done = self.done or self.part.all_done(now)
+        else:
+            self.look_for_the_world(now)
+
+    def look_for_the_world(self, now: float) -> None:
+        """Say where the run's world is silent; called with every tick before the run's end."""
+        assert self.presence is not None
+        if self.presence.silent(now) < SILENT_SECONDS:
+            self._missing.over()
+        else:
+            self.remind(self._missing, "a word of the world")
+        gone = self.presence.given_up(now)
+        if gone:
+            self.lost(gone)
+
+    def _begin(self, run: RunConfig, now: float) -> None:
+        self.reminder.over()
+        patience = self.values.get("world_timeout", 0.0)
+        self.presence = WorldPresence(run.id, run.scenario.steps, patience, now)
+        self.begin(run)
+        if self.status is not None:
+            self._on_status(self.status)

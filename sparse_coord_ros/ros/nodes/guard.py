@@ -1,0 +1,174 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What one node alone should have: its name, its services, and the topics that only it publishes.
+
+Of two nodes of one name one ends. Each says on its latched topic `~/_claim` who it is and how far
+it has come: starting, holding the name, taking part in a run. Discovery may take seconds, so this
+is never settled for good: whenever two learn of each other, the one behind ends; of two that are
+equally far, the one with the higher identity. Nobody's clock matters, and a node that takes part
+in a run never leaves it for another.
+
+A topic or service may have a second owner of another name, which claims nothing. rclpy does not
+tell who sent a message, but the graph tells that there is a second publisher: it is named in a
+warning. The server of a service publishes its answers.
+
+That two whole teams start at once on one machine is refused earlier, by `cli.live.sole_team`:
+claims would give each of them some of the names.
+"""
+
+import time
+import uuid
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from typing import Any, NamedTuple
+
+from rclpy.node import Node
+
+from sparse_coord_ros.base.errors import NameTakenError
+from sparse_coord_ros.protocol.wire import ClaimRank
+from sparse_coord_ros.ros.nodes.interface import CLAIM, CLAIMS_QOS
+from sparse_coord_ros.ros.nodes.parameters import ParameterNode
+
+ANSWERS = "rr{}Reply"
+"""What the DDS middlewares of ROS 2 call the topic of a service's answers."""
+
+UNKNOWN = "NODE_NAME_UNKNOWN"
+"""Part of what rcl calls a node that it has only half discovered."""
+
+
+def in_words(names: Sequence[str], who: str) -> str:
+    """Return what to do where a topic or service has several publishers or servers (`who`)."""
+    said = f"{len(names)} {who}, {', '.join(names)}; it should have one"
+    return f"{said}: stop the others (a node that was killed is forgotten after 20 s)"
+
+
+class Claim(NamedTuple):
+    """What a node says of itself: what nobody else is called, and how far it has come."""
+
+    id: str
+    rank: ClaimRank
+
+    def yields_to(self, other: "Claim") -> bool:
+        """Whether this node ends because of another one of its name."""
+        if self.rank == ClaimRank.JOINED:
+            return False
+        return (other.rank, self.id) > (self.rank, other.id)
+
+
+def read_claim(header: Any) -> Claim:
+    """Return what a claim says.
+
+    Raises:
+        ValueError: it is no claim.
+    """
+    identity, _, rank = header.frame_id.partition(" ")
+    if not identity or rank.upper() not in ClaimRank.__members__:
+        raise ValueError(f"has the frame_id {header.frame_id!r}, which is no claim")
+    return Claim(identity, ClaimRank[rank.upper()])
+
+
+def owners(node: Node, name: str, *, service: bool) -> list[str]:
+    """Return the full names of the nodes that publish a topic, or serve a service, sorted.
+
+    A node that was killed is among them for 20 s. As long as one of them is only half discovered,
+    the list is empty.
+
+    Args:
+        node: looks into its graph.
+        name: the full name of the topic or service.
+        service: whether it is a service.
+    """
+    topic = ANSWERS.format(name) if service else name
+    infos = node.get_publishers_info_by_topic(topic, no_mangle=service)
+    if any(UNKNOWN in info.node_name for info in infos):
+        return []
+    return sorted(
+        f"{info.node_namespace.rstrip('/')}/{info.node_name}" for info in infos
+    )
+
+
+class Guard:
+    """Guards a node's name, topics and services.
+
+    Args:
+        node: the node; its `fail` is called where another node keeps the name.
+
+    Attributes:
+        claim: what the node says of itself.
+        doubled: topics and services of which a second owner was seen.
+    """
+
+    def __init__(self, node: ParameterNode) -> None:
+        self._node = node
+        self.claim = Claim(uuid.uuid4().hex, ClaimRank.STARTING)
+        self.doubled: set[str] = set()
+        self._since = divmod(time.time_ns(), 1_000_000_000)
+        self._warned = False
+        self._topics: list[str] = []
+        self._services: list[str] = []
+        node.intake.listen(CLAIM, self._on_claim, "~", read=read_claim, qos=CLAIMS_QOS)
+        self._publisher = node.create_publisher(CLAIM.type, CLAIM.of("~"), CLAIM.qos)
+        self._say()
+
+    def holds(self, now: float) -> bool:
+        """Whether the node has its name: nobody who had it before has been heard in time."""
+        if now - self._node.born < self._node.values["claim_window"]:
+            return False
+        self._rise(ClaimRank.HOLDING)
+        return True
+
+    def join(self) -> None:
+        """Take part in a run."""
+        self._rise(ClaimRank.JOINED)
+
+    def watch(self, topics: Iterable[str], services: Iterable[str] = ()) -> None:
+        """Guard topics and services, by their full names."""
+        self._topics = list(topics)
+        self._services = list(services)
+
+    def counts(self) -> Counter[str]:
+        """Return how many topics and services had a second owner."""
+        services = len(self.doubled.intersection(self._services))
+        topics = len(self.doubled) - services
+        return Counter(
+            topics_of_two_publishers=topics, services_of_two_servers=services
+        )
+
+    def look(self) -> None:
+        """Look at topics and services, and warn once of each that has a second owner."""
+        node = self._node
+        more = [name for name in self._topics if node.count_publishers(name) > 1]
+        more += [name for name in self._services if node.count_services(name) > 1]
+        for name in (name for name in more if name not in self.doubled):
+            service = name in self._services
+            names = owners(node, name, service=service)
+            if len(names) > 1:
+                self.doubled.add(name)
+                who = "servers" if service else "publishers"
+                node.get_logger().warning(f"{name} has {in_words(names, who)}")
+
+    def _rise(self, rank: ClaimRank) -> None:
+        if rank > self.claim.rank:
+            self.claim = self.claim._replace(rank=rank)
+            self._say()
+
+    def _say(self) -> None:
+        header = CLAIM.type(frame_id=f"{self.claim.id} {self.claim.rank.name.lower()}")
+        header.stamp.sec, header.stamp.nanosec = self._since
+        self._publisher.publish(header)
+
+    def _on_claim(self, other: Claim) -> None:
+        name = self._node.get_fully_qualified_name()
+        if other.id == self.claim.id:
+            return
+        if self.claim.yields_to(other):
+            self._node.fail(
+                NameTakenError(
+                    f"node {name}: the name is taken, a node that was there before has it; stop "
+                    "that one, or start this one under another name or namespace"
+                )
+            )
+        elif self.claim.rank == other.rank == ClaimRank.JOINED and not self._warned:
+            self._warned = True
+            text = f"another node {name} takes part in a run too; stop one of them"
+            self._node.get_logger().warning(text)

@@ -1,0 +1,100 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Where bytes from the network become messages, or are dropped.
+
+Anybody can publish anything on any topic. What cannot be decoded, or does not fit the run, is
+dropped, counted by its topic, and said once a topic; it never ends a node.
+"""
+
+from collections import Counter
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.serialization import deserialize_message
+
+from sparse_coord_ros.base.limits import too_large
+from sparse_coord_ros.ros.nodes.interface import RosTopic
+
+
+class Intake:
+    """A node's subscriptions.
+
+    Args:
+        node: the node; its callbacks are guarded (`parameters.ParameterNode`).
+
+    Attributes:
+        dropped: how many messages were dropped, by topic or service.
+        earlier: how many the node's earlier processes dropped in this run.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self.earlier = 0
+        self.dropped: Counter[str] = Counter()
+
+    def listen(
+        self,
+        topic: RosTopic,
+        then: Callable[[Any], None],
+        owner: str = "",
+        *,
+        name: str = "",
+        read: Callable[[Any], Any] = lambda message: message,
+        unpack: Callable[[bytes], Any] | None = None,
+        qos: QoSProfile | None = None,
+    ) -> Any:
+        """Subscribe to a topic of the team, or of a robot's or node's own, and return that.
+
+        Args:
+            topic: the topic.
+            then: called with what a message says.
+            owner: whose topic it is.
+            name: the topic's name, where it is given.
+            read: what a message object says; any exception drops the message.
+            unpack: what a message's bytes say, without rclpy's object; in place of `read`.
+            qos: the subscription's profile; None: that of the topic.
+        """
+        name = name or topic.of(owner)
+
+        def take(data: bytes) -> None:
+            if len(data) > topic.limit.bytes:
+                self.drop(name, too_large(len(data), topic.limit))
+                return
+            try:
+                said = (
+                    unpack(data)
+                    if unpack
+                    else read(deserialize_message(data, topic.type))
+                )
+            except (
+                Exception
+            ) as error:  # rclpy, struct, Unicode: whatever the bytes bring about
+                self.drop(name, error)
+                return
+            then(said)
+
+        return self._node.create_subscription(
+            topic.type, name, take, topic.qos if qos is None else qos, raw=True
+        )
+
+    def drop(self, name: str, why: object, done: str = "message dropped") -> None:
+        """Count a message of a topic or service that does not fit, and say so the first time.
+
+        Args:
+            name: of the topic or service.
+            why: what is wrong with the message.
+            done: what becomes of it.
+        """
+        self.dropped[name] += 1
+        if self.dropped[name] == 1:
+            self._node.get_logger().warning(
+                f"{name}: {' '.join(str(why).split())}; {done}; further ones of this topic are "
+                "only counted (diagnostics)"
+            )
+
+    @property
+    def total(self) -> int:
+        """How many messages were dropped."""
+        return self.dropped.total() + self.earlier

@@ -1,0 +1,97 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The vocabulary of `wire`, bound to message classes and QoS profiles.
+
+Names are relative (except /diagnostics and what ROS itself makes absolute), so a whole
+team moves into a namespace together. A robot's topics lie under its name.
+"""
+
+import functools
+import importlib
+from dataclasses import dataclass, replace
+from typing import Any
+
+from rclpy.qos import DurabilityPolicy, QoSProfile
+
+from sparse_coord_ros.core.runs.run_config import NO_CLOCK, RunConfig
+from sparse_coord_ros.protocol import wire
+from sparse_coord_ros.protocol.wire import Delivery, services
+
+STEP_DEPTH = 10_000
+
+
+KEPT = DurabilityPolicy.TRANSIENT_LOCAL
+
+PROFILES = {
+    Delivery.STEP: QoSProfile(depth=STEP_DEPTH),
+    Delivery.EVENT: QoSProfile(depth=10),
+    Delivery.LATCHED: QoSProfile(depth=1, durability=KEPT),
+    Delivery.TABLES: QoSProfile(depth=wire.TABLES_DEPTH, durability=KEPT),
+}
+"""How each is offered, always reliably (rclpy's default). The lock step needs a depth of 2; the
+rest is for a recorder that lags."""
+STEP_QOS = PROFILES[Delivery.STEP]
+LATCHED_QOS = PROFILES[Delivery.LATCHED]
+
+
+def message_class(type_name: str) -> Any:
+    """Return the class of a type such as `std_msgs/msg/String`, or of a service or its events."""
+    package, kind, name = type_name.split("/")
+    base, _, part = name.partition("_")
+    found = getattr(importlib.import_module(f"{package}.{kind}"), base)
+    return getattr(found, part) if part else found
+
+
+@dataclass(frozen=True, kw_only=True)
+class RosTopic(wire.Topic):
+    """A topic of the vocabulary for rclpy.
+
+    Attributes:
+        type: message class.
+        qos: the publisher's profile.
+    """
+
+    type: Any
+    qos: QoSProfile
+
+
+@functools.cache
+def bind(topic: wire.Topic) -> RosTopic:
+    """Return a topic of the vocabulary with its message class and QoS profile."""
+    kind = message_class(topic.type_name)
+    qos = PROFILES[topic.delivery]
+    return RosTopic(**vars(topic), type=kind, qos=qos)
+
+
+def __getattr__(name: str) -> RosTopic:
+    """Return a topic of `wire`, bound: `interface.RUN` is `wire.RUN` for rclpy."""
+    topic = getattr(wire, name, None)
+    if not isinstance(topic, wire.Topic):
+        raise AttributeError(
+            f"{__name__} has no {name}, and the vocabulary no such topic"
+        )
+    return bind(topic)
+
+
+def clock_of(run: RunConfig) -> RosTopic:
+    """Return the topic of a run's clock: it is hidden where /clock is somebody else's."""
+    hidden = run.clock == NO_CLOCK
+    return bind(replace(wire.CLOCK, name=wire.HIDDEN_CLOCK) if hidden else wire.CLOCK)
+
+
+def recorded(owner: wire.Owner) -> tuple[RosTopic, ...]:
+    """Return the topics of an owner that a recorder writes down."""
+    return tuple(
+        bind(one) for one in wire.TOPICS if one.recorded and one.owner == owner
+    )
+
+
+def recorder_qos(topic: RosTopic) -> QoSProfile:
+    """Return what the recorder asks for: nothing is overwritten before it is written down."""
+    return QoSProfile(depth=STEP_DEPTH, durability=topic.qos.durability)
+
+
+CLAIMS_QOS = QoSProfile(depth=100, durability=KEPT)
+"""For reading claims: with a depth of 1, one's own would push out that of another node."""
+
+ACTIVE_PERCEPTION_TYPE = message_class(services.ACTIVE_PERCEPTION.type_name)

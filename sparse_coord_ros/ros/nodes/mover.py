@@ -1,0 +1,342 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the nodes that move a body share: goals and poses in, reports out, a lifecycle, halting.
+
+A driver that was told to halt lets its body stand, whatever its goals are. It is told by the word
+in the world's `goals`, or by its own service `halt`, and it goes on only when one of them says so
+anew: neither a world that comes back nor a page that is closed sets bodies in motion. On its topic
+`halted` it tells the world, which then halts the others too.
+"""
+
+import functools
+import time
+from dataclasses import replace
+from typing import Any, ClassVar, Unpack
+
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from nav_msgs.msg import Odometry
+from rclpy.lifecycle import LifecycleNodeMixin, LifecycleState
+from rclpy.lifecycle.node import TransitionCallbackReturn
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from std_msgs.msg import Bool
+
+from sparse_coord_ros.base.errors import SettingError, needed
+from sparse_coord_ros.core.runs.run_config import RunConfig
+from sparse_coord_ros.lab.driving.ground import Ground, Pose
+from sparse_coord_ros.lab.driving.mover import Mover
+from sparse_coord_ros.lab.driving.transforms import Tree, yaw_of
+from sparse_coord_ros.protocol.lockstep.bodies import Goals, HaltWord, Reached
+from sparse_coord_ros.protocol.wire import services
+from sparse_coord_ros.ros.nodes import interface
+from sparse_coord_ros.ros.nodes.follower import Follower
+from sparse_coord_ros.ros.nodes.messages import Converter, robot_number
+from sparse_coord_ros.ros.nodes.parameters import FROM_TF, PARAMETERS, Place
+from sparse_coord_ros.ros.nodes.transforms import BASE, TF, TF_STATIC, robot_frame
+
+POSES_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+"""Of poses and odometry of real robots: hears publishers of any reliability."""
+
+TF_QOS = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
+STATIC_QOS = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+TYPES: dict[str, tuple[Any, Any]] = {
+    "pose": (PoseStamped, lambda message: message.pose),
+    "pose_with_covariance": (
+        PoseWithCovarianceStamped,
+        lambda message: message.pose.pose,
+    ),
+    "odometry": (Odometry, lambda message: message.pose.pose),
+}
+"""Message classes that hold a pose, and where."""
+
+HEAP_SECONDS = 0.2
+"""Poses of the same time that come closer together were published long ago."""
+
+STAND_SECONDS = 0.1
+"""Between two commands to stand while a driver is halted: a base may miss one."""
+
+DONE = TransitionCallbackReturn.SUCCESS
+
+
+class MoverNode(Follower, LifecycleNodeMixin):
+    """Moves the body of one robot while its lifecycle is active; a subclass says how.
+
+    Args:
+        name: the node's name unless the command line remaps it; empty: its `KIND`.
+        place: where the node is made, and with what: see `Place`.
+
+    Attributes:
+        KIND: the executable, which names its table of parameters.
+        robot: whose body it is.
+        active: whether the lifecycle allows it to move the body.
+        halted: whether it was told to let the body stand, and not yet to go on.
+
+    Raises:
+        SparseCoordError: a bad parameter, a robot that the run does not have, a body that does
+            not fit its cells, no tf2_msgs where tf is asked for.
+    """
+
+    KIND: ClassVar[str]
+
+    def __init__(self, *, name: str = "", **place: Unpack[Place]) -> None:
+        Follower.__init__(self, name or self.KIND, PARAMETERS[self.KIND], **place)
+        LifecycleNodeMixin.__init__(self)
+        change = self._service_change_state
+        change.callback = self.guarded(change.callback, "change_state")
+        self.active = self.halted = False
+        self._word: HaltWord | None = None
+        self._stood = 0.0
+        self._mover: Mover | None = None
+        self._step = 0
+        self._seen = 0.0
+        self._stopped = self._leaving = False
+        self._reached_publisher: Any = None
+        self._tree = Tree()
+        self._halted_publisher = self.announce(interface.HALTED, self.robot)
+        self._halted_publisher.publish(Bool(data=False))
+        self.offer(services.HALT, self._on_halt)
+        if self.values["autostart"]:
+            self.trigger_configure()
+            self.trigger_activate()
+
+    def make(self, ground: Ground, number: int) -> Mover:
+        """Return what moves the body of a robot."""
+        raise NotImplementedError
+
+    def drive(self) -> None:
+        """Do what is to be done now; called after goals and poses, while the node is active."""
+        raise NotImplementedError
+
+    def missing(self) -> str:
+        """Return what the node waits for, beside poses, before it reports for duty."""
+        raise NotImplementedError
+
+    def halt(self, why: str = "") -> None:
+        """Let the body stand; `why`: nobody knows where it is."""
+        raise NotImplementedError
+
+    def stands(self) -> bool:
+        """Return whether all is done that makes a halted body stand."""
+        raise NotImplementedError
+
+    def settled(self) -> bool:
+        """Let the body stand for good; return whether all is said that is waited for."""
+        self.active = False
+        self.halt()
+        return True
+
+    @property
+    def may_drive(self) -> bool:
+        """Whether the body may move."""
+        return self.active and not self.halted
+
+    def set_up(self) -> None:
+        """Look whose body it is."""
+        self.robot = self.values["robot"]
+        if not self.robot:
+            raise SettingError(
+                "parameter robot: none is given; start the node with --ros-args -p "
+                "robot:=NAME, a robot of the scenario"
+            )
+
+    def begin(self, run: RunConfig) -> None:
+        """Begin with a run: hear goals and poses."""
+        number = robot_number(run, self.robot, "give parameter robot one of them")
+        self._mover = self.make(Ground(run, self.values["radius"]), number)
+        self._convert = Converter(run)
+        self.intake.listen(
+            interface.BODY_GOALS, self._on_goals, read=self._convert.read_goals
+        )
+        pose_type = self.values["pose_type"]
+        if pose_type == FROM_TF:
+            self._hear_transforms()
+        else:
+            kind, inside = TYPES[pose_type]
+            topic = replace(interface.POSE, type=kind)
+            read = functools.partial(self._read_pose, inside)
+            qos = topic.qos if pose_type == "pose" else POSES_QOS
+            self.intake.listen(topic, self._see, self.robot, read=read, qos=qos)
+
+    def _hear_transforms(self) -> None:
+        remedy = "install it, or take a topic of poses"
+        with needed("parameter pose_type: tf needs the package tf2_msgs", remedy):
+            from tf2_msgs.msg import TFMessage
+        topic = replace(interface.POSE, type=TFMessage)
+        for name, qos in ((TF, TF_QOS), (TF_STATIC, STATIC_QOS)):
+            read = functools.partial(self._read_transforms, qos is STATIC_QOS)
+            self.intake.listen(topic, self._see, name=name, read=read, qos=qos)
+
+    def _read_transforms(self, static: bool, message: Any) -> tuple[float, Pose] | None:
+        """Return when the body was where; None: it says nothing of that, or not enough."""
+        for one in message.transforms:
+            place = one.transform.translation
+            turn = one.transform.rotation
+            pose = Pose(place.x, place.y, yaw_of(turn.x, turn.y, turn.z, turn.w))
+            seconds = None if static else _seconds(one.header)
+            self._tree.hear(one.header.frame_id, one.child_frame_id, pose, seconds)
+        found = self._tree.find(self.values["map_frame"], self.base_frame)
+        heard = {one.child_frame_id.lstrip("/") for one in message.transforms}
+        return found if heard.intersection(self._tree.way) else None
+
+    @property
+    def base_frame(self) -> str:
+        """The frame of the body."""
+        return self.values["base_frame"] or robot_frame(self, self.robot, BASE)
+
+    def _read_pose(self, inside: Any, message: Any) -> tuple[float, Pose]:
+        """Return when the body was where; ValueError: in another frame, or no pose."""
+        wanted = self.values["map_frame"]
+        frame = message.header.frame_id
+        if frame.lstrip("/") != wanted:
+            raise ValueError(
+                f"frame_id is {frame!r}, not {wanted!r} (parameter map_frame)"
+            )
+        pose = inside(message)
+        turn = pose.orientation
+        yaw = yaw_of(turn.x, turn.y, turn.z, turn.w)
+        return _seconds(message.header), Pose(pose.position.x, pose.position.y, yaw)
+
+    def _see(self, seen: tuple[float, Pose] | None) -> None:
+        if seen is None or self._mover is None:
+            return
+        now = time.monotonic()
+        if seen[0] == self._mover.heard and now - self._seen < HEAP_SECONDS:
+            return  # they came while this node slept: the body does not wait for an answer
+        self._seen = now
+        self._stopped = False
+        self._mover.sees(*seen)
+        if self.may_drive:
+            self.drive()
+
+    def _on_goals(self, goals: Goals) -> None:
+        self._step = goals.step
+        self._hear_word(goals.halt)
+        if self._mover is not None:
+            self._mover.take(goals)
+            if self.may_drive:
+                self.drive()
+
+    def report_reached(self, reached: Reached) -> None:
+        """Publish how a goal ended."""
+        if self._reached_publisher is not None:
+            self._reached_publisher.publish(
+                self._convert.reached_message(self._step, reached)
+            )
+
+    def go_on(self, now: float) -> None:
+        """Report for duty when all is there; stop a body whose poses do not come."""
+        if self._leaving:
+            self.done = self.settled()
+        if self.halted and now - self._stood >= STAND_SECONDS:
+            self._stood = now
+            self.halt()
+        if not self.active or self._mover is None:
+            return
+        if self._reached_publisher is None:
+            missing = (
+                f"poses of {self.robot}" if self._mover.pose is None else self.missing()
+            )
+            if missing:
+                self.remind(self.reminder, missing)
+            else:  # the world waits for this publisher
+                self._reached_publisher = self.announce(interface.REACHED, self.robot)
+            return
+        limit = self.values["pose_timeout"]
+        if self._mover.busy and 0 < limit < now - self._seen and not self._stopped:
+            self._stopped = True
+            self.halt(
+                f"no pose of {self.robot} for {limit:g} s (pose_timeout): it is stopped"
+            )
+
+    def all_done(self, now: float) -> bool:
+        """Whether the body stands, after the run's end."""
+        return self.settled()
+
+    def lost(self, why: str) -> None:
+        """The run's world is gone: let the body stand, and end."""
+        if not self._leaving:
+            self.get_logger().warning(f"{why}: the body of {self.robot} is stopped")
+        self._leaving = True
+
+    def may_stop(self) -> bool:
+        """Stop at once: the body is driving."""
+        return self.settled()
+
+    def finish(self, *, interrupted: bool) -> None:
+        """Stop the body, whatever ends the node."""
+        self.settled()
+
+    # Halting.
+
+    def _on_halt(self, hold: bool) -> tuple[bool, str]:
+        """Answer the node's own service; asked again, it says whether the body stands by now."""
+        self.set_halted(hold, f"its service {services.HALT.name}")
+        if not hold:
+            return True, "goes on"
+        if self.stands():
+            return True, "stands"
+        return False, "is being stopped: ask again"
+
+    def _hear_word(self, word: HaltWord) -> None:
+        """Take in what the world says of halting; only a new word counts.
+
+        The first one that is heard may be old: it lets no body go on.
+        """
+        before = self._word
+        self._word = word
+        if word == before:
+            return
+        if word == HaltWord.HALT:
+            self.set_halted(True, "the world")
+        elif word == HaltWord.GO_ON and before is not None:
+            self.set_halted(False, "the world")
+
+    def set_halted(self, halted: bool, by: str) -> None:
+        """Let the body stand, or go on.
+
+        Args:
+            halted: which of them.
+            by: what has told so.
+        """
+        if halted != self.halted:
+            self.halted = halted
+            self._halted_publisher.publish(Bool(data=halted))
+            what = "stands" if halted else "may go on"
+            self.get_logger().warning(f"{by} says so: the body of {self.robot} {what}")
+        if halted:
+            self.halt()
+        else:
+            self._begin_again()
+
+    def _begin_again(self) -> None:
+        """Drive where that is allowed again; the time of the move begins anew."""
+        if self._mover is not None and self.may_drive:
+            self._mover.begin_again()
+            self.drive()
+
+    # The lifecycle.
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Move the body from now on."""
+        self.active = True
+        self._begin_again()
+        return DONE
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Let the body stand, until the node is activated again."""
+        self.active = False
+        self.halt()
+        return DONE
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Let the body stand, and end."""
+        self.lost("shut down")
+        return DONE
+
+
+def _seconds(header: Any) -> float:
+    """Return a header's time; the steady clock's where it has none."""
+    stamp = header.stamp
+    if stamp.sec == 0 and stamp.nanosec == 0:
+        return time.monotonic()
+    return float(stamp.sec) + stamp.nanosec * 1e-9

@@ -1,0 +1,253 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The nav2_driver node: a robot's moves as goals of Nav2's action NavigateToPose.
+
+The action is to have one server. Goals go to all that there are, and two would steer one base; so
+before its first goal the node waits until the second one is gone, and ends where it stays. One
+that appears later is reported: to stop halfway would help nobody. (rclpy's EventsExecutor ends
+the process with a segmentation fault when several servers answer, its SingleThreadedExecutor takes
+no notice; so that one is the default.)
+"""
+
+import functools
+import time
+from typing import Any
+
+from action_msgs.msg import GoalStatus
+from action_msgs.srv import CancelGoal
+from rclpy.action import ActionClient
+from rclpy.action.client import ClientGoalHandle
+from rclpy.task import Future
+
+from sparse_coord_ros.base.errors import RunError, needed
+from sparse_coord_ros.lab.driving.ground import Ground, Pose
+from sparse_coord_ros.lab.driving.navigator import ANSWER_SECONDS, Navigator, NavLimits
+from sparse_coord_ros.ros.nodes.guard import in_words, owners
+from sparse_coord_ros.ros.nodes.mover import MoverNode
+from sparse_coord_ros.ros.nodes.spin import run_node
+from sparse_coord_ros.ros.nodes.transforms import pose_message
+
+ENDINGS = {
+    GoalStatus.STATUS_ABORTED: "aborted",
+    GoalStatus.STATUS_CANCELED: "cancelled by others",
+}
+"""What goals that did not go well count as; any other status is of a server that came back."""
+
+HALT_SECONDS = 1.0
+"""After which the same request to halt is a new one: it may be for a goal that came since then."""
+
+TWO_SERVERS_SECONDS = 25.0
+"""How long a second server is waited for to go: a killed one is in the graph for 20 s."""
+
+REPORT_SECONDS = 10.0
+"""Between two warnings of a second server that appeared later."""
+
+
+class Nav2DriverNode(MoverNode):
+    """Sends the body of one robot from cell to cell by Nav2; the port of `Navigator`.
+
+    Attributes:
+        navigator: what decides on goals, once a run has begun.
+
+    Raises:
+        SparseCoordError: as of `MoverNode`; nav2_msgs is not installed.
+    """
+
+    KIND = "nav2_driver"
+    navigator: Navigator
+
+    def set_up(self) -> None:
+        """Look for Nav2's messages and its action, too."""
+        super().set_up()
+        remedy = (
+            "sudo apt install ros-jazzy-nav2-msgs, or start the node driver instead"
+        )
+        with needed(f"node {self.get_name()} needs the package nav2_msgs", remedy):
+            from nav2_msgs.action import NavigateToPose
+        self._type: Any = NavigateToPose
+        action = self.values["action"] or f"{self.robot}/navigate_to_pose"
+        self._client = ActionClient(self, self._type, action)
+        self._cancelling = self.create_client(
+            CancelGoal, f"{action}/_action/cancel_goal"
+        )
+        self._name = self.resolve_service_name(action)
+        self._handles: dict[int, ClientGoalHandle] = {}
+        self._doubled_since: float | None = None
+        self._cleared: tuple[float, Future] | None = None
+        self._ending: tuple[float, Future] | None = None
+        self._halting: tuple[float, Future] | None = None
+
+    def make(self, ground: Ground, number: int) -> Navigator:
+        """Return what decides on goals."""
+        values = self.values
+        side = ground.side
+        near = values["near"] * side
+        detour = values["detour"] * side
+        seconds = values["step_seconds"]
+        silence = values["feedback_timeout"]
+        limits = NavLimits(near, seconds, silence, detour, values["bring"])
+        self.navigator = Navigator(ground, limits, number, self)
+        return self.navigator
+
+    def drive(self) -> None:
+        """Let the navigator do what is due, and report where the goal is over."""
+        self.navigator.held = not self.may_drive or self._reached_publisher is None
+        reached = self.navigator.next(self._now())
+        if reached is not None:
+            self.report_reached(reached)
+
+    def go_on(self, now: float) -> None:
+        """Look also whether Nav2 still answers."""
+        super().go_on(now)
+        self.drive()
+
+    def report(self) -> None:
+        """Say where Nav2's action has a second server by now; called every second."""
+        servers = self._servers()
+        if self._reached_publisher is not None and len(servers) > 1:
+            text = f"Nav2's action {self._name} has {in_words(servers, 'servers')}"
+            self.get_logger().warning(text, throttle_duration_sec=REPORT_SECONDS)
+
+    def _servers(self) -> list[str]:
+        """Return the names of the nodes that serve Nav2's action: each publishes its status."""
+        return owners(self, f"{self._name}/_action/status", service=False)
+
+    def missing(self) -> str:
+        """Return that Nav2 is not there, is there twice, or may still drive for another client.
+
+        Raises:
+            RunError: it has been there twice for so long that both must be alive.
+        """
+        servers = self._servers()
+        if not servers or not self._client.server_is_ready():
+            self._cleared = None
+            return f"Nav2's action {self._name}"
+        now = time.monotonic()
+        if len(servers) > 1:
+            self._doubled_since = self._doubled_since or now
+            what = f"Nav2's action {self._name} has {in_words(servers, 'servers')}"
+            if now - self._doubled_since >= TWO_SERVERS_SECONDS:
+                raise RunError(f"node {self.get_name()}: {what}")
+            return f"a single server: {what}"
+        self._doubled_since = None
+        if self._cleared is None:
+            self._cleared = now, self.cancel_all()
+        since, answer = self._cleared
+        waits = not answer.done() and now - since < ANSWER_SECONDS
+        return "Nav2 to end earlier goals" if waits else ""
+
+    def halt(self, why: str = "") -> None:
+        """Cancel the goal that is under way; while the driver is halted, all goals of Nav2."""
+        if self._mover is not None:
+            if why:
+                self.navigator.give_up(self._now(), "poses lost", why, blind=True)
+            self.drive()
+
+    def set_halted(self, halted: bool, by: str) -> None:
+        """Cancel all goals that Nav2 has, whoever sent them; anew, when it is asked for anew."""
+        super().set_halted(halted, by)
+        now = time.monotonic()
+        if not halted:
+            self._halting = None
+        elif self._halting is None or now - self._halting[0] >= HALT_SECONDS:
+            if self._halting is not None:
+                self._cancelling.remove_pending_request(self._halting[1])
+            self._halting = now, self.cancel_all()
+
+    def stands(self) -> bool:
+        """Return whether Nav2 has said that all goals are over."""
+        clear = self._mover is None or self.navigator.clear
+        return clear and self._halting is not None and self._halting[1].done()
+
+    def settled(self) -> bool:
+        """Cancel what Nav2 drives; return whether it has said that this is over; not for long."""
+        super().settled()
+        if self._mover is None:
+            return True
+        if self._ending is None:
+            self._ending = time.monotonic(), self.cancel_all()
+        since, answer = self._ending
+        answered = self.navigator.clear and answer.done()
+        return answered or time.monotonic() - since >= ANSWER_SECONDS
+
+    def finish(self, *, interrupted: bool) -> None:
+        """Say how the moves went, and whether the body may still drive."""
+        self.settled()
+        if self._mover is not None:
+            if not self.navigator.clear:
+                self.say(
+                    "Nav2 did not say that its last goal is over: the body may still drive"
+                )
+            counts = sorted(self.navigator.counts.items())
+            said = ", ".join(f"{kind} {number}" for kind, number in counts)
+            self.get_logger().info(f"moves: {said or 'none'}")
+
+    def _now(self) -> float:
+        """Return the time: simulated where the node follows /clock, else steady."""
+        if self.get_parameter("use_sim_time").value:
+            return self.get_clock().now().nanoseconds * 1e-9
+        return time.monotonic()
+
+    # The port.
+
+    def send(self, ticket: int, target: Pose) -> bool:
+        """Send a goal."""
+        if not self._client.server_is_ready():
+            self.get_logger().warning(
+                f"no server of {self._name}", throttle_duration_sec=5.0
+            )
+            return False
+        goal = self._type.Goal(behavior_tree=self.values["behavior_tree"])
+        goal.pose.header.frame_id = self.values["map_frame"]
+        goal.pose.pose = pose_message(target)
+        heard = self.guarded(functools.partial(self._on_feedback, ticket))
+        answer = self._client.send_goal_async(goal, feedback_callback=heard)
+        answer.add_done_callback(
+            self.guarded(functools.partial(self._on_answer, ticket))
+        )
+        return True
+
+    def cancel(self, ticket: int) -> None:
+        """Ask for the end of one goal."""
+        if ticket in self._handles:
+            self._handles[ticket].cancel_goal_async()
+
+    def cancel_all(self) -> Future:
+        """Ask for the end of all goals, also of those of others; return the answer."""
+        return self._cancelling.call_async(CancelGoal.Request())
+
+    def say(self, text: str) -> None:
+        """Tell people."""
+        self.get_logger().warning(f"{self.robot}: {text}")
+
+    def _on_answer(self, ticket: int, answer: Future) -> None:
+        handle = answer.result()
+        if handle.accepted:
+            self._handles[ticket] = handle
+            ended = self.guarded(functools.partial(self._on_result, ticket))
+            handle.get_result_async().add_done_callback(ended)
+            self.navigator.accepted(ticket, self._now())
+        else:
+            self.navigator.rejected(ticket, self._now())
+        self.drive()
+
+    def _on_feedback(self, ticket: int, message: Any) -> None:
+        self.navigator.feedback(
+            ticket, message.feedback.distance_remaining, self._now()
+        )
+
+    def _on_result(self, ticket: int, answer: Future) -> None:
+        said = answer.result()
+        self._handles.pop(ticket, None)
+        kind = why = ""
+        if said.status != GoalStatus.STATUS_SUCCEEDED:
+            kind = ENDINGS.get(said.status, "forgotten")
+            text = f" {said.result.error_msg}" if said.result.error_msg else ""
+            why = f"Nav2's goal: {kind}, error code {said.result.error_code}{text}"
+        self.navigator.ended(ticket, self._now(), kind, why)
+        self.drive()
+
+
+def main() -> int:
+    """Run the node `nav2_driver`."""
+    return run_node(lambda context: Nav2DriverNode(context=context))

@@ -1,0 +1,281 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""From what the nodes of a run wrote to the files of its output directory."""
+
+import os
+import stat
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from sparse_coord_ros.base.errors import BagError, RunError, os_error_text
+from sparse_coord_ros.base.files import rescue, take_lock, write_whole
+from sparse_coord_ros.base.limits import SCENARIO, read_text, to_yaml, yaml_value
+from sparse_coord_ros.core.engine.checkpoint import CHECKPOINT_FILE
+from sparse_coord_ros.core.engine.improve import IMPROVED
+from sparse_coord_ros.core.game.scenario import Scenario
+from sparse_coord_ros.core.learners.memory import taught
+from sparse_coord_ros.core.learners.mind import Memory
+from sparse_coord_ros.core.runs.evaluation import check_tables
+from sparse_coord_ros.core.runs.run_config import RUN_FILE, RunConfig, load_run
+from sparse_coord_ros.core.runs.tables import (
+    TEAM_FILE,
+    load_saved,
+    load_team,
+    robot_file,
+    save_team,
+)
+from sparse_coord_ros.protocol.lockstep.checkpoints import (
+    CHECKPOINTS,
+    Checkpoints,
+    Store,
+)
+from sparse_coord_ros.protocol.lockstep.robot_side import ASKS, RobotState
+from sparse_coord_ros.protocol.lockstep.world_side import WorldState
+from sparse_coord_ros.ros.nodes.parameters import ParameterNode, run_from_parameters
+
+SUMMARY_FILE = "summary.yaml"
+DROPPED = "messages_dropped"
+NO_OUTPUT = "parameter resume: needs parameter 'out', the output directory of the run"
+
+
+def gather(
+    out: Path,
+    scenario: Scenario,
+    *,
+    interrupted: bool,
+    recording_error: BagError | None = None,
+) -> dict[str, Any]:
+    """Join the robots' tables into `tables.npz` and complete `summary.yaml`.
+
+    Args:
+        out: the output directory, in which world and robots have written.
+        scenario: the problem.
+        interrupted: whether the run was stopped before its budget was used up.
+        recording_error: why the recording ended before the run, where it did.
+
+    Returns:
+        The summary; `asks` says for each robot how its requests ended.
+    """
+    path = out / SUMMARY_FILE
+    how: Any = {"limit": SCENARIO, "error": RunError}
+    text = read_text(path, **how, remedy="remove it") if path.exists() else ""
+    summary = yaml_value(text, where=str(path), **how) or {}  # empty after a full disk
+    summary["interrupted"] = interrupted
+    if recording_error is not None:
+        summary["recording_error"] = str(recording_error)
+    summary |= _join_tables(out, scenario)
+    _join_tables(out / IMPROVED, scenario)
+    write_whole(path, to_yaml(summary))
+    finished = summary.get("transitions", 0) >= scenario.steps
+    if finished and not interrupted and (out / TEAM_FILE).exists():
+        Checkpoints.remove(out)
+    return summary
+
+
+def _join_tables(out: Path, scenario: Scenario) -> dict[str, Any]:
+    """Join the robots' tables where all are there; return what they say of the run."""
+    parts = [robot_file(out, robot.name) for robot in scenario.robots]
+    if not all(part.exists() for part in parts):
+        return {}
+    saved = [load_saved(part, [k])[0] for k, part in enumerate(parts, start=1)]
+    save_team(out, [one.memory for one in saved])
+    for part in parts:
+        part.unlink()
+    pairs = zip(scenario.names, saved, strict=True)
+    asks = {name: {how: one.counts[how] for how in ASKS} for name, one in pairs}
+    return {
+        "transitions_dropped": sum(one.counts["dropped"] for one in saved),
+        "asks": asks,
+    }
+
+
+def resumed_run(values: Mapping[str, Any]) -> RunConfig:
+    """Return the run that is to go on: that of the output directory.
+
+    Args:
+        values: of the parameters `out` and, where the run is described again, `scenario` and all
+            that goes with it.
+
+    Raises:
+        SparseCoordError: there is none, it is finished, or another run than the one described.
+    """
+    if not values["out"]:
+        raise RunError(NO_OUTPUT)
+    out = Path(values["out"])
+    run = load_run(out)
+    if (out / CHECKPOINT_FILE).exists():
+        raise RunError(
+            f"{out}: holds a run of train; go on with: sparse_coord train --resume {out}"
+        )
+    if (out / TEAM_FILE).exists() and not (out / CHECKPOINTS).is_dir():
+        raise RunError(f"{out}: the run is finished, there is nothing to go on with")
+    run.check_code()
+    if values["scenario"]:
+        asked = run_from_parameters(values)
+        if asked.digest != run.digest:
+            raise RunError(
+                f"{out}: holds another run ({run.scenario.name}, learner {run.learner}, seed "
+                f"{run.seed}) than the one given ({asked.scenario.name}, learner "
+                f"{asked.learner}, seed {asked.seed}, or other settings); leave them out"
+            )
+    return run
+
+
+def check_place(out: str) -> None:
+    """Refuse an output directory that cannot be made.
+
+    Raises:
+        RunError: something else is in its place, or in its way, or nothing can be written there.
+    """
+    place = Path(out).absolute()
+    while not os.path.lexists(place):
+        place = place.parent
+    if out and not (place.is_dir() and os.access(place, os.W_OK)):
+        raise RunError(
+            f"output directory {out}: cannot be written, as {place} is "
+            f"{'read-only' if place.is_dir() else 'no directory'}; choose another one"
+        )
+
+
+class Output:
+    """Where a node of a run saves: in the directory of its parameter `out`; nowhere without one.
+
+    Args:
+        node: the node.
+        name: what its checkpoints are called: `wire.WORLD`, or the robot's name.
+        run: the run.
+        own: names of the files that it is going to write there.
+
+    Attributes:
+        node: as above.
+        store: its checkpoints.
+
+    Raises:
+        RunError: the directory holds another run or, where none is to go on, one of the files.
+        OSError: it cannot be made or written.
+    """
+
+    def __init__(
+        self, node: ParameterNode, name: str, run: RunConfig, own: Sequence[str]
+    ) -> None:
+        self.node = node
+        self._text = run.to_yaml()
+        self._out = Path(node.values["out"]) if node.values["out"] else None
+        self._counted: Counter[str] = Counter()
+        self.store = Store()
+        if self._out is not None:
+            self._open(self._out, () if node.values["resume"] else own)
+            self.store = checkpoints = Checkpoints(self._out, name, run)
+            node.at_end.callback(checkpoints.close)
+            checkpoints.steps()
+            if node.values["resume"]:
+                node.intake.earlier = self.store.counted().get(DROPPED, 0)
+            for line in checkpoints.broken:
+                node.get_logger().warning(line)
+        elif node.values["resume"]:
+            raise RunError(NO_OUTPUT)
+
+    def _open(self, out: Path, own: Sequence[str]) -> None:
+        """Make or join the directory: `run.yaml` is written by whoever comes first."""
+        out.mkdir(parents=True, exist_ok=True)
+        held = [name for name in own if (out / name).exists()]
+        if not held:
+            self._describe(out)
+            remedy = "choose another output directory"
+            if read_text(out / RUN_FILE, SCENARIO, RunError, remedy) != self._text:
+                held = [f"another run's {RUN_FILE}"]
+        if held:
+            why = f"exists already and holds {held[0]}, nothing is overwritten; choose another one"
+            raise RunError(f"output directory {out}: {why}")
+
+    def _describe(self, place: Path) -> None:
+        """Write `run.yaml` into a directory that has none; of several nodes one does."""
+        folder = os.open(place, os.O_RDONLY | os.O_DIRECTORY)
+        try:
+            take_lock(folder, wait=True)
+            if not (place / RUN_FILE).exists():
+                write_whole(place / RUN_FILE, self._text)
+        finally:
+            os.close(folder)
+
+    def checkpoint(self, state: WorldState | RobotState) -> None:
+        """Save where the node is; where that fails, the run goes on with earlier ones."""
+        try:
+            if self._out is not None and not self._out.exists():
+                self.save(lambda _: None)
+            self.store.save(state)
+        except OSError as error:
+            self.node.get_logger().error(
+                f"checkpoint not saved: {os_error_text(error)}; the run goes on, the earlier "
+                "checkpoints are kept: make room"
+            )
+
+    def count(self, events: Mapping[str, int]) -> None:
+        """Save what was counted of the run's faults and of messages dropped, where that is new."""
+        now = +Counter({**events, DROPPED: self.node.intake.total})
+        if now != self._counted:
+            self._counted = now
+            with suppress(OSError):  # the next checkpoint says so
+                self.store.count(now)
+
+    def save(self, write: Callable[[Path], None]) -> Path | None:
+        """Write files into the directory, or beside it where that cannot be.
+
+        A directory that is gone is made again; one that cannot be written (a full disk) is stood
+        in for by another (`files.rescue`), the same for all nodes of the run. One line says so.
+
+        Args:
+            write: writes the files into a directory.
+
+        Returns:
+            The directory; None: there is none.
+
+        Raises:
+            OSError: none of the places can be written; that of the first.
+        """
+        if self._out is None:
+            return None
+        out = self._out
+        say = self.node.get_logger()
+
+        def fill(place: Path) -> None:
+            self._describe(place)
+            write(place)
+
+        gone = not out.exists()
+        try:
+            out.mkdir(parents=True, exist_ok=True)
+            fill(out)
+        except OSError as error:
+            try:
+                place = rescue(out.absolute(), fill, self._joins)
+            except OSError:
+                raise error from None
+            say.error(f"{os_error_text(error)}; saved in {place} instead")
+            return place
+        if gone:
+            say.warning(f"output directory {out}: it was gone and was made again")
+        return out
+
+    def _joins(self, place: Path) -> bool:
+        """Whether a node of this run, and of this user, made a directory; an OSError passes."""
+        found = place.lstat()
+        if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid():
+            return False
+        self._describe(place)  # it may be but just made
+        return (place / RUN_FILE).read_bytes() == self._text.encode()
+
+
+def begin_with(directory: Path, run: RunConfig, number: int) -> Memory:
+    """Return what a robot (from 0) begins with that is to begin with another run's tables.
+
+    Raises:
+        SparseCoordError: no such run, or its map, robots or learner are others.
+    """
+    source = load_run(directory)
+    tables = load_team(directory, source.scenario, source.rule)
+    check_tables(run.scenario, tables, run.rule)
+    return taught(run.scenario, run.rule, number, tables[number].memory)

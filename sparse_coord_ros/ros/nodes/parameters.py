@@ -1,0 +1,464 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""ROS parameters from the typed tables of `core.game.settings`."""
+
+import functools
+import time
+from collections import Counter
+from collections.abc import Callable, Collection, Mapping
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, ClassVar, TypedDict, Unpack, cast
+
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
+from rclpy.client import Client
+from rclpy.clock import Clock, ClockType
+from rclpy.context import Context
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.publisher import Publisher
+
+from sparse_coord_ros.base.errors import (
+    RunError,
+    SettingError,
+    SparseCoordError,
+    failure_of,
+)
+from sparse_coord_ros.base.limits import ASKED
+from sparse_coord_ros.core.game.plugins import allow_modules, allow_named
+from sparse_coord_ros.core.game.scenario import (
+    SETTINGS,
+    Scenario,
+    load_scenario,
+    scenario_names,
+)
+from sparse_coord_ros.core.game.settings import (
+    Setting,
+    SettingTable,
+    parse_assignments,
+    tables_from_yaml,
+)
+from sparse_coord_ros.core.runs.run_config import (
+    LIVE_LEARNER,
+    RUN_SETTINGS,
+    RunConfig,
+    make_run,
+)
+from sparse_coord_ros.lab.driving.trials import (
+    BODY_SETTINGS,
+    DRIVER_SETTINGS,
+    NAV2_SETTINGS,
+)
+from sparse_coord_ros.protocol.lockstep.timeouts import Reminder
+from sparse_coord_ros.protocol.wire import RECORDER, WORLD
+from sparse_coord_ros.protocol.wire.frame import SECOND
+from sparse_coord_ros.protocol.wire.services import Service
+from sparse_coord_ros.ros.nodes.intake import Intake
+from sparse_coord_ros.ros.nodes.interface import (
+    DIAGNOSTICS,
+    RUN,
+    RosTopic,
+    message_class,
+)
+from sparse_coord_ros.ros.nodes.interface import RECORDING as RECORDING_TOPIC
+from sparse_coord_ros.ros.nodes.messages import status
+from sparse_coord_ros.ros.nodes.tap import Line, PackedPublisher, Tap
+from sparse_coord_ros.show.page.controls import PAGE_SETTINGS
+
+RCLError = rclpy_implementation.RCLError
+
+ROLL_BACK = "rollback"
+"""What `returning` says; else a robot goes on alone."""
+FROM_TF = "tf"
+"""The `pose_type` that is no message of its own."""
+
+_OWN = tables_from_yaml(Path(__file__).with_name("parameters.yaml"))
+_MORE: Mapping[str, Mapping[str, Setting]] = {
+    WORLD: {
+        **RUN_SETTINGS,
+        "learner": replace(RUN_SETTINGS["learner"], kind=LIVE_LEARNER),
+    },
+    "driver": DRIVER_SETTINGS,
+    "nav2_driver": NAV2_SETTINGS,
+    "body": BODY_SETTINGS,
+    "watch": PAGE_SETTINGS,
+}
+_TEAM = _OWN.pop("team")
+
+PARAMETERS = {
+    node: SettingTable({**own, **_MORE.get(node, {})}.values())
+    for node, own in _OWN.items()
+}
+"""Those of each node that runs alone, by the name of its executable."""
+
+TEAM_PARAMETERS = SettingTable(
+    {**PARAMETERS[WORLD], **PARAMETERS["robot"], **_TEAM}.values()
+)
+
+ALL_NAMES = (
+    *TEAM_PARAMETERS,
+    *(
+        name
+        for node in (RECORDER, "driver", "nav2_driver", "body")
+        for name in PARAMETERS[node]
+    ),
+    *SETTINGS,
+)
+"""The parameters of all nodes of a team: one file, or a launch file's group, may give them all to
+each node, which takes its own."""
+
+ROLES = {WORLD: RUN, RECORDER: RECORDING_TOPIC}
+"""The topic by which a node's role is known, whatever the node is called: it publishes it."""
+
+ROS_PARAMETERS = ("use_sim_time", "start_type_description_service")
+ROS_PARAMETERS_PREFIX = "qos_overrides."
+
+
+class Place(TypedDict, total=False):
+    """Where a node is made, and with what.
+
+    Attributes:
+        context: the ROS context.
+        namespace: the team's namespace.
+        values: parameters given by the program; None: those of the command line count.
+        tap: the way to a recorder in the same process; None: a recorder subscribes as others do.
+        shared_clients: those of the robots of this process, by service.
+    """
+
+    context: Context
+    namespace: str
+    values: Mapping[str, Any] | None
+    tap: Tap | None
+    shared_clients: dict[str, Client]
+
+
+class ParameterNode(Node):
+    """A node whose parameters come from one table and are checked at once.
+
+    Args:
+        name: the node's name unless it is remapped.
+        table: its parameters.
+        place: where the node is made, and with what.
+
+    Attributes:
+        changeable: parameters that can be set while the node runs; all others are read once.
+        values: every parameter, typed.
+        intake: its subscriptions.
+        full_name: its name with its namespace, as diagnostics say it: `team_a/robot_1`.
+        born: when the node began, by the monotonic clock.
+        tap: the way to a recorder in the same process; None: there is none.
+        shared_clients: those of the robots of this process, by service; others make their own.
+        reminder: when to say what the node waits for.
+        failure: why the node must stop, or None.
+        done: whether the node has nothing more to do.
+        at_end: closes what is put there when the node is destroyed, whatever brought that.
+
+    Raises:
+        SettingError: an unknown parameter or a bad value.
+    """
+
+    changeable: ClassVar[Collection[str]] = ("rate",)
+
+    def __init__(self, name: str, table: SettingTable, **place: Unpack[Place]) -> None:
+        values = place.get("values")
+        given = [Parameter(key, value=value) for key, value in (values or {}).items()]
+        try:
+            super().__init__(
+                name,
+                context=place.get("context"),
+                namespace=place.get("namespace", ""),
+                use_global_arguments=values is None,
+                parameter_overrides=given,
+                automatically_declare_parameters_from_overrides=True,
+            )
+        except (RCLError, RuntimeError) as error:
+            why = " ".join(str(error).split())
+            raise RunError(f"node {name}: ROS cannot make it: {why}") from None
+        self.full_name = self.get_fully_qualified_name().lstrip("/")
+        self.born = time.monotonic()
+        self.reminder = Reminder()
+        self.failure: SparseCoordError | None = None
+        self.done = False
+        self.at_end = ExitStack()
+        self._table = table
+        self.tap = place.get("tap")
+        self.shared_clients = place.get("shared_clients", {})
+        self.intake = Intake(self)
+        try:
+            self.values = self._declare()
+            self.set_up()
+        except BaseException:
+            self.destroy_node()
+            raise
+        self.add_on_set_parameters_callback(self._check_change)
+
+    def destroy_node(self) -> None:
+        """As `Node`'s; what is `at_end` comes first."""
+        self.at_end.close()
+        super().destroy_node()
+
+    def set_up(self) -> None:
+        """Check the values, and open what the node needs; where that fails, no node is left."""
+
+    def fail(self, error: SparseCoordError) -> None:
+        """Stop the node because of bad input: whoever spins it raises the error."""
+        self.failure = self.failure or error
+
+    def guarded(
+        self, callback: Callable[..., Any], drops: str = ""
+    ) -> Callable[..., Any]:
+        """Return a callback whose exceptions stop this node, which then saves what it has.
+
+        Its last argument is returned then: the answer, where it is the callback of a service. With
+        a name to count them under, exceptions are no fault of the node: it refuses the request.
+        """
+
+        @functools.wraps(callback)
+        def wrapped(*args: Any) -> Any:
+            try:
+                return callback(*args)
+            except Exception as error:
+                if drops:
+                    self.intake.drop(drops, error, "request refused")
+                else:
+                    self.fail(failure_of(error))
+                return args[-1] if args else None
+
+        return wrapped
+
+    def create_subscription(self, msg_type, topic, callback, *args, **more):
+        """As `Node`'s; the callback is guarded."""
+        return super().create_subscription(
+            msg_type, topic, self.guarded(callback), *args, **more
+        )
+
+    def create_service(self, srv_type, srv_name, callback, **more):
+        """As `Node`'s; the callback is guarded, and rclpy's own refuse what they cannot read."""
+        rclpys = ""
+        if srv_type.__module__.startswith("rcl_interfaces."):
+            rclpys = srv_name
+            callback = _bounded(callback)
+        return super().create_service(
+            srv_type, srv_name, self.guarded(callback, rclpys), **more
+        )
+
+    def create_timer(self, timer_period_sec, callback, *args, **more):
+        """As `Node`'s, guarded, and on a steady clock: others follow a /clock that may stand."""
+        more.setdefault("clock", Clock(clock_type=ClockType.STEADY_TIME))
+        return super().create_timer(
+            timer_period_sec, self.guarded(callback), *args, **more
+        )
+
+    def offer(self, service: Service, do: Callable[..., tuple[bool, str]]) -> None:
+        """Offer a service of this node's own, of the type std_srvs/Trigger or SetBool.
+
+        Args:
+            service: the service.
+            do: gets what a SetBool says; returns whether it was done, and a text.
+        """
+
+        def answer(request: Any, response: Any) -> Any:
+            said = [request.data] if hasattr(request, "data") else []
+            response.success, response.message = do(*said)
+            return response
+
+        self.create_service(message_class(service.type_name), service.of("~"), answer)
+
+    def remind(self, reminder: Reminder, for_whom: str) -> None:
+        """Say every few seconds for whom this node waits."""
+        waited = reminder.due(time.monotonic())
+        if waited:
+            self.get_logger().info(f"waiting for {for_whom} ({waited:.0f} s)")
+
+    def finish(self, *, interrupted: bool) -> None:
+        """Save and say what is left to say, while ROS still works.
+
+        Args:
+            interrupted: whether the node is stopped before it was `done`.
+        """
+
+    def may_stop(self) -> bool:
+        """Whether the node can end now that a signal has come; asked until it can."""
+        return True
+
+    def announce(self, topic: RosTopic, owner: str = "") -> Publisher:
+        """Return a new publisher of a topic of the team, or of a robot's or node's own."""
+        how: Any = {"publisher_class": PackedPublisher} if topic.tapped else {}
+        publisher = self.create_publisher(topic.type, topic.of(owner), topic.qos, **how)
+        if isinstance(publisher, PackedPublisher):
+            publisher.send = publisher.handle.publish_raw
+            publisher.line = (
+                Line() if self.tap is None else self.tap.line(publisher.topic_name)
+            )
+        return publisher
+
+    def reporter(self, part: str) -> Callable[..., None]:
+        """Return what publishes diagnostics of a part of this node, called as `messages.status`.
+
+        They are stamped with the wall clock, whoever owns /clock, and in no frame.
+        """
+        publish = self.announce(DIAGNOSTICS).publish
+        name = f"{self.full_name}: {part}"
+
+        def report(
+            doing: str, values: Mapping[str, object], *, warn: bool = False
+        ) -> None:
+            sec, nanosec = divmod(time.time_ns(), SECOND)
+            message = DiagnosticArray(status=[status(name, doing, values, warn=warn)])
+            message.header.stamp = Time(sec=sec, nanosec=nanosec)
+            publish(message)
+
+        return report
+
+    def names_of(self, role: str) -> Counter[str]:
+        """Return what the nodes of a role are called, each with its number of nodes.
+
+        A robot's role is its name.
+        """
+        if role not in ROLES:
+            return Counter((role,))
+        topic = self.resolve_topic_name(ROLES[role].name)
+        return Counter(
+            info.node_name for info in self.get_publishers_info_by_topic(topic)
+        )
+
+    def heard_by(self, publisher: Publisher, role: str) -> bool:
+        """Whether a node of a role subscribes to a topic of this node.
+
+        Bystanders (`ros2 topic echo`, RViz) do not count.
+        """
+        if role == RECORDER and self.tap is not None:
+            if self.tap.closed:
+                return True
+            if isinstance(publisher, PackedPublisher):
+                return publisher.line.write is not None
+        return publisher.get_subscription_count() > 0 and self.is_heard(
+            publisher.topic_name, role
+        )
+
+    def is_heard(self, topic: str, role: str) -> bool:
+        """Whether a node of a role subscribes to a topic; also a recorder here that gave up.
+
+        Of one name all do: a killed node is in the graph for 20 s, beside the one that came back.
+        """
+        if role == RECORDER and self.tap is not None and self.tap.closed:
+            return True
+        infos = self.get_subscriptions_info_by_topic(self.resolve_topic_name(topic))
+        ears = Counter(info.node_name for info in infos)
+        return any(count <= ears[name] for name, count in self.names_of(role).items())
+
+    def _declare(self) -> dict[str, Any]:
+        overrides = {
+            key: cast(Parameter, parameter).value
+            for key, parameter in self.get_parameters_by_prefix("").items()
+            if key not in ROS_PARAMETERS and not key.startswith(ROS_PARAMETERS_PREFIX)
+        }
+        takes = {**self._table, **(SETTINGS if "set" in self._table else {})}
+        others = set(ALL_NAMES) - set(takes)
+        given = {name: value for name, value in overrides.items() if name not in others}
+        parsed = self.parse(SettingTable(takes.values()), given)
+        values = {
+            **self._table.defaults(),
+            **{n: parsed[n] for n in parsed if n in self._table},
+        }
+        allow_modules(values.get("allow", ()))
+        settings = [
+            f"{name}={parsed[name]}" for name in parsed if name not in self._table
+        ]
+        if settings:
+            values["set"] = [*values["set"], *settings]
+        for name in overrides:
+            self.undeclare_parameter(name)
+        for name, setting in self._table.items():
+            descriptor = _descriptor(setting, read_only=name not in self.changeable)
+            self.declare_parameter(name, values[name], descriptor, ignore_override=True)
+        return values
+
+    def parse(
+        self, table: SettingTable, values: Mapping[str, object]
+    ) -> dict[str, Any]:
+        """Return values of parameters by a table of them; SettingError, as of that."""
+        try:
+            return table.parse(values)
+        except SettingError as error:
+            text = str(error).replace("setting", "parameter", 1)
+            raise SettingError(f"node {self.get_name()}: {text}") from None
+
+    def _check_change(self, parameters: list[Parameter]) -> SetParametersResult:
+        try:
+            changed = {p.name: p.value for p in parameters if p.name in self._table}
+            self.values.update(self.parse(self._table, changed))
+        except SettingError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def show_settings(self, scenario: Scenario) -> None:
+        """Declare the settings of a scenario as parameters, to be looked at."""
+        for name, setting in SETTINGS.items():
+            value = getattr(scenario, name)
+            shown = value if isinstance(value, bool | int | float) else str(value)
+            descriptor = _descriptor(setting, read_only=True)
+            self.declare_parameter(name, shown, descriptor, ignore_override=True)
+
+
+def _bounded(callback: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a parameter service's callback that raises SettingError where too much is asked."""
+
+    def wrapped(request: Any, response: Any) -> Any:
+        asked = len(getattr(request, next(iter(request.get_fields_and_field_types()))))
+        if asked > ASKED:
+            raise SettingError(
+                f"{asked:,} parameters in one request, allowed: {ASKED:,}"
+            )
+        return callback(request, response)
+
+    return wrapped
+
+
+def of_node(node: str, values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return those of some values that are parameters of a node."""
+    return {name: values[name] for name in PARAMETERS[node]}
+
+
+def _descriptor(setting: Setting, *, read_only: bool) -> ParameterDescriptor:
+    return ParameterDescriptor(
+        name=setting.name,
+        description=setting.help,
+        additional_constraints=f"allowed: {setting.allowed}",
+        read_only=read_only,
+        dynamic_typing=setting.kind
+        is float,  # a whole number is a number: `param set rate 20`
+    )
+
+
+def run_from_parameters(values: Mapping[str, Any]) -> RunConfig:
+    """Build the run that a world simulator's parameters describe.
+
+    Raises:
+        SparseCoordError: of the kind that fits the bad parameter.
+    """
+    if not values["scenario"]:
+        raise SettingError(
+            "parameter scenario: none is given; start the node with --ros-args -p "
+            f"scenario:=NAME, NAME a scenario file or one of: {', '.join(scenario_names())}"
+        )
+    assignments = parse_assignments(text for text in values["set"] if text)
+    scenario = load_scenario(values["scenario"]).with_settings(assignments)
+    allow_named(values["learner"])
+    run = make_run(scenario, {name: values[name] for name in RUN_SETTINGS})
+    if not run.rule.runs_live:
+        how = (
+            "with one robot at a time"
+            if run.rule.alone
+            else "from what all robots see and do"
+        )
+        raise SettingError(
+            f"parameter learner: value is {run.learner!r}, which learns {how}; "
+            f"allowed here: {LIVE_LEARNER.usage}; use "
+            f"'sparse_coord train --learner {run.learner}'"
+        )
+    return run

@@ -1,0 +1,324 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The service `active_perception` from both sides: a robot asks its peers, and answers them.
+
+Anybody can offer a service a second time, and ROS 2 takes the first answer to a request, whoever
+gave it. Once the graph shows a second server of a peer's service, a robot also listens to the
+peer's local state, and drops the answers that do not fit it. The one that fits may come second.
+
+ROS 2 delivers the answer of a service to every client of it, each of which wakes up to see that it
+is not its own. With a client for each pair of robots the cost of a question would grow with the
+team, and that of starting and ending with its square. So the robots of one process share clients.
+"""
+
+import time
+from collections.abc import Callable
+from functools import partial
+
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Path
+from nav_msgs.srv import GetPlan
+from rclpy.client import Client
+from rclpy.node import Node
+from rclpy.service import Service
+from rclpy.service_introspection import ServiceIntrospectionState
+from rclpy.task import Future
+
+from sparse_coord_ros.core.runs.run_config import RunConfig
+from sparse_coord_ros.protocol.lockstep.robot_side import Answer, RobotSide
+from sparse_coord_ros.protocol.lockstep.timeouts import Deadline
+from sparse_coord_ros.protocol.wire.services import ACTIVE_PERCEPTION
+from sparse_coord_ros.ros.nodes import interface
+from sparse_coord_ros.ros.nodes.interface import ACTIVE_PERCEPTION_TYPE, STEP_QOS
+from sparse_coord_ros.ros.nodes.messages import Converter
+from sparse_coord_ros.ros.nodes.parameters import ParameterNode
+
+AT_ONCE = 10
+"""How often a peer that is a step behind is asked again at once; after that with each tick."""
+
+
+AGAIN_SECONDS = 0.5
+"""After so long without an answer the request is sent again."""
+
+
+def _introspect(node: Node, endpoint: Client | Service) -> None:
+    """Publish the dialogue of a client or service, so that it can be recorded."""
+    clock = node.get_clock()
+    what = ServiceIntrospectionState.CONTENTS
+    endpoint.configure_introspection(clock, STEP_QOS, what)
+
+
+class Peer:
+    """One peer's `active_perception`, to ask it.
+
+    Args:
+        node: the asking robot; its name goes into the requests.
+        client: the client of the peer's service.
+        answered: called with the request's step and the answer's path.
+
+    Attributes:
+        heard: when the peer answered last.
+        repeats: how often it was asked again for the same step.
+        fits: whether an answer to the request of a step can be the peer's; None: nobody else
+            answers for it.
+    """
+
+    fits: Callable[[int, Path], bool] | None = None
+
+    def __init__(
+        self, node: Node, client: Client, answered: Callable[[int, Path], None]
+    ) -> None:
+        self._client = client
+        self._answered = answered
+        self._request = GetPlan.Request()
+        self._request.goal.header.frame_id = node.get_name()
+        self._seen = self._silent = False
+        self._step = self.repeats = 0
+        self._unsent: int | None = None
+        self._open: Future | None = None
+        self.heard = self._sent = 0.0
+
+    def ready(self) -> bool:
+        """Whether the peer's service has been there."""
+        self._seen = self._seen or self._client.service_is_ready()
+        return self._seen
+
+    def request(self, pose: PoseStamped, step: int) -> bool:
+        """Ask for the peer's local state of a time step.
+
+        Returns:
+            Whether to wait for the answer; False for a peer that let the last deadline pass and
+            has not answered since: it is asked all the same, so that its return is noticed.
+        """
+        self._request.start = pose
+        self.repeats = self.repeats + 1 if step == self._step else 0
+        self._step = self._unsent = step
+        if self.repeats < AT_ONCE:
+            self.send_what_waits()
+        return not self._silent
+
+    def send_what_waits(self) -> None:
+        """Send the request once the peer's service is there; the node's timer calls this too.
+
+        One that is not answered is sent again: a peer that has just come back may have missed it.
+        An answer that has come is none that is missing, even if this process was too busy to look
+        at it yet: rclpy has it looked at in a callback of its own.
+        """
+        now = time.monotonic()
+        missing = self._open is not None and not self._open.done()
+        if missing and now - self._sent >= AGAIN_SECONDS and not self._silent:
+            self._unsent = self._step
+        if self._unsent is None or not self.ready():
+            return
+        step = self._unsent
+        self._unsent = None
+        self._sent = now
+        self._forget()
+        self._open = self._client.call_async(self._request)
+        self._open.add_done_callback(lambda future: self._on_done(step, future))
+        if self.fits is not None:
+            self._choose(step, self._open, self.fits)
+
+    def _choose(
+        self, step: int, future: Future, fits: Callable[[int, Path], bool]
+    ) -> None:
+        """Let a request stay open until an answer fits: rclpy hands over each that comes."""
+        accept = future.set_result
+
+        def take(answer: GetPlan.Response) -> None:
+            if fits(step, answer.plan):
+                accept(answer)
+
+        future.set_result = take  # type: ignore[method-assign]
+
+    def send_again(self) -> None:
+        """Let the request be sent again soon: the answer told nothing yet."""
+        self._sent = 0.0
+
+    def start_anew(self) -> None:
+        """Forget what was asked: the run goes back to an earlier time step, with every robot."""
+        self._silent = False
+        self._unsent = None
+        self._forget()
+
+    def gave_up(self) -> None:
+        """Note that the deadline passed without an answer."""
+        self._silent = True
+        self._unsent = None
+
+    def _on_done(self, step: int, future: Future) -> None:
+        if future.cancelled() or future.result() is None:
+            return
+        if future is self._open:
+            self._open = self._unsent = None
+        self._silent = False
+        self.heard = time.monotonic()
+        self._answered(step, future.result().plan)
+
+    def _forget(self) -> None:
+        """Drop the last request where it was never answered: rclpy would keep it for ever."""
+        if self._open is not None:
+            self._client.remove_pending_request(self._open)
+            self._open.cancel()
+            self._open = None
+
+
+class Peers:
+    """Asks a robot's peers for the robot, and answers them.
+
+    Args:
+        node: the robot's node.
+        run: the run.
+        convert: between its steps and cells and messages.
+        side: the robot's side of the lock step.
+    """
+
+    def __init__(
+        self, node: ParameterNode, run: RunConfig, convert: Converter, side: RobotSide
+    ) -> None:
+        self._node = node
+        self._intake = node.intake
+        self._convert = convert
+        self._side = side
+        self._names = convert.names
+        self._service = ACTIVE_PERCEPTION.of(node.get_name())
+        self._deadline = Deadline(run.percept_timeout, run.step_timeout)
+        _introspect(
+            node,
+            node.create_service(ACTIVE_PERCEPTION_TYPE, self._service, self._answer),
+        )
+        self._peers: dict[int, Peer] = {}
+        self._places: dict[
+            int, tuple[int, int]
+        ] = {}  # of those whose answers are doubted
+        for k, name in enumerate(self._names):
+            if name == node.get_name():
+                continue
+            service = ACTIVE_PERCEPTION.of(name)
+            if (
+                service not in node.shared_clients
+            ):  # of the robots here the first one makes it
+                node.shared_clients[service] = node.create_client(
+                    ACTIVE_PERCEPTION_TYPE, service
+                )
+                _introspect(node, node.shared_clients[service])
+            answered = node.guarded(partial(self._on_answer, k))
+            self._peers[k] = Peer(node, node.shared_clients[service], answered)
+
+    def ready(self) -> bool:
+        """Whether every peer's service has been there."""
+        for peer in self._peers:
+            self._look_for_another_server(peer)
+        return all(peer.ready() for peer in self._peers.values())
+
+    def ask(self, peer: int, step: int, cell: int) -> bool:
+        """Ask a peer for its local state; return whether to wait, as `Peer.request`."""
+        self._look_for_another_server(peer)
+        return self._peers[peer].request(self._convert.pose(step, cell), step)
+
+    def _look_for_another_server(self, peer: int) -> None:
+        """Doubt a peer's answers from now on where somebody else offers its service too."""
+        name = self._names[peer]
+        one = self._peers[peer]
+        if (
+            one.fits is not None
+            or self._node.count_services(ACTIVE_PERCEPTION.of(name)) < 2
+        ):
+            return
+        one.fits = self._node.guarded(partial(self._fits, peer))
+        then = partial(self._places.__setitem__, peer)
+        self._intake.listen(
+            interface.LOCAL_STATE, then, name, unpack=self._convert.unpack_state
+        )
+        self._node.get_logger().warning(
+            f"{ACTIVE_PERCEPTION.of(name)} has two servers: answers that do not fit where {name} "
+            "is are dropped from now on"
+        )
+
+    def _fits(self, peer: int, step: int, plan: Path) -> bool:
+        """Whether an answer is what a peer answers that is where the world says."""
+        said = plan.header.stamp
+        now = self._convert.header(step).stamp
+        if self._side.waiting != ("percept", step):
+            return True  # it is too late
+        if (said.sec, said.nanosec) < (now.sec, now.nanosec):
+            one = self._peers[peer]
+            if one.repeats < AT_ONCE:
+                return True
+            one.heard = time.monotonic()
+            self._on_answer(
+                peer, step, plan
+            )  # it is asked again, and may still answer this one
+            return False
+        if peer not in self._places:
+            return False  # the world will say all states again
+        there_step, there = self._places[peer]
+        if there_step < step:
+            self._peers[peer].send_again()  # the world is about to say where it is
+            return False
+        fits = there_step > step or plan == self._convert.path(
+            step, (self._side.due(there),)
+        )
+        if not fits:
+            service = ACTIVE_PERCEPTION.of(self._names[peer])
+            self._intake.drop(
+                service, "the answer does not fit where the peer is", "dropped"
+            )
+        return fits
+
+    def start_anew(self) -> None:
+        """Forget what was asked: the run goes back to an earlier time step."""
+        self._places.clear()
+        for peer in self._peers.values():
+            peer.start_anew()
+
+    def keep_the_deadline(self, now: float) -> None:
+        """Give up what has been waited for too long; send requests that could not be sent."""
+        asked = self._peers.get(self._side.asking)
+        heard = 0.0 if asked is None else asked.heard
+        if self._deadline.passed(self._side.waiting, heard, now):
+            if asked is not None:
+                asked.gave_up()
+            self._side.expire()
+        for peer in self._peers.values():
+            peer.send_what_waits()
+
+    def _answer(
+        self, request: GetPlan.Request, response: GetPlan.Response
+    ) -> GetPlan.Response:
+        """Answer a peer (or a person, who gives no stamp and no name)."""
+        stamp = request.start.header.stamp
+        position = request.start.pose.position
+        asker = request.goal.header.frame_id
+        try:
+            step = self._convert.checked_step(stamp.sec, stamp.nanosec)
+            if step and asker not in self._names:
+                raise ValueError(f"asker {asker!r} is no robot of the scenario")
+        except ValueError as error:
+            self._intake.drop(self._service, error)
+            answer = Answer(self._side.newest[0], None)
+        else:
+            number = self._names.index(asker) if asker in self._names else 0
+            answer = self._side.asked(
+                number, step, self._convert.cell(position.x, position.y)
+            )
+        response.plan = self._convert.path(answer.step, (answer.cell,))
+        return response
+
+    def _on_answer(self, peer: int, request_step: int, plan: Path) -> None:
+        cell = None
+        try:
+            step = self._convert.checked_step(
+                plan.header.stamp.sec, plan.header.stamp.nanosec
+            )
+            if plan.poses:
+                position = plan.poses[0].pose.position
+                cell = self._convert.cell(position.x, position.y)
+                if cell is None:
+                    raise ValueError(
+                        f"position ({position.x:g}, {position.y:g}) is no free cell"
+                    )
+        except ValueError as error:
+            self._intake.drop(ACTIVE_PERCEPTION.of(self._names[peer]), error)
+        else:
+            self._side.answer(peer, request_step, Answer(step, cell))

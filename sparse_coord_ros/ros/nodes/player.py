@@ -1,0 +1,209 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The player node: a recorded run again on its topics, with its types, QoS and clock."""
+
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Unpack
+
+from rclpy.parameter import Parameter
+
+from sparse_coord_ros.base.errors import RunError, SettingError
+from sparse_coord_ros.core.game.settings import SettingTable
+from sparse_coord_ros.log.bags.playback import Playback
+from sparse_coord_ros.log.bags.playlist import Playlist
+from sparse_coord_ros.protocol.wire import services
+from sparse_coord_ros.protocol.wire.frame import SECOND
+from sparse_coord_ros.ros.nodes.parameters import PARAMETERS, ParameterNode, Place
+from sparse_coord_ros.ros.nodes.player_keys import Keyboard
+from sparse_coord_ros.ros.nodes.player_topics import Stage
+from sparse_coord_ros.ros.nodes.spin import run_node, wait_for_readers
+
+KEYS_SECONDS = 0.05
+TURN_NS = 100_000
+"""The timer's shortest wait, so that services and keys have their turn where messages are late."""
+SEEK_SECONDS = 10.0
+LONGEST_WAIT_NS = 60 * SECOND
+"""The timer's longest wait, as it cannot hold every distance of log times; it then waits again."""
+
+KEYS_HELP = (
+    "space: pause or go on, right: next time step, left or Page Up: 10 s back, Page Down: 10 s "
+    "on, up/down: twice or half the rate, Home: start, q: quit"
+)
+REMEDY = "seek back: parameter position, keys left or Home"
+
+
+class Player(ParameterNode):
+    """Publishes the raw messages of a bag at the distances of their log times.
+
+    Args:
+        keyboard: listen to the terminal's keys, if there is one.
+        place: where the node is made, and with what: see `Place`. The topics have their recorded
+            names in any namespace.
+
+    Attributes:
+        stage: what it publishes on.
+        done: whether the end of the bag was reached, or the user quits.
+
+    Raises:
+        SparseCoordError: a bad parameter, or nothing to play.
+    """
+
+    changeable = ("rate", "position")
+
+    def __init__(self, *, keyboard: bool = False, **place: Unpack[Place]) -> None:
+        self._begun = False
+        super().__init__("player", PARAMETERS["player"], **place)
+        self.offer(services.PAUSE, self._pause)
+        self.offer(services.STEP, self._step)
+        self.add_post_set_parameters_callback(self.guarded(self._on_change))
+        self._timer = self.create_timer(self.values["delay"], self._tick)
+        keys = Keyboard()
+        if keyboard and keys.there:
+            self.at_end.callback(
+                keys.close
+            )  # the terminal is given back, whatever happens
+            self.create_timer(KEYS_SECONDS, lambda: self._on_keys(keys))
+            self.get_logger().info(KEYS_HELP)
+
+    def set_up(self) -> None:
+        """Open the bag, advertise its topics and look through its messages."""
+        values = self.values
+        if not values["bag"]:
+            raise SettingError(
+                "parameter bag: none is given; start the node with --ros-args -p bag:=DIRECTORY"
+            )
+        patterns = [text for text in values["topics"] if text]
+        stage = self.stage = Stage(self, Path(values["bag"]), patterns)
+        playlist = Playlist(stage.bag, stage.publishers, stage.kept)
+        self._start_ns = stage.bag.start_ns
+        self._seconds = (playlist.end_ns - self._start_ns) / SECOND
+        last = replace(self._table["position"], high=self._seconds)
+        self._table = SettingTable([*self._table.values(), last])
+        self.parse(self._table, {"position": values["position"]})
+        how = {
+            "rate": values["rate"],
+            "loop": values["loop"],
+            "paused": values["start_paused"],
+        }
+        publish = stage.publish
+        now = time.monotonic_ns
+        self._playback = Playback(playlist, publish, now, on_time=stage.tell, **how)
+        self.get_logger().info(
+            f"{stage.bag.path}: {len(playlist)} messages on {len(stage.publishers)} topics, "
+            f"{playlist.step_count} time steps, {self._seconds:g} s"
+        )
+
+    @property
+    def _position(self) -> float:
+        """Seconds from the bag's first message to the log time that is reached."""
+        if not self._begun:
+            return self.values["position"]
+        return (self._playback.position_ns - self._start_ns) / SECOND
+
+    def _tick(self) -> None:
+        if not self._begun:
+            self._begin()
+        wait_ns = self._playback.play()
+        if wait_ns is None:
+            self._timer.cancel()
+            self.done = self.done or self._playback.done
+        else:
+            self._timer.timer_period_ns = max(TURN_NS, min(wait_ns, LONGEST_WAIT_NS))
+            self._timer.reset()
+
+    def _begin(self) -> None:
+        """Go to where playing begins, once the subscribers had time to come."""
+        self._begun = True
+        if self.count_publishers(self.stage.clock_name) > 1:
+            raise RunError(
+                f"another node publishes {self.stage.clock_name}: a live run or another player is "
+                "there, which this one would disturb; use another ROS_DOMAIN_ID"
+            )
+        self._seek(self.values["position"])
+
+    def _seek(self, seconds: float) -> None:
+        self._playback.seek(
+            self._start_ns + round(min(seconds, self._seconds) * SECOND)
+        )
+
+    def _wake(self) -> None:
+        """Let the timer look at once at what is to be done."""
+        if self._begun:
+            self._timer.timer_period_ns = 1
+            self._timer.reset()
+
+    def _pause(self, hold: bool) -> tuple[bool, str]:
+        self._playback.pause(hold)
+        self._wake()
+        return True, self._state()
+
+    def _step(self) -> tuple[bool, str]:
+        """Show the next time step; return whether there was one, and a text."""
+        self._playback.pause(True)
+        before = self._playback.published
+        if not self._begun:
+            self._begin()
+        elif not self._playback.step():
+            return False, f"the bag has ended at {self._position:.3f} s; {REMEDY}"
+        return True, f"{self._state()}: {self._playback.published - before} messages"
+
+    def _state(self) -> str:
+        doing = (
+            "paused"
+            if self._playback.paused
+            else f"playing at rate {self.values['rate']:g}"
+        )
+        return f"{doing} at {self._position:.3f} s"
+
+    def _on_change(self, parameters: list[Parameter]) -> None:
+        """Do what changed parameters say."""
+        for parameter in parameters:
+            if parameter.name == "rate":
+                self._playback.set_rate(self.values["rate"])
+            elif parameter.name == "position" and self._begun:
+                self._seek(self.values["position"])
+        self._wake()
+
+    def _on_keys(self, keys: Keyboard) -> None:
+        for key in keys.read():
+            if key == "quit":
+                self.done = True
+            else:
+                self.get_logger().info(
+                    self._step()[1] if key == "step" else self._on_key(key)
+                )
+
+    def _on_key(self, key: str) -> str:
+        """Do what a key says, and return what the player does then."""
+        if key == "pause":
+            return self._pause(not self._playback.paused)[1]
+        rate = self.values["rate"]
+        at = self._position
+        limits = PARAMETERS["player"]["rate"]
+        name, value = {
+            "start": ("position", 0.0),
+            "back": ("position", max(0.0, at - SEEK_SECONDS)),
+            "on": ("position", min(self._seconds, at + SEEK_SECONDS)),
+            "faster": ("rate", min(limits.high, 2 * rate)),
+            "slower": ("rate", max(limits.low, rate / 2)),
+        }[key]
+        self.set_parameters([Parameter(name, value=value)])
+        return f"{self._state()}, rate {value:g}" if name == "rate" else self._state()
+
+    def finish(self, *, interrupted: bool) -> None:
+        """Say how well time was kept; at the end of the bag wait until readers have it all."""
+        late = self._playback.late_ns
+        kept = "" if late is None else f", at most {late / 1e6:.2f} ms late"
+        self.get_logger().info(
+            f"{'stopped' if interrupted else 'ended'} at {self._position:.3f} s, "
+            f"{self._playback.published} messages published{kept}"
+        )
+        if self._playback.done:
+            wait_for_readers(self.stage.publishers.values())
+
+
+def main() -> int:
+    """Run the node `player`."""
+    return run_node(lambda context: Player(context=context, keyboard=True))

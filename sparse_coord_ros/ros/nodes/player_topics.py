@@ -1,0 +1,163 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Which topics of a bag are played, and their publishers: recorded names, types and QoS."""
+
+from collections.abc import Sequence
+from fnmatch import fnmatchcase
+from pathlib import Path
+
+from rclpy.exceptions import InvalidTopicNameException
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+
+from sparse_coord_ros.base.errors import BagError, SettingError
+from sparse_coord_ros.log.bags import Bag, BagTopic, Message, QoS, open_bag, type_hash
+from sparse_coord_ros.log.bags.schemas import ros_name
+from sparse_coord_ros.log.bags.topics import latched
+from sparse_coord_ros.protocol import wire
+from sparse_coord_ros.protocol.wire.frame import SECOND
+from sparse_coord_ros.protocol.wire.messages import CLOCK_FORM
+from sparse_coord_ros.ros.nodes import interface
+
+ROS_OWN = (wire.ROSOUT.name, wire.PARAMETER_EVENTS.name)
+"""Topics that every node has itself."""
+
+
+class Stage:
+    """The publishers of a bag's topics, and of a clock where the bag has none.
+
+    Warns of what cannot be played.
+
+    Args:
+        node: the node that publishes.
+        path: the bag.
+        patterns: as `chosen_topics` has them.
+
+    Attributes:
+        bag: the bag.
+        publishers: by topic.
+        clock_name: the topic of the clock.
+        clock: its publisher; None where the bag's own clock is played.
+
+    Raises:
+        SparseCoordError: no bag, a pattern that fits no topic, or no topic that can be played.
+    """
+
+    def __init__(self, node: Node, path: Path, patterns: Sequence[str]) -> None:
+        bag = self.bag = open_bag(path)
+        names = chosen_topics(bag, patterns)
+        warn = node.get_logger().warning
+        if bag.damage is not None:
+            played = "every message" if bag.whole else "what could be read"
+            warn(f"{bag.path}: {bag.damage}; {played} is played")
+        elif not bag.finished:
+            warn(
+                f"{bag.path} was never closed by its recorder: what there is of it is played"
+            )
+        self.publishers: dict[str, Publisher] = {}
+        skipped = []
+        for name in names:
+            topic = bag.topics[name]
+            try:
+                kind = class_of(topic)
+                qos = offered_qos(topic.qos)
+                self.publishers[name] = node.create_publisher(kind, name, qos)
+            except (
+                ImportError,
+                AttributeError,
+                ValueError,
+                InvalidTopicNameException,
+            ) as error:
+                skipped.append(f"{name} ({' '.join(str(error).split())})")
+        if not self.publishers:
+            why = ", ".join(skipped) or "it has none"
+            raise BagError(f"bag {bag.path}: no topic can be played: {why}")
+        if skipped:
+            warn(f"not played: {', '.join(skipped)}")
+        self._send = {
+            name: publisher.publish for name, publisher in self.publishers.items()
+        }
+        own = bag.clock
+        clock = interface.CLOCK
+        self.clock_name = node.resolve_topic_name(clock.name) if own is None else own
+        self.clock: Publisher | None = None
+        if own not in self.publishers or not bag.counts[own]:
+            self.clock = node.create_publisher(clock.type, clock.name, clock.qos)
+        self._told_ns: int | None = None
+
+    @property
+    def kept(self) -> list[str]:
+        """Topics of which the last message stays true until the next: the clock, latched ones."""
+        topics = self.bag.topics
+        return [
+            n for n in self.publishers if n == self.clock_name or latched(topics[n].qos)
+        ]
+
+    def publish(self, message: Message) -> None:
+        """Publish a message of the bag."""
+        self._send[message.topic](message.data)
+
+    def tell(self, time_ns: int) -> None:
+        """Publish the time where the bag itself does not."""
+        if self.clock is not None and time_ns != self._told_ns:
+            self._told_ns = time_ns
+            seconds, nanosec = divmod(time_ns, SECOND)
+            self.clock.publish(CLOCK_FORM.layout.pack(min(seconds, 2**31 - 1), nanosec))
+
+
+def chosen_topics(bag: Bag, patterns: Sequence[str]) -> list[str]:
+    """Return the topics to play, the clock always among them.
+
+    Args:
+        bag: the bag.
+        patterns: names, or patterns such as `/robot_1/*`. Topics that are not to be published
+            beside live nodes, `ROS_OWN` and claims, are played only where they are named.
+
+    Raises:
+        SettingError: a pattern fits no topic.
+    """
+    chosen = set() if bag.clock is None else {bag.clock}
+    claims = {name for name in bag.topics if name.endswith(f"/{interface.CLAIM.name}")}
+    withheld = claims | set(ROS_OWN)
+    for pattern in patterns or ["*"]:
+        full = pattern if pattern.startswith(("/", "*")) else f"/{pattern}"
+        fitting = {name for name in bag.topics if fnmatchcase(name, full)} - withheld
+        fitting |= {full} & set(bag.topics)
+        if patterns and not fitting:
+            raise SettingError(
+                f"parameter topics: {pattern!r} fits no topic of {bag.path}, which has: "
+                f"{', '.join(sorted(bag.topics))}"
+            )
+        chosen |= fitting
+    return sorted(chosen)
+
+
+def class_of(topic: BagTopic) -> type:
+    """Return the class of a topic's messages, the one that wrote the recorded bytes.
+
+    Raises:
+        ValueError: the type is not installed, or another version of it; says so.
+    """
+    name = ros_name(topic.type_name, topic.name)
+    try:
+        found: type = interface.message_class(name)
+    except (ImportError, AttributeError, ValueError):
+        raise ValueError(f"type {name} is not installed") from None
+    if topic.type_hash and type_hash(name) not in ("", topic.type_hash):
+        raise ValueError(f"type {name} is installed in another version")
+    return found
+
+
+def offered_qos(profiles: Sequence[QoS]) -> QoSProfile:
+    """Return a profile that offers at least what each of the recorded publishers did."""
+    profiles = profiles or (QoS(),)
+    reliable = any(qos.reliability == "reliable" for qos in profiles)
+    offered = QoSProfile(depth=max(1, *(qos.depth for qos in profiles)))
+    if not reliable:
+        offered.reliability = ReliabilityPolicy.BEST_EFFORT
+    if latched(profiles):
+        offered.durability = DurabilityPolicy.TRANSIENT_LOCAL
+    if any(qos.history == "keep_all" for qos in profiles):
+        offered.history = HistoryPolicy.KEEP_ALL
+    return offered

@@ -1,0 +1,461 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The recorder node: every topic of the team and the service events, as CDR, into a bag."""
+
+import contextlib
+import math
+import shutil
+import struct
+import time
+from datetime import datetime
+from functools import partial
+from pathlib import Path
+from typing import Any, Unpack
+
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.serialization import deserialize_message, serialize_message
+from std_msgs.msg import String
+
+from sparse_coord_ros.base.errors import BagError, RunError, SparseCoordError
+from sparse_coord_ros.core.runs.run_config import (
+    MAP_FILE,
+    RUN_RECORD,
+    RunConfig,
+    bag_files,
+)
+from sparse_coord_ros.log.bags import BagWriter, QoS
+from sparse_coord_ros.log.bags.metadata import RESTARTED, ROLLED_BACK, STALLED_RECORD
+from sparse_coord_ros.log.bags.process import BagProcess
+from sparse_coord_ros.log.bags.recover import continued
+from sparse_coord_ros.protocol import wire
+from sparse_coord_ros.protocol.wire import NODE, RECORDER, ROBOT, TEAM, WORLD
+from sparse_coord_ros.protocol.wire.frame import SECOND
+from sparse_coord_ros.protocol.wire.messages import STAMPED
+from sparse_coord_ros.protocol.wire.status import (
+    NO_ORDER,
+    ROLL_CALL,
+    Order,
+    Progress,
+    Said,
+)
+from sparse_coord_ros.ros.nodes import interface
+from sparse_coord_ros.ros.nodes.follower import Follower
+from sparse_coord_ros.ros.nodes.messages import Converter, read_tables_message, status
+from sparse_coord_ros.ros.nodes.parameters import PARAMETERS, Place
+from sparse_coord_ros.ros.nodes.spin import run_node
+
+QUIET_SECONDS = 0.3
+"""After the run's end, the bag is closed when nothing has come for so long."""
+LAST_WORDS_SECONDS = 6.0
+"""After the run's end, how long the bag is kept open for last words that may be to come."""
+PLANNING_SECONDS = 600.0
+"""The same where robots plan on what they have learned before they say their last words."""
+TALK_SECONDS = 20.0
+"""After the run's end, how long somebody who goes on talking keeps the bag open."""
+KEPT_FREE = 32
+"""MiB of the disk that a recording leaves free, so that tables can still be saved."""
+LAG_STEPS = 1000
+"""How far one topic may be ahead of all others: on a busy machine they arrive in bursts."""
+STALL_SECONDS = 1.0
+"""A recorder that has not moved for so long (it was stopped) may have lost messages."""
+
+
+class Recording:
+    """A recorder's part in one run: its bag, and the time at which messages are logged.
+
+    A message that begins with a stamp is logged at that time, any other at the newest stamp seen:
+    the bag's time line is the world's, however fast the run went. (When something happened by the
+    wall clock, the service events say.)
+
+    Args:
+        node: the recorder, which follows the run.
+        run: the run.
+        bag: its bag.
+
+    Attributes:
+        run, bag: as above.
+        convert: between the run's time steps and ROS time.
+        now_ns: the newest stamp seen.
+        said_ns: the time that the world has said.
+        heard: when the last message came, by `time.monotonic`.
+        obeyed: name of the last order to go back.
+        final: the robots whose last tables have come.
+    """
+
+    def __init__(
+        self, node: "Recorder", run: RunConfig, bag: BagWriter | BagProcess
+    ) -> None:
+        assert node.presence is not None
+        self._node = node
+        self._presence = node.presence
+        self.run = run
+        self.bag = bag
+        self._report = node.reporter("bag")
+        self._progress = node.announce(interface.PROGRESS, RECORDER)
+        self.convert = Converter(run)
+        self.now_ns = self.said_ns = 0
+        self.heard = self._flushed = time.monotonic()
+        self.obeyed = NO_ORDER
+        self.final: set[str] = set()
+        self._near_ns = LAG_STEPS * self.convert.period
+        self._count = self._steps = 0
+        self._moved = math.inf
+        self._moved_ns = 0
+        self._untold = False
+        self._tables: dict[str, tuple[int, bytes]] = {}
+
+    def begin(self) -> None:
+        """Write down what the run is; not where its bag is continued, which has it."""
+        bag = self.bag
+        run_text = self.run.to_yaml()
+        record = {**self.run.record(), wire.FORMAT_KEY: str(wire.BAG_FORMAT)}
+        bag.add_metadata(RUN_RECORD, record)
+        for name, text in bag_files(self.run, run_text).items():
+            kind = "text/plain" if name == MAP_FILE else "application/yaml"
+            bag.attach(name, text.encode(), kind)
+        channel = self._channel(interface.RUN, interface.RUN.name)
+        bag.write(channel, serialize_message(String(data=run_text)), 0, 0)
+
+    def _later(self, at: int, name: str) -> int:
+        """Go on to a message's time; one that is not of the run's time is logged now."""
+        now = self.now_ns
+        if at < 0 or at > max(now, self.said_ns) + self._near_ns:
+            said = f"stamp {at // SECOND} s {at % SECOND} ns"
+            why = f"{said} is not of the run's time {now / SECOND:g} s"
+            self._node.intake.drop(name, why, "message recorded at the run's time")
+            return now
+        self.now_ns = at
+        self._steps += 1
+        if self._steps >= self._node.values["flush_steps"]:
+            self.flush()
+        return at
+
+    def attach_tables(self, robot: str, said: tuple[bytes, int, str]) -> None:
+        """Attach a robot's tables to the bag, each but once."""
+        packed, step, occasion = said
+        self.heard = time.monotonic()
+        improved = occasion == wire.Occasion.IMPROVED
+        if improved or self._tables.get(robot) != (step, packed):
+            name = wire.improved_attachment(robot)
+            if not improved:
+                self._tables[robot] = (step, packed)
+                name = wire.tables_attachment(robot, step)
+            self.bag.attach(name, packed, "application/x-npz", self.now_ns)
+            self.flush()  # the robot saves now, and may go on from there
+        if occasion == wire.Occasion.FINAL:
+            self.final.add(robot)
+
+    def go_back(self, order: Order) -> None:
+        """Begin another file of the bag where the run goes back."""
+        if order.name == self.obeyed:
+            return
+        self.obeyed = order.name
+        if order.step != ROLL_CALL:
+            self.bag.begin_file(why_of(order))
+            self.now_ns = self.said_ns = (order.first - 1) * self.convert.period
+            self._tables.clear()
+
+    def flush(self) -> None:
+        """Let all that was recorded survive this process."""
+        self._steps = 0
+        self._flushed = time.monotonic()
+        self.bag.flush()
+        with contextlib.suppress(
+            OSError
+        ):  # the directory is gone: the bag's own error says so
+            free = shutil.disk_usage(self._node.directory).free >> 20
+            if free < KEPT_FREE:
+                raise BagError(
+                    f"recording to {self._node.directory} ends: its disk has {free} MiB left, "
+                    f"{KEPT_FREE} are kept for what the team saves; make room"
+                )
+
+    # Whom it hears.
+
+    def listen(self) -> None:
+        """Listen to the run's team."""
+        node = self._node
+        of_team, of_node, of_robot = map(interface.recorded, (TEAM, NODE, ROBOT))
+        for topic in of_team:
+            if topic is interface.CLOCK:
+                topic = interface.clock_of(self.run)
+            if topic is not interface.RUN:
+                self._record(topic, "")
+        for name in node.names_of(WORLD) or {WORLD}:
+            for topic in of_node:
+                self._record(topic, name)
+        for robot in self.run.scenario.robots:
+            for topic in (*of_robot, *of_node):
+                self._record(topic, robot.name)
+            attach = partial(self.attach_tables, robot.name)
+            tables = interface.TABLES
+            qos = interface.recorder_qos(interface.TABLES)
+            node.intake.listen(
+                tables, attach, robot.name, read=read_tables_message, qos=qos
+            )
+
+    def _channel(self, topic: interface.RosTopic, name: str) -> int:
+        """Register a topic and return its channel in the bag."""
+        full_name = self._node.resolve_topic_name(name)
+        qos = QoS(durability=topic.qos.durability.name.lower(), depth=topic.qos.depth)
+        return self.bag.add_topic(full_name, topic.type_name, qos)
+
+    def _record(self, topic: interface.RosTopic, owner: str) -> None:
+        """Write down a topic, at the time that its messages say, or at the world's."""
+        node = self._node
+        name = topic.of(owner)
+        channel = self._channel(topic, name)
+        write_down = self.bag.write
+        unpack_stamp = STAMPED.unpack_from
+
+        def stamped(data: bytes) -> None:
+            self._count += 1
+            try:
+                sec, nanosec = unpack_stamp(data)
+            except struct.error as error:
+                node.intake.drop(name, error)
+                return
+            at = sec * SECOND + nanosec
+            if not 0 <= at <= self.now_ns:
+                at = self._later(at, name)
+            write_down(channel, data, at, at)
+
+        def other(data: bytes) -> None:
+            self._count += 1
+            write_down(channel, data, self.now_ns, self.now_ns)
+
+        write = stamped if topic.stamped else other
+        if node.tap is not None and topic.tapped:
+            node.tap.line(node.resolve_topic_name(name)).write = node.guarded(write)
+        else:
+            shared = topic.name == interface.DIAGNOSTICS.name
+            qos = interface.recorder_qos(topic)
+            unpack = self._of_this_namespace if shared else bytes
+            node.intake.listen(
+                topic, lambda data: data and write(data), owner, unpack=unpack, qos=qos
+            )
+
+    def _of_this_namespace(self, data: bytes) -> bytes:
+        """Return diagnostics of nodes in this one's namespace; b"": they are of others."""
+        space = self._node.get_namespace().strip("/")
+        names = (one.name for one in deserialize_message(data, DiagnosticArray).status)
+        spaces = {
+            name.partition(":")[0].strip("/").rpartition("/")[0] for name in names
+        }
+        return data if space in spaces else b""
+
+    # What a follower of a run does.
+
+    def world_said(self, said: Said) -> None:
+        """Go back where the world says so; take in its time."""
+        if said.order.name:
+            self.go_back(said.order)
+            self._untold = True
+        sec, nanosec = self.convert.stamp(said.step)
+        self.said_ns = max(self.said_ns, sec * SECOND + nanosec)
+
+    def go_on(self, now: float) -> None:
+        """Tell the world that all hear each other; note what has come, flush what has waited."""
+        if self._untold and self._finds_robots():
+            self._untold = False
+            progress = Progress("", 0, 0, (), self.obeyed).values()
+            self._progress.publish(status(RECORDER, "progress", progress))
+        if now - self._moved >= STALL_SECONDS:
+            self._note_stall(now - self._moved)
+        self._moved = now
+        self._moved_ns = self.now_ns
+        if self._count:
+            self._count = 0
+            self.heard = now
+        waited = now - self._flushed
+        if self.heard > self._flushed and waited >= self._node.values["flush_seconds"]:
+            self.flush()
+
+    def _note_stall(self, seconds: float) -> None:
+        """Write down that this recorder stood still: what waited for it may be lost.
+
+        The middleware keeps the newest messages of each topic, and forgets who is silent for long.
+        """
+        step = self._moved_ns // self.convert.period
+        texts = {"step": str(max(0, step - LAG_STEPS)), "seconds": f"{seconds:.1f}"}
+        self.bag.add_metadata(STALLED_RECORD, texts)
+        self._node.get_logger().warning(
+            f"this recorder stood still for {seconds:.1f} s at step {step}: messages may be lost"
+        )
+
+    def _finds_robots(self) -> bool:
+        """Whether all robots are in the graph: they know then that this recorder listens.
+
+        A robot cannot tell by itself as long as a killed recorder is in its graph.
+        """
+        names = map(interface.ACTION.of, self.run.scenario.names)
+        return self._node.tap is not None or all(
+            map(self._node.count_publishers, names)
+        )
+
+    def all_done(self, now: float) -> bool:
+        """Whether nothing comes any more, and nobody is left whose last words are to come."""
+        waited = now - self._presence.ended
+        quiet = now - self.heard >= QUIET_SECONDS or waited > TALK_SECONDS
+        limit = PLANNING_SECONDS if self.run.improve else LAST_WORDS_SECONDS
+        return quiet and (waited > limit or self._heard_all())
+
+    def _heard_all(self) -> bool:
+        """Whether nobody is left whose last words are still to come.
+
+        Nodes leave when all that they said has arrived. Those in this process stay until the
+        recorder has ended; their last words are the robots' tables.
+        """
+        node = self._node
+        names = self.run.scenario.names
+        tables = interface.TABLES.of
+        if node.tap is None:
+            speakers = [*map(tables, names), interface.STATUS.name]
+        else:
+            speakers = [tables(name) for name in names if name not in self.final]
+        return not any(
+            map(node.count_publishers, map(node.resolve_topic_name, speakers))
+        )
+
+    def report(self) -> None:
+        """Say on `/diagnostics` how much was recorded."""
+        if self._node.error is None:
+            values = {
+                "messages": self.bag.message_count,
+                "bytes": self.bag.bytes_written,
+            }
+            values["messages_dropped"] = self._node.intake.total
+            self._report("recording", values)
+
+
+def why_of(order: Order) -> dict[str, str]:
+    """Return what a file says that begins with an order, or without one."""
+    if not order.name or order.step == ROLL_CALL:
+        return {"why": RESTARTED}
+    return {"why": ROLLED_BACK, "step": str(order.step), "first": str(order.first)}
+
+
+class Recorder(Follower):
+    """Writes down every topic of the team and the service events, as they are.
+
+    Args:
+        place: where the node is made, and with what: see `Place`. With a tap the recorder writes
+            by another process, and an error of the recording does not stop the others.
+
+    Attributes:
+        directory: of the bag.
+        recording: its part in the run; None before that has begun.
+        error: why the recording ended too early, or None.
+
+    Raises:
+        SparseCoordError: a bad parameter, an existing directory, no world simulator, a full disk.
+    """
+
+    recording: Recording | None = None
+
+    def __init__(self, **place: Unpack[Place]) -> None:
+        super().__init__(RECORDER, PARAMETERS[RECORDER], **place)
+        self.directory = Path(
+            self.values["out"] or f"bag_{datetime.now():%Y%m%d_%H%M%S}"
+        )
+        if self.directory.exists() and not self.values["resume"]:
+            what = f"output directory {self.directory}: exists already, nothing is overwritten"
+            raise RunError(f"{what}; choose another one for parameter 'out'")
+        self.error: BagError | None = None
+        self._recording_publisher = self.announce(interface.RECORDING)
+        topic = self.resolve_topic_name(interface.RUN.name)
+        where = self.directory.absolute()
+        self.get_logger().info(
+            f"will record to {where}; waiting for a world simulator on {topic}"
+        )
+
+    def fail(self, error: SparseCoordError) -> None:
+        """Stop; beside nodes in the same process, let them go on where only the bag is broken."""
+        if (
+            self.tap is None
+            or self.recording is None
+            or not isinstance(error, BagError)
+        ):
+            super().fail(error)
+        elif self.error is None:
+            self.error = error
+            self.done = True
+            self.tap.close()
+            self.get_logger().error(f"{error}; the run goes on unrecorded")
+
+    def may_begin(self, now: float) -> bool:
+        """Where a bag is continued, wait until the world has said from where."""
+        said = self.status
+        going_back = said is None or (
+            said.state == wire.RunState.RESUMING and not said.order.name
+        )
+        waits = bool(self.values["resume"]) and going_back
+        if waits and self.run is not None:
+            self.remind(self.reminder, "the world to say from where the run goes on")
+        return not waits
+
+    def begin(self, run: RunConfig) -> None:
+        """Open the bag, and listen to the run's team."""
+        earlier = continued(self.directory) if self.values["resume"] else None
+        before = {} if earlier is None else earlier.metadata.get(RUN_RECORD, {})
+        if before.get("id", run.id) != run.id:
+            remedy = "choose another one for parameter 'out'"
+            raise RunError(
+                f"{self.directory}: holds the recording of another run; {remedy}"
+            )
+        values = self.values
+        longest = round(self.values["max_bagfile_duration"] * SECOND)
+        options: dict[str, Any] = {
+            "compression": values["compression"],
+            "max_ns": longest,
+        }
+        options["max_bytes"] = values["max_bagfile_size"]
+        order = Order() if self.status is None else self.status.order
+        if earlier is not None:
+            options |= {"earlier": earlier, "why": why_of(order)}
+        bag = (BagWriter if self.tap is None else BagProcess)(self.directory, **options)
+        self.at_end.enter_context(
+            contextlib.suppress(BagError)
+        )  # a broken one stays unfinished
+        self.at_end.callback(bag.close)
+        self.part = self.recording = recording = Recording(self, run, bag)
+        if earlier is None:
+            recording.begin()
+        else:
+            goes_back = why_of(order)["why"] == ROLLED_BACK
+            first_ns = (order.first - 1) * recording.convert.period
+            recording.now_ns = first_ns if goes_back else earlier.end_ns
+            recording.obeyed = order.name
+        recording.listen()
+        bag.flush()
+        self._recording_publisher.publish(String(data=str(self.directory)))
+        again = "" if earlier is None else ", in a further file of this bag"
+        self.get_logger().info(f"records {run.scenario.name} from now on{again}")
+
+    def may_stop(self) -> bool:
+        """As of every follower, but not for ever where others go on talking."""
+        now = time.monotonic()
+        return super().may_stop() or now - (self._stopping or now) > LAST_WORDS_SECONDS
+
+    def finish(self, *, interrupted: bool) -> None:
+        """Close the bag and say what is in it."""
+        if self.recording is None or self.error is not None or self.failure is not None:
+            return
+        bag = self.recording.bag
+        try:
+            bag.close()
+        except BagError as error:
+            if self.tap is None:
+                self.fail(error)
+                raise
+            self.error = error
+            self.get_logger().error(str(error))
+            return
+        self.get_logger().info(
+            f"closed {self.directory}: {bag.message_count} messages, {bag.bytes_written} bytes"
+        )
+
+
+def main() -> int:
+    """Run the node `recorder`."""
+    return run_node(lambda context: Recorder(context=context))

@@ -1,0 +1,145 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""How a team goes on: robots that come back, and runs that are resumed."""
+
+import functools
+import time
+from collections.abc import Callable
+
+from sparse_coord_ros.base.errors import RunError
+from sparse_coord_ros.core.runs.run_config import RunConfig
+from sparse_coord_ros.protocol.lockstep.rollback import WorldRollback
+from sparse_coord_ros.protocol.lockstep.world_side import WorldSide
+from sparse_coord_ros.protocol.wire import RECORDER
+from sparse_coord_ros.protocol.wire.status import (
+    NO_ORDER,
+    ROLL_CALL,
+    Progress,
+    read_progress,
+)
+from sparse_coord_ros.ros.nodes import interface
+from sparse_coord_ros.ros.nodes.outputs import Output
+from sparse_coord_ros.ros.nodes.parameters import ROLL_BACK
+
+
+class Returning(WorldRollback):
+    """Hears what robots say of their checkpoints, and takes the team back where that is due.
+
+    Args:
+        run: the run.
+        side: the world's side of the lock step.
+        output: where the world saves; its node's `resume` and `returning` say what is due.
+        changed: called when an order was given, and when the team goes on.
+    """
+
+    def __init__(
+        self,
+        run: RunConfig,
+        side: WorldSide,
+        output: Output,
+        changed: Callable[[], None],
+    ) -> None:
+        self._names = run.scenario.names
+        super().__init__(side, output.store, len(self._names))
+        self._output = output
+        self._run = run
+        self._changed = changed
+        node = self._node = output.node
+        self._warn = node.get_logger().warning
+        self._under_way = False
+        self._recorder_obeyed = NO_ORDER
+        self._since = 0.0
+        for robot, name in enumerate(self._names):
+            then = functools.partial(self._on_progress, robot)
+            node.intake.listen(interface.PROGRESS, then, name, read=read_progress)
+        if run.recorded:
+            node.intake.listen(
+                interface.PROGRESS, self._on_recorder, RECORDER, read=read_progress
+            )
+
+    @property
+    def calling(self) -> bool:
+        """Whether the team waits for all to say where they are, before it goes on there."""
+        return self._side.held and self.order.step == ROLL_CALL
+
+    def resume(self) -> list[str]:
+        """Where a run is resumed, order from where; return whose checkpoints are not known yet.
+
+        Raises:
+            RunError: a robot keeps no checkpoints, or the world's is of another run.
+        """
+        if not self._node.values["resume"] or self._side.held:
+            return []
+        silent = [self._names[k] for k, said in enumerate(self.said) if said is None]
+        if not silent:
+            if not self._order_back(
+                together=self._node.values["returning"] == ROLL_BACK
+            ):
+                raise RunError(
+                    "resume: a robot keeps no checkpoints; give every robot parameter 'out' and "
+                    "resume:=true, or this world returning:=continue"
+                )
+            world = self._side.world
+            self._node.get_logger().info(
+                f"going on from a checkpoint: transition {world.transitions}, step {world.step}"
+            )
+        return silent
+
+    def look(self, now: float, *, all_listen: Callable[[], bool]) -> None:
+        """End the hold after an order; who does not obey in time joins later."""
+        late = now - self._since >= self._run.step_timeout
+        recorded = not self._run.recorded or self._recorder_obeyed == self.order.name
+        if not late and not (recorded and all_listen()):
+            return
+        waiting = [self._names[k] for k in sorted(self.waiting)]
+        lost = self._side.lost
+        if not self.go_on(anyway=late):
+            return
+        if waiting:
+            self._warn(f"{', '.join(waiting)} did not obey; going on without")
+        if self._side.lost > lost:
+            self._warn(f"{self._side.lost} transitions are lost in the history")
+        self._changed()
+
+    def begin(self, now: float) -> None:
+        """The run is under way from now on; so long a resumed team has had to obey."""
+        self._under_way = True
+        self._since = now
+
+    def _on_progress(self, robot: int, said: Progress) -> None:
+        """Take in what a robot says of its checkpoints; one that comes back may take us along."""
+        if self.heard(robot, said) and self._under_way and not self._side.finished:
+            self._came_back(robot, said)
+        self._output.count(self.events)
+
+    def _came_back(self, robot: int, said: Progress) -> None:
+        name = self._names[robot]
+        step = self._side.world.step
+        if not said.resumed:
+            self._warn(
+                f"{name} was replaced at step {step}: a new node has its name, with tables of its "
+                "own"
+            )
+        elif self._node.values["returning"] == ROLL_BACK and self._order_back():
+            self._warn(
+                f"{name} came back at step {step}: everybody goes back to the checkpoint of step "
+                f"{self.order.step}"
+            )
+        else:
+            lost = max(0, step - said.step)
+            self.events["robot_steps_lost"] += lost
+            self._warn(
+                f"{name} came back at step {step} with what it had learned until step "
+                f"{said.step}: the team goes on, {lost} time steps of {name} are lost"
+            )
+
+    def _on_recorder(self, said: Progress) -> None:
+        self._recorder_obeyed = said.obeyed
+
+    def _order_back(self, *, together: bool = True) -> bool:
+        """Go back, as `go_back`, and say so."""
+        gone = self.go_back(together=together)
+        if gone:
+            self._since = time.monotonic()
+            self._changed()
+        return gone

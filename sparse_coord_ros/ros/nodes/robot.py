@@ -1,0 +1,440 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The robot node: one agent of Algorithm 1, which knows of its peers only what they answer.
+
+`Member` is its part in a run: all that exists once the run is known.
+"""
+
+from pathlib import Path
+from typing import Any, Unpack
+
+import numpy as np
+
+from sparse_coord_ros.base.errors import TablesError, in_short, os_error_text
+from sparse_coord_ros.base.files import write_whole
+from sparse_coord_ros.core.engine.improve import IMPROVED
+from sparse_coord_ros.core.game.world import Action, Reward
+from sparse_coord_ros.core.learners.agent import Agent
+from sparse_coord_ros.core.runs.run_config import RUN_FILE, RunConfig
+from sparse_coord_ros.core.runs.tables import TEAM_FILE, pack_tables, robot_file
+from sparse_coord_ros.protocol import wire
+from sparse_coord_ros.protocol.lockstep.gate import StepGate
+from sparse_coord_ros.protocol.lockstep.robot_side import NO_STEP, RobotSide
+from sparse_coord_ros.protocol.lockstep.rollback import RobotRollback
+from sparse_coord_ros.protocol.wire import RECORDER, WORLD, Account, services
+from sparse_coord_ros.protocol.wire.status import ROLL_CALL, Said
+from sparse_coord_ros.ros.nodes import interface
+from sparse_coord_ros.ros.nodes.exchange import Exchange
+from sparse_coord_ros.ros.nodes.follower import Follower
+from sparse_coord_ros.ros.nodes.guard import Guard
+from sparse_coord_ros.ros.nodes.messages import (
+    Converter,
+    robot_number,
+    status,
+    tables_message,
+)
+from sparse_coord_ros.ros.nodes.outputs import Output, begin_with
+from sparse_coord_ros.ros.nodes.parameters import PARAMETERS, Place
+from sparse_coord_ros.ros.nodes.peers import Peers
+from sparse_coord_ros.ros.nodes.spin import run_node, wait_for_readers
+
+LAST_WORDS_SECONDS = 2.0
+"""How long a robot waits for its last reward after the run's end."""
+
+PEER_PATIENCE_SECONDS = 2.0
+"""How long a robot that is ready itself waits for its peers' services before it says so."""
+
+
+class Member:
+    """One agent of a run and its place on the wire; the port of its side of the lock step.
+
+    Args:
+        node: the robot's node, which follows the run.
+        run: the run.
+
+    Attributes:
+        output: where it saves.
+        lockstep: the robot's side of the lock step, with its agent.
+        joined: whether the robot listens to the world.
+
+    Raises:
+        SparseCoordError: the scenario has no such robot, or the tables to begin with do not fit.
+    """
+
+    def __init__(self, node: "RobotNode", run: RunConfig) -> None:
+        assert node.presence is not None
+        self._node = node
+        self._presence = node.presence
+        self._name = node.get_name()
+        self.run = run
+        remedy = (
+            f"name the node with --ros-args -r __node:={run.scenario.robots[0].name}"
+        )
+        self._number = robot_number(run, self._name, remedy)
+        self._convert = Converter(run)
+        own = [robot_file(Path(), self._name).name, TEAM_FILE]
+        self.output = Output(node, self._name, run, own)
+        self._action = node.announce(interface.ACTION, self._name)
+        self._percept = node.announce(interface.PERCEPT, self._name)
+        self._map_publisher = node.announce(interface.COORDINATION_MAP, self._name)
+        self._tables = node.announce(interface.TABLES, self._name)
+        self._progress = node.announce(interface.PROGRESS, self._name)
+        self._report = node.reporter("agent")
+        self.lockstep = RobotSide(run, self._fresh_agent(), self)
+        self._unsaid = resumed = node.values["resume"]
+        side = self.lockstep
+        store = self.output.store
+        life = node.guard.claim.id
+        self._back = RobotRollback(side, store, self._fresh_agent, life, resumed)
+        if resumed:
+            step = self._back.begin()
+            what = (
+                f"goes on from its checkpoint of step {step}"
+                if step
+                else "has no checkpoint"
+            )
+            node.get_logger().info(f"{self._name} {what}")
+        self._gate = StepGate()
+        self._kept = (0, 0)
+        self.joined = False
+        self._ears: list[Any] = []
+        self._ready_since = 0.0
+        self._peers = Peers(node, run, self._convert, self.lockstep)
+        self._exchange = Exchange(node, run, self._packed) if run.improve else None
+        node.offer(services.SAVE, self._on_save)
+        self._say_progress()
+
+    def _fresh_agent(self) -> Agent:
+        """Return an agent as it is at the run's beginning."""
+        run = self.run
+        number = self._number
+        learning = not self.run.greedy
+        source = self._node.values["tables"]
+        if run.greedy and not source:
+            raise TablesError(
+                f"robot {self._name}: the run is greedy but parameter 'tables' names no learned "
+                "tables; give the output directory of a run"
+            )
+        memory = begin_with(Path(source), run, number) if source else None
+        return Agent(
+            run.rule, run.scenario, number, run.seed, memory=memory, learning=learning
+        )
+
+    # Going back to a checkpoint.
+
+    def _say_progress(self) -> None:
+        """Tell the world which checkpoints there are."""
+        self._progress.publish(
+            status(self._name, "progress", self._back.progress().values())
+        )
+
+    def world_said(self, said: Said) -> None:
+        """Take in what the world says: an order to go back, and how far it is."""
+        order = said.order
+        if self._back.obey(order):
+            if order.step != ROLL_CALL:
+                self._unsaid = False
+                self._gate = StepGate(order.first)
+                self._peers.start_anew()
+                self._node.get_logger().info(
+                    f"went back to the checkpoint of step {order.step}"
+                )
+                self.joined = (
+                    False  # the world goes on when all listen anew, and have said so
+                )
+            elif self.joined:
+                self._say_progress()
+        if self._gate.confirmed(said.step):
+            self.lockstep.state(*self._kept)
+
+    # Outgoing: the port of the lock step.
+
+    def act(self, step: int, action: Action, account: Account) -> None:
+        """Publish the action that answers the local state of a time step."""
+        self._action.publish(self._convert.pack_action(step, action, account))
+
+    def percept(self, step: int, cell: int, perceived: tuple[int, ...] | None) -> None:
+        """Publish what came of COORDINATE."""
+        self._percept.publish(self._convert.path(step, (cell, *(perceived or ()))))
+
+    def ask(self, peer: int, step: int, cell: int) -> None:
+        """Request the peer's local state; a peer that fell silent is not waited for."""
+        if not self._peers.ask(peer, step, cell):
+            self.lockstep.expire()
+
+    def episode(self, step: int) -> None:
+        """Publish the coordination map as it is, when an episode begins and now and then."""
+        rows = self.lockstep.agent.mind.q_star
+        self._map_publisher.publish(
+            self._convert.pack_coordination_map(step, np.array(rows))
+        )
+
+    def checkpoint(self, step: int) -> None:
+        """Publish the tables on the way, and save where the robot is."""
+        self._publish_tables(wire.Occasion.CHECKPOINT)
+        self._save_checkpoint()
+
+    # Incoming.
+
+    def _on_state(self, said: tuple[int, int]) -> None:
+        if not self.joined:  # it went back, and is yet to listen anew
+            return
+        step, cell = said
+        drop = self._node.intake.drop
+        if not self._gate.passes(step):
+            self._kept = said
+            drop(
+                interface.LOCAL_STATE.of(self._name),
+                f"step {step} does not follow {self._gate.newest}, and the world has not said "
+                "that it is so far",
+            )
+            return
+        if self._presence.sees(step):
+            drop(interface.STATUS.name, "the run was said to be over")
+        if (
+            self._unsaid
+        ):  # no order to go back has come: it goes on from its own checkpoint
+            self._unsaid = False
+            self._say_what_is_known(step)
+        self.lockstep.state(step, cell)
+
+    def _on_save(self) -> tuple[bool, str]:
+        try:
+            path = self._save()
+        except OSError as error:
+            return False, os_error_text(error)
+        return bool(
+            path
+        ), f"saved {path}" if path else "no parameter 'out': nowhere to save"
+
+    # The course of the run.
+
+    def go_on(self, now: float) -> None:
+        """Join the run where the robot has not; then keep its deadlines until it is over."""
+        if not self.joined:
+            self._join_when_ready(now)
+        elif self._presence.end is None:
+            self._peers.keep_the_deadline(now)
+
+    def _join_when_ready(self, now: float) -> None:
+        """Listen to the world once everybody who should hear this robot does.
+
+        The world waits for these subscriptions: with them the robot says that it is ready.
+        """
+        missing = self._not_heard_by()
+        if missing:
+            self._node.remind(self._node.reminder, missing)
+            return
+        self._ready_since = self._ready_since or now
+        if now - self._ready_since < PEER_PATIENCE_SECONDS and not self._peers.ready():
+            return
+        self._listen()
+        self._node.guard.join()
+        self._say_progress()
+        if not self._unsaid:
+            self._say_what_is_known(self.lockstep.handled)
+
+    def _listen(self) -> None:
+        """Listen to the world from now on: nothing that it published before comes any more."""
+        for ear in self._ears:
+            self._node.destroy_subscription(ear)
+        if not self._ears:
+            run = self.run
+            self._node.get_logger().info(
+                f"joined run {run.scenario.name}, seed {run.seed}"
+            )
+        listen = self._node.intake.listen
+        convert = self._convert
+
+        def on_reward(said: tuple[int, Reward]) -> None:
+            self.lockstep.reward(*said)
+
+        self._ears = [
+            listen(
+                interface.REWARD, on_reward, self._name, unpack=convert.unpack_reward
+            ),
+            listen(
+                interface.LOCAL_STATE,
+                self._on_state,
+                self._name,
+                unpack=convert.unpack_state,
+            ),
+        ]
+        self.joined = True
+
+    def _not_heard_by(self) -> str:
+        """Return who is to hear this robot and does not yet, or an empty text."""
+        heard_by = self._node.heard_by
+        robots = self.run.scenario.robots
+        if not heard_by(self._action, WORLD):
+            return "the world simulator to listen to this robot"
+        dialogue = (interface.SERVICE_EVENTS.of(robot.name) for robot in robots)
+        if self.run.recorded and not (
+            all(
+                heard_by(publisher, RECORDER)
+                for publisher in (self._action, self._percept)
+            )
+            and all(self._node.is_heard(topic, RECORDER) for topic in dialogue)
+        ):
+            return "a recorder to listen to this robot"
+        return ""
+
+    def all_done(self, now: float) -> bool:
+        """Whether all is learned that happened, or what is missing has had its time to come."""
+        side = self.lockstep
+        end = self._presence.end
+        ended = self._presence.ended
+        heard_all = self.joined and end is not None and side.newest[0] >= end
+        if (
+            not (heard_all and side.waiting is None)
+            and now - ended <= LAST_WORDS_SECONDS
+        ):
+            return False
+        return self._exchange is None or not self._finished or self._exchange.over()
+
+    @property
+    def _finished(self) -> bool:
+        """Whether the world has said that the budget is used up."""
+        said = self._node.status
+        return said is not None and said.state == wire.RunState.FINISHED
+
+    # Saving.
+
+    def _save_checkpoint(self) -> None:
+        self.output.checkpoint(self.lockstep.snapshot())
+        self._say_progress()
+
+    def _save(self) -> Path | None:
+        """Write the tables and return where; None: no directory was given."""
+        packed = self._packed()
+        name = self._name
+        place = self.output.save(lambda out: write_whole(robot_file(out, name), packed))
+        return None if place is None else robot_file(place, name)
+
+    def _improve(self) -> None:
+        """Save and publish what the robot makes of what all have learned, or has learned."""
+        assert self._exchange is not None
+        plan = self._exchange.plan()
+        number = self._number
+        tables = self.lockstep.agent.tables if plan is None else plan.tables[number]
+        packed = pack_tables({number + 1: tables.memory}, counts=self.lockstep.counts)
+
+        def write(out: Path) -> None:
+            (out / IMPROVED).mkdir(exist_ok=True)
+            write_whole(out / IMPROVED / RUN_FILE, self.run.to_yaml())
+            write_whole(robot_file(out / IMPROVED, self._name), packed)
+
+        self.output.save(write)
+        self._tables.publish(
+            tables_message(packed, self.lockstep.handled, wire.Occasion.IMPROVED)
+        )
+
+    def _packed(self) -> bytes:
+        """Return the tables as they are, with what they are of."""
+        agent = self.lockstep.agent
+        number = agent.number + 1
+        counts = self.lockstep.counts
+        return pack_tables({number: agent.memory()}, counts=counts)
+
+    def finish(self, *, interrupted: bool) -> None:
+        """Publish the last coordination map and the tables, save them and let all arrive."""
+        if self.lockstep.handled and not self._unsaid:
+            self._save_checkpoint()
+        path = self._save()
+        if path is not None:
+            self._node.get_logger().info(f"saved {path}")
+        if self._exchange is not None and self._finished and not interrupted:
+            self._improve()
+        self.report()
+        self._publish_tables(wire.Occasion.FINAL)
+        wait_for_readers(
+            (self._action, self._percept, self._map_publisher, self._tables)
+        )
+
+    # Reports.
+
+    def report(self) -> None:
+        """Say how learning goes, and where the robot would ask."""
+        step = self.lockstep.newest[0]
+        if self.joined and step == NO_STEP:
+            self._node.remind(self._node.reminder, "the world to begin")
+        self.output.count({})
+        values = {
+            **{f"asks_{how}": count for how, count in self.lockstep.asks.items()},
+            "epsilon": f"{self.lockstep.agent.epsilon(step):.4f}",
+            "transitions_dropped": self.lockstep.dropped,
+            "messages_dropped": self._node.intake.total,
+        }
+        doing = (
+            wire.RunState.LEARNING
+            if self.lockstep.agent.learning
+            else wire.RunState.GREEDY
+        )
+        self._report(doing, values)
+        if not self._unsaid:
+            self.episode(self.lockstep.handled)
+
+    def _say_what_is_known(self, step: int) -> None:
+        self.episode(step)
+        self._publish_tables(wire.Occasion.INITIAL)
+
+    def _publish_tables(self, occasion: str) -> None:
+        """Publish the tables; `occasion` says why."""
+        self._tables.publish(
+            tables_message(self._packed(), self.lockstep.handled, occasion)
+        )
+
+
+class RobotNode(Follower):
+    """Gets a name, becomes a member of the team that is announced, and leaves it at the end.
+
+    Args:
+        name: the robot's name unless the command line remaps it.
+        place: where the node is made, and with what: see `Place`.
+
+    Attributes:
+        guard: guards its name.
+        member: its part in the run, with Q*_k and Q^C_k; None: the run is not known yet.
+
+    Raises:
+        SparseCoordError: a bad parameter, a name that is taken or that the scenario does not have,
+            no world simulator.
+    """
+
+    member: Member | None = None
+
+    def __init__(self, *, name: str = "robot", **place: Unpack[Place]) -> None:
+        super().__init__(name, PARAMETERS["robot"], **place)
+        self.guard = Guard(self)
+
+    def may_begin(self, now: float) -> bool:
+        """Whether nobody who had the name before has been heard in time."""
+        return self.guard.holds(now)
+
+    def check(self, run: RunConfig) -> None:
+        """Refuse code that may not be imported here, and paths that this node was not given.
+
+        Raises:
+            NotAllowedError: the run names such code.
+            TablesError: it begins with tables, and this node has no parameter `tables`.
+        """
+        run.check_code()
+        if run.tables and not self.values["tables"]:
+            raise TablesError(
+                f"the run begins with the tables of {in_short(run.tables)}, which this robot does "
+                "not read as its parameter 'tables' is empty; give it that directory"
+            )
+
+    def begin(self, run: RunConfig) -> None:
+        """Become a member of the team."""
+        self.part = self.member = Member(self, run)
+
+    def finish(self, *, interrupted: bool) -> None:
+        """Say the last words, and save what was learned."""
+        if self.member is not None:
+            self.member.finish(interrupted=interrupted)
+
+
+def main() -> int:
+    """Run the node `robot`."""
+    return run_node(lambda context: RobotNode(context=context))

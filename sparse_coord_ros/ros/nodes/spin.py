@@ -1,0 +1,299 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Contexts, executors, signals and exit codes of every executable."""
+
+import faulthandler
+import signal
+import sys
+import time
+import traceback
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+
+import rclpy
+from rclpy.clock import Clock, ClockType
+from rclpy.context import Context
+from rclpy.duration import Duration
+from rclpy.executors import Executor, SingleThreadedExecutor
+from rclpy.logging import LoggingSeverity
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
+
+from sparse_coord_ros.base import errors
+from sparse_coord_ros.base.signals import STOPPING
+from sparse_coord_ros.ros.nodes import interface
+from sparse_coord_ros.ros.nodes.environment import (
+    check_security,
+    repair_promptly,
+    ros_domain,
+)
+from sparse_coord_ros.ros.nodes.parameters import ParameterNode
+from sparse_coord_ros.ros.nodes.shared_memory import leftovers
+
+READERS_SECONDS = 3.5
+"""How long the last messages may take: with profiles of the user's own, Fast DDS offers lost ones
+again every three seconds."""
+
+LOOK_SECONDS = 0.01
+"""Between two looks at the condition and at signals; meanwhile the executor goes from callback to
+callback by itself: a call of it for each would cost a tenth of a time step."""
+
+MATCH_SECONDS = 1.0
+"""How long the readers of /rosout may take to find a node's last word."""
+
+PATIENCE_SECONDS = 3.0
+SHUTDOWN_SECONDS = 10.0
+STDERR = 2
+"""Its number: a terminal that was closed has none in `sys`."""
+
+
+class Stop:
+    """Whether one of `STOPPING` has come.
+
+    One Ctrl-C often arrives twice, from the terminal and from launch. A further signal interrupts
+    at once only when the node has had `PATIENCE_SECONDS` to end by itself.
+    """
+
+    def __init__(self) -> None:
+        self.signal: int | None = None
+        self._since = 0.0
+        self._at_once = False
+
+    def __bool__(self) -> bool:
+        """Whether to stop."""
+        return self.signal is not None
+
+    def handle(self, number: int, frame: object) -> None:
+        """Note a signal."""
+        if self.signal is None:
+            self.signal = number
+            self._since = time.monotonic()
+            if self._at_once:
+                raise KeyboardInterrupt
+        elif time.monotonic() - self._since > PATIENCE_SECONDS:
+            raise KeyboardInterrupt
+
+    @contextmanager
+    def at_once(self) -> Iterator[None]:
+        """Let the first signal interrupt at once, also one that has come before."""
+        self._at_once = True
+        try:
+            if self:
+                raise KeyboardInterrupt
+            yield
+        finally:
+            self._at_once = False
+
+
+@contextmanager
+def signals() -> Iterator[Stop]:
+    """Catch `STOPPING`, so that nodes can say good-bye while ROS still works."""
+    stop = Stop()
+    ignored = (
+        [signal.SIGHUP] if signal.getsignal(signal.SIGHUP) == signal.SIG_IGN else []
+    )
+    before = {n: signal.signal(n, stop.handle) for n in STOPPING if n not in ignored}
+    try:
+        yield stop
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@contextmanager
+def ros_context(args: Sequence[str] | None = None) -> Iterator[Context]:
+    """Open a ROS context of its own, without ROS's signal handlers; see `repair_promptly` too.
+
+    Args:
+        args: command line with `--ros-args`; None: no arguments.
+    """
+    repair_promptly()
+    check_security()
+    ros_domain()  # an error now, in one line
+    leftovers(remove=True)  # of killed processes
+    context = Context()
+    try:
+        none = SignalHandlerOptions.NO
+        rclpy.init(args=list(args or ()), context=context, signal_handler_options=none)
+    except RuntimeError as error:  # of rcl: malformed or unknown ROS arguments
+        raise errors.RunError(f"ROS: {' '.join(str(error).split())}") from None
+    try:
+        yield context
+    finally:
+        with limited_shutdown():
+            rclpy.try_shutdown(context=context)
+
+
+@contextmanager
+def limited_shutdown() -> Iterator[None]:
+    """End the process with exit code 1 where taking ROS down hangs; everything is saved by then.
+
+    Fast DDS 2.14 can deadlock when another participant leaves (eProsima/Fast-DDS issue 6502), and
+    then no signal ends the process. The watchdog runs without Python's interpreter lock, which the
+    call that hangs holds; so all that it can say is "Timeout" and where each thread is.
+    """
+    faulthandler.dump_traceback_later(SHUTDOWN_SECONDS, exit=True, file=STDERR)
+    try:
+        yield
+    finally:
+        faulthandler.cancel_dump_traceback_later()
+
+
+def make_executor(kind: str, context: Context) -> Executor:
+    """Return an executor.
+
+    Args:
+        kind: "events" or "single".
+        context: the nodes' context.
+
+    Raises:
+        RunError: this rclpy has no EventsExecutor.
+    """
+    if kind == "single":
+        return SingleThreadedExecutor(context=context)
+    try:
+        from rclpy.experimental.events_executor import EventsExecutor
+    except ImportError:
+        raise errors.RunError(
+            "executor 'events': this rclpy has none (it came with 7.1.2); update ROS 2 Jazzy or "
+            "use 'single'"
+        ) from None
+    return EventsExecutor(context=context)
+
+
+def spin_nodes(
+    nodes: Sequence[Node], kind: str, context: Context, until: Callable[[], bool]
+) -> None:
+    """Run nodes until a condition holds.
+
+    Raises:
+        SparseCoordError: why a node failed.
+    """
+    executor = make_executor(kind, context)
+    turn = Future()
+    steady = Clock(clock_type=ClockType.STEADY_TIME)
+    # With a timeout alone the EventsExecutor comes back only when no message waits any more.
+    timer = nodes[0].create_timer(
+        LOOK_SECONDS, lambda: turn.set_result(None), clock=steady
+    )
+    try:
+        for node in nodes:
+            executor.add_node(node)
+        while not until():
+            for node in nodes:
+                if isinstance(node, ParameterNode) and node.failure is not None:
+                    raise node.failure
+            turn = Future()
+            executor.spin_until_future_complete(turn, timeout_sec=2 * LOOK_SECONDS)
+    finally:
+        nodes[0].destroy_timer(timer)
+        for node in nodes:
+            executor.remove_node(node)
+        executor.shutdown()
+
+
+def wait_for_readers(publishers: Iterable[Publisher]) -> None:
+    """Wait until all readers have what was published, but no longer than `READERS_SECONDS`.
+
+    A killed reader never says so.
+    """
+    deadline = time.monotonic() + READERS_SECONDS
+    for publisher in publishers:
+        publisher.wait_for_all_acked(
+            Duration(seconds=max(0.0, deadline - time.monotonic()))
+        )
+
+
+def say_on_rosout(node: Node, error: errors.SparseCoordError) -> None:
+    """Publish on /rosout why a node ends, for who is not at its terminal, which shows it too.
+
+    The text of an unexpected exception is its traceback.
+    """
+    topic = interface.ROSOUT
+    publisher = node.create_publisher(topic.type, topic.name, interface.LATCHED_QOS)
+    message = topic.type(
+        level=LoggingSeverity.FATAL, name=node.get_logger().name, msg=str(error)
+    )
+    message.stamp = node.get_clock().now().to_msg()
+    if isinstance(error, errors.FaultError) and error.__cause__ is not None:
+        message.msg = "".join(traceback.format_exception(error.__cause__))
+    deadline = time.monotonic() + MATCH_SECONDS
+    readers = node.count_subscribers(publisher.topic_name)
+    while publisher.get_subscription_count() < readers and time.monotonic() < deadline:
+        time.sleep(LOOK_SECONDS)
+    publisher.publish(message)
+    wait_for_readers([publisher])
+
+
+@contextmanager
+def ending(
+    nodes: Sequence[ParameterNode], save: Callable[[], object]
+) -> Iterator[None]:
+    """Whatever ends nodes, save what they have, say it on /rosout, and take them down."""
+    try:
+        yield
+    except errors.NameTakenError:
+        raise  # the team is another node's: neither save nor tell anybody
+    except Exception as error:
+        failure = errors.failure_of(error)
+        with suppress(Exception):  # the first error is the one to tell
+            save()
+        failed = [node for node in nodes if node.failure is not None] or nodes
+        for node in failed[:1]:
+            with suppress(Exception):
+                say_on_rosout(node, failure)
+        raise failure from failure.__cause__
+    finally:
+        for node in nodes:
+            with limited_shutdown():
+                node.destroy_node()
+
+
+def exit_code_of(run: Callable[[Stop], None]) -> int:
+    """Run something and return the exit code that its end stands for; an error is one line.
+
+    Args:
+        run: what to run; it minds the signals that end it.
+
+    Returns:
+        0 at its end, 2 after bad input, 1 after an exception that nobody expected, 130 after an
+        impatient second Ctrl-C.
+    """
+    with signals() as stop:
+        try:
+            run(stop)
+        except Exception as error:
+            failure = errors.failure_of(error)
+            print(f"error: {failure}", file=sys.stderr, flush=True)
+            return failure.exit_code
+        except KeyboardInterrupt:
+            return errors.EXIT_INTERRUPTED
+    return 0
+
+
+def run_node(
+    make: Callable[[Context], ParameterNode], args: Sequence[str] | None = None
+) -> int:
+    """Run one node as a process: until it is `done`, or one of `STOPPING` comes.
+
+    The node's `finish(interrupted)` is called at the end, whatever brought it, while ROS still
+    works.
+
+    Returns:
+        The exit code: 0 after the run and after a signal; see `exit_code_of`.
+    """
+
+    def run(stop: Stop) -> None:
+        with ros_context(sys.argv if args is None else args) as context:
+            node = make(context)
+
+            def ended() -> bool:
+                return node.done or (bool(stop) and node.may_stop())
+
+            with ending([node], lambda: node.finish(interrupted=True)):
+                spin_nodes([node], node.values["executor"], context, ended)
+                node.finish(interrupted=not node.done)
+
+    return exit_code_of(run)

@@ -1,0 +1,190 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A whole team in one process: world simulator, robots and recorder on one executor."""
+
+import sys
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rclpy.context import Context
+
+from sparse_coord_ros.base.errors import BagError, NameTakenError
+from sparse_coord_ros.core.runs.run_config import RunConfig, create_output
+from sparse_coord_ros.log.bags.reader import BAG_DIRECTORY
+from sparse_coord_ros.protocol.lockstep.checkpoints import check_robots
+from sparse_coord_ros.protocol.wire import RECORDER, WORLD
+from sparse_coord_ros.ros.nodes.outputs import begin_with, gather, resumed_run
+from sparse_coord_ros.ros.nodes.parameters import (
+    TEAM_PARAMETERS,
+    ParameterNode,
+    of_node,
+    run_from_parameters,
+)
+from sparse_coord_ros.ros.nodes.recorder import Recorder
+from sparse_coord_ros.ros.nodes.robot import RobotNode
+from sparse_coord_ros.ros.nodes.spin import (
+    Stop,
+    ending,
+    exit_code_of,
+    ros_context,
+    spin_nodes,
+)
+from sparse_coord_ros.ros.nodes.tap import Tap
+from sparse_coord_ros.ros.nodes.world_simulator import WorldSimulator
+
+if TYPE_CHECKING:
+    from sparse_coord_ros.show.page.board import Board
+
+
+def team_run(values: dict[str, Any]) -> RunConfig:
+    """Return the run of a team, checked whole before anything is written.
+
+    Args:
+        values: all of `TEAM_PARAMETERS`; `recorded` is set to what `record` says.
+
+    Raises:
+        SparseCoordError: bad input.
+    """
+    if values["resume"]:
+        run = resumed_run(values)
+        check_robots(Path(values["out"]), run.scenario)
+        values["record"] = values["recorded"] = run.recorded
+        values["tables"] = run.tables
+        return run
+    values["recorded"] = values["record"]
+    run = run_from_parameters(values)
+    if values["tables"]:
+        begin_with(Path(values["tables"]), run, 0)
+    return run
+
+
+def run_team(
+    values: Mapping[str, Any],
+    *,
+    context: Context,
+    namespace: str = "",
+    stop: Callable[[], bool] = lambda: False,
+    page: "Board | None" = None,
+) -> dict[str, Any]:
+    """Run a team until its step budget is used up or `stop` says so.
+
+    Args:
+        values: some of `TEAM_PARAMETERS`; `out` is the output directory, which must not
+            exist, unless the run is to `resume`.
+        context: the ROS context.
+        namespace: the team's namespace.
+        stop: asked several times a second.
+        page: the board of a page that shows the team; None: none.
+
+    Returns:
+        The summary, as in `summary.yaml`; `interrupted` says whether the run was stopped early,
+        `recording_error`, where it is there, why the recording was.
+
+    Raises:
+        SparseCoordError: bad input.
+    """
+    values = {**TEAM_PARAMETERS.defaults(), **TEAM_PARAMETERS.parse(values)}
+    run = team_run(values)
+    out = Path(values["out"] or f"{run.scenario.name}_{datetime.now():%Y%m%d_%H%M%S}")
+    if not values["resume"]:
+        create_output(out)
+    tap = Tap() if values["record"] else None
+    place: dict[str, Any] = {"context": context, "namespace": namespace, "tap": tap}
+    place["shared_clients"] = {}
+    nodes: list[ParameterNode] = []
+    recorder = None
+    with ending(nodes, lambda: gather(out, run.scenario, interrupted=True)):
+        if values["record"]:
+            own = of_node(RECORDER, values)
+            recorder = Recorder(
+                values={**own, "out": str(out / BAG_DIRECTORY)}, **place
+            )
+            nodes.append(recorder)
+        values["out"] = str(out)
+        world = WorldSimulator(values=of_node(WORLD, values), **place)
+        nodes.append(world)
+        own = of_node("robot", values)
+        for name in run.scenario.names:
+            nodes.append(RobotNode(name=name, values=own, **place))
+        if page is not None:
+            from sparse_coord_ros.ros.nodes.watch import InsideWatch
+
+            robots = [node for node in nodes if isinstance(node, RobotNode)]
+            nodes.append(InsideWatch(page, world, robots, values={}, **place))
+        interrupted = _spin(nodes, values["executor"], context, stop)
+        error = recorder.error if recorder is not None else None
+        return gather(out, run.scenario, interrupted=interrupted, recording_error=error)
+
+
+def _spin(
+    nodes: Sequence[ParameterNode],
+    kind: str,
+    context: Context,
+    stop: Callable[[], bool],
+) -> bool:
+    """Spin until every node is done; return whether they were stopped before.
+
+    Whatever ends them, each says and saves what it has; the first error is raised then. They stop
+    one kind after the other: the world, the robots when they have learned all that it has done,
+    the page, the recorder. One executor has them all until the last has ended: another would miss
+    what waits in this one.
+    """
+    left = sorted(nodes, key=lambda node: isinstance(node, Recorder))
+    failures: list[Exception] = []
+    stopped = False
+
+    def end(some: Iterable[ParameterNode]) -> None:
+        for node in some:
+            left.remove(node)
+            try:
+                node.finish(interrupted=not node.done)
+            except Exception as error:  # the others save what they have all the same
+                failures.append(error)
+
+    def ended() -> bool:
+        nonlocal stopped
+        end([node for node in left if node.done])
+        if left and (stop() or failures):
+            stopped = True
+            alike = [node for node in left if isinstance(node, type(left[0]))]
+            if all(node.may_stop() for node in alike):
+                end(alike)
+        return not left
+
+    while left:
+        try:
+            spin_nodes(
+                [node for node in nodes if node.failure is None], kind, context, ended
+            )
+        except NameTakenError:
+            raise
+        except Exception as error:
+            failures.append(error)
+            end([node for node in left if node.failure is not None] or left[:])
+    if failures:
+        raise failures[0]
+    return stopped
+
+
+def main() -> int:
+    """Run the executable `team`.
+
+    Returns:
+        The exit code: 0 after the run and after a signal, 2 on bad input or a broken recording.
+    """
+    return exit_code_of(_run)
+
+
+def _run(stop: Stop) -> None:
+    with ros_context(sys.argv) as context:
+        node = ParameterNode("team", TEAM_PARAMETERS, context=context)
+        values = node.values
+        namespace = node.get_namespace()
+        node.destroy_node()
+        summary = run_team(
+            values, context=context, namespace=namespace, stop=lambda: bool(stop)
+        )
+    if "recording_error" in summary:
+        raise BagError(summary["recording_error"])

@@ -1,0 +1,569 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The node `watch`: reads what a team says, and shows it on a page in the browser.
+
+Nobody waits for it. Beside a team in other processes it hears its topics. In the team's own
+process it looks at world and robots themselves: taking every message would slow the team.
+"""
+
+import contextlib
+import functools
+import time
+from collections import defaultdict
+from collections.abc import Sequence, Set
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Unpack
+
+import numpy as np
+from rcl_interfaces.srv import SetParameters
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from std_srvs.srv import SetBool, Trigger
+
+from sparse_coord_ros.base.limits import TABLES
+from sparse_coord_ros.core.game.miscoordination import meeting_places, miscoordinated
+from sparse_coord_ros.core.game.world import FIRST_STEP, Action, Reward, StepOutcome
+from sparse_coord_ros.core.learners.tables import Tables
+from sparse_coord_ros.core.runs.history import HistoryRecorder
+from sparse_coord_ros.core.runs.run import Glimpse
+from sparse_coord_ros.core.runs.run_config import RunConfig
+from sparse_coord_ros.core.runs.tables import tables_of, unpack_saved
+from sparse_coord_ros.protocol import wire
+from sparse_coord_ros.protocol.lockstep.robot_side import RobotSide
+from sparse_coord_ros.protocol.wire import WORLD, Account, PerceptEnd, services
+from sparse_coord_ros.protocol.wire.status import Said
+from sparse_coord_ros.ros.nodes import interface
+from sparse_coord_ros.ros.nodes.follower import Follower
+from sparse_coord_ros.ros.nodes.halting import Halting
+from sparse_coord_ros.ros.nodes.messages import Converter, read_run, read_tables_message
+from sparse_coord_ros.ros.nodes.parameters import PARAMETERS, ParameterNode, Place
+from sparse_coord_ros.ros.nodes.spin import run_node
+from sparse_coord_ros.show.page.controls import (
+    HALT,
+    NEXT,
+    PAUSE,
+    RATE,
+    RESET,
+    STEP,
+    Control,
+    Controlled,
+)
+from sparse_coord_ros.show.page.live_source import LiveView
+
+if TYPE_CHECKING:
+    from sparse_coord_ros.ros.nodes.robot import RobotNode
+    from sparse_coord_ros.ros.nodes.world_simulator import WorldSimulator
+    from sparse_coord_ros.show.page.board import Board
+    from sparse_coord_ros.show.page.server import Server
+
+PAGE_SECONDS = 1 / 20
+"""Between two looks at what there is to show."""
+
+GONE_SECONDS = 4.0
+"""After so long without a word the world is called gone; it says its status every second."""
+
+LATE_TICKS = 10
+"""So long an action, a reward or a state may come after the next time step's. Counted in ticks of
+the node: a process that stood still has what it waits for in its queue."""
+
+MOST_STEPS = 10_000
+"""Time steps of which a part is remembered at most; a stranger can send any."""
+
+CONTROLS = (PAUSE, STEP, RATE, RESET, HALT)
+
+
+class Controls(Controlled):
+    """What a page asks for: calls of the world's services, and to halt also of the drivers'.
+
+    Args:
+        node: calls.
+
+    Attributes:
+        view: says how it went; None: no run is shown.
+        rate: the world's rate; None: it is not known.
+    """
+
+    def __init__(self, node: Node) -> None:
+        super().__init__()
+        self.view: LiveView | None = None
+        self.rate: float | None = None
+        self._clients = {
+            PAUSE: node.create_client(SetBool, services.PAUSE.of(WORLD)),
+            RESET: node.create_client(Trigger, services.RESET.of(WORLD)),
+            STEP: node.create_client(Trigger, services.STEP.of(WORLD)),
+            RATE: node.create_client(SetParameters, f"{WORLD}/set_parameters"),
+        }
+        self._halting = Halting(node, node.get_namespace())
+
+    def call(self) -> None:
+        """Make the calls that are due."""
+        for control in self.wishes():
+            self._do(control)
+        self._halting.tick(time.monotonic())
+        if self.view is not None:
+            self._show_halting(self.view)
+
+    def _show_halting(self, view: LiveView) -> None:
+        """Show whether there is anybody to halt, and who has not done it yet."""
+        halting = self._halting
+        said = ""
+        if (halting.asking or halting.hold) and halting.left:
+            said = "; ".join(map(halting.in_words, halting.left))
+        elif view.state == wire.RunState.HALTED:
+            said = "all robots stand"
+        view.show_halting(possible=bool(halting.asked), said=said)
+
+    def _do(self, control: Control) -> None:
+        if control.name == HALT:
+            self._halting.ask(control.value, time.monotonic())
+            return
+        client = self._clients.get(control.name)
+        if client is None or self.view is None:
+            return
+        if not client.service_is_ready():
+            self.view.notice(
+                f"nobody offers {client.srv_name}: the world is gone or starting"
+            )
+            return
+        kind: Any = client.srv_type
+        request = kind.Request()
+        if control.name == PAUSE:
+            request.data = control.value
+        elif control.name == RATE:
+            request.parameters = [
+                Parameter("rate", value=float(control.value)).to_parameter_msg()
+            ]
+        client.call_async(request).add_done_callback(
+            functools.partial(self._on_answer, control)
+        )
+
+    def _on_answer(self, control: Control, future: Any) -> None:
+        if self.view is None or future.cancelled() or future.exception() is not None:
+            return
+        response = future.result()
+        if control.name == RATE:
+            result = response.results[0]
+            success = result.successful
+            text = result.reason
+            if success:
+                self.rate = control.value
+        else:
+            success = response.success
+            text = response.message
+        self.view.notice("" if success else f"{control.name}: {text}")
+
+
+class InsideWatch(ParameterNode):
+    """Shows a team in this process.
+
+    Args:
+        board: of the page.
+        world, robots: the team's nodes.
+        place: where the node is made, and with what: see `Place`.
+    """
+
+    def __init__(
+        self,
+        board: "Board",
+        world: "WorldSimulator",
+        robots: "Sequence[RobotNode]",
+        **place: Unpack[Place],
+    ) -> None:
+        super().__init__("watch", PARAMETERS["watch"], **place)
+        self._board = board
+        self._world = world
+        self._robots = robots
+        self._controls = Controls(self)
+        title = world.values["out"]
+        controls = (*CONTROLS, NEXT)
+        self._view = LiveView(
+            world.run, board, source="live", title=title, controls=controls
+        )
+        self._controls.view = self._view
+        world.lockstep.watcher = self._on_transition
+        board.source = self._controls
+        self.create_timer(PAGE_SECONDS, self._tick)
+
+    def _on_transition(self, seen: Glimpse) -> None:
+        """Hear of each transition, from the world's side of the lock step."""
+        ends: list[PerceptEnd | None] = []
+        if any(
+            one is not None and one.asked and not one.perceived for one in seen.actions
+        ):
+            said = [
+                None if one is None else one.account_of(seen.step)
+                for one in self._sides()
+            ]
+            ends = [
+                None if one is None else PerceptEnd.said(one.percept) for one in said
+            ]
+        self._view.take(seen._replace(ends=ends))
+
+    def _sides(self) -> list[RobotSide | None]:
+        return [
+            None if one.member is None else one.member.lockstep for one in self._robots
+        ]
+
+    def _tick(self) -> None:
+        self._controls.call()
+        self._show(self._world.doing)
+        if self._view.slow_due():
+            self._show_learned()
+        self.done = self._world.done
+
+    def _show(self, state: str) -> None:
+        world = self._world.lockstep.world
+        self._view.state = state
+        made = world.transitions
+        rate = self._world.values["rate"]
+        still = world.step, list(world.cells)
+        self._view.show(transitions=made, episode=world.episode, rate=rate, still=still)
+
+    def _show_learned(self) -> None:
+        sides = enumerate(self._sides())
+        tables = {k: (side.handled, side.agent.tables) for k, side in sides if side}
+        asked = np.array(self._view.asked)
+        for k, side in enumerate(self._sides()):
+            if side is not None:  # it counts on where a run was resumed
+                asked[k] = np.maximum(asked[k], side.agent.asked_in)
+        self._view.show_learned(
+            self._world.lockstep.history.look(), tables, asked=asked
+        )
+
+    def finish(self, *, interrupted: bool) -> None:
+        """Show the end."""
+        self._world.lockstep.watcher = None
+        self._show(wire.RunState.STOPPED if interrupted else wire.RunState.FINISHED)
+        self._show_learned()
+        self._board.source = None
+
+
+class WatchNode(Follower):
+    """Shows the team that is there, and the next one after it.
+
+    Args:
+        server: the page's server; None: one of its own.
+        place: where the node is made, and with what: see `Place`.
+
+    Attributes:
+        server: the page's server.
+        controls: what the page asks for.
+        team: what is heard of the team; there is none before it has begun a run.
+
+    Raises:
+        SparseCoordError: a bad parameter, a taken port.
+    """
+
+    tick_seconds = PAGE_SECONDS
+    team: "HeardTeam"
+
+    def __init__(
+        self, *, server: "Server | None" = None, **place: Unpack[Place]
+    ) -> None:
+        self._shared = server
+        super().__init__("watch", PARAMETERS["watch"], **place)
+        self.controls = Controls(self)
+        self._transitions = 0
+        self.server.board.source = self.controls
+
+    def set_up(self) -> None:
+        """Serve the page, where nobody does."""
+        from sparse_coord_ros.show.page.board import Board
+        from sparse_coord_ros.show.page.server import Server
+
+        if self._shared is not None:
+            self.server = self._shared
+            return
+        self.server = Server(
+            Board(), host=self.values["host"], port=self.values["port"]
+        )
+        self.at_end.callback(self.server.close)
+        if self.server.warning:
+            self.get_logger().warning(self.server.warning)
+        self.get_logger().info(f"watch it at {self.server.address}")
+
+    def wait(self) -> None:
+        """Say that there is no team yet."""
+        self.controls.call()
+        board = self.server.board
+        if board.get("notice") is None:
+            where = self.resolve_topic_name(interface.RUN.name)
+            board.put(
+                "notice",
+                text=f"waiting for a team: no world simulator is on {where} yet",
+            )
+
+    def begin(self, run: RunConfig) -> None:
+        """Show the run that is announced."""
+        self._transitions = 0
+        title = f"team in {self.get_namespace()}"
+        view = LiveView(
+            run, self.server.board, source="live", title=title, controls=CONTROLS
+        )
+        self.controls.view = view
+        self.team = HeardTeam(self, run, view)
+        self.get_logger().info(
+            f"{run.scenario.name}: {len(run.scenario.robots)} robots"
+        )
+
+    def another_run(self, data: bytes) -> RunConfig:
+        """Let another run take the place of the one that is shown."""
+        run = read_run(data)
+        self.team.leave()
+        self.presence = None
+        return run
+
+    def world_said(self, said: Said) -> None:
+        """Show the world's state, and compare what was heard with what it has done."""
+        self._transitions = said.transitions
+        view = self.team.view
+        if view.state == "gone":
+            view.notice("")
+        view.state = said.state
+        self.team.compare(said)
+
+    def go_on(self, now: float) -> None:
+        """Show what has happened."""
+        self.controls.call()
+        team = self.team
+        team.tick()
+        made = max(self._transitions, team.seen) if team.whole else self._transitions
+        team.view.show(transitions=made, episode=team.episode, rate=self.controls.rate)
+        if team.view.slow_due():
+            team.view.show_learned(team.history.look(), team.tables)
+
+    def look_for_the_world(self, now: float) -> None:
+        """Say where the world is gone; the page waits for the next team."""
+        assert self.presence is not None
+        view = self.team.view
+        over = view.state in (wire.RunState.FINISHED, wire.RunState.STOPPED, "gone")
+        silent = self.presence.silent(now) > GONE_SECONDS
+        if silent and not over and not self.count_publishers(interface.STATUS.name):
+            view.state = "gone"
+            view.notice("the world is gone; the page waits for the next team")
+
+    def all_done(self, now: float) -> bool:
+        """Whether there is no next team to wait for: there may always be one."""
+        return False
+
+    def may_stop(self) -> bool:
+        """Stop at once: there is nothing to save."""
+        return True
+
+
+@dataclass
+class _Heard:
+    """What was heard of one time step, by robot.
+
+    Attributes:
+        cells: the local states.
+        said: the actions, with how their percepts ended.
+        rewards: the rewards.
+        since: the tick of the node at which the first local state came.
+    """
+
+    cells: dict[int, int] = field(default_factory=dict)
+    said: dict[int, tuple[Action, PerceptEnd | None]] = field(default_factory=dict)
+    rewards: dict[int, Reward] = field(default_factory=dict)
+    since: int = 0
+
+
+class HeardTeam:
+    """What is heard of one run's team by its topics.
+
+    Args:
+        node: subscribes.
+        run: the team's run.
+        view: shows it.
+
+    Attributes:
+        view: as above.
+        history: the episodes that were heard.
+        seen: transitions heard; episode: number of the newest one.
+        without: (robot, step) pairs of them without the robot's action, though it had not arrived.
+        whole: whether all was heard from the run's first time step on, as far as is known.
+        tables: of each robot the newest that were announced, with their time step.
+    """
+
+    def __init__(self, node: ParameterNode, run: RunConfig, view: LiveView) -> None:
+        self.view = view
+        self._node = node
+        self._run = run
+        self._goals = [robot.goal for robot in run.scenario.robots]
+        self._places = meeting_places(run.scenario).tolist()
+        self.history = HistoryRecorder(len(self._goals))
+        self.seen = self.episode = self.without = self._ticks = 0
+        self.whole = True
+        self.tables: dict[int, tuple[int, Tables]] = {}
+        view.known = view.newest = self.tables
+        self._steps: defaultdict[int, _Heard] = defaultdict(_Heard)
+        self._newest: int | None = None
+        self._last_made: int | None = None
+        self._said: Said | None = None
+        convert = Converter(run)
+        listen = node.intake.listen
+        self._subscriptions = []
+        for k, robot in enumerate(run.scenario.robots):
+            for topic, then, how in (
+                (
+                    interface.LOCAL_STATE,
+                    self._on_state,
+                    {"unpack": convert.unpack_state},
+                ),
+                (interface.ACTION, self._on_action, {"unpack": convert.unpack_account}),
+                (interface.REWARD, self._on_reward, {"unpack": convert.unpack_reward}),
+                (interface.TABLES, self._on_tables, {"read": read_tables_message}),
+            ):
+                heard = listen(topic, functools.partial(then, k), robot.name, **how)
+                self._subscriptions.append(heard)
+
+    def leave(self) -> None:
+        """Listen no more."""
+        for subscription in self._subscriptions:
+            self._node.destroy_subscription(subscription)
+
+    def _on_action(self, k: int, said: tuple[int, Action, Account]) -> None:
+        step, action, account = said
+        self._steps[step].said[k] = action, PerceptEnd.said(account.percept)
+        self.catch_up()
+
+    def _on_reward(self, k: int, said: tuple[int, Reward]) -> None:
+        self._steps[said[0]].rewards[k] = said[1]
+        self.catch_up()
+
+    def _on_state(self, k: int, said: tuple[int, int]) -> None:
+        step, cell = said
+        if not self._steps[step].cells:
+            if self._newest is None and step != FIRST_STEP:
+                self._lack(
+                    f"heard from time step {step} on: the curves lack what was before"
+                )
+            elif self._newest is not None and step <= self._newest:
+                self._forget(self._newest)
+                self._lack(
+                    "the run went back to a checkpoint: the curves hold what it took back"
+                )
+            self._newest = step
+            self._steps[step].since = self._ticks
+        self._steps[step].cells.setdefault(k, cell)
+        self.catch_up()
+
+    def compare(self, said: Said) -> None:
+        """Compare what was heard with what the world says to have done, as soon as that can be."""
+        self._said = said
+        self.catch_up()
+
+    def tick(self) -> None:
+        """Take in what need not be waited for any longer; called at each tick of the node."""
+        self._ticks += 1
+        self.catch_up()
+
+    def catch_up(self) -> None:
+        """Take in every transition of which all is there; what is late is waited for a moment.
+
+        A robot's states come in their order, but its action or reward may come after the next one:
+        they are other topics.
+        """
+        if len(self._steps) > MOST_STEPS:
+            self._forget(max(self._steps))
+            self._lack(
+                "far more time steps were heard of than belong to a run: begun anew"
+            )
+        while known := sorted(
+            step for step, heard in self._steps.items() if heard.cells
+        ):
+            self._check(known[0])
+            if len(known) == 1 or not self._settle(*known[:2]):
+                return
+            self._forget(known[0])
+
+    def _settle(self, step: int, after: int) -> bool:
+        """Take in a time step where nothing of it is waited for, and return whether that is so.
+
+        After it comes the next one that was heard; where that is another, an episode ended.
+        """
+        here = self._steps[step]
+        then = self._steps[after]
+        late = self._ticks - then.since > LATE_TICKS
+        if after != step + 1:
+            return late or not here.said
+        known = len(here.cells) == len(then.cells) == len(self._goals)
+        acting = {k for k, cell in here.cells.items() if cell != self._goals[k]}
+        acted = here.said.keys() & here.rewards.keys()
+        if not late and not (known and acting <= acted):
+            return False
+        if known and acted:
+            self._settle_transition(step, here, then, acted)
+            self.without += len(acting - acted)
+        else:
+            self._lack_of(step)
+            self._begin_where_due(step)
+        return True
+
+    def _check(self, step: int) -> None:
+        """Compare with the world, where it was at the first time step that is not settled."""
+        said = self._said
+        if said is None or said.step != step:
+            return
+        self._said = None
+        if (self.seen, self.without) != (said.transitions, said.left_out):
+            self._lack_of(step)
+
+    def _lack_of(self, step: int) -> None:
+        self._lack(
+            f"not all was heard up to time step {step}: the curves lack what was missed"
+        )
+
+    def _lack(self, text: str) -> None:
+        """Say, for as long as the run is shown, that the curves are not those of the run."""
+        if self.whole:
+            self.whole = False
+            self.view.lack(text)
+
+    def _forget(self, until: int) -> None:
+        """Forget all that was heard of time steps up to one."""
+        for old in [step for step in self._steps if step <= until]:
+            del self._steps[old]
+
+    def _begin_where_due(self, step: int) -> None:
+        """Begin an episode where a time step does not go on with the one before."""
+        if self._last_made is not None and step != self._last_made + 1:
+            self.episode += 1
+        self._last_made = step
+
+    def _settle_transition(
+        self, step: int, here: _Heard, then: _Heard, acted: Set[int]
+    ) -> None:
+        robots = range(len(self._goals))
+        said = [here.said[k] if k in acted else (None, None) for k in robots]
+        rewards = [here.rewards.get(k) for k in robots]
+        actions, ends = zip(*said, strict=True)
+        after = tuple(then.cells[k] for k in robots)
+        met = miscoordinated([self._places[cell] for cell in after])
+        told = tuple(
+            Reward(0.0, 0.0, 0.0, 0.0) if one is None else one for one in rewards
+        )
+        arrived = tuple(k for k in robots if after[k] == self._goals[k])
+        self._begin_where_due(step)
+        self.history.add(
+            self.episode, step, actions, StepOutcome(told, met, arrived, False)
+        )
+        self.seen += 1
+        cells = tuple(here.cells[k] for k in robots)
+        self.view.take(Glimpse(step, cells, actions, after, met, rewards, ends))
+
+    def _on_tables(self, k: int, said: tuple[bytes, int, str]) -> None:
+        data, step, _ = said
+        with contextlib.suppress(Exception):  # anybody can publish anything
+            where = interface.TABLES.name
+            [saved] = unpack_saved(data, [k + 1], where=where, limit=TABLES)
+            tables = tables_of(
+                self._run.scenario, self._run.known_rule, k, saved.memory
+            )
+            if k not in self.tables or step >= self.tables[k][0]:
+                self.tables[k] = (step, tables)
+
+
+def main() -> int:
+    """Run the node `watch`."""
+    return run_node(lambda context: WatchNode(context=context))

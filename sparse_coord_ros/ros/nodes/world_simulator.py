@@ -1,0 +1,457 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The world simulator node: local states, rewards and time for a team of robot nodes."""
+
+import functools
+import math
+import time
+import uuid
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Unpack
+
+from rclpy.timer import Timer
+
+from sparse_coord_ros.base.errors import RunError
+from sparse_coord_ros.base.files import write_whole
+from sparse_coord_ros.base.limits import to_yaml
+from sparse_coord_ros.core.game.game import Game
+from sparse_coord_ros.core.game.world import Action, World
+from sparse_coord_ros.core.runs.history import HISTORY_FILE
+from sparse_coord_ros.core.runs.run_config import RUN_FILE
+from sparse_coord_ros.core.runs.tables import TEAM_FILE, robot_file
+from sparse_coord_ros.protocol import wire
+from sparse_coord_ros.protocol.lockstep.timeouts import REPEAT_SECONDS
+from sparse_coord_ros.protocol.lockstep.world_side import WorldSide
+from sparse_coord_ros.protocol.wire import WORLD, services
+from sparse_coord_ros.ros.nodes.follower import REPORT_SECONDS, TICK_SECONDS
+from sparse_coord_ros.ros.nodes.guard import Guard
+from sparse_coord_ros.ros.nodes.outputs import SUMMARY_FILE, Output, resumed_run
+from sparse_coord_ros.ros.nodes.parameters import (
+    PARAMETERS,
+    ParameterNode,
+    Place,
+    run_from_parameters,
+)
+from sparse_coord_ros.ros.nodes.restart import Returning
+from sparse_coord_ros.ros.nodes.spin import run_node, wait_for_readers
+from sparse_coord_ros.ros.nodes.world_bodies import WorldBodies
+from sparse_coord_ros.ros.nodes.world_speed import WorldSpeed
+from sparse_coord_ros.ros.nodes.world_topics import WorldTopics
+
+GO_ON = "go_on"
+END = "end"
+"""What `lost_robot` says; else the world waits."""
+
+EVENTS = (
+    "replaced_robots",
+    "returned_robots",
+    "robot_steps_lost",
+    "taken_back",
+    "topics_of_two_publishers",
+    "services_of_two_servers",
+)
+"""What a world counts of its run's faults, its earlier processes included."""
+
+HALTED = "all robots are halted; 'sparse_coord halt --go-on' lets them go on"
+
+PROGRESS_SECONDS = 5.0
+"""Between two lines of how far the run is."""
+
+
+class WorldSimulator(ParameterNode):
+    """Publishes X_k(t) and R_k(t), waits for the team's actions, owns /clock.
+
+    It opens when it has its name, begins when everybody is there, and then makes a time step when
+    all have acted.
+
+    Args:
+        place: where the node is made, and with what: see `Place`.
+
+    Attributes:
+        run: the run.
+        lockstep: the world's side of the lock step.
+        bodies: the robots' bodies; None: they have none.
+        topics: what it publishes.
+        speed: how fast the run goes.
+        returning: takes the team back where that is due; it exists once the world has opened.
+
+    Raises:
+        SparseCoordError: a bad parameter, a taken name, robots that do not come.
+    """
+
+    returning: Returning
+    _output: Output | None = None
+    _rate_timer: Timer | None = None
+    _paused = _single = _beat = _stopped = False
+    _told = -math.inf
+
+    def __init__(self, **place: Unpack[Place]) -> None:
+        super().__init__(WORLD, PARAMETERS[WORLD], **place)
+        if self.values["resume"]:
+            self.run = resumed_run(self.values)
+        else:
+            self.run = replace(run_from_parameters(self.values), id=uuid.uuid4().hex)
+        self.show_settings(self.run.scenario)
+        self._names = self.run.scenario.names
+        self._guard = Guard(self)
+        run = self.run
+        self.bodies: WorldBodies | None = None
+        if run.bodies:
+            there = self._advance_where_due
+            told_to_halt = self._halt_as_a_driver
+            self.bodies = WorldBodies(self, run, there, told_to_halt)
+        game: Game = (
+            self.bodies.game if self.bodies else World(self.run.scenario, self.run.seed)
+        )
+        self.topics = WorldTopics(self, self.run, game, self._save)
+        self._silence = self.topics.silence
+        self.topics.hear_actions(self._on_action)
+        own = self.topics.own + (self.bodies.own if self.bodies else [])
+        self._guard.watch(
+            own, map(self.resolve_service_name, self._services_of_robots())
+        )
+        self.lockstep = WorldSide(self.run, self.topics, game)
+        self.speed = WorldSpeed(game, time.monotonic())
+        self.create_timer(TICK_SECONDS, self._tick)
+
+    def _services_of_robots(self) -> list[str]:
+        """Return the services of which each robot of the run should have one server."""
+        offered = [services.ACTIVE_PERCEPTION]
+        if self.run.improve:
+            offered.append(services.LEARNED)
+        return [service.of(name) for service in offered for name in self._names]
+
+    # What it is doing.
+
+    @property
+    def doing(self) -> str:
+        """What the world is doing: one of the states of `wire`."""
+        if self.done:
+            return wire.RunState.FINISHED
+        if self._stopped:
+            return wire.RunState.STOPPED
+        started = self.speed.begun
+        resumed = self.values["resume"]
+        calling = self._output is not None and self.returning.calling
+        if calling or (resumed and not started and not self._paused):
+            return (
+                wire.RunState.RESUMING
+            )  # where the team is will be known when all have answered
+        if self._halted:
+            return wire.RunState.HALTED
+        if self._paused:
+            return wire.RunState.PAUSED
+        if started:
+            return wire.RunState.GREEDY if self.run.greedy else wire.RunState.LEARNING
+        return wire.RunState.WAITING
+
+    @property
+    def _halted(self) -> bool:
+        """Whether all bodies are to stand."""
+        return self.bodies is not None and self.bodies.halted
+
+    def _say(self) -> None:
+        if self._output is not None:
+            self.topics.say(self.doing, self.lockstep, self.returning.order)
+            self._output.count(self.returning.events)
+
+    def _show(self) -> None:
+        """Show where the robots are; a resumed team that is yet to go back is elsewhere."""
+        if not self.lockstep.held and (self.speed.begun or not self.values["resume"]):
+            self.topics.show(always=self.lockstep.finished)
+
+    # Incoming.
+
+    def _on_action(self, robot: int, said: tuple[int, Action]) -> None:
+        if self.speed.begun and self.lockstep.action(robot, *said):
+            self._advance_where_due()
+
+    def _on_pause(self, hold: bool) -> tuple[bool, str]:
+        self._paused = hold
+        self._silence.begin(time.monotonic())
+        self._say()
+        self._advance_where_due()
+        return True, self.doing
+
+    def _on_halt(self, hold: bool) -> tuple[bool, str]:
+        """Let all bodies stand, or go on; asked again, say which drivers have confirmed it."""
+        assert self.bodies is not None
+        if hold != self._halted:
+            self._halt(hold)
+        left = ", ".join(self.bodies.unconfirmed())
+        if left:
+            return (
+                False,
+                f"{self.doing}; told, but not yet confirmed by the drivers of {left}",
+            )
+        return True, self.doing
+
+    def _halt_as_a_driver(self, robot: str) -> None:
+        """Halt all, as one driver says that it is halted."""
+        self.get_logger().warning(f"the driver of {robot} is halted: all robots are")
+        self._halt(True)
+
+    def _halt(self, hold: bool) -> None:
+        assert self.bodies is not None
+        self.bodies.halt(hold)
+        self._silence.begin(time.monotonic())
+        self.get_logger().warning(HALTED if hold else "the robots may go on")
+        self._say()
+        self._advance_where_due()
+
+    def _on_reset(self) -> tuple[bool, str]:
+        if not self.speed.begun or self.lockstep.finished:
+            return False, "the run is not under way"
+        self.lockstep.new_episode()
+        return True, f"episode {self.lockstep.world.episode} begins"
+
+    def _on_step(self) -> tuple[bool, str]:
+        """Hold, and make one time step where every robot has acted."""
+        if self._halted:
+            return False, HALTED
+        self._paused = True
+        step = self.lockstep.world.step
+        ready = self.speed.begun and self.lockstep.complete and not self.done
+        if ready:
+            self._single = True
+            self._advance_where_due()
+        if not self.done:
+            self._say()
+        refused = "the run is not under way, or a robot has not acted yet"
+        return ready, f"step {step}" if ready else refused
+
+    # The course of the run.
+
+    def _tick(self) -> None:
+        now = time.monotonic()
+        self._silence.tick(now)
+        if self._stopped:
+            return
+        if self.bodies is not None:
+            self.bodies.say_halt_again(now)
+        if self._output is None:
+            if self._guard.holds(now):
+                self._open()
+            return
+        if not self.speed.begun:
+            self._start_when_complete(now)
+        elif self.lockstep.held:
+            self.returning.look(now, all_listen=lambda: not self._missing())
+        elif not self.lockstep.finished:
+            self._watch_the_barrier(now)
+        if now - self.speed.reported >= REPORT_SECONDS:
+            self._report(now)
+
+    def _open(self) -> None:
+        """Offer the services and tell everybody what the run is."""
+        robots = [robot_file(Path(), name).name for name in self._names]
+        own = [RUN_FILE, SUMMARY_FILE, TEAM_FILE, HISTORY_FILE, *robots]
+        self._output = Output(self, WORLD, self.run, own)
+        self.returning = Returning(
+            self.run, self.lockstep, self._output, self._on_return
+        )
+        self.offer(services.PAUSE, self._on_pause)
+        self.offer(services.RESET, self._on_reset)
+        self.offer(services.STEP, self._on_step)
+        if self.bodies is not None:
+            self.offer(services.HALT, self._on_halt)
+        self.topics.open(resumed=self.values["resume"])
+        self._say()
+
+    def _missing(self) -> list[str]:
+        """Return whom the team lacks: robots, drivers as commands, the recorder."""
+        return self.topics.missing() + (
+            [] if self.bodies is None else self.bodies.missing()
+        )
+
+    def _start_when_complete(self, now: float) -> None:
+        missing = self.returning.resume() or self._missing()
+        if missing:
+            self.remind(self.reminder, ", ".join(missing))
+            limit = self.values["startup_timeout"]
+            if 0 < limit < now - self.born:
+                raise RunError(
+                    f"startup_timeout: after {limit:g} s still no node for {', '.join(missing)}; "
+                    "start each: ros2 run sparse_coord_ros recorder (the robots wait for it too), "
+                    f"or robot --ros-args -r __node:={self._names[0]}"
+                )
+            return
+        self._guard.join()
+        self.reminder.over()
+        self._silence.begin(now)
+        self.speed.begin(now)
+        self.returning.begin(now)
+        self._say()
+        self.get_logger().info(
+            f"{self.run.scenario.name}: {len(self._names)} robots, {self.run.scenario.steps} "
+            f"steps, seed {self.run.seed}"
+        )
+        if not self.lockstep.held:
+            self.lockstep.start()
+
+    def _on_return(self) -> None:
+        """The team goes back, or goes on there."""
+        if self.lockstep.held:
+            self.topics.start_anew()
+        self._silence.begin(time.monotonic())
+        self._say()
+        if not self.lockstep.held:
+            self._end_when_finished()
+
+    def _watch_the_barrier(self, now: float) -> None:
+        self._keep_the_rate()
+        if self.bodies is not None:
+            self.bodies.look(now)
+        self._advance_where_due()  # the rate may have been set to 0 meanwhile
+        if self.lockstep.complete or self._silence.lasts(now) < REPEAT_SECONDS:
+            self.reminder.over()
+            return
+        if self._silence.repeats(now):
+            self.lockstep.repeat()
+            self._say()
+        if not (self._paused or self._halted):
+            self._wait_for_the_lost(now)
+
+    def _wait_for_the_lost(self, now: float) -> None:
+        """Say for whom the world stands still; go on or end where the parameters say so."""
+        side = self.lockstep
+        silent = self._silence.lasts(now)
+        stands = self._silence.stands(now)
+        missing = side.missing()
+        names = ", ".join(self._names[k] for k in sorted(missing or side.absent))
+        self.remind(self.reminder, f"{names} at step {side.world.step}")
+        if 0 < self.values["lost_timeout"] <= stands:
+            why = f"the world has stood still for {stands:.0f} s for {names}; everything is saved"
+            raise RunError(f"lost_timeout: step {side.world.step}: {why}")
+        if silent < self.run.step_timeout and not (
+            missing and self.topics.gone(missing)
+        ):
+            return
+        what = f"step {side.world.step}: {names} gone or silent for {silent:.1f} s"
+        if self.values["lost_robot"] == END:
+            raise RunError(
+                f"lost_robot: {what}; this world ends the run, as it is told to"
+            )
+        if self.values["lost_robot"] == GO_ON and side.expire():
+            self._silence.since = now
+            self.get_logger().warning(
+                f"{what}; going on without", throttle_duration_sec=5.0
+            )
+            self._end_when_finished()
+
+    def _keep_the_rate(self) -> None:
+        if self.values["rate"] == 0 or self._paused:
+            return
+        seconds = 1 / self.values["rate"]
+        if self._rate_timer is None or self._rate_timer.timer_period_ns != round(
+            1e9 * seconds
+        ):
+            if self._rate_timer is not None:
+                self.destroy_timer(self._rate_timer)
+            beat = functools.partial(self._advance_where_due, beat=True)
+            self._rate_timer = self.create_timer(seconds, beat)
+
+    def _advance_where_due(self, *, beat: bool = False) -> None:
+        """Make the step where all is there; with bodies when they are, too, else they are sent.
+
+        Args:
+            beat: it is time for the next step, where there is a `rate`. Bodies are sent before,
+                and a step that they are late for is made as soon as they are there.
+        """
+        rated = self.values["rate"] > 0
+        self._beat = self._beat or beat
+        waits = self._halted or (self._paused and not self._single)
+        if waits or self._stopped or not self.lockstep.complete:
+            return
+        there = self.bodies is None or self.bodies.side.made(self.lockstep.actions)
+        if there and (self._single or self._beat or not rated):
+            self._single = self._beat = False
+            self.lockstep.advance()
+            self._end_when_finished()
+            if rated:
+                self._show()
+
+    def _end_when_finished(self) -> None:
+        if self.lockstep.finished and not self.done:
+            self.done = True
+            self.speed.end(time.monotonic())
+            self._report(time.monotonic())
+
+    # Saving and reports.
+
+    def _save(self, step: int) -> None:
+        """Save where the world is; the robots save under the same time step."""
+        state = self.lockstep.snapshot(step)
+        if self._output is not None and state is not None:
+            self._output.checkpoint(state)
+
+    def finish(self, *, interrupted: bool) -> None:
+        """Say good-bye, write summary and history, and let the last messages arrive."""
+        self._stopped = True
+        if self._output is None:
+            return
+        if interrupted and not self.done:
+            self.speed.end(time.monotonic())
+            self._say()
+        if self.speed.begun and not self.lockstep.held:
+            self._save(self.lockstep.world.step)
+        self._output.save(self._write_outcome)
+        wait_for_readers(self.publishers)
+
+    def _write_outcome(self, out: Path) -> None:
+        write_whole(out / SUMMARY_FILE, to_yaml(self.summary()))
+        self.lockstep.history.history().save(out)
+
+    def _counts(self) -> dict[str, Any]:
+        """Return what summary and diagnostics count."""
+        events = self.returning.events
+        events |= self._guard.counts()
+        return {
+            "transitions": self.lockstep.world.transitions,
+            "transitions_lost": self.lockstep.lost,
+            "miscoordinations": self.lockstep.world.miscoordinations,
+            "timeouts": self.lockstep.timeouts,
+            **{name: events[name] for name in EVENTS},
+            "messages_dropped": self.intake.total,
+        }
+
+    def summary(self) -> dict[str, Any]:
+        """Return what happened, as plain data."""
+        return {
+            **self._counts(),
+            "episodes": self.lockstep.world.episode + 1,
+            "last_step": self.lockstep.world.step,
+            "stale_actions": self.lockstep.stale,
+            "executor": self.values["executor"],
+            "rate": self.values["rate"],
+            **({} if self.bodies is None else self.bodies.summary()),
+            **self.speed.summary(),
+        }
+
+    def _report(self, now: float) -> None:
+        self._guard.look()
+        world = self.lockstep.world
+        run = self.run
+        rate, moved = self.speed.report(now)
+        values = {
+            **self._counts(),
+            "budget": run.scenario.steps,
+            "steps_per_second": f"{rate:.0f}",
+            "episode": world.episode,
+        }
+        self.topics.report(self.doing, values, warn=bool(self.lockstep.absent))
+        self._say()
+        if moved and (self.done or now - self._told >= PROGRESS_SECONDS):
+            self._told = now
+            self.get_logger().info(
+                f"{world.transitions / run.scenario.steps:4.0%}  {world.transitions} of "
+                f"{run.scenario.steps} steps, {rate:.0f} steps/s, episode {world.episode + 1}, "
+                f"{world.miscoordinations} miscoordinations"
+            )
+        self._show()
+
+
+def main() -> int:
+    """Run the node `world_simulator`."""
+    return run_node(lambda context: WorldSimulator(context=context))

@@ -1,0 +1,56 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""How fast a world goes."""
+
+from sparse_coord_ros.core.game.game import Game
+
+
+class WorldSpeed:
+    """Counts transitions over time. Times are seconds of a clock that never goes back.
+
+    Args:
+        world: the game.
+        now: the time.
+
+    Attributes:
+        reported: when `report` was called last.
+    """
+
+    def __init__(self, world: Game, now: float) -> None:
+        self._world = world
+        self._began: tuple[float, int] | None = None
+        self._ended: float | None = None
+        self.reported = now
+        self._transitions = 0
+
+    @property
+    def begun(self) -> bool:
+        """Whether the run has begun."""
+        return self._began is not None
+
+    def begin(self, now: float) -> None:
+        """Begin: what was done before was done by another process."""
+        self._began = (now, self._world.transitions)
+        self.reported, self._transitions = self._began
+
+    def end(self, now: float) -> None:
+        """Stop counting."""
+        self._ended = now
+
+    def report(self, now: float) -> tuple[float, bool]:
+        """Return (transitions a second since the last report, whether there were any)."""
+        made = self._world.transitions - self._transitions
+        rate = max(0, made) / (now - self.reported + 1e-9)
+        self.reported = now
+        self._transitions = self._world.transitions
+        return rate, self.begun and made != 0
+
+    def summary(self) -> dict[str, float]:
+        """Return the seconds of this process's part of the run, and its speed."""
+        if self._began is None or self._ended is None:
+            return {"seconds": 0.0, "steps_per_second": 0.0}
+        began, before = self._began
+        seconds = self._ended - began
+        made = max(0, self._world.transitions - before)
+        speed = round(made / seconds, 1) if seconds else 0.0
+        return {"seconds": round(seconds, 3), "steps_per_second": speed}

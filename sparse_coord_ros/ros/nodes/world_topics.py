@@ -1,0 +1,184 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The world's topics: what it publishes, whose actions it hears, and who hears it."""
+
+import time
+from collections.abc import Callable, Iterable
+from functools import partial
+from typing import Any
+
+from std_msgs.msg import String
+
+from sparse_coord_ros.core.game.game import Game
+from sparse_coord_ros.core.game.world import Action, Reward
+from sparse_coord_ros.core.runs.run_config import OWN_CLOCK, RunConfig
+from sparse_coord_ros.protocol.lockstep.timeouts import Silence
+from sparse_coord_ros.protocol.lockstep.world_side import WorldSide
+from sparse_coord_ros.protocol.wire import RECORDER
+from sparse_coord_ros.protocol.wire.status import Order, Said
+from sparse_coord_ros.ros.nodes import interface
+from sparse_coord_ros.ros.nodes.messages import Converter, status
+from sparse_coord_ros.ros.nodes.parameters import ParameterNode
+from sparse_coord_ros.ros.nodes.scene import ScenePublisher
+
+
+class WorldTopics:
+    """The world's publishers, and its subscriptions to actions; the port of its lock step.
+
+    Args:
+        node: the world's node.
+        run: the run.
+        game: what is played.
+        save: the port's `checkpoint`.
+
+    Attributes:
+        convert: between time steps and cells and messages.
+        silence: of the robots, since the time step began.
+        report: publishes diagnostics.
+        clock: the publisher of the clock; states, rewards: those of each robot.
+        actions: the subscription to each robot's actions.
+    """
+
+    def __init__(
+        self,
+        node: ParameterNode,
+        run: RunConfig,
+        game: Game,
+        save: Callable[[int], None],
+    ) -> None:
+        self._node = node
+        self._run = run
+        self._game = game
+        self.silence = Silence(time.monotonic())
+        self.checkpoint = save
+        self.convert = Converter(run)
+        self._names = self.convert.names
+        self._clock_step = -1
+        self._run_publisher = node.announce(interface.RUN)
+        self._status_publisher = node.announce(interface.STATUS)
+        self.clock = node.announce(interface.clock_of(run))
+        self._map_publisher = node.announce(interface.MAP)
+        self._marker_publisher = node.announce(interface.MARKERS)
+        # Bodies have transforms of their own.
+        self._scene = ScenePublisher(node, self.convert, frames=not run.bodies)
+        self.report = node.reporter("run")
+        self.states = [
+            node.announce(interface.LOCAL_STATE, name) for name in self._names
+        ]
+        self.rewards = [node.announce(interface.REWARD, name) for name in self._names]
+        self.actions: list[Any] = []
+
+    def hear_actions(self, then: Callable[[int, tuple[int, Action]], None]) -> None:
+        """Call `then` with a robot's number and what its actions say."""
+        listen = self._node.intake.listen
+        for k, name in enumerate(self._names):
+            read = partial(self._read_action, k)
+            self.actions.append(
+                listen(interface.ACTION, partial(then, k), name, unpack=read)
+            )
+
+    def _read_action(self, robot: int, data: bytes) -> tuple[int, Action]:
+        said = self.convert.unpack_action(data)
+        self._scene.actions[robot] = data
+        return said
+
+    # The port of the lock step.
+
+    def state(self, robot: int, step: int, cell: int) -> None:
+        """Publish a robot's local state, and the clock when a step begins."""
+        if step != self._clock_step:
+            self._clock_step = step
+            self.silence.begin(time.monotonic())
+            self.clock.publish(self.convert.pack_clock(step))
+        self.states[robot].publish(self.convert.pack_state(step, cell))
+
+    def reward(self, robot: int, step: int, reward: Reward) -> None:
+        """Publish the reward of a robot's action at a time step."""
+        self.rewards[robot].publish(self.convert.pack_reward(step, reward))
+
+    def episode(self, step: int) -> None:
+        """Publish map and markers as they are when an episode begins."""
+        self._map_publisher.publish(self.convert.pack_map(step))
+        self.show(scene=False)
+
+    # Who hears the world, and whom it hears.
+
+    def missing(self) -> list[str]:
+        """Return the robots, and the recorder where one is to be, that do not listen yet.
+
+        A robot of which all but one end is there comes with what it lacks.
+        """
+        heard_by = self._node.heard_by
+        missing = []
+        of_each = zip(self._names, self.states, self.rewards, self.actions, strict=True)
+        for name, *own, action in of_each:
+            ends = [one.topic_name for one in own if not heard_by(one, name)]
+            lacks = [f"a subscription to {topic}" for topic in ends]
+            if action.get_publisher_count() == 0:
+                lacks.append(f"a publisher of {action.topic_name}")
+            if lacks:  # more than one: it is not there, or has not begun itself
+                missing.append(
+                    f"{name} (it lacks {lacks[0]})" if len(lacks) == 1 else name
+                )
+        said = [self.clock, *self.states, *self.rewards]
+        if self._run.recorded and not all(heard_by(one, RECORDER) for one in said):
+            missing.append(RECORDER)
+        return missing
+
+    def gone(self, robots: Iterable[int]) -> bool:
+        """Whether nobody publishes the actions of any of these robots."""
+        return not any(self.actions[k].get_publisher_count() for k in robots)
+
+    @property
+    def own(self) -> list[str]:
+        """The full names of topics with one publisher: the world, or one robot."""
+        said = (
+            self._run_publisher,
+            self._status_publisher,
+            self.clock,
+            self._map_publisher,
+        )
+        return [
+            end.topic_name
+            for end in (*said, *self.states, *self.rewards, *self.actions)
+        ]
+
+    # What else is said.
+
+    def start_anew(self) -> None:
+        """Publish the clock with the next state, even where the run stands at its step already."""
+        self._clock_step = -1
+
+    def open(self, *, resumed: bool) -> None:
+        """Tell everybody what the run is."""
+        if not resumed:
+            self.episode(0)
+            self.show()
+        self._run_publisher.publish(String(data=self._run.to_yaml()))
+
+    def say(self, state: str, side: WorldSide, order: Order) -> None:
+        """Publish the status: what the world does, how far it is, and the order that stands."""
+        game = self._game
+        counts = game.step, game.transitions, side.left_out
+        values = Said(self._run.id, state, *counts, side.began, order).values()
+        self._status_publisher.publish(status(self._run.scenario.name, state, values))
+
+    def show(self, *, scene: bool = True, always: bool = False) -> None:
+        """Publish where the robots are; the scene not too often, but for `always`."""
+        step = self._game.step
+        cells = self._game.cells
+        stamp = self._ros_time()
+        self._marker_publisher.publish(self.convert.pack_markers(stamp, cells))
+        if scene:
+            self._scene.publish(step, cells, stamp, always=always)
+
+    def _ros_time(self) -> tuple[int, int]:
+        """Return the ROS time of those who look on, as (sec, nanosec).
+
+        Where the world owns the clock of its namespace, that is the run's time. Else another
+        clock is theirs, the system's or a simulator's, and time steps would be long gone by it.
+        """
+        if self._run.clock == OWN_CLOCK:
+            return self.convert.stamp(self._game.step)
+        sec, nanosec = self._node.get_clock().now().seconds_nanoseconds()
+        return sec, nanosec

@@ -1,0 +1,149 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Doorways, rooms and shortest ways of a map, for words about where robots are.
+
+A doorway is here a largest set of doorway cells beside each other. A room is a largest set of
+other cells with ways between them that lead through no doorway.
+"""
+
+from functools import lru_cache
+
+import numpy as np
+
+from sparse_coord_ros.core.game.grid import GridMap, moves_to, regions
+
+FAR = 2**29
+"""In place of a number of moves: there is no way. The sum of two is an int32, too."""
+
+KEPT_BYTES = 20_000_000
+"""Of moves between cells, which are kept for the next question."""
+
+
+class Doorways:
+    """Doorways, rooms and shortest ways of a map.
+
+    Args:
+        grid: the map.
+
+    Attributes:
+        count: how many doorways there are.
+        of: the doorway of each cell, by its number from 0; -1: none; shape (cells,).
+        room: the room of each cell, likewise.
+        ways: the moves from each cell to each doorway, -1 where there is no way, shape
+            (doorways, cells).
+    """
+
+    def __init__(self, grid: GridMap) -> None:
+        self._grid = grid
+        cells = np.arange(len(grid.cells))
+        self._inside = np.isin(cells, sorted(grid.doorways))
+        self.of = self._parts(self._inside)
+        self.room = self._parts(~self._inside)
+        self._cells = np.flatnonzero(self._inside)
+        self._part_of = self.of[self._cells]
+        self._to = np.array(
+            [self._moves_to(int(cell)) for cell in self._cells], dtype=np.int32
+        )
+        self._to = self._to.reshape(len(self._cells), len(cells))
+        self.count = int(self.of.max(initial=-1)) + 1
+        self.cells_of = [np.flatnonzero(self.of == n) for n in range(self.count)]
+        beside = [np.unique(grid.next_cell[of]) for of in self.cells_of]
+        self._exits = [one[~self._inside[one]] for one in beside]
+        self._rooms = [frozenset(self.room[one].tolist()) for one in self._exits]
+        near = [self._to[self._part_of == n].min(axis=0) for n in range(self.count)]
+        self.ways = np.array(
+            [np.where(one < FAR, one, -1) for one in near], dtype=np.int64
+        )
+        self.ways = self.ways.reshape(self.count, len(cells))
+        kept = max(8, KEPT_BYTES // (8 * len(cells)))
+        self.moves_to = lru_cache(kept)(self._moves_to)
+        self._around = lru_cache(kept)(self._moves_around)
+
+    def _parts(self, of: np.ndarray) -> np.ndarray:
+        """Return to which connected part of a set of cells each cell belongs; -1: to none."""
+        lead = self._grid.next_cell
+        stays = ~of[lead] | ~of[:, None]
+        own = np.arange(len(lead))[:, None]
+        region = regions(np.where(stays, own, lead))
+        parts = np.full(len(lead), -1, dtype=np.int64)
+        parts[of] = np.unique(region[of], return_inverse=True)[1]
+        return parts
+
+    def _moves_to(self, cell: int) -> np.ndarray:
+        """Return the moves between a cell and each cell, or `FAR`: shape (cells,)."""
+        moves = self._grid.distances_to(cell)
+        return np.where(moves < 0, FAR, moves).astype(np.int32)
+
+    def _moves_around(self, door: int, cell: int) -> np.ndarray:
+        """Return the moves between a cell and each cell, or -1, where a doorway is closed."""
+        closed = self.cells_of[door].tolist()
+        return moves_to(self._grid.next_cell, cell, closed).astype(np.int32)
+
+    def is_between(self, door: int, cell: int, moves: np.ndarray) -> bool:
+        """Whether a doorway is on a shortest way.
+
+        Args:
+            door: the doorway.
+            cell: where the way begins.
+            moves: from each cell to its end, as of `moves_to`.
+        """
+        there = self._part_of == door
+        passed = self._to[there, cell] + moves[self._cells[there]]
+        return bool(passed.min() == moves[cell] < FAR)
+
+    def on_the_way(self, cell: int, moves: np.ndarray) -> np.ndarray:
+        """Return the moves from a cell to each doorway that is on a shortest way; others: `FAR`.
+
+        Args:
+            cell: where the ways begin.
+            moves: from each cell to their end, as of `moves_to`.
+        """
+        to = self._to[:, cell]
+        passed = (to + moves[self._cells] == moves[cell]) & (moves[cell] < FAR)
+        found = np.full(self.count, FAR, dtype=np.int64)
+        np.minimum.at(found, self._part_of[passed], to[passed])
+        return found
+
+    def side(self, door: int, cell: int, other: int) -> str:
+        """Return on which side of a doorway another cell is; empty: on none for sure.
+
+        Args:
+            door: the doorway.
+            cell: where the observer is, outside of that doorway.
+            other: the other cell, outside of that doorway.
+        """
+        rooms = self.room[cell], self.room[other]
+        passed = self._to[:, cell] + self._to[:, other]
+        moves = self.moves_to(cell)[other]
+        inside = self.of[other] >= 0
+        if passed[self._part_of == door].min() > moves:
+            same = rooms[0] == rooms[1] and passed.min() > moves
+            return "on this side" if same and not inside else ""
+        # Two rooms that a doorway joins are on two sides of it, whatever other doorways join them.
+        joined = (
+            not inside and rooms[0] != rooms[1] and self._rooms[door].issuperset(rooms)
+        )
+        if not joined:
+            around = self._around(door, cell)[other]
+            if 0 <= around <= moves:
+                return ""
+        sides = len(self._rooms[door])
+        return "on another side" if sides > 2 else "on the other side"
+
+    def behind_another(self, door: int, cell: int, other: int) -> bool:
+        """Whether a cell is on the other side of another doorway of the same room."""
+        rooms = self.room[cell], self.room[other]
+        moves = self.moves_to(cell)[other]
+        passed = self._to[:, cell] + self._to[:, other] == moves
+        others = set(self._part_of[passed].tolist()) - {door}
+        return rooms[0] != rooms[1] and any(
+            self._rooms[n].issuperset(rooms) for n in others
+        )
+
+    def leaves_by(self, door: int, cell: int, other: int) -> frozenset[int]:
+        """Return the cells by which shortest ways from a cell in a doorway to another leave it."""
+        moves = self.moves_to(cell)
+        ways = {one: self.moves_to(one)[other] for one in self._exits[door].tolist()}
+        return frozenset(
+            one for one, way in ways.items() if moves[one] + way == moves[other]
+        )

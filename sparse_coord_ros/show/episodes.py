@@ -1,0 +1,168 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""One episode as data, from a run's log, or played greedily on learned tables."""
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sparse_coord_ros.base.errors import RunError
+from sparse_coord_ros.core.game.scenario import Scenario
+from sparse_coord_ros.core.game.streams import EVALUATION
+from sparse_coord_ros.core.game.world import World
+from sparse_coord_ros.core.learners.learner import Learner
+from sparse_coord_ros.core.learners.tables import Tables
+from sparse_coord_ros.core.runs.evaluation import GreedyTeam, greedy_team
+from sparse_coord_ros.core.runs.history import History, HistoryRecorder
+from sparse_coord_ros.core.runs.run import Glimpse
+from sparse_coord_ros.log.runlog.log import RunLog
+from sparse_coord_ros.show.steps import logged_step
+
+LAST = "last"
+BEST = "best"
+BUSIEST = "asks"
+"""The episode with the most questions among those that end well."""
+
+PLAYED = 100
+"""Greedy episodes among which LAST, BEST and BUSIEST choose."""
+
+
+@dataclass(frozen=True)
+class Episode:
+    """The transitions of one episode.
+
+    Attributes:
+        number: of the episode, from 0.
+        greedy: whether it was played on learned tables, not learned in.
+        steps: its transitions; each leads to `after`.
+        arrived: whether all robots reached their goals.
+    """
+
+    number: int
+    greedy: bool
+    steps: tuple[Glimpse, ...]
+    arrived: bool
+
+
+def episode_number(text: str) -> int | str:
+    """Return what `--episode` says: a number from 0, LAST, BEST or BUSIEST.
+
+    Raises:
+        RunError: none of these.
+    """
+    if text in (LAST, BEST, BUSIEST):
+        return text
+    if not re.fullmatch("[0-9]{1,9}", text):
+        raise RunError(
+            f"--episode is {text[:40]!r}: give the number of an episode, from 0, or one of "
+            f"{LAST}, {BEST}, {BUSIEST}"
+        )
+    return int(text)
+
+
+def logged_episode(log: RunLog, wanted: int | str) -> Episode:
+    """Return an episode of a run's log.
+
+    Args:
+        log: the log.
+        wanted: its number; LAST: the last whole one; BEST: of those from the scenario's own starts
+            (of all, where there is none) in which all arrive, the one of the highest reward, then
+            the shortest, then the latest; BUSIEST: the same by the number of questions.
+
+    Raises:
+        RunError: there is no such episode.
+    """
+    history = log.history()
+    if not history.episodes:
+        raise RunError(
+            f"{log.bag.path}: holds no episode to show: no transition is in the log; see "
+            "'sparse_coord info'"
+        )
+    first = np.searchsorted(log.step, history.first_step)
+    starts = [robot.start for robot in log.run.scenario.robots]
+    own = (log.cells[first] == starts).all(axis=1)
+    number = _chosen(wanted, history, own, str(log.bag.path))
+    rows = range(first[number], first[number] + history.length[number])
+    steps = tuple(logged_step(log, row) for row in rows)
+    return Episode(number, log.run.greedy, steps, bool(history.arrived[number].all()))
+
+
+def played_episode(
+    scenario: Scenario,
+    tables: Sequence[Tables],
+    wanted: int | str,
+    *,
+    seed: int,
+    learner: Learner | None = None,
+) -> Episode:
+    """Return a greedy episode from the scenario's starts, as `core.runs.evaluation.play` plays it.
+
+    Args:
+        scenario: the problem.
+        tables: of every robot.
+        wanted: its number, below `PLAYED`, or what `logged_episode` takes.
+        seed: of its draws.
+        learner: whose greedy policy acts; None: the one that the tables are for.
+
+    Raises:
+        TablesError: the tables do not fit the scenario.
+        RunError: there is no such episode.
+    """
+    team = greedy_team(scenario, tables, seed, learner)
+    world = World(scenario, seed, phase=EVALUATION, max_steps=scenario.horizon)
+    recorder = HistoryRecorder(len(scenario.robots))
+    played = [tuple(_play(world, team, recorder)) for _ in range(PLAYED)]
+    history = recorder.look()
+    number = _chosen(wanted, history, np.ones(PLAYED, dtype=bool), "greedy episodes")
+    return Episode(number, True, played[number], bool(history.arrived[number].all()))
+
+
+def _play(
+    world: World, team: GreedyTeam, recorder: HistoryRecorder
+) -> Iterator[Glimpse]:
+    """Play an episode."""
+    world.begin_episode()
+    while not world.episode_over:
+        step = world.step
+        cells = tuple(world.cells)
+        actions = team.act(world)
+        outcome = world.advance(actions)
+        recorder.add(world.episode, step, actions, outcome)
+        after = tuple(world.cells)
+        yield Glimpse(
+            step, cells, tuple(actions), after, outcome.miscoordination, outcome.rewards
+        )
+
+
+def _chosen(wanted: int | str, history: History, own: np.ndarray, where: str) -> int:
+    """Return an episode's number.
+
+    Args:
+        wanted: as of `logged_episode`.
+        history: the episodes.
+        own: which of them began at the scenario's starts, shape (episodes,), bool.
+        where: what to call their source in an error.
+    """
+    count = history.episodes
+    if isinstance(wanted, int):
+        if wanted >= count:
+            raise RunError(
+                f"{where}: --episode is {wanted}, there are {count}; allowed: 0 to {count - 1}, "
+                f"{LAST}, {BEST} or {BUSIEST}"
+            )
+        return wanted
+    whole = np.asarray(history.arrived.all(axis=1))
+    whole = whole if whole.any() else ~whole
+    if wanted == LAST:
+        return int(np.flatnonzero(whole)[-1])
+    among = (
+        np.flatnonzero(whole & own) if (whole & own).any() else np.flatnonzero(whole)
+    )
+    reward = history.reward.sum(axis=1)
+    asks = history.asks.sum(axis=1)
+    keys = (among, -history.length[among], reward[among])
+    return int(
+        among[np.lexsort((*keys, asks[among]) if wanted == BUSIEST else keys)[-1]]
+    )

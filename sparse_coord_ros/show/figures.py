@@ -1,0 +1,506 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Pictures of runs: policies and ask maps, learning curves, what Q^C holds, how percepts ended."""
+
+import html
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure, SubFigure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle, Patch
+from matplotlib.ticker import MaxNLocator
+
+from sparse_coord_ros.base.errors import SettingError, did_you_mean
+from sparse_coord_ros.base.palette import OUTCOME_COLOURS, robot_colour
+from sparse_coord_ros.core.game.actions import DIRECTIONS
+from sparse_coord_ros.core.learners.factored import Factored
+from sparse_coord_ros.log.runlog.log import RunLog
+from sparse_coord_ros.show.policy import policy_of
+from sparse_coord_ros.show.sources import PLAYED_EPISODES, Shown
+from sparse_coord_ros.show.steps import ended
+from sparse_coord_ros.studies.report.charts import embedded
+from sparse_coord_ros.studies.report.map_pictures import COLOUR_MAP, draw_map
+
+LINE_WIDTH = 11.0
+"""Inches that a line of panels may take."""
+
+LEAST_WIDTH = 4.0
+"""Inches of the narrowest figure."""
+
+CURVE = (2.75, 2.5)
+"""Width and height of a panel with a curve, in inches."""
+
+POLICY_MAP = 3.4
+SHADED_MAP = 2.8
+SMALLEST_CELL = 0.3
+"""Inches of the longer side of a small map, and of a cell of a large one."""
+
+SCALE_WIDTH = 0.8
+"""Inches of a scale of colours with its label, beside a map."""
+
+MOST_POINTS = 1000
+"""Points of a curve; of longer ones some are left out, evenly."""
+
+LINES = (
+    "-",
+    "--",
+    ":",
+    "-.",
+    (0, (5, 1, 1, 1, 1, 1)),
+    (0, (1, 3)),
+    (0, (8, 3)),
+    (0, (3, 5)),
+)
+"""What tells lines apart beside colour."""
+
+HATCHES = {"answered": "", "refused": "////", "failed": "xx"}
+"""What tells outcomes apart beside colour."""
+
+CURVES: Mapping[str, str] = {
+    "length": "steps of an episode",
+    "reward": "reward of a robot\n(undiscounted)",
+    "miscoordinations": "miscoordinations\nof an episode",
+    "asks": "COORDINATE of a robot\nin an episode",
+}
+"""The learning curves, and how their axes are called."""
+
+SOME_CURVES: Mapping[str, Sequence[str]] = {
+    "curves": tuple(CURVES),
+    "coordination": ("miscoordinations", "asks"),
+    "length": ("length",),
+}
+"""Which learning curves each name draws."""
+
+WHATS = ("policy", "asks", "sparsity", "curves", "percepts", "coordination", "length")
+"""What can be drawn of a run."""
+
+
+ARROW: dict[str, Any] = {"angles": "xy", "units": "xy", "scale_units": "xy", "scale": 1}
+ARROW |= {"width": 0.05, "linewidth": 0.9, "zorder": 3}
+ARROW |= {"headwidth": 4, "headlength": 3.4, "headaxislength": 3}
+"""How a greedy move is drawn."""
+
+
+class Panel(NamedTuple):
+    """One panel.
+
+    Attributes:
+        width: least width in inches.
+        height: in inches.
+        draw: draws it.
+        stretches: whether it may be wider; maps may not.
+    """
+
+    width: float
+    height: float
+    draw: Callable[[Axes], None]
+    stretches: bool = False
+
+
+def literal(text: str) -> str:
+    """Return a text from outside so that Matplotlib prints it as it is, not as a formula."""
+    return text.replace("$", r"\$")
+
+
+def runs_figure(runs: Sequence[Shown], whats: Sequence[str]) -> Figure:
+    """Draw runs side by side.
+
+    Args:
+        runs: the runs, at least one.
+        whats: of `WHATS`, in the order in which they are to appear.
+
+    Raises:
+        SparseCoordError: a run lacks what is to be drawn.
+    """
+    lines = _balanced([group for what in whats for group in _groups(what, runs)])
+    heights = [max(panel.height for panel in line) for line in lines]
+    width = max(LEAST_WIDTH, *map(_width, lines))
+    figure = Figure(figsize=(width, sum(heights)), layout="constrained")
+    parts = figure.subfigures(len(lines), 1, height_ratios=heights, squeeze=False)[:, 0]
+    for part, line in zip(parts, lines, strict=True):
+        _draw_line(part, line, width)
+    return figure
+
+
+def _draw_line(part: SubFigure, line: Sequence[Panel], width: float) -> None:
+    """Draw a line of panels: those that stretch fill the width, else the line is centred."""
+    rest = width - _width(line)
+    stretching = sum(panel.stretches for panel in line)
+    more = rest / stretching if stretching else 0.0
+    margin = 0.01 if stretching else max(0.01, rest / 2)
+    widths = [panel.width + more * panel.stretches for panel in line]
+    left, *axes, right = part.subplots(
+        1, len(line) + 2, width_ratios=[margin, *widths, margin]
+    )
+    for panel, one in zip(line, axes, strict=True):
+        panel.draw(one)
+    left.set_axis_off()
+    right.set_axis_off()
+
+
+def available(shown: Shown) -> list[str]:
+    """Return what can be drawn of a run: of `WHATS`."""
+    learned = shown.has("tables")
+    asking = learned and shown.asks
+    there = {
+        "policy": learned,
+        "asks": asking and shown.played is not None,
+        "sparsity": asking and shown.config.known_rule is not None,
+        "curves": shown.has("history"),
+        "percepts": shown.bag is not None and shown.log.asked.any(),
+    }
+    return [what for what, is_there in there.items() if is_there]
+
+
+def names_of(runs: Sequence[Shown]) -> list[str]:
+    """Return what to call runs: by the scenario if there is one only, else by name or path."""
+    if len(runs) == 1:
+        return [literal(runs[0].config.scenario.name)]
+    names = [literal(run.name) for run in runs]
+    return (
+        names
+        if len(set(names)) == len(names)
+        else [literal(str(run.path)) for run in runs]
+    )
+
+
+def parse_whats(text: str | None, runs: Sequence[Shown]) -> list[str]:
+    """Return what to draw: names between commas; where None, all that there is of every run.
+
+    Raises:
+        SettingError: an unknown name.
+        SparseCoordError: the first run has nothing that can be drawn.
+    """
+    if text is None:
+        there = [available(run) for run in runs]
+        found = [what for what in WHATS if all(what in whats for whats in there)]
+        if not found:
+            _ = [run.tables for run in runs]  # says what is missing
+            raise SettingError(
+                "these runs have nothing in common that could be drawn; plot one"
+            )
+        return found
+    whats = [part.strip() for part in text.split(",")]
+    for what in [one for one in whats if one not in WHATS]:
+        raise SettingError(
+            f"--what {what!r}: allowed of a run: {', '.join(WHATS)}, several with commas "
+            f"between{did_you_mean(what, WHATS)}"
+        )
+    return whats
+
+
+def _groups(what: str, runs: Sequence[Shown]) -> Iterator[list[Panel]]:
+    """Yield the panels of one thing to be drawn, in groups that share a line where they fit.
+
+    Curves show all runs in one panel; of maps there is a group a run.
+    """
+    labels = names_of(runs)
+    if what in SOME_CURVES:
+        for name in SOME_CURVES[what]:
+            yield [
+                Panel(*CURVE, partial(_draw_curve, runs, labels, name), stretches=True)
+            ]
+        return
+    most_asked = 0.0
+    if what == "asks":
+        most_asked = max(float(_asked_by_cell(shown).max()) for shown in runs)
+    for shown, label in zip(runs, labels, strict=True):
+        if what == "policy":
+            yield list(_policy(shown, label))
+        elif what == "asks":
+            yield list(_asks(shown, label, most_asked))
+        elif what == "sparsity":
+            yield list(_sparsity(shown, label))
+        else:
+            yield list(_percepts(shown, label))
+
+
+def _balanced(groups: Sequence[list[Panel]]) -> list[list[Panel]]:
+    """Break panels into as few lines as possible, and these into lines of similar widths."""
+    lines = _lines(groups, LINE_WIDTH)
+    while True:
+        widest = max(map(_width, lines))
+        narrower = _lines(groups, 0.99 * widest)
+        if len(narrower) > len(lines) or max(map(_width, narrower)) >= widest:
+            return lines
+        lines = narrower
+
+
+def _lines(groups: Iterable[list[Panel]], width: float) -> list[list[Panel]]:
+    """Break panels into lines that are no wider, if no panel is.
+
+    A group stays together unless it is wider than a line.
+    """
+    lines: list[list[Panel]] = []
+    for group in groups:
+        if lines and _width([*lines[-1], *group]) <= width:
+            lines[-1] += group
+        elif _width(group) <= width:
+            lines.append(list(group))
+        else:
+            lines += (
+                _lines([[panel] for panel in group], width)
+                if len(group) > 1
+                else [group]
+            )
+    return lines
+
+
+def _width(line: Iterable[Panel]) -> float:
+    return sum(panel.width for panel in line)
+
+
+# Maps.
+
+
+def _map_panel(
+    shown: Shown, longest: float, draw: Callable[[Axes], None], below: float = 0.0
+) -> Panel:
+    rows, columns = shown.config.scenario.map.shape
+    cell = max(SMALLEST_CELL, longest / max(rows, columns))
+    return Panel(max(2.8, columns * cell + 0.3), rows * cell + 0.6 + below, draw)
+
+
+def _names(shown: Shown) -> list[str]:
+    return [literal(robot.name) for robot in shown.config.scenario.robots]
+
+
+def _policy(shown: Shown, label: str) -> Iterator[Panel]:
+    names = _names(shown)
+    groups = {name: range(k, k + 1) for k, name in enumerate(names)}
+    if len(names) <= 2:
+        groups = {f"{label}: greedy moves": range(len(names))}
+    for title, robots in groups.items():
+        last = robots.stop == len(names)
+        draw = partial(_draw_policy, shown, robots, title, key=last)
+        yield _map_panel(shown, POLICY_MAP, draw, 0.5 if last else 0.0)
+
+
+def _draw_policy(
+    shown: Shown, robots: Sequence[int], title: str, axes: Axes, *, key: bool = True
+) -> None:
+    """Draw robots' greedy moves as arrows and where they ask as rings.
+
+    What lies where a robot never gets to in greedy episodes is pale. The arrows of every second
+    robot are hollow and its rings dashed: in greyscale its colour may be another one's, pale.
+    """
+    scenario = shown.config.scenario
+    draw_map(axes, scenario, label_height=0.14)
+    rows, columns = np.array(scenario.map.cells).T
+    south, east = np.array(DIRECTIONS).T
+    for place, k in enumerate(robots):
+        policy = policy_of(shown.tables[k], scenario.robots[k].goal)
+        side = place - (len(robots) - 1) / 2
+        x = columns + 0.5 + 0.4 * side
+        y = rows + 0.6 + 0.2 * side
+        colour = robot_colour(k)
+        alpha = np.ones(len(scenario.map.cells))
+        if shown.played is not None:
+            alpha[shown.played.stays[k] == 0] = 0.3
+        cells, moves = np.nonzero(policy.moves)
+        if len(cells):
+            axes.quiver(
+                *(x[cells] - 0.2 * east[moves], y[cells] - 0.2 * south[moves]),
+                *(0.4 * east[moves], 0.4 * south[moves]),
+                facecolor="white" if place % 2 else colour,
+                edgecolor=colour,
+                alpha=alpha[cells],
+                **ARROW,
+            )
+        for cell in np.flatnonzero(policy.asks).tolist():
+            ring = Circle((x[cell], y[cell]), 0.25, fill=False, linewidth=1.8, zorder=4)
+            ring.set(edgecolor=colour, linestyle=LINES[place % 2], alpha=alpha[cell])
+            axes.add_patch(ring)
+    axes.set_title(title, fontsize=10)
+    if key:
+        _policy_key(shown, robots if len(robots) > 1 else (), axes)
+
+
+def _policy_key(shown: Shown, robots: Sequence[int], axes: Axes) -> None:
+    handles: list[Artist] = []
+    for place, k in enumerate(robots):
+        face = "white" if place % 2 else robot_colour(k)
+        handles.append(
+            Patch(facecolor=face, edgecolor=robot_colour(k), label=_names(shown)[k])
+        )
+    if shown.asks:
+        ring: dict[str, Any] = {
+            "marker": "o",
+            "markersize": 9,
+            "markerfacecolor": "none",
+        }
+        handles.append(
+            Line2D([], [], color="0.3", ls="none", label="asks here first", **ring)
+        )
+    if shown.played is not None:
+        pale = Line2D(
+            [], [], color="0.3", alpha=0.3, linewidth=2.2, label="never gets here"
+        )
+        handles.append(pale)
+    axes.legend(handles=handles, ncols=2, loc="upper center", bbox_to_anchor=(0.5, 0))
+
+
+def _shaded(
+    shown: Shown,
+    label: str,
+    values: np.ndarray,
+    titles: Sequence[str],
+    scale: str,
+    most: float,
+) -> Iterator[Panel]:
+    """Yield a map for each row of values, shape (maps, cells), that shade its cells.
+
+    All have one scale, from 0 to `most`, which stands beside the last of them.
+    """
+    norm = Normalize(0, most or 1.0)
+    for own, title in zip(values, titles, strict=True):
+        bar = scale if title == titles[-1] else ""
+        draw = partial(
+            _draw_shades, shown, f"{label}: {title}", np.asarray(norm(own)), norm, bar
+        )
+        panel = _map_panel(shown, SHADED_MAP, draw)
+        yield panel._replace(width=panel.width + SCALE_WIDTH) if bar else panel
+
+
+def _draw_shades(
+    shown: Shown, title: str, dark: np.ndarray, norm: Normalize, bar: str, axes: Axes
+) -> None:
+    draw_map(axes, shown.config.scenario, dark, label_height=0.2)
+    axes.set_title(title, fontsize=8)
+    if bar:
+        axes.set_anchor("W")
+        beside = axes.inset_axes((1.03, 0.0, 0.035, 1.0))
+        axes.figure.colorbar(ScalarMappable(norm, COLOUR_MAP), cax=beside, label=bar)
+
+
+def _asked_by_cell(shown: Shown) -> np.ndarray:
+    """Return COORDINATE in a greedy episode, shape (maps, cells): a map a robot, or one of all."""
+    asked: np.ndarray = shown.trials.asked / PLAYED_EPISODES
+    return asked if len(asked) <= 2 else asked.sum(axis=0, keepdims=True)
+
+
+def _asks(shown: Shown, label: str, most: float) -> Iterator[Panel]:
+    asked = _asked_by_cell(shown)
+    names = _names(shown)
+    titles = [f"{len(names)} robots ask {asked.sum():.2f} times"]
+    if len(asked) == len(names):
+        titles = [
+            f"{name} asks {own.sum():.2f} times"
+            for name, own in zip(names, asked, strict=True)
+        ]
+    return _shaded(shown, label, asked, titles, "COORDINATE in a greedy episode", most)
+
+
+def _sparsity(shown: Shown, label: str) -> Iterator[Panel]:
+    rule = shown.config.rule
+    scenario = shown.config.scenario
+    learned = [rule.learned_rows(scenario, one.memory) for one in shown.tables]
+    counts = np.array(learned, dtype=np.float64)
+    possible = rule.rows_of_a_cell(scenario) * len(scenario.map.cells)
+    named = zip(_names(shown), counts, strict=True)
+    titles = [
+        f"$Q^C$ of {name}, {own.sum() / possible:.2%} learned" for name, own in named
+    ]
+    if len(counts) > 2:
+        counts = counts.mean(axis=0, keepdims=True)
+        share = counts.sum() / possible
+        titles = [f"$Q^C$, {share:.2%} learned, mean of {len(learned)} robots"]
+    factored = isinstance(rule, Factored)
+    scale = (
+        "rows of corrections learned (four moves each)"
+        if factored
+        else "joint states learned"
+    )
+    return _shaded(shown, label, counts, titles, scale, float(counts.max()))
+
+
+# Curves.
+
+
+def _draw_curve(
+    runs: Sequence[Shown], labels: Sequence[str], name: str, axes: Axes
+) -> None:
+    """Draw a learning curve: each episode as a dot (of a single run), and running means.
+
+    Of a single run reward and asks have a line a robot.
+    """
+    lines: list[tuple[Shown, int | None]] = [(shown, None) for shown in runs]
+    if len(runs) == 1:
+        if name in ("reward", "asks") and len(_names(runs[0])) > 1:
+            labels = _names(runs[0])
+            lines = [(runs[0], k) for k in range(1, len(labels) + 1)]
+        else:
+            labels = [f"mean of {_window(runs[0])} episodes"]
+            points = _thinned(*runs[0].history.curve(name))
+            axes.plot(*points, ".", color="0.72", markersize=3, label="one episode")
+    for number, (shown, robot) in enumerate(lines):
+        points = _thinned(*shown.history.curve(name, _window(shown), robot=robot))
+        style = LINES[number % len(LINES)]
+        colour = robot_colour(number)
+        axes.plot(
+            *points, color=colour, linestyle=style, linewidth=1.6, label=labels[number]
+        )
+    axes.set(yscale="log" if name == "length" else "linear", xlabel="time step")
+    axes.set_ylabel(CURVES[name])
+    axes.xaxis.set_major_locator(MaxNLocator(3))
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize=6, ncols=2 if len(lines) > 4 else 1)
+
+
+def _window(shown: Shown) -> int:
+    """Return the episodes of a running mean."""
+    return max(1, min(50, shown.history.episodes // 10))
+
+
+def _thinned(steps: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    count = min(len(steps), MOST_POINTS)
+    kept = np.linspace(0, len(steps) - 1, count).astype(np.int64)
+    return steps[kept], values[kept]
+
+
+def _percepts(shown: Shown, label: str) -> Iterator[Panel]:
+    yield Panel(*CURVE, partial(_draw_percepts, shown.log, label), stretches=True)
+
+
+def _draw_percepts(log: RunLog, label: str, axes: Axes) -> None:
+    """Draw how often was asked over time, and how it ended: stacked bars."""
+    first, last = log.step[[0, -1]] if len(log.step) else (0, 1)
+    ends = np.linspace(first, last, 25)
+    acted = np.histogram(np.repeat(log.step, (log.move >= 0).sum(axis=1)), ends)[0]
+    below = np.zeros(len(ends) - 1)
+    for name, found in ended(log).items():
+        if not found.any():
+            continue
+        asked = np.histogram(np.repeat(log.step, found.sum(axis=1)), ends)[0]
+        share = 100 * asked / np.maximum(acted, 1)
+        said = f"{name} ({int(found.sum())})"
+        for bar in axes.bar(
+            ends[:-1], share, np.diff(ends), below, align="edge", label=said
+        ):
+            bar.set(
+                color=OUTCOME_COLOURS[name], hatch=HATCHES[name], ec="white", lw=0.4
+            )
+        below += share
+    axes.set(xlabel="time step", ylabel="COORDINATE [% of actions]")
+    axes.set_title(f"{label}: how percepts ended", fontsize=10)
+    axes.legend(fontsize=7)
+
+
+def in_html(head: str, shown: Shown) -> str:
+    """Return a line, and below it the pictures of a run, side by side: those that it has."""
+    parts = [
+        f"<p>{html.escape(head)}</p>",
+        '<div style="display: flex; align-items: flex-start">',
+    ]
+    if shown.has("tables"):
+        parts.append(embedded(runs_figure([shown], ["policy"]), "policy"))
+    if shown.has("history") and shown.history.episodes:
+        parts.append(embedded(runs_figure([shown], ["length"]), "learning curve"))
+    return "\n".join([*parts, "</div>"])

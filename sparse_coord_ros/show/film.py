@@ -1,0 +1,289 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""An episode as an animated GIF: robots move, questions are lines from the asker to the asked."""
+
+import io
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle, Rectangle
+from matplotlib.text import Text
+from PIL import Image
+
+from sparse_coord_ros.base import palette
+from sparse_coord_ros.core.game.scenario import Scenario
+from sparse_coord_ros.show.episodes import Episode
+from sparse_coord_ros.show.steps import Question, questions_of
+from sparse_coord_ros.studies.report.map_pictures import draw_map
+
+DPI = 100
+LONGEST_SIDE = 7.2
+LARGEST_CELL = 0.72
+SMALLEST_CELL = 0.24
+"""Inches: of the map's longer side, if its cells then keep a size within the other two."""
+
+LEAST_WIDTH = 3.6
+"""Inches that the words below the map need."""
+
+SENTENCES = 3
+"""Questions told in words at a time; of more only the number."""
+
+MOST_STEPS = 300
+"""Steps that a film shows."""
+
+SMOOTH_STEPS = 60
+"""Up to so many steps robots glide; in longer films they jump."""
+
+OUTCOME_LINES = {"answered": "-", "refused": (0, (4, 2)), "failed": (0, (1, 2))}
+TALK = 1.6
+HOLD = 4.0
+"""How long a question stands still, and the last frame, in time steps."""
+
+SHARED = 0.27
+"""How far robots that share a cell stand from its centre, in cells."""
+
+
+def film(
+    scenario: Scenario, episode: Episode, *, title: str, rate: float = 2.0
+) -> bytes:
+    """Return an episode as the bytes of a GIF; the same episode gives the same bytes.
+
+    Args:
+        scenario: the problem.
+        episode: what happened.
+        title: what stands above it.
+        rate: time steps a second.
+    """
+    shown = min(len(episode.steps), MOST_STEPS)
+    glide = (0.35, 0.7) if shown <= SMOOTH_STEPS else ()
+    stage = _Stage(scenario, episode, title)
+    images = []
+    lasting = []
+    for step in range(shown):
+        if questions_of(episode.steps[step]):
+            images.append(stage.shoot(step, 0.0, speaking=True))
+            lasting.append(TALK)
+        images += [stage.shoot(step, moved) for moved in (*glide, 1.0)]
+        lasting += [*[0.15] * len(glide), 0.7 if glide else 1.0]
+    durations = [max(20, round(100 * lasts / rate) * 10) for lasts in lasting]
+    durations[-1] += round(1000 * HOLD / rate)
+    file = io.BytesIO()
+    rest = images[1:]
+    images[0].save(
+        file, "gif", save_all=True, append_images=rest, duration=durations, loop=0
+    )
+    return file.getvalue()
+
+
+class _Stage:
+    """The map, drawn once, and what moves on it, drawn anew for every frame."""
+
+    def __init__(self, scenario: Scenario, episode: Episode, title: str) -> None:
+        self._scenario = scenario
+        self._episode = episode
+        self._names = [robot.name for robot in scenario.robots]
+        steps = episode.steps
+        rows, columns = scenario.map.shape
+        cell = min(LARGEST_CELL, LONGEST_SIDE / max(rows, columns))
+        self._cell = cell = max(SMALLEST_CELL, cell)
+        self._spoken = min(SENTENCES, max(len(questions_of(one)) for one in steps))
+        above = 0.32
+        below = 0.34 + 0.2 * self._spoken
+        width = max(LEAST_WIDTH, columns * cell + 0.2)
+        height = rows * cell + above + below
+        self._figure = figure = Figure(figsize=(width, height), dpi=DPI)
+        canvas: Any = FigureCanvasAgg(figure)
+        self._canvas = canvas
+        wide = columns * cell / width
+        high = rows * cell / height
+        self._axes = figure.add_axes(((1 - wide) / 2, below / height, wide, high))
+        draw_map(
+            self._axes, scenario, label_size=max(5.0, 11 * cell), label_height=0.14
+        )
+        for k, robot in enumerate(scenario.robots):
+            row, column = scenario.map.cells[robot.goal]
+            mark = Rectangle(
+                (column + 0.18, row + 0.28), 0.64, 0.64, fill=False, linewidth=2
+            )
+            mark.set(edgecolor=palette.robot_colour(k), linestyle=(0, (2, 1.5)))
+            self._axes.add_patch(mark)
+        self._axes.set_title(title, fontsize=10, parse_math=False)
+        self._canvas.draw()
+        self._empty = self._canvas.copy_from_bbox(figure.bbox)
+        self._words = figure.text(
+            0.01, (below - 0.1) / height, "", fontsize=9, va="top"
+        )
+        self._words.set_parse_math(False)
+        self._places = np.array([*scenario.map.cells, (np.nan, np.nan)])[:, ::-1] + 0.5
+        cells = [
+            *(one.cells for one in steps),
+            steps[-1].after or (None,) * len(self._names),
+        ]
+        self._cells = np.nan_to_num(np.array(cells, dtype=float), nan=-1).astype(int)
+        self._palette = _palette()
+
+    def shoot(self, step: int, moved: float, *, speaking: bool = False) -> Image.Image:
+        """Return a picture: so much of a time step is over."""
+        places = (1 - moved) * self._standing(step) + moved * self._standing(step + 1)
+        self._canvas.restore_region(self._empty)
+        over = moved == 1.0
+        together = over and self._episode.steps[step].miscoordination
+        asks = questions_of(self._episode.steps[step]) if speaking else ()
+        if together:
+            self._put(self._meeting(step + 1))
+        self._put(self._trails(step))
+        self._put(line for ask in asks for line in self._lines(ask, places))
+        self._put(self._robots(places, {ask.asker for ask in asks}))
+        self._put(sign for ask in asks for sign in self._sign(ask, places))
+        self._say(step + over, asks, together)
+        self._figure.draw_artist(self._words)
+        image = Image.frombuffer(
+            "RGBA",
+            self._canvas.get_width_height(),
+            self._canvas.buffer_rgba().tobytes(),
+        )
+        return image.convert("RGB").quantize(
+            palette=self._palette, dither=Image.Dither.NONE
+        )
+
+    def _put(self, artists: Iterable[Artist]) -> None:
+        """Draw something for this picture only."""
+        for artist in artists:
+            self._axes.add_artist(artist)
+            self._axes.draw_artist(artist)
+            artist.remove()
+
+    def _standing(self, step: int) -> np.ndarray:
+        """Return where the robots stand, shape (robots, 2); side by side in one cell."""
+        cells = self._cells[step].tolist()
+        places: np.ndarray = self._places[cells]
+        for k, cell in enumerate(cells):
+            if cells.count(cell) > 1:
+                turn = 2 * np.pi * cells[:k].count(cell) / cells.count(cell)
+                places[k] += SHARED * np.array([-np.cos(turn), np.sin(turn)])
+        return places
+
+    def _trails(self, step: int) -> Iterator[Artist]:
+        others = len(self._names) - 1
+        for k in range(len(self._names)):
+            x, y = self._places[self._cells[: step + 1, k]].T
+            shift = 0.1 * (k - others / 2) / max(1, others)
+            yield Line2D(
+                x + shift,
+                y + shift,
+                color=_pale(palette.robot_colour(k)),
+                linewidth=2.5,
+            )
+
+    def _meeting(self, step: int) -> Iterator[Artist]:
+        """Yield the marks of the doorways with robots inside."""
+        for x in self._scenario.map.doorways & set(self._cells[step].tolist()):
+            look: dict[str, Any] = {
+                "facecolor": _pale(palette.DOORWAY_COLOUR),
+                "hatch": "xx",
+            }
+            corner = self._places[x] - 0.5
+            yield Rectangle(
+                corner, 1, 1, edgecolor=palette.DOORWAY_COLOUR, linewidth=3, **look
+            )
+
+    def _robots(self, places: np.ndarray, askers: set[int]) -> Iterator[Artist]:
+        there = {
+            k: place for k, place in enumerate(places.tolist()) if np.isfinite(place[0])
+        }
+        for k in sorted(askers & there.keys()):
+            yield Circle(
+                there[k], 0.4, facecolor="white", edgecolor="black", linewidth=2
+            )
+        for k, (x, y) in there.items():
+            colour = palette.robot_colour(k)
+            yield Circle(
+                (x, y), 0.3, facecolor=colour, edgecolor="black", linewidth=0.8
+            )
+            yield self._letter(x, y, str(k + 1), palette.ink_on(colour), least=6.0)
+
+    @staticmethod
+    def _lines(ask: Question, places: np.ndarray) -> Iterator[Artist]:
+        """Yield the lines from the asker to whom it asks; thin ones to several."""
+        width = 3.2 if len(ask.peers) == 1 else 1.8
+        for peer in ask.peers:
+            line = Line2D(
+                *np.transpose([places[ask.asker], places[peer]]), linewidth=width
+            )
+            line.set(
+                color=palette.OUTCOME_COLOURS[ask.outcome],
+                linestyle=OUTCOME_LINES[ask.outcome],
+            )
+            yield line
+
+    def _sign(self, ask: Question, places: np.ndarray) -> Iterator[Artist]:
+        """Yield the sign of how a question ended: nearer to the asked robot.
+
+        Of a question to several it is beside the asker, once: one on each line would hide robots.
+        """
+        peer = ask.peers[0] if len(ask.peers) == 1 else ask.asker
+        x, y = 0.45 * places[ask.asker] + 0.55 * places[peer]
+        if len(ask.peers) > 1:
+            x = x + 0.38
+            y = y - 0.38
+        if np.isfinite(x):
+            colour = palette.OUTCOME_COLOURS[ask.outcome]
+            yield Circle(
+                (x, y), 0.22, facecolor="white", edgecolor=colour, linewidth=1.8
+            )
+            yield self._letter(
+                x, y, palette.OUTCOME_SIGNS[ask.outcome], "black", least=7.0
+            )
+
+    def _letter(
+        self, x: float, y: float, letter: str, colour: str, *, least: float
+    ) -> Text:
+        size = max(least, 17 * self._cell)
+        how: dict[str, Any] = {
+            "fontweight": "bold",
+            "ha": "center",
+            "va": "center_baseline",
+        }
+        return Text(x, y, letter, color=colour, fontsize=size, **how)
+
+    def _say(self, step: int, asks: Sequence[Question], together: bool) -> None:
+        said = [ask.in_words(self._names) for ask in asks]
+        if len(said) > self._spoken:
+            said[self._spoken - 1 :] = [f"and {len(said) - self._spoken + 1} more ask"]
+        length = len(self._episode.steps)
+        at = f"step {step} of {length}"
+        if together:
+            at += ": miscoordination"
+        elif step == length:
+            at += ": all there" if self._episode.arrived else ": not all there"
+        self._words.set_text("\n".join([at, *said]))
+
+
+def _pale(colour: str) -> tuple[float, float, float]:
+    red, green, blue = palette.rgb(colour)
+    return 0.35 * red + 0.65, 0.35 * green + 0.65, 0.35 * blue + 0.65
+
+
+def _palette() -> Image.Image:
+    """Return an image whose palette has every colour drawn, and mixtures for smooth edges."""
+    colours = [
+        *palette.ROBOT_COLOURS,
+        *palette.OUTCOME_COLOURS.values(),
+        palette.DOORWAY_COLOUR,
+    ]
+    shares = np.array([1.0, 0.75, 0.5, 0.35, 0.2])[:, None, None, None]
+    grounds = np.array([1.0, 0.25, 0.0])[:, None, None]
+    mixed = (
+        shares * np.array([palette.rgb(one) for one in colours])
+        + (1 - shares) * grounds
+    )
+    greys = np.repeat([*np.arange(32) / 31, 0x40 / 255, 0.85], 3)
+    image = Image.new("P", (1, 1))
+    both = np.round(np.append(mixed, greys).reshape(-1, 3) * 255).astype(np.uint8)
+    image.putpalette(np.unique(both, axis=0).tobytes())
+    return image

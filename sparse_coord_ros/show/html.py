@@ -1,0 +1,49 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Pages of one HTML file without scripts, made by `templates/report.html.j2` of sections.
+
+A section is a heading and its parts: what `text`, `table`, `code` and `picture` return. Whatever
+text comes from outside is escaped.
+"""
+
+import base64
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from jinja2 import Environment, PackageLoader
+from matplotlib.figure import Figure
+
+from sparse_coord_ros.studies.report.charts import rendered
+
+Part = dict[str, Any]
+
+
+def page(title: str, sections: Mapping[str, Iterable[Part]]) -> str:
+    """Return a page; `sections` has the parts by their heading, which may be empty."""
+    loader = PackageLoader("sparse_coord_ros.show")
+    template = Environment(loader=loader, autoescape=True, keep_trailing_newline=True)
+    found = template.get_template("report.html.j2")
+    return found.render(title=title, sections=sections.items())
+
+
+def text(words: str, *, warn: bool = False) -> Part:
+    """Return a paragraph; `warn` marks it."""
+    return {"kind": "text", "text": words, "warn": warn}
+
+
+def table(
+    head: Sequence[str], rows: Sequence[Sequence[object]], *, words: bool = False
+) -> Part:
+    """Return a table; `words`: all its columns are aligned to the left."""
+    return {"kind": "table", "head": head, "rows": rows, "words": words}
+
+
+def code(lines: str, *, summary: str = "") -> Part:
+    """Return a text as it is, folded away below a summary where there is one."""
+    return {"kind": "code", "text": lines, "summary": summary}
+
+
+def picture(figure: Figure, caption: str) -> Part:
+    """Return a picture."""
+    data = base64.b64encode(rendered(figure, "svg")).decode()
+    return {"kind": "picture", "data": data, "caption": caption}

@@ -1,0 +1,60 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What RViz and Foxglove show of a team: the shipped files, for its robots and namespace."""
+
+import json
+from collections.abc import Sequence
+from typing import Any
+
+from sparse_coord_ros.base.limits import parse_yaml, to_yaml
+from sparse_coord_ros.base.palette import robot_colour
+from sparse_coord_ros.base.share import share_folder
+
+PATTERN = "robot_1"
+"""The robot of the shipped files that stands for all."""
+
+
+def rviz_config(robots: Sequence[str], namespace: str) -> str:
+    """Return rviz/team.rviz for these robots, in a namespace."""
+    template = share_folder("rviz") / "team.rviz"
+    shown: Any = parse_yaml(template.read_text(), where=str(template))
+    displays = shown["Visualization Manager"]["Displays"]
+    [asks] = [one for one in displays if one["Name"] == "Where robots ask"]
+    pattern = to_yaml(asks["Displays"][0])
+    asks["Displays"] = [
+        parse_yaml(pattern.replace(PATTERN, name), where=str(template))
+        for name in robots
+    ]
+    return _within(to_yaml(shown), "Value: /", namespace)
+
+
+def foxglove_layout(robots: Sequence[str], namespace: str) -> str:
+    """Return foxglove/team.json for these robots, in a namespace."""
+    shown = json.loads((share_folder("foxglove") / "team.json").read_text())
+    for panel in shown["configById"].values():
+        if "paths" in panel:
+            pattern = json.dumps(panel["paths"][0])
+            panel["paths"] = [
+                json.loads(pattern.replace(PATTERN, name)) | {"color": robot_colour(k)}
+                for k, name in enumerate(robots)
+            ]
+        if "topics" in panel:
+            of_robots = f"/{PATTERN}/coordination_map"
+            look = panel["topics"][of_robots]
+            ours = {
+                topic: one
+                for topic, one in panel["topics"].items()
+                if topic.count("/") == 1
+            }
+            panel["topics"] = ours | {
+                of_robots.replace(PATTERN, name): look for name in robots
+            }
+    text = _within(json.dumps(shown, indent=2), '"/', namespace)
+    return text.replace(
+        f'"/{namespace}/diagnostics"', '"/diagnostics"'
+    )  # all teams share it
+
+
+def _within(text: str, before: str, namespace: str) -> str:
+    """Return a text whose topics, each after `before`, are in a namespace."""
+    return text.replace(before, f"{before}{namespace}/" if namespace else before)

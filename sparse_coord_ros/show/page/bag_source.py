@@ -1,0 +1,535 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A bag on the page: played, held, stepped, sought in; followed while it grows."""
+
+import threading
+import time
+from collections.abc import Callable
+from itertools import groupby
+from pathlib import Path
+
+import numpy as np
+
+from sparse_coord_ros.base.errors import BagError, SparseCoordError
+from sparse_coord_ros.core.game.plugins import leaving_out
+from sparse_coord_ros.core.runs.history import blank_history, concatenated
+from sparse_coord_ros.core.solve.shipped import shipped_asking_team
+from sparse_coord_ros.log.bags.layout import being_recorded
+from sparse_coord_ros.log.runlog import explain
+from sparse_coord_ros.log.runlog.attached import RecordedTables
+from sparse_coord_ros.log.runlog.log import NONE, RunLog
+from sparse_coord_ros.log.runlog.relearned import Asked, Relearned
+from sparse_coord_ros.log.runlog.window import LongLog
+from sparse_coord_ros.protocol.wire import COORDINATION_MAP
+from sparse_coord_ros.show.page import controls, messages
+from sparse_coord_ros.show.page.board import Board, Message
+from sparse_coord_ros.show.page.counts import Counts
+from sparse_coord_ros.show.page.live_source import ASKED_SO_FAR
+from sparse_coord_ros.show.page.moments import Highlight, Moments, highlight
+from sparse_coord_ros.show.steps import logged_step, logged_trails, questions_of
+from sparse_coord_ros.show.words import Words
+
+CONTROLS = (controls.PAUSE, controls.STEP, controls.RATE, controls.SEEK, controls.JUMP)
+
+TICK_SECONDS = 1 / 30
+LOOK_SECONDS = 0.5
+"""Between two looks at whether the file has grown."""
+
+FIRST_RATE = 10.0
+
+SHOWN_RATE = 2.0
+"""Time steps a second of the episode that shows what was learned, until another rate is wanted."""
+
+SHOWN_STEPS = 3000
+"""The last time steps, among which that episode is."""
+
+MARKS = 300
+"""Marks of a kind on the time line at most."""
+
+WORDS = {
+    controls.QUESTION: "question",
+    controls.MISCOORDINATION: "miscoordination",
+    controls.POLICY: "change of where a robot would ask",
+    controls.CROSSING: "crossing",
+}
+"""What a page can go to, in words."""
+
+STILL_STEPS = 10_000
+"""Of a time step that so many others have followed nobody wants to know any more."""
+
+
+class BagSource(controls.Controlled):
+    """Plays a bag to a board.
+
+    Args:
+        path: the bag, as of `read_run`.
+        board: where the messages go.
+        rate: time steps a second; 0: as far as the log goes.
+        step: the time step to begin at; None: what was learned is shown.
+
+    Attributes:
+        log: the bag.
+        growing: whether it is still being recorded.
+        first: its first time step.
+        position: the time step that is shown, with its fraction.
+        paused: whether time stands still.
+        rate: as given, or wanted since.
+
+    Raises:
+        SparseCoordError: as of `LongLog`.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        board: Board,
+        *,
+        rate: float = FIRST_RATE,
+        step: int | None = None,
+    ) -> None:
+        super().__init__()
+        self.log = LongLog(path)
+        self.run = self.log.run
+        self.board = board
+        self.growing = self._grows()
+        if self.log.empty:
+            self.log.bag.close()
+            what = "its recorder has only begun; try again soon"
+            what = what if self.growing else "see 'sparse_coord info'"
+            raise BagError(f"{path}: holds no message to show: {what}")
+        begin = self.log.begin()
+        acted = np.flatnonzero((begin.cells != NONE).any(axis=1))
+        self.first = int(begin.step[acted[0]] if len(acted) else begin.step[0])
+        self.position = float(self.log.last_step if self.growing else self.first)
+        self.paused = False
+        self.rate = rate
+        self._shown_rate = SHOWN_RATE
+        self._words = Words(self.run.scenario)
+        self._moments = Moments(self.run, self._words)
+        self._highlight: Highlight | None = None
+        self._again = False
+        self._then = time.monotonic()
+        self._window: RunLog | None = None
+        self._shown: dict[str, object] = {}
+        self._relearned = Relearned(self.log)
+        scenario = self.run.scenario
+        self._counts = Counts(len(scenario.robots), len(scenario.map.cells))
+        self._questions: list[tuple[int, Asked]] = []
+        self._rows: dict[tuple[int, int], str] = {}
+        self._rows_known = 0
+        self._stop = threading.Event()
+        place = self.log.bag.path
+        fields = messages.run_fields(self.run)
+        title = str(place if place.is_dir() else place.parent)
+        board.put("run", source="bag", title=title, controls=CONTROLS, **fields)
+        board.source = self
+        self._notice()
+        if not self.growing:
+            self._find_highlight()
+            self._show_again()
+        if step is not None:
+            self._go(step)
+
+    def _find_highlight(self) -> None:
+        """Find the episode that shows what was learned, and say so."""
+        last = self.log.last_step
+        most = max(SHOWN_STEPS, 4 * self.run.scenario.max_steps)
+        try:
+            log = self.log.read(max(0, last - most), last)
+            whole = log.history().first_step[
+                int(last > most) :
+            ]  # the first one may be cut
+            found = self._newest()
+            tables = [one.tables for one in found]
+            if len(whole) and found:
+                log = log.between(int(whole[0]), last)
+                self._highlight = highlight(log, tables, self._moments, self._words)
+        except SparseCoordError:  # that it is damaged is said where all of it is read
+            return
+        if self._highlight is not None:
+            newest = {one.robot: (one.step, one.tables) for one in found}
+            self.board.put("tables", robots=messages.table_fields(self.run, newest))
+            self._tell_learned()
+
+    def _newest(self) -> list[RecordedTables]:
+        """Return every robot's newest tables; nothing where one has none."""
+        found = [
+            self.log.tables_before(k) for k in range(len(self.run.scenario.robots))
+        ]
+        return [] if None in found else [one for one in found if one is not None]
+
+    def _tell_learned(self, *, read: bool = False) -> None:
+        """Say what was learned; `read`: and since when, as the whole log has been read."""
+        shown = self._highlight
+        if shown is None:
+            return
+        lines = [shown.text]
+        if shown.step is None:
+            best = shipped_asking_team(self.run.scenario)
+            if best is not None:
+                lines.append(
+                    f"The best asking team found is worth {best.value:.2f} a robot."
+                )
+        elif read:
+            lines.append(self._since(shown))
+        self.board.put("learned", lines=lines, first=shown.first, step=shown.step)
+
+    def _since(self, shown: Highlight) -> str:
+        """Say since when a robot would ask where it does; the whole log has been read."""
+        begun, since = self._moments.since(shown.robot, shown.cell)
+        name = self._words.names[shown.robot]
+        if since is None:
+            return f"By its newest tables {name} would not ask there."
+        if since == begun:
+            return f"By its tables {name} would have asked there from the start."
+        return (
+            f"{name} learned to ask there at about step {float(f'{since:.3g}'):,.0f}."
+        )
+
+    def _show_again(self) -> None:
+        """Play the episode that shows what was learned, again and again."""
+        if self._highlight is not None:
+            self._go(self._highlight.first)
+            self._again = True
+            self._shown_rate = SHOWN_RATE
+            self.paused = False
+
+    def _go(self, step: int) -> None:
+        """Show a time step, and what comes after it."""
+        self.position = float(min(max(step, self.first), self.log.last_step))
+        self._again = False
+
+    @property
+    def _pace(self) -> float:
+        """Time steps a second now."""
+        return min(self.rate or np.inf, self._shown_rate) if self._again else self.rate
+
+    def _new(self, what: str, key: object) -> bool:
+        """Whether what is to be shown is not what was shown last."""
+        new = self._shown.get(what) != key
+        self._shown[what] = key
+        return new
+
+    def _grows(self) -> bool:
+        """Whether a recorder holds the file's lock; one that was renamed or removed has none."""
+        try:
+            return not self.log.bag.finished and being_recorded(self.log.bag.path)
+        except BagError:
+            return False
+
+    # In the thread of the source.
+
+    def play(self) -> None:
+        """Play until interrupted."""
+        tasks = (self._read_through, self._learn_along)
+        beside = [threading.Thread(target=one, daemon=True) for one in tasks]
+        for thread in beside:
+            thread.start()
+        looked = time.monotonic()
+        try:
+            while True:
+                if self.growing and time.monotonic() - looked >= LOOK_SECONDS:
+                    looked = time.monotonic()
+                    self.look()
+                self.tick()
+                time.sleep(TICK_SECONDS)
+        finally:
+            self._stop.set()
+            for thread in beside:
+                thread.join()
+            self.log.bag.close()
+
+    def look(self) -> None:
+        """Take in what the file has grown by."""
+        following = self.following
+        growing = self._grows()
+        if self.log.bag.extend():
+            self._window = None
+        if following:
+            self.position = float(self.log.last_step)
+        if self.log.bag.finished or not growing:
+            self._find_highlight()
+            self.growing = False
+            self._notice()
+
+    def tick(self) -> None:
+        """Do what was asked for, move on, and show the time step that is reached."""
+        now = time.monotonic()
+        passed = now - self._then
+        self._then = now
+        for control in self.wishes():
+            self._do(control)
+        last = float(self.log.last_step)
+        if not self.paused:
+            on = passed * self._pace if self._pace else last
+            self.position = min(self.position + on, last)
+            if (
+                self._again
+                and self._highlight
+                and self.position >= self._highlight.last + 3
+            ):
+                self.position = float(self._highlight.first)
+            self.paused = self.position >= last and not self.growing
+        self.show()
+
+    def _do(self, control: controls.Control) -> None:
+        last = self.log.last_step
+        self._say("")
+        if control.name == controls.PAUSE:
+            self.paused = control.value
+            if not self.paused and self.position >= last and not self.growing:
+                self.position = float(self.first)
+        elif control.name == controls.RATE:
+            self.rate = control.value
+            self._shown_rate = np.inf
+        elif control.name == controls.SEEK:
+            self._go(control.value)
+            if self.growing and self.position >= last:
+                self.paused = False
+        elif control.name == controls.JUMP and control.value == controls.LEARNED:
+            self._show_again()
+        elif control.name == controls.JUMP:
+            self._jump(control.value)
+        elif control.name == controls.STEP:
+            self.paused = True
+            self._go(self._beside(control.value))
+
+    def _jump(self, kind: str) -> None:
+        """Go to the first crossing, or to the next moment of another kind; say where none is."""
+        steps = self._moments.steps[kind]
+        step = 0 if kind == controls.CROSSING else int(self.position) + 1
+        place = int(np.searchsorted(steps, step))
+        if place < len(steps):
+            self._go(int(steps[place]))
+            self.paused = True
+            return
+        what = f"No {WORDS[kind]}"
+        if kind != controls.CROSSING:
+            what = f"{what} after time step {step - 1:,}"
+        read = self._counts.read_to
+        so_far = (
+            ""
+            if read >= self.log.last_step
+            else f"; the log is read to time step {read:,}"
+        )
+        self._say(f"{what}{so_far}.")
+
+    def _say(self, text: str) -> None:
+        """Show what came of a control; empty: nothing is to be said."""
+        if self._new("said", text):
+            self.board.put("said", text=text)
+
+    def _beside(self, count: int) -> int:
+        """Return the time step so many steps on in the log, or back."""
+        log = self._around()
+        row = self._row(log) + count
+        inside = 0 <= row < len(log.step)
+        return int(log.step[row]) if inside else int(self.position) + count
+
+    def _row(self, log: RunLog) -> int:
+        """Return the row of the position in a part of the log; -1: before it."""
+        return int(np.searchsorted(log.step, int(self.position), side="right")) - 1
+
+    def _around(self) -> RunLog:
+        """Return the part of the log around the position."""
+        window = self._window
+        step = int(self.position)
+        margin = 2  # a transition needs the next state
+        if window is None or not (
+            len(window.step) and window.step[0] <= step <= window.step[-1] - margin
+        ):
+            window = self._window = self.log.around(step)
+            self._notice()
+        return window
+
+    @property
+    def following(self) -> bool:
+        """Whether the newest time step is shown, and the next one as soon as it is there."""
+        return self.growing and not self.paused and self.position >= self.log.last_step
+
+    @property
+    def state(self) -> str:
+        """What is going on, in a word."""
+        if self.following:
+            return "following"
+        if self.paused:
+            return "ended" if self.position >= self.log.last_step else "paused"
+        return "playing"
+
+    def show(self) -> None:
+        """Put what belongs to the position on the board, where it is not there already."""
+        try:
+            log = self._around()
+            row = self._row(log)
+            if row >= 0:
+                self._show(log, row)
+        except SparseCoordError as error:
+            self.board.put("notice", text=f"damaged: {error}")
+
+    def _show(self, log: RunLog, row: int) -> None:
+        step = int(log.step[row])
+        so_far = self._counts.up_to(step, log)
+        around = {"rate": self._pace, "first": self.first, "last": self.log.last_step}
+        around |= {"episodes": so_far.episodes, "counted_to": so_far.read_to}
+        if self._new("frame", (step, self.state, around)):
+            fields = messages.frame_fields(
+                logged_step(log, row), logged_trails(log, row)
+            )
+            self.board.put("frame", state=self.state, **around, **fields)
+        self._tell(log, row)
+        if self._new("asked", so_far.questions):
+            self.board.put("asked", robots=so_far.asked.tolist(), where=ASKED_SO_FAR)
+
+    def _tell(self, log: RunLog, row: int) -> None:
+        """Show the last questions up to a row, where there are others than before.
+
+        Their details have the rows of the tables that decided, once these were learned again.
+        """
+        asking = np.flatnonzero(log.asked[: row + 1].any(axis=1))[-messages.DIALOGUE :]
+        since = int(log.step[0]) if log.step[0] > self.first else None
+        if not self._new(
+            "dialogue", (log.step[asking[-1:]].tolist(), since, self._rows_known)
+        ):
+            return
+        known = {k for k, at in enumerate(self.log.table_steps()) if at}
+        told: list[Message] = []
+        questions: list[tuple[int, Asked]] = []
+        for place in asking.tolist():
+            seen = logged_step(log, place)
+            rows = {
+                k: text for (step, k), text in self._rows.items() if step == seen.step
+            }
+            told += messages.in_words(self.run, seen, known, self._words, rows)
+            found = (messages.asked_of(seen, one) for one in questions_of(seen))
+            questions += [(seen.step, one) for one in found if one is not None]
+        self._questions = questions[-messages.DIALOGUE :]
+        self.board.put("dialogue", entries=told[-messages.DIALOGUE :], since=since)
+
+    def _notice(self) -> None:
+        """Say what state the file is in."""
+        log = self.log
+        text = ""
+        if log.losses:
+            text = f"damaged: {'; '.join(log.losses)}"
+        elif self.growing:
+            text = "still being recorded: the page follows it"
+        elif not log.bag.finished:
+            text = "never closed by its recorder: what there is of it is shown"
+        if self._new("notice", text):
+            self.board.put("notice", text=text)
+
+    # In threads beside it.
+
+    def _learn_along(self) -> None:
+        while not self._stop.wait(TICK_SECONDS):
+            self.learn()
+
+    def learn(self) -> None:
+        """Show what the robots had learned at the time step that is shown.
+
+        As long as a bag that grows is followed, the tables are the newest recorded ones.
+        """
+        step = int(self.position)
+        following = self.following
+        steps = self.log.table_steps() if following else None
+
+        def still() -> bool:
+            here = 0 <= self.position - step < STILL_STEPS
+            return here and not (following or self._stop.is_set())
+
+        try:
+            if not self._new("tables", steps or step):
+                if not following:
+                    self._find_rows(
+                        0, step, lambda: still() and int(self.position) == step
+                    )
+                return
+            if not following:  # on the way to the time step
+                self._find_rows(self._relearned.begin(step), step, still)
+            found = self._relearned.tables(step, still)
+        except SparseCoordError as error:
+            self.board.put("notice", text=f"damaged: {error}")
+            return
+        if still() or following:
+            self.board.put("tables", robots=messages.table_fields(self.run, found))
+
+    def _find_rows(self, first: int, last: int, still: Callable[[], bool]) -> None:
+        """Find the rows of the tables that decided after the questions that are shown.
+
+        Args:
+            first: of which time step on.
+            last: up to which time step.
+            still: whether they are still wanted.
+        """
+        shown = self._questions
+        keys = {(step, one.robot) for step, one in shown}
+        rows = {key: row for key, row in self._rows.items() if key in keys}
+        for step, group in groupby(shown, key=lambda question: question[0]):
+            asked = [one for _, one in group if (step, one.robot) not in rows]
+            if not asked or not first <= step <= last:
+                continue
+            found = self._relearned.values(step, asked, still)
+            if not still():
+                break
+            for one, row in zip(asked, found or [()] * len(asked), strict=True):
+                rows[step, one.robot] = f": {explain.row_in_words(row)}" if row else ""
+        if rows != self._rows:
+            self._rows = rows
+            self._rows_known += 1
+
+    def _read_through(self) -> None:
+        """Compute the learning curves from the log, stretch by stretch, and go on as it grows."""
+        scenario = self.run.scenario
+        history = whole = blank_history(0, len(scenario.robots))
+        begin = 0
+        try:
+            while True:
+                growing = self.growing
+                for part in self.log.episodes(begin, [COORDINATION_MAP]):
+                    self._notice()
+                    if self._stop.is_set():
+                        return
+                    history = whole = concatenated([whole, part.history])
+                    self._counts = self._counts.with_part(begin, part)
+                    begin = part.last_step + 1
+                    if part.open_step is not None:  # its last episode may go on
+                        whole = history.first(-1)
+                        begin = part.open_step
+                    self._moments.add(part)
+                    self._mark()
+                    share = begin / max(1, self.log.last_step)
+                    self.board.put(
+                        "curves", read=share, **messages.curve_fields(history)
+                    )
+                    time.sleep(0.002)  # playing comes first
+                self.board.put("curves", read=1.0, **messages.curve_fields(history))
+                if not growing:
+                    break
+                if self._stop.wait(LOOK_SECONDS):
+                    return
+            self._tell_learned(read=True)
+            self._evaluate()
+        except SparseCoordError as error:
+            self.board.put("notice", text=f"damaged: {error}")
+
+    def _mark(self) -> None:
+        """Show on the time line where what matters is."""
+        per_mark = max(1, (self.log.last_step - self.first) // MARKS)
+        marks = {
+            kind: steps[np.unique(steps // per_mark, return_index=True)[1]].tolist()
+            for kind, steps in self._moments.steps.items()
+        }
+        self.board.put("marks", **marks)
+
+    def _evaluate(self) -> None:
+        """Show the value of the newest tables, where all robots have learned some."""
+        found = self._newest()
+        if any(one.step for one in found):
+            step = min(one.step for one in found)
+            tables = [one.tables for one in found]
+            with leaving_out(
+                "their value", lambda said: self.board.put("notice", text=said)
+            ):
+                self.board.put(
+                    "evaluation", **messages.evaluation_fields(self.run, tables, step)
+                )

@@ -1,0 +1,56 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Between the source and the pages: the newest message of each type, and nothing else.
+
+A source puts messages there from any thread and never waits. Each page takes what is newer than
+what it has had: whoever is slow misses messages, and nobody waits for it.
+"""
+
+import json
+import threading
+from typing import Any
+
+from sparse_coord_ros.show.page.controls import Controlled
+
+Message = dict[str, Any]
+
+
+class Board:
+    """The newest message of each type.
+
+    Attributes:
+        pages: how many are there; what is costly need not be made where none is.
+        source: does what the pages ask for; None: nobody.
+    """
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._messages: dict[str, tuple[int, Message]] = {}
+        self._version = 0
+        self.pages = 0
+        self.source: Controlled | None = None
+
+    def put(self, kind: str, **fields: Any) -> None:
+        """Put a message in place of the one before of its type."""
+        with self._lock:
+            self._version += 1
+            self._messages[kind] = (self._version, {"type": kind, **fields})
+
+    def clear(self) -> None:
+        """Take all messages away, as another run begins."""
+        with self._lock:
+            self._messages.clear()
+
+    def get(self, kind: str) -> Message | None:
+        """Return the newest message of a type."""
+        found = self._messages.get(kind)
+        return None if found is None else found[1]
+
+    def newer(self, seen: int) -> list[tuple[int, str]]:
+        """Return version and text of the messages that are newer than a version, oldest first."""
+        with self._lock:
+            due = sorted(one for one in self._messages.values() if one[0] > seen)
+        return [
+            (version, json.dumps(message, allow_nan=False, separators=(",", ":")))
+            for version, message in due
+        ]

@@ -1,0 +1,148 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a page may ask for, and how that is checked before it is done."""
+
+import queue
+from collections.abc import Collection, Iterator, Mapping
+from typing import Any, NamedTuple
+
+from sparse_coord_ros.base.errors import SettingError, SparseCoordError, retold
+from sparse_coord_ros.core.game.scenario import load_scenario, scenario_names
+from sparse_coord_ros.core.game.settings import Setting, SettingTable
+
+HOST = "127.0.0.1"
+PORT = 8765
+"""Where the page is, unless it is wanted elsewhere."""
+
+PAGE_SETTINGS = SettingTable(
+    [
+        Setting(
+            "host", str, HOST, "address to serve; another one lets other machines watch"
+        ),
+        Setting(
+            "port", int, PORT, "of the page; 0: one that is free", low=0, high=65535
+        ),
+    ]
+)
+
+PAUSE = "pause"
+STEP = "step"
+RATE = "rate"
+SEEK = "seek"
+RESET = "reset"
+NEXT = "next"
+JUMP = "jump"
+IMPORT = "import"
+SAVE = "save"
+TRAIN = "train"
+STOP = "stop"
+DRIVE = "drive"
+HALT = "halt"
+"""What a page may ask for: hold or go on; so many time steps on or back; time steps a second (0:
+as fast as it goes); a time step to go to; a new episode; another run; the next moment of some
+kind; to import a map with other values, to save what came of it, to let a team learn on it, to
+stop that, and to drive the team that has learned; to let all bodies stand, or go on."""
+
+QUESTION = "question"
+MISCOORDINATION = "miscoordination"
+CROSSING = "crossing"
+POLICY = "policy"
+KINDS = (QUESTION, MISCOORDINATION, CROSSING, POLICY)
+"""A robot asks; robots miscoordinate; for the first time some are at one doorway and all arrive
+without that; where a robot would ask changes."""
+
+LEARNED = "learned"
+"""A kind, too: the episode that shows what was learned, again and again."""
+
+
+class Control(NamedTuple):
+    """What a page asks for, checked.
+
+    Attributes:
+        name: one of the above.
+        value: of `pause` and `halt` a bool; of `step` and `seek` a whole number; of `rate` a
+            number; of `next` a mapping of `scenario` and `penalty`; of `import`, `save` and
+            `train` one that their source checks; of `reset`, `stop` and `drive` None.
+    """
+
+    name: str
+    value: Any = None
+
+
+class Controlled:
+    """What is shown, and can be held, stepped and so on."""
+
+    def __init__(self) -> None:
+        self._wishes: queue.SimpleQueue[Control] = queue.SimpleQueue()
+
+    def control(self, control: Control) -> None:
+        """Do it soon; what comes of it shows. Called from the server's thread.
+
+        Raises:
+            SparseCoordError: it cannot be done; one line for the page.
+        """
+        self._wishes.put(control)
+
+    def wishes(self) -> Iterator[Control]:
+        """Yield what was asked for since the last call."""
+        while not self._wishes.empty():
+            yield self._wishes.get()
+
+
+def parse_control(data: Mapping[str, Any], allowed: Collection[str]) -> Control:
+    """Return what a page's message asks for.
+
+    Args:
+        data: the message: `do` and `value`.
+        allowed: the controls that there are now.
+
+    Raises:
+        SettingError: it is none of them, or its value makes no sense.
+    """
+    name: Any = data.get("do")
+    value: Any = data.get("value")
+    if not isinstance(name, str) or name not in allowed:
+        raise SettingError(
+            f"control {str(name)[:40]!r}: is none here; allowed: {', '.join(allowed) or 'none'}"
+        )
+    if name == NEXT:
+        return Control(name, _next(value))
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    whole = number and isinstance(value, int)
+    mapping = (isinstance(value, Mapping), "an object")
+    bare = (RESET, STOP, DRIVE)
+    fits, words = {
+        **dict.fromkeys((IMPORT, SAVE, TRAIN), mapping),
+        **dict.fromkeys((PAUSE, HALT), (isinstance(value, bool), "true or false")),
+        STEP: (whole and 0 < abs(value) <= 1000, "1 to 1000, or as much back"),
+        SEEK: (whole and abs(value) <= 2**53, "a whole number"),
+        RATE: (number and (value == 0 or 0.001 <= value <= 1e6), "0 or 0.001 to 1e6"),
+        **dict.fromkeys(bare, (True, "")),
+        JUMP: (value in (*KINDS, LEARNED), ", ".join((*KINDS, LEARNED))),
+    }[name]
+    if not fits:
+        raise _bad(name, value, words)
+    return Control(
+        name, float(value) if name == RATE else None if name in bare else value
+    )
+
+
+def _bad(name: str, value: Any, allowed: str) -> SettingError:
+    return SettingError(
+        f"control {name!r}: value is {str(value)[:40]!r}, allowed: {allowed}"
+    )
+
+
+def _next(value: Any) -> dict[str, Any]:
+    """Return a shipped scenario's name and a penalty; no page names a file."""
+    if not isinstance(value, Mapping):
+        raise _bad(NEXT, value, "a scenario and a penalty")
+    scenario = value.get("scenario")
+    penalty = value.get("penalty")
+    if not isinstance(scenario, str) or scenario not in scenario_names():
+        raise _bad("scenario", scenario, f"one of: {', '.join(scenario_names())}")
+    if isinstance(penalty, bool) or not isinstance(penalty, int | float):
+        raise _bad("penalty", penalty, "a number of at most 0")
+    with retold(SettingError, SparseCoordError, "control 'next'"):
+        load_scenario(scenario).with_settings({"penalty": penalty})
+    return {"scenario": scenario, "penalty": float(penalty)}

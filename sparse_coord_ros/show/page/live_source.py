@@ -1,0 +1,208 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A team that learns now, on the page: the newest transition, and what is costly seldom."""
+
+import time
+from collections import deque
+from collections.abc import Container, Sequence
+
+import numpy as np
+
+from sparse_coord_ros.core.runs.history import History
+from sparse_coord_ros.core.runs.run import Glimpse
+from sparse_coord_ros.core.runs.run_config import RunConfig
+from sparse_coord_ros.log.runlog import explain
+from sparse_coord_ros.show.page import messages
+from sparse_coord_ros.show.page.board import Board, Message
+from sparse_coord_ros.show.policy import row_asking
+from sparse_coord_ros.show.steps import TRAIL, Question, questions_of, trails_of
+from sparse_coord_ros.show.words import Words
+
+SLOW_SECONDS = 1.0
+"""Between two messages of curves, tables and asks, or longer:"""
+
+SLOW_SHARE = 0.01
+LONGEST_SECONDS = 5.0
+"""Share of the time that making them may take, as a long run has long curves; but after so long
+they come in any case."""
+
+
+ASKED_SO_FAR = "asked here so far"
+
+
+class LiveView:
+    """Takes every transition, and shows some: as many as a screen can show.
+
+    Args:
+        run: the run.
+        board: where the messages go.
+        source: live or train.
+        title: what the page is called.
+        controls: what a page may ask for.
+
+    Attributes:
+        state: what the team is doing, in a word.
+        asked: how often each robot asked in each cell, [robot][cell].
+        last: the newest transition.
+        newest: the newest tables, as of `messages.table_fields`.
+        known: the robots, from 0, whose tables are known.
+    """
+
+    def __init__(
+        self,
+        run: RunConfig,
+        board: Board,
+        *,
+        source: str,
+        title: str,
+        controls: Sequence[str],
+    ) -> None:
+        self.run = run
+        self.board = board
+        self.state = "waiting"
+        robots = len(run.scenario.robots)
+        cells = len(run.scenario.map.cells)
+        self.asked = [[0] * cells for _ in range(robots)]
+        self.last: Glimpse | None = None
+        self.newest: messages.TablesThen = {}
+        self._passed: deque[tuple[int | None, ...]] = deque(maxlen=TRAIL)
+        self._words = Words(run.scenario)
+        self.known: Container[int] = range(robots)
+        self._shown: tuple[Glimpse | None, str, float | None] | None = None
+        self._told: deque[Message] = deque(maxlen=messages.DIALOGUE)
+        self._slow = -np.inf
+        self._began = 0.0
+        self._counted: tuple[float, int] | None = None
+        self._speed: int | None = None
+        self._lacking = ""
+        self._halting: Message = {}
+        board.clear()
+        shown = {"source": source, "title": title, "controls": controls}
+        board.put("run", **shown, **messages.run_fields(run))
+        self.notice("")
+
+    def notice(self, text: str) -> None:
+        """Show a line; an empty one takes it away. What the curves lack stays beside it."""
+        said = "; ".join(one for one in (text, self._lacking) if one)
+        self.board.put("notice", text=said)
+
+    def lack(self, text: str) -> None:
+        """Say, for as long as the run is shown, what the curves lack."""
+        self._lacking = text
+        self.notice("")
+
+    def show_halting(self, *, possible: bool, said: str) -> None:
+        """Show whether there are bodies to halt, and what came of it when that was asked for."""
+        shown = {"possible": possible, "said": said}
+        if shown != self._halting:
+            self._halting = shown
+            self.board.put("halting", **shown)
+
+    def take(self, seen: Glimpse) -> None:
+        """Take in a transition; called for each, so it does next to nothing."""
+        if self.last is not None and seen.step != self.last.step + 1:
+            self._passed.clear()
+        self._passed.append(seen.cells)
+        self.last = seen
+        for k, action in enumerate(seen.actions):
+            if action is not None and action.asked:
+                cell = seen.cells[k]
+                assert cell is not None  # who acts knows where it is
+                self.asked[k][cell] += 1
+
+    def show(
+        self,
+        *,
+        transitions: int,
+        episode: int,
+        rate: float | None = 0.0,
+        still: tuple[int, Sequence[int]] | None = None,
+        speed: float | None = None,
+    ) -> None:
+        """Show the newest transition; called some twenty times a second.
+
+        Args:
+            transitions: made so far.
+            episode: number of the episode, from 0.
+            rate: time steps a second that are wanted; 0: as fast as the team acts; None: that is
+                not known.
+            still: the time step, and where the robots are, while there was no transition.
+            speed: time steps a second; None: as they are counted.
+        """
+        now = time.monotonic()
+        if self._counted is None:
+            self._counted = now, transitions
+        elif now - self._counted[0] >= SLOW_SECONDS:
+            then, made = self._counted
+            self._speed = round((transitions - made) / (now - then))
+            self._counted = now, transitions
+        key = (self.last, self.state, rate)
+        if key == self._shown:
+            return
+        new = self._shown is None or self._shown[0] is not self.last
+        self._shown = key
+        seen = self.last
+        if seen is None:
+            robots = len(self.asked)
+            step, cells = (0, (None,) * robots) if still is None else still
+            seen = Glimpse(step, tuple(cells), (None,) * robots, None, False)
+        trails = trails_of(
+            self._passed or [seen.cells], self.run.scenario.map.next_cell
+        )
+        said: Message = {"transitions": transitions, "episode": episode, "rate": rate}
+        said |= {"state": self.state, "speed": self._speed if speed is None else speed}
+        said |= messages.frame_fields(seen, trails)
+        self.board.put("frame", **said)
+        if new:
+            self._tell(seen)
+
+    def _tell(self, seen: Glimpse) -> None:
+        """Show the questions of a transition in words."""
+        rows = {one.asker: self._row(seen, one) for one in questions_of(seen)}
+        asks = list(messages.in_words(self.run, seen, self.known, self._words, rows))
+        if asks:
+            self._told.extend(asks)
+            self.board.put("dialogue", entries=list(self._told))
+
+    def _row(self, seen: Glimpse, question: Question) -> str:
+        """Return what the row of the newest tables holds that decides after a question."""
+        asked = messages.asked_of(seen, question)
+        if asked is None or asked.robot not in self.newest:
+            return ""
+        _, tables = self.newest[asked.robot]
+        row = row_asking(tables, asked.cell, asked.perceived)
+        return (
+            "" if row is None else f", in the newest tables {explain.row_in_words(row)}"
+        )
+
+    def slow_due(self) -> bool:
+        """Return whether it is time for `show_learned`: once a second where a page is there."""
+        self._began = time.thread_time()
+        return self.board.pages > 0 and time.monotonic() >= self._slow
+
+    def show_learned(
+        self,
+        history: History,
+        tables: messages.TablesThen,
+        *,
+        asked: np.ndarray | None = None,
+        where: str = ASKED_SO_FAR,
+    ) -> None:
+        """Show learning curves, what the tables say, and where the robots asked.
+
+        Args:
+            history: the episodes so far.
+            tables: as of `messages.table_fields`.
+            asked: as `asked`, where somebody else has counted, shape (K, cells).
+            where: what was counted, in words.
+        """
+        self.newest = tables
+        self.board.put("curves", read=1.0, **messages.curve_fields(history))
+        self.board.put("tables", robots=messages.table_fields(self.run, tables))
+        counted = np.array(self.asked) if asked is None else asked
+        self.board.put("asked", robots=counted.tolist(), where=where)
+        spent = (
+            time.thread_time() - self._began
+        )  # on a busy machine less than has passed
+        pause = min(max(SLOW_SECONDS, spent / SLOW_SHARE), LONGEST_SECONDS)
+        self._slow = time.monotonic() + pause

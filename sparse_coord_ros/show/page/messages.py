@@ -1,0 +1,304 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the page is told, as plain data for JSON; described field by field in docs/watch.md.
+
+Every source, live or recorded, makes the same messages by these functions. A message replaces the
+one before of its type: the page needs only the newest of each.
+"""
+
+from collections.abc import Container, Iterator, Mapping, Sequence
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from sparse_coord_ros.base import palette
+from sparse_coord_ros.base.version import __version__
+from sparse_coord_ros.core.game.actions import ACTIONS, DIRECTIONS
+from sparse_coord_ros.core.learners.tables import Tables
+from sparse_coord_ros.core.runs.evaluation import MEASURES
+from sparse_coord_ros.core.runs.history import History
+from sparse_coord_ros.core.runs.run import Glimpse
+from sparse_coord_ros.core.runs.run_config import RunConfig
+from sparse_coord_ros.core.solve.exact import evaluate_best
+from sparse_coord_ros.core.solve.shipped import yardsticks
+from sparse_coord_ros.core.solve.verdict import last_word
+from sparse_coord_ros.lab.maps.image import under
+from sparse_coord_ros.log.runlog import explain
+from sparse_coord_ros.log.runlog.relearned import Asked
+from sparse_coord_ros.protocol.wire import PerceptEnd
+from sparse_coord_ros.show.episodes import BUSIEST, played_episode
+from sparse_coord_ros.show.page.board import Board, Message
+from sparse_coord_ros.show.policy import entered, policy_of
+from sparse_coord_ros.show.steps import Question, questions_of
+from sparse_coord_ros.show.words import Words
+
+POINTS = 240
+"""Points of a learning curve at most: each is the mean of as many episodes as that takes."""
+
+DIALOGUE = 40
+"""Questions that the page shows."""
+
+TRIALS = 300
+"""Trials of a team that cannot be evaluated exactly."""
+
+SHAPES = (
+    "circle",
+    "square",
+    "triangle",
+    "diamond",
+    "pentagon",
+    "hexagon",
+    "star",
+    "cross",
+)
+"""What tells the robots apart beside colour and number."""
+
+
+def run_fields(run: RunConfig) -> Message:
+    """Return what stays the same while one run is shown."""
+    scenario = run.scenario
+    grid = scenario.map
+    return {
+        "version": __version__,
+        "scenario": scenario.name,
+        "learner": run.title,
+        "greedy": run.greedy,
+        "seed": run.seed,
+        "budget": scenario.steps,
+        "penalty": scenario.penalty,
+        "perception": str(scenario.perception),
+        "actions": ACTIONS,
+        "directions": DIRECTIONS,
+        "outcomes": {
+            name: {"colour": colour, "sign": palette.OUTCOME_SIGNS[name]}
+            for name, colour in palette.OUTCOME_COLOURS.items()
+        },
+        "doorway_colour": palette.DOORWAY_COLOUR,
+        "map": {
+            **{
+                name: getattr(grid, name) for name in ("name", "title", "rows", "cells")
+            },
+            "doorways": sorted(grid.doorways),
+            "under": under(grid),
+        },
+        "robots": [
+            {
+                **vars(robot),
+                "colour": palette.robot_colour(k),
+                "shape": SHAPES[k % len(SHAPES)],
+            }
+            for k, robot in enumerate(scenario.robots)
+        ],
+    }
+
+
+def frame_fields(seen: Glimpse, trails: Sequence[Sequence[int]]) -> Message:
+    """Return a time step: where the robots are, who asks whom, where it leads.
+
+    Args:
+        seen: the time step.
+        trails: as of `show.steps.trails_of`.
+    """
+    return {
+        "step": seen.step,
+        "cells": seen.cells,
+        "trails": trails,
+        "asks": [
+            {
+                "robot": q.asker,
+                "peers": q.peers,
+                "outcome": q.outcome,
+                "ended": q.end.words,
+            }
+            for q in questions_of(seen)
+        ],
+        "after": seen.after,
+        "miscoordination": seen.miscoordination,
+    }
+
+
+TablesThen = Mapping[int, tuple[int | None, Tables]]
+"""By robot, the time step whose earlier transitions are learned, and the tables; None: those of
+the run's end."""
+
+
+def table_fields(run: RunConfig, tables: TablesThen) -> list[Message | None]:
+    """Return what each robot's tables say; None of a robot without any."""
+    robots: list[Message | None] = [None] * len(run.scenario.robots)
+    for k, (step, own) in tables.items():
+        robot = run.scenario.robots[k]
+        policy = policy_of(own, robot.goal)
+        robots[k] = {
+            "step": step,
+            "q_star": _plain(own.q_star),
+            "moves": policy.moves.astype(int).tolist(),
+            "asks": np.flatnonzero(policy.asks).tolist(),
+            "enters": entered(policy, run.scenario.map, robot.start).tolist(),
+        }
+    return robots
+
+
+def curve_fields(history: History) -> Message:
+    """Return the learning curves, thinned.
+
+    Each point is the mean over `window` episodes in the order of their beginnings; the last one
+    over what is left.
+    """
+    first = history.first_step
+    count = history.episodes
+    order: Any = slice(None)
+    if (
+        first[1:] < first[:-1]
+    ).any():  # of robots that learned alone, one after the other
+        order = np.argsort(first, kind="stable")
+    window = max(1, -(-count // POINTS))
+    begins = np.arange(0, count, window)
+
+    def means(values: np.ndarray, weights: np.ndarray) -> list[Any]:
+        """Return each point's mean; of robots only over the episodes in which they were there."""
+        if not count:
+            return []
+        sums, counts = (
+            np.add.reduceat(one[order].astype(float, copy=False), begins, axis=0)
+            for one in (values, weights)
+        )
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return _plain((sums / counts).T)
+
+    every = np.ones(count)
+    own = history.present
+    return {
+        "episodes": count,
+        "window": window,
+        "step": first[order][begins].tolist(),
+        "length": means(history.length, every),
+        "miscoordinations": means(history.miscoordinations, every),
+        "reward": means(history.reward, own),
+        "asks": means(history.asks, own),
+    }
+
+
+def evaluation_fields(
+    run: RunConfig, tables: Sequence[Tables], step: int | None
+) -> Message:
+    """Return the evaluation of tables: exact for one or two robots, else by `TRIALS` trials.
+
+    Args:
+        run: the run.
+        tables: of every robot.
+        step: of which time step they are; None: of the run's end.
+
+    Raises:
+        TablesError: the tables do not fit the run.
+    """
+    result = evaluate_best(run.scenario, tables, trials=TRIALS, learner=run.rule)
+    measures = {name: getattr(result, name) for name in MEASURES}
+    return {
+        "how": result.how,
+        "step": step,
+        "learner": run.title,
+        **{name: asdict(one) for name, one in measures.items()},
+        "all_arrived": result.all_arrived,
+        "last_word": last_word(run.scenario, run.rule, result).text
+        if step is None
+        else "",
+        "yardsticks": yardsticks(run.scenario),
+    }
+
+
+def put_end(
+    board: Board, run: RunConfig, tables: Sequence[Tables]
+) -> tuple[Glimpse, ...]:
+    """Show the value of a finished run's tables, and in words what they do in a greedy episode.
+
+    Returns:
+        The episode's transitions, with time steps from 0.
+
+    Raises:
+        TablesError: the tables do not fit the run.
+    """
+    value = evaluation_fields(run, tables, None)
+    episode = played_episode(run.scenario, tables, BUSIEST, seed=0, learner=run.rule)
+    first = episode.steps[0].step if episode.steps else 0
+    steps = tuple(seen._replace(step=seen.step - first) for seen in episode.steps)
+    words = Words(run.scenario)
+    asked = [
+        (one.end, words.question(seen, one))
+        for seen in steps
+        for one in questions_of(seen)
+    ]
+    asked.sort(key=lambda told: told[0].outcome == palette.ANSWERED)
+    text = "In greedy episodes no robot asks another one, and not all robots arrive."
+    if episode.arrived:
+        text = (
+            "In greedy episodes in which all robots arrive no robot asks another one."
+        )
+    if asked:
+        text = f"In a greedy episode: {asked[-1][1]}"
+    board.put("learned", lines=[text], first=None, step=None)
+    board.put("evaluation", **value)
+    return steps
+
+
+def asked_of(seen: Glimpse, question: Question) -> Asked | None:
+    """Return what a question of a time step brought; None where the asker's cell is not known."""
+    cell = seen.cells[question.asker]
+    if cell is None:
+        return None
+    cells = tuple(at for peer in question.peers if (at := seen.cells[peer]) is not None)
+    whole = (
+        question.end == PerceptEnd.ANSWERED and len(cells) == len(question.peers) > 0
+    )
+    return Asked(question.asker, cell, cells if whole else None)
+
+
+def in_words(
+    run: RunConfig,
+    seen: Glimpse,
+    known: Container[int],
+    words: Words,
+    rows: Mapping[int, str],
+) -> Iterator[Message]:
+    """Yield the questions of a time step: as a sentence, and as `explain` begins to tell them.
+
+    Args:
+        run: the run.
+        seen: the time step.
+        known: the robots, from 0, whose tables are known; of others only what happened is told.
+        words: of the scenario.
+        rows: by robot, what to say of the row of its tables that decided.
+    """
+    for question in questions_of(seen):
+        k, peers, end, move = question
+        cell = seen.cells[k]
+        after = None if seen.after is None else seen.after[k]
+        whom = ", ".join(words.names[peer] for peer in peers) or "nobody"
+        asked = asked_of(seen, question)
+        told = end.words
+        perceived = None if asked is None else asked.perceived
+        if perceived is not None:
+            places = ", ".join(explain.cell_in_words(run, one) for one in perceived)
+            told = f"answers {places}"
+        by = explain.move_in_words(run, cell if k in known else None, perceived, move)
+        lines = [
+            explain.choice_in_words(run, k, cell),
+            f"asks {whom}: {told}",
+            by + rows.get(k, ""),
+        ]
+        reward = seen.rewards[k] if seen.rewards else None
+        if reward is not None:
+            lines.append(explain.reward_in_words(run, reward.total, after))
+        said = {"text": words.question(seen, question), "lines": lines}
+        yield {"step": seen.step, "robot": k, "outcome": question.outcome, **said}
+
+
+def _plain(values: np.ndarray) -> list[Any]:
+    """Return numbers with four digits as lists; None where JSON has no such number."""
+    found = values.round(4)
+    unknown = ~np.isfinite(found)
+    if unknown.any():
+        found = found.astype(object)
+        found[unknown] = None
+    plain: list[Any] = found.tolist()
+    return plain

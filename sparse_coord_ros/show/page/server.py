@@ -1,0 +1,364 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The page's server: a few fixed files and one stream of messages to each page, in its own thread.
+
+It reads no file that a request names and runs no command. It answers only requests that name this
+machine (a foreign name may point here: DNS rebinding) and come from its own pages. Controls need
+the token that is part of the printed address, and of nothing that is served.
+"""
+
+import asyncio
+import errno
+import hmac
+import ipaddress
+import json
+import logging
+import os
+import re
+import secrets
+import socket
+import threading
+from collections.abc import Awaitable, Callable
+from contextlib import suppress
+from importlib import resources
+from typing import Any
+
+from sparse_coord_ros.base.errors import (
+    RunError,
+    SettingError,
+    SparseCoordError,
+    needed,
+)
+from sparse_coord_ros.core.game.scenario import scenario_names
+from sparse_coord_ros.show.page.board import Board
+from sparse_coord_ros.show.page.controls import HOST, PORT, parse_control
+
+_REMEDY = "pip install aiohttp, or sudo apt install python3-aiohttp"
+with needed("the page needs the Python package aiohttp", _REMEDY):
+    from aiohttp import WSMsgType, http_exceptions, web
+
+MOST_PAGES = 32
+"""Of more pages those give way that have not shown the token, the oldest first."""
+
+MOST_OTHERS = 64
+"""Of more connections that are no page's, half-sent requests among them, the oldest are closed."""
+
+LARGEST_MESSAGE = 4096
+"""Bytes of a page's message."""
+
+HOST_HEADER = re.compile(r"(\[(?P<address>[^\[\]]+)\]|(?P<name>[^\[\]:@/]+))(:[0-9]*)?")
+"""A name, or an address (one of IPv6 in brackets), and perhaps a port."""
+
+FRAMES_A_SECOND = 20
+"""Messages of one type that a page gets at most in a second."""
+
+HEARTBEAT_SECONDS = 20.0
+TYPES = {
+    "html": "text/html",
+    "js": "text/javascript",
+    "css": "text/css",
+    "svg": "image/svg+xml",
+}
+"""Of the files, by how their names end."""
+
+HEADERS = {
+    "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; "
+    "img-src 'self' data:; connect-src 'self'; frame-src 'self'; base-uri 'none'; "
+    "form-action 'none'; frame-ancestors 'self'",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Cache-Control": "no-store",
+}
+
+
+def _is_fault(record: logging.LogRecord) -> bool:
+    """Whether a line of the server's log is about this program.
+
+    Else it is about what somebody sent, or about a page that was closed while it was answered.
+    """
+    error = record.exc_info[1] if record.exc_info else None
+    return not isinstance(error, http_exceptions.HttpProcessingError | ConnectionError)
+
+
+LOGGER = logging.getLogger(__name__)
+LOGGER.addFilter(_is_fault)
+
+
+class Page:
+    """The application: its routes, and who may use them.
+
+    Args:
+        boards: what there is to show; several are shown side by side.
+        host: the address that is served; the names by which requests may call it follow from it.
+        index: the file that is shown first.
+
+    Attributes:
+        boards: as given.
+        token: what controls need.
+    """
+
+    def __init__(
+        self, *boards: Board, host: str = HOST, index: str = "index.html"
+    ) -> None:
+        self.boards = boards
+        self._index = index
+        self.token = secrets.token_urlsafe(18)
+        self._guests: dict[web.WebSocketResponse, asyncio.Transport] = {}
+        self.streams: set[asyncio.BaseProtocol] = set()
+        self._local = is_loopback(host)
+        self._names = {"localhost", host.lower()}
+        if not self._local:
+            self._names |= {socket.gethostname().lower(), socket.getfqdn().lower()}
+        folder = resources.files("sparse_coord_ros.show.page") / "static"
+        self._files = {one.name: one.read_bytes() for one in folder.iterdir()}
+        self.app = web.Application(
+            middlewares=[self._guard], client_max_size=LARGEST_MESSAGE
+        )
+        self.app.router.add_get("/", self._file)
+        for name in self._files:
+            self.app.router.add_get(f"/{name}", self._file)
+        self.app.router.add_get("/ws", self._stream)
+        self.app.on_response_prepare.append(_add_headers)
+
+    def allowed(self, host: str) -> bool:
+        """Return whether a `Host` (or the one of an `Origin`) names this server.
+
+        Addresses are: a foreign page can bring the browser here only by a name of its own.
+        """
+        parts = HOST_HEADER.fullmatch(host)
+        if parts is None:
+            return False
+        name = parts["name"] or parts["address"]
+        if name in self._names:
+            return True
+        with suppress(ValueError):  # it is no address
+            address = ipaddress.ip_address(name)
+            return address.is_loopback or not self._local
+        return False
+
+    @web.middleware
+    async def _guard(
+        self,
+        request: web.Request,
+        handler: Callable[[web.Request], Awaitable[web.StreamResponse]],
+    ) -> web.StreamResponse:
+        host = request.headers.get("Host", "").lower()
+        if not self.allowed(host):
+            raise web.HTTPForbidden(text="refused: the request names another host\n")
+        own = (f"http://{host}", f"https://{host}")
+        same = request.headers.get("Sec-Fetch-Site", "none") in ("same-origin", "none")
+        if not same or request.headers.get("Origin", own[0]).lower() not in own:
+            raise web.HTTPForbidden(
+                text="refused: the request comes from another origin\n"
+            )
+        return await handler(request)
+
+    async def _file(self, request: web.Request) -> web.Response:
+        name = request.path[1:] or self._index
+        kind = TYPES[name.rpartition(".")[2]]
+        return web.Response(body=self._files[name], content_type=kind, charset="utf-8")
+
+    async def _stream(self, request: web.Request) -> web.StreamResponse:
+        wanted = request.query.get("run", "0")
+        number = int(wanted) if wanted.isdecimal() and len(wanted) < 3 else 0
+        board = self.boards[min(number, len(self.boards) - 1)]
+        if self.pages >= MOST_PAGES and not self._guests:
+            raise web.HTTPServiceUnavailable(
+                text=f"refused: {MOST_PAGES} pages are open\n"
+            )
+        # Not compressed: the page is near, and a team in this process would pay for it.
+        stream = web.WebSocketResponse(
+            max_msg_size=LARGEST_MESSAGE, heartbeat=HEARTBEAT_SECONDS, compress=False
+        )
+        await stream.prepare(request)
+        if self.pages >= MOST_PAGES:
+            self._guests.pop(next(iter(self._guests))).abort()
+        assert request.transport is not None
+        self._guests[stream] = request.transport
+        self.streams.add(request.protocol)
+        board.pages += 1
+        sender = asyncio.create_task(self._send(stream, board))
+        try:
+            async for message in stream:
+                if message.type is not WSMsgType.ERROR:
+                    answer = self._answer(board, message.data)
+                    if answer.get("control"):
+                        self._guests.pop(stream, None)
+                    await stream.send_json(answer)
+        finally:
+            sender.cancel()
+            with suppress(asyncio.CancelledError, ConnectionError, RuntimeError):
+                await sender
+            board.pages -= 1
+            self._guests.pop(stream, None)
+            self.streams.discard(request.protocol)
+        return stream
+
+    @property
+    def pages(self) -> int:
+        """How many pages are open."""
+        return sum(board.pages for board in self.boards)
+
+    async def _send(self, stream: web.WebSocketResponse, board: Board) -> None:
+        """Send what is newer than what the page has had; a page that is slow misses some.
+
+        It looks for that so many times a second. A source that woke it up would pay for that: in
+        a team's own process each of a thread's turns stops the others.
+        """
+        seen = 0
+        await stream.send_json(self._hello(control=False))
+        while True:
+            for version, text in board.newer(seen):
+                await stream.send_str(text)
+                seen = version
+            await asyncio.sleep(1.0 / FRAMES_A_SECOND)
+
+    def _answer(self, board: Board, text: str | bytes) -> dict[str, Any]:
+        """Do what a page asks for, and return what to tell it."""
+        try:
+            return self._done(board, json.loads(text))
+        except SparseCoordError as error:
+            return {"type": "error", "text": str(error)}
+        except (ValueError, RecursionError):
+            return {
+                "type": "error",
+                "text": "a message is a JSON object; this one is none",
+            }
+
+    def _done(self, board: Board, data: Any) -> dict[str, Any]:
+        """Do what a page asks for, and return what came of it.
+
+        Raises:
+            SparseCoordError: it cannot be done; one line for the page.
+        """
+        if not isinstance(data, dict):
+            raise ValueError(data)
+        given = str(data.get("token")).encode(errors="replace")
+        if not hmac.compare_digest(given, self.token.encode()):
+            raise SettingError(
+                "controls need the address as it was printed, with what follows the #"
+            )
+        if data.get("do") == "hello":
+            return self._hello(control=True)
+        shown = board.get("run")
+        control = parse_control(data, () if shown is None else shown["controls"])
+        if board.source is None:
+            raise SettingError(
+                f"control {control.name!r}: cannot be done yet; try again soon"
+            )
+        board.source.control(control)
+        return {"type": "done", "do": control.name}
+
+    def _hello(self, *, control: bool) -> dict[str, Any]:
+        runs = len(self.boards)
+        return {
+            "type": "hello",
+            "scenarios": scenario_names(),
+            "control": control,
+            "runs": runs,
+        }
+
+
+async def _add_headers(_: web.Request, response: web.StreamResponse) -> None:
+    response.headers.update(HEADERS)
+
+
+def is_loopback(host: str) -> bool:
+    """Return whether an address reaches this machine only."""
+    with suppress(ValueError):  # it is no address
+        return ipaddress.ip_address(host).is_loopback
+    return host == "localhost"
+
+
+class Server:
+    """The page's server in a thread of its own.
+
+    Args:
+        boards: what there is to show.
+        host: the address to serve; another than this machine's own is the caller's decision.
+        port: 0: one that is free.
+        index: the file that is shown first.
+
+    Attributes:
+        board: the first of them.
+        page: the application.
+        port: the port.
+        address: what to open in a browser, the token included.
+        warning: what to say where other machines reach the page; else empty.
+
+    Raises:
+        RunError: the port is taken, or the address is none of this machine's.
+    """
+
+    def __init__(
+        self,
+        *boards: Board,
+        host: str = HOST,
+        port: int = PORT,
+        index: str = "index.html",
+    ) -> None:
+        self._listening = _listen(host, port)
+        self.port = self._listening.getsockname()[1]
+        self.board = boards[0]
+        self.page = Page(*boards, host=host, index=index)
+        self._loop = asyncio.new_event_loop()
+        self._stop = asyncio.Event()
+        self._thread = threading.Thread(target=self._serve, daemon=True)
+        self._thread.start()
+        shown = f"[{host}]" if ":" in host else host
+        shown = socket.gethostname() if host in ("0.0.0.0", "::") else shown
+        self.address = f"http://{shown}:{self.port}/#{self.page.token}"
+        self.warning = ""
+        if not is_loopback(host):
+            self.warning = (
+                f"the page is served on {host}: whoever reaches this machine can watch, and who "
+                "has the whole address can control the run"
+            )
+
+    def close(self) -> None:
+        """Say good-bye to the pages and stop."""
+        if self._thread.is_alive():
+            self._loop.call_soon_threadsafe(self._stop.set)
+            self._thread.join(5.0)
+
+    def _serve(self) -> None:
+        with asyncio.Runner(loop_factory=lambda: self._loop) as runner:
+            runner.run(self._run())
+
+    async def _run(self) -> None:
+        runner = web.AppRunner(
+            self.page.app, access_log=None, logger=LOGGER, shutdown_timeout=0.1
+        )
+        await runner.setup()
+        serving = runner.server
+        assert serving is not None
+
+        def connection() -> asyncio.BaseProtocol:
+            others = [
+                one for one in serving.connections if one not in self.page.streams
+            ]
+            for one in others[:-MOST_OTHERS]:
+                one.force_close()
+            return serving()
+
+        door = await self._loop.create_server(connection, sock=self._listening)
+        await self._stop.wait()
+        door.close()
+        await runner.cleanup()
+
+
+def _listen(host: str, port: int) -> socket.socket:
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    try:
+        return socket.create_server((host, port), family=family)
+    except OSError as error:
+        if error.errno in (errno.EADDRINUSE, errno.EACCES):
+            raise RunError(
+                f"--port is {port}: {os.strerror(error.errno)} on {host}; --port 0 takes a free "
+                "one, or choose another from 1024"
+            ) from None
+        raise RunError(
+            f"--host is {host!r}: cannot be served ({error.strerror}); give an address of this "
+            f"machine, or leave it out: {HOST}"
+        ) from None

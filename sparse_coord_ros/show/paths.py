@@ -1,0 +1,131 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Pictures of a floor in metres: a map's cells, or the paths of bodies that drove there."""
+
+from collections.abc import Sequence
+from itertools import groupby
+
+import numpy as np
+from matplotlib.colors import to_rgba
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle
+
+from sparse_coord_ros.base.palette import DOORWAY_COLOUR, robot_colour
+from sparse_coord_ros.core.game.grid import DOORWAY, WALL, GridMap
+from sparse_coord_ros.core.game.scenario import Robot
+from sparse_coord_ros.core.runs.run_config import RunConfig
+from sparse_coord_ros.lab.driving.trials import Drive
+from sparse_coord_ros.lab.maps.image import FloorPlan, floor_plan_of, grey
+from sparse_coord_ros.show.figures import LINES
+
+LONGEST = 10.0
+"""Inches of the picture's longer side, without its key."""
+
+CELL = to_rgba("#96bee6", 0.7)
+
+THINNEST = 0.25
+"""Opacity of one of many paths."""
+
+
+def floor_figure(
+    grid: GridMap,
+    robots: Sequence[Robot],
+    plan: FloorPlan | None,
+    *,
+    side: float,
+    cells: bool = False,
+    title: str = "",
+) -> Figure:
+    """Draw a map over its floor plan, in metres.
+
+    Starts are discs, goals rings, doorways orange.
+
+    Args:
+        grid: the map.
+        robots: those on it.
+        plan: the floor plan; None: the map's walls are drawn.
+        side: metres a cell.
+        cells: whether free cells are blue, as on a chessboard.
+        title: above the picture.
+    """
+    (rows, columns) = grid.shape
+    (left, low) = grid.origin
+    width = columns * side
+    height = rows * side
+    scale = LONGEST / max(width, height)
+    figure = Figure(figsize=(width * scale, height * scale + 0.9), layout="constrained")
+    axes = figure.add_subplot()
+    box = left, left + width, low, low + height
+    signs = np.array([list(row) for row in grid.rows])
+    floor = np.where(signs == WALL, 64, 255)
+    extent = box
+    if plan is not None:
+        x, y = plan.origin
+        high, wide = (count * plan.resolution for count in plan.free.shape)
+        floor = grey(plan)
+        extent = (x, x + wide, y, y + high)
+    axes.imshow(floor, cmap="gray", vmin=0, vmax=255, extent=extent)
+    shades = np.zeros((*grid.shape, 4))
+    if cells:
+        shades[signs != WALL] = CELL
+        shades[np.indices(grid.shape).sum(axis=0) % 2 > 0, 3] *= (
+            0.75  # each is to be seen
+        )
+    shades[signs == DOORWAY] = to_rgba(DOORWAY_COLOUR, 0.6)
+    axes.imshow(shades, extent=box, interpolation="nearest")
+    axes.set(xlim=box[:2], ylim=box[2:], xlabel="x (m)", ylabel="y (m)", title=title)
+    for k, robot in enumerate(robots):
+        for cell, look in (
+            (robot.start, {"color": robot_colour(k)}),
+            (robot.goal, {"edgecolor": robot_colour(k), "fill": False, "lw": 2.5}),
+        ):
+            row, column = grid.cells[cell]
+            place = left + (column + 0.5) * side, low + (rows - row - 0.5) * side
+            axes.add_patch(Circle(place, 0.35 * side, zorder=3, **look))
+    return figure
+
+
+def paths_figure(run: RunConfig, driven: Drive) -> Figure:
+    """Draw the paths of the episodes that were followed over the floor.
+
+    A cross is where two bodies touched, in any episode.
+
+    Args:
+        run: the run.
+        driven: what came of the drive.
+    """
+    scenario = run.scenario
+    episodes = 1 + max((moment.episode for moment in driven.floor.path), default=0)
+    title = f"{scenario.name}: {episodes} episodes driven"
+    plan = floor_plan_of(scenario.map)
+    figure = floor_figure(
+        scenario.map, scenario.robots, plan, side=run.resolution, title=title
+    )
+    axes = figure.axes[0]
+    key = []
+    for k, robot in enumerate(scenario.robots):
+        colour = robot_colour(k)
+        style = LINES[k % len(LINES)]
+        for _, moments in groupby(driven.floor.path, key=lambda moment: moment.episode):
+            path = np.array([moment.places[k] for moment in moments])
+            axes.plot(
+                *path.T,
+                color=colour,
+                ls=style,
+                lw=1.2,
+                alpha=max(THINNEST, 1 / episodes),
+            )
+        key.append(Line2D([], [], color=colour, ls=style, label=robot.name))
+    touches = np.array([touch.place for touch in driven.floor.arena.touches]).reshape(
+        -1, 2
+    )
+    axes.plot(*touches.T, "x", color="black", ms=7, mew=2, zorder=4)
+    if len(touches):
+        key.append(
+            Line2D([], [], color="black", marker="x", ls="", label="bodies touched")
+        )
+    figure.legend(
+        handles=key, loc="outside lower center", ncols=min(6, len(key)), frameon=False
+    )
+    return figure

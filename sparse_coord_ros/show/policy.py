@@ -1,0 +1,78 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a robot's tables say it does: its greedy moves, where it asks, what Q^C holds."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from sparse_coord_ros.core.game.actions import PRIMITIVES
+from sparse_coord_ros.core.game.grid import GridMap
+from sparse_coord_ros.core.learners.policy import asks_at_times, asks_surely
+from sparse_coord_ros.core.learners.tables import Tables
+
+
+class Policy(NamedTuple):
+    """One robot's greedy policy before any percept.
+
+    Attributes:
+        moves: which of the four moves are greatest in Q*, shape (cells, 4), bool: several where
+            they are equal, none in the goal and where nothing was learned (all entries equal).
+        asks: where the robot asks, as `asks_surely` says, shape (cells,), bool; not in the goal.
+            Where a percept fails, the robot takes one of `moves`.
+        may_ask: where it asks at least at times: `asks`, and ties with a move; same shape.
+    """
+
+    moves: np.ndarray
+    asks: np.ndarray
+    may_ask: np.ndarray
+
+
+def policy_of(tables: Tables, goal: int) -> Policy:
+    """Return the greedy policy of a robot's tables; `goal` is its goal cell."""
+    learned = np.nanmin(tables.q_star, axis=1) < np.nanmax(tables.q_star, axis=1)
+    learned[goal] = False
+    values = tables.q_star[:, :PRIMITIVES]
+    moves = values == values.max(axis=1, keepdims=True)
+    actions = tables.q_star.T
+    return Policy(
+        moves & learned[:, None],
+        asks_surely(actions) & learned,
+        asks_at_times(actions) & learned,
+    )
+
+
+def entered(policy: Policy, grid: GridMap, start: int) -> np.ndarray:
+    """Return the cells that a greedy robot can enter from a start cell, ascending, shape (n,).
+
+    Where it asks, if only at times, any of its moves may follow.
+    """
+    follows = policy.moves | policy.may_ask[:, None]
+    after = grid.next_cell
+    new = np.array([start])
+    reached = np.zeros(len(after), dtype=bool)
+    while len(new):
+        reached[new] = True
+        led = np.unique(after[new][follows[new]])
+        new = led[~reached[led]]
+    return np.flatnonzero(reached)
+
+
+def row_asking(
+    tables: Tables, cell: int, perceived: Sequence[int] | None
+) -> np.ndarray | None:
+    """Return the row by which COORDINATE chooses a move: shape (4,), or None: there is none.
+
+    Args:
+        tables: of the robot.
+        cell: where it is.
+        perceived: the cells of the peers that it perceived; None: the percept failed.
+    """
+    if tables.learner is None:
+        return None
+    if perceived is None:
+        return np.array(tables.values_asking(cell, 0, ()))
+    if len(perceived) != tables.scenario.perceived - 1:
+        return None
+    return np.asarray(tables.q_coord[cell, *perceived])

@@ -1,0 +1,99 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Pictures of results: those of the report, and one of whatever conditions there are."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+from sparse_coord_ros.base.errors import ResultsError, SettingError, did_you_mean
+from sparse_coord_ros.studies.catalogue import NAMES, Experiment, experiment
+from sparse_coord_ros.studies.report.drawings import figures_of
+from sparse_coord_ros.studies.report.map_pictures import asked_maps
+from sparse_coord_ros.studies.report.rows import by_scenario
+from sparse_coord_ros.studies.store import ConditionResult, Plan, Say, read_results
+
+VARIANCE = "_variance"
+
+
+def results_figure(
+    directory: Path, what: str | None = None, say: Say = lambda _: None
+) -> tuple[str, Figure]:
+    """Draw something of a results directory.
+
+    Args:
+        directory: where it is.
+        what: `conditions`, every one; `asks`, a map a scenario in which robots may ask, of the
+            condition that `most_asking` returns; an experiment that is complete, or one of its
+            figures; None: the first of these.
+        say: hears what is left out, and of which condition a map is.
+
+    Returns:
+        What is drawn, and the figure.
+
+    Raises:
+        ResultsError: it is no results directory, or holds no result yet, or a damaged one.
+        SettingError: there is no such thing to draw.
+    """
+    _, results = some_results(directory, say)
+    known = drawn(results)
+    what = what or "conditions"
+    if what not in known:
+        why = f"these results have {', '.join(known)}{did_you_mean(what, known)}"
+        raise SettingError(f"--what {what!r}: {why}")
+    if what == "asks":
+        for one in known[what]:
+            say(
+                f"asks: {one.id}, where robots ask most at the hardest penalty there is"
+            )
+    return what, figure_of(what, known[what])
+
+
+def some_results(directory: Path, say: Say) -> tuple[Plan, list[ConditionResult]]:
+    """Return what a results directory holds; errors as of `results_figure`."""
+    plan, results = read_results(directory, say)
+    if not results:
+        remedy = "'sparse_coord reproduce' puts some there"
+        raise ResultsError(f"{directory}: holds no result yet; {remedy}")
+    return plan, results
+
+
+def complete_experiments(results: Sequence[ConditionResult]) -> list[Experiment]:
+    """Return the experiments of which every condition is there."""
+    ids = {one.id for one in results}
+    known = [experiment(name) for name in NAMES]
+    return [one for one in known if ids.issuperset(each.id for each in one.conditions)]
+
+
+def drawn(results: Sequence[ConditionResult]) -> Mapping[str, list[ConditionResult]]:
+    """Return what can be drawn of results, and of which of them."""
+    by_id = {one.id: one for one in results}
+    found = {"conditions": list(results)}
+    for one in complete_experiments(results):
+        found[one.name] = [by_id[each.id] for each in one.conditions]
+    if "figure4" in found:
+        found[f"figure4{VARIANCE}"] = found["figure4"]
+    asking = by_scenario(one for one in results if one.learner.asks)
+    if asking:
+        found["asks"] = [most_asking(own) for own in asking]
+    return found
+
+
+def most_asking(results: Sequence[ConditionResult]) -> ConditionResult:
+    """Return, of one scenario's conditions, that of the hardest penalty in which robots ask most.
+
+    There is most to see. Of equal ones the first by its id.
+    """
+    hardest = min(one.scenario.penalty for one in results)
+    there = sorted(
+        (one for one in results if one.scenario.penalty == hardest), key=lambda e: e.id
+    )
+    return max(there, key=lambda one: one.best("asks").mean)
+
+
+def figure_of(what: str, results: Sequence[ConditionResult]) -> Figure:
+    """Return the figure of one of the things that `drawn` returns."""
+    if what == "asks":
+        return asked_maps(results)
+    return figures_of(what.removesuffix(VARIANCE), results)[what]

@@ -1,0 +1,202 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What is to be shown: a run's directory or a bag, opened into one object."""
+
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from sparse_coord_ros.base.errors import (
+    RunError,
+    SettingError,
+    SparseCoordError,
+    TablesError,
+)
+from sparse_coord_ros.core.game.actions import COORDINATE
+from sparse_coord_ros.core.game.plugins import leaving_out
+from sparse_coord_ros.core.learners.tables import Tables
+from sparse_coord_ros.core.runs.evaluation import check_tables, play
+from sparse_coord_ros.core.runs.history import HISTORY_FILE, History, load_history
+from sparse_coord_ros.core.runs.run_config import RUN_FILE, RunConfig, load_run
+from sparse_coord_ros.core.runs.tables import load_team
+from sparse_coord_ros.core.runs.trials import Trials
+from sparse_coord_ros.log.bags.reader import BAG_DIRECTORY
+from sparse_coord_ros.log.runlog.log import RunLog
+from sparse_coord_ros.log.runlog.window import MOVES, LongLog
+from sparse_coord_ros.protocol.wire import PERCEPT, ROSOUT, STATUS
+from sparse_coord_ros.studies.store import MANIFEST
+
+PLAYED_EPISODES = 200
+"""Greedy episodes from which pictures show where robots go and ask."""
+
+Say = Callable[[str], None]
+"""Hears in a few words what takes a while."""
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A run to look at; what is not there is read when it is first asked for, and says so then.
+
+    Attributes:
+        path: what was given.
+        directory: the run's directory; None: a bag alone was given.
+        bag: its bag; None: it has none.
+        say: hears what takes a while.
+    """
+
+    path: Path
+    directory: Path | None
+    bag: Path | None
+    say: Say = lambda _: None
+
+    @property
+    def name(self) -> str:
+        """What to call it in a legend."""
+        place = self.path.resolve()
+        return (
+            place.parent.name
+            if self.directory is None and place.name == "bag"
+            else place.name
+        )
+
+    @cached_property
+    def config(self) -> RunConfig:
+        """What the run is; errors as of `load_run` and `read_run`."""
+        return (
+            self.recording.run if self.directory is None else load_run(self.directory)
+        )
+
+    @cached_property
+    def recording(self) -> LongLog:
+        """The bag, of which nothing is read yet but which run it is of.
+
+        Raises:
+            RunError: it was not recorded.
+            BagError: the bag cannot be read.
+        """
+        if self.bag is None:
+            remedy = "'sparse_coord run' records one, 'train' does not"
+            raise RunError(f"{self.path}: has no bag; {remedy}")
+        return LongLog(self.bag)
+
+    @cached_property
+    def log(self) -> RunLog:
+        """The run's log: what robots saw, did and got, and what nodes said; no dialogue, no other.
+
+        Errors as of `recording`.
+        """
+        recording = self.recording
+        self.say(f"reading {self.bag}")
+        log = recording.whole([*MOVES, PERCEPT, STATUS, ROSOUT])
+        for loss in log.losses:
+            self.say(f"lost in the bag: {loss}")
+        return log
+
+    def with_requests(self, steps: Collection[int]) -> RunLog:
+        """Return the log with the dialogue of at least some time steps."""
+        read = self.recording.read
+        found = [one for step in sorted(steps) for one in read(step, step).requests]
+        return self.log.but(requests=tuple(found))
+
+    @cached_property
+    def tables(self) -> list[Tables]:
+        """The newest tables of every robot.
+
+        Raises:
+            TablesError: some are missing, malformed or do not fit the scenario.
+        """
+        scenario = self.config.scenario
+        if self.directory is not None:
+            return load_team(self.directory, scenario, self.config.known_rule)
+        tables = []
+        for k, robot in enumerate(scenario.robots):
+            entry = self.recording.tables_before(k)
+            if entry is None:
+                said = f"holds no tables of {robot.name}; see 'sparse_coord info'"
+                raise TablesError(f"{self.path}: {said}")
+            tables.append(entry.tables)
+        if self.config.known_rule is not None:
+            check_tables(scenario, tables, self.config.rule)
+        return tables
+
+    @cached_property
+    def history(self) -> History:
+        """What happened in each episode: from history.npz, else from the bag.
+
+        Raises:
+            RunError: there is neither.
+        """
+        directory = self.directory
+        if directory is None or (
+            self.bag is not None and not (directory / HISTORY_FILE).exists()
+        ):
+            return self.log.history()
+        return load_history(directory)
+
+    @cached_property
+    def trials(self) -> Trials:
+        """Greedy episodes of what it has learned, always the same ones; errors as of `tables`."""
+        scenario = self.config.scenario
+        tables = self.tables
+        self.say(f"playing {PLAYED_EPISODES} greedy episodes")
+        return play(
+            scenario, tables, trials=PLAYED_EPISODES, seed=0, learner=self.config.rule
+        )
+
+    @cached_property
+    def played(self) -> Trials | None:
+        """The same; None, and said, where code that it needs may not be imported."""
+        with leaving_out("greedy episodes", self.say):
+            return self.trials
+        return None
+
+    @property
+    def asks(self) -> bool:
+        """Whether its robots can ask; errors as of `tables`."""
+        return not np.isnan(self.tables[0].q_star[:, COORDINATE]).any()
+
+    def has(self, what: str) -> bool:
+        """Return whether `log`, `tables` or `history` can be read, and say why where not."""
+        try:
+            getattr(self, what)
+        except SparseCoordError as error:
+            self.say(f"left out {what}: {error}")
+            return False
+        return True
+
+
+def in_memory(config: RunConfig, tables: list[Tables], history: History) -> Shown:
+    """Return a run that is nowhere on disk."""
+    shown = Shown(Path(config.scenario.name), None, None)
+    vars(shown).update(config=config, tables=tables, history=history)
+    return shown
+
+
+def is_results(path: Path) -> bool:
+    """Return whether a directory holds results of `sparse_coord reproduce`."""
+    return (path / MANIFEST).is_file()
+
+
+def open_shown(path: Path, say: Say = lambda _: None) -> Shown:
+    """Open a run's directory or a bag.
+
+    Args:
+        path: a run's directory; a bag's, or its file.
+        say: hears what takes a while.
+
+    Raises:
+        RunError, BagError: it is neither; `info` says more of a bag.
+        SettingError: it is a directory of results.
+    """
+    if is_results(path):
+        raise SettingError(
+            f"{path} holds results, not a run: 'report' shows them, 'plot' draws them alone; give "
+            "a run's directory or a bag"
+        )
+    if (path / RUN_FILE).is_file():
+        bag = path / BAG_DIRECTORY
+        return Shown(path, path, bag if bag.is_dir() else None, say)
+    return Shown(path, None, path, say)

@@ -1,0 +1,141 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""One time step of a team as data, from a log or as it happens: all that shows a team reads it."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from sparse_coord_ros.base.palette import ANSWERED, FAILED, REFUSED
+from sparse_coord_ros.core.game.actions import ACTIONS
+from sparse_coord_ros.core.game.miscoordination import miscoordinations
+from sparse_coord_ros.core.game.world import Action, Reward
+from sparse_coord_ros.core.learners.agent import NOBODY
+from sparse_coord_ros.core.runs.run import Glimpse
+from sparse_coord_ros.log.runlog.log import NONE, RunLog
+from sparse_coord_ros.protocol.wire import PerceptEnd
+
+TRAIL = 60
+"""Time steps of which a trail tells where a robot came from."""
+
+
+class Question(NamedTuple):
+    """One COORDINATE.
+
+    Attributes:
+        asker: number of the robot that asks, from 0.
+        peers: whom it asks.
+        end: how its percept ended.
+        move: the primitive action that it became.
+    """
+
+    asker: int
+    peers: tuple[int, ...]
+    end: PerceptEnd
+    move: int
+
+    @property
+    def outcome(self) -> str:
+        """How it is shown: ANSWERED, REFUSED or FAILED."""
+        return self.end.outcome
+
+    def in_words(self, names: Sequence[str]) -> str:
+        """Return it as a sentence."""
+        whom = ", ".join(names[peer] for peer in self.peers) or "nobody"
+        if len(self.peers) == len(names) - 1 > 1:
+            whom = "all others"
+        ended = "no answer" if self.outcome == FAILED else self.outcome
+        return f"{names[self.asker]} asks {whom}: {ended}, goes {ACTIONS[self.move]}"
+
+
+def questions_of(seen: Glimpse) -> tuple[Question, ...]:
+    """Return who asked whom at a time step.
+
+    Where nobody tells how a percept ended, none was late: it was seen in one process.
+    """
+    found = []
+    for k, action in enumerate(seen.actions):
+        if action is None or not action.asked:
+            continue
+        others = tuple(peer for peer in range(len(seen.actions)) if peer != k)
+        peers = others if action.peer == NOBODY else (action.peer,)
+        end = seen.ends[k] if seen.ends and not action.perceived else None
+        if end is None:
+            end = PerceptEnd.untold(perceived=action.perceived, peers=len(peers))
+        found.append(Question(k, peers, PerceptEnd(end), action.move))
+    return tuple(found)
+
+
+def logged_step(log: RunLog, row: int) -> Glimpse:
+    """Return a time step of a log, given by its row; None in it: what the log lacks.
+
+    How a percept ended is as the robot says: late where that is nothing known.
+    """
+    said = zip(
+        log.move[row], log.asked[row], log.peer[row], log.perceived[row], strict=True
+    )
+    rewards = [None if r[-1] != r[-1] else Reward(*r) for r in log.reward[row].tolist()]
+    followed = row + 1 < len(log.step) and log.step[row + 1] == log.step[row] + 1
+    acted = followed and any(reward is not None for reward in rewards)
+    actions = tuple(
+        None
+        if move == NONE
+        else Action(int(move), bool(asked), int(peer), bool(perceived))
+        for move, asked, peer, perceived in said
+    )
+    after = _known(log.cells[row + 1]) if followed else None
+    met = bool(acted and miscoordinations(log.run.scenario, log.cells[[row + 1]])[0])
+    told = [PerceptEnd.said(end) for end in log.ended[row]]
+    ends = [PerceptEnd.LATE if end is None else end for end in told]
+    step = int(log.step[row])
+    cells = _known(log.cells[row])
+    return Glimpse(step, cells, actions, after, met, rewards, ends)
+
+
+def trails_of(
+    passed: Sequence[Sequence[int | None]], next_cell: np.ndarray
+) -> list[list[int]]:
+    """Return through which cells each robot has come, the oldest first, the one where it is last.
+
+    A trail begins behind the last place that is not known, or not beside the next one.
+
+    Args:
+        passed: where the robots were at time steps that follow each other, the newest last.
+        next_cell: where each move leads, as of `GridMap`.
+    """
+    trails = []
+    for places in zip(*passed, strict=True):
+        trail: list[int] = []
+        for cell in reversed(places):
+            if cell is None or (
+                trail and cell != trail[0] and cell not in next_cell[trail[0]]
+            ):
+                break
+            if not trail or cell != trail[0]:
+                trail.insert(0, cell)
+        trails.append(trail)
+    return trails
+
+
+def ended(log: RunLog) -> dict[str, np.ndarray]:
+    """Return where in a log, shape (T, K), bool, questions ended so, by each outcome."""
+    answered = log.asked & log.perceived
+    refused = log.asked & (log.ended == PerceptEnd.REFUSED) & ~answered
+    return {
+        ANSWERED: answered,
+        REFUSED: refused,
+        FAILED: log.asked & ~answered & ~refused,
+    }
+
+
+def logged_trails(log: RunLog, row: int) -> list[list[int]]:
+    """Return the trails of the robots at a time step of a log, given by its row."""
+    begin = int(np.searchsorted(log.episode, log.episode[row]))
+    cells = log.cells[max(begin, row + 1 - TRAIL) : row + 1]
+    return trails_of([_known(one) for one in cells], log.run.scenario.map.next_cell)
+
+
+def _known(cells: np.ndarray) -> tuple[int | None, ...]:
+    """Return cells, shape (K,), with None in place of NONE."""
+    return tuple(None if cell == NONE else cell for cell in cells.tolist())

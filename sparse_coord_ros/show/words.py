@@ -1,0 +1,217 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Where robots are and what they do, in words: by the doorways, and by moves on shortest ways.
+
+Doorways are those of `show.doorways`: a passage of doorway cells is one doorway.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sparse_coord_ros.base.palette import ANSWERED, FAILED, REFUSED
+from sparse_coord_ros.core.game.actions import ACTIONS
+from sparse_coord_ros.core.game.scenario import Scenario
+from sparse_coord_ros.core.runs.run import Glimpse
+from sparse_coord_ros.protocol.wire import PerceptEnd
+from sparse_coord_ros.show.doorways import FAR, Doorways
+from sparse_coord_ros.show.steps import Question
+
+ENDED = {
+    ANSWERED: "The question is answered.",
+    REFUSED: "The question is refused.",
+    FAILED: "No answer comes.",
+}
+
+
+class Words:
+    """Says it of one scenario.
+
+    Args:
+        scenario: the problem.
+
+    Attributes:
+        names: of the robots.
+        doorways: of its map.
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        self._grid = scenario.map
+        self.names = [robot.name for robot in scenario.robots]
+        self.doorways = Doorways(scenario.map)
+        self._from = [self.doorways.moves_to(robot.start) for robot in scenario.robots]
+        self._goal = [robot.goal for robot in scenario.robots]
+        self._home = [self.doorways.moves_to(robot.goal) for robot in scenario.robots]
+
+    def _cell(self, cell: int) -> str:
+        row, column = self._grid.cells[cell]
+        return f"in cell {cell} [{row}, {column}]"
+
+    def past(self, robot: int, cell: int, door: int) -> bool:
+        """Whether a robot has a doorway behind it.
+
+        It is on a shortest way from the robot's start to where the robot is, and on none from
+        there to its goal.
+        """
+        came = self.doorways.is_between(door, cell, self._from[robot])
+        return came and not self.doorways.is_between(door, cell, self._home[robot])
+
+    def where(
+        self, robot: int, cell: int, toward: int | None = None
+    ) -> tuple[str, int | None]:
+        """Return where a robot is, and the number of the doorway that this is said by.
+
+        That is the doorway in which it is; else the next one on a shortest way to its goal, of
+        several that are as close the one that it enters; else the closest. None: there is none.
+
+        Args:
+            robot: its number from 0.
+            cell: where it is.
+            toward: the cell to which its move leads.
+        """
+        doorways = self.doorways
+        the = "the doorway" if doorways.count == 1 else "a doorway"
+        if doorways.of[cell] >= 0:
+            return f"in {the}", int(doorways.of[cell])
+        next_ones = doorways.on_the_way(cell, self._home[robot])
+        if (next_ones < FAR).any():
+            away = int(next_ones.min())
+            door = int(next_ones.argmin())
+            entered = -1 if toward is None else int(doorways.of[toward])
+            if away == 1 and entered >= 0 and next_ones[entered] == 1:
+                door = entered
+            return f"before {the}" if away == 1 else f"{away} moves before {the}", door
+        ways = np.where(doorways.ways[:, cell] < 0, FAR, doorways.ways[:, cell])
+        if not (ways < FAR).any():
+            return self._cell(cell), None
+        away = int(ways.min())
+        door = int(ways.argmin())
+        if self.past(robot, cell, door):
+            return f"{away} move{'s' * (away > 1)} past {the}", door
+        return f"next to {the}" if away == 1 else f"{away} moves from {the}", door
+
+    def seen_from(
+        self, robot: int, cell: int, door: int | None, peer: int, at: int
+    ) -> str:
+        """Return where a peer is, as seen from a robot.
+
+        Args:
+            robot: the robot that asks, from 0.
+            cell: where it is.
+            door: the doorway by which that was said, as of `where`.
+            peer: the peer.
+            at: where the peer is.
+        """
+        if at == cell:
+            return "in the same cell"
+        far = int(self.doorways.moves_to(cell)[at])
+        if far >= FAR:
+            return f"{self._cell(at)}, to which there is no way"
+        name = self.names[robot]
+        away = f"beside {name}" if far == 1 else f"{far} moves away"
+        if door is None:
+            return away
+        inside = int(self.doorways.of[at])
+        if inside == door:
+            alone = len(self.doorways.cells_of[door]) == 1
+            return "in the doorway" if alone else f"in the doorway, {away}"
+        if self.doorways.of[cell] == door:
+            side = self._ahead(robot, cell, door, at)
+            if far == 1 and side:
+                side = f"right {side}"
+                away = ""
+        else:
+            side = self.doorways.side(door, cell, at)
+            if far == 1:
+                side = ""
+        past = (
+            "past the doorway"
+            if side and inside < 0 and self.past(peer, at, door)
+            else ""
+        )
+        if inside >= 0:
+            side = ", ".join([*filter(None, [side]), "in another doorway"])
+        elif not side and far > 1 and self.doorways.behind_another(door, cell, at):
+            side = "on the other side of another doorway"
+        return ", ".join(one for one in (side, past, away) if one)
+
+    def _ahead(self, robot: int, cell: int, door: int, at: int) -> str:
+        """Return whether a cell is ahead of a robot in a doorway, or behind it; empty: neither."""
+        peer_way = self.doorways.leaves_by(door, cell, at)
+        own_way = self.doorways.leaves_by(door, cell, self._goal[robot])
+        if not peer_way or not own_way:
+            return ""
+        if peer_way <= own_way:
+            return f"ahead of {self.names[robot]}"
+        return "" if peer_way & own_way else f"behind {self.names[robot]}"
+
+    def does(self, robot: int, cell: int, move: int, after: int | None) -> str:
+        """Return what a robot does, by whether that leads it to its goal.
+
+        Args:
+            robot: the robot.
+            cell: where it is.
+            move: what it chose.
+            after: where it is next, in a damaged log anywhere; None: nobody knows.
+        """
+        led = int(self._grid.next_cell[cell, move])
+        if after is None:
+            return f"chooses {ACTIONS[move]}"
+        if after != cell:
+            return self._goes(robot, cell, after, move)
+        if led == cell:
+            return "waits"
+        return f"stays: its move {ACTIONS[move]} fails"
+
+    def _goes(self, robot: int, cell: int, after: int, move: int) -> str:
+        now = self._home[robot][cell]
+        then = self._home[robot][after]
+        if now >= FAR or then >= FAR or now == then:
+            return f"goes {ACTIONS[move]}"
+        return "goes on" if then < now else "steps back"
+
+    def answer(
+        self, robot: int, cell: int, door: int | None, seen: Sequence[tuple[int, int]]
+    ) -> str:
+        """Return where other robots are; of several those that are close, or the closest.
+
+        Args:
+            robot: the robot that asks.
+            cell: where it is.
+            door: the doorway by which that was said, as of `where`.
+            seen: number and cell of each of the others, at least one.
+        """
+        moves = self.doorways.moves_to(cell)
+        close = [one for one in seen if self._is_close(one[1], door, moves)]
+        if len(seen) > 1 and not close:
+            peer, at = min(seen, key=lambda one: moves[one[1]])
+            said = self.seen_from(robot, cell, door, peer, at)
+            return f"the closest robot, {self.names[peer]}, is {said}"
+        return "; ".join(
+            f"{self.names[peer]} is {self.seen_from(robot, cell, door, peer, at)}"
+            for peer, at in (close if len(seen) > 1 else seen)
+        )
+
+    def _is_close(self, at: int, door: int | None, moves: np.ndarray) -> bool:
+        """Whether a cell is in a doorway or beside it, or as close to the robot that asks."""
+        return bool(
+            moves[at] <= 1
+            or (door is not None and 0 <= self.doorways.ways[door, at] <= 1)
+        )
+
+    def question(self, seen: Glimpse, question: Question) -> str:
+        """Return a question of a time step in sentences."""
+        k, peers, end, move = question
+        cell = seen.cells[k]
+        after = None if seen.after is None else seen.after[k]
+        name = self.names[k]
+        others = [(peer, at) for peer in peers if (at := seen.cells[peer]) is not None]
+        ended = ENDED[question.outcome]
+        if end == PerceptEnd.NOBODY_TO_ASK:
+            ended = "There is no other robot."
+        if cell is None:
+            return f"{name} asks; its cell is not known. {ended}"
+        place, door = self.where(k, cell, int(self._grid.next_cell[cell, move]))
+        if question.outcome == ANSWERED and others and len(others) == len(peers):
+            ended = f"Answer: {self.answer(k, cell, door, others)}."
+        return f"{name} asks {place}. {ended} {name} {self.does(k, cell, move, after)}."

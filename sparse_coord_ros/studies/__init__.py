@@ -1,0 +1,7 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Experiments: the paper's tables and figures, and the benchmark.
+
+Conditions are data, results are files, and `report` makes tables, figures and text of them. This
+part imports `core` and `base`.
+"""

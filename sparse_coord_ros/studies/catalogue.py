@@ -1,0 +1,207 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The experiments as data: the paper's Section 4, and the questions of its Section 5."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+from types import MappingProxyType
+
+from sparse_coord_ros.base.errors import SettingError
+from sparse_coord_ros.core.game.scenario import PEERS
+from sparse_coord_ros.core.game.unseen import TEAMS, is_tuning, team_of
+from sparse_coord_ros.core.solve.shipped import known_best, unseen_buildings
+from sparse_coord_ros.studies.conditions import Condition, make_condition
+
+SMALL = ("env1", "env2-2r", "env2-4r")
+"""Scenarios of the paper's Tables 1 and 2."""
+
+LARGE = ("cit", "cmu", "isr", "mit", "pentagon", "suny")
+"""Scenarios of the paper's Table 3."""
+
+LEARNERS = ("indiv", "noncoop", "coop", "factored")
+"""In the order of the paper's tables; the last one is not the paper's."""
+
+PENALTIES = (0, -0.1, -1, -10, -20, -100)
+"""Figure 4's, and that of the tables."""
+
+CLOSE = ("env1", "env2-2r", "pentagon")
+"""Two-robot scenarios in which coordination pays at a penalty of -100."""
+
+CLOSED: Mapping[str, float] = {"env1": 0.8, "env2-2r": 0.5, "pentagon": 0.5}
+"""Share of the gap between Non-coop. and the optimum that Coop. is to close there."""
+
+REACHED: Mapping[str, float] = {"env1": 0.97, "env2-2r": 0.9, "pentagon": 0.98}
+"""Share of the gap from Non-coop. to the best asking team found that Factored is to close."""
+
+FALLS: Mapping[str, float] = {"env1": 1.1, "env2-2r": 1.35}
+"""From a penalty of 0 to -100 Factored may lose as many times what the best asking team does.
+
+Scenarios without a limit here are not judged.
+"""
+
+LONG: Mapping[str, object] = {"penalty": -100, "steps": 100_000}
+"""Where the penalty is large and there is time to learn."""
+
+ASK_COSTS = (0, 0.5, 1, 2, 3, 5, 7, 10)
+PROBABILITIES = (0, 0.25, 0.5, 0.75, 0.9, 1)
+RANGES = (1, 2, 3, 4, 6)
+SHARES = ("same", "each:1:0.5", "each:1:0", "each:2:0")
+CROWDS = (2, 3, 4, 6, 8)
+
+
+SPLITS = ("tuning", "test")
+"""Of the unseen buildings: rules and numbers are chosen on the first. The second is opened once,
+for the closing figures: whoever tunes by it has seen it."""
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """One experiment.
+
+    Attributes:
+        name: what `reproduce` calls it.
+        title: what it shows.
+        conditions: its conditions.
+    """
+
+    name: str
+    title: str
+    conditions: tuple[Condition, ...]
+
+
+def _every(
+    names: Iterable[str],
+    over: Mapping[str, Iterable[object]],
+    same: Mapping[str, object] = MappingProxyType({}),
+) -> list[Condition]:
+    """Return a condition for each scenario and combination of values.
+
+    Args:
+        names: of the scenarios.
+        over: the values of each setting; under `learner`, learners.
+        same: settings of all of them.
+    """
+    found = []
+    for name in names:
+        for values in product(*over.values()):
+            given = {**same, **dict(zip(over, values, strict=True))}
+            found.append(make_condition(name, str(given.pop("learner")), given))
+    return found
+
+
+def _tables(names: Iterable[str]) -> list[Condition]:
+    return _every(names, {"learner": LEARNERS}, {"penalty": -20})
+
+
+def _figure4() -> list[Condition]:
+    over = {"learner": LEARNERS, "penalty": PENALTIES}
+    return _every(SMALL + LARGE, over) + _every(SMALL, over, LONG)
+
+
+def _sweep(setting: str, values: Iterable[object]) -> list[Condition]:
+    return _every(CLOSE, {"learner": ["coop"], setting: values}, LONG)
+
+
+def _ask_cost() -> list[Condition]:
+    """Return Coop. at each cost, and once Non-coop., which cannot ask, in the same problem."""
+    return _sweep("ask_cost", ASK_COSTS) + _every(CLOSE, {"learner": ["noncoop"]}, LONG)
+
+
+def _perception() -> list[Condition]:
+    values = [f"probability:{p}" for p in PROBABILITIES]
+    values += ["line_of_sight", *(f"range:{cells}" for cells in RANGES)]
+    return _sweep("perception", values)
+
+
+def _crowd() -> list[Condition]:
+    found = []
+    for name in (f"crowd-{robots}r" for robots in CROWDS):
+        found.append(make_condition(name, "noncoop", LONG))
+        found += _every([name], {"learner": ["coop"], "peers": PEERS}, LONG)
+        found.append(make_condition(name, "factored", LONG))
+    return found
+
+
+def unseen_conditions(
+    learner: str,
+    split: str,
+    settings: Mapping[str, object],
+    robots: Sequence[int] = TEAMS,
+) -> tuple[Condition, ...]:
+    """Return a condition for each building of a split.
+
+    Args:
+        learner: name of the learner.
+        split: "tuning" or "test".
+        settings: changed settings; the penalty stays, the bounds are those of this game.
+        robots: which sizes of teams.
+
+    Raises:
+        SettingError: an unknown learner, split, size or setting, or one that changes the game.
+    """
+    if split not in SPLITS:
+        raise SettingError(f"split: value is {split!r}, allowed: {', '.join(SPLITS)}")
+    unknown = [team for team in robots if team not in TEAMS]
+    if unknown or not robots:
+        more = f"allowed: {', '.join(map(str, TEAMS))}"
+        raise SettingError(
+            f"robots: value is {', '.join(map(str, unknown)) or 'none'}, {more}"
+        )
+    made = tuple(
+        make_condition(name, learner, settings)
+        for name in unseen_buildings()
+        if is_tuning(name) == (split == "tuning") and team_of(name) in robots
+    )
+    if known_best(made[0].scenario) is None:
+        raise SettingError(
+            f"benchmark: with {', '.join(sorted(settings.keys() - {'steps'}))} another game "
+            "would be played, whose bounds nobody knows; change settings of learning only"
+        )
+    return made
+
+
+def _unseen() -> list[Condition]:
+    return [
+        one for learner in LEARNERS for one in unseen_conditions(learner, "test", {})
+    ]
+
+
+_EXPERIMENTS: Mapping[str, tuple[str, Callable[[], list[Condition]]]] = {
+    "table1": ("Table 1: total discounted reward", lambda: _tables(SMALL)),
+    "table2": ("Table 2: time to goal and miscoordinations", lambda: _tables(SMALL)),
+    "table3": ("Table 3: the large scenarios", lambda: _tables(LARGE)),
+    "figure4": ("Figure 4: reward against the penalty", _figure4),
+    "penalty100": (
+        "Penalty -100, 10^5 steps: how much of the gap to the optimum is closed",
+        lambda: _every(CLOSE, {"learner": LEARNERS}, LONG),
+    ),
+    "ask_cost": ("Cost of COORDINATE", _ask_cost),
+    "perception": ("Success of the percept", _perception),
+    "uneven": (
+        "r^C that differs between the robots",
+        lambda: _every(
+            CLOSE, {"common_reward": SHARES, "learner": ("noncoop", "coop")}, LONG
+        ),
+    ),
+    "crowd": ("More robots: one random peer, and all peers (footnote 3)", _crowd),
+    "where": (
+        "Where in the map COORDINATE is chosen",
+        lambda: _every(SMALL + LARGE, {"learner": ["coop"]}, LONG),
+    ),
+    "unseen": ("Buildings that no search has seen", _unseen),
+}
+
+NAMES = tuple(_EXPERIMENTS)
+"""Every experiment, in the order in which they are reported."""
+
+
+def experiment_names() -> list[str]:
+    """Return the name of every experiment, in the order in which they are reported."""
+    return list(NAMES)
+
+
+def experiment(name: str) -> Experiment:
+    """Return the experiment of one of `NAMES`."""
+    title, conditions = _EXPERIMENTS[name]
+    return Experiment(name, title, tuple(conditions()))

@@ -1,0 +1,172 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the results say: agreement with exact values and the paper, gaps closed, places of asks."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from sparse_coord_ros.core.game.grid import UNREACHABLE, GridMap
+from sparse_coord_ros.core.game.scenario import Scenario
+from sparse_coord_ros.core.runs.evaluation import Measure
+from sparse_coord_ros.core.solve.optimum import independent_bound
+from sparse_coord_ros.studies.report.rows import paper
+from sparse_coord_ros.studies.store import ConditionResult, standard_error
+
+AGREE = 3.0
+"""Two values agree within as many standard errors of their difference."""
+
+SURE = 5.0
+"""A number of the paper lies above a bound from as many of its standard errors on."""
+
+SAME = 0.01
+"""Difference of rewards that counts as none: far above rounding noise, below what is printed."""
+
+NEAR = 2
+"""Moves from a doorway that still count as near it."""
+
+
+def errors_from(measure: Measure, exact: float) -> float:
+    """Return how many standard errors a mean lies from an exact value, with its sign."""
+    difference = measure.mean - exact
+    if abs(difference) < 1e-9:
+        return 0.0
+    if measure.standard_error == 0:
+        return math.copysign(math.inf, difference)
+    return difference / measure.standard_error
+
+
+def agrees(ours: Measure, other: Measure) -> bool:
+    """Whether two means differ by no more than `AGREE` standard errors of their difference."""
+    error = math.hypot(ours.standard_error, other.standard_error)
+    return abs(ours.mean - other.mean) <= AGREE * error
+
+
+def loss_alone(result: ConditionResult) -> Measure:
+    """Return by how much the reward falls short of that of robots each alone on the map.
+
+    Such robots take shortest paths and never miscoordinate, wait or ask. Unlike the reward, the
+    loss does not tell teams apart whose paths are of different lengths.
+    """
+    reward = result.best("reward")
+    loss = independent_bound(result.scenario) - reward.mean
+    return Measure(loss, reward.spread, reward.standard_error)
+
+
+def above_optimum(result: ConditionResult) -> bool:
+    """Whether the paper's reward exceeds what any joint policy can reach."""
+    printed = paper(result, "reward")
+    return printed is not None and errors_from(printed, result.optimum) > SURE
+
+
+def implied_reward(result: ConditionResult) -> Measure | None:
+    """Return the reward that the paper's own number of miscoordinations implies.
+
+    What one miscoordination costs is taken from the exact values of shortest-path policies, which
+    miscoordinate at the same doorways: (value without penalties - value) / miscoordinations.
+    None where there is nothing to compare, or the row is one of a learner that pays for asking.
+    """
+    counted = paper(result, "miscoordinations")
+    exact = result.reference
+    if counted is None or result.learner.asks or not exact["miscoordinations"]:
+        return None
+    alone = independent_bound(result.scenario)
+    cost = (alone - exact["reward"]) / exact["miscoordinations"]
+    return Measure(
+        alone - cost * counted.mean,
+        cost * counted.spread,
+        cost * counted.standard_error,
+    )
+
+
+def contradicts_itself(result: ConditionResult) -> bool:
+    """Whether the paper's reward does not follow from its own number of miscoordinations."""
+    implied = implied_reward(result)
+    printed = paper(result, "reward")
+    if implied is None or printed is None:
+        return False
+    error = math.hypot(implied.standard_error, printed.standard_error)
+    return abs(printed.mean - implied.mean) > SURE * error
+
+
+def is_shortest(result: ConditionResult) -> bool:
+    """Whether the reward agrees with the exact value of shortest-path policies.
+
+    Where all runs came to the same route there is no standard error: equal routes may differ by
+    less than `SAME`.
+    """
+    reward = result.best("reward")
+    exact = result.reference["reward"]
+    return abs(reward.mean - exact) < SAME or abs(errors_from(reward, exact)) <= AGREE
+
+
+def paired(values: np.ndarray) -> Measure:
+    """Return mean, spread and standard error of a number that each run has one of."""
+    spread = float(values.std(ddof=1)) if len(values) > 1 else math.nan
+    return Measure(float(values.mean()), spread, standard_error(values))
+
+
+def difference(
+    result: ConditionResult, other: ConditionResult, measure: str = "reward"
+) -> Measure:
+    """Return by how much a measure is greater than in another condition, run by run."""
+    return paired(result.run_means(measure) - other.run_means(measure))
+
+
+def surely_better(result: ConditionResult, baseline: ConditionResult) -> bool:
+    """Whether the reward surely exceeds shortest paths' and a learned baseline's, run by run."""
+    above_paths = surely_above(result.best("reward"), result.reference["reward"])
+    return above_paths and surely_above(difference(result, baseline))
+
+
+def surely_above(measure: Measure, exact: float = 0.0) -> bool:
+    """Whether a mean lies more than `AGREE` standard errors above a value."""
+    return errors_from(measure, exact) > AGREE
+
+
+def surely_below(measure: Measure, exact: float = 0.0) -> bool:
+    """Whether a mean lies more than `AGREE` standard errors below a value."""
+    return errors_from(measure, exact) < -AGREE
+
+
+def gap_closed(
+    coop: np.ndarray, baseline: np.ndarray | float, optimum: float
+) -> Measure | None:
+    """Return (coop - baseline) / (optimum - baseline) of the means with its standard error.
+
+    The error is to first order that of coop_i - (1 - closed) baseline_i over the runs i, divided
+    by the gap; the optimum has none. None where the baseline leaves no gap.
+
+    Args:
+        coop: mean reward of each run.
+        baseline: mean reward of each run, paired with those of `coop`; or an exact value.
+        optimum: the joint optimum.
+    """
+    base = np.broadcast_to(baseline, coop.shape)
+    gap = optimum - float(base.mean())
+    if gap <= 0:
+        return None
+    closed = float(coop.mean() - base.mean()) / gap
+    error = paired(coop - (1 - closed) * base).standard_error / gap
+    return Measure(closed, error, error)
+
+
+def near_doorways(grid: GridMap, moves: int = NEAR) -> np.ndarray:
+    """Shape (cells,): whether a doorway is at most `moves` moves away."""
+    near = np.zeros(len(grid.cells), dtype=bool)
+    for doorway in grid.doorways:
+        distance = grid.distances_to(doorway)
+        near |= (distance != UNREACHABLE) & (distance <= moves)
+    return near
+
+
+def share_near(scenario: Scenario, counts: Sequence[Sequence[float]]) -> float:
+    """Return the share of what is counted by robot and cell that is near doorways; NaN of none."""
+    values = np.array(counts)
+    total = values.sum()
+    return (
+        float(values[:, near_doorways(scenario.map)].sum() / total)
+        if total
+        else math.nan
+    )

@@ -1,0 +1,120 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""How numbers, tables and enumerations are written."""
+
+import math
+from collections.abc import Mapping, Sequence
+
+from sparse_coord_ros.core.game.scenario import Scenario
+from sparse_coord_ros.core.runs.evaluation import Measure
+from sparse_coord_ros.studies.report.rows import best_asking_team, best_team
+from sparse_coord_ros.studies.store import ConditionResult
+
+UNITS = ("B", "kB", "MB", "GB", "TB", "PB", "EB", "ZB", "YB")
+WORDS = {"scenario", "learner", "steps", "cost", "percept", "factors", "claim", "from"}
+WORDS |= {"measured here", "why", "measure"}
+"""Columns that are aligned to the left, and the first one of every table."""
+
+Row = Mapping[str, str | None]
+"""Column -> text; None and missing columns are shown as a dash."""
+
+
+def as_table(rows: Sequence[Row]) -> tuple[list[str], list[list[str]]]:
+    """Return a table's columns, in the order in which rows name them, and its lines."""
+    head = list(dict.fromkeys(column for row in rows for column in row))
+    return head, [[row.get(column) or "-" for column in head] for row in rows]
+
+
+def to_markdown(rows: Sequence[Row]) -> str:
+    """Return a table."""
+    head, body = as_table(rows)
+    rule = [
+        ":--" if column in WORDS or not i else "--:" for i, column in enumerate(head)
+    ]
+    return "".join("| " + " | ".join(line) + " |\n" for line in (head, rule, *body))
+
+
+def fixed(value: float, digits: int = 2) -> str:
+    """Return a number; a dash where there is none, such as the standard error of a single run."""
+    return "-" if math.isnan(value) else f"{value:.{digits}f}"
+
+
+def with_error(measure: Measure, digits: int = 2, sign: str = "") -> str:
+    """Return `mean (standard error)`, with its sign where `sign` is "+"."""
+    return f"{measure.mean:{sign}.{digits}f} ({fixed(measure.standard_error, digits)})"
+
+
+def signed(measure: Measure) -> str:
+    """Return `+difference (standard error)`."""
+    return with_error(measure, sign="+")
+
+
+def share(measure: Measure | None) -> str:
+    """Return the share of a gap that is closed, with its standard error."""
+    if measure is None:
+        return "no gap to close"
+    return f"{percent(measure.mean)} ± {percent(measure.standard_error)}"
+
+
+def percent(value: float, digits: int = 1) -> str:
+    """Return a share in percent."""
+    return "-" if math.isnan(value) else f"{100 * value:.{digits}f} %"
+
+
+def size(count: float) -> str:
+    """Return a number of bytes in decimal units, e.g. 14.1 kB."""
+    power = 0
+    while count >= 1000 and power < len(UNITS) - 1:
+        count /= 1000
+        power += 1
+    return f"{count:.{1 if power else 0}f} {UNITS[power]}"
+
+
+def listed(texts: Sequence[str]) -> str:
+    """Return texts as an enumeration; "none" where there are none."""
+    if len(texts) < 2:
+        return texts[0] if texts else "none"
+    return f"{', '.join(texts[:-1])} and {texts[-1]}"
+
+
+def named(texts: Mapping[str, str]) -> str:
+    """Return what there is of each name, such as `env1 1.61, pentagon 1.77`."""
+    return ", ".join(f"{name} {text}" for name, text in texts.items()) or "none"
+
+
+def of(holds: int, cases: int) -> str:
+    """Return in how many cases something holds."""
+    return f"{holds} of {cases}"
+
+
+def steps(scenario: Scenario) -> str:
+    """Return the step budget, as a power of ten where it is one."""
+    digits = str(scenario.steps)
+    return (
+        f"10^{len(digits) - 1}"
+        if digits.rstrip("0") == "1" and digits != "1"
+        else digits
+    )
+
+
+def factors(result: ConditionResult) -> str:
+    """Return the factors of r^C, robot by robot."""
+    spec = result.scenario.common_reward
+    return " : ".join(f"{factor:g}" for factor in spec.numbers) or spec.kind
+
+
+def optimum_of(result: ConditionResult) -> str:
+    """Return the joint optimum, marked where it is an upper bound only."""
+    return f"{'' if result.optimum_exact else '<= '}{result.optimum:.2f}"
+
+
+def bound_of(result: ConditionResult) -> str | None:
+    """Return what the best learned team of Algorithm 1's form is worth; None where it is unknown.
+
+    Marked where no search found it: the best of many learned teams, of more than two robots.
+    """
+    team = best_team(result)
+    bound = best_asking_team(result)
+    if team is not None:
+        return f">= {team:.2f}"
+    return None if bound is None else f"{bound:.2f}"

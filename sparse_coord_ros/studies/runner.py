@@ -1,0 +1,555 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Experiments from start to end: what is asked for, what is there, what remains to compute.
+
+A results directory holds one file a condition. What is there already is taken from it, what is
+missing is computed and saved, and nothing of another plan, scenario or protocol is mixed in.
+"""
+
+import math
+import os
+import re
+import shutil
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from sparse_coord_ros.base.dataframes import data_frame, shown_as
+from sparse_coord_ros.base.errors import (
+    ResultsError,
+    SettingError,
+    SparseCoordError,
+    check_argument,
+    check_function,
+    did_you_mean,
+    needed,
+)
+from sparse_coord_ros.base.files import import_apart, path_argument
+from sparse_coord_ros.core.engine.batch import (
+    Batch,
+    agent_steps,
+    run_batch,
+    run_batches,
+)
+from sparse_coord_ros.core.engine.cluster import (
+    Cluster,
+    SchedulerLike,
+    check_place,
+    cluster_at,
+)
+from sparse_coord_ros.core.game.perception import check_found_elsewhere
+from sparse_coord_ros.core.game.plugins import allow_named
+from sparse_coord_ros.core.game.scenario import Scenario
+from sparse_coord_ros.core.learners.learner import Learner
+from sparse_coord_ros.core.learners.registry import learner_of
+from sparse_coord_ros.core.runs.evaluation import play, summary
+from sparse_coord_ros.core.runs.run_config import (
+    RUN_SETTINGS,
+    RunConfig,
+    load_run,
+    make_run,
+)
+from sparse_coord_ros.core.runs.tables import load_team
+from sparse_coord_ros.core.runs.trials import Trials
+from sparse_coord_ros.studies.catalogue import NAMES, Experiment, experiment
+from sparse_coord_ros.studies.conditions import Condition, parse_id
+from sparse_coord_ros.studies.store import (
+    CONFIDENCE,
+    RUNS,
+    SUMS,
+    TRIALS,
+    ConditionResult,
+    Plan,
+    Results,
+    Sample,
+    Say,
+    collect,
+    computation_digest,
+    open_results,
+    sample,
+)
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+Progress = Callable[[str, int, int], None]
+"""Called with a condition's id, the agent-steps done so far and those of the whole call: as it
+begins, and after each run; on a cluster, after each task."""
+
+
+def no_progress(name: str, done: int, total: int) -> None:
+    """Show nothing."""
+
+
+def warn(line: str) -> None:
+    """Say a line as a Python warning."""
+    warnings.warn(line, stacklevel=2)
+
+
+@dataclass(frozen=True)
+class Targets:
+    """What a call asks for, each once.
+
+    Attributes:
+        experiments: whole experiments, in the order of `NAMES`.
+        conditions: those of the experiments, and those named.
+        runs: single runs: their condition and their number.
+    """
+
+    experiments: tuple[Experiment, ...]
+    conditions: tuple[Condition, ...]
+    runs: tuple[tuple[Condition, int], ...]
+
+
+class SingleRun(NamedTuple):
+    """One learning run of a condition, saved as `train` saves it.
+
+    Attributes:
+        condition: its condition.
+        seed: its seed.
+        trials: its greedy trials.
+        directory: where it is saved.
+    """
+
+    condition: Condition
+    seed: int
+    trials: Trials
+    directory: Path
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain data: what `reproduce --json` prints."""
+        return {
+            "id": self.condition.id,
+            "seed": self.seed,
+            "directory": str(self.directory),
+            **summary(self.trials).to_dict(),
+        }
+
+
+@dataclass(frozen=True)
+class ExperimentResults(Mapping[str, ConditionResult]):
+    """What was asked for; a mapping from a condition's id to its result.
+
+    Attributes:
+        plan: first seed, learning runs and trials.
+        targets: what was asked for.
+        found: the results, by the conditions' ids.
+        runs: the single runs that were asked for.
+        swept: settings that are columns of data frames in any case.
+    """
+
+    plan: Plan
+    targets: Targets
+    found: Mapping[str, ConditionResult]
+    runs: tuple[SingleRun, ...] = ()
+    swept: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        """Return what they are, and a line a condition."""
+        return shown_as(self._title, self._means)
+
+    def _repr_html_(self) -> str:
+        """Return the same for a notebook, with a picture."""
+        from sparse_coord_ros.studies.report.charts import embedded
+
+        return shown_as(self._title, self._means, markup=True) + embedded(
+            self.plot(), "rewards"
+        )
+
+    @property
+    def _title(self) -> str:
+        plan = self.plan
+        many = f"{len(self)} condition{'s' * (len(self) != 1)}"
+        return f"<{many}; runs of each: {plan.runs}, trials of a run: {plan.trials}>"
+
+    @property
+    def _means(self) -> dict[str, list[Any]]:
+        columns: dict[str, list[Any]] = {"condition": list(self)}
+        for name in SUMS:
+            columns[name] = [one.measure(name).mean for one in self.values()]
+        return columns | {"arrived": [one.arrived for one in self.values()]}
+
+    def plot(self, x: str = "", measures: Sequence[str] = ("reward",)) -> "Figure":
+        """Draw learners against a setting, beside what is known to compare them with.
+
+        There is a panel for each combination of the other settings. Bars are standard errors of
+        the means of the learning runs.
+
+        Args:
+            x: the setting; empty: the first that has several values.
+            measures: of `reward`, `time_to_goal`, `asks`, `miscoordinations`, `loss` (against
+                robots alone) and `variance` (of the reward): a line of panels each.
+
+        Raises:
+            SettingError: `x` has one value only, or there is no such measure.
+        """
+        from sparse_coord_ros.studies.report.drawings import swept_figure
+
+        return swept_figure(list(self.values()), x, measures)
+
+    def __getitem__(self, name: str) -> ConditionResult:
+        """Return the result of the condition of that id."""
+        return self.found[name]
+
+    def __iter__(self) -> Iterator[str]:
+        """Iterate over the conditions' ids."""
+        return iter(self.found)
+
+    def __len__(self) -> int:
+        """Return the number of conditions."""
+        return len(self.found)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain data: what `reproduce --json` prints."""
+        data = {"conditions": [result.to_dict() for result in self.found.values()]}
+        return data | (
+            {"runs": [one.to_dict() for one in self.runs]} if self.runs else {}
+        )
+
+    def to_pandas(self, *, by_run: bool = False) -> "pd.DataFrame":
+        """Return a data frame: one row a condition, or one row a learning run.
+
+        Its columns: `condition` (the id), `scenario`, `learner`, each setting that was swept or
+        that some condition names, `run` and `seed` where `by_run`, then the measures `reward`,
+        `time_to_goal`, `asks` (means over trials and robots) and `miscoordinations` (mean of a
+        trial), each with `<measure>_low` and `<measure>_high`, the 95 % confidence interval of
+        that mean, and `arrived` (share of the trials in which every robot arrived).
+
+        The samples of an interval are the learning runs; in a row of one run its trials, the
+        robots of a trial being taken as wholly dependent. A row a condition has also
+        `<measure>_spread`, `<measure>_standard_error`, `optimum` and `optimum_exact`.
+
+        Raises:
+            RunError: pandas is not installed.
+        """
+        rows = []
+        for condition in self.targets.conditions:
+            result = self.found[condition.id]
+            head = self._head(condition)
+            if by_run:
+                rows += [
+                    {**head, **self._row(result, run)} for run in range(self.plan.runs)
+                ]
+                continue
+            for name in SUMS:
+                measure = result.measure(name)
+                head[name] = measure.mean
+                head[f"{name}_spread"] = measure.spread
+                head[f"{name}_standard_error"] = measure.standard_error
+                head |= _interval(
+                    name, measure.mean, measure.standard_error, result.runs
+                )
+            head |= {"arrived": result.arrived, "optimum": result.optimum}
+            rows.append({**head, "optimum_exact": result.optimum_exact})
+        names = dict.fromkeys(name for row in rows for name in row)
+        return data_frame({name: [row[name] for row in rows] for name in names})
+
+    def _row(self, result: ConditionResult, run: int) -> dict[str, Any]:
+        row: dict[str, Any] = {"run": run, "seed": self.plan.seed + run}
+        for name in SUMS:
+            error = math.sqrt(result.variances[name][run] / result.trials)
+            row[name] = result.means[name][run]
+            row |= _interval(name, row[name], error, result.trials)
+        return {**row, "arrived": 1.0 - result.not_arrived[run] / result.trials}
+
+    def _head(self, condition: Condition) -> dict[str, Any]:
+        scenario = condition.scenario
+        keys = (key for one in self.targets.conditions for key, _ in one.settings)
+        named = dict.fromkeys([*self.swept, *keys])
+        return {
+            "condition": condition.id,
+            "scenario": scenario.name,
+            "learner": condition.learner,
+            **{key: scenario.plain_settings[key] for key in named},
+        }
+
+
+def _interval(
+    name: str, mean: float, standard_error: float, samples: int
+) -> dict[str, float]:
+    """Return a measure's confidence interval, by Student's t; NaN of a single sample."""
+    from scipy.special import stdtrit
+
+    half = standard_error * float(stdtrit(samples - 1, (1 + CONFIDENCE) / 2))
+    return {f"{name}_low": mean - half, f"{name}_high": mean + half}
+
+
+def parse_targets(asked: Sequence[str | Condition], plan: Plan) -> Targets:
+    """Return what the names of experiments and the ids of conditions and single runs ask for.
+
+    Args:
+        asked: names, ids and conditions.
+        plan: first seed, learning runs and trials.
+
+    Raises:
+        SettingError: neither an experiment nor an id; a single run that the plan does not have;
+            two scenario files of one name.
+        ScenarioError: an id with an unknown scenario.
+    """
+    chosen = tuple(experiment(name) for name in NAMES if name in asked)
+    named: dict[str, Condition] = {}
+    runs: dict[str, tuple[Condition, int]] = {}
+    digests: dict[str, str] = {}
+    for target in asked:
+        if isinstance(target, Condition):
+            condition = target
+            number = None
+        elif target in NAMES:
+            continue
+        elif "/" not in target:
+            raise SettingError(
+                f"unknown experiment {target!r}{did_you_mean(target, NAMES)}; allowed: "
+                f"{', '.join(NAMES)}, or an id such as env1/coop/penalty=-20"
+            )
+        else:
+            for word in re.split(
+                "[/,=]", target
+            ):  # the user names them, and so allows them
+                allow_named(word)
+            condition, number = parse_id(target)
+        digest = computation_digest(condition)
+        if digests.setdefault(condition.id, digest) != digest:
+            raise SettingError(
+                f"id {condition.id!r}: another scenario file of the name "
+                f"{condition.scenario.name!r} is asked for too; give one of them another with "
+                "the field 'name'"
+            )
+        if number is None:
+            named[condition.id] = condition
+        elif number >= plan.runs:
+            what = f"id {condition.id}/{number}: run {number} is not one of {plan.runs}"
+            raise SettingError(
+                f"{what}; choose a number below {plan.runs} or more --runs"
+            )
+        else:
+            runs[f"{condition.id}/{number}"] = condition, number
+    conditions = {one.id: one for each in chosen for one in each.conditions} | named
+    return Targets(chosen, tuple(conditions.values()), tuple(runs.values()))
+
+
+def run_experiment(
+    what: str | Condition | Iterable[str | Condition],
+    *,
+    out: str | Path | None = None,
+    runs: int = 100,
+    trials: int = 1000,
+    seed: int = 0,
+    report: bool = False,
+    engine: str = "auto",
+    jobs: int | None = None,
+    scheduler: SchedulerLike = None,
+    progress: Progress = no_progress,
+    say: Say = warn,
+) -> ExperimentResults:
+    """Compute experiments or single conditions; with `out`, save them and go on where it stopped.
+
+    Args:
+        what: names of experiments (see `experiment_names`), or ids of conditions such as
+            "env1/coop/penalty=-20,ask_cost=2": scenario, learner, changed settings.
+        out: results directory, as of `sparse_coord reproduce`; None: nothing is saved.
+        runs: independent learning runs of a condition.
+        trials: greedy trials of each run.
+        seed: seed of run 0; run i has seed + i.
+        report: write the experiments' tables, figures and text into `out`.
+        engine: "numba", "python", or "auto": numba where it is installed. The bits are the same.
+        jobs: threads (or processes) at once; all cores that this process may use where None.
+        scheduler: Dask cluster that computes: the address of its scheduler, a `Client` or, say, a
+            `LocalCluster`; None: this machine.
+        progress: called with a condition's id, the agent-steps done and those of the whole call.
+        say: called with one line for each file of `out` that is damaged, was edited or belongs
+            elsewhere: it is put aside, and its condition is computed again.
+
+    Raises:
+        ScenarioError, SettingError: no such experiment, scenario or learner, or a bad setting.
+        ResultsError: `out` holds results of something else, or is in use.
+        OSError: `out` cannot be written.
+        RunError: the cluster cannot be reached, or was lost; a process that computed runs was
+            killed; pandas, Matplotlib or Jinja2 is missing, which a report needs.
+        PluginError: a learner or perception model of the user's own failed.
+    """
+    given = isinstance(what, str | Condition | Iterable)
+    check_argument(
+        "what", what, given, "an experiment or a condition, or a list of them"
+    )
+    asked = [what] if isinstance(what, str | Condition) else list(what)
+    if not asked:
+        remedy = "name at least one, or all: experiment_names()"
+        raise SettingError(f"no experiment is asked for; {remedy}")
+    seed = RUN_SETTINGS["seed"].parse(seed)
+    plan = Plan(seed, RUNS.parse(runs), TRIALS.parse(trials))
+    targets = parse_targets(asked, plan)
+    jobs = check_place(jobs, scheduler)
+    out = None if out is None else path_argument("out", out)
+    check_function("progress", progress)
+    check_function("say", say)
+    if out is None and (targets.runs or report):
+        raise SettingError(
+            "single runs and reports are files: name a results directory"
+        )
+    if out is not None or scheduler is not None:
+        for one in (*targets.conditions, *(one for one, _ in targets.runs)):
+            check_found_elsewhere(one.scenario.perception)
+    write_report = _report_writer() if report and targets.experiments else None
+    with ExitStack() as stack:
+        results = (
+            None if out is None else stack.enter_context(open_results(out, plan, say))
+        )
+        by = Computing(engine, jobs, stack.enter_context(cluster_at(scheduler)))
+        found = compute(
+            targets.conditions, plan, by, results=results, progress=progress
+        )
+        played = []
+        if results is not None:
+            played = [one_run(results, *one, by) for one in targets.runs]
+            if write_report is not None:
+                write_report(results.directory, plan, targets.experiments, found)
+    return ExperimentResults(plan, targets, found, tuple(played))
+
+
+@dataclass(frozen=True)
+class Computing:
+    """By what runs are computed; attributes as of `run_batch`."""
+
+    engine: str = "auto"
+    jobs: int | None = None
+    cluster: Cluster | None = None
+
+
+def compute(
+    conditions: Iterable[Condition],
+    plan: Plan,
+    by: Computing = Computing(),  # noqa: B008 - it never changes
+    *,
+    results: Results | None = None,
+    progress: Progress = no_progress,
+) -> dict[str, ConditionResult]:
+    """Return every condition's result; compute (and save) those that are not there yet.
+
+    Args:
+        conditions: what to compute.
+        plan: first seed, learning runs and trials.
+        by: engine, threads or cluster.
+        results: the results directory, open; None: nothing is saved.
+        progress: see `Progress`.
+    """
+    conditions = list(conditions)
+    found = {
+        one.id: None if results is None else results.load(one) for one in conditions
+    }
+    missing = [one for one in conditions if found[one.id] is None]
+    done = 0
+    total = sum(agent_steps(one.scenario) * plan.runs for one in missing)
+    parts: dict[Condition, dict[int, list[Sample]]] = {one: {} for one in missing}
+    for one in missing[:1]:
+        progress(one.id, done, total)
+    for one, first, samples in (_here if by.cluster is None else _on_cluster)(
+        missing, plan, by
+    ):
+        done += len(samples) * agent_steps(one.scenario)
+        progress(one.id, done, total)
+        parts[one][first] = samples
+        if sum(map(len, parts[one].values())) == plan.runs:
+            ordered = [
+                own for _, part in sorted(parts.pop(one).items()) for own in part
+            ]
+            found[one.id] = result = collect(one, plan.trials, ordered)
+            if results is not None:
+                results.save(one, result)
+    return {name: result for name, result in found.items() if result is not None}
+
+
+Computed = Iterator[tuple[Condition, int, list[Sample]]]
+"""Conditions, with samples of some of their runs and the first one's seed."""
+
+
+def _here(conditions: Sequence[Condition], plan: Plan, by: Computing) -> Computed:
+    """Compute conditions on this machine, one run after the other."""
+    batches = [
+        Batch(one.scenario, learner_of(one.learner), plan.seeds) for one in conditions
+    ]
+    runs = run_batches(batches, trials=plan.trials, engine=by.engine, jobs=by.jobs)
+    for one in conditions:
+        for run in islice(runs, plan.runs):
+            yield one, run.seed, [sample(run)]
+
+
+def _on_cluster(conditions: Sequence[Condition], plan: Plan, by: Computing) -> Computed:
+    """Compute conditions on a cluster, all at once, each task some runs of one condition."""
+    assert by.cluster is not None
+    work: list[tuple[Scenario, Learner, Sequence[int], int, str]] = []
+    whose: list[Condition] = []
+    for one in conditions:
+        steps = agent_steps(one.scenario)
+        runs = plan.runs * len(conditions)
+        for share in by.cluster.shares(plan.seeds, steps, runs):
+            whose.append(one)
+            rule = learner_of(one.learner)
+            work.append((one.scenario, rule, share, plan.trials, by.engine))
+    for number, samples in by.cluster.results(samples_of, work):
+        yield whose[number], work[number][2][0], samples
+
+
+def samples_of(
+    scenario: Scenario, learner: Learner, seeds: Sequence[int], trials: int, engine: str
+) -> list[Sample]:
+    """Compute some runs of a condition in a thread of a cluster's worker."""
+    runs = run_batch(scenario, learner, seeds, trials=trials, engine=engine, jobs=1)
+    return [sample(run) for run in runs]
+
+
+def _report_writer() -> Callable[..., None]:
+    """Return what writes reports; raise `RunError`, before hours go by, where it cannot."""
+    for package in ("pandas", "matplotlib", "jinja2"):
+        remedy = "pip install pandas matplotlib jinja2"
+        with needed(f"a report needs the Python package {package}", remedy):
+            import_apart(package, "matplotlibrc")
+    from sparse_coord_ros.studies.report import write_report
+
+    return write_report
+
+
+def one_run(
+    results: Results, condition: Condition, number: int, by: Computing
+) -> SingleRun:
+    """Compute one run of a condition and save what it learned, as `train` does.
+
+    Where that run is there already, only its trials are played again.
+
+    Raises:
+        ResultsError: something else is in its place.
+    """
+    seed = results.plan.seed + number
+    trials = results.plan.trials
+    folder = results.directory / "runs" / condition.id / str(number)
+    if folder.exists():
+        wanted = make_run(
+            condition.scenario, {"seed": seed, "learner": condition.learner}
+        )
+        return SingleRun(condition, seed, _played_again(folder, wanted, trials), folder)
+    how = {"trials": trials, "history": True, **vars(by)}
+    [run] = run_batch(condition.scenario, condition.learner, [seed], **how)
+    assert run.trials is not None
+    partial = folder.with_name(f"{folder.name}.partial")
+    shutil.rmtree(partial, ignore_errors=True)  # of an interrupted call
+    os.rename(run.save(partial), folder)
+    return SingleRun(condition, seed, run.trials, folder)
+
+
+def _played_again(folder: Path, wanted: RunConfig, trials: int) -> Trials:
+    try:
+        same = load_run(folder).digest == wanted.digest
+    except SparseCoordError:
+        same = False
+    if not same:
+        raise ResultsError(
+            f"{folder}: exists already and is another run than this would be (scenario, learning "
+            "protocol or seed); nothing is overwritten: remove it, or choose another --out"
+        )
+    scenario = wanted.scenario
+    tables = load_team(folder, scenario, wanted.rule)
+    return play(scenario, tables, trials=trials, seed=wanted.seed, learner=wanted.rule)

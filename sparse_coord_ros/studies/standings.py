@@ -1,0 +1,166 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""How learned teams stand: the share of the gap that they close, with its error, and failures."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sparse_coord_ros.core.game.scenario import Scenario
+from sparse_coord_ros.core.runs.evaluation import Measure
+from sparse_coord_ros.core.solve.shipped import known_best
+from sparse_coord_ros.studies.store import CONFIDENCE, ConditionResult
+
+if TYPE_CHECKING:
+    pass
+
+
+RESAMPLES = 2000
+"""Of a bootstrap."""
+
+
+ARRIVE = 0.999
+"""Share of trials in which every robot is to arrive."""
+
+
+@dataclass(frozen=True)
+class Standing:
+    """How teams stand in some buildings, each of which counts as much as another.
+
+    Attributes:
+        buildings: how many there are.
+        teams: teams that learned there.
+        paths: worth of fixed shortest paths.
+        best_known: value of the best asking team found, or of the route planner.
+        reward: total discounted reward; its standard error is that of the teams in just these
+            buildings.
+        share: share of the pooled gap that is closed: (reward - paths) / (best_known - paths). Its
+            standard error is a bootstrap over buildings, and over the teams in each: what other
+            buildings of these kinds would change. Of a single building it is that of its teams.
+        worst: share of the gap in the building where it is least.
+        asks, miscoordinations: of a robot, and of a team, in a trial.
+        below: teams that are worth less than shortest paths.
+        failed: teams in which some robot fails to arrive in more than one trial of a thousand.
+    """
+
+    buildings: int
+    teams: int
+    paths: float
+    best_known: float
+    reward: Measure
+    share: Measure
+    worst: float
+    asks: float
+    miscoordinations: float
+    below: int
+    failed: int
+
+    def share_and_failed(self) -> str:
+        """Return the share of the gap with its error in percent, and how many teams fail."""
+        share = self.share
+        percent = f"{100 * share.mean:.1f} % ({100 * share.standard_error:.1f})"
+        return f"{percent}; {self.of_teams(self.failed)} fail"
+
+    def of_teams(self, count: int) -> str:
+        """Return a number of teams; where it is none, what their share is surely below (95 %)."""
+        most = 1.0 - (1.0 - CONFIDENCE) ** (1.0 / self.teams)
+        surely = f" (< {100 * most:.1f} %)" if count == 0 else ""
+        return f"{count} of {self.teams}{surely}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain data."""
+        said = dict(vars(self))
+        for name in ("reward", "share"):
+            measure = said[name]
+            said[name] = measure.mean
+            said[f"{name}_standard_error"] = measure.standard_error
+        return said
+
+
+def standings(
+    results: Iterable[ConditionResult], *, by_kind: bool = False
+) -> dict[str, Standing]:
+    """Return how teams stand; arguments as of `Benchmark.standings`."""
+    groups: dict[str, list[ConditionResult]] = {}
+    for one in results:
+        _, kind, team, _ = one.scenario.name.split("-")
+        groups.setdefault(f"{team} {kind}" if by_kind else team, []).append(one)
+    return {name: standing(own) for name, own in groups.items()}
+
+
+def standing(
+    results: Sequence[ConditionResult],
+    best_of: Callable[[Scenario], float | None] = known_best,
+) -> Standing:
+    """Return how teams of one learner stand in these buildings.
+
+    Args:
+        results: of the buildings.
+        best_of: returns the value of the best known team of a building.
+    """
+    rewards = [one.best("reward") for one in results]
+    error = float(np.sqrt(sum(one.standard_error**2 for one in rewards))) / len(rewards)
+    values = [best_of(one.scenario) for one in results]
+    known = np.array([np.nan if value is None else value for value in values])
+    paths = [one.reference["reward"] for one in results]
+    learned = [one.run_means("reward") for one in results]
+    gained = np.array([own.mean() for own in learned]) - paths
+
+    def mean(values: Iterable[float]) -> float:
+        return float(np.mean(list(values)))
+
+    return Standing(
+        buildings=len(results),
+        teams=sum(one.runs for one in results),
+        paths=mean(paths),
+        best_known=mean(known),
+        reward=Measure(mean(one.mean for one in rewards), float("nan"), error),
+        share=pooled_share(learned, np.array(paths), known),
+        worst=float((gained / (known - paths)).min()),
+        asks=mean(one.best("asks").mean for one in results),
+        miscoordinations=mean(one.best("miscoordinations").mean for one in results),
+        below=sum(
+            int((own < low - 1e-9).sum())
+            for own, low in zip(learned, paths, strict=True)
+        ),
+        failed=sum(map(failed_teams, results)),
+    )
+
+
+def pooled_share(
+    learned: Sequence[np.ndarray], low: np.ndarray, high: np.ndarray
+) -> Measure:
+    """Return the share of the pooled gap that teams close, with a bootstrap standard error.
+
+    A resample draws as many buildings with replacement, and in each as many teams. Its draws are
+    the same in every call.
+
+    Args:
+        learned: the teams' rewards in each building, shape (teams,) each.
+        low: where the gap begins in each building, shape (buildings,).
+        high: where it ends, shape (buildings,).
+
+    Returns:
+        A measure without a spread (NaN).
+    """
+    rng = np.random.default_rng(0)
+    count = len(learned)
+    chosen = rng.integers(count, size=(RESAMPLES, count))
+    gained = np.zeros((RESAMPLES, count))
+    for building, rewards in enumerate(learned):
+        places = chosen == building
+        teams = rng.integers(len(rewards), size=(int(places.sum()), len(rewards)))
+        gained[places] = rewards[teams].mean(axis=1) - low[building]
+    shares = gained.sum(axis=1) / (high - low)[chosen].sum(axis=1)
+    means = np.array([rewards.mean() for rewards in learned])
+    share = float((means - low).sum() / (high - low).sum())
+    return Measure(share, float("nan"), float(shares.std(ddof=1)))
+
+
+def failed_teams(result: ConditionResult) -> int:
+    """Return how many teams miss in more than one trial of a thousand; exact where it is known."""
+    if result.exact is None:
+        return result.failed_teams
+    return int((np.array(result.exact["arrived"]) < ARRIVE).sum())
