@@ -14,7 +14,7 @@ from teams import tables_in
 
 from sparse_coord_ros.core.runs.history import load_history
 from sparse_coord_ros.core.runs.tables import load_saved, robot_file
-from sparse_coord_ros.protocol.lockstep import waiting
+from sparse_coord_ros.protocol.lockstep import timeouts
 
 FAST = {"claim_window": 0.2}
 
@@ -76,7 +76,7 @@ def test_nodes_end_well_on_a_signal(bench, start_node, tmp_path):
 def test_a_world_that_lost_all_robots_says_that_it_waits_and_for_whom(
     bench, capfd, monkeypatch
 ):
-    monkeypatch.setattr(waiting, "REMIND_SECONDS", 0.3)
+    monkeypatch.setattr(timeouts, "REMIND_SECONDS", 0.3)
     world = bench.world(step_timeout=0.2, percept_timeout=0.1)
     robots = bench.robots()
     bench.spin_until(lambda: world.lockstep.world.step > 9, "the run is under way")

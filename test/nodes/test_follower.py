@@ -11,7 +11,7 @@ from std_msgs.msg import String
 
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.runs.run_config import make_run
-from sparse_coord_ros.protocol.lockstep import waiting
+from sparse_coord_ros.protocol.lockstep import timeouts
 from sparse_coord_ros.protocol.wire import RunState
 from sparse_coord_ros.protocol.wire.status import Order, Said
 from sparse_coord_ros.ros.nodes import follower as module
@@ -118,7 +118,7 @@ def test_a_recorder_that_goes_on_says_what_it_waits_for(
     bench, tmp_path, capfd, monkeypatch
 ):
     """It knows the run at once, but not yet from where that goes on."""
-    monkeypatch.setattr(waiting, "REMIND_SECONDS", 0.1)
+    monkeypatch.setattr(timeouts, "REMIND_SECONDS", 0.1)
     recorder = bench.recorder(tmp_path / "bag", resume=True)
     said = []
 

@@ -80,10 +80,10 @@ class CompiledDraws(NamedTuple):
 
     Attributes:
         links: when robots get no answer.
-        sources: a generator at a time step's beginning, as of `generator.source_of`,
+        sources: a generator at a time step's beginning, as of `pcg64.source_of`,
             [role, k, word]; those that nothing looks at are 0.
         since: that time step [role, k].
-        jumps: as of `generator.jump_table`.
+        jumps: as of `pcg64.jump_table`.
     """
 
     links: Links
