@@ -11,14 +11,8 @@ from pathlib import Path
 import pytest
 
 from sparse_coord_ros.base.errors import MapError, ScenarioError, SparseCoordError
-from sparse_coord_ros.base.limits import (
-    DEEPEST,
-    Limit,
-    parse_yaml,
-    read_file,
-    read_text,
-    to_yaml,
-)
+from sparse_coord_ros.base.limits import DEEPEST, Limit, read_file, read_text
+from sparse_coord_ros.base.yaml_text import parse_yaml, to_yaml
 from sparse_coord_ros.core.game.grid import load_map
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.runs.history import load_history

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from sparse_coord_ros.base.errors import MapError
 from sparse_coord_ros.base.files import write_whole
-from sparse_coord_ros.base.limits import to_yaml
+from sparse_coord_ros.base.yaml_text import to_yaml
 from sparse_coord_ros.cli.pictures import drawing
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.game.settings import Setting, parse_assignments

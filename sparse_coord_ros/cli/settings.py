@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 from sparse_coord_ros.base.errors import SettingError, did_you_mean
 from sparse_coord_ros.cli.options import JSON, Option, tell
-from sparse_coord_ros.core.game.scenario import DIALOGUE, PROTOCOL, SETTINGS
+from sparse_coord_ros.core.game.scenario import DIALOGUE_SETTINGS, PROTOCOL, SETTINGS
 from sparse_coord_ros.core.game.settings import Setting
 from sparse_coord_ros.core.learners.learner import Learner
 from sparse_coord_ros.core.learners.registry import LEARNERS
@@ -84,10 +84,10 @@ def execute(options: argparse.Namespace) -> None:
 def groups() -> Iterator[tuple[str, str, dict[str, Entry]]]:
     """Yield name, title and entries of each group, in the order in which they are shown."""
     by_hand = "--set NAME=VALUE; in a scenario file; ROS parameters of the world"
-    others = [name for name in SETTINGS if name not in (*DIALOGUE, *PROTOCOL)]
+    others = [name for name in SETTINGS if name not in (*DIALOGUE_SETTINGS, *PROTOCOL)]
     for group, about, names in (
         ("scenario", "What is played", others),
-        ("dialogue", "Who asks whom, and who answers", DIALOGUE),
+        ("dialogue", "Who asks whom, and who answers", DIALOGUE_SETTINGS),
         ("protocol", "How robots learn", PROTOCOL),
     ):
         yield group, f"{about} ({by_hand})", _entries(SETTINGS[name] for name in names)

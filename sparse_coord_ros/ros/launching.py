@@ -32,8 +32,9 @@ from sparse_coord_ros.base.errors import (
     SettingError,
     did_you_mean,
 )
-from sparse_coord_ros.base.limits import SCENARIO, parse_yaml, read_text
+from sparse_coord_ros.base.limits import SCENARIO, read_text
 from sparse_coord_ros.base.share import PACKAGE
+from sparse_coord_ros.base.yaml_text import parse_yaml
 from sparse_coord_ros.core.game.plugins import allow_modules, allow_named
 from sparse_coord_ros.core.game.scenario import SETTINGS, Scenario, load_scenario
 from sparse_coord_ros.core.game.settings import Setting, SettingTable, parse_assignments

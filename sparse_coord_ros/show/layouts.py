@@ -6,9 +6,9 @@ import json
 from collections.abc import Sequence
 from typing import Any
 
-from sparse_coord_ros.base.limits import parse_yaml, to_yaml
 from sparse_coord_ros.base.palette import robot_colour
 from sparse_coord_ros.base.share import share_folder
+from sparse_coord_ros.base.yaml_text import parse_yaml, to_yaml
 
 PATTERN = "robot_1"
 """The robot of the shipped files that stands for all."""

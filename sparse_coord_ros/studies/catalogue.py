@@ -25,7 +25,7 @@ LEARNERS = ("indiv", "noncoop", "coop", "factored")
 PENALTIES = (0, -0.1, -1, -10, -20, -100)
 """Figure 4's, and that of the tables."""
 
-CLOSE = ("env1", "env2-2r", "pentagon")
+PAYING_PAIRS = ("env1", "env2-2r", "pentagon")
 """Two-robot scenarios in which coordination pays at a penalty of -100."""
 
 CLOSED: Mapping[str, float] = {"env1": 0.8, "env2-2r": 0.5, "pentagon": 0.5}
@@ -100,12 +100,14 @@ def _figure4() -> list[Condition]:
 
 
 def _sweep(setting: str, values: Iterable[object]) -> list[Condition]:
-    return _every(CLOSE, {"learner": ["coop"], setting: values}, LONG)
+    return _every(PAYING_PAIRS, {"learner": ["coop"], setting: values}, LONG)
 
 
 def _ask_cost() -> list[Condition]:
     """Return Coop. at each cost, and once Non-coop., which cannot ask, in the same problem."""
-    return _sweep("ask_cost", ASK_COSTS) + _every(CLOSE, {"learner": ["noncoop"]}, LONG)
+    return _sweep("ask_cost", ASK_COSTS) + _every(
+        PAYING_PAIRS, {"learner": ["noncoop"]}, LONG
+    )
 
 
 def _perception() -> list[Condition]:
@@ -174,14 +176,16 @@ _EXPERIMENTS: Mapping[str, tuple[str, Callable[[], list[Condition]]]] = {
     "figure4": ("Figure 4: reward against the penalty", _figure4),
     "penalty100": (
         "Penalty -100, 10^5 steps: how much of the gap to the optimum is closed",
-        lambda: _every(CLOSE, {"learner": LEARNERS}, LONG),
+        lambda: _every(PAYING_PAIRS, {"learner": LEARNERS}, LONG),
     ),
     "ask_cost": ("Cost of COORDINATE", _ask_cost),
     "perception": ("Success of the percept", _perception),
     "uneven": (
         "r^C that differs between the robots",
         lambda: _every(
-            CLOSE, {"common_reward": SHARES, "learner": ("noncoop", "coop")}, LONG
+            PAYING_PAIRS,
+            {"common_reward": SHARES, "learner": ("noncoop", "coop")},
+            LONG,
         ),
     ),
     "crowd": ("More robots: one random peer, and all peers (footnote 3)", _crowd),

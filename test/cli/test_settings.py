@@ -4,7 +4,7 @@
 
 import json
 
-from sparse_coord_ros.core.game.scenario import DIALOGUE, PROTOCOL, SETTINGS
+from sparse_coord_ros.core.game.scenario import DIALOGUE_SETTINGS, PROTOCOL, SETTINGS
 from sparse_coord_ros.core.learners.registry import LEARNERS
 from sparse_coord_ros.core.runs.run_config import RUN_SETTINGS
 
@@ -17,7 +17,7 @@ def test_every_setting_is_there_once(sparse_coord):
         name for group in ("scenario", "dialogue", "protocol") for name in groups[group]
     ]
     assert sorted(told) == sorted(SETTINGS)
-    assert {*DIALOGUE, *PROTOCOL} <= {*SETTINGS}
+    assert {*DIALOGUE_SETTINGS, *PROTOCOL} <= {*SETTINGS}
     assert list(groups["run"]) == list(RUN_SETTINGS)
     assert list(groups["learners"])[: len(LEARNERS.registered)] == list(
         LEARNERS.registered

@@ -27,7 +27,7 @@ from sparse_coord_ros.lab.driving.ground import Ground, Pose
 from sparse_coord_ros.lab.driving.steering import Command, Limits, move_seconds, steer
 from sparse_coord_ros.lab.driving.transforms import Tree, parent_of, yaw_of
 from sparse_coord_ros.lab.driving.trials import DRIVE_SETTINGS, drive, limits_of
-from sparse_coord_ros.protocol.lockstep.bodies import LOST, BodyGoal, Goals
+from sparse_coord_ros.protocol.lockstep.bodies import NO_CELL, BodyGoal, Goals
 
 RUN = make_run(load_scenario("env1"), {})
 CELLS = RUN.scenario.map.number
@@ -217,7 +217,9 @@ def test_when_time_is_over_the_cell_of_the_pose_counts(ground, x, y, cell):
     seen(driver, 0.0, 0.7, 4.7)
     assert seen(driver, LIMITS.seconds - 0.1, x, y)[1] is None
     _, reached = seen(driver, LIMITS.seconds, x, y)
-    assert reached.cell == (LOST if cell is None else CELLS[cell]) and not reached.there
+    assert (
+        reached.cell == (NO_CELL if cell is None else CELLS[cell]) and not reached.there
+    )
 
 
 def test_a_driver_in_a_foreign_cell_goes_round_the_walls(ground):

@@ -15,7 +15,7 @@ from sparse_coord_ros.lab.driving.navigator import (
     Navigator,
     NavLimits,
 )
-from sparse_coord_ros.protocol.lockstep.bodies import LOST, BodyGoal, Goals
+from sparse_coord_ros.protocol.lockstep.bodies import NO_CELL, BodyGoal, Goals
 
 RUN = make_run(load_scenario("env1"), {})
 CELLS = RUN.scenario.map.number
@@ -252,7 +252,7 @@ def test_a_robot_that_is_lifted_away_is_lost_and_found(server):
     server.pose(START, 50.0)
     server.tell("feedback", 50.0)
     server.tell("ended", "canceled", "")
-    assert server.pose(START, 50.0).cell == LOST
+    assert server.pose(START, 50.0).cell == NO_CELL
     server.go(2)
     reached = server.pose(CELLS[0, 1])
     while reached is None:

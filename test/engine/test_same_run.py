@@ -131,7 +131,7 @@ def test_one_run(monkeypatch, tmp_path, name, settings, learner):
         memories, history = by_agents(scenario, rule, SEED)
         assert_same_memories(plain.memories, memories)
         assert plain.history.same_bits(history)
-    monkeypatch.setattr(engine, "BLOCK", 64)
+    monkeypatch.setattr(engine, "BLOCK_STEPS", 64)
     parts = in_parts(scenario, rule, SEED, (1, 63, 64, 301, scenario.steps), tmp_path)
     assert_same_memories(plain.memories, parts.memories)
     assert plain.history.same_bits(parts.history)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sparse_coord_ros.base.errors import SettingError
-from sparse_coord_ros.core.game.links import LINKS, LOST, PERIOD, link_of
+from sparse_coord_ros.core.game.links import DOWN_DRAW, LINKS, PERIOD, link_of
 from sparse_coord_ros.core.game.percepts import Percepts
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.game.streams import EVALUATION, PERCEPT, Stream
@@ -22,7 +22,7 @@ def test_a_percept_is_lost_while_the_link_is_down(text):
     plain = Stream(3, 1, PERCEPT)
     link = link_of(LINKS.parse(text), 3, 1)
     for step in (0, 700, 3, PERIOD + 5, 149, 150):  # in any order
-        expected = LOST if link.down(step) else plain.at(step)[0]
+        expected = DOWN_DRAW if link.down(step) else plain.at(step)[0]
         assert percepts.draw(step, 1) == expected
 
 

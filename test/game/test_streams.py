@@ -10,8 +10,8 @@ import pytest
 
 from sparse_coord_ros.core.game import streams
 from sparse_coord_ros.core.game.streams import (
-    BLOCK,
     DRAWS,
+    DRAWS_AT_ONCE,
     EVALUATION,
     LEARNING,
     MOTION,
@@ -37,14 +37,14 @@ def test_the_draw_of_a_percept_is_that_of_the_contract():
     """docs/interface.md says in NumPy how a robot of one's own draws it."""
     text = (Path(__file__).parents[2] / "docs/interface.md").read_text()
     [formula] = re.findall(r"`(Generator\(PCG64.*?\[step\])`", text)
-    for seed, asker, step in ((0, 0, 1), (7, 1, BLOCK), (7, 3, 10_000)):
+    for seed, asker, step in ((0, 0, 1), (7, 1, DRAWS_AT_ONCE), (7, 3, 10_000)):
         names = {**vars(np.random), "seed": seed, "asker": asker, "step": step}
         assert [eval(formula, names)] == Stream(seed, asker, PERCEPT).at(step)
 
 
 @pytest.mark.parametrize("role", ROLES)
 def test_order_does_not_matter(role):
-    steps = [500, 3, BLOCK, 3, 10_000, BLOCK - 1, 500, 0]
+    steps = [500, 3, DRAWS_AT_ONCE, 3, 10_000, DRAWS_AT_ONCE - 1, 500, 0]
     one = Stream(7, 1, role)
     other = Stream(7, 1, role)
     forward = {step: one.at(step) for step in steps}

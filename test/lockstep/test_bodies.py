@@ -9,7 +9,7 @@ from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.game.world import Action
 from sparse_coord_ros.protocol.lockstep.bodies import (
     BEGIN,
-    LOST,
+    NO_CELL,
     BodiesSide,
     BodyGoal,
     BodyWorld,
@@ -93,7 +93,7 @@ def test_bodies_are_placed_first_and_then_sent_and_then_the_step_is_made(made):
 
 def test_where_the_poses_say_it_is_counts(placed):
     world, side, port = placed
-    arrive(side, port.goals[1], robot_1=world.cells[0], robot_2=LOST)
+    arrive(side, port.goals[1], robot_1=world.cells[0], robot_2=NO_CELL)
     before = list(world.cells)
     assert side.made(SOUTHWARD)
     world.advance(SOUTHWARD)
@@ -104,7 +104,7 @@ def test_where_the_poses_say_it_is_counts(placed):
 def test_who_does_not_report_has_not_moved(placed):
     world, side, port = placed
     before = list(world.cells)
-    side.reached(Reached(0, 2, LOST, False, 9.0, 0.0))
+    side.reached(Reached(0, 2, NO_CELL, False, 9.0, 0.0))
     assert side.waiting == [1]
     side.give_up()
     assert side.made(SOUTHWARD)

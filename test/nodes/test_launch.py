@@ -15,7 +15,7 @@ import pytest
 from ament_index_python.packages import PackageNotFoundError
 
 from sparse_coord_ros.base.errors import RunError, SettingError
-from sparse_coord_ros.base.limits import parse_yaml
+from sparse_coord_ros.base.yaml_text import parse_yaml
 from sparse_coord_ros.core.game.plugins import allowed
 
 FOLDER = Path(__file__).parents[2] / "launch"

@@ -18,7 +18,7 @@ from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.runs.evaluation import Measure
 from sparse_coord_ros.core.solve.optimum import independent_bound
-from sparse_coord_ros.studies.catalogue import CLOSE, LONG, unseen_conditions
+from sparse_coord_ros.studies.catalogue import LONG, PAYING_PAIRS, unseen_conditions
 from sparse_coord_ros.studies.conditions import Condition, make_condition
 from sparse_coord_ros.studies.report import text
 from sparse_coord_ros.studies.report.analysis import gap_closed
@@ -35,7 +35,7 @@ FRESH = 7_100_000
 
 RULES = "tools.study.rules:"
 LEARNERS = ("factored", "coop", "noncoop")
-ONE_PAIR = (*CLOSE, "isr", "mit", "cit", "suny", "cmu")
+ONE_PAIR = (*PAYING_PAIRS, "isr", "mit", "cit", "suny", "cmu")
 ROUTES: Mapping[str, float] = {
     "env2-4r": 106.63,
     "crowd-4r": 107.88,
@@ -132,7 +132,7 @@ def _pairs(found: Found) -> Rows:
         base = found(make_condition(name, "noncoop", LONG))
         bound = best_asking_team(own)
         share = None
-        if bound is not None and name in CLOSE:
+        if bound is not None and name in PAYING_PAIRS:
             share = gap_closed(own.run_means("reward"), base.run_means("reward"), bound)
         yield {
             "scenario": name,
@@ -172,7 +172,7 @@ ABLATED: Mapping[str, tuple[str, Mapping[str, object]]] = {
     "no replay": (RULES + "NoReplay", {}),
 }
 """Learner and changed settings."""
-ABLATION = (*CLOSE, "cmu", "env2-4r", "crowd-8r")
+ABLATION = (*PAYING_PAIRS, "cmu", "env2-4r", "crowd-8r")
 
 
 def _ablation(found: Found) -> Rows:
@@ -199,7 +199,8 @@ PERCEPTS: Mapping[str, Mapping[str, object]] = {
 def _percepts(found: Found) -> Rows:
     for what, settings in PERCEPTS.items():
         told = {
-            name: reward_and_failed(found(_factored(name, settings))) for name in CLOSE
+            name: reward_and_failed(found(_factored(name, settings)))
+            for name in PAYING_PAIRS
         }
         coop = _reward(found(make_condition("env1", "coop", settings)))
         yield {"what": what, **told, "env1, coop": coop}

@@ -20,7 +20,7 @@ from sparse_coord_ros.core.runs.run import LearningRun
 from sparse_coord_ros.core.solve.exact import exact_means
 from sparse_coord_ros.core.solve.reference import shortest_path_reference
 from sparse_coord_ros.core.solve.shipped import known_best
-from sparse_coord_ros.studies.catalogue import CLOSE, unseen_conditions
+from sparse_coord_ros.studies.catalogue import PAYING_PAIRS, unseen_conditions
 from sparse_coord_ros.studies.conditions import Condition, make_condition
 from sparse_coord_ros.studies.report.text import Row, percent
 from sparse_coord_ros.studies.store import ConditionResult
@@ -33,7 +33,7 @@ TRIALS = 2000
 
 LONG = 100_000
 SHORT = 10_000
-PAIRS = ((*CLOSE, SHORT, 200), ("env2-2r", "cmu", LONG, 200))
+PAIRS = ((*PAYING_PAIRS, SHORT, 200), ("env2-2r", "cmu", LONG, 200))
 BUILDINGS = ((2, SHORT, 10), (2, LONG, 10), (4, LONG, 9))
 MANY = ("env2-4r", "crowd-6r", "crowd-8r", LONG, 100)
 

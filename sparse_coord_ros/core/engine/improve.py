@@ -51,7 +51,7 @@ TRIALS = 2000
 LOOKED_AT = 200
 """Trials by which more robots are judged; trials after which most changes are given up."""
 
-SURE = 2.0
+GAIN_ERRORS = 2.0
 """Standard errors that a change has to be better by."""
 
 
@@ -284,7 +284,7 @@ def _better(team: Team, minds: Any, best: Trials) -> Trials | None:
         return None
     found = team.play(minds, 0, TRIALS, paired=True)
     gain = (found.reward - best.reward).mean(axis=1)
-    return found if gain.mean() > SURE * gain.std() / TRIALS**0.5 else None
+    return found if gain.mean() > GAIN_ERRORS * gain.std() / TRIALS**0.5 else None
 
 
 Change = list[tuple[Any, np.ndarray]]

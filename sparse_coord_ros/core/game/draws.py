@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sparse_coord_ros.base.compiling import compiled_as, inlined, inner
-from sparse_coord_ros.core.game.links import LOST, UP, link_of
+from sparse_coord_ros.core.game.links import DOWN_DRAW, UP, link_of
 from sparse_coord_ros.core.game.pcg64 import (
     MOST,
     jump_table,
@@ -156,9 +156,9 @@ def drawn(draws: Any, role: int, k: int, step: int, column: int) -> float:
 
 @inlined
 def percept_draw(draws: Any, k: int, step: int) -> float:
-    """Return the draw of robot k's percept, `LOST` while its link is down."""
+    """Return the draw of robot k's percept, `DOWN_DRAW` while its link is down."""
     links = draws.links
     period = links.down.shape[1]
     if step >= links.dead_from or (period > 0 and links.down[k, step % period]):
-        return LOST
+        return DOWN_DRAW
     return drawn(draws, PERCEPT, k, step, 0) if links.fails else 0.0

@@ -18,8 +18,9 @@ from typing import Any
 import numpy as np
 
 from sparse_coord_ros.base.errors import MapError, did_you_mean, in_short
-from sparse_coord_ros.base.limits import MAP, MAP_HEADER, read_text, to_yaml, yaml_value
+from sparse_coord_ros.base.limits import MAP, MAP_HEADER, read_text
 from sparse_coord_ros.base.share import share_file, share_names
+from sparse_coord_ros.base.yaml_text import to_yaml, yaml_value
 from sparse_coord_ros.core.game.actions import DIRECTIONS
 
 WALL = "#"

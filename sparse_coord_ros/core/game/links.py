@@ -6,8 +6,8 @@ The paper's percept fails by where robots are (`core/game/perception.py`). A lin
 robot asks: its answer is lost, late or refused, which is the same to the one that asks. Every
 robot's link has a random stream of its own, a function of (seed, phase, robot). Its pattern has
 `PERIOD` time steps and comes again after them. While a link is down the draw of the percept is
-`LOST`, which no probability exceeds: so every way of running, compiled or not, asks one question
-only.
+`DOWN_DRAW`, which no probability exceeds: so every way of running, compiled or not, asks one
+question only.
 """
 
 from typing import NamedTuple
@@ -40,7 +40,7 @@ LINK = 6
 PERIOD = 1 << 16
 """Time steps of a link's pattern."""
 
-LOST = 1.0
+DOWN_DRAW = 1.0
 """The draw of a percept that cannot succeed."""
 
 NEVER = 1 << 62

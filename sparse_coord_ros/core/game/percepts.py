@@ -6,7 +6,7 @@ import functools
 
 import numpy as np
 
-from sparse_coord_ros.core.game.links import LOST, UP, link_of
+from sparse_coord_ros.core.game.links import DOWN_DRAW, UP, link_of
 from sparse_coord_ros.core.game.perception import percept_probabilities, succeeds
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.game.specs import Spec
@@ -57,9 +57,9 @@ class Percepts:
         self._probabilities = percept_probabilities(scenario.perception, scenario.map)
 
     def draw(self, step: int, asker: int) -> float:
-        """Return the draw of a robot's percept: `LOST` while its link is down."""
+        """Return the draw of a robot's percept: `DOWN_DRAW` while its link is down."""
         stream, link = self._of(asker)
-        return LOST if link.down(step) else stream.at(step)[0]
+        return DOWN_DRAW if link.down(step) else stream.at(step)[0]
 
     def sees(self, step: int, asker: int, here: int, there: int) -> bool:
         """Whether a robot in cell `here` perceives a robot in cell `there` at a time step."""

@@ -18,8 +18,9 @@ from sparse_coord_ros.base.errors import (
     in_short,
 )
 from sparse_coord_ros.base.files import path_argument
-from sparse_coord_ros.base.limits import SCENARIO, parse_yaml, read_text
+from sparse_coord_ros.base.limits import SCENARIO, read_text
 from sparse_coord_ros.base.share import share_file, share_names
+from sparse_coord_ros.base.yaml_text import parse_yaml
 from sparse_coord_ros.core.game.actions import PRIMITIVES
 from sparse_coord_ros.core.game.buildings import building
 from sparse_coord_ros.core.game.grid import GridMap, load_map, parse_map
@@ -65,7 +66,7 @@ LARGEST = 1e9
 LONGEST_NAME = 100
 """Letters of a robot's name: DDS takes 255 of a topic, its namespace included."""
 
-DIALOGUE = ("perception", "link", "peers")
+DIALOGUE_SETTINGS = ("perception", "link", "peers")
 """The settings that say whom COORDINATE asks and when the answer comes."""
 
 PROTOCOL = (

@@ -26,7 +26,7 @@ choice, the tie draw of pi_g (Algorithm 1, lines 7 and 9), which peer to perceiv
 BLIND_EXPLORE, BLIND_ACTION = range(2)
 """Columns of the BLIND stream: whether the move that COORDINATE becomes is explored, and which."""
 
-BLOCK = 256
+DRAWS_AT_ONCE = 256
 
 
 def bit_generator(seed: int, agent: int, role: int, phase: int) -> np.random.PCG64:
@@ -57,10 +57,10 @@ class Stream:
         return self._rows[step - self._first]
 
     def _fill(self, step: int) -> None:
-        block = step // BLOCK
+        block = step // DRAWS_AT_ONCE
         bits = bit_generator(*self._key)
-        bits.advance(block * BLOCK * self._width)
-        draws = np.random.Generator(bits).random((BLOCK, self._width))
-        self._first = block * BLOCK
-        self._last = (block + 1) * BLOCK
+        bits.advance(block * DRAWS_AT_ONCE * self._width)
+        draws = np.random.Generator(bits).random((DRAWS_AT_ONCE, self._width))
+        self._first = block * DRAWS_AT_ONCE
+        self._last = (block + 1) * DRAWS_AT_ONCE
         self._rows = draws.tolist()

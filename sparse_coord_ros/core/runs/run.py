@@ -47,7 +47,7 @@ from sparse_coord_ros.core.runs.history import History, blank_history, concatena
 from sparse_coord_ros.core.runs.loop import DONE, EPISODE_START, PLACED, STEP
 from sparse_coord_ros.core.runs.trials import Trials
 
-BLOCK = 2048
+BLOCK_STEPS = 2048
 """Time steps for which tables and the history get room at once."""
 
 NEVER = 1 << 62
@@ -180,7 +180,7 @@ class Team:
         """Return what robots know that remember this; nothing: before learning."""
         minds = self.learner.minds(self.scenario)
         if self.compiled:
-            return stacked(minds, BLOCK, memories)
+            return stacked(minds, BLOCK_STEPS, memories)
         known = memories or (None,) * len(minds)
         return [
             as_lists(mind, memory) for mind, memory in zip(minds, known, strict=True)
@@ -395,12 +395,12 @@ class LearningRun:
         if not self.team.compiled:
             return
         clock = self._states[number].game.clock
-        if not has_room(self.minds, BLOCK):
-            self.minds = with_room(self.minds, BLOCK)
+        if not has_room(self.minds, BLOCK_STEPS):
+            self.minds = with_room(self.minds, BLOCK_STEPS)
         record = self._records[number]
-        if record is not None and record.used[0] + BLOCK > len(record.length):
+        if record is not None and record.used[0] + BLOCK_STEPS > len(record.length):
             self._records[number] = record_of(self._history(number), compiled=True)
-        clock[loop.END] = clock[STEP] + BLOCK
+        clock[loop.END] = clock[STEP] + BLOCK_STEPS
 
     def glimpse(self) -> Glimpse:
         """Let every group of robots make one transition, and return it."""
@@ -513,7 +513,7 @@ def record_of(history: History, *, compiled: bool) -> loop.Record:
     used = [history.episodes, history.robots]
     rows = history
     if compiled:
-        rows = concatenated([history, blank_history(2 * BLOCK, history.robots)])
+        rows = concatenated([history, blank_history(2 * BLOCK_STEPS, history.robots)])
     fields = {name: getattr(rows, name) for name in loop.Record._fields[1:]}
     if compiled:
         return loop.Record(np.array(used), **fields)

@@ -23,8 +23,9 @@ from sparse_coord_ros.base.errors import (
     check_format,
     did_you_mean,
 )
-from sparse_coord_ros.base.limits import SCENARIO, parse_yaml, read_text, to_yaml
+from sparse_coord_ros.base.limits import SCENARIO, read_text
 from sparse_coord_ros.base.version import __version__
+from sparse_coord_ros.base.yaml_text import parse_yaml, to_yaml
 from sparse_coord_ros.core.game.grid import RESOLUTIONS
 from sparse_coord_ros.core.game.perception import (
     MODELS,

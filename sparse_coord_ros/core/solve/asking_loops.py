@@ -21,7 +21,7 @@ OPTIONS = ASK_AS_NOW + 1
 where the percept fails; `ASK_AS_NOW`: ask, with the present move there."""
 
 MOST_SWEEPS = 20_000
-CLOSE = 1e-9
+NEGLIGIBLE = 1e-9
 """A value is known to within this; an improvement is larger than `BETTER`."""
 
 BETTER = 1e-7
@@ -341,7 +341,7 @@ def sweep(
             new = best_at(game, policy, free, value, x, y)
             change = max(change, abs(new - value[x, y]))
             value[x, y] = new
-        if change * ratio < CLOSE or value[x0, y0] + change * ratio < target:
+        if change * ratio < NEGLIGIBLE or value[x0, y0] + change * ratio < target:
             break
     return float(value[x0, y0])
 

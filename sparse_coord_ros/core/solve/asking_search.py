@@ -58,7 +58,7 @@ PATIENCE = 10
 MOST_SHAKEN = 3
 """Choices that a shake changes at most."""
 
-AGREE = 1e-5
+SAME_VALUE = 1e-5
 """Restarts whose values differ by less ended at the same one."""
 
 ROUTES = (0.01, 0.5, 3.0)
@@ -124,7 +124,7 @@ def find_asking_team(
         robots=robots,
         gains=tuple(_gain(scenario, robots, k, seed) for k in range(2)),
         restarts=len(values),
-        agreed=sum(value > top - AGREE for value in values),
+        agreed=sum(value > top - SAME_VALUE for value in values),
         seed=seed,
         game=game_digest(scenario),
         version=__version__,

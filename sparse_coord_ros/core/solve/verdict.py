@@ -29,7 +29,7 @@ RARE = 0.05
 Once in twenty episodes changes nothing that a robot does: such asks are leftovers of exploration.
 """
 
-SURE = 3.0
+LOSS_ERRORS = 3.0
 """Standard errors by which a team must be worse to be called worse."""
 
 LOST = "lost"
@@ -86,7 +86,7 @@ def last_word(
     ignoring = shortest_path_reference(scenario)
     earned = found.reward.mean
     slight = SLIGHT * alone
-    if ignoring.reward - earned > slight + SURE * found.reward.standard_error:
+    if ignoring.reward - earned > slight + LOSS_ERRORS * found.reward.standard_error:
         return LastWord(
             WORSE,
             f"This team is worse than robots that ignore each other: a robot earns {earned:.2f}, "

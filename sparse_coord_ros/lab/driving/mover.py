@@ -8,7 +8,7 @@ from typing import NamedTuple
 from sparse_coord_ros.lab.driving.ground import Ground, Pose
 from sparse_coord_ros.lab.driving.steering import distance
 from sparse_coord_ros.protocol.lockstep.bodies import (
-    LOST,
+    NO_CELL,
     NO_GOALS,
     BodyGoal,
     Goals,
@@ -146,7 +146,7 @@ class Mover:
     def _end(self, look: Look, *, there: bool) -> Reached:
         cell = self._ground.cell(look.pose.x, look.pose.y)
         took = 0.0 if self._began is None else round(look.stamp - self._began, 9)
-        where = LOST if cell is None else cell
+        where = NO_CELL if cell is None else cell
         self._goal = None
         self._ended = Reached(
             self._robot, look.goals.number, where, there, took, look.stamp

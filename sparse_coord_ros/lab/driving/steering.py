@@ -47,13 +47,13 @@ class Command(NamedTuple):
 STOP = Command(0.0, 0.0)
 
 
-SETTLE_SECONDS = 3.0
+SLOWING_SECONDS = 3.0
 """What slowing down and the last bit of a way add."""
 
 
 def move_seconds(side: float, speed: float, turn: float) -> float:
     """Return how long a move may take unless somebody says, in seconds."""
-    return SPARE * (side / speed + math.pi / turn) + SETTLE_SECONDS
+    return SPARE * (side / speed + math.pi / turn) + SLOWING_SECONDS
 
 
 def distance(pose: Pose, place: tuple[float, float]) -> float:

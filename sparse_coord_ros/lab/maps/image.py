@@ -17,14 +17,8 @@ from PIL import Image, UnidentifiedImageError
 
 from sparse_coord_ros.base.errors import MapError, SettingError, in_short, retold
 from sparse_coord_ros.base.files import write_whole
-from sparse_coord_ros.base.limits import (
-    IMAGE,
-    MAP_HEADER,
-    open_regular,
-    parse_yaml,
-    read_text,
-    to_yaml,
-)
+from sparse_coord_ros.base.limits import IMAGE, MAP_HEADER, open_regular, read_text
+from sparse_coord_ros.base.yaml_text import parse_yaml, to_yaml
 from sparse_coord_ros.core.game.grid import (
     FURTHEST,
     RESOLUTIONS,

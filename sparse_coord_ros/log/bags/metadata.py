@@ -14,7 +14,8 @@ from typing import Any
 import yaml
 
 from sparse_coord_ros.base.errors import SparseCoordError
-from sparse_coord_ros.base.limits import METADATA, Dumper, parse_yaml, read_text
+from sparse_coord_ros.base.limits import METADATA, read_text
+from sparse_coord_ros.base.yaml_text import Dumper, parse_yaml
 from sparse_coord_ros.log.bags.records import LATEST_NS
 from sparse_coord_ros.log.bags.topics import BagTopic, QoS
 

@@ -14,7 +14,8 @@ from typing import Any, NamedTuple
 from mcap.records import Channel, Schema
 
 from sparse_coord_ros.base.errors import BagError
-from sparse_coord_ros.base.limits import METADATA, yaml_value
+from sparse_coord_ros.base.limits import METADATA
+from sparse_coord_ros.base.yaml_text import yaml_value
 from sparse_coord_ros.log.bags.records import Damage
 
 # rmw's RMW_DURATION_INFINITE, 2**63 - 1 ns: what rosbag2 records for a publisher without a

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.game.world import Action, World
 
-LOST = -1
+NO_CELL = -1
 """In place of a cell: the body is in none."""
 
 BEGIN = 1.0
@@ -77,7 +77,7 @@ class Reached(NamedTuple):
     Attributes:
         robot: whose body, from 0.
         number: that of the goals.
-        cell: the free cell that the body is in; `LOST` where it is in none.
+        cell: the free cell that the body is in; `NO_CELL` where it is in none.
         there: whether it came where it was to go.
         seconds: how long it took, by the clock of its poses.
         stamp: the time of the pose that says so.
@@ -203,13 +203,13 @@ class BodiesSide:
     def give_up(self) -> None:
         """Count the bodies that are waited for as not moved."""
         for k in self.waiting:
-            self._settle(self._under_way.pop(k), LOST)
+            self._settle(self._under_way.pop(k), NO_CELL)
         self._go_on()
 
     def _settle(self, goal: BodyGoal, cell: int) -> None:
         self.failed += cell != goal.end
-        self.lost += cell == LOST
-        self._world.there[goal.robot] = goal.start if cell == LOST else cell
+        self.lost += cell == NO_CELL
+        self._world.there[goal.robot] = goal.start if cell == NO_CELL else cell
 
     def _go_on(self) -> None:
         """Send those that come next when all others are there."""

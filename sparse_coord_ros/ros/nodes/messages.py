@@ -17,7 +17,7 @@ from std_msgs.msg import Header, MultiArrayDimension, String, UInt8MultiArray
 from sparse_coord_ros.base.errors import RunError, did_you_mean
 from sparse_coord_ros.core.runs.run_config import RunConfig, run_from_yaml
 from sparse_coord_ros.protocol.lockstep.bodies import (
-    LOST,
+    NO_CELL,
     BodyGoal,
     Goals,
     HaltWord,
@@ -117,7 +117,7 @@ class Converter(Messages):
         """
         _, said = read_labelled(message)
         number = _whole(said, "number", 1, 2**53)
-        cell = _whole(said, "cell", LOST, len(self.grid.cells) - 1)
+        cell = _whole(said, "cell", NO_CELL, len(self.grid.cells) - 1)
         times = (_time(said, label) for label in REACHED.labels[-2:])
         return Reached(robot, number, cell, said.get("there") == 1.0, *times)
 

@@ -12,7 +12,8 @@ from typing import Any
 
 from sparse_coord_ros.base.errors import BagError, RunError, os_error_text
 from sparse_coord_ros.base.files import rescue, take_lock, write_whole
-from sparse_coord_ros.base.limits import SCENARIO, read_text, to_yaml, yaml_value
+from sparse_coord_ros.base.limits import SCENARIO, read_text
+from sparse_coord_ros.base.yaml_text import to_yaml, yaml_value
 from sparse_coord_ros.core.engine.checkpoint import CHECKPOINT_FILE
 from sparse_coord_ros.core.engine.improve import IMPROVED
 from sparse_coord_ros.core.game.scenario import Scenario

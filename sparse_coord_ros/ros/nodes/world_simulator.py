@@ -14,7 +14,7 @@ from rclpy.timer import Timer
 
 from sparse_coord_ros.base.errors import RunError
 from sparse_coord_ros.base.files import write_whole
-from sparse_coord_ros.base.limits import to_yaml
+from sparse_coord_ros.base.yaml_text import to_yaml
 from sparse_coord_ros.core.game.game import Game
 from sparse_coord_ros.core.game.world import Action, World
 from sparse_coord_ros.core.runs.history import HISTORY_FILE

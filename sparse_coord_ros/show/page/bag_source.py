@@ -385,7 +385,9 @@ class BagSource(controls.Controlled):
 
         Their details have the rows of the tables that decided, once these were learned again.
         """
-        asking = np.flatnonzero(log.asked[: row + 1].any(axis=1))[-messages.DIALOGUE :]
+        asking = np.flatnonzero(log.asked[: row + 1].any(axis=1))[
+            -messages.MOST_ENTRIES :
+        ]
         since = int(log.step[0]) if log.step[0] > self.first else None
         if not self._new(
             "dialogue", (log.step[asking[-1:]].tolist(), since, self._rows_known)
@@ -402,8 +404,8 @@ class BagSource(controls.Controlled):
             told += messages.in_words(self.run, seen, known, self._words, rows)
             found = (messages.asked_of(seen, one) for one in questions_of(seen))
             questions += [(seen.step, one) for one in found if one is not None]
-        self._questions = questions[-messages.DIALOGUE :]
-        self.board.put("dialogue", entries=told[-messages.DIALOGUE :], since=since)
+        self._questions = questions[-messages.MOST_ENTRIES :]
+        self.board.put("dialogue", entries=told[-messages.MOST_ENTRIES :], since=since)
 
     def _notice(self) -> None:
         """Say what state the file is in."""

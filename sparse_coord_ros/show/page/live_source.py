@@ -69,7 +69,7 @@ class LiveView:
         self._words = Words(run.scenario)
         self.known: Container[int] = range(robots)
         self._shown: tuple[Glimpse | None, str, float | None] | None = None
-        self._told: deque[Message] = deque(maxlen=messages.DIALOGUE)
+        self._told: deque[Message] = deque(maxlen=messages.MOST_ENTRIES)
         self._slow = -np.inf
         self._began = 0.0
         self._counted: tuple[float, int] | None = None

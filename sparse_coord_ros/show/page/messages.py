@@ -36,7 +36,7 @@ from sparse_coord_ros.show.words import Words
 POINTS = 240
 """Points of a learning curve at most: each is the mean of as many episodes as that takes."""
 
-DIALOGUE = 40
+MOST_ENTRIES = 40
 """Questions that the page shows."""
 
 TRIALS = 300

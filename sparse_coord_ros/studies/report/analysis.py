@@ -17,7 +17,7 @@ from sparse_coord_ros.studies.store import ConditionResult, standard_error
 AGREE = 3.0
 """Two values agree within as many standard errors of their difference."""
 
-SURE = 5.0
+CONTRADICTION_ERRORS = 5.0
 """A number of the paper lies above a bound from as many of its standard errors on."""
 
 SAME = 0.01
@@ -57,7 +57,10 @@ def loss_alone(result: ConditionResult) -> Measure:
 def above_optimum(result: ConditionResult) -> bool:
     """Whether the paper's reward exceeds what any joint policy can reach."""
     printed = paper(result, "reward")
-    return printed is not None and errors_from(printed, result.optimum) > SURE
+    return (
+        printed is not None
+        and errors_from(printed, result.optimum) > CONTRADICTION_ERRORS
+    )
 
 
 def implied_reward(result: ConditionResult) -> Measure | None:
@@ -87,7 +90,7 @@ def contradicts_itself(result: ConditionResult) -> bool:
     if implied is None or printed is None:
         return False
     error = math.hypot(implied.standard_error, printed.standard_error)
-    return abs(printed.mean - implied.mean) > SURE * error
+    return abs(printed.mean - implied.mean) > CONTRADICTION_ERRORS * error
 
 
 def is_shortest(result: ConditionResult) -> bool:

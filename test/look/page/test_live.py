@@ -42,7 +42,7 @@ def test_the_newest_questions_are_told_once(view):
         ask(view, step)
         view.show(transitions=step, episode=0, rate=1.0)  # the same transition
     told = [entry["step"] for entry in view.board.get("dialogue")["entries"]]
-    assert told == list(range(50 - messages.DIALOGUE, 50))
+    assert told == list(range(50 - messages.MOST_ENTRIES, 50))
 
 
 def test_a_trail_is_of_one_episode_and_leads_from_cell_to_cell(view):
