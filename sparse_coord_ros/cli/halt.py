@@ -7,15 +7,18 @@ import time
 
 from sparse_coord_ros.base.errors import EXIT_FAULT, RunError
 from sparse_coord_ros.cli import options as shared
+from sparse_coord_ros.core.game.settings import Setting
 
-WAIT_SECONDS = 10.0
-"""How long world and drivers may take to be found, and to confirm."""
+TIMEOUT = Setting(
+    "timeout", float, 10.0, "seconds to wait until all have confirmed", 2.5, 3600
+)
 
 EXAMPLE = "sparse_coord halt\n  sparse_coord halt --go-on"
 
 
 OPTIONS = (
     shared.Option("--go-on", bool, "let the robots go on"),
+    TIMEOUT,
     shared.Option("--namespace", None, "of the team", {"default": ""}),
     shared.JSON,
 )
@@ -44,7 +47,7 @@ def execute(options: argparse.Namespace) -> int:
             halting = Halting(node, options.namespace)
             begun = now = time.monotonic()
             halting.ask(not options.go_on, now)
-            while halting.asking and now - begun < WAIT_SECONDS:
+            while halting.asking and now - begun < options.timeout:
                 halting.tick(now)
                 executor.spin_once(timeout_sec=0.02)
                 now = time.monotonic()

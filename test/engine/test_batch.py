@@ -113,7 +113,8 @@ def test_a_run_that_is_not_wanted_ends(compiled):
     team = Team(problem("env1", steps=10**7), Coop(), compiled=compiled, stop=stop)
     run = LearningRun(team, 1)
     run.advance(100)
-    for work in (lambda: run.advance(10**7), lambda: run.play(10**7)):
+    trials = 10**7 if compiled else 10**5
+    for work in (lambda: run.advance(10**7), lambda: run.play(trials)):
         stop[0] = False
         timer = threading.Timer(0.2, stop.__setitem__, (0, True))
         timer.start()

@@ -338,7 +338,7 @@ def test_the_command_says_who_has_not_confirmed(processes, start):
 
     names = {"world_simulator", *(f"{robot}_driver" for robot in ROBOTS)}
     processes["robot_2_driver"].send_signal(signal.SIGSTOP)
-    code, said = halt()
+    code, said = halt("--timeout", "5")
     assert code == 1 and not said["confirmed"]
     world = said["nodes"]["world_simulator"]
     assert not world["done"]
@@ -353,7 +353,7 @@ def test_the_command_says_who_has_not_confirmed(processes, start):
     processes["robot_1_driver"].wait_for("the body of robot_1 may go on")
     processes["world_simulator"].send_signal(signal.SIGKILL)
     processes["world_simulator"].exit_code()
-    process = start("cli.main", "halt")
+    process = start("cli.main", "halt", "--timeout", "5")
     assert process.exit_code(60) == 1
     assert "robot_1_driver: stands\n" in process.output
     assert "robot_2_driver: stands\n" in process.output
@@ -364,7 +364,7 @@ def test_the_command_says_who_has_not_confirmed(processes, start):
 
 
 def test_where_no_team_is_the_command_ends_with_one_line(start):
-    process = start("cli.main", "halt", "--namespace", "nowhere")
+    process = start("cli.main", "halt", "--namespace", "nowhere", "--timeout", "3")
     assert process.exit_code(60) == 2
     assert process.output.startswith(
         "error: no world with bodies and no driver is in namespace /nowhere; "
