@@ -87,6 +87,9 @@ OPTIONS = (
 )
 
 
+ENGINE_WORDS = {"numba": "compiled by numba", "python": "plain Python"}
+
+
 def execute(options: argparse.Namespace) -> None:
     """Run the verb."""
     if not options.watch:
@@ -254,6 +257,7 @@ def _say(
         facts["evaluation"] = result.to_dict()
         lines = [result_table([Evaluated(out, run, result)]), word.text]
         lines += advice(scenario, done) if word.kind == LOST else []
+    lines.append(f"engine   {ENGINE_WORDS[done.engine]}")
     lines += [f"tables   {out / TEAM_FILE}", f"history  {out / HISTORY_FILE}"]
     lines.append(f"run      {out / RUN_FILE}")
     if done.evaluations:

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Learners as objects: what each of them says of itself, and the user's own."""
 
+import numpy as np
 import pytest
 from teams import Traces, by_agents, in_parts
 
@@ -51,6 +52,22 @@ class Eager(Coop):
     defaults = {"epsilon": "constant:0.5", "steps": 123}
 
 
+class Counts(Coop):
+    """Begins with whole numbers, and learns fractions."""
+
+    memory = {"trace": lambda scenario, robot: np.zeros(3, dtype=int)}
+
+    @staticmethod
+    def begin_episode(mind, task):
+        mind.trace[1] += 0.5
+
+
+class Ones(Traces):
+    """Replaces what its base class adds."""
+
+    memory = {"trace": lambda scenario, robot: np.ones((len(scenario.map.cells), 5))}
+
+
 @pytest.fixture(autouse=True)
 def forget():
     """Forget what a test has registered."""
@@ -91,7 +108,7 @@ def test_weights_count_in_every_engine(engine):
 
 @pytest.mark.parametrize(
     ("learner", "why"),
-    [(Whole, "differs in its last bits"), (Wordy, "numba cannot compile it")],
+    [(Whole, "it learns other numbers compiled"), (Wordy, "numba cannot compile it")],
 )
 def test_a_learner_that_cannot_be_compiled_runs_in_plain_python(capsys, learner, why):
     scenario = load_scenario("env1").with_settings(SHORT)
@@ -122,6 +139,27 @@ def test_a_learner_with_a_memory_of_its_own(tmp_path):
     assert memories[0]["trace"].any()
     parts = in_parts(scenario, rule, 3, (1, 700, 3000), tmp_path)
     assert tables_equal(parts.tables, plain)
+
+
+def test_a_memory_that_does_not_keep_its_form_is_refused_before_learning():
+    """Its files could not be read back."""
+
+    scenario = load_scenario("env1").with_settings(SHORT)
+    with pytest.raises(PluginError, match="memory 'trace' begins as int64 .* float64"):
+        make_run(scenario, {"learner": learner_of(Counts).label})
+
+
+def test_a_subclass_may_replace_what_its_base_class_adds():
+    mind = learner_of(Ones).mind(load_scenario("env1"), 0)
+    assert mind._fields == Traces.Mind._fields
+    assert mind.trace.all()
+
+
+def test_a_memory_cannot_have_the_name_of_another_table():
+    with pytest.raises(
+        TypeError, match="memory 'updates' is the name of another table"
+    ):
+        type("Clash", (Coop,), {"memory": {"updates": None}})
 
 
 def test_with_defaults_of_ones_own_that_fails():

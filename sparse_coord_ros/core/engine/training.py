@@ -28,6 +28,7 @@ from sparse_coord_ros.core.learners.registry import (
     learner_of,
 )
 from sparse_coord_ros.core.runs.evaluation import Evaluation, Progress, silent, summary
+from sparse_coord_ros.core.runs.forms import check_own_memory
 from sparse_coord_ros.core.runs.run import Glimpse, LearningRun, Team
 from sparse_coord_ros.core.runs.run_config import RUN_SETTINGS
 
@@ -163,6 +164,7 @@ def train(
         if evaluate_every is None:
             evaluate_every = saved.evaluate_every
             trials = saved.trials
+    check_own_memory(rule)
     used = engine_for(scenario, rule, engine)
     if used == "numba":
         batch.prepare(rule, history=True)

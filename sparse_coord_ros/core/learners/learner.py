@@ -130,7 +130,7 @@ class Learner:
         for attribute in ("name", "title", "summary"):
             if attribute not in vars(cls):
                 setattr(cls, attribute, getattr(Learner, attribute))
-        own = vars(cls).get("memory", {})
+        own = [name for name in vars(cls).get("memory", {}) if cls._is_new(name)]
         functions = [one for one in vars(cls).values() if isinstance(one, staticmethod)]
         for function in functions:  # so that those of a subclass can call it
             inner(function.__func__)
@@ -140,6 +140,30 @@ class Learner:
             for name, check in CHECKS.items():
                 if name in vars(cls):
                     setattr(cls, name, _guarded(vars(cls)[name], name, check))
+
+    @classmethod
+    def _is_new(cls, name: str) -> bool:
+        """Return whether a name of `memory` is a new field; a base class may have named it, too.
+
+        Raises:
+            TypeError: it is the name of a field of another kind.
+        """
+        if name not in cls.Mind._fields:
+            return True
+        if any(name in vars(one).get("memory", {}) for one in cls.__mro__[1:]):
+            return False
+        raise TypeError(
+            f"class {cls.__name__}: memory {name!r} is the name of another table of its base "
+            "class; choose another name"
+        )
+
+    @property
+    def own_memory(self) -> Mapping[str, Made]:
+        """What the class and its base classes add to the mind by `memory`."""
+        found: dict[str, Made] = {}
+        for one in reversed(type(self).__mro__):
+            found |= vars(one).get("memory", {})
+        return found
 
     # One robot.
 
@@ -296,10 +320,10 @@ class Learner:
         """Return a robot's mind (from 0) before learning, as arrays, with its own memory."""
         with self.blamed("making what a robot remembers"):
             base = type(self).initial(scenario, robot)
-            more = {}
-            for one in reversed(type(self).__mro__):
-                for name, make in vars(one).get("memory", {}).items():
-                    more[name] = np.asarray(make(scenario, robot))
+            more = {
+                name: np.asarray(make(scenario, robot))
+                for name, make in self.own_memory.items()
+            }
             return self.Mind(**base._asdict(), **more)
 
     def blamed(self, doing: str) -> AbstractContextManager[None]:

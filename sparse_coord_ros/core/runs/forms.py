@@ -1,13 +1,19 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a learner of one's own computes the same compiled as in plain Python."""
+"""Trials of a learner of one's own: whether its forms agree, whether its memory can be kept."""
 
+import re
 import sys
+from collections.abc import Sequence
+from contextlib import suppress
 
-from sparse_coord_ros.base.errors import PluginError
+import numpy as np
+
+from sparse_coord_ros.base.errors import PluginError, SparseCoordError
 from sparse_coord_ros.core.game.plugins import is_shipped
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.learners.learner import Learner
+from sparse_coord_ros.core.learners.mind import Memory
 from sparse_coord_ros.core.learners.tables import memories_equal
 from sparse_coord_ros.core.runs.run import LearningRun, Team
 
@@ -65,11 +71,52 @@ def _problem(learner: Learner) -> str | None:
     pairs = zip(plain.memories, compiled.memories, strict=True)
     if all(memories_equal(one, other) for one, other in pairs):
         return None
-    return "what it learns differs in its last bits"
+    return "it learns other numbers compiled than in plain Python"
 
 
 def _reason(error: PluginError) -> str:
     """Return what numba says last of why: the innermost reason."""
     lines = [line.strip() for line in str(error.__cause__).splitlines()]
     reasons = [line for line in lines if line.startswith(TELLING)]
-    return reasons[-1] if reasons else type(error.__cause__).__name__
+    if not reasons:
+        return type(error.__cause__).__name__
+    return re.sub(r" at 0x[0-9a-f]+|\) found for signature:$", "", reasons[-1])
+
+
+_kept: set[type[Learner]] = set()
+
+
+def check_own_memory(learner: Learner) -> None:
+    """Let a learner of one's own learn a little, and check that its memory keeps its form.
+
+    An array that begins with whole numbers and learns fractions, or changes its shape, could not
+    be read back from files and logs. Learners without a memory of their own are not tried.
+
+    Raises:
+        PluginError: its memory does not keep its form.
+    """
+    rule = type(learner)
+    if is_shipped(rule) or not learner.own_memory or rule in _kept:
+        return
+    _kept.add(rule)
+    memories: Sequence[Memory] = ()
+    with suppress(SparseCoordError):  # it may need another scenario, or fail by itself
+        scenario = learner.with_defaults(
+            load_scenario(TRIED_ON).with_settings({"steps": STEPS})
+        )
+        team = Team(scenario, learner, compiled=False)
+        run = LearningRun(team, seed=0, gathering=False)
+        run.advance(STEPS)
+        memories = run.memories
+    for k, memory in enumerate(memories):
+        for name in learner.own_memory:
+            begun = np.asarray(getattr(learner.mind(scenario, k), name))
+            found = memory[name]
+            if (found.dtype.kind, found.shape) != (begun.dtype.kind, begun.shape):
+                _kept.discard(rule)
+                raise PluginError(
+                    f"learner {learner.label}: memory {name!r} begins as {begun.dtype} of "
+                    f"shape {begun.shape} and becomes {found.dtype} of shape {found.shape}; "
+                    "let it begin with the type and shape that it keeps, such as "
+                    "np.zeros(shape)"
+                )

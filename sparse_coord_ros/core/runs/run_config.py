@@ -41,6 +41,7 @@ from sparse_coord_ros.core.learners.registry import (
     check_improvable,
     learner_of,
 )
+from sparse_coord_ros.core.runs.forms import check_own_memory
 
 RUN_FILE = "run.yaml"
 SCENARIO_FILE = "scenario.yaml"
@@ -291,6 +292,7 @@ def make_run(scenario: Scenario, values: Mapping[str, object]) -> RunConfig:
     learner = learner_of(settings.get("learner", RunConfig.learner))
     scenario = learner.with_defaults(scenario)
     learner.check(scenario)
+    check_own_memory(learner)
     if settings.get("improve"):
         check_improvable(scenario, learner)
     check_percepts(scenario.map)
