@@ -24,7 +24,7 @@ scenario = load_scenario("env1", ).with_settings({"steps": 3000})
 there = is_prepared()
 prepare("coop")
 [run] = run_batch(scenario, "coop", [4], trials=3, engine="numba")
-bits = pack_tables(dict(enumerate(run.tables, 1)))
+bits = pack_tables({k: one.memory for k, one in enumerate(run.tables, 1)})
 print(there, hashlib.sha256(bits).hexdigest(), run.trials.reward.tolist())
 """
 
