@@ -145,19 +145,14 @@ def learned_scenario(
 ) -> Scenario:
     """Return the game as the team knows it; arguments as of `improve`.
 
-    Where a move leads says the robot that made it most often. Moves succeed as often as those did
-    that ever led anywhere; the others are walls. r^C is for each robot what it felt, on average.
+    r^C is for each robot what it felt, on average. Where the robots know their map (`prior: map`)
+    the moves are those of the map.
     """
-    cells = np.arange(len(scenario.map.cells))
-    tried = np.array([memory["updates"][:, :PRIMITIVES] for memory in memories]).sum(
-        axis=0
-    )
-    moved, successor, door = (
-        np.array([memory[name] for memory in memories])
-        for name in ("moved", "successor", "door")
-    )
-    most = moved.argmax(axis=0)[None]
-    leads = moved.any(axis=0)
+    lead, success = _learned_moves(memories)
+    if scenario.prior == "map":
+        lead = scenario.map.next_cell
+        success = scenario.known_success
+    door = np.array([memory["door"] for memory in memories])
     felt = door.sum(axis=1) / np.maximum(1, (door != 0.0).sum(axis=1))
     paid = felt / (learner.weights(scenario).common or 1.0)
     same = {field.name: getattr(scenario.map, field.name) for field in fields(GridMap)}
@@ -165,15 +160,31 @@ def learned_scenario(
         scenario,
         map=LearnedMap(
             **same,
-            lead=np.where(
-                leads, np.take_along_axis(successor, most, 0)[0], cells[:, None]
-            ),
+            lead=lead,
             felt=frozenset(np.flatnonzero(door.any(axis=0)).tolist()),
         ),
-        move_success=float(moved.sum() / max(1, tried[leads].sum())),
+        move_success=success,
         penalty=-1.0,
         common_reward=Spec("each", tuple((-paid).tolist())),
     )
+
+
+def _learned_moves(memories: Sequence[Memory]) -> tuple[np.ndarray, float]:
+    """Return where moves lead, (cells, moves), and how often they succeed, as robots learned it.
+
+    The robot that made a move most often says where it leads. Moves succeed as often as those did
+    that ever led anywhere; the others are walls.
+    """
+    updates = np.array([memory["updates"] for memory in memories])
+    tried = updates[:, :, :PRIMITIVES].sum(axis=0)
+    moved = np.array([memory["moved"] for memory in memories])
+    successor = np.array([memory["successor"] for memory in memories])
+    most = moved.argmax(axis=0)[None]
+    leads = moved.any(axis=0)
+    there = np.take_along_axis(successor, most, 0)[0]
+    cells = np.arange(len(tried))
+    success = float(moved.sum() / max(1, tried[leads].sum()))
+    return np.where(leads, there, cells[:, None]), success
 
 
 def _of_a_pair(

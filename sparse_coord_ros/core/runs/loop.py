@@ -65,7 +65,7 @@ class Rule(NamedTuple):
             count while learning [3].
         goal_value: value of being at the goal while learning.
         step_sizes: the step size of the n-th update of an entry, without the floor [n].
-        ruled_out: as of `Task`.
+        ruled_out, map_samples, replays, leaving, leaving_share: as of `Task`.
         tasks: in plain Python the tasks of the robots.
     """
 
@@ -80,6 +80,10 @@ class Rule(NamedTuple):
     goal_value: float
     step_sizes: Any
     ruled_out: np.ndarray
+    map_samples: int
+    replays: int
+    leaving: float
+    leaving_share: float
     tasks: Any
 
 
@@ -99,6 +103,10 @@ def made_task(rule: Rule, k: int) -> Task:
         rule.weights[1],
         rule.step_sizes,
         rule.ruled_out,
+        rule.map_samples,
+        rule.replays,
+        rule.leaving,
+        rule.leaving_share,
     )
 
 

@@ -166,12 +166,22 @@ def evaluate_best(
 
 
 def check_exact(scenario: Scenario) -> None:
-    """Raise `SettingError` where the team is too large for exact evaluation."""
+    """Raise `SettingError` where the team is too large, or acts by what it remembers."""
     team = len(scenario.robots)
     if team > MOST_ROBOTS:
         raise SettingError(
             f"exact evaluation: scenario {scenario.name} has {team} robots, allowed: 1 or "
             f"{MOST_ROBOTS}; larger teams are evaluated by trials, leave out 'exact'"
+        )
+    _check_memoryless(scenario)
+
+
+def _check_memoryless(scenario: Scenario) -> None:
+    """Raise `SettingError` where robots act by more than where they are and what they perceive."""
+    if scenario.stand_off.kind != "wait":
+        raise SettingError(
+            f"exact evaluation: setting stand_off is {str(scenario.stand_off)!r}, allowed: wait, "
+            "as the others act by what they perceived a step before; leave out 'exact' for trials"
         )
 
 
@@ -243,6 +253,7 @@ def _robots(
 ) -> list[Greedy]:
     """Return the robots as greedy ones that act on tables, which fit."""
     check_up(scenario.link, "exact evaluation")
+    _check_memoryless(scenario)
     found = []
     for k, one in enumerate(tables):
         acting = one
