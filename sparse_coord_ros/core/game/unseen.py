@@ -3,8 +3,9 @@
 """Buildings that no search has seen: families of generated scenarios, each named by its numbers.
 
 `unseen1-door-2r-3` is version 1, kind `door`, two robots, seed 3: the same building everywhere,
-and for ever. Even seeds are for tuning, odd ones for the last test. `core.solve.shipped` has those
-in which robots are in one another's way, with what they are measured against.
+and for ever. Of version 1 even seeds are for tuning, odd ones for validation. Version 2 is for the
+last test. `core.solve.shipped` has those in which robots are in one another's way, with what they
+are measured against.
 """
 
 import random
@@ -15,7 +16,7 @@ from typing import Any, NamedTuple
 
 from sparse_coord_ros.core.game.grid import DOORWAY, FREE, WALL
 
-VERSION = "unseen1"
+VERSIONS = ("unseen1", "unseen2")
 TEAMS = (2, 4, 8)
 BESIDE = 0.3
 """Probability of a doorway between two rooms that are connected already."""
@@ -69,7 +70,9 @@ def unseen(name: str) -> dict[str, Any] | None:
     """Return the building of that name as `generated` does; None: no such name."""
     kinds = "|".join(KINDS)
     teams = "|".join(map(str, TEAMS))
-    found = re.fullmatch(f"{VERSION}-({kinds})-({teams})r-(0|[1-9][0-9]{{0,8}})", name)
+    versions = "|".join(VERSIONS)
+    seed = "(0|[1-9][0-9]{0,8})"
+    found = re.fullmatch(f"(?:{versions})-({kinds})-({teams})r-{seed}", name)
     if found is None:
         return None
     kind = found[1]
@@ -80,9 +83,16 @@ def unseen(name: str) -> dict[str, Any] | None:
     return generated(name, name, map("".join, plan.grid), pairs, penalty=-100)
 
 
-def is_tuning(name: str) -> bool:
-    """Whether a building is for tuning: its seed is even. The others are for the last test."""
-    return int(name.rpartition("-")[2]) % 2 == 0
+SPLITS = ("tuning", "validation", "test")
+"""What unseen buildings are for: to choose rules and numbers by, to look whether these hold
+elsewhere, and for closing figures, once."""
+
+
+def split_of(name: str) -> str:
+    """Return which of the `SPLITS` an unseen building is in, by its name."""
+    if name.startswith(VERSIONS[1]):
+        return "test"
+    return "tuning" if int(name.rpartition("-")[2]) % 2 == 0 else "validation"
 
 
 def team_of(name: str) -> int:
