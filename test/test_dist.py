@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from sparse_coord_ros.base import archive
+from sparse_coord_ros.base import npz
 from sparse_coord_ros.base.version import __version__
 from sparse_coord_ros.core.game.scenario import scenario_names
 from sparse_coord_ros.core.runs import run_config
@@ -85,7 +85,7 @@ def test_the_formats_numbers_are_said():
     )
     numbers = (
         run_config.FORMAT,
-        archive.FORMAT,
+        npz.FORMAT,
         BAG_FORMAT,
         RESULTS_FORMAT,
         asking_search.FORMAT,

@@ -18,7 +18,6 @@ from sparse_coord_ros.cli.evaluate import Evaluated, evaluation_of, result_table
 from sparse_coord_ros.cli.improve import IMPROVE, planned
 from sparse_coord_ros.cli.options import Option
 from sparse_coord_ros.core.engine.batch import ENGINES, is_prepared, prepare
-from sparse_coord_ros.core.engine.checkpoint import CHECKPOINT_FILE
 from sparse_coord_ros.core.engine.trained import Training
 from sparse_coord_ros.core.engine.training import (
     EVERY,
@@ -27,6 +26,7 @@ from sparse_coord_ros.core.engine.training import (
     train,
     worth_compiling,
 )
+from sparse_coord_ros.core.engine.training_checkpoint import CHECKPOINT_FILE
 from sparse_coord_ros.core.game.scenario import SETTINGS, Scenario
 from sparse_coord_ros.core.game.settings import Setting
 from sparse_coord_ros.core.runs.evaluation import MEASURES
@@ -41,9 +41,9 @@ from sparse_coord_ros.core.runs.run_config import (
 from sparse_coord_ros.core.runs.tables import TEAM_FILE, save_team
 from sparse_coord_ros.core.solve.shipped import known_optimum
 from sparse_coord_ros.core.solve.verdict import LOST, last_word
-from sparse_coord_ros.protocol.lockstep.checkpoints import CHECKPOINTS
+from sparse_coord_ros.protocol.lockstep.node_checkpoints import CHECKPOINTS
 from sparse_coord_ros.protocol.wire import RunState
-from sparse_coord_ros.show.page.board import Board
+from sparse_coord_ros.show.page.message_board import MessageBoard
 
 EVALUATIONS_FILE = "evaluations.csv"
 FILES = (RUN_FILE, CHECKPOINT_FILE, HISTORY_FILE, EVALUATIONS_FILE, TEAM_FILE)
@@ -126,7 +126,10 @@ def begin(options: argparse.Namespace) -> tuple[Path, RunConfig]:
 
 
 def learn(
-    options: argparse.Namespace, out: Path, run: RunConfig, board: Board | None = None
+    options: argparse.Namespace,
+    out: Path,
+    run: RunConfig,
+    board: MessageBoard | None = None,
 ) -> None:
     """Let one team learn, save what it learned, and say so."""
     engine_for(
@@ -146,7 +149,7 @@ def learn(
 
 
 def _learn_there(
-    options: argparse.Namespace, out: Path, run: RunConfig, board: Board | None
+    options: argparse.Namespace, out: Path, run: RunConfig, board: MessageBoard | None
 ) -> None:
     checkpoint = out / CHECKPOINT_FILE
     resumed = options.resume is not None

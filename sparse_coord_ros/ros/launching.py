@@ -39,7 +39,7 @@ from sparse_coord_ros.core.game.plugins import allow_modules, allow_named
 from sparse_coord_ros.core.game.scenario import SETTINGS, Scenario, load_scenario
 from sparse_coord_ros.core.game.settings import Setting, SettingTable, parse_assignments
 from sparse_coord_ros.core.runs.run_config import OWN_CLOCK
-from sparse_coord_ros.protocol.lockstep.checkpoints import check_robots
+from sparse_coord_ros.protocol.lockstep.node_checkpoints import check_robots
 from sparse_coord_ros.protocol.wire import CLOCK, RECORDER, WORLD
 from sparse_coord_ros.ros.nodes.parameters import PARAMETERS
 from sparse_coord_ros.ros.nodes.transforms import TF, TF_STATIC

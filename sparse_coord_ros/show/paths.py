@@ -117,9 +117,9 @@ def paths_figure(run: RunConfig, driven: Drive) -> Figure:
                 alpha=max(THINNEST, 1 / episodes),
             )
         key.append(Line2D([], [], color=colour, ls=style, label=robot.name))
-    touches = np.array([touch.place for touch in driven.floor.arena.touches]).reshape(
-        -1, 2
-    )
+    touches = np.array(
+        [touch.place for touch in driven.floor.simulator.touches]
+    ).reshape(-1, 2)
     axes.plot(*touches.T, "x", color="black", ms=7, mew=2, zorder=4)
     if len(touches):
         key.append(

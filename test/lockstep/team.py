@@ -15,7 +15,7 @@ from sparse_coord_ros.core.game.rules import EPISODE_GAP
 from sparse_coord_ros.core.learners.agent import Agent
 from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.runs.run_config import make_run
-from sparse_coord_ros.protocol.lockstep.checkpoints import KEPT_COMMON, KEPT_OWN
+from sparse_coord_ros.protocol.lockstep.node_checkpoints import KEPT_COMMON, KEPT_OWN
 from sparse_coord_ros.protocol.lockstep.robot_side import RobotSide
 from sparse_coord_ros.protocol.lockstep.rollback import RobotRollback, WorldRollback
 from sparse_coord_ros.protocol.lockstep.world_side import WorldSide

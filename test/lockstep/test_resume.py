@@ -13,7 +13,11 @@ from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.learners.tables import memories_equal, tables_equal
 from sparse_coord_ros.core.runs.run import learn
 from sparse_coord_ros.core.runs.run_config import make_run
-from sparse_coord_ros.protocol.lockstep.checkpoints import Checkpoints, Store, steps_of
+from sparse_coord_ros.protocol.lockstep.node_checkpoints import (
+    Checkpoints,
+    Store,
+    steps_of,
+)
 from sparse_coord_ros.protocol.lockstep.rollback import RobotRollback, WorldRollback
 from sparse_coord_ros.protocol.wire.status import ROLL_CALL, Order, Progress
 
@@ -272,7 +276,7 @@ def test_another_run_or_format_is_refused(
 ):
     other = run
     if "format" in change:
-        monkeypatch.setattr("sparse_coord_ros.base.archive.FORMAT", 3)
+        monkeypatch.setattr("sparse_coord_ros.base.npz.FORMAT", 3)
     for store in saved(tmp_path, run, played).values():
         store.close()
     monkeypatch.undo()

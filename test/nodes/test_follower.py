@@ -43,9 +43,9 @@ def announced(name):
 
 def test_it_stays_with_its_run_when_another_one_is_announced(node):
     hear(node, announced("first"))
-    assert not node.intake.dropped, "a world repeats what it announces"
+    assert not node.subscriber.dropped, "a world repeats what it announces"
     hear(node, announced("second"))
-    assert node.intake.dropped == {"run": 1}
+    assert node.subscriber.dropped == {"run": 1}
     assert node.run.id == "first"
 
 

@@ -18,7 +18,7 @@ from sparse_coord_ros.core.game.world import Action, Reward
 from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.protocol.wire import Account
 from sparse_coord_ros.protocol.wire.status import Said, read_status
-from sparse_coord_ros.ros.nodes import interface
+from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.guard import read_claim
 from sparse_coord_ros.ros.nodes.messages import (
     Converter,
@@ -45,14 +45,14 @@ def test_what_random_bytes_bring_about_is_an_exception_or_fits():
         convert.unpack_action: convert.pack_action(
             7, Action(2, True, 1, True), Account(1, True)
         ),
-        typed(interface.STATUS, read_status): serialize_message(
+        typed(ros_topics.STATUS, read_status): serialize_message(
             status("a", "learning", values)
         ),
-        typed(interface.CLAIM, read_claim): serialize_message(
+        typed(ros_topics.CLAIM, read_claim): serialize_message(
             Header(frame_id="ab joined")
         ),
         read_run: serialize_message(String(data="format: 1")),
-        typed(interface.TABLES, read_tables_message): serialize_message(
+        typed(ros_topics.TABLES, read_tables_message): serialize_message(
             tables_message(b"npz", 7, "final")
         ),
     }
@@ -61,7 +61,7 @@ def test_what_random_bytes_bring_about_is_an_exception_or_fits():
         for _ in range(400):
             try:
                 said = read(damaged(chance, text))
-            except Exception:  # what `Intake` drops
+            except Exception:  # what `Subscriber` drops
                 dropped += 1
                 continue
             passed += 1

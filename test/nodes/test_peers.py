@@ -215,10 +215,10 @@ def test_an_answer_of_a_doubted_peer_is_what_the_world_says(there, said, fits):
     dropped = []
     again = []
     side = SimpleNamespace(waiting=("percept", 7), due=lambda cell: cell)
-    intake = SimpleNamespace(drop=lambda *what: dropped.append(what))
+    subscriber = SimpleNamespace(drop=lambda *what: dropped.append(what))
     peer = SimpleNamespace(send_again=lambda: again.append(True))
     peers = SimpleNamespace(
-        _side=side, _convert=convert, _intake=intake, _peers={1: peer}
+        _side=side, _convert=convert, _subscriber=subscriber, _peers={1: peer}
     )
     peers._places = {1: there}
     peers._names = convert.names

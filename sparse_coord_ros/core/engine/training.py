@@ -17,8 +17,8 @@ from typing import Protocol
 from sparse_coord_ros.base.errors import SettingError, check_function
 from sparse_coord_ros.base.files import path_argument
 from sparse_coord_ros.core.engine import batch
-from sparse_coord_ros.core.engine.checkpoint import Checkpoint, load_checkpoint
 from sparse_coord_ros.core.engine.trained import Training
+from sparse_coord_ros.core.engine.training_checkpoint import Checkpoint, load_checkpoint
 from sparse_coord_ros.core.game.scenario import Scenario, ScenarioLike, loaded
 from sparse_coord_ros.core.game.settings import Setting
 from sparse_coord_ros.core.learners.learner import Learner

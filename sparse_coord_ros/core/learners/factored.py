@@ -18,9 +18,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.base.archive import MOST_UPDATES, check_range
 from sparse_coord_ros.base.compiling import inlined, inner, of_learner
 from sparse_coord_ros.base.errors import SettingError
+from sparse_coord_ros.base.npz import MOST_UPDATES, check_range
 from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.core.game.percepts import ruled_out
 from sparse_coord_ros.core.game.scenario import Scenario

@@ -4,7 +4,7 @@
 
 import math
 
-from sparse_coord_ros.lab.driving.ground import Ground, Pose
+from sparse_coord_ros.lab.driving.metric_map import MetricMap, Pose
 from sparse_coord_ros.lab.driving.mover import SLACK, Look, Mover
 from sparse_coord_ros.lab.driving.steering import STOP, Command, Limits, distance, steer
 from sparse_coord_ros.protocol.lockstep.bodies import Goals, Reached
@@ -20,13 +20,13 @@ class Driver(Mover):
     the cell that it is in counts. After goals and poses, ask what is `next`.
 
     Args:
-        ground: the floor.
+        metric_map: the floor.
         limits: what the body may do.
         robot: whose body, from 0.
     """
 
-    def __init__(self, ground: Ground, limits: Limits, robot: int) -> None:
-        super().__init__(ground, robot)
+    def __init__(self, metric_map: MetricMap, limits: Limits, robot: int) -> None:
+        super().__init__(metric_map, robot)
         self._limits = limits
         self._way: list[tuple[float, float]] = []
         self._answered = math.nan
@@ -79,16 +79,16 @@ class Driver(Mover):
 
     def _find_way(self, look: Look) -> list[tuple[float, float]]:
         """Return the places to pass, the goal last: through free cells, wherever the body is."""
-        ground = self._ground
+        metric_map = self._metric_map
         robot = self._robot
         (_, goal, pose, _, target) = look
-        here = ground.cell(pose.x, pose.y)
+        here = metric_map.cell(pose.x, pose.y)
         if here is None or here == goal.end:
             return [target]
-        grid = ground.grid
+        grid = metric_map.grid
         if goal.end in grid.next_cell[here].tolist():
-            place = ground.place(robot, here)
-            astray = _off_line(pose, place, target) > ASTRAY * ground.side
+            place = metric_map.place(robot, here)
+            astray = _off_line(pose, place, target) > ASTRAY * metric_map.side
             return [place, target] if astray else [target]
         ways = grid.distances_to(goal.end)
         if ways[here] < 0:
@@ -98,7 +98,7 @@ class Driver(Mover):
             cells.append(
                 min(grid.next_cell[cells[-1]].tolist(), key=lambda x: int(ways[x]))
             )
-        return [ground.place(robot, cell) for cell in cells]
+        return [metric_map.place(robot, cell) for cell in cells]
 
 
 def _off_line(

@@ -5,7 +5,7 @@
 import math
 from typing import NamedTuple
 
-from sparse_coord_ros.lab.driving.ground import Ground, Pose
+from sparse_coord_ros.lab.driving.metric_map import MetricMap, Pose
 from sparse_coord_ros.lab.driving.steering import distance
 from sparse_coord_ros.protocol.lockstep.bodies import (
     NO_CELL,
@@ -54,7 +54,7 @@ class Mover:
     drifted.
 
     Args:
-        ground: the floor.
+        metric_map: the floor.
         robot: whose body, from 0.
 
     Attributes:
@@ -62,8 +62,8 @@ class Mover:
         heard: the time of the last pose that came, whatever it was; NaN: none has come.
     """
 
-    def __init__(self, ground: Ground, robot: int) -> None:
-        self._ground = ground
+    def __init__(self, metric_map: MetricMap, robot: int) -> None:
+        self._metric_map = metric_map
         self._robot = robot
         self._goals = NO_GOALS
         self._goal: BodyGoal | None = None
@@ -118,7 +118,7 @@ class Mover:
         """Return what the goal is judged by; None: there is no goal, or no pose."""
         if self._goal is None or self.pose is None:
             return None
-        target = self._ground.place(self._robot, self._goal.end)
+        target = self._metric_map.place(self._robot, self._goal.end)
         return Look(self._goals, self._goal, self.pose, self._stamp, target)
 
     def _newer(self, look: Look) -> bool:
@@ -139,12 +139,14 @@ class Mover:
 
     def _placed(self, look: Look) -> Reached | None:
         """Say that the body is where it was to be put; None while it is not."""
-        close = distance(look.pose, look.target) <= self._ground.side / 2
-        there = close or self._ground.inside(look.goal.end, look.pose.x, look.pose.y)
+        close = distance(look.pose, look.target) <= self._metric_map.side / 2
+        there = close or self._metric_map.inside(
+            look.goal.end, look.pose.x, look.pose.y
+        )
         return self._end(look, there=True) if there else None
 
     def _end(self, look: Look, *, there: bool) -> Reached:
-        cell = self._ground.cell(look.pose.x, look.pose.y)
+        cell = self._metric_map.cell(look.pose.x, look.pose.y)
         took = 0.0 if self._began is None else round(look.stamp - self._began, 9)
         where = NO_CELL if cell is None else cell
         self._goal = None

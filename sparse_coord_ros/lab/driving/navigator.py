@@ -12,7 +12,7 @@ from collections import Counter
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
-from sparse_coord_ros.lab.driving.ground import Ground, Pose
+from sparse_coord_ros.lab.driving.metric_map import MetricMap, Pose
 from sparse_coord_ros.lab.driving.mover import Look, Mover
 from sparse_coord_ros.lab.driving.steering import distance
 from sparse_coord_ros.protocol.lockstep.bodies import Reached
@@ -88,7 +88,7 @@ class Navigator(Mover):
     now and then, ask what is `next`.
 
     Args:
-        ground: the floor.
+        metric_map: the floor.
         limits: what is asked of the server.
         robot: whose body, from 0.
         port: how the server is reached.
@@ -99,9 +99,9 @@ class Navigator(Mover):
     """
 
     def __init__(
-        self, ground: Ground, limits: NavLimits, robot: int, port: NavPort
+        self, metric_map: MetricMap, limits: NavLimits, robot: int, port: NavPort
     ) -> None:
-        super().__init__(ground, robot)
+        super().__init__(metric_map, robot)
         self._limits = limits
         self._port = port
         self._sent: _Sent | None = None
@@ -262,7 +262,7 @@ class Navigator(Mover):
         unseen = look.stamp == before and now - since < SETTLE_SECONDS
         if self._sent is not None or unseen:
             return None
-        there = self._ground.inside(look.goal.end, look.pose.x, look.pose.y)
+        there = self._metric_map.inside(look.goal.end, look.pose.x, look.pose.y)
         self.counts["arrived" if there else "not there"] += 1
         return self._end(look, there=there)
 

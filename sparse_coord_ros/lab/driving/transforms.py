@@ -5,7 +5,7 @@
 import math
 from typing import NamedTuple
 
-from sparse_coord_ros.lab.driving.ground import Pose
+from sparse_coord_ros.lab.driving.metric_map import Pose
 
 DEEPEST = 100
 """Most frames between two; a chain that is longer goes round in a circle."""

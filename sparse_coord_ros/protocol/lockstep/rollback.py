@@ -14,7 +14,7 @@ from collections.abc import Callable
 
 from sparse_coord_ros.core.game.rules import EPISODE_GAP
 from sparse_coord_ros.core.learners.agent import Agent
-from sparse_coord_ros.protocol.lockstep.checkpoints import Store
+from sparse_coord_ros.protocol.lockstep.node_checkpoints import Store
 from sparse_coord_ros.protocol.lockstep.robot_side import RobotSide
 from sparse_coord_ros.protocol.lockstep.world_side import WorldSide
 from sparse_coord_ros.protocol.wire.status import NO_ORDER, ROLL_CALL, Order, Progress

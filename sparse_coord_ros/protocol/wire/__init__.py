@@ -3,7 +3,7 @@
 """The vocabulary of the wire, without ROS: topics, services, labels and states, each said once.
 
 `TOPICS` is the table of all messages: whose each is, its type, the labels of its numbers, how it
-is delivered and recorded. `messages.py` packs and reads by it, `ros/nodes/interface.py` binds it
+is delivered and recorded. `messages.py` packs and reads by it, `ros/nodes/ros_topics.py` binds it
 to message classes and QoS profiles; the recorder and the log follow it. Topic names are relative:
 a team's to its namespace, a robot's to its own name; what ROS shares among all nodes is absolute.
 What is of no use to people begins with an underscore: `ros2 topic list` hides it.

@@ -37,7 +37,7 @@ from sparse_coord_ros.protocol.wire.status import (
     Said,
     read_progress,
 )
-from sparse_coord_ros.ros.nodes import interface
+from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.messages import robot_number, status
 from sparse_coord_ros.ros.nodes.parameters import PARAMETERS, ParameterNode
 from sparse_coord_ros.ros.nodes.spin import Stop, make_executor, ros_context
@@ -154,15 +154,15 @@ class Stage(WorldTopics):
         self.node.create_timer(
             STATUS_SECONDS, lambda: self.say(self.doing, self.side, self.order)
         )
-        listen = self.node.intake.listen
-        action = interface.ACTION
+        listen = self.node.subscriber.listen
+        action = ros_topics.ACTION
         read = self.convert.unpack_account
         self.actions = [
             listen(action, self._on_action, name, unpack=read) for name in self.names
         ]
-        listen(interface.PERCEPT, self._on_percept, self.name)
+        listen(ros_topics.PERCEPT, self._on_percept, self.name)
         tell = partial(setattr, self, "progress")
-        listen(interface.PROGRESS, tell, self.name, read=read_progress)
+        listen(ros_topics.PROGRESS, tell, self.name, read=read_progress)
         self._client = self.node.create_client(GetPlan, ACTIVE_PERCEPTION.of(self.name))
         for number, name in enumerate(self.names):
             if number != self.k:
@@ -233,7 +233,7 @@ class Stage(WorldTopics):
     def quiet(self) -> None:
         """Wait for what should not come, then judge what the robot did at each time step."""
         self.wait(lambda: False, QUIET_SECONDS)
-        for topic in self.node.intake.dropped:
+        for topic in self.node.subscriber.dropped:
             self.expect(
                 "action",
                 False,
@@ -418,8 +418,8 @@ class Stage(WorldTopics):
         ).values()
         another = replace(self.run, id="another").to_yaml()
         publishers = (
-            self.node.announce(interface.RUN),
-            self.node.announce(interface.STATUS),
+            self.node.announce(ros_topics.RUN),
+            self.node.announce(ros_topics.STATUS),
         )
         publishers[0].publish(String(data=another))
         publishers[1].publish(status("x", RunState.FINISHED, values))

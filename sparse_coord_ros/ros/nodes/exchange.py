@@ -111,7 +111,7 @@ class Exchange:
             [saved] = unpack_saved(data, [k + 1], where=service, limit=TABLES)
             check_memory(run.scenario, run.rule, k, saved.memory)
         except (TablesError, ValueError) as error:
-            self._node.intake.drop(
+            self._node.subscriber.drop(
                 service, in_short(str(error)), "the answer is not used"
             )
         else:

@@ -14,7 +14,7 @@ from sparse_coord_ros.protocol.lockstep.timeouts import (
     WorldPresence,
 )
 from sparse_coord_ros.protocol.wire.status import Said, read_status
-from sparse_coord_ros.ros.nodes import interface
+from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.messages import read_run, run_announced
 from sparse_coord_ros.ros.nodes.outputs import check_place
 from sparse_coord_ros.ros.nodes.parameters import ParameterNode, Place
@@ -60,8 +60,8 @@ class Follower(ParameterNode):
         self._missing = Reminder()
         self._reported = time.monotonic()
         self._stopping: float | None = None
-        self.intake.listen(interface.RUN, self._on_run, unpack=self._read_run)
-        self.intake.listen(interface.STATUS, self._on_status, read=read_status)
+        self.subscriber.listen(ros_topics.RUN, self._on_run, unpack=self._read_run)
+        self.subscriber.listen(ros_topics.STATUS, self._on_status, read=read_status)
         self.create_timer(self.tick_seconds, self._tick)
 
     def set_up(self) -> None:
@@ -78,7 +78,7 @@ class Follower(ParameterNode):
         Raises:
             RunError: no world simulator has announced one within `startup_timeout`.
         """
-        topic = self.resolve_topic_name(interface.RUN.name)
+        topic = self.resolve_topic_name(ros_topics.RUN.name)
         limit = self.values["startup_timeout"]
         self.remind(self.reminder, f"a world simulator on {topic}")
         if 0 < limit < time.monotonic() - self.born:
@@ -111,8 +111,8 @@ class Follower(ParameterNode):
         """Return the run of another world that is announced; None: the node stays with its own."""
         assert self.presence is not None
         self.presence.another_run()
-        self.intake.drop(
-            interface.RUN.name,
+        self.subscriber.drop(
+            ros_topics.RUN.name,
             "another world simulator has begun a run",
             "this node stays with the run that it is in, and ends when the world of that is gone",
         )
@@ -156,7 +156,7 @@ class Follower(ParameterNode):
         try:
             self.presence.hear(*said[:4], time.monotonic())
         except ValueError as error:
-            self.intake.drop(interface.STATUS.name, error)
+            self.subscriber.drop(ros_topics.STATUS.name, error)
         else:
             self.part.world_said(said)
 

@@ -26,8 +26,8 @@ from rclpy.node import Node
 
 from sparse_coord_ros.base.errors import NameTakenError
 from sparse_coord_ros.protocol.wire import ClaimRank
-from sparse_coord_ros.ros.nodes.interface import CLAIM, CLAIMS_QOS
 from sparse_coord_ros.ros.nodes.parameters import ParameterNode
+from sparse_coord_ros.ros.nodes.ros_topics import CLAIM, CLAIMS_QOS
 
 ANSWERS = "rr{}Reply"
 """What the DDS middlewares of ROS 2 call the topic of a service's answers."""
@@ -106,7 +106,9 @@ class Guard:
         self._warned = False
         self._topics: list[str] = []
         self._services: list[str] = []
-        node.intake.listen(CLAIM, self._on_claim, "~", read=read_claim, qos=CLAIMS_QOS)
+        node.subscriber.listen(
+            CLAIM, self._on_claim, "~", read=read_claim, qos=CLAIMS_QOS
+        )
         self._publisher = node.create_publisher(CLAIM.type, CLAIM.of("~"), CLAIM.qos)
         self._say()
 

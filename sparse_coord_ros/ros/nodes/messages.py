@@ -31,7 +31,7 @@ from sparse_coord_ros.protocol.wire import (
     RUN,
 )
 from sparse_coord_ros.protocol.wire.messages import Messages, read_labelled
-from sparse_coord_ros.ros.nodes.interface import bind
+from sparse_coord_ros.ros.nodes.ros_topics import bind
 
 TEXT = 8
 """Where the text of a std_msgs/String begins in its bytes."""

@@ -20,7 +20,7 @@ from rclpy.action.client import ClientGoalHandle
 from rclpy.task import Future
 
 from sparse_coord_ros.base.errors import RunError, needed
-from sparse_coord_ros.lab.driving.ground import Ground, Pose
+from sparse_coord_ros.lab.driving.metric_map import MetricMap, Pose
 from sparse_coord_ros.lab.driving.navigator import ANSWER_SECONDS, Navigator, NavLimits
 from sparse_coord_ros.ros.nodes.guard import in_words, owners
 from sparse_coord_ros.ros.nodes.mover import MoverNode
@@ -77,16 +77,16 @@ class Nav2DriverNode(MoverNode):
         self._ending: tuple[float, Future] | None = None
         self._halting: tuple[float, Future] | None = None
 
-    def make(self, ground: Ground, number: int) -> Navigator:
+    def make(self, metric_map: MetricMap, number: int) -> Navigator:
         """Return what decides on goals."""
         values = self.values
-        side = ground.side
+        side = metric_map.side
         near = values["near"] * side
         detour = values["detour"] * side
         seconds = values["step_seconds"]
         silence = values["feedback_timeout"]
         limits = NavLimits(near, seconds, silence, detour, values["bring"])
-        self.navigator = Navigator(ground, limits, number, self)
+        self.navigator = Navigator(metric_map, limits, number, self)
         return self.navigator
 
     def drive(self) -> None:

@@ -14,8 +14,8 @@ from sparse_coord_ros.base.errors import BagError, RunError, os_error_text
 from sparse_coord_ros.base.files import rescue, take_lock, write_whole
 from sparse_coord_ros.base.limits import SCENARIO, read_text
 from sparse_coord_ros.base.yaml_text import to_yaml, yaml_value
-from sparse_coord_ros.core.engine.checkpoint import CHECKPOINT_FILE
 from sparse_coord_ros.core.engine.improve import IMPROVED
+from sparse_coord_ros.core.engine.training_checkpoint import CHECKPOINT_FILE
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.learners.memory import taught
 from sparse_coord_ros.core.learners.mind import Memory
@@ -28,7 +28,7 @@ from sparse_coord_ros.core.runs.tables import (
     robot_file,
     save_team,
 )
-from sparse_coord_ros.protocol.lockstep.checkpoints import (
+from sparse_coord_ros.protocol.lockstep.node_checkpoints import (
     CHECKPOINTS,
     Checkpoints,
     Store,
@@ -173,7 +173,7 @@ class Output:
             node.at_end.callback(checkpoints.close)
             checkpoints.steps()
             if node.values["resume"]:
-                node.intake.earlier = self.store.counted().get(DROPPED, 0)
+                node.subscriber.earlier = self.store.counted().get(DROPPED, 0)
             for line in checkpoints.broken:
                 node.get_logger().warning(line)
         elif node.values["resume"]:
@@ -216,7 +216,7 @@ class Output:
 
     def count(self, events: Mapping[str, int]) -> None:
         """Save what was counted of the run's faults and of messages dropped, where that is new."""
-        now = +Counter({**events, DROPPED: self.node.intake.total})
+        now = +Counter({**events, DROPPED: self.node.subscriber.total})
         if now != self._counted:
             self._counted = now
             with suppress(OSError):  # the next checkpoint says so

@@ -57,15 +57,15 @@ from sparse_coord_ros.protocol.lockstep.timeouts import Reminder
 from sparse_coord_ros.protocol.wire import RECORDER, WORLD
 from sparse_coord_ros.protocol.wire.frame import SECOND
 from sparse_coord_ros.protocol.wire.services import Service
-from sparse_coord_ros.ros.nodes.intake import Intake
-from sparse_coord_ros.ros.nodes.interface import (
+from sparse_coord_ros.ros.nodes.messages import status
+from sparse_coord_ros.ros.nodes.ros_topics import (
     DIAGNOSTICS,
     RUN,
     RosTopic,
     message_class,
 )
-from sparse_coord_ros.ros.nodes.interface import RECORDING as RECORDING_TOPIC
-from sparse_coord_ros.ros.nodes.messages import status
+from sparse_coord_ros.ros.nodes.ros_topics import RECORDING as RECORDING_TOPIC
+from sparse_coord_ros.ros.nodes.subscriber import Subscriber
 from sparse_coord_ros.ros.nodes.tap import Line, PackedPublisher, Tap
 from sparse_coord_ros.show.page.controls import PAGE_SETTINGS
 
@@ -147,7 +147,7 @@ class ParameterNode(Node):
     Attributes:
         changeable: parameters that can be set while the node runs; all others are read once.
         values: every parameter, typed.
-        intake: its subscriptions.
+        subscriber: its subscriptions.
         full_name: its name with its namespace, as diagnostics say it: `team_a/robot_1`.
         born: when the node began, by the monotonic clock.
         tap: the way to a recorder in the same process; None: there is none.
@@ -187,7 +187,7 @@ class ParameterNode(Node):
         self._table = table
         self.tap = place.get("tap")
         self.shared_clients = place.get("shared_clients", {})
-        self.intake = Intake(self)
+        self.subscriber = Subscriber(self)
         try:
             self.values = self._declare()
             self.set_up()
@@ -223,7 +223,7 @@ class ParameterNode(Node):
                 return callback(*args)
             except Exception as error:
                 if drops:
-                    self.intake.drop(drops, error, "request refused")
+                    self.subscriber.drop(drops, error, "request refused")
                 else:
                     self.fail(failure_of(error))
                 return args[-1] if args else None

@@ -28,10 +28,10 @@ from sparse_coord_ros.core.runs.run_config import RunConfig
 from sparse_coord_ros.protocol.lockstep.robot_side import Answer, RobotSide
 from sparse_coord_ros.protocol.lockstep.timeouts import Deadline
 from sparse_coord_ros.protocol.wire.services import ACTIVE_PERCEPTION
-from sparse_coord_ros.ros.nodes import interface
-from sparse_coord_ros.ros.nodes.interface import ACTIVE_PERCEPTION_TYPE, STEP_QOS
+from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.messages import Converter
 from sparse_coord_ros.ros.nodes.parameters import ParameterNode
+from sparse_coord_ros.ros.nodes.ros_topics import ACTIVE_PERCEPTION_TYPE, STEP_QOS
 
 AT_ONCE = 10
 """How often a peer that is a step behind is asked again at once; after that with each tick."""
@@ -177,7 +177,7 @@ class Peers:
         self, node: ParameterNode, run: RunConfig, convert: Converter, side: RobotSide
     ) -> None:
         self._node = node
-        self._intake = node.intake
+        self._subscriber = node.subscriber
         self._convert = convert
         self._side = side
         self._names = convert.names
@@ -227,8 +227,8 @@ class Peers:
             return
         one.fits = self._node.guarded(partial(self._fits, peer))
         then = partial(self._places.__setitem__, peer)
-        self._intake.listen(
-            interface.LOCAL_STATE, then, name, unpack=self._convert.unpack_state
+        self._subscriber.listen(
+            ros_topics.LOCAL_STATE, then, name, unpack=self._convert.unpack_state
         )
         self._node.get_logger().warning(
             f"{ACTIVE_PERCEPTION.of(name)} has two servers: answers that do not fit where {name} "
@@ -261,7 +261,7 @@ class Peers:
         )
         if not fits:
             service = ACTIVE_PERCEPTION.of(self._names[peer])
-            self._intake.drop(
+            self._subscriber.drop(
                 service, "the answer does not fit where the peer is", "dropped"
             )
         return fits
@@ -295,7 +295,7 @@ class Peers:
             if step and asker not in self._names:
                 raise ValueError(f"asker {asker!r} is no robot of the scenario")
         except ValueError as error:
-            self._intake.drop(self._service, error)
+            self._subscriber.drop(self._service, error)
             answer = Answer(self._side.newest[0], None)
         else:
             number = self._names.index(asker) if asker in self._names else 0
@@ -319,6 +319,6 @@ class Peers:
                         f"position ({position.x:g}, {position.y:g}) is no free cell"
                     )
         except ValueError as error:
-            self._intake.drop(ACTIVE_PERCEPTION.of(self._names[peer]), error)
+            self._subscriber.drop(ACTIVE_PERCEPTION.of(self._names[peer]), error)
         else:
             self._side.answer(peer, request_step, Answer(step, cell))

@@ -38,7 +38,7 @@ from sparse_coord_ros.protocol.wire.status import (
     Progress,
     Said,
 )
-from sparse_coord_ros.ros.nodes import interface
+from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.follower import Follower
 from sparse_coord_ros.ros.nodes.messages import Converter, read_tables_message, status
 from sparse_coord_ros.ros.nodes.parameters import PARAMETERS, Place
@@ -91,7 +91,7 @@ class Recording:
         self.run = run
         self.bag = bag
         self._report = node.reporter("bag")
-        self._progress = node.announce(interface.PROGRESS, RECORDER)
+        self._progress = node.announce(ros_topics.PROGRESS, RECORDER)
         self.convert = Converter(run)
         self.now_ns = self.said_ns = 0
         self.heard = self._flushed = time.monotonic()
@@ -113,7 +113,7 @@ class Recording:
         for name, text in bag_files(self.run, run_text).items():
             kind = "text/plain" if name == MAP_FILE else "application/yaml"
             bag.attach(name, text.encode(), kind)
-        channel = self._channel(interface.RUN, interface.RUN.name)
+        channel = self._channel(ros_topics.RUN, ros_topics.RUN.name)
         bag.write(channel, serialize_message(String(data=run_text)), 0, 0)
 
     def _later(self, at: int, name: str) -> int:
@@ -122,7 +122,7 @@ class Recording:
         if at < 0 or at > max(now, self.said_ns) + self._near_ns:
             said = f"stamp {at // SECOND} s {at % SECOND} ns"
             why = f"{said} is not of the run's time {now / SECOND:g} s"
-            self._node.intake.drop(name, why, "message recorded at the run's time")
+            self._node.subscriber.drop(name, why, "message recorded at the run's time")
             return now
         self.now_ns = at
         self._steps += 1
@@ -175,11 +175,11 @@ class Recording:
     def listen(self) -> None:
         """Listen to the run's team."""
         node = self._node
-        of_team, of_node, of_robot = map(interface.recorded, (TEAM, NODE, ROBOT))
+        of_team, of_node, of_robot = map(ros_topics.recorded, (TEAM, NODE, ROBOT))
         for topic in of_team:
-            if topic is interface.CLOCK:
-                topic = interface.clock_of(self.run)
-            if topic is not interface.RUN:
+            if topic is ros_topics.CLOCK:
+                topic = ros_topics.clock_of(self.run)
+            if topic is not ros_topics.RUN:
                 self._record(topic, "")
         for name in node.names_of(WORLD) or {WORLD}:
             for topic in of_node:
@@ -188,19 +188,19 @@ class Recording:
             for topic in (*of_robot, *of_node):
                 self._record(topic, robot.name)
             attach = partial(self.attach_tables, robot.name)
-            tables = interface.TABLES
-            qos = interface.recorder_qos(interface.TABLES)
-            node.intake.listen(
+            tables = ros_topics.TABLES
+            qos = ros_topics.recorder_qos(ros_topics.TABLES)
+            node.subscriber.listen(
                 tables, attach, robot.name, read=read_tables_message, qos=qos
             )
 
-    def _channel(self, topic: interface.RosTopic, name: str) -> int:
+    def _channel(self, topic: ros_topics.RosTopic, name: str) -> int:
         """Register a topic and return its channel in the bag."""
         full_name = self._node.resolve_topic_name(name)
         qos = QoS(durability=topic.qos.durability.name.lower(), depth=topic.qos.depth)
         return self.bag.add_topic(full_name, topic.type_name, qos)
 
-    def _record(self, topic: interface.RosTopic, owner: str) -> None:
+    def _record(self, topic: ros_topics.RosTopic, owner: str) -> None:
         """Write down a topic, at the time that its messages say, or at the world's."""
         node = self._node
         name = topic.of(owner)
@@ -213,7 +213,7 @@ class Recording:
             try:
                 sec, nanosec = unpack_stamp(data)
             except struct.error as error:
-                node.intake.drop(name, error)
+                node.subscriber.drop(name, error)
                 return
             at = sec * SECOND + nanosec
             if not 0 <= at <= self.now_ns:
@@ -228,10 +228,10 @@ class Recording:
         if node.tap is not None and topic.tapped:
             node.tap.line(node.resolve_topic_name(name)).write = node.guarded(write)
         else:
-            shared = topic.name == interface.DIAGNOSTICS.name
-            qos = interface.recorder_qos(topic)
+            shared = topic.name == ros_topics.DIAGNOSTICS.name
+            qos = ros_topics.recorder_qos(topic)
             unpack = self._of_this_namespace if shared else bytes
-            node.intake.listen(
+            node.subscriber.listen(
                 topic, lambda data: data and write(data), owner, unpack=unpack, qos=qos
             )
 
@@ -288,7 +288,7 @@ class Recording:
 
         A robot cannot tell by itself as long as a killed recorder is in its graph.
         """
-        names = map(interface.ACTION.of, self.run.scenario.names)
+        names = map(ros_topics.ACTION.of, self.run.scenario.names)
         return self._node.tap is not None or all(
             map(self._node.count_publishers, names)
         )
@@ -308,9 +308,9 @@ class Recording:
         """
         node = self._node
         names = self.run.scenario.names
-        tables = interface.TABLES.of
+        tables = ros_topics.TABLES.of
         if node.tap is None:
-            speakers = [*map(tables, names), interface.STATUS.name]
+            speakers = [*map(tables, names), ros_topics.STATUS.name]
         else:
             speakers = [tables(name) for name in names if name not in self.final]
         return not any(
@@ -324,7 +324,7 @@ class Recording:
                 "messages": self.bag.message_count,
                 "bytes": self.bag.bytes_written,
             }
-            values["messages_dropped"] = self._node.intake.total
+            values["messages_dropped"] = self._node.subscriber.total
             self._report("recording", values)
 
 
@@ -362,8 +362,8 @@ class Recorder(Follower):
             what = f"output directory {self.directory}: exists already, nothing is overwritten"
             raise RunError(f"{what}; choose another one for parameter 'out'")
         self.error: BagError | None = None
-        self._recording_publisher = self.announce(interface.RECORDING)
-        topic = self.resolve_topic_name(interface.RUN.name)
+        self._recording_publisher = self.announce(ros_topics.RECORDING)
+        topic = self.resolve_topic_name(ros_topics.RUN.name)
         where = self.directory.absolute()
         self.get_logger().info(
             f"will record to {where}; waiting for a world simulator on {topic}"

@@ -17,7 +17,7 @@ from sparse_coord_ros.protocol.wire.status import (
     Progress,
     read_progress,
 )
-from sparse_coord_ros.ros.nodes import interface
+from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.outputs import Output
 from sparse_coord_ros.ros.nodes.parameters import ROLL_BACK
 
@@ -51,10 +51,10 @@ class Returning(WorldRollback):
         self._since = 0.0
         for robot, name in enumerate(self._names):
             then = functools.partial(self._on_progress, robot)
-            node.intake.listen(interface.PROGRESS, then, name, read=read_progress)
+            node.subscriber.listen(ros_topics.PROGRESS, then, name, read=read_progress)
         if run.recorded:
-            node.intake.listen(
-                interface.PROGRESS, self._on_recorder, RECORDER, read=read_progress
+            node.subscriber.listen(
+                ros_topics.PROGRESS, self._on_recorder, RECORDER, read=read_progress
             )
 
     @property

@@ -16,7 +16,7 @@ from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from sparse_coord_ros.base.palette import DOORWAY_COLOUR, FAILED, OUTCOME_COLOURS, rgb
-from sparse_coord_ros.lab.driving.ground import Pose
+from sparse_coord_ros.lab.driving.metric_map import Pose
 from sparse_coord_ros.protocol.wire import (
     OCCUPANCY,
     QUESTIONS,
@@ -24,7 +24,7 @@ from sparse_coord_ros.protocol.wire import (
     WORDS,
     PerceptEnd,
 )
-from sparse_coord_ros.ros.nodes import interface
+from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.messages import Converter, map_header
 from sparse_coord_ros.ros.nodes.parameters import ParameterNode
 from sparse_coord_ros.ros.nodes.transforms import (
@@ -155,7 +155,7 @@ class ScenePublisher:
         self, node: ParameterNode, convert: Converter, *, frames: bool = True
     ) -> None:
         self._convert = convert
-        self._publisher = node.announce(interface.SCENE)
+        self._publisher = node.announce(ros_topics.SCENE)
         self._last = float("-inf")
         self.actions: dict[int, bytes] = {}
         self._bases = [robot_frame(node, name, BASE) for name in convert.names]

@@ -23,7 +23,7 @@ from rclpy.task import Future
 
 from sparse_coord_ros.base import errors
 from sparse_coord_ros.base.signals import STOPPING
-from sparse_coord_ros.ros.nodes import interface
+from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.environment import (
     check_security,
     repair_promptly,
@@ -211,8 +211,8 @@ def say_on_rosout(node: Node, error: errors.SparseCoordError) -> None:
 
     The text of an unexpected exception is its traceback.
     """
-    topic = interface.ROSOUT
-    publisher = node.create_publisher(topic.type, topic.name, interface.LATCHED_QOS)
+    topic = ros_topics.ROSOUT
+    publisher = node.create_publisher(topic.type, topic.name, ros_topics.LATCHED_QOS)
     message = topic.type(
         level=LoggingSeverity.FATAL, name=node.get_logger().name, msg=str(error)
     )

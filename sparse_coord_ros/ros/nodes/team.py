@@ -13,7 +13,7 @@ from rclpy.context import Context
 from sparse_coord_ros.base.errors import BagError, NameTakenError
 from sparse_coord_ros.core.runs.run_config import RunConfig, create_output
 from sparse_coord_ros.log.bags.reader import BAG_DIRECTORY
-from sparse_coord_ros.protocol.lockstep.checkpoints import check_robots
+from sparse_coord_ros.protocol.lockstep.node_checkpoints import check_robots
 from sparse_coord_ros.protocol.wire import RECORDER, WORLD
 from sparse_coord_ros.ros.nodes.outputs import begin_with, gather, resumed_run
 from sparse_coord_ros.ros.nodes.parameters import (
@@ -35,7 +35,7 @@ from sparse_coord_ros.ros.nodes.tap import Tap
 from sparse_coord_ros.ros.nodes.world_simulator import WorldSimulator
 
 if TYPE_CHECKING:
-    from sparse_coord_ros.show.page.board import Board
+    from sparse_coord_ros.show.page.message_board import MessageBoard
 
 
 def team_run(values: dict[str, Any]) -> RunConfig:
@@ -66,7 +66,7 @@ def run_team(
     context: Context,
     namespace: str = "",
     stop: Callable[[], bool] = lambda: False,
-    page: "Board | None" = None,
+    page: "MessageBoard | None" = None,
 ) -> dict[str, Any]:
     """Run a team until its step budget is used up or `stop` says so.
 

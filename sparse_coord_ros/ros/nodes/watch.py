@@ -32,7 +32,7 @@ from sparse_coord_ros.protocol import wire
 from sparse_coord_ros.protocol.lockstep.robot_side import RobotSide
 from sparse_coord_ros.protocol.wire import WORLD, Account, PerceptEnd, services
 from sparse_coord_ros.protocol.wire.status import Said
-from sparse_coord_ros.ros.nodes import interface
+from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.follower import Follower
 from sparse_coord_ros.ros.nodes.halting import Halting
 from sparse_coord_ros.ros.nodes.messages import Converter, read_run, read_tables_message
@@ -53,7 +53,7 @@ from sparse_coord_ros.show.page.live_source import LiveView
 if TYPE_CHECKING:
     from sparse_coord_ros.ros.nodes.robot import RobotNode
     from sparse_coord_ros.ros.nodes.world_simulator import WorldSimulator
-    from sparse_coord_ros.show.page.board import Board
+    from sparse_coord_ros.show.page.message_board import MessageBoard
     from sparse_coord_ros.show.page.server import Server
 
 PAGE_SECONDS = 1 / 20
@@ -164,7 +164,7 @@ class InsideWatch(ParameterNode):
 
     def __init__(
         self,
-        board: "Board",
+        board: "MessageBoard",
         world: "WorldSimulator",
         robots: "Sequence[RobotNode]",
         **place: Unpack[Place],
@@ -268,14 +268,14 @@ class WatchNode(Follower):
 
     def set_up(self) -> None:
         """Serve the page, where nobody does."""
-        from sparse_coord_ros.show.page.board import Board
+        from sparse_coord_ros.show.page.message_board import MessageBoard
         from sparse_coord_ros.show.page.server import Server
 
         if self._shared is not None:
             self.server = self._shared
             return
         self.server = Server(
-            Board(), host=self.values["host"], port=self.values["port"]
+            MessageBoard(), host=self.values["host"], port=self.values["port"]
         )
         self.at_end.callback(self.server.close)
         if self.server.warning:
@@ -287,7 +287,7 @@ class WatchNode(Follower):
         self.controls.call()
         board = self.server.board
         if board.get("notice") is None:
-            where = self.resolve_topic_name(interface.RUN.name)
+            where = self.resolve_topic_name(ros_topics.RUN.name)
             board.put(
                 "notice",
                 text=f"waiting for a team: no world simulator is on {where} yet",
@@ -338,7 +338,7 @@ class WatchNode(Follower):
         view = self.team.view
         over = view.state in (wire.RunState.FINISHED, wire.RunState.STOPPED, "gone")
         silent = self.presence.silent(now) > GONE_SECONDS
-        if silent and not over and not self.count_publishers(interface.STATUS.name):
+        if silent and not over and not self.count_publishers(ros_topics.STATUS.name):
             view.state = "gone"
             view.notice("the world is gone; the page waits for the next team")
 
@@ -401,18 +401,22 @@ class HeardTeam:
         self._last_made: int | None = None
         self._said: Said | None = None
         convert = Converter(run)
-        listen = node.intake.listen
+        listen = node.subscriber.listen
         self._subscriptions = []
         for k, robot in enumerate(run.scenario.robots):
             for topic, then, how in (
                 (
-                    interface.LOCAL_STATE,
+                    ros_topics.LOCAL_STATE,
                     self._on_state,
                     {"unpack": convert.unpack_state},
                 ),
-                (interface.ACTION, self._on_action, {"unpack": convert.unpack_account}),
-                (interface.REWARD, self._on_reward, {"unpack": convert.unpack_reward}),
-                (interface.TABLES, self._on_tables, {"read": read_tables_message}),
+                (
+                    ros_topics.ACTION,
+                    self._on_action,
+                    {"unpack": convert.unpack_account},
+                ),
+                (ros_topics.REWARD, self._on_reward, {"unpack": convert.unpack_reward}),
+                (ros_topics.TABLES, self._on_tables, {"read": read_tables_message}),
             ):
                 heard = listen(topic, functools.partial(then, k), robot.name, **how)
                 self._subscriptions.append(heard)
@@ -555,7 +559,7 @@ class HeardTeam:
     def _on_tables(self, k: int, said: tuple[bytes, int, str]) -> None:
         data, step, _ = said
         with contextlib.suppress(Exception):  # anybody can publish anything
-            where = interface.TABLES.name
+            where = ros_topics.TABLES.name
             [saved] = unpack_saved(data, [k + 1], where=where, limit=TABLES)
             tables = tables_of(
                 self._run.scenario, self._run.known_rule, k, saved.memory

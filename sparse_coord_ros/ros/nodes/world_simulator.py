@@ -413,7 +413,7 @@ class WorldSimulator(ParameterNode):
             "miscoordinations": self.lockstep.world.miscoordinations,
             "timeouts": self.lockstep.timeouts,
             **{name: events[name] for name in EVENTS},
-            "messages_dropped": self.intake.total,
+            "messages_dropped": self.subscriber.total,
         }
 
     def summary(self) -> dict[str, Any]:

@@ -22,9 +22,9 @@ from sparse_coord_ros.log.runlog.relearned import Asked, Relearned
 from sparse_coord_ros.log.runlog.window import LongLog
 from sparse_coord_ros.protocol.wire import COORDINATION_MAP
 from sparse_coord_ros.show.page import controls, messages
-from sparse_coord_ros.show.page.board import Board, Message
 from sparse_coord_ros.show.page.counts import Counts
 from sparse_coord_ros.show.page.live_source import ASKED_SO_FAR
+from sparse_coord_ros.show.page.message_board import Message, MessageBoard
 from sparse_coord_ros.show.page.moments import Highlight, Moments, highlight
 from sparse_coord_ros.show.steps import logged_step, logged_trails, questions_of
 from sparse_coord_ros.show.words import Words
@@ -82,7 +82,7 @@ class BagSource(controls.Controlled):
     def __init__(
         self,
         path: Path,
-        board: Board,
+        board: MessageBoard,
         *,
         rate: float = FIRST_RATE,
         step: int | None = None,

@@ -13,7 +13,7 @@ from sparse_coord_ros.core.runs.run import Glimpse
 from sparse_coord_ros.core.runs.run_config import RunConfig
 from sparse_coord_ros.log.runlog import explain
 from sparse_coord_ros.show.page import messages
-from sparse_coord_ros.show.page.board import Board, Message
+from sparse_coord_ros.show.page.message_board import Message, MessageBoard
 from sparse_coord_ros.show.policy import row_asking
 from sparse_coord_ros.show.steps import TRAIL, Question, questions_of, trails_of
 from sparse_coord_ros.show.words import Words
@@ -51,7 +51,7 @@ class LiveView:
     def __init__(
         self,
         run: RunConfig,
-        board: Board,
+        board: MessageBoard,
         *,
         source: str,
         title: str,

@@ -28,7 +28,7 @@ from sparse_coord_ros.log.runlog import explain
 from sparse_coord_ros.log.runlog.relearned import Asked
 from sparse_coord_ros.protocol.wire import PerceptEnd
 from sparse_coord_ros.show.episodes import BUSIEST, played_episode
-from sparse_coord_ros.show.page.board import Board, Message
+from sparse_coord_ros.show.page.message_board import Message, MessageBoard
 from sparse_coord_ros.show.policy import entered, policy_of
 from sparse_coord_ros.show.steps import Question, questions_of
 from sparse_coord_ros.show.words import Words
@@ -208,7 +208,7 @@ def evaluation_fields(
 
 
 def put_end(
-    board: Board, run: RunConfig, tables: Sequence[Tables]
+    board: MessageBoard, run: RunConfig, tables: Sequence[Tables]
 ) -> tuple[Glimpse, ...]:
     """Show the value of a finished run's tables, and in words what they do in a greedy episode.
 

@@ -9,7 +9,6 @@ from sparse_coord_ros.core.runs.run_config import RunConfig
 from sparse_coord_ros.protocol.wire import RunState
 from sparse_coord_ros.show.page import messages
 from sparse_coord_ros.show.page.bag_source import SHOWN_RATE
-from sparse_coord_ros.show.page.board import Board
 from sparse_coord_ros.show.page.controls import (
     NEXT,
     PAUSE,
@@ -19,6 +18,7 @@ from sparse_coord_ros.show.page.controls import (
     Controlled,
 )
 from sparse_coord_ros.show.page.live_source import LiveView
+from sparse_coord_ros.show.page.message_board import MessageBoard
 from sparse_coord_ros.show.sources import PLAYED_EPISODES, Shown
 
 LOOKS_A_SECOND = 30
@@ -36,7 +36,7 @@ class TrainingView(LiveView, Controlled):
     """
 
     def __init__(
-        self, run: RunConfig, board: Board, *, title: str, last: bool = False
+        self, run: RunConfig, board: MessageBoard, *, title: str, last: bool = False
     ) -> None:
         Controlled.__init__(self)
         controls = CONTROLS[:-1] if last else CONTROLS
@@ -119,7 +119,7 @@ class TrainedView(LiveView):
         SparseCoordError: as of the parts of `Shown`.
     """
 
-    def __init__(self, shown: Shown, board: Board) -> None:
+    def __init__(self, shown: Shown, board: MessageBoard) -> None:
         run = shown.config
         tables = shown.tables
         super().__init__(run, board, source="train", title=str(shown.path), controls=())

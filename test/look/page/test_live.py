@@ -13,8 +13,8 @@ from sparse_coord_ros.core.runs.history import History, HistoryRecorder, blank_h
 from sparse_coord_ros.core.runs.run import Glimpse
 from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.show.page import messages
-from sparse_coord_ros.show.page.board import Board
 from sparse_coord_ros.show.page.live_source import LiveView
+from sparse_coord_ros.show.page.message_board import MessageBoard
 
 
 @pytest.fixture
@@ -24,7 +24,7 @@ def view(monkeypatch):
         monotonic=lambda: made.time, thread_time=lambda: made.worked
     )
     monkeypatch.setattr("sparse_coord_ros.show.page.live_source.time", clock)
-    made = LiveView(run, Board(), source="live", title="", controls=())
+    made = LiveView(run, MessageBoard(), source="live", title="", controls=())
     made.time = 100.0
     made.worked = 0.0
     return made

@@ -64,7 +64,7 @@ def bind(topic: wire.Topic) -> RosTopic:
 
 
 def __getattr__(name: str) -> RosTopic:
-    """Return a topic of `wire`, bound: `interface.RUN` is `wire.RUN` for rclpy."""
+    """Return a topic of `wire`, bound: `ros_topics.RUN` is `wire.RUN` for rclpy."""
     topic = getattr(wire, name, None)
     if not isinstance(topic, wire.Topic):
         raise AttributeError(

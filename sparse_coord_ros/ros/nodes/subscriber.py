@@ -15,10 +15,10 @@ from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 
 from sparse_coord_ros.base.limits import too_large
-from sparse_coord_ros.ros.nodes.interface import RosTopic
+from sparse_coord_ros.ros.nodes.ros_topics import RosTopic
 
 
-class Intake:
+class Subscriber:
     """A node's subscriptions.
 
     Args:

@@ -32,7 +32,7 @@ class Pose(NamedTuple):
     yaw: float
 
 
-class Ground:
+class MetricMap:
     """A run's map in metres.
 
     Free cells other than doorways may hold several robots; the grid says nothing of where in the

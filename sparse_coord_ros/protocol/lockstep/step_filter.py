@@ -12,7 +12,7 @@ NEAR = EPISODE_GAP + 1
 """How far the next step may lie ahead: that of a transition, and an episode's start after it."""
 
 
-class StepGate:
+class StepFilter:
     """Lets time steps pass in the order in which the world makes them.
 
     Args:
