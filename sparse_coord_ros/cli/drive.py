@@ -101,7 +101,7 @@ def execute(options: argparse.Namespace) -> None:
     head = [f"{run.scenario.name}, {episodes} episodes", "driven", "by the grid"]
     lines = [format_table(head, rows)]
     if facts["bumps"]:
-        radius = driven.floor.simulator.metric_map.radius
+        radius = driven.team.simulator.metric_map.radius
         lines.append(
             f"Bodies of radius {radius:g} m touched walls: cells of {run.resolution:g} m "
             f"leave {run.resolution / 2 - radius:.2g} m on each side; take cells of "
@@ -140,9 +140,9 @@ def facts_of(run: RunConfig, driven: Drive, grid: Trials, speed: float) -> dict:
         "seconds_a_cell": straight,
         "touches_in_doorways": int(driven.in_doorways.sum()),
         "touches_elsewhere": int(driven.elsewhere.sum()),
-        "bumps": driven.floor.simulator.bumps,
-        "moves": driven.floor.moves,
-        "moves_failed": driven.floor.bodies.failed,
-        "bodies_lost": driven.floor.bodies.lost,
+        "bumps": driven.team.simulator.bumps,
+        "moves": driven.team.moves,
+        "moves_failed": driven.team.bodies.failed,
+        "bodies_lost": driven.team.bodies.lost,
         "drift": float(driven.drift.mean()),
     }

@@ -223,7 +223,7 @@ class ImportPage(Controlled):
                 f"Driven: {n} of {EPISODES} episodes", busy=True
             ),
         )
-        simulator = driven.floor.simulator
+        simulator = driven.team.simulator
         self._tell(
             f"Bodies of radius {simulator.metric_map.radius:g} m drove {EPISODES} episodes: in "
             f"{driven.arrived.all(axis=1).sum()} all robots arrived; walls touched: "

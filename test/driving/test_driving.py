@@ -411,8 +411,13 @@ def test_a_driven_team_does_what_the_evaluation_says(team):
     assert np.array_equal(driven.arrived, grid.arrived)
     assert np.array_equal(driven.asks, grid.asks)
     assert np.array_equal(driven.miscoordinations, grid.miscoordinations)
-    floor = driven.floor
-    assert floor.bodies.failed == floor.bodies.lost == floor.simulator.bumps == 0
+    driven_team = driven.team
+    assert (
+        driven_team.bodies.failed
+        == driven_team.bodies.lost
+        == driven_team.simulator.bumps
+        == 0
+    )
     assert (driven.in_doorways >= (driven.miscoordinations > 0)).all()
     assert (driven.seconds > driven.steps).all()
 
@@ -423,13 +428,13 @@ def test_driving_is_repeatable_and_seeded(team):
         drive(run, tables, episodes=3, seed=s, values=VALUES, followed=1)
         for s in (4, 4, 5)
     ]
-    assert runs[0].floor.path == runs[1].floor.path != runs[2].floor.path
-    assert {moment.episode for moment in runs[0].floor.path} == {0}
+    assert runs[0].team.path == runs[1].team.path != runs[2].team.path
+    assert {moment.episode for moment in runs[0].team.path} == {0}
 
 
 def test_bodies_without_time_stay_where_they_are(team):
     run, tables = team
     values = VALUES | {"step_seconds": 0.3, "slips": False}
     driven = drive(run, tables, episodes=1, seed=4, values=values)
-    sent = driven.floor.bodies
-    assert sent.failed > 0.5 * driven.floor.moves and sent.lost == 0
+    sent = driven.team.bodies
+    assert sent.failed > 0.5 * driven.team.moves and sent.lost == 0

@@ -22,7 +22,7 @@ from sparse_coord_ros.core.game.settings import SettingTable
 from sparse_coord_ros.core.learners.agent import Agent
 from sparse_coord_ros.log.bags import open_bag
 from sparse_coord_ros.log.runlog.verify import verify
-from sparse_coord_ros.protocol.wire.status import Said
+from sparse_coord_ros.protocol.wire.status import RunStatus
 from sparse_coord_ros.ros.nodes import ros_topics, spin
 from sparse_coord_ros.ros.nodes.environment import (
     SECURITY_MARK,
@@ -75,7 +75,7 @@ def pose(cell_of, step, cell):
 
 
 def forged(*said):
-    return status("env1", said[1], Said(*said).values())
+    return status("env1", said[1], RunStatus(*said).values())
 
 
 def test_a_team_under_fire_learns_what_it_would_have_learned(

@@ -83,7 +83,7 @@ def test_the_largest_message_does_not_stall_the_lock_step():
     for message, read in (
         (values, lambda data: read_status(deserialize_message(data, DiagnosticStatus))),
         (names, convert.unpack_reward),
-        (names, convert.unpack_account),
+        (names, convert.unpack_self_report),
     ):
         data = serialize_message(message)
         assert (

@@ -20,12 +20,12 @@ from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.runs.history import load_history
 from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.log.runlog import verify
-from sparse_coord_ros.protocol.lockstep.node_checkpoints import Store
+from sparse_coord_ros.protocol.lockstep.node_checkpoints import CheckpointStore
 from sparse_coord_ros.protocol.wire.status import (
-    ROLL_CALL,
+    NO_ROLLBACK,
     Order,
     Progress,
-    Said,
+    RunStatus,
     read_progress,
 )
 from sparse_coord_ros.ros.nodes import ros_topics
@@ -168,7 +168,7 @@ def test_who_goes_back_listens_anew(bench, tmp_path):
     bench.spin_until(lambda: world.lockstep.complete, "the first barrier")
     member = robots[0].member
     before = list(member._ears)
-    member.world_said(Said("", "", 0, 0, order=Order("an order", 0, 1)))
+    member.world_said(RunStatus("", "", 0, 0, order=Order("an order", 0, 1)))
     member._on_state((1, 3))
     assert (member.joined, member.lockstep.newest[0]) == (False, 0)
     bench.spin_until(lambda: member.joined, "it listens again")
@@ -190,7 +190,7 @@ def test_the_team_goes_on_when_all_listen_and_the_recorder_has_obeyed():
     team = Returning(
         run,
         side,
-        SimpleNamespace(store=Store(), node=node),
+        SimpleNamespace(store=CheckpointStore(), node=node),
         lambda: gone_on.append(True),
     )
     team.order = Order("an order", 0, 1)
@@ -210,7 +210,7 @@ def test_a_recorder_has_obeyed_when_it_finds_the_robots(bench, tmp_path):
     observer = bench.observer()
     told = observer.listen(ros_topics.PROGRESS.type, "recorder/_progress", latched=True)
     recorder.recording.world_said(
-        Said("", "", 0, 0, order=Order("an order", ROLL_CALL, 1))
+        RunStatus("", "", 0, 0, order=Order("an order", NO_ROLLBACK, 1))
     )
     for robot in ("robot_1", "robot_2"):
         recorder.recording.go_on(time.monotonic())
@@ -328,7 +328,7 @@ def test_what_a_robot_has_lost_that_goes_on_alone_is_counted(its_step, lost):
     )
     world = SimpleNamespace(step=40, transitions=38)
     side = SimpleNamespace(held=False, finished=False, world=world)
-    output = SimpleNamespace(store=Store(), node=node, count=counted.update)
+    output = SimpleNamespace(store=CheckpointStore(), node=node, count=counted.update)
     team = Returning(make_run(load_scenario("env1"), {}), side, output, lambda: None)
     team.begin(0.0)
     team._on_progress(1, Progress("life 1", 0, 0))
@@ -348,7 +348,7 @@ def test_the_team_goes_on_without_who_does_not_obey_in_time():
     node = SimpleNamespace(subscriber=subscriber, get_logger=lambda: logger)
     side = SimpleNamespace(held=True, lost=0, start=lambda: None)
     run = make_run(load_scenario("env1"), {"recorded": True})
-    output = SimpleNamespace(store=Store(), node=node)
+    output = SimpleNamespace(store=CheckpointStore(), node=node)
     team = Returning(run, side, output, lambda: gone_on.append(True))
     team.begin(100.0)
     team.order = Order("an order", 0, 1)

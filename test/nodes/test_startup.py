@@ -268,9 +268,9 @@ def test_learned_tables_are_run_greedily(tmp_path, simulate):
     epsilons = []
 
     class Watched(Member):
-        def act(self, step, action, account):
+        def act(self, step, action, report):
             epsilons.append(self.lockstep.agent.epsilon(step))
-            super().act(step, action, account)
+            super().act(step, action, report)
 
     with pytest.MonkeyPatch.context() as patch, ros_context() as context:
         out = tmp_path / "first"

@@ -17,7 +17,7 @@ from sparse_coord_ros.core.runs.tables import tables_of, unpack_saved
 from sparse_coord_ros.log.bags.reader import open_bag
 from sparse_coord_ros.log.runlog import read_run
 from sparse_coord_ros.log.runlog.explain import row_in_words
-from sparse_coord_ros.protocol.wire.status import Said, read_status
+from sparse_coord_ros.protocol.wire.status import RunStatus, read_status
 from sparse_coord_ros.ros.nodes import ros_topics, team, watch
 from sparse_coord_ros.ros.nodes.messages import Converter, tables_message
 from sparse_coord_ros.ros.nodes.spin import ros_context
@@ -201,9 +201,9 @@ def test_a_robot_that_is_left_out_holds_nobody_up(good):
         team.tick()
     assert team.seen > 5 and len(team._steps) < 3 and team.whole
     step = next(iter(team._steps))
-    team.compare(Said("", "learning", step, team.seen, left_out=team.without))
+    team.compare(RunStatus("", "learning", step, team.seen, left_out=team.without))
     assert team.whole  # the world says so, too
-    team.compare(Said("", "learning", step, team.seen, left_out=0))
+    team.compare(RunStatus("", "learning", step, team.seen, left_out=0))
     assert not team.whole
 
 

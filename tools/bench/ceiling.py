@@ -21,7 +21,7 @@ from rclpy.publisher import Publisher
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.game.world import Action, Reward
 from sparse_coord_ros.core.runs.run_config import make_run
-from sparse_coord_ros.protocol.wire import Account, services
+from sparse_coord_ros.protocol.wire import SelfReport, services
 from sparse_coord_ros.protocol.wire.messages import CLOCK_FORM
 from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.environment import one_host
@@ -107,7 +107,7 @@ class BareRobot(Node):
         super().__init__(name, context=context)
         self._count = 0
         self._action = CONVERT.pack_action(
-            1, Action(0, False, -1, False), Account(0, False)
+            1, Action(0, False, -1, False), SelfReport(0, False)
         )
         self._publisher = publisher(self, ros_topics.ACTION, name)
         self._path = CONVERT.path(1, (0,))

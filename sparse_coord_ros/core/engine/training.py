@@ -29,7 +29,7 @@ from sparse_coord_ros.core.learners.registry import (
 )
 from sparse_coord_ros.core.runs.evaluation import Evaluation, Progress, silent, summary
 from sparse_coord_ros.core.runs.forms import check_own_memory
-from sparse_coord_ros.core.runs.run import Glimpse, LearningRun, Team
+from sparse_coord_ros.core.runs.run import LearningRun, Team, TeamTransition
 from sparse_coord_ros.core.runs.run_config import RUN_SETTINGS
 
 EVERY = Setting(
@@ -61,17 +61,19 @@ class Watcher(Protocol):
     It is asked once more before the last transition.
 
     Attributes:
-        wants_glimpse: whether it wants a transition to be made and shown when it looks next.
+        wants_transition: the watcher wants to see one single transition at the next look.
     """
 
-    wants_glimpse: bool
+    wants_transition: bool
 
-    def look(self, learning: LearningRun, glimpse: Glimpse | None) -> int | None:
+    def look(
+        self, learning: LearningRun, transition: TeamTransition | None
+    ) -> int | None:
         """Look at a run between two transitions.
 
         Args:
             learning: the run.
-            glimpse: the transition that it has just made, where it could be made apart.
+            transition: the transition just made, where it could be made singly; else None.
 
         Returns:
             After how many transitions to look again at the latest; 0: hold, and look again at
@@ -246,8 +248,10 @@ class _RunUnderWay:
             return None
         following = learning.done + 1
         apart = following == until or not every or following % every != 0
-        glimpse = learning.glimpse() if apart and watcher.wants_glimpse else None
-        return watcher.look(learning, glimpse)
+        transition = (
+            learning.make_transition() if apart and watcher.wants_transition else None
+        )
+        return watcher.look(learning, transition)
 
     def _save(self) -> None:
         """Write the checkpoint, where one is wanted."""

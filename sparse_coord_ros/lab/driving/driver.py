@@ -5,7 +5,7 @@
 import math
 
 from sparse_coord_ros.lab.driving.metric_map import MetricMap, Pose
-from sparse_coord_ros.lab.driving.mover import SLACK, Look, Mover
+from sparse_coord_ros.lab.driving.mover import SLACK, GoalState, Mover
 from sparse_coord_ros.lab.driving.steering import STOP, Command, Limits, distance, steer
 from sparse_coord_ros.protocol.lockstep.bodies import Goals, Reached
 
@@ -50,38 +50,38 @@ class Driver(Mover):
         None for both where there is nothing to do, or nothing new was seen since. Where the same
         pose comes again and again, the last answer was lost, and is given again.
         """
-        look = self._look()
+        state = self._goal_state()
         if self._goal is None:
             return None, self._ended if self._unheard else None
-        if look is None or not self._newer(look):
+        if state is None or not self._newer(state):
             return None, None  # a newer pose is to come
-        if look.goals.place:
-            return None, self._placed(look)
-        if look.stamp == self._answered and not self._unheard:
+        if state.goals.place:
+            return None, self._placed(state)
+        if state.stamp == self._answered and not self._unheard:
             return None, None
-        self._answered = look.stamp
-        return self._steered(look)
+        self._answered = state.stamp
+        return self._steered(state)
 
-    def _steered(self, look: Look) -> tuple[Command, Reached | None]:
+    def _steered(self, state: GoalState) -> tuple[Command, Reached | None]:
         """Steer to the next place of the way; stop where it ends, or when time is over."""
         if self._began is None:
-            self._began = look.stamp
-        self._way = way = self._way or self._find_way(look)
-        pose = look.pose
+            self._began = state.stamp
+        self._way = way = self._way or self._find_way(state)
+        pose = state.pose
         near = self._limits.near
         while len(way) > 1 and distance(pose, way[0]) <= near:
             way.pop(0)
         if distance(pose, way[0]) <= near:
-            return STOP, self._end(look, there=True)
-        if look.stamp - self._began >= self._limits.seconds - SLACK:
-            return STOP, self._end(look, there=False)
+            return STOP, self._end(state, there=True)
+        if state.stamp - self._began >= self._limits.seconds - SLACK:
+            return STOP, self._end(state, there=False)
         return steer(pose, way[0], self._limits), None
 
-    def _find_way(self, look: Look) -> list[tuple[float, float]]:
+    def _find_way(self, state: GoalState) -> list[tuple[float, float]]:
         """Return the places to pass, the goal last: through free cells, wherever the body is."""
         metric_map = self._metric_map
         robot = self._robot
-        (_, goal, pose, _, target) = look
+        (_, goal, pose, _, target) = state
         here = metric_map.cell(pose.x, pose.y)
         if here is None or here == goal.end:
             return [target]

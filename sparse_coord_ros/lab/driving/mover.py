@@ -30,7 +30,7 @@ REPEATS = 4
 simulator was started again."""
 
 
-class Look(NamedTuple):
+class GoalState(NamedTuple):
     """What a goal is judged by.
 
     Attributes:
@@ -114,14 +114,14 @@ class Mover:
         self._stamp = seconds
         self.pose = pose
 
-    def _look(self) -> Look | None:
+    def _goal_state(self) -> GoalState | None:
         """Return what the goal is judged by; None: there is no goal, or no pose."""
         if self._goal is None or self.pose is None:
             return None
         target = self._metric_map.place(self._robot, self._goal.end)
-        return Look(self._goals, self._goal, self.pose, self._stamp, target)
+        return GoalState(self._goals, self._goal, self.pose, self._stamp, target)
 
-    def _newer(self, look: Look) -> bool:
+    def _newer(self, state: GoalState) -> bool:
         """Whether the pose is newer than those that the goals knew of.
 
         A goal may overtake poses that were published before it. So a pose that is much older than
@@ -129,7 +129,7 @@ class Mover:
         """
         if self._repeats >= REPEATS:
             return True
-        older = look.goals.since - look.stamp
+        older = state.goals.since - state.stamp
         if older < -SLACK:
             self._other_clock = False
             return True
@@ -137,20 +137,20 @@ class Mover:
             self._other_clock = True
         return self._other_clock and older > BACK
 
-    def _placed(self, look: Look) -> Reached | None:
+    def _placed(self, state: GoalState) -> Reached | None:
         """Say that the body is where it was to be put; None while it is not."""
-        close = distance(look.pose, look.target) <= self._metric_map.side / 2
+        close = distance(state.pose, state.target) <= self._metric_map.side / 2
         there = close or self._metric_map.inside(
-            look.goal.end, look.pose.x, look.pose.y
+            state.goal.end, state.pose.x, state.pose.y
         )
-        return self._end(look, there=True) if there else None
+        return self._end(state, there=True) if there else None
 
-    def _end(self, look: Look, *, there: bool) -> Reached:
-        cell = self._metric_map.cell(look.pose.x, look.pose.y)
-        took = 0.0 if self._began is None else round(look.stamp - self._began, 9)
+    def _end(self, state: GoalState, *, there: bool) -> Reached:
+        cell = self._metric_map.cell(state.pose.x, state.pose.y)
+        took = 0.0 if self._began is None else round(state.stamp - self._began, 9)
         where = NO_CELL if cell is None else cell
         self._goal = None
         self._ended = Reached(
-            self._robot, look.goals.number, where, there, took, look.stamp
+            self._robot, state.goals.number, where, there, took, state.stamp
         )
         return self._ended

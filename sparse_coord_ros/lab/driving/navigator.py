@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 from sparse_coord_ros.lab.driving.metric_map import MetricMap, Pose
-from sparse_coord_ros.lab.driving.mover import Look, Mover
+from sparse_coord_ros.lab.driving.mover import GoalState, Mover
 from sparse_coord_ros.lab.driving.steering import distance
 from sparse_coord_ros.protocol.lockstep.bodies import Reached
 
@@ -221,54 +221,54 @@ class Navigator(Mover):
         ):
             self._leave(now)
             return None
-        look = self._look()
+        state = self._goal_state()
         late = now - self._taken >= SETTLE_SECONDS
-        if look is None or self._blind or not (late or self._newer(look)):
+        if state is None or self._blind or not (late or self._newer(state)):
             return None
         if self._began is None:
-            self._began = look.stamp
-        reached = self._arrives(look)
+            self._began = state.stamp
+        reached = self._arrives(state)
         if reached is not None:
             self.counts["arrived"] += 1
             self._leave(now)
             return reached
         limit = self._limits.seconds
-        if not look.goals.place and now - self._taken >= limit:
+        if not state.goals.place and now - self._taken >= limit:
             why = f"the move was not made within {limit:g} s (step_seconds)"
             self.give_up(now, "out of time", why)
         if self._over is not None:
-            return self._settles(look, *self._over, now)
-        self._send(look, now)
+            return self._settles(state, *self._over, now)
+        self._send(state, now)
         return None
 
-    def _arrives(self, look: Look) -> Reached | None:
+    def _arrives(self, state: GoalState) -> Reached | None:
         """Return that the body is where it was to go, whatever the server says; else None."""
-        if look.goals.place:
-            return self._placed(look)
-        near = distance(look.pose, look.target) <= self._limits.near
-        return self._end(look, there=True) if near else None
+        if state.goals.place:
+            return self._placed(state)
+        near = distance(state.pose, state.target) <= self._limits.near
+        return self._end(state, there=True) if near else None
 
     def _settles(
-        self, look: Look, since: float, before: float, now: float
+        self, state: GoalState, since: float, before: float, now: float
     ) -> Reached | None:
         """Return where a move that is over has ended, once the server and a newer pose say so.
 
         Args:
-            look: what is known.
+            state: what is known.
             since: when the move was over.
             before: the newest pose's stamp then.
             now: the time.
         """
-        unseen = look.stamp == before and now - since < SETTLE_SECONDS
+        unseen = state.stamp == before and now - since < SETTLE_SECONDS
         if self._sent is not None or unseen:
             return None
-        there = self._metric_map.inside(look.goal.end, look.pose.x, look.pose.y)
+        there = self._metric_map.inside(state.goal.end, state.pose.x, state.pose.y)
         self.counts["arrived" if there else "not there"] += 1
-        return self._end(look, there=there)
+        return self._end(state, there=there)
 
-    def _send(self, look: Look, now: float) -> None:
+    def _send(self, state: GoalState, now: float) -> None:
         """Send the goal where the server has none, unless it is to wait."""
-        goals, _, pose, _, (x, y) = look
+        goals, _, pose, _, (x, y) = state
         if (
             self._sent is None
             and now >= self._again

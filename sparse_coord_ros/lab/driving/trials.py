@@ -78,7 +78,7 @@ class Moment(NamedTuple):
     places: tuple[tuple[float, float], ...]
 
 
-class Floor:
+class DrivenTeam:
     """World, drivers and bodies in one process.
 
     Args:
@@ -157,7 +157,7 @@ class Drive:
     """What came of driven episodes; E episodes of K robots.
 
     Attributes:
-        floor: what happened in all episodes together.
+        team: what happened in all episodes together.
         steps: time steps of each episode, shape (E,).
         seconds: simulated seconds of each episode, shape (E,).
         arrived: whether each robot arrived within the horizon, shape (E, K).
@@ -168,7 +168,7 @@ class Drive:
         drift: metres between odometry and body at each episode's end, shape (E, K).
     """
 
-    floor: Floor
+    team: DrivenTeam
     steps: np.ndarray
     seconds: np.ndarray
     arrived: np.ndarray
@@ -209,13 +209,13 @@ def drive(
     horizon = scenario.horizon
     slips = values["slips"]
     world = BodyWorld(scenario, seed, slips=slips, phase=EVALUATION, max_steps=horizon)
-    floor = Floor(run, values, seed, world)
-    simulator = floor.simulator
-    sent = floor.bodies
+    driven_team = DrivenTeam(run, values, seed, world)
+    simulator = driven_team.simulator
+    sent = driven_team.bodies
     found: list[tuple[Any, ...]] = []
     for episode in range(episodes):
         world.begin_episode()
-        floor.followed = episode if episode < followed else None
+        driven_team.followed = episode if episode < followed else None
         touched = len(simulator.touches)
         before = sent.seconds
         times = np.full(len(tables), horizon)
@@ -224,7 +224,7 @@ def drive(
         while not world.episode_over:
             actions = team.act(world)
             while not sent.made(actions):
-                floor.drive()
+                driven_team.drive()
             outcome = world.advance(actions)
             steps += 1
             miscoordinations += outcome.miscoordination
@@ -242,5 +242,5 @@ def drive(
         )
         progress(episode + 1)
     return Drive(
-        floor, *map(np.array, zip(*found, strict=True))
+        driven_team, *map(np.array, zip(*found, strict=True))
     )  # in the order of its fields

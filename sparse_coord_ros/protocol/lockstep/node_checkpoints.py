@@ -42,7 +42,7 @@ KEPT_COMMON = 2
 """How many of its newest files a node keeps, and how many of those that all nodes here have."""
 
 
-class Store:
+class CheckpointStore:
     """Where a node's checkpoints are: nowhere. `Checkpoints` has them on disk."""
 
     def steps(self) -> list[int]:
@@ -64,7 +64,7 @@ class Store:
         """Save what was counted so far."""
 
 
-class Checkpoints(Store):
+class Checkpoints(CheckpointStore):
     """One node's checkpoints on disk.
 
     Args:

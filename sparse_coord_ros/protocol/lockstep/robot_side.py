@@ -16,7 +16,7 @@ from sparse_coord_ros.core.game.world import Action, Reward
 from sparse_coord_ros.core.learners.agent import Agent, Choice, Decision
 from sparse_coord_ros.core.learners.mind import Memory
 from sparse_coord_ros.core.runs.run_config import RunConfig
-from sparse_coord_ros.protocol.wire import COUNTS, Account, PerceptEnd
+from sparse_coord_ros.protocol.wire import COUNTS, PerceptEnd, SelfReport
 
 NO_STEP = 0
 """The step of a request by a person, who does not know the time step."""
@@ -33,7 +33,7 @@ class RobotPort(Protocol):
     def ask(self, peer: int, step: int, cell: int) -> None:
         """Request the peer's local state of a time step; `cell` is the asker's own."""
 
-    def act(self, step: int, action: Action, account: Account) -> None:
+    def act(self, step: int, action: Action, report: SelfReport) -> None:
         """Publish the action that answers the local state of a time step."""
 
     def percept(self, step: int, cell: int, perceived: tuple[int, ...] | None) -> None:
@@ -108,7 +108,7 @@ class RobotSide:
         self._states: deque[tuple[int, int]] = deque()
         self._reward: Reward | None = None
         self._choice: Choice | None = None  # whose outcome is still to come
-        self._account = Account(
+        self._self_report = SelfReport(
             PerceptEnd.DID_NOT_ASK, False
         )  # what was said beside it
         self._asked: Decision | None = (
@@ -221,16 +221,16 @@ class RobotSide:
         # What it has chosen at this step, it will choose again.
         chosen = self._asked is not None or self._choice is not None
         asks = self._asks_before if chosen else self.asks.values()
-        told = self._learned_last if self._choice is None else self._account.learned
+        told = self._learned_last if self._choice is None else self._self_report.learned
         place = self.handled, self._cell, self.transitions, self._episode_start
         return RobotState(
             *place, told, (*asks, self.learned, self.dropped), self.agent.memory()
         )
 
-    def account_of(self, step: int) -> Account | None:
+    def self_report_of(self, step: int) -> SelfReport | None:
         """Return what the robot said of itself at a time step; None: it is over, or to come."""
         return (
-            self._account
+            self._self_report
             if self._choice is not None and step == self._handled
             else None
         )
@@ -298,7 +298,7 @@ class RobotSide:
     def _repeat(self, step: int, cell: int) -> None:
         """The world says a state again because it misses the action: say it, or choose it now."""
         if self._choice is not None and self._handled == step:
-            self._port.act(step, self._choice.action, self._account)
+            self._port.act(step, self._choice.action, self._self_report)
         elif self._asked is None and self._handled == step and cell != self.agent.goal:
             self._choose()
 
@@ -333,9 +333,9 @@ class RobotSide:
         if ended in (PerceptEnd.ANSWERED, PerceptEnd.REFUSED, PerceptEnd.LATE):
             self.asks[ended.words] += 1
         action = self.agent.act(step, cell, decision, perceived)
-        account = self._account = Account(ended, self._learned_last)
+        report = self._self_report = SelfReport(ended, self._learned_last)
         self._learned_last = False
         self._choice = Choice(self._cell, decision, action, perceived)
         if action.asked:
             self._port.percept(step, cell, perceived)
-        self._port.act(step, action, account)
+        self._port.act(step, action, report)

@@ -12,7 +12,7 @@ from typing import NamedTuple, Protocol
 from sparse_coord_ros.core.game.game import Game, ResumableGame
 from sparse_coord_ros.core.game.world import Action, Position, Reward, World
 from sparse_coord_ros.core.runs.history import History, HistoryRecorder
-from sparse_coord_ros.core.runs.run import Glimpse
+from sparse_coord_ros.core.runs.run import TeamTransition
 from sparse_coord_ros.core.runs.run_config import RunConfig
 from sparse_coord_ros.protocol.wire import Began
 
@@ -84,7 +84,7 @@ class WorldSide:
         self.began: str = Began.START
         self.absent: set[int] = set()
         self.history = HistoryRecorder(len(run.scenario.robots))
-        self.watcher: Callable[[Glimpse], None] | None = None
+        self.watcher: Callable[[TeamTransition], None] | None = None
         self.held = False
         self._begins = True
         self._port = port
@@ -212,7 +212,7 @@ class WorldSide:
         if self.watcher is not None:
             after = tuple(self.world.cells)
             said = self.actions, after, outcome.miscoordination, outcome.rewards
-            self.watcher(Glimpse(step, before, *said))
+            self.watcher(TeamTransition(step, before, *said))
         self._begin_step()
         for k in acted:
             self._rewards[k] = (step, outcome.rewards[k])

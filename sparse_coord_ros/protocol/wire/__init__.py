@@ -52,7 +52,7 @@ class Topic:
         type_name: the message's type, such as `std_msgs/msg/String`.
         owner: whose it is.
         delivery: how it is published.
-        tapped: published as packed bytes, and handed to a recorder in the same process: what
+        packed: published as packed bytes, and handed to a recorder in the same process: what
             each time step and episode says.
         recorded: it is written into a bag as it is.
         labels: of a sensor_msgs/JointState: what its numbers are called. A reader looks numbers
@@ -64,7 +64,7 @@ class Topic:
     type_name: str
     owner: Owner
     delivery: Delivery
-    tapped: bool = False
+    packed: bool = False
     recorded: bool = True
     labels: tuple[str, ...] = ()
     limit: Limit = limits.MESSAGE
@@ -123,7 +123,7 @@ class PerceptEnd(IntEnum):
         )
 
 
-class Account(NamedTuple):
+class SelfReport(NamedTuple):
     """What a robot says of itself in its `action`, beside the action: the fields are labels there.
 
     Attributes:
@@ -136,7 +136,7 @@ class Account(NamedTuple):
 
 
 ACTION_LABELS = ("east", "north", "coordinate", "peer", "perceived")
-"""Of an `action`: what the action's own numbers are called; after them comes the account."""
+"""Of an `action`: what the action's own numbers are called; after them comes the `SelfReport`."""
 
 PARTNERS = "partners"
 """A label more of `reward` where the world has a `referee`: the sum of 2^(j-1) of the robots j
@@ -161,14 +161,14 @@ _PARAMETERS = "rcl_interfaces/msg/ParameterEvent"
 
 RUN = Topic("run", _STRING, TEAM, _LATCHED, limit=limits.SCENARIO)
 STATUS = Topic("status", _STATUS, TEAM, _LATCHED)
-CLOCK = Topic("clock", _CLOCK, TEAM, _STEP, tapped=True)
+CLOCK = Topic("clock", _CLOCK, TEAM, _STEP, packed=True)
 """Outside any namespace that is /clock, which nodes with `use_sim_time` follow. Of a run whose
 `clock` is none it is called `HIDDEN_CLOCK`: the log needs it, and /clock is others'."""
 
 HIDDEN_CLOCK = "_clock"
 
-MAP = Topic("map", _GRID, TEAM, _LATCHED, tapped=True, limit=limits.PICTURE)
-MARKERS = Topic("markers", _MARKERS, TEAM, _LATCHED, tapped=True, limit=limits.PICTURE)
+MAP = Topic("map", _GRID, TEAM, _LATCHED, packed=True, limit=limits.PICTURE)
+MARKERS = Topic("markers", _MARKERS, TEAM, _LATCHED, packed=True, limit=limits.PICTURE)
 SCENE = Topic("scene", _MARKERS, TEAM, _LATCHED, limit=limits.PICTURE)
 """For people only: names of robots, who asks whom, how full doorways are."""
 
@@ -176,17 +176,17 @@ DIAGNOSTICS = Topic("/diagnostics", _REPORT, TEAM, _EVENT, limit=limits.PICTURE)
 """Absolute, as REP 107 has it, so that an aggregator hears every team; drivers and other teams
 publish here too. The stamps are of the wall clock, in no frame."""
 
-LOCAL_STATE = Topic("local_state", _POSE, ROBOT, _STEP, tapped=True)
+LOCAL_STATE = Topic("local_state", _POSE, ROBOT, _STEP, packed=True)
 REWARD_LABELS = ("individual", "common", "ask_cost", "total")
-REWARD = Topic("reward", _NUMBERS, ROBOT, _STEP, tapped=True, labels=REWARD_LABELS)
+REWARD = Topic("reward", _NUMBERS, ROBOT, _STEP, packed=True, labels=REWARD_LABELS)
 ACTION = Topic(
     *("action", _NUMBERS, ROBOT, _STEP),
-    tapped=True,
-    labels=(*ACTION_LABELS, *Account._fields),
+    packed=True,
+    labels=(*ACTION_LABELS, *SelfReport._fields),
 )
 PERCEPT = Topic("percept", _PATH, ROBOT, _STEP)
 COORDINATION_MAP = Topic(
-    *("coordination_map", _GRID, ROBOT, _LATCHED), tapped=True, limit=limits.PICTURE
+    *("coordination_map", _GRID, ROBOT, _LATCHED), packed=True, limit=limits.PICTURE
 )
 PROGRESS = Topic("_progress", _STATUS, ROBOT, _LATCHED)
 """What a robot says of its checkpoints, and the recorder of the orders that it has seen."""

@@ -13,7 +13,7 @@ from sparse_coord_ros.protocol.lockstep.timeouts import (
     Reminder,
     WorldPresence,
 )
-from sparse_coord_ros.protocol.wire.status import Said, read_status
+from sparse_coord_ros.protocol.wire.status import RunStatus, read_status
 from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.messages import read_run, run_announced
 from sparse_coord_ros.ros.nodes.outputs import check_place
@@ -55,7 +55,7 @@ class Follower(ParameterNode):
         super().__init__(name, table, **place)
         self.part: Any = self
         self.run: RunConfig | None = None
-        self.status: Said | None = None
+        self.status: RunStatus | None = None
         self.presence: WorldPresence | None = None
         self._missing = Reminder()
         self._reported = time.monotonic()
@@ -94,7 +94,7 @@ class Follower(ParameterNode):
     def begin(self, run: RunConfig) -> None:
         """Begin with a run."""
 
-    def world_said(self, said: Said) -> None:
+    def world_said(self, said: RunStatus) -> None:
         """Take in a status of the run's world, also the last one before the node began."""
 
     def go_on(self, now: float) -> None:
@@ -149,7 +149,7 @@ class Follower(ParameterNode):
     def _on_run(self, run: RunConfig | None) -> None:
         self.run = run or self.run
 
-    def _on_status(self, said: Said) -> None:
+    def _on_status(self, said: RunStatus) -> None:
         self.status = said
         if self.presence is None:
             return

@@ -31,7 +31,7 @@ from sparse_coord_ros.core.runs.tables import (
 from sparse_coord_ros.protocol.lockstep.node_checkpoints import (
     CHECKPOINTS,
     Checkpoints,
-    Store,
+    CheckpointStore,
 )
 from sparse_coord_ros.protocol.lockstep.robot_side import ASKS, RobotState
 from sparse_coord_ros.protocol.lockstep.world_side import WorldState
@@ -166,7 +166,7 @@ class Output:
         self._text = run.to_yaml()
         self._out = Path(node.values["out"]) if node.values["out"] else None
         self._counted: Counter[str] = Counter()
-        self.store = Store()
+        self.store = CheckpointStore()
         if self._out is not None:
             self._open(self._out, () if node.values["resume"] else own)
             self.store = checkpoints = Checkpoints(self._out, name, run)

@@ -57,6 +57,11 @@ from sparse_coord_ros.protocol.lockstep.timeouts import Reminder
 from sparse_coord_ros.protocol.wire import RECORDER, WORLD
 from sparse_coord_ros.protocol.wire.frame import SECOND
 from sparse_coord_ros.protocol.wire.services import Service
+from sparse_coord_ros.ros.nodes.direct_recording import (
+    DirectRecording,
+    DirectTopic,
+    PackedPublisher,
+)
 from sparse_coord_ros.ros.nodes.messages import status
 from sparse_coord_ros.ros.nodes.ros_topics import (
     DIAGNOSTICS,
@@ -66,7 +71,6 @@ from sparse_coord_ros.ros.nodes.ros_topics import (
 )
 from sparse_coord_ros.ros.nodes.ros_topics import RECORDING as RECORDING_TOPIC
 from sparse_coord_ros.ros.nodes.subscriber import Subscriber
-from sparse_coord_ros.ros.nodes.tap import Line, PackedPublisher, Tap
 from sparse_coord_ros.show.page.controls import PAGE_SETTINGS
 
 RCLError = rclpy_implementation.RCLError
@@ -125,14 +129,14 @@ class Place(TypedDict, total=False):
         context: the ROS context.
         namespace: the team's namespace.
         values: parameters given by the program; None: those of the command line count.
-        tap: the way to a recorder in the same process; None: a recorder subscribes as others do.
+        direct: the direct way to a recorder in the same process; None: a recorder subscribes.
         shared_clients: those of the robots of this process, by service.
     """
 
     context: Context
     namespace: str
     values: Mapping[str, Any] | None
-    tap: Tap | None
+    direct: DirectRecording | None
     shared_clients: dict[str, Client]
 
 
@@ -150,7 +154,7 @@ class ParameterNode(Node):
         subscriber: its subscriptions.
         full_name: its name with its namespace, as diagnostics say it: `team_a/robot_1`.
         born: when the node began, by the monotonic clock.
-        tap: the way to a recorder in the same process; None: there is none.
+        direct: the way to a recorder in the same process; None: there is none.
         shared_clients: those of the robots of this process, by service; others make their own.
         reminder: when to say what the node waits for.
         failure: why the node must stop, or None.
@@ -185,7 +189,7 @@ class ParameterNode(Node):
         self.done = False
         self.at_end = ExitStack()
         self._table = table
-        self.tap = place.get("tap")
+        self.direct = place.get("direct")
         self.shared_clients = place.get("shared_clients", {})
         self.subscriber = Subscriber(self)
         try:
@@ -287,12 +291,14 @@ class ParameterNode(Node):
 
     def announce(self, topic: RosTopic, owner: str = "") -> Publisher:
         """Return a new publisher of a topic of the team, or of a robot's or node's own."""
-        how: Any = {"publisher_class": PackedPublisher} if topic.tapped else {}
+        how: Any = {"publisher_class": PackedPublisher} if topic.packed else {}
         publisher = self.create_publisher(topic.type, topic.of(owner), topic.qos, **how)
         if isinstance(publisher, PackedPublisher):
             publisher.send = publisher.handle.publish_raw
-            publisher.line = (
-                Line() if self.tap is None else self.tap.line(publisher.topic_name)
+            publisher.direct = (
+                DirectTopic()
+                if self.direct is None
+                else self.direct.topic(publisher.topic_name)
             )
         return publisher
 
@@ -331,11 +337,11 @@ class ParameterNode(Node):
 
         Bystanders (`ros2 topic echo`, RViz) do not count.
         """
-        if role == RECORDER and self.tap is not None:
-            if self.tap.closed:
+        if role == RECORDER and self.direct is not None:
+            if self.direct.closed:
                 return True
             if isinstance(publisher, PackedPublisher):
-                return publisher.line.write is not None
+                return publisher.direct.write is not None
         return publisher.get_subscription_count() > 0 and self.is_heard(
             publisher.topic_name, role
         )
@@ -345,7 +351,7 @@ class ParameterNode(Node):
 
         Of one name all do: a killed node is in the graph for 20 s, beside the one that came back.
         """
-        if role == RECORDER and self.tap is not None and self.tap.closed:
+        if role == RECORDER and self.direct is not None and self.direct.closed:
             return True
         infos = self.get_subscriptions_info_by_topic(self.resolve_topic_name(topic))
         ears = Counter(info.node_name for info in infos)

@@ -24,7 +24,7 @@ ROS_OWN = (wire.ROSOUT.name, wire.PARAMETER_EVENTS.name)
 """Topics that every node has itself."""
 
 
-class Stage:
+class PlayedTopics:
     """The publishers of a bag's topics, and of a clock where the bag has none.
 
     Warns of what cannot be played.

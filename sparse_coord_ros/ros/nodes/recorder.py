@@ -33,10 +33,10 @@ from sparse_coord_ros.protocol.wire.frame import SECOND
 from sparse_coord_ros.protocol.wire.messages import STAMPED
 from sparse_coord_ros.protocol.wire.status import (
     NO_ORDER,
-    ROLL_CALL,
+    NO_ROLLBACK,
     Order,
     Progress,
-    Said,
+    RunStatus,
 )
 from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.follower import Follower
@@ -150,7 +150,7 @@ class Recording:
         if order.name == self.obeyed:
             return
         self.obeyed = order.name
-        if order.step != ROLL_CALL:
+        if order.step != NO_ROLLBACK:
             self.bag.begin_file(why_of(order))
             self.now_ns = self.said_ns = (order.first - 1) * self.convert.period
             self._tables.clear()
@@ -225,8 +225,8 @@ class Recording:
             write_down(channel, data, self.now_ns, self.now_ns)
 
         write = stamped if topic.stamped else other
-        if node.tap is not None and topic.tapped:
-            node.tap.line(node.resolve_topic_name(name)).write = node.guarded(write)
+        if node.direct is not None and topic.packed:
+            node.direct.topic(node.resolve_topic_name(name)).write = node.guarded(write)
         else:
             shared = topic.name == ros_topics.DIAGNOSTICS.name
             qos = ros_topics.recorder_qos(topic)
@@ -246,7 +246,7 @@ class Recording:
 
     # What a follower of a run does.
 
-    def world_said(self, said: Said) -> None:
+    def world_said(self, said: RunStatus) -> None:
         """Go back where the world says so; take in its time."""
         if said.order.name:
             self.go_back(said.order)
@@ -289,7 +289,7 @@ class Recording:
         A robot cannot tell by itself as long as a killed recorder is in its graph.
         """
         names = map(ros_topics.ACTION.of, self.run.scenario.names)
-        return self._node.tap is not None or all(
+        return self._node.direct is not None or all(
             map(self._node.count_publishers, names)
         )
 
@@ -309,7 +309,7 @@ class Recording:
         node = self._node
         names = self.run.scenario.names
         tables = ros_topics.TABLES.of
-        if node.tap is None:
+        if node.direct is None:
             speakers = [*map(tables, names), ros_topics.STATUS.name]
         else:
             speakers = [tables(name) for name in names if name not in self.final]
@@ -330,7 +330,7 @@ class Recording:
 
 def why_of(order: Order) -> dict[str, str]:
     """Return what a file says that begins with an order, or without one."""
-    if not order.name or order.step == ROLL_CALL:
+    if not order.name or order.step == NO_ROLLBACK:
         return {"why": RESTARTED}
     return {"why": ROLLED_BACK, "step": str(order.step), "first": str(order.first)}
 
@@ -339,8 +339,8 @@ class Recorder(Follower):
     """Writes down every topic of the team and the service events, as they are.
 
     Args:
-        place: where the node is made, and with what: see `Place`. With a tap the recorder writes
-            by another process, and an error of the recording does not stop the others.
+        place: where the node is made, and with what: see `Place`. With `direct` another process
+            writes the bag, and an error of the recording does not stop the other nodes.
 
     Attributes:
         directory: of the bag.
@@ -372,7 +372,7 @@ class Recorder(Follower):
     def fail(self, error: SparseCoordError) -> None:
         """Stop; beside nodes in the same process, let them go on where only the bag is broken."""
         if (
-            self.tap is None
+            self.direct is None
             or self.recording is None
             or not isinstance(error, BagError)
         ):
@@ -380,7 +380,7 @@ class Recorder(Follower):
         elif self.error is None:
             self.error = error
             self.done = True
-            self.tap.close()
+            self.direct.close()
             self.get_logger().error(f"{error}; the run goes on unrecorded")
 
     def may_begin(self, now: float) -> bool:
@@ -413,7 +413,9 @@ class Recorder(Follower):
         order = Order() if self.status is None else self.status.order
         if earlier is not None:
             options |= {"earlier": earlier, "why": why_of(order)}
-        bag = (BagWriter if self.tap is None else BagProcess)(self.directory, **options)
+        bag = (BagWriter if self.direct is None else BagProcess)(
+            self.directory, **options
+        )
         self.at_end.enter_context(
             contextlib.suppress(BagError)
         )  # a broken one stays unfinished
@@ -445,7 +447,7 @@ class Recorder(Follower):
         try:
             bag.close()
         except BagError as error:
-            if self.tap is None:
+            if self.direct is None:
                 self.fail(error)
                 raise
             self.error = error

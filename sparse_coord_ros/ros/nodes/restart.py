@@ -13,7 +13,7 @@ from sparse_coord_ros.protocol.lockstep.world_side import WorldSide
 from sparse_coord_ros.protocol.wire import RECORDER
 from sparse_coord_ros.protocol.wire.status import (
     NO_ORDER,
-    ROLL_CALL,
+    NO_ROLLBACK,
     Progress,
     read_progress,
 )
@@ -60,7 +60,7 @@ class Returning(WorldRollback):
     @property
     def calling(self) -> bool:
         """Whether the team waits for all to say where they are, before it goes on there."""
-        return self._side.held and self.order.step == ROLL_CALL
+        return self._side.held and self.order.step == NO_ROLLBACK
 
     def resume(self) -> list[str]:
         """Where a run is resumed, order from where; return whose checkpoints are not known yet.

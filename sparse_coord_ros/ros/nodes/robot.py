@@ -21,8 +21,8 @@ from sparse_coord_ros.protocol import wire
 from sparse_coord_ros.protocol.lockstep.robot_side import NO_STEP, RobotSide
 from sparse_coord_ros.protocol.lockstep.rollback import RobotRollback
 from sparse_coord_ros.protocol.lockstep.step_filter import StepFilter
-from sparse_coord_ros.protocol.wire import RECORDER, WORLD, Account, services
-from sparse_coord_ros.protocol.wire.status import ROLL_CALL, Said
+from sparse_coord_ros.protocol.wire import RECORDER, WORLD, SelfReport, services
+from sparse_coord_ros.protocol.wire.status import NO_ROLLBACK, RunStatus
 from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.exchange import Exchange
 from sparse_coord_ros.ros.nodes.follower import Follower
@@ -128,11 +128,11 @@ class Member:
             status(self._name, "progress", self._back.progress().values())
         )
 
-    def world_said(self, said: Said) -> None:
+    def world_said(self, said: RunStatus) -> None:
         """Take in what the world says: an order to go back, and how far it is."""
         order = said.order
         if self._back.obey(order):
-            if order.step != ROLL_CALL:
+            if order.step != NO_ROLLBACK:
                 self._unsaid = False
                 self._step_filter = StepFilter(order.first)
                 self._peers.start_anew()
@@ -149,9 +149,9 @@ class Member:
 
     # Outgoing: the port of the lock step.
 
-    def act(self, step: int, action: Action, account: Account) -> None:
+    def act(self, step: int, action: Action, report: SelfReport) -> None:
         """Publish the action that answers the local state of a time step."""
-        self._action.publish(self._convert.pack_action(step, action, account))
+        self._action.publish(self._convert.pack_action(step, action, report))
 
     def percept(self, step: int, cell: int, perceived: tuple[int, ...] | None) -> None:
         """Publish what came of COORDINATE."""

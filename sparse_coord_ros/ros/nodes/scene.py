@@ -118,14 +118,12 @@ class Scene:
     def _read(self, action: bytes) -> tuple[int, str] | None:
         """Return whom an action asked (from 0, -1: all) and how it ended; None: it did not ask."""
         try:
-            acted, said, account = self.convert.unpack_account(action)
+            acted, said, report = self.convert.unpack_self_report(action)
         except ValueError:  # the world takes an action, whatever else a robot says
             return None
         if not said.asked or acted < self.step - 1:
             return None
-        end = (
-            PerceptEnd.ANSWERED if said.perceived else PerceptEnd.said(account.percept)
-        )
+        end = PerceptEnd.ANSWERED if said.perceived else PerceptEnd.said(report.percept)
         return said.peer, FAILED if end is None else end.outcome
 
     def _doorway(self, number: int, cell: int, robots: int) -> Marker:

@@ -15,6 +15,7 @@ from sparse_coord_ros.core.runs.run_config import RunConfig, create_output
 from sparse_coord_ros.log.bags.reader import BAG_DIRECTORY
 from sparse_coord_ros.protocol.lockstep.node_checkpoints import check_robots
 from sparse_coord_ros.protocol.wire import RECORDER, WORLD
+from sparse_coord_ros.ros.nodes.direct_recording import DirectRecording
 from sparse_coord_ros.ros.nodes.outputs import begin_with, gather, resumed_run
 from sparse_coord_ros.ros.nodes.parameters import (
     TEAM_PARAMETERS,
@@ -31,7 +32,6 @@ from sparse_coord_ros.ros.nodes.spin import (
     ros_context,
     spin_nodes,
 )
-from sparse_coord_ros.ros.nodes.tap import Tap
 from sparse_coord_ros.ros.nodes.world_simulator import WorldSimulator
 
 if TYPE_CHECKING:
@@ -90,8 +90,12 @@ def run_team(
     out = Path(values["out"] or f"{run.scenario.name}_{datetime.now():%Y%m%d_%H%M%S}")
     if not values["resume"]:
         create_output(out)
-    tap = Tap() if values["record"] else None
-    place: dict[str, Any] = {"context": context, "namespace": namespace, "tap": tap}
+    direct = DirectRecording() if values["record"] else None
+    place: dict[str, Any] = {
+        "context": context,
+        "namespace": namespace,
+        "direct": direct,
+    }
     place["shared_clients"] = {}
     nodes: list[ParameterNode] = []
     recorder = None

@@ -25,13 +25,13 @@ from sparse_coord_ros.core.game.miscoordination import meeting_places, miscoordi
 from sparse_coord_ros.core.game.world import FIRST_STEP, Action, Reward, StepOutcome
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs.history import HistoryRecorder
-from sparse_coord_ros.core.runs.run import Glimpse
+from sparse_coord_ros.core.runs.run import TeamTransition
 from sparse_coord_ros.core.runs.run_config import RunConfig
 from sparse_coord_ros.core.runs.tables import tables_of, unpack_saved
 from sparse_coord_ros.protocol import wire
 from sparse_coord_ros.protocol.lockstep.robot_side import RobotSide
-from sparse_coord_ros.protocol.wire import WORLD, Account, PerceptEnd, services
-from sparse_coord_ros.protocol.wire.status import Said
+from sparse_coord_ros.protocol.wire import WORLD, PerceptEnd, SelfReport, services
+from sparse_coord_ros.protocol.wire.status import RunStatus
 from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.follower import Follower
 from sparse_coord_ros.ros.nodes.halting import Halting
@@ -184,14 +184,14 @@ class InsideWatch(ParameterNode):
         board.source = self._controls
         self.create_timer(PAGE_SECONDS, self._tick)
 
-    def _on_transition(self, seen: Glimpse) -> None:
+    def _on_transition(self, seen: TeamTransition) -> None:
         """Hear of each transition, from the world's side of the lock step."""
         ends: list[PerceptEnd | None] = []
         if any(
             one is not None and one.asked and not one.perceived for one in seen.actions
         ):
             said = [
-                None if one is None else one.account_of(seen.step)
+                None if one is None else one.self_report_of(seen.step)
                 for one in self._sides()
             ]
             ends = [
@@ -313,7 +313,7 @@ class WatchNode(Follower):
         self.presence = None
         return run
 
-    def world_said(self, said: Said) -> None:
+    def world_said(self, said: RunStatus) -> None:
         """Show the world's state, and compare what was heard with what it has done."""
         self._transitions = said.transitions
         view = self.team.view
@@ -399,7 +399,7 @@ class HeardTeam:
         self._steps: defaultdict[int, _Heard] = defaultdict(_Heard)
         self._newest: int | None = None
         self._last_made: int | None = None
-        self._said: Said | None = None
+        self._said: RunStatus | None = None
         convert = Converter(run)
         listen = node.subscriber.listen
         self._subscriptions = []
@@ -413,7 +413,7 @@ class HeardTeam:
                 (
                     ros_topics.ACTION,
                     self._on_action,
-                    {"unpack": convert.unpack_account},
+                    {"unpack": convert.unpack_self_report},
                 ),
                 (ros_topics.REWARD, self._on_reward, {"unpack": convert.unpack_reward}),
                 (ros_topics.TABLES, self._on_tables, {"read": read_tables_message}),
@@ -426,9 +426,9 @@ class HeardTeam:
         for subscription in self._subscriptions:
             self._node.destroy_subscription(subscription)
 
-    def _on_action(self, k: int, said: tuple[int, Action, Account]) -> None:
-        step, action, account = said
-        self._steps[step].said[k] = action, PerceptEnd.said(account.percept)
+    def _on_action(self, k: int, said: tuple[int, Action, SelfReport]) -> None:
+        step, action, report = said
+        self._steps[step].said[k] = action, PerceptEnd.said(report.percept)
         self.catch_up()
 
     def _on_reward(self, k: int, said: tuple[int, Reward]) -> None:
@@ -452,7 +452,7 @@ class HeardTeam:
         self._steps[step].cells.setdefault(k, cell)
         self.catch_up()
 
-    def compare(self, said: Said) -> None:
+    def compare(self, said: RunStatus) -> None:
         """Compare what was heard with what the world says to have done, as soon as that can be."""
         self._said = said
         self.catch_up()
@@ -554,7 +554,7 @@ class HeardTeam:
         )
         self.seen += 1
         cells = tuple(here.cells[k] for k in robots)
-        self.view.take(Glimpse(step, cells, actions, after, met, rewards, ends))
+        self.view.take(TeamTransition(step, cells, actions, after, met, rewards, ends))
 
     def _on_tables(self, k: int, said: tuple[bytes, int, str]) -> None:
         data, step, _ = said

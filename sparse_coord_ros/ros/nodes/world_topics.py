@@ -15,7 +15,7 @@ from sparse_coord_ros.core.runs.run_config import OWN_CLOCK, RunConfig
 from sparse_coord_ros.protocol.lockstep.timeouts import Silence
 from sparse_coord_ros.protocol.lockstep.world_side import WorldSide
 from sparse_coord_ros.protocol.wire import RECORDER
-from sparse_coord_ros.protocol.wire.status import Order, Said
+from sparse_coord_ros.protocol.wire.status import Order, RunStatus
 from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.messages import Converter, status
 from sparse_coord_ros.ros.nodes.parameters import ParameterNode
@@ -160,7 +160,7 @@ class WorldTopics:
         """Publish the status: what the world does, how far it is, and the order that stands."""
         game = self._game
         counts = game.step, game.transitions, side.left_out
-        values = Said(self._run.id, state, *counts, side.began, order).values()
+        values = RunStatus(self._run.id, state, *counts, side.began, order).values()
         self._status_publisher.publish(status(self._run.scenario.name, state, values))
 
     def show(self, *, scene: bool = True, always: bool = False) -> None:

@@ -18,7 +18,7 @@ from sparse_coord_ros.core.game.actions import ACTIONS, DIRECTIONS
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs.evaluation import MEASURES
 from sparse_coord_ros.core.runs.history import History
-from sparse_coord_ros.core.runs.run import Glimpse
+from sparse_coord_ros.core.runs.run import TeamTransition
 from sparse_coord_ros.core.runs.run_config import RunConfig
 from sparse_coord_ros.core.solve.exact import evaluate_best
 from sparse_coord_ros.core.solve.shipped import yardsticks
@@ -93,7 +93,7 @@ def run_fields(run: RunConfig) -> Message:
     }
 
 
-def frame_fields(seen: Glimpse, trails: Sequence[Sequence[int]]) -> Message:
+def frame_fields(seen: TeamTransition, trails: Sequence[Sequence[int]]) -> Message:
     """Return a time step: where the robots are, who asks whom, where it leads.
 
     Args:
@@ -209,7 +209,7 @@ def evaluation_fields(
 
 def put_end(
     board: MessageBoard, run: RunConfig, tables: Sequence[Tables]
-) -> tuple[Glimpse, ...]:
+) -> tuple[TeamTransition, ...]:
     """Show the value of a finished run's tables, and in words what they do in a greedy episode.
 
     Returns:
@@ -241,7 +241,7 @@ def put_end(
     return steps
 
 
-def asked_of(seen: Glimpse, question: Question) -> Asked | None:
+def asked_of(seen: TeamTransition, question: Question) -> Asked | None:
     """Return what a question of a time step brought; None where the asker's cell is not known."""
     cell = seen.cells[question.asker]
     if cell is None:
@@ -255,7 +255,7 @@ def asked_of(seen: Glimpse, question: Question) -> Asked | None:
 
 def in_words(
     run: RunConfig,
-    seen: Glimpse,
+    seen: TeamTransition,
     known: Container[int],
     words: Words,
     rows: Mapping[int, str],

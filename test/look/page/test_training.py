@@ -44,8 +44,8 @@ def test_both_engines_show_the_same_transitions(name, learner, settings):
     for _ in range(60):
         for engine in (plain, compiled):
             engine.advance(engine.done + 2)
-        seen = plain.glimpse()
-        other = compiled.glimpse()
+        seen = plain.make_transition()
+        other = compiled.make_transition()
         assert seen == other and plain.done == compiled.done
         assert all(isinstance(one, Action | None) for one in seen.actions)
     assert np.array_equal(plain.asked, compiled.asked)
@@ -140,7 +140,7 @@ def test_the_last_frame_shows_what_was_learned_at_the_end(learner, every, clock)
         assert (frame["state"], frame["transitions"]) == ("finished", 5000)
         alone = plain_run(problem, learner, 0)
         alone.advance(4999)
-        assert (frame["step"], frame["cells"]) == alone.glimpse()[:2]
+        assert (frame["step"], frame["cells"]) == alone.make_transition()[:2]
         assert [one["step"] for one in tables] == [None, None]
         for one, own in zip(tables, done.tables, strict=True):
             assert one["q_star"] == messages._plain(own.q_star)
@@ -197,11 +197,11 @@ def interrupted(look):
     """Return a look at a run that is interrupted at the fifth time."""
     times = []
 
-    def looked(view, learning, glimpse):
+    def looked(view, learning, transition):
         times.append(learning.done)
         if len(times) == 5:
             raise KeyboardInterrupt
-        return look(view, learning, glimpse)
+        return look(view, learning, transition)
 
     return looked
 
