@@ -28,7 +28,7 @@ from sparse_coord_ros.protocol.lockstep.robot_side import RobotSide
 from sparse_coord_ros.protocol.lockstep.world_side import WorldSide
 from sparse_coord_ros.protocol.wire.status import RunStatus
 from sparse_coord_ros.ros.nodes.messages import Converter, status
-from sparse_coord_ros.ros.nodes.peers import AT_ONCE
+from sparse_coord_ros.ros.nodes.peers import IMMEDIATE_REPEATS
 
 OFTEN = {"q_star_init": 100, "ask_cost": 0, "epsilon": "constant:0.3"}
 """Settings with which COORDINATE is chosen in every fifth step or so."""
@@ -349,7 +349,7 @@ class Recording:
         again = self.again[asker, peer, step] = (
             self.again.get((asker, peer, step), 0) + 1
         )
-        if again <= AT_ONCE and self.arrives("request", asker, step):
+        if again <= IMMEDIATE_REPEATS and self.arrives("request", asker, step):
             self.queue.append(
                 lambda: self.answer(asker, peer, step, cell, sequence, request)
             )

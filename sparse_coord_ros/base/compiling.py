@@ -54,7 +54,7 @@ SOURCES = (
 )
 """Files that the loops, what they call and their constants come from."""
 
-WAIT_SECONDS = 0.2
+INTERRUPT_SECONDS = 0.2
 """How long an interrupt may go unnoticed where the system does not wake up the waiting thread."""
 
 
@@ -113,7 +113,7 @@ def in_background(key: object, work: Callable[[], Any]) -> Any:
             ).start()
     try:
         while not future.done():
-            wait([future], timeout=WAIT_SECONDS)
+            wait([future], timeout=INTERRUPT_SECONDS)
     except KeyboardInterrupt:
         atexit.register(_end_without, future)
         raise

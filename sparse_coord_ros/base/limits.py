@@ -53,7 +53,7 @@ METADATA = Limit("a bag's metadata", 4 * MB, 100_000)
 ASKED = 1_000
 """Parameters that one request to a node's parameter services names."""
 
-DEEPEST = 30
+DEEPEST_NESTING = 30
 """Containers within containers of a YAML text."""
 
 

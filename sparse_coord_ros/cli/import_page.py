@@ -46,7 +46,7 @@ RADIUS_AT_FIRST = 0.2
 EPISODES = 20
 """In which bodies drive a team."""
 
-NEEDLESS = {IMPORT: (IMPORT,), SAVE: (IMPORT, SAVE), STOP: (TRAIN, DRIVE)}
+SUPERSEDED_BY = {IMPORT: (IMPORT,), SAVE: (IMPORT, SAVE), STOP: (TRAIN, DRIVE)}
 """What need not be done any more, by what was wished for right after it."""
 
 PLACES = ("start", "goal", "doorway", "no_doorway")
@@ -126,7 +126,7 @@ class ImportPage(Controlled):
         while True:
             while not waiting or not self._wishes.empty():
                 wish = self._wishes.get()
-                while waiting and waiting[-1].name in NEEDLESS.get(wish.name, ()):
+                while waiting and waiting[-1].name in SUPERSEDED_BY.get(wish.name, ()):
                     waiting.pop()
                 waiting.append(wish)
             try:

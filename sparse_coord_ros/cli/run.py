@@ -22,7 +22,7 @@ from sparse_coord_ros.show.page.message_board import MessageBoard
 if TYPE_CHECKING:
     from sparse_coord_ros.ros.nodes.spin import Stop
 
-TRIALS = 200
+VERDICT_TRIALS = 200
 """Of the last word, where it cannot be computed."""
 
 EXAMPLE = (
@@ -178,5 +178,5 @@ def _lines(
         tables = load_team(
             plan if (plan / TEAM_FILE).exists() else out, run.scenario, run.rule
         )
-        found = evaluation_of(run, tables, TRIALS, 0, exact=None)
+        found = evaluation_of(run, tables, VERDICT_TRIALS, 0, exact=None)
         yield last_word(run.scenario, run.rule, found).text

@@ -289,7 +289,7 @@ def test_who_does_not_do_it_is_asked_again_but_not_for_ever(
     bench, obstinate, monkeypatch
 ):
     """Another team's nodes, in a namespace below, are not asked."""
-    monkeypatch.setattr(halting, "AGAIN_SECONDS", 0.05)
+    monkeypatch.setattr(halting, "REPEAT_HALT_SECONDS", 0.05)
     calls = Halting(bench.observer(), "/fleet")
     calls.tick(time.monotonic())
     begun = time.monotonic()

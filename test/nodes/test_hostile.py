@@ -33,7 +33,7 @@ from sparse_coord_ros.ros.nodes.messages import status
 from sparse_coord_ros.ros.nodes.parameters import PARAMETERS, ParameterNode
 from sparse_coord_ros.ros.nodes.peers import Peers
 from sparse_coord_ros.ros.nodes.recorder import (
-    LAST_WORDS_SECONDS,
+    LAST_MESSAGES_SECONDS,
     TALK_SECONDS,
     Recorder,
     Recording,
@@ -360,11 +360,11 @@ def test_who_talks_on_keeps_no_recorder():
         heard=0.0, _presence=SimpleNamespace(ended=0.0), run=run
     )
     recording._heard_all = lambda: False
-    for now, done in ((LAST_WORDS_SECONDS + 1, False), (TALK_SECONDS + 0.1, True)):
+    for now, done in ((LAST_MESSAGES_SECONDS + 1, False), (TALK_SECONDS + 0.1, True)):
         recording.heard = now
         assert Recording.all_done(recording, now) is done
     recording.heard = 0.0
-    assert Recording.all_done(recording, LAST_WORDS_SECONDS + 1)
+    assert Recording.all_done(recording, LAST_MESSAGES_SECONDS + 1)
 
 
 def test_security_is_refused_where_fast_dds_has_none(tmp_path, monkeypatch):

@@ -22,7 +22,7 @@ from sparse_coord_ros.lab.driving.metric_map import MetricMap, Pose
 from sparse_coord_ros.log.runlog.verify import verify
 from sparse_coord_ros.ros.nodes.body import BodyNode
 from sparse_coord_ros.ros.nodes.driver import DriverNode
-from sparse_coord_ros.ros.nodes.nav2_stand_in import TICK_SECONDS
+from sparse_coord_ros.ros.nodes.nav2_stand_in import SIMULATION_SECONDS
 from sparse_coord_ros.ros.nodes.outputs import gather
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(600)]
@@ -131,7 +131,7 @@ class Together:
         self._world = world
         self._server = server
         self._metric_map = MetricMap(world.run, 0.0)
-        server.create_timer(TICK_SECONDS, self._look)
+        server.create_timer(SIMULATION_SECONDS, self._look)
 
     def _look(self):
         doorways = self._world.run.scenario.map.doorways

@@ -45,7 +45,7 @@ def heard_of(run):
 
 
 def test_what_a_stranger_says_of_far_time_steps_is_forgotten(monkeypatch):
-    monkeypatch.setattr(watch, "MOST_STEPS", 50)
+    monkeypatch.setattr(watch, "MOST_STEPS_HEARD", 50)
     run = make_run(load_scenario("env1"), {})
     team_heard, heard, _ = heard_of(run)
     for step in range(1000, 1200):
@@ -290,7 +290,7 @@ def test_a_team_in_one_process_with_a_page(bench, tmp_path):
     from sparse_coord_ros.show.page.server import Server
 
     page = Server(MessageBoard(), port=0)
-    page.message_board.pages += 1
+    page.board.pages += 1
     try:
         values = {
             "scenario": "env1",
@@ -299,9 +299,9 @@ def test_a_team_in_one_process_with_a_page(bench, tmp_path):
         }
         values |= {"claim_window": 0.0, "seed": 3}
         context = bench.place()[0]
-        team.run_team(values, context=context, page=page.message_board)
+        team.run_team(values, context=context, page=page.board)
         log = read_run(tmp_path / "run/bag")
-        board = page.message_board
+        board = page.board
         frame = board.get("frame")
         curves = board.get("curves")
         assert frame["state"] == "finished" and frame["transitions"] == 300

@@ -25,12 +25,13 @@ from sparse_coord_ros.core.game.links import UP
 from sparse_coord_ros.core.game.miscoordination import NOWHERE
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.game.specs import Spec
-from sparse_coord_ros.core.learners.factored import UNKNOWN, key_of, states_of
+from sparse_coord_ros.core.learners.factored import key_of, states_of
 from sparse_coord_ros.core.learners.learner import Learner
 from sparse_coord_ros.core.learners.memory import check_memory
 from sparse_coord_ros.core.learners.mind import Memory, learned_rows, memory_of, row_of
 from sparse_coord_ros.core.learners.policy import asks_surely
 from sparse_coord_ros.core.learners.registry import check_improvable
+from sparse_coord_ros.core.learners.rules import NOT_PERCEIVED
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs.run import Team
 from sparse_coord_ros.core.runs.run_config import RUN_FILE, RunConfig, create_output
@@ -47,8 +48,8 @@ IMPROVED = "improved"
 LEAD = 1.0
 """How much more than any other the action is worth that an improved table says."""
 
-TRIALS = 2000
-LOOKED_AT = 200
+PLAN_TRIALS = 2000
+FIRST_TRIALS = 200
 """Trials by which more robots are judged; trials after which most changes are given up."""
 
 GAIN_ERRORS = 2.0
@@ -197,7 +198,7 @@ def _of_a_pair(
         after: dict[tuple[int, int, int], int] = {}
         for x in np.flatnonzero(team.asks[k]).tolist():
             after |= {(x, 1 - k, z): team.seen[k, x, z] for z in cells}
-            after[x, UNKNOWN, UNKNOWN] = team.moves[k, x]
+            after[x, NOT_PERCEIVED, NOT_PERCEIVED] = team.moves[k, x]
         improved.append(_acting(learned, learner, memory, star, after))
     return before, value, improved
 
@@ -252,7 +253,7 @@ def _climb(
     """Climb by trials with the same draws; as `_of_a_pair`."""
     team = Team(learned, learner, compiled=has_numba())
     minds = team.initial(memories)
-    best = team.play(minds, 0, TRIALS, paired=True)
+    best = team.play(minds, 0, PLAN_TRIALS, paired=True)
     before = float(best.reward.mean())
     better = True
     while better:
@@ -279,12 +280,12 @@ def _climb(
 
 def _better(team: Team, minds: Any, best: Trials) -> Trials | None:
     """Return trials of what the robots would do now, where that is better; else None."""
-    few = team.play(minds, 0, LOOKED_AT, paired=True)
-    if few.reward.mean() <= best.reward[:LOOKED_AT].mean():
+    few = team.play(minds, 0, FIRST_TRIALS, paired=True)
+    if few.reward.mean() <= best.reward[:FIRST_TRIALS].mean():
         return None
-    found = team.play(minds, 0, TRIALS, paired=True)
+    found = team.play(minds, 0, PLAN_TRIALS, paired=True)
     gain = (found.reward - best.reward).mean(axis=1)
-    return found if gain.mean() > GAIN_ERRORS * gain.std() / TRIALS**0.5 else None
+    return found if gain.mean() > GAIN_ERRORS * gain.std() / PLAN_TRIALS**0.5 else None
 
 
 Change = list[tuple[Any, np.ndarray]]
@@ -350,7 +351,7 @@ def _corrections(mind: Any, stays: np.ndarray, robots: int) -> Iterator[Change]:
     ):
         row = mind.rho.values[row_of(mind.rho, key)]
         u = np.array(mind.u[x])
-        in_the_way = peer != UNKNOWN and row[u.argmax()] < 0.0
+        in_the_way = peer != NOT_PERCEIVED and row[u.argmax()] < 0.0
         if in_the_way and stays[x] and asks_surely(mind.q_star[x]):
             yield [(row, np.zeros(PRIMITIVES))]
             for move in range(PRIMITIVES):

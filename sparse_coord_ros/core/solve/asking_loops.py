@@ -21,10 +21,10 @@ OPTIONS = ASK_AS_NOW + 1
 where the percept fails; `ASK_AS_NOW`: ask, with the present move there."""
 
 MOST_SWEEPS = 20_000
-NEGLIGIBLE = 1e-9
-"""A value is known to within this; an improvement is larger than `BETTER`."""
+ACCURACY = 1e-9
+"""A value is known to within this; an improvement is larger than `LEAST_GAIN`."""
 
-BETTER = 1e-7
+LEAST_GAIN = 1e-7
 
 OUTSIDE_SWEEPS = 1
 """Sweeps over the joint states where a team does not get: from above, they stay bounds. More take
@@ -341,7 +341,7 @@ def sweep(
             new = best_at(game, policy, free, value, x, y)
             change = max(change, abs(new - value[x, y]))
             value[x, y] = new
-        if change * ratio < NEGLIGIBLE or value[x0, y0] + change * ratio < target:
+        if change * ratio < ACCURACY or value[x0, y0] + change * ratio < target:
             break
     return float(value[x0, y0])
 
@@ -394,7 +394,7 @@ def promising(
     If a step of it, before all goes on as it was, is better nowhere, the new team is not better.
     """
     cells = game.lead.shape[0]
-    enough = 0.5 * BETTER * (1.0 - game.discount)
+    enough = 0.5 * LEAST_GAIN * (1.0 - game.discount)
     for z in range(cells):
         a, b = (x, z) if k == 0 else (z, x)
         if space.inside[a * cells + b]:
@@ -459,8 +459,8 @@ def climb(
         policy.asks[k, x] = asks
         if promising(game, policy, free, space, k, x):
             copy(space.value, space.kept)
-            found = solve(game, policy, free, space, best + BETTER)
-            if found > best + BETTER:
+            found = solve(game, policy, free, space, best + LEAST_GAIN)
+            if found > best + LEAST_GAIN:
                 best = found
                 failed = 0
                 surround(game, policy, free, space)

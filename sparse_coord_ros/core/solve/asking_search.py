@@ -44,7 +44,7 @@ from sparse_coord_ros.core.solve.asking_loops import (
 from sparse_coord_ros.core.solve.optimum import worth_alone
 from sparse_coord_ros.core.solve.shipped import AskingTeam, RobotPolicy, game_digest
 
-FORMAT = 1
+SEARCH_FORMAT = 1
 WARNING = "a lower bound: the search may have missed a better team"
 
 RESTARTS = Setting("restarts", int, 20, "restarts of the search", low=1, high=1_000_000)
@@ -110,7 +110,7 @@ def find_asking_team(
     found = None if best is None else _from_texts(scenario, best)
     for i in range(len(values), restarts):
         policy, value = _restart(game, both, [seed, i])
-        if found is None or value > max(values) + asking_loops.BETTER:
+        if found is None or value > max(values) + asking_loops.LEAST_GAIN:
             found = policy
         values.append(value)
         if file is not None:
@@ -224,7 +224,7 @@ def _climbed(
         loops.visit(game, best, space)
         policy = _shaken(game, best, space.visited & free[:, None], rng)
         value = loops.climb(game, policy, free, space, rng.permutation(trials))
-        if value > top + asking_loops.BETTER:
+        if value > top + asking_loops.LEAST_GAIN:
             best = policy
             top = value
             vain = 0
@@ -355,7 +355,7 @@ def _gain(
     best = loops.climb(game, own, alone, _space(game), trials)
     for i in range(DEVIATIONS):
         best = max(best, _restart(game, alone, [seed, k, i], fixed)[1])
-    return best - now if best > now + asking_loops.BETTER else 0.0
+    return best - now if best > now + asking_loops.LEAST_GAIN else 0.0
 
 
 def _kept(
@@ -369,7 +369,7 @@ def _kept(
         data = json.loads(text)
         values = [float(value) for value in data["values"]]
         best = [RobotPolicy(str(r["moves"]), dict(r["asks"])) for r in data["robots"]]
-        check_format(data["format"], FORMAT, str(file), ResultsError)
+        check_format(data["format"], SEARCH_FORMAT, str(file), ResultsError)
         said = (data["game"], data["seed"])
         fits = _from_texts(scenario, best).moves.shape == (2, len(scenario.map.cells))
     except (ValueError, LookupError, TypeError, AttributeError):
@@ -392,7 +392,7 @@ def _keep(
     robots: Sequence[RobotPolicy],
 ) -> None:
     data: dict[str, Any] = {
-        "format": FORMAT,
+        "format": SEARCH_FORMAT,
         "scenario": scenario.name,
         "game": game_digest(scenario),
         "seed": seed,

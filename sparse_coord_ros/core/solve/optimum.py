@@ -15,7 +15,7 @@ import numpy as np
 from sparse_coord_ros.core.game.miscoordination import meeting_places, miscoordinated
 from sparse_coord_ros.core.game.scenario import Scenario, ScenarioLike, loaded
 
-LARGEST = 100_000
+MOST_JOINT_STATES = 100_000
 """Largest number of joint states that is solved exactly."""
 
 TOLERANCE = 1e-11
@@ -50,7 +50,7 @@ def joint_optimum(scenario: ScenarioLike) -> Optimum:
     cells = len(scenario.map.cells)
     team = len(scenario.robots)
     states = cells**team
-    if states > LARGEST:
+    if states > MOST_JOINT_STATES:
         return Optimum(independent_bound(scenario), False, states)
     leads = [successors(scenario, k) for k in range(team)]
     paid = payment(scenario)

@@ -30,10 +30,10 @@ SEARCHED = 400
 JUDGED = 10_000
 """Other trials, by which the best plan is judged."""
 
-AT_ONCE = 1000
+TRIALS_AT_ONCE = 1000
 """Trials played at once: their draws are held in memory."""
 
-BETTER = 0.01
+LEAST_GAIN = 0.01
 """A change is kept that is better by more."""
 
 
@@ -131,7 +131,7 @@ def route_plan(scenario: Scenario, *, restarts: int = 4, seed: int = 0) -> Route
             changed = list(ways.changes(doorways))
             for number in rng.permutation(len(changed)).tolist():
                 worth = float(_play(scenario, changed[number], draws).mean())
-                if worth > best + BETTER:
+                if worth > best + LEAST_GAIN:
                     best = worth
                     ways = changed[number]
                     better = True
@@ -140,7 +140,8 @@ def route_plan(scenario: Scenario, *, restarts: int = 4, seed: int = 0) -> Route
     _, ways = max(found, key=lambda one: one[0])
     rng = np.random.default_rng([seed, restarts])
     fresh = (
-        rng.random((AT_ONCE, scenario.horizon, team)) for _ in range(JUDGED // AT_ONCE)
+        rng.random((TRIALS_AT_ONCE, scenario.horizon, team))
+        for _ in range(JUDGED // TRIALS_AT_ONCE)
     )
     means = np.concatenate([_play(scenario, ways, draws) for draws in fresh])
     return RoutePlan(

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from sparse_coord_ros.lab.driving.metric_map import Pose
 
-DEEPEST = 100
+LONGEST_CHAIN = 100
 """Most frames between two; a chain that is longer goes round in a circle."""
 
 
@@ -50,7 +50,7 @@ class Tree:
         self.way = []
         here = Pose(0.0, 0.0, 0.0)
         newest = None
-        for _ in range(DEEPEST):
+        for _ in range(LONGEST_CHAIN):
             if frame == parent:
                 return None if newest is None else (newest, here)
             self.way.append(frame)

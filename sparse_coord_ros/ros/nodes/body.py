@@ -33,7 +33,7 @@ from sparse_coord_ros.ros.nodes.messages import Converter
 from sparse_coord_ros.ros.nodes.parameters import PARAMETERS, Place
 from sparse_coord_ros.ros.nodes.spin import run_node
 
-AGAIN_SECONDS = 0.5
+REPEAT_POSES_SECONDS = 0.5
 """After this silence poses are published again: a driver that has just come has none."""
 
 FASTEST = 1000.0
@@ -159,7 +159,7 @@ class BodyNode(Follower):
 
     def go_on(self, now: float) -> None:
         """Say again where the bodies are, where nobody drives."""
-        if now - self._said >= AGAIN_SECONDS and self.values["body_rate"] == 0:
+        if now - self._said >= REPEAT_POSES_SECONDS and self.values["body_rate"] == 0:
             self._say(look=False)
 
     def report(self) -> None:

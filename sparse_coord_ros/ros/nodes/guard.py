@@ -32,7 +32,7 @@ from sparse_coord_ros.ros.nodes.ros_topics import CLAIM, CLAIMS_QOS
 ANSWERS = "rr{}Reply"
 """What the DDS middlewares of ROS 2 call the topic of a service's answers."""
 
-UNKNOWN = "NODE_NAME_UNKNOWN"
+UNKNOWN_NODE = "NODE_NAME_UNKNOWN"
 """Part of what rcl calls a node that it has only half discovered."""
 
 
@@ -80,7 +80,7 @@ def owners(node: Node, name: str, *, service: bool) -> list[str]:
     """
     topic = ANSWERS.format(name) if service else name
     infos = node.get_publishers_info_by_topic(topic, no_mangle=service)
-    if any(UNKNOWN in info.node_name for info in infos):
+    if any(UNKNOWN_NODE in info.node_name for info in infos):
         return []
     return sorted(
         f"{info.node_namespace.rstrip('/')}/{info.node_name}" for info in infos

@@ -39,7 +39,7 @@ HALT_SECONDS = 1.0
 TWO_SERVERS_SECONDS = 25.0
 """How long a second server is waited for to go: a killed one is in the graph for 20 s."""
 
-REPORT_SECONDS = 10.0
+WARNING_SECONDS = 10.0
 """Between two warnings of a second server that appeared later."""
 
 
@@ -106,7 +106,7 @@ class Nav2DriverNode(MoverNode):
         servers = self._servers()
         if self._reached_publisher is not None and len(servers) > 1:
             text = f"Nav2's action {self._name} has {in_words(servers, 'servers')}"
-            self.get_logger().warning(text, throttle_duration_sec=REPORT_SECONDS)
+            self.get_logger().warning(text, throttle_duration_sec=WARNING_SECONDS)
 
     def _servers(self) -> list[str]:
         """Return the names of the nodes that serve Nav2's action: each publishes its status."""

@@ -33,7 +33,7 @@ from sparse_coord_ros.ros.nodes.transforms import (
     transform,
 )
 
-TICK_SECONDS = 0.02
+SIMULATION_SECONDS = 0.02
 
 LATE_SECONDS = 3.0
 """After how long a goal is accepted too late: a nav2_driver has given it up by then."""
@@ -184,7 +184,7 @@ class Base:
         handle.publish_feedback(feedback)
         if self.fault in (DETOUR, STUCK):
             return
-        step = self.speed * TICK_SECONDS
+        step = self.speed * SIMULATION_SECONDS
         if left > step:
             heading = math.atan2(y - self.pose.y, x - self.pose.x)
             ahead = step * math.cos(heading), step * math.sin(heading)
@@ -235,7 +235,7 @@ class Nav2StandIn(ParameterNode):
         places = places or [(0.0, 0.0)] * len(names)
         pairs = zip(names, places, strict=True)
         self.bases = {name: Base(self, name, where) for name, where in pairs}
-        self.create_timer(TICK_SECONDS, self._tick)
+        self.create_timer(SIMULATION_SECONDS, self._tick)
         self.get_logger().info(f"in place of Nav2: {', '.join(names)}")
 
     def set_up(self) -> None:

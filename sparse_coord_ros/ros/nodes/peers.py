@@ -33,11 +33,11 @@ from sparse_coord_ros.ros.nodes.messages import Converter
 from sparse_coord_ros.ros.nodes.parameters import ParameterNode
 from sparse_coord_ros.ros.nodes.ros_topics import ACTIVE_PERCEPTION_TYPE, STEP_QOS
 
-AT_ONCE = 10
+IMMEDIATE_REPEATS = 10
 """How often a peer that is a step behind is asked again at once; after that with each tick."""
 
 
-AGAIN_SECONDS = 0.5
+REPEAT_ASK_SECONDS = 0.5
 """After so long without an answer the request is sent again."""
 
 
@@ -93,7 +93,7 @@ class Peer:
         self._request.start = pose
         self.repeats = self.repeats + 1 if step == self._step else 0
         self._step = self._unsent = step
-        if self.repeats < AT_ONCE:
+        if self.repeats < IMMEDIATE_REPEATS:
             self.send_what_waits()
         return not self._silent
 
@@ -106,7 +106,7 @@ class Peer:
         """
         now = time.monotonic()
         missing = self._open is not None and not self._open.done()
-        if missing and now - self._sent >= AGAIN_SECONDS and not self._silent:
+        if missing and now - self._sent >= REPEAT_ASK_SECONDS and not self._silent:
             self._unsent = self._step
         if self._unsent is None or not self.ready():
             return
@@ -243,7 +243,7 @@ class Peers:
             return True  # it is too late
         if (said.sec, said.nanosec) < (now.sec, now.nanosec):
             one = self._peers[peer]
-            if one.repeats < AT_ONCE:
+            if one.repeats < IMMEDIATE_REPEATS:
                 return True
             one.heard = time.monotonic()
             self._on_answer(

@@ -46,7 +46,7 @@ from sparse_coord_ros.ros.nodes.spin import run_node
 
 QUIET_SECONDS = 0.3
 """After the run's end, the bag is closed when nothing has come for so long."""
-LAST_WORDS_SECONDS = 6.0
+LAST_MESSAGES_SECONDS = 6.0
 """After the run's end, how long the bag is kept open for last words that may be to come."""
 PLANNING_SECONDS = 600.0
 """The same where robots plan on what they have learned before they say their last words."""
@@ -297,7 +297,7 @@ class Recording:
         """Whether nothing comes any more, and nobody is left whose last words are to come."""
         waited = now - self._presence.ended
         quiet = now - self.heard >= QUIET_SECONDS or waited > TALK_SECONDS
-        limit = PLANNING_SECONDS if self.run.improve else LAST_WORDS_SECONDS
+        limit = PLANNING_SECONDS if self.run.improve else LAST_MESSAGES_SECONDS
         return quiet and (waited > limit or self._heard_all())
 
     def _heard_all(self) -> bool:
@@ -437,7 +437,9 @@ class Recorder(Follower):
     def may_stop(self) -> bool:
         """As of every follower, but not for ever where others go on talking."""
         now = time.monotonic()
-        return super().may_stop() or now - (self._stopping or now) > LAST_WORDS_SECONDS
+        return (
+            super().may_stop() or now - (self._stopping or now) > LAST_MESSAGES_SECONDS
+        )
 
     def finish(self, *, interrupted: bool) -> None:
         """Close the bag and say what is in it."""

@@ -38,7 +38,7 @@ from sparse_coord_ros.ros.nodes.parameters import PARAMETERS, Place
 from sparse_coord_ros.ros.nodes.peers import Peers
 from sparse_coord_ros.ros.nodes.spin import run_node, wait_for_readers
 
-LAST_WORDS_SECONDS = 2.0
+LAST_REWARD_SECONDS = 2.0
 """How long a robot waits for its last reward after the run's end."""
 
 PEER_PATIENCE_SECONDS = 2.0
@@ -287,7 +287,7 @@ class Member:
         heard_all = self.joined and end is not None and side.newest[0] >= end
         if (
             not (heard_all and side.waiting is None)
-            and now - ended <= LAST_WORDS_SECONDS
+            and now - ended <= LAST_REWARD_SECONDS
         ):
             return False
         return self._exchange is None or not self._finished or self._exchange.over()

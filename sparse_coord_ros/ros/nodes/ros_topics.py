@@ -20,18 +20,18 @@ from sparse_coord_ros.protocol.wire import Delivery, services
 STEP_DEPTH = 10_000
 
 
-KEPT = DurabilityPolicy.TRANSIENT_LOCAL
-
-PROFILES = {
+QOS_PROFILES = {
     Delivery.STEP: QoSProfile(depth=STEP_DEPTH),
     Delivery.EVENT: QoSProfile(depth=10),
-    Delivery.LATCHED: QoSProfile(depth=1, durability=KEPT),
-    Delivery.TABLES: QoSProfile(depth=wire.TABLES_DEPTH, durability=KEPT),
+    Delivery.LATCHED: QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL),
+    Delivery.TABLES: QoSProfile(
+        depth=wire.TABLES_DEPTH, durability=DurabilityPolicy.TRANSIENT_LOCAL
+    ),
 }
 """How each is offered, always reliably (rclpy's default). The lock step needs a depth of 2; the
 rest is for a recorder that lags."""
-STEP_QOS = PROFILES[Delivery.STEP]
-LATCHED_QOS = PROFILES[Delivery.LATCHED]
+STEP_QOS = QOS_PROFILES[Delivery.STEP]
+LATCHED_QOS = QOS_PROFILES[Delivery.LATCHED]
 
 
 def message_class(type_name: str) -> Any:
@@ -59,7 +59,7 @@ class RosTopic(wire.Topic):
 def bind(topic: wire.Topic) -> RosTopic:
     """Return a topic of the vocabulary with its message class and QoS profile."""
     kind = message_class(topic.type_name)
-    qos = PROFILES[topic.delivery]
+    qos = QOS_PROFILES[topic.delivery]
     return RosTopic(**vars(topic), type=kind, qos=qos)
 
 
@@ -91,7 +91,7 @@ def recorder_qos(topic: RosTopic) -> QoSProfile:
     return QoSProfile(depth=STEP_DEPTH, durability=topic.qos.durability)
 
 
-CLAIMS_QOS = QoSProfile(depth=100, durability=KEPT)
+CLAIMS_QOS = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """For reading claims: with a depth of 1, one's own would push out that of another node."""
 
 ACTIVE_PERCEPTION_TYPE = message_class(services.ACTIVE_PERCEPTION.type_name)

@@ -36,7 +36,7 @@ READERS_SECONDS = 3.5
 """How long the last messages may take: with profiles of the user's own, Fast DDS offers lost ones
 again every three seconds."""
 
-LOOK_SECONDS = 0.01
+POLL_SECONDS = 0.01
 """Between two looks at the condition and at signals; meanwhile the executor goes from callback to
 callback by itself: a call of it for each would cost a tenth of a time step."""
 
@@ -176,7 +176,7 @@ def spin_nodes(
     steady = Clock(clock_type=ClockType.STEADY_TIME)
     # With a timeout alone the EventsExecutor comes back only when no message waits any more.
     timer = nodes[0].create_timer(
-        LOOK_SECONDS, lambda: turn.set_result(None), clock=steady
+        POLL_SECONDS, lambda: turn.set_result(None), clock=steady
     )
     try:
         for node in nodes:
@@ -186,7 +186,7 @@ def spin_nodes(
                 if isinstance(node, ParameterNode) and node.failure is not None:
                     raise node.failure
             turn = Future()
-            executor.spin_until_future_complete(turn, timeout_sec=2 * LOOK_SECONDS)
+            executor.spin_until_future_complete(turn, timeout_sec=2 * POLL_SECONDS)
     finally:
         nodes[0].destroy_timer(timer)
         for node in nodes:
@@ -222,7 +222,7 @@ def say_on_rosout(node: Node, error: errors.SparseCoordError) -> None:
     deadline = time.monotonic() + MATCH_SECONDS
     readers = node.count_subscribers(publisher.topic_name)
     while publisher.get_subscription_count() < readers and time.monotonic() < deadline:
-        time.sleep(LOOK_SECONDS)
+        time.sleep(POLL_SECONDS)
     publisher.publish(message)
     wait_for_readers([publisher])
 

@@ -66,7 +66,7 @@ LATE_TICKS = 10
 """So long an action, a reward or a state may come after the next time step's. Counted in ticks of
 the node: a process that stood still has what it waits for in its queue."""
 
-MOST_STEPS = 10_000
+MOST_STEPS_HEARD = 10_000
 """Time steps of which a part is remembered at most; a stranger can send any."""
 
 CONTROLS = (PAUSE, STEP, RATE, RESET, HALT)
@@ -468,7 +468,7 @@ class HeardTeam:
         A robot's states come in their order, but its action or reward may come after the next one:
         they are other topics.
         """
-        if len(self._steps) > MOST_STEPS:
+        if len(self._steps) > MOST_STEPS_HEARD:
             self._forget(max(self._steps))
             self._lack(
                 "far more time steps were heard of than belong to a run: begun anew"

@@ -31,8 +31,8 @@ from sparse_coord_ros.show.words import Words
 
 CONTROLS = (controls.PAUSE, controls.STEP, controls.RATE, controls.SEEK, controls.JUMP)
 
-TICK_SECONDS = 1 / 30
-LOOK_SECONDS = 0.5
+FRAME_SECONDS = 1 / 30
+GROWTH_SECONDS = 0.5
 """Between two looks at whether the file has grown."""
 
 FIRST_RATE = 10.0
@@ -228,11 +228,11 @@ class BagSource(controls.Controlled):
         looked = time.monotonic()
         try:
             while True:
-                if self.growing and time.monotonic() - looked >= LOOK_SECONDS:
+                if self.growing and time.monotonic() - looked >= GROWTH_SECONDS:
                     looked = time.monotonic()
                     self.look()
                 self.tick()
-                time.sleep(TICK_SECONDS)
+                time.sleep(FRAME_SECONDS)
         finally:
             self._stop.set()
             for thread in beside:
@@ -423,7 +423,7 @@ class BagSource(controls.Controlled):
     # In threads beside it.
 
     def _learn_along(self) -> None:
-        while not self._stop.wait(TICK_SECONDS):
+        while not self._stop.wait(FRAME_SECONDS):
             self.learn()
 
     def learn(self) -> None:
@@ -507,7 +507,7 @@ class BagSource(controls.Controlled):
                 self.board.put("curves", read=1.0, **messages.curve_fields(history))
                 if not growing:
                     break
-                if self._stop.wait(LOOK_SECONDS):
+                if self._stop.wait(GROWTH_SECONDS):
                     return
             self._tell_learned(read=True)
             self._evaluate()
