@@ -31,6 +31,7 @@ from sparse_coord_ros.core.solve.exact_loops import (
     CONFLICTS,
     QUANTITIES,
     REWARD,
+    Distribution,
     Pair,
     Sums,
     compiled,
@@ -350,8 +351,14 @@ def _carried(pair: Pair, *, spreads: bool, most: float = np.inf) -> Sums | None:
     None: steps have more than `most` outcomes in all.
     """
     cells = len(pair.lead)
-    likely = np.zeros((2, cells**2))
-    places = np.zeros((2, cells**2), dtype=np.int64)
+    now, later = (
+        Distribution(
+            likely=np.zeros(cells**2),
+            states=np.zeros(cells**2, dtype=np.int64),
+            count=np.zeros(1, dtype=np.int64),
+        )
+        for _ in range(2)
+    )
     sums = Sums(
         robots=np.zeros((3, 2)),
         team=np.zeros(2),
@@ -361,7 +368,7 @@ def _carried(pair: Pair, *, spreads: bool, most: float = np.inf) -> Sums | None:
         brought=np.zeros((2, QUANTITIES)),
         so_far=np.zeros((2, cells**2 if spreads else 0, QUANTITIES)),
     )
-    return sums if compiled()(pair, *likely, *places, sums, most) else None
+    return sums if compiled()(pair, now, later, sums, most) else None
 
 
 def _moves(robot: Greedy, own: np.ndarray, percepts: np.ndarray) -> np.ndarray:
