@@ -429,34 +429,53 @@ def _acting(
 
 
 def in_words(scenario: Scenario, robots: Sequence[RobotPolicy]) -> list[str]:
-    """Return what the team does, a line for each way and each cell to ask in.
+    """Return the team's behaviour in words: a line for each route and each cell to ask in.
 
-    Cells that a robot gets to only because it stepped aside follow its way.
+    After a robot's route come the cells that it gets to only by stepping aside.
     """
     policy, visited, seen = _acting(scenario, robots)
     lines = []
     for k, robot in enumerate(scenario.robots):
-        peer = scenario.robots[1 - k].name
-        usual = policy.moves[k].copy()
-        for x, others in seen[k].items():
-            usual[x] = np.bincount(
-                policy.seen[k, x, others], minlength=PRIMITIVES
-            ).argmax()
+        usual = _usual_moves(policy, k, seen[k])
         way = _way(scenario, robot.start, robot.goal, usual)
         lines.append(f"{robot.name}: {_route(scenario, way, usual, robot.goal)}")
+        for x, peer_cells in sorted(seen[k].items()):
+            lines.append(_asking(scenario, policy, k, x, peer_cells, int(usual[x])))
         aside = [x for x in np.flatnonzero(visited[k]).tolist() if x not in way]
-        for x, others in sorted(seen[k].items()):
-            text = f"  asks in {_place(scenario, x)}: {ACTIONS[usual[x]]}"
-            for move in range(PRIMITIVES):
-                where = [z for z in others if policy.seen[k, x, z] == move]
-                if move != usual[x] and where:
-                    cells = ", ".join(_place(scenario, z) for z in where)
-                    text += f"; {ACTIONS[move]} where {peer} is in {cells}"
-            lines.append(text)
         if aside:
             moves = [f"{_place(scenario, x)} {ACTIONS[usual[x]]}" for x in aside]
             lines.append(f"  off its way: {', '.join(moves)}")
     return lines
+
+
+def _usual_moves(
+    policy: AskingPolicies, k: int, seen: dict[int, list[int]]
+) -> np.ndarray:
+    """Return robot k's move in each cell: its most frequent one where it asks."""
+    usual = policy.moves[k].copy()
+    for x, peer_cells in seen.items():
+        moves = policy.seen[k, x, peer_cells]
+        usual[x] = np.bincount(moves, minlength=PRIMITIVES).argmax()
+    return usual
+
+
+def _asking(
+    scenario: Scenario,
+    policy: AskingPolicies,
+    k: int,
+    x: int,
+    peer_cells: list[int],
+    usual: int,
+) -> str:
+    """Return robot k's moves after asking in cell x, in words: the usual one first."""
+    peer = scenario.robots[1 - k].name
+    text = f"  asks in {_place(scenario, x)}: {ACTIONS[usual]}"
+    for move in range(PRIMITIVES):
+        where = [z for z in peer_cells if policy.seen[k, x, z] == move]
+        if move != usual and where:
+            places = ", ".join(_place(scenario, z) for z in where)
+            text += f"; {ACTIONS[move]} where {peer} is in {places}"
+    return text
 
 
 def _way(scenario: Scenario, start: int, goal: int, moves: np.ndarray) -> list[int]:
