@@ -22,6 +22,7 @@ from sparse_coord_ros.core.engine.trained import Training
 from sparse_coord_ros.core.engine.training import (
     EVERY,
     EVERY_TRIALS,
+    Watcher,
     engine_for,
     train,
     worth_compiling,
@@ -151,10 +152,8 @@ def learn(
 def _learn_there(
     options: argparse.Namespace, out: Path, run: RunConfig, board: MessageBoard | None
 ) -> None:
-    checkpoint = out / CHECKPOINT_FILE
     resumed = options.resume is not None
     view = None
-    bar = Bar("steps", "setting up", quiet=options.json)
     try:
         if not resumed:
             write_whole(out / RUN_FILE, run.to_yaml())
@@ -163,39 +162,59 @@ def _learn_there(
 
             view = TrainingView(run, board, title=str(out), last=not options.watch)
             board.source = view
-        with bar:
-            done = train(
-                run.scenario,
-                run.rule,
-                run.seed,
-                engine=_ready_engine(options, run),
-                evaluate_every=options.evaluate_every,
-                trials=EVERY_TRIALS.default,
-                progress=bar.show,
-                checkpoint=checkpoint,
-                resume=resumed,
-                watcher=view,
-            )
+        done = _trained(options, out, run, view)
         _save(out, done)
     except RunError:  # of the checkpoint; it says itself what to do
         raise
     except BaseException as error:
         if view is not None:
             view.end(RunState.STOPPED)
-        left = ""
-        if checkpoint.exists():
-            left = f"what was learned is saved; go on with: sparse_coord train --resume {out}"
-        elif not resumed and not (out / TEAM_FILE).exists():
-            _remove(out)  # leave no half of a run
-            left = "nothing that was learned is saved, nothing is left"
-        if isinstance(error, OSError) and not isinstance(error, BrokenPipeError):
-            raise RunError(f"{os_error_text(error)}; make room; {left}") from None
-        if left and (checkpoint.exists() or isinstance(error, KeyboardInterrupt)):
-            shared.note(left)
+        _tell_what_is_left(out, error, resumed=resumed)
         raise
     if view is not None:
         view.end()
     _say(options, out, run, done)
+
+
+def _trained(
+    options: argparse.Namespace, out: Path, run: RunConfig, view: Watcher | None
+) -> Training:
+    """Let the team learn, with a progress bar and checkpoints."""
+    bar = Bar("steps", "setting up", quiet=options.json)
+    with bar:
+        return train(
+            run.scenario,
+            run.rule,
+            run.seed,
+            engine=_ready_engine(options, run),
+            evaluate_every=options.evaluate_every,
+            trials=EVERY_TRIALS.default,
+            progress=bar.show,
+            checkpoint=out / CHECKPOINT_FILE,
+            resume=options.resume is not None,
+            watcher=view,
+        )
+
+
+def _tell_what_is_left(out: Path, error: BaseException, *, resumed: bool) -> None:
+    """Say how to go on after an error or interrupt; without a checkpoint, remove the run.
+
+    Raises:
+        RunError: the error is one of the file system.
+    """
+    saved = (out / CHECKPOINT_FILE).exists()
+    left = ""
+    if saved:
+        left = (
+            f"what was learned is saved; go on with: sparse_coord train --resume {out}"
+        )
+    elif not resumed and not (out / TEAM_FILE).exists():
+        _remove(out)
+        left = "nothing that was learned is saved, nothing is left"
+    if isinstance(error, OSError) and not isinstance(error, BrokenPipeError):
+        raise RunError(f"{os_error_text(error)}; make room; {left}") from None
+    if left and (saved or isinstance(error, KeyboardInterrupt)):
+        shared.note(left)
 
 
 def _remove(out: Path) -> None:

@@ -211,7 +211,6 @@ class _RunUnderWay:
 
     def _learn(self, until: int, caught: list[int]) -> None:
         learning = self.learning
-        every = self.evaluate_every
         budget = learning.scenario.steps
         part = FIRST_PART
         saved = time.monotonic()
@@ -219,25 +218,38 @@ class _RunUnderWay:
         while learning.done < until and not caught:
             wanted = self._look(until)
             if wanted == 0 and learning.done < until:
-                continue
-            target = min(until, learning.done + min(part, wanted or part))
-            if self.watcher is not None and learning.done < until - 1:
-                target = min(target, until - 1)
-            if every:
-                target = min(target, (learning.done // every + 1) * every)
+                continue  # the watcher holds the run
+            target = self._target(until, min(part, wanted or part))
             began = time.monotonic()
             learning.advance(target)
             took = time.monotonic() - began
-            if wanted is None and took < PART_SECONDS[0]:
-                part *= 2
-            elif took > PART_SECONDS[1]:
-                part = max(1, part // 2)
-            if every and (target == budget or target % every == 0):
-                self.evaluations.append((target, summary(learning.play(self.trials))))
+            part = _next_part(part, took, may_grow=wanted is None)
+            self._evaluate_where_due(target)
             self.progress(learning.done, budget)
             if time.monotonic() - saved >= SAVE_SECONDS:
                 self._save()
                 saved = time.monotonic()
+
+    def _target(self, until: int, most: int) -> int:
+        """Return the number of transitions to learn up to, with at most `most` new ones.
+
+        A watcher looks once more before the last transition. No evaluation is passed over.
+        """
+        done = self.learning.done
+        every = self.evaluate_every
+        target = min(until, done + most)
+        if self.watcher is not None and done < until - 1:
+            target = min(target, until - 1)
+        if every:
+            target = min(target, (done // every + 1) * every)
+        return target
+
+    def _evaluate_where_due(self, done: int) -> None:
+        """Play trials after each `evaluate_every` transitions, and at the end of the budget."""
+        every = self.evaluate_every
+        over = done == self.learning.scenario.steps
+        if every and (over or done % every == 0):
+            self.evaluations.append((done, summary(self.learning.play(self.trials))))
 
     def _look(self, until: int) -> int | None:
         """Let the watcher look; return what it returns."""
@@ -260,6 +272,15 @@ class _RunUnderWay:
             found = tuple(self.evaluations), self.evaluate_every, self.trials
             saved = Checkpoint(run.state(), *found)
             saved.save(self.checkpoint, run.scenario, run.learner, run.seed)
+
+
+def _next_part(part: int, took: float, *, may_grow: bool) -> int:
+    """Return how many transitions to make at once, after `part` took so many seconds."""
+    if took > PART_SECONDS[1]:
+        return max(1, part // 2)
+    if took < PART_SECONDS[0] and may_grow:
+        return 2 * part
+    return part
 
 
 @contextmanager

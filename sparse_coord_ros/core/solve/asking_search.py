@@ -452,7 +452,7 @@ def _usual_moves(
     policy: AskingPolicies, k: int, seen: dict[int, list[int]]
 ) -> np.ndarray:
     """Return robot k's move in each cell: its most frequent one where it asks."""
-    usual = policy.moves[k].copy()
+    usual: np.ndarray = policy.moves[k].copy()
     for x, peer_cells in seen.items():
         moves = policy.seen[k, x, peer_cells]
         usual[x] = np.bincount(moves, minlength=PRIMITIVES).argmax()

@@ -355,7 +355,7 @@ def _carried(pair: Pair, *, spreads: bool, most: float = np.inf) -> Sums | None:
         Distribution(
             likely=np.zeros(cells**2),
             states=np.zeros(cells**2, dtype=np.int64),
-            count=np.zeros(1, dtype=np.int64),
+            size=np.zeros(1, dtype=np.int64),
         )
         for _ in range(2)
     )

@@ -91,12 +91,12 @@ class Distribution(NamedTuple):
     Attributes:
         likely: probability of each joint state, 0 where it is not possible; (cells^2,).
         states: the joint states that are possible, at the beginning of the array; (cells^2,).
-        count: how many are possible; (1,).
+        size: how many are possible; (1,).
     """
 
     likely: np.ndarray
     states: np.ndarray
-    count: np.ndarray
+    size: np.ndarray
 
 
 def carry(
@@ -120,7 +120,7 @@ def carry(
     for t in range(pair.horizon):
         if outcomes > most:
             return False
-        for i in range(now.count[0]):
+        for i in range(now.size[0]):
             state = now.states[i]
             p = now.likely[state]
             now.likely[state] = 0.0
@@ -131,7 +131,7 @@ def carry(
             )
             if squared:
                 sums.so_far[t % 2, state] = 0.0
-        now.count[0] = 0
+        now.size[0] = 0
         now, later = later, now
         factor *= pair.discount
         if squared:
@@ -194,8 +194,8 @@ def follow(
 def add(distribution: Distribution, state: int, p: float) -> None:
     """Add to the probability of a joint state."""
     if distribution.likely[state] == 0.0:
-        distribution.states[distribution.count[0]] = state
-        distribution.count[0] += 1
+        distribution.states[distribution.size[0]] = state
+        distribution.size[0] += 1
     distribution.likely[state] += p
 
 

@@ -206,24 +206,15 @@ class Navigator(Mover):
     def next(self, now: float) -> Reached | None:
         """Do what is to be done now; return how the goal ended if it has."""
         self._watch(now)
-        if self._goals.number != self._number:
-            self._number = self._goals.number
-            self._taken = now
-            self._again = now
-            self._tries = 0
-            self._over = None
+        self._take_new_goals(now)
         if self.held:
             self._taken = now  # a move's time does not pass while nothing may be driven
-        if (
-            self.held
-            or self._goal is None
-            or (self._sent and self._sent.goals != self._number)
-        ):
+        busy_with_old = self._sent is not None and self._sent.goals != self._number
+        if self.held or self._goal is None or busy_with_old:
             self._leave(now)
             return None
         state = self._goal_state()
-        late = now - self._taken >= SETTLE_SECONDS
-        if state is None or self._blind or not (late or self._newer(state)):
+        if state is None or not self._believes(state, now):
             return None
         if self._began is None:
             self._began = state.stamp
@@ -232,14 +223,32 @@ class Navigator(Mover):
             self.counts["arrived"] += 1
             self._leave(now)
             return reached
-        limit = self._limits.seconds
-        if not state.goals.place and now - self._taken >= limit:
-            why = f"the move was not made within {limit:g} s (step_seconds)"
-            self.give_up(now, "out of time", why)
+        self._give_up_in_time(state, now)
         if self._over is not None:
             return self._settles(state, *self._over, now)
         self._send(state, now)
         return None
+
+    def _take_new_goals(self, now: float) -> None:
+        """Begin with the goals that were taken last, where they are new."""
+        if self._goals.number != self._number:
+            self._number = self._goals.number
+            self._taken = now
+            self._again = now
+            self._tries = 0
+            self._over = None
+
+    def _believes(self, state: GoalState, now: float) -> bool:
+        """Return whether the pose can be judged by: it is newer than the goal, or long due."""
+        late = now - self._taken >= SETTLE_SECONDS
+        return not self._blind and (late or self._newer(state))
+
+    def _give_up_in_time(self, state: GoalState, now: float) -> None:
+        """Give a move up that has lasted too long."""
+        limit = self._limits.seconds
+        if not state.goals.place and now - self._taken >= limit:
+            why = f"the move was not made within {limit:g} s (step_seconds)"
+            self.give_up(now, "out of time", why)
 
     def _arrives(self, state: GoalState) -> Reached | None:
         """Return that the body is where it was to go, whatever the server says; else None."""
