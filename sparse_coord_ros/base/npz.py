@@ -4,7 +4,7 @@
 
 Beside the arrays it has `format`, three texts: the number of the format of all three; the version
 of the software that wrote it; the SHA-256 of names, dtypes, shapes and bytes of all other arrays,
-in the order of the names. So whoever has read a file can trust what is in it.
+in the order of the names. So the reader of a file can trust its contents.
 """
 
 import hashlib

@@ -135,7 +135,7 @@ _WORDS = {"null": None, "true": True, "false": False}
 
 
 def _plain(text: str) -> Any:
-    """Return what a text without quotation marks says."""
+    """Return the value of a text without quotation marks."""
     match = _CORE.fullmatch(text)
     kind = match.lastgroup if match else None
     if kind == "int":

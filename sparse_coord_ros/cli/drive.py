@@ -113,7 +113,7 @@ def execute(options: argparse.Namespace) -> None:
 
 
 def facts_of(run: RunConfig, driven: Drive, grid: Trials, speed: float) -> dict:
-    """Return what `drive` prints, as plain data.
+    """Return the result of `drive` as plain data.
 
     The grid's prediction of an episode's seconds is its steps, each a cell's way at full speed.
     """

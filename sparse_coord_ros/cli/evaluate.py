@@ -163,7 +163,7 @@ def facts_of(one: Evaluated) -> dict[str, Any]:
 
 
 def paper_row(run: RunConfig) -> dict:
-    """Return what the paper prints for this run's learner; nothing for another game."""
+    """Return the paper's numbers for this run's learner; none for another game."""
     same = run.scenario.penalty == PAPER_PENALTY
     return dict(run.scenario.paper.get(run.learner, {})) if same else {}
 

@@ -245,7 +245,7 @@ class ImportPage(Controlled):
 
 
 def _chosen(said: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what a page chose, checked; there may be a start that has no goal yet.
+    """Return the page's choices, checked; a start may have no goal yet.
 
     Raises:
         SparseCoordError: a value is none.

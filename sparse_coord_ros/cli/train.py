@@ -226,7 +226,7 @@ def _remove(out: Path) -> None:
 
 
 def _ready_engine(options: argparse.Namespace, run: RunConfig) -> str:
-    """Return what computes the run; say that numba compiles first, or that it is missing."""
+    """Return the engine of the run; say if numba compiles first, or is missing."""
     engine = engine_for(run.scenario, run.rule, options.engine)
     if options.json:
         return engine
@@ -294,7 +294,7 @@ def _say(
 
 
 def advice(scenario: Scenario, done: Training) -> list[str]:
-    """Return what to try where robots do not arrive, at most two sentences.
+    """Return advice for robots that do not arrive, at most two sentences.
 
     Args:
         scenario: the problem.

@@ -182,7 +182,7 @@ def main() -> int:
 
 
 def _stdin_closed() -> bool:
-    """Whether the starter has closed standard input: the world is done."""
+    """Return whether the starter has closed standard input: the world is done."""
     return bool(select.select([sys.stdin], [], [], 0)[0])
 
 

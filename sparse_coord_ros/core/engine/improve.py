@@ -7,7 +7,7 @@ After learning each robot says once what it knows: where its moves led and how o
 and a climb of the *team's* value in it, from the policies learned, by changes of what one robot
 does in one cell. Of two robots the value is exact, and the climb is that of
 `core.solve.asking_search`; of more it is that of trials with the same draws. The paper has no such
-exchange, and this is planning, on a learned model: what nobody has felt does not exist in it.
+exchange, and this is planning, on a learned model: doorways that no robot has felt are not in it.
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -65,7 +65,7 @@ class Improvement:
             they are so low that greedy reading gives the improved policy.
         before: what the learned team is worth on the learned model, averaged over the robots.
         value: what the improved one is worth there.
-        doorways: cells where somebody has felt r^C; the plan knows no others.
+        doorways: cells where a robot has felt r^C; the plan knows no others.
     """
 
     tables: tuple[Tables, ...]
@@ -80,7 +80,7 @@ class LearnedMap(GridMap):
 
     Attributes:
         lead: where a successful move leads; the cell itself where none ever led out of it.
-        felt: cells where somebody has felt r^C.
+        felt: cells where a robot has felt r^C.
     """
 
     lead: np.ndarray
@@ -100,7 +100,7 @@ class LearnedMap(GridMap):
 def improve(
     scenario: Scenario, learner: Learner, memories: Sequence[Memory]
 ) -> Improvement:
-    """Return what the robots make of what they have learned; the same bits for each of them.
+    """Return the team's plan from its knowledge; the same bits for each robot.
 
     Of the scenario it takes what a robot knows before it learns: starts and goals, discount, cost
     of asking, the percept model; of the map nothing but where cells lie.
@@ -423,7 +423,7 @@ def _acting(
     star: np.ndarray,
     after: Mapping[tuple[int, int, int], int],
 ) -> Memory:
-    """Return what a robot remembers that acts by other values.
+    """Return a memory that acts by other values.
 
     Args:
         scenario: the game.
@@ -480,5 +480,5 @@ def _with_values(
 
 
 def _cost(scenario: Scenario, learner: Learner) -> float:
-    """Return what asking costs, as the learner weighs it."""
+    """Return the cost of asking, weighed by the learner."""
     return learner.weights(scenario).ask_cost * scenario.ask_cost

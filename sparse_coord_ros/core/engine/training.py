@@ -100,7 +100,7 @@ def engine_for(scenario: Scenario, learner: str | Learner, engine: str = "auto")
 
 
 def worth_compiling(scenario: Scenario, learner: Learner) -> bool:
-    """Whether plain Python takes longer for a run than numba takes to begin."""
+    """Return whether plain Python takes longer for a run than numba takes to begin."""
     kept = batch.is_prepared(learner=learner, history=True)
     needed = WORTH_LOADING if kept else WORTH_COMPILING
     return scenario.steps * len(scenario.robots) >= needed

@@ -112,7 +112,7 @@ def can_do(
     z: int,
     outcome: int,
 ) -> bool:
-    """Whether robot k in cell x, the peer in z, may end a step by that move (or staying)."""
+    """Return whether robot k in cell x, the peer in z, may end a step by this outcome."""
     if outcome == STAY:
         return True
     if x == game.goals[k]:
@@ -187,7 +187,7 @@ def outcome(
     unseen: int,
     number: int,
 ) -> tuple[int, float]:
-    """Return where a step leads, and how likely, by one of three outcomes.
+    """Return the cell and the probability of one of a step's three outcomes.
 
     The outcomes: the robot perceives its peer and its move `seen` succeeds; it does not, and its
     move `unseen` succeeds; it stays in x.
@@ -209,7 +209,7 @@ def expected(
     seen: tuple[int, int],
     unseen: tuple[int, int],
 ) -> tuple[float, float]:
-    """Return what a joint step brings, without what staying in (x, y) brings later.
+    """Return the value of a joint step, without that of staying in (x, y).
 
     Args:
         game: the game.
@@ -246,7 +246,7 @@ def expected(
 
 @inner
 def asks_at(game: WeightedGame, policy: AskingPolicies, k: int, x: int) -> bool:
-    """Whether robot k asks in cell x."""
+    """Return whether robot k asks in cell x."""
     return bool(policy.asks[k, x] and x != game.goals[k])
 
 
@@ -389,7 +389,7 @@ def promising(
     k: int,
     x: int,
 ) -> bool:
-    """Whether a new choice of robot k in cell x beats the team's value for some peer's cell.
+    """Return whether a new choice of robot k in cell x is better for some peer's cell.
 
     If a step of it, before all goes on as it was, is better nowhere, the new team is not better.
     """

@@ -405,7 +405,7 @@ def _keep(
 def _acting(
     scenario: Scenario, robots: Sequence[RobotPolicy]
 ) -> tuple[AskingPolicies, np.ndarray, list[dict[int, list[int]]]]:
-    """Return what a team does where it gets to.
+    """Return a team's choices in the states that it gets to.
 
     Returns:
         Its choices; whether a robot acts in a cell, shape (2, cells); and of each robot, the

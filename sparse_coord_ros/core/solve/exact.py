@@ -306,7 +306,7 @@ def _pair(scenario: Scenario, robots: Sequence[Greedy], own: np.ndarray) -> Pair
     percepts = percept_probabilities(scenario.perception, scenario.map)[
         np.ix_(own, own)
     ]
-    if alone:  # it has nobody to ask: its percepts fail
+    if alone:  # it has no peer to ask: its percepts fail
         percepts = np.zeros_like(percepts)
     asking = np.array([one.asks[own] for one in robots])
     moves = np.array([_moves(one, own, percepts) for one in robots])
@@ -322,7 +322,7 @@ def _pair(scenario: Scenario, robots: Sequence[Greedy], own: np.ndarray) -> Pair
         asking = np.repeat(asking, 2, axis=0)
         moves = np.repeat(moves, 2, axis=0)
         meets = np.zeros_like(meets)
-    # Where a move leads out of the cells, nobody makes it.
+    # No robot makes a move that leads out of the cells.
     lead = np.minimum(np.searchsorted(own, scenario.map.next_cell[own]), cells - 1)
     either = moves.sum(axis=1)
     asked = np.empty((2, cells, cells, OUTCOMES))
@@ -346,7 +346,7 @@ def _pair(scenario: Scenario, robots: Sequence[Greedy], own: np.ndarray) -> Pair
 
 
 def _carried(pair: Pair, *, spreads: bool, most: float = np.inf) -> Sums | None:
-    """Return what a trial brings, its squares only where `spreads` asks for them.
+    """Return the sums of a trial, with squares only if `spreads`.
 
     None: steps have more than `most` outcomes in all.
     """
@@ -372,7 +372,7 @@ def _carried(pair: Pair, *, spreads: bool, most: float = np.inf) -> Sums | None:
 
 
 def _moves(robot: Greedy, own: np.ndarray, percepts: np.ndarray) -> np.ndarray:
-    """Return how likely a robot makes each move, (2, own cell, peer's cell, moves).
+    """Return the probability of each move of a robot, (2, own cell, peer's cell, moves).
 
     Without asking, and together with asking; the sum over both and the moves is 1.
     """

@@ -213,7 +213,7 @@ def acts(pair: Pair, sums: Sums, k: int, x: int, p: float, factor: float) -> Non
 
 @inner
 def outcome(pair: Pair, k: int, x: int, z: int, outcome: int) -> float:
-    """Return how likely robot k's step from x, its peer in z, is one move, or that it stays."""
+    """Return the probability that robot k's step from x, its peer in z, has this outcome."""
     arrived = x == pair.goals[k]
     if outcome != STAY:
         return 0.0 if arrived else pair.success * pair.moves[k, x, z, outcome]

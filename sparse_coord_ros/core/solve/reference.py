@@ -45,7 +45,7 @@ class Reference:
 def shortest_path_reference(
     scenario: ScenarioLike, *, keep_right: bool = False
 ) -> Reference:
-    """Return the exact worth of fixed shortest paths that mind nobody (paper, Section 4).
+    """Return the exact value of fixed shortest paths, with no coordination (paper, Section 4).
 
     It is what Indiv. tends to. `reward` (total discounted) and `time_to_goal` (steps) are means
     over the robots, `miscoordinations` is that of a trial.

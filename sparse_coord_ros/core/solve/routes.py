@@ -176,7 +176,7 @@ def _play(scenario: Scenario, ways: Ways, draws: np.ndarray) -> np.ndarray:
 
 
 def alone(scenario: Scenario, avoided: Sequence[Collection[int]]) -> np.ndarray:
-    """Return what robots alone are worth at the end of a step in each cell: (robots, cells).
+    """Return the values of robots alone after a step to each cell: (robots, cells).
 
     Args:
         scenario: the problem.
@@ -207,7 +207,7 @@ def passages(scenario: Scenario) -> np.ndarray:
 
 @inner
 def meeting(x: int, y: int, p: float, here: int, there: int, q: float) -> float:
-    """Return how likely two robots end a step at one place.
+    """Return the probability that two robots end a step at one place.
 
     Args:
         x: the place of the one.

@@ -132,7 +132,7 @@ class Body:
 
 
 def _arc(pose: Pose, ahead: float, turn: float, seconds: float) -> Pose:
-    """Return where a body is after driving an arc."""
+    """Return the pose of a body after driving an arc."""
     angle = turn * seconds
     yaw = math.remainder(pose.yaw + angle, math.tau)
     middle = pose.yaw + angle / 2
@@ -151,7 +151,7 @@ class BodySimulator:
 
     In step with the drivers, time passes by a tick with all goals, and then whenever each body
     that is under way has been told what to do next; it stands still otherwise. So what happens
-    depends on the seed alone, not on how long anybody takes. Else time passes whenever `tick` is
+    depends on the seed alone, not on how long the nodes take. Else time passes whenever `tick` is
     called, as on a real floor.
 
     Args:
@@ -215,7 +215,7 @@ class BodySimulator:
 
     @property
     def waits_for(self) -> set[int]:
-        """The robots whose drivers are to say something next; all, where nobody is under way."""
+        """The robots whose drivers are to command or report next; all while no body drives."""
         return self._under_way - self._told.keys() or set(range(len(self.bodies)))
 
     def reached(self, robot: int, number: int) -> bool:

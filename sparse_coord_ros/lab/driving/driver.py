@@ -45,7 +45,7 @@ class Driver(Mover):
         self._answered = math.nan
 
     def next(self) -> tuple[Command | None, Reached | None]:
-        """Return what the body is to do now, and how its goal ended if it has.
+        """Return the command for the body now, and the end of its goal if it has ended.
 
         None for both where there is nothing to do, or nothing new was seen since. Where the same
         pose comes again and again, the last answer was lost, and is given again.

@@ -115,14 +115,14 @@ class Mover:
         self.pose = pose
 
     def _goal_state(self) -> GoalState | None:
-        """Return what the goal is judged by; None: there is no goal, or no pose."""
+        """Return the state of the goal; None: there is no goal, or no pose."""
         if self._goal is None or self.pose is None:
             return None
         target = self._metric_map.place(self._robot, self._goal.end)
         return GoalState(self._goals, self._goal, self.pose, self._stamp, target)
 
     def _newer(self, state: GoalState) -> bool:
-        """Whether the pose is newer than those that the goals knew of.
+        """Return whether the pose is newer than those that the goals knew of.
 
         A goal may overtake poses that were published before it. So a pose that is much older than
         the goal does not show by itself that the clock of the poses began anew.

@@ -132,7 +132,7 @@ class Navigator(Mover):
             now: the time.
             kind: what it counts as.
             why: what is said of it.
-            blind: nobody knows where the body is, until the next pose.
+            blind: the pose of the body is not known until the next one comes.
         """
         self._blind |= blind
         self._leave(now)
@@ -251,7 +251,7 @@ class Navigator(Mover):
             self.give_up(now, "out of time", why)
 
     def _arrives(self, state: GoalState) -> Reached | None:
-        """Return that the body is where it was to go, whatever the server says; else None."""
+        """Return the end of the goal if the body is there, regardless of the server; else None."""
         if state.goals.place:
             return self._placed(state)
         near = distance(state.pose, state.target) <= self._limits.near
@@ -260,7 +260,7 @@ class Navigator(Mover):
     def _settles(
         self, state: GoalState, since: float, before: float, now: float
     ) -> Reached | None:
-        """Return where a move that is over has ended, once the server and a newer pose say so.
+        """Return the end of a move that is over, once the server and a newer pose confirm it.
 
         Args:
             state: what is known.

@@ -65,7 +65,7 @@ class Tree:
 
 
 def parent_of(pose: Pose, here: Pose) -> Pose:
-    """Return where a frame is in which a body is at `here`, if it is at `pose` itself."""
+    """Return the pose of the frame in which a body at `pose` is at `here`."""
     turn = math.remainder(pose.yaw - here.yaw, math.tau)
     x, y, _ = _within(Pose(0.0, 0.0, turn), here)
     return Pose(pose.x - x, pose.y - y, turn)

@@ -43,7 +43,7 @@ DRIVE_SETTINGS = SettingTable(_ALL.values())
 
 
 def limits_of(values: dict, side: float) -> Limits:
-    """Return what a body may do.
+    """Return the limits of a body.
 
     Args:
         values: `DRIVER_SETTINGS`.

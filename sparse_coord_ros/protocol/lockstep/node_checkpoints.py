@@ -57,7 +57,7 @@ class CheckpointStore:
         """Save where the node is."""
 
     def counted(self) -> dict[str, int]:
-        """Return what `count` saved last."""
+        """Return the counts that `count` saved last."""
         return {}
 
     def count(self, events: Mapping[str, int]) -> None:
@@ -139,7 +139,7 @@ class Checkpoints(CheckpointStore):
         self._prune()
 
     def counted(self) -> dict[str, int]:
-        """Return what `count` saved last.
+        """Return the counts that `count` saved last.
 
         Raises:
             RunError: it is of another run, or in another format.
@@ -158,7 +158,7 @@ class Checkpoints(CheckpointStore):
         self._write(EVENTS, {name: np.array(number) for name, number in events.items()})
 
     def load(self, step: int) -> Any:
-        """Return where the node was: a `WorldState` or a `RobotState`; None: at the beginning.
+        """Return a saved `WorldState` or `RobotState`; None: the beginning of the run.
 
         Raises:
             RunError: there is no such checkpoint, it is broken or of another run.
@@ -187,7 +187,7 @@ class Checkpoints(CheckpointStore):
     def _state(
         self, step: int, arrays: Mapping[str, np.ndarray]
     ) -> WorldState | RobotState:
-        """Return what `_arrays` took apart."""
+        """Return the state that `_arrays` took apart."""
         kind: type[WorldState] | type[RobotState] = RobotState
         fields: dict[str, Any] = {"step": step}
         if self._node == WORLD:
@@ -245,7 +245,7 @@ def steps_of(folder: Path, node: str) -> list[int]:
 
 
 def robots_elsewhere(out: Path, scenario: Scenario) -> list[str]:
-    """Return which robots of a run that has come on in a directory never had anything there."""
+    """Return the robots of a resumed run that never saved anything in its directory."""
     folder = out / CHECKPOINTS
     names = scenario.names
     begun = any(steps_of(folder, name) for name in (WORLD, *names))

@@ -193,7 +193,7 @@ class RobotSide:
             self._go_on()
 
     def due(self, there: int) -> int | None:
-        """Return what a peer in a cell answers to the question under way: its cell, or nothing."""
+        """Return the answer due from a peer in a cell to the question under way."""
         sees = self._percepts.sees(self._handled, self.agent.number, self._cell, there)
         return there if sees else None
 
@@ -214,7 +214,7 @@ class RobotSide:
         return Answer(own_step, own_cell if seen else None)
 
     def snapshot(self) -> RobotState:
-        """Return where the robot is: a copy, of the time step `handled`.
+        """Return the robot's state, a copy, at the time step `handled`.
 
         An agent learns only when it works off a state, so this may be asked for at any time.
         """
@@ -228,7 +228,7 @@ class RobotSide:
         )
 
     def self_report_of(self, step: int) -> SelfReport | None:
-        """Return what the robot said of itself at a time step; None: it is over, or to come."""
+        """Return the robot's self-report of a time step; None: it is over, or to come."""
         return (
             self._self_report
             if self._choice is not None and step == self._handled
@@ -303,7 +303,7 @@ class RobotSide:
             self._choose()
 
     def _rests(self, step: int, cell: int) -> bool:
-        """Whether no action is due: arrived, end of the episode, or end of the run."""
+        """Return whether no action is due: arrived, end of the episode, or end of the run."""
         ended = self.transitions >= self._budget
         return (
             ended

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""How a team goes back to its last common checkpoint, as state machines without ROS.
+"""Rollback of a team to its last common checkpoint, as state machines without ROS.
 
 Every robot says which checkpoints it has. The world chooses the newest that all have, itself
 included, goes back to it and orders everybody to do so. It goes on when all have obeyed, or when a
@@ -166,7 +166,7 @@ class RobotRollback:
         return True
 
     def progress(self) -> Progress:
-        """Return what to say to the world: on joining, after saving, after `obey`."""
+        """Return the robot's progress for the world: on joining, after saving, after `obey`."""
         at = (self._side.handled, self._side.transitions)
         steps = tuple(self._store.steps())
         return Progress(self._life, *at, steps, self._obeyed, self._resumed)

@@ -42,7 +42,7 @@ class WorldState(NamedTuple):
         counts: `episode` and `miscoordinations` of the game, `timeouts`, `left_out`, `stale`,
             `lost`.
         began: why the episode began.
-        absent: robots that nobody waits for.
+        absent: robots that the world does not wait for.
         history: the episodes.
     """
 
@@ -70,7 +70,7 @@ class WorldSide:
         began: why the episode began: one of the reasons of `wire`.
         stale: actions that came too late, or twice.
         lost: transitions that count as made and are no part of the history.
-        absent: robots that missed a deadline and have not acted since; nobody waits for them.
+        absent: robots that missed a deadline and have not acted since: not waited for.
         history: gathers the episodes.
         watcher: None, or called after each transition with it.
         held: after `go_on_from` and until `start`: what robots do is of the time taken back.
@@ -151,7 +151,7 @@ class WorldSide:
         self._publish_states()
 
     def snapshot(self, step: int | None = None) -> WorldState | None:
-        """Return where the world is; None: its game cannot be resumed.
+        """Return the world's state; None: its game cannot be resumed.
 
         Args:
             step: the time step under which the robots save; the present one where None.

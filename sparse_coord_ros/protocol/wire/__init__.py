@@ -79,7 +79,7 @@ class Topic:
         return self.type_name in (_CLOCK, _POSE, _NUMBERS, _GRID, _PATH, _ODOMETRY)
 
     def column(self, label: str) -> int:
-        """Return which of the numbers has a label."""
+        """Return the index of a label among the numbers."""
         return self.labels.index(label)
 
 
@@ -117,7 +117,7 @@ class PerceptEnd(IntEnum):
 
     @classmethod
     def untold(cls, *, perceived: bool, peers: int) -> "PerceptEnd":
-        """Return how a percept ended of which nobody says it: in one process none is late."""
+        """Return the outcome of a percept without a deadline: in one process no answer is late."""
         return (
             cls.ANSWERED if perceived else cls.REFUSED if peers else cls.NOBODY_TO_ASK
         )
@@ -195,7 +195,7 @@ TABLES = Topic("tables", _BYTES, ROBOT, _TABLES, recorded=False, limit=limits.TA
 """Of a robot, as the bytes of an .npz file; the recorder attaches them to the bag."""
 
 CLAIM = Topic("_claim", "std_msgs/msg/Header", NODE, _LATCHED)
-"""Of the world and of every robot: `frame_id` is what the node is called by nobody else, and its
+"""Of the world and of every robot: `frame_id` is an identity of the node's own, and its
 `ClaimRank`. The stamp (wall clock, since when) is for people only."""
 
 _EVENTS = (
@@ -248,12 +248,12 @@ PLANS_FOLDER = "improved/"
 
 
 def tables_attachment(robot: str, step: int | str) -> str:
-    """Return what a robot's tables of a time step are called as an attachment of a bag."""
+    """Return the attachment's name of a robot's tables of a time step."""
     return f"{TABLES_FOLDER}{robot}_{step}.npz"
 
 
 def improved_attachment(robot: str) -> str:
-    """Return what a robot's plan is called as an attachment: its improved tables."""
+    """Return the attachment's name of a robot's improved tables."""
     return f"{PLANS_FOLDER}{robot}.npz"
 
 
@@ -307,7 +307,7 @@ OVER = (RunState.FINISHED, RunState.STOPPED)
 class Began(StrEnum):
     """Why an episode began, as `status` says it.
 
-    The run's first; all had arrived; `max_steps` were used up; somebody asked for it; nobody was
+    The run's first; all had arrived; `max_steps` were used up; a user asked for it; no robot was
     left to wait for.
     """
 
@@ -319,7 +319,7 @@ class Began(StrEnum):
 
 
 class ClaimRank(IntEnum):
-    """How far a node of a name has come; whoever has come further keeps the name.
+    """How far a node of a name has come; the node that has come further keeps the name.
 
     It looks whether the name is taken; it has the name; it takes part in a run.
     """

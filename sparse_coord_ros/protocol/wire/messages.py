@@ -461,7 +461,7 @@ class Messages(Frame):
         return self._grid.pack(*self.stamp(step), self._grids.map)
 
     def pack_coordination_map(self, step: int, q_star: np.ndarray) -> bytes:
-        """Return where a robot chooses COORDINATE as CDR of nav_msgs/OccupancyGrid.
+        """Return the cells where a robot asks as CDR of nav_msgs/OccupancyGrid.
 
         It is 100 there, 0 elsewhere, -1 in walls.
         """

@@ -71,7 +71,7 @@ def values_of(message: Any, *needed: str) -> dict[str, str]:
 
 
 def read_status(message: Any) -> RunStatus:
-    """Return what the world says on `status`.
+    """Return the status of the run in a message on `status`.
 
     Raises:
         ValueError: a value is missing, or no number.
@@ -122,7 +122,7 @@ class Progress(NamedTuple):
 
 
 def read_progress(message: Any) -> Progress:
-    """Return what a robot says of its checkpoints.
+    """Return the progress of a robot in its message.
 
     Raises:
         ValueError: it is malformed.

@@ -39,7 +39,7 @@ OTHER_WAYS: tuple[tuple[str, str, str], ...] = (
     (TRANSPORTS, "UDPv4", "shared memory does not work between processes here"),
     (RANGE, "LOCALHOST", "multicast does not work here, or discovery is turned off"),
 )
-"""What to try where nobody answers, and what it means where that helps."""
+"""What to try without an answer, and the cause if that helps."""
 
 SUSPECTS = ("RMW_IMPLEMENTATION", SECURITY, "ROS_DISCOVERY_SERVER", PROFILES)
 """Variables that keep ROS from starting, or nodes apart, where they are wrong."""

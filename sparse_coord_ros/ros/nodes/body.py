@@ -158,7 +158,7 @@ class BodyNode(Follower):
             self._pose_publishers[k].publish(seen)
 
     def go_on(self, now: float) -> None:
-        """Say again where the bodies are, where nobody drives."""
+        """Publish the bodies' poses again while no body drives."""
         if now - self._said >= REPEAT_POSES_SECONDS and self.values["body_rate"] == 0:
             self._say(look=False)
 
@@ -190,7 +190,7 @@ class BodyNode(Follower):
 
 
 def read_command(message: Twist) -> Command:
-    """Return what a body is told to do.
+    """Return the command for a body.
 
     Raises:
         ValueError: a speed is no number, or beyond what any body does.

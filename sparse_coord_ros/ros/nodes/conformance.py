@@ -351,7 +351,7 @@ class ScriptedWorld(WorldTopics):
             self.turn(what)
 
     def lacks(self) -> str:
-        """Return what the robot lacks for the world to begin."""
+        """Return the missing topic or service of the robot that the world waits for."""
         return next((one for one in self.missing() if one.split()[0] == self.name), "")
 
     def begins(self, what: str) -> None:
@@ -555,7 +555,7 @@ order (None: all the rest does)."""
 
 
 def left(child: subprocess.Popen[bytes]) -> str:
-    """Return what is left of the robot's session, or how it ended; "": nothing, and well."""
+    """Return an error if the robot's session still runs or ended badly, else an empty text."""
     if child.poll() is None:
         return "its process runs on after the run"
     with suppress(ProcessLookupError):

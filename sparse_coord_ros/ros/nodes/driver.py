@@ -35,7 +35,7 @@ class DriverNode(MoverNode):
         )
 
     def make(self, metric_map: MetricMap, number: int) -> Driver:
-        """Return what steers the body."""
+        """Return the state machine that steers the body."""
         self.driver = Driver(
             metric_map, limits_of(self.values, metric_map.side), number
         )
@@ -59,7 +59,7 @@ class DriverNode(MoverNode):
         self._cmd_vel.publish(message)
 
     def missing(self) -> str:
-        """Return that nobody hears the commands, where that is so."""
+        """Return the text of a missing subscriber of the commands, else an empty text."""
         heard = self._cmd_vel.get_subscription_count() > 0
         return "" if heard else f"a body that hears {self._cmd_vel.topic_name}"
 

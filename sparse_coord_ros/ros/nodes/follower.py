@@ -69,7 +69,7 @@ class Follower(ParameterNode):
         check_place(self.values.get("out", ""))
 
     def may_begin(self, now: float) -> bool:
-        """Whether the node is ready for a run; asked with every tick until it begins."""
+        """Return whether the node is ready for a run; asked with every tick until it begins."""
         return True
 
     def wait(self) -> None:
@@ -104,7 +104,7 @@ class Follower(ParameterNode):
         """Say how it goes; called every second."""
 
     def all_done(self, now: float) -> bool:
-        """Whether nothing is left to do after the run's end."""
+        """Return whether nothing is left to do after the run's end."""
         return True
 
     def another_run(self, data: bytes) -> RunConfig | None:
@@ -124,7 +124,7 @@ class Follower(ParameterNode):
         self.done = True
 
     def may_stop(self) -> bool:
-        """Whether all is done up to the step at which the world stopped, or it does not stop."""
+        """Return whether all is done up to the world's last step, or the world goes on."""
         now = time.monotonic()
         self._stopping = self._stopping or now
         if self.presence is None or self.done:

@@ -25,7 +25,7 @@ FIND_SECONDS = 2.0
 """How long nodes are looked for in any case: discovery takes its time."""
 
 ASK_SECONDS = 20.0
-"""How long nodes are asked at most; somebody else may want the opposite later. A node that was
+"""How long nodes are asked at most; another user may want the opposite later. A node that was
 killed is in the graph for so long."""
 
 
@@ -129,7 +129,7 @@ class Halting:
         return sorted(name for name, one in self.asked.items() if not one.done)
 
     def in_words(self, name: str) -> str:
-        """Return what a node has answered."""
+        """Return a node's answer in words."""
         silent = (
             "does not answer, its body may be moving"
             if self.hold

@@ -100,7 +100,7 @@ class MoverNode(Follower, LifecycleNodeMixin):
             self.trigger_activate()
 
     def make(self, metric_map: MetricMap, number: int) -> Mover:
-        """Return what moves the body of a robot."""
+        """Return the state machine that moves the body of a robot."""
         raise NotImplementedError
 
     def drive(self) -> None:
@@ -108,11 +108,11 @@ class MoverNode(Follower, LifecycleNodeMixin):
         raise NotImplementedError
 
     def missing(self) -> str:
-        """Return what the node waits for, beside poses, before it reports for duty."""
+        """Return the text of something that the node lacks, beside poses, or an empty text."""
         raise NotImplementedError
 
     def halt(self, why: str = "") -> None:
-        """Let the body stand; `why`: nobody knows where it is."""
+        """Let the body stand; `why`: its pose is not known."""
         raise NotImplementedError
 
     def stands(self) -> bool:
@@ -249,7 +249,7 @@ class MoverNode(Follower, LifecycleNodeMixin):
             )
 
     def all_done(self, now: float) -> bool:
-        """Whether the body stands, after the run's end."""
+        """Return whether the body stands, after the run's end."""
         return self.settled()
 
     def lost(self, why: str) -> None:

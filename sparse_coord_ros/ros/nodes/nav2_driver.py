@@ -4,7 +4,7 @@
 
 The action is to have one server. Goals go to all that there are, and two would steer one base; so
 before its first goal the node waits until the second one is gone, and ends where it stays. One
-that appears later is reported: to stop halfway would help nobody. (rclpy's EventsExecutor ends
+that appears later is reported: to stop halfway would not help. (rclpy's EventsExecutor ends
 the process with a segmentation fault when several servers answer, its SingleThreadedExecutor takes
 no notice; so that one is the default.)
 """
@@ -78,7 +78,7 @@ class Nav2DriverNode(MoverNode):
         self._halting: tuple[float, Future] | None = None
 
     def make(self, metric_map: MetricMap, number: int) -> Navigator:
-        """Return what decides on goals."""
+        """Return the state machine that decides on goals."""
         values = self.values
         side = metric_map.side
         near = values["near"] * side
@@ -113,7 +113,7 @@ class Nav2DriverNode(MoverNode):
         return owners(self, f"{self._name}/_action/status", service=False)
 
     def missing(self) -> str:
-        """Return that Nav2 is not there, is there twice, or may still drive for another client.
+        """Return a text if Nav2 is missing, runs twice, or may still drive for another client.
 
         Raises:
             RunError: it has been there twice for so long that both must be alive.
@@ -144,7 +144,7 @@ class Nav2DriverNode(MoverNode):
             self.drive()
 
     def set_halted(self, halted: bool, by: str) -> None:
-        """Cancel all goals that Nav2 has, whoever sent them; anew, when it is asked for anew."""
+        """Cancel all goals that Nav2 has, of any client; ask again at each call."""
         super().set_halted(halted, by)
         now = time.monotonic()
         if not halted:

@@ -58,7 +58,7 @@ TAKE_AWAY = "take_away"
 STUCK = "stuck"
 """What becomes of a goal. The base gets there; it is aborted at once; rejected; accepted much too
 late; never answered; accepted, and nothing is said of it; the way left is 50 m; it is said to be
-reached, and is not; it ends as if somebody else had cancelled it; nothing moves."""
+reached, and is not; it ends as if another client had cancelled it; nothing moves."""
 
 
 class Base:
@@ -77,7 +77,7 @@ class Base:
         active: the goal that is driven; None: none is.
         fault: what becomes of that.
         ended: how the goals ended, one after the other.
-        lost: whether nobody says where it is.
+        lost: whether its pose is not published.
     """
 
     def __init__(

@@ -180,7 +180,7 @@ class Output:
             raise RunError(NO_OUTPUT)
 
     def _open(self, out: Path, own: Sequence[str]) -> None:
-        """Make or join the directory: `run.yaml` is written by whoever comes first."""
+        """Make or join the directory: the first node to come writes `run.yaml`."""
         out.mkdir(parents=True, exist_ok=True)
         held = [name for name in own if (out / name).exists()]
         if not held:
@@ -262,7 +262,7 @@ class Output:
         return out
 
     def _joins(self, place: Path) -> bool:
-        """Whether a node of this run, and of this user, made a directory; an OSError passes."""
+        """Return whether this user's node of this run made a directory; an OSError passes."""
         found = place.lstat()
         if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid():
             return False

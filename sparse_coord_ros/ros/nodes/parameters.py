@@ -209,7 +209,7 @@ class ParameterNode(Node):
         """Check the values, and open what the node needs; where that fails, no node is left."""
 
     def fail(self, error: SparseCoordError) -> None:
-        """Stop the node because of bad input: whoever spins it raises the error."""
+        """Stop the node because of bad input; the loop that spins it raises the error."""
         self.failure = self.failure or error
 
     def guarded(
@@ -286,7 +286,7 @@ class ParameterNode(Node):
         """
 
     def may_stop(self) -> bool:
-        """Whether the node can end now that a signal has come; asked until it can."""
+        """Return whether the node can end now that a signal has come; asked until it can."""
         return True
 
     def announce(self, topic: RosTopic, owner: str = "") -> Publisher:
@@ -303,9 +303,9 @@ class ParameterNode(Node):
         return publisher
 
     def reporter(self, part: str) -> Callable[..., None]:
-        """Return what publishes diagnostics of a part of this node, called as `messages.status`.
+        """Return a function that publishes a part's diagnostics, called as `messages.status`.
 
-        They are stamped with the wall clock, whoever owns /clock, and in no frame.
+        They are stamped with the wall clock, not with /clock, and have no frame.
         """
         publish = self.announce(DIAGNOSTICS).publish
         name = f"{self.full_name}: {part}"
@@ -321,7 +321,7 @@ class ParameterNode(Node):
         return report
 
     def names_of(self, role: str) -> Counter[str]:
-        """Return what the nodes of a role are called, each with its number of nodes.
+        """Return the names of the nodes of a role, each with its number of nodes.
 
         A robot's role is its name.
         """
@@ -333,7 +333,7 @@ class ParameterNode(Node):
         )
 
     def heard_by(self, publisher: Publisher, role: str) -> bool:
-        """Whether a node of a role subscribes to a topic of this node.
+        """Return whether a node of a role subscribes to a topic of this node.
 
         Bystanders (`ros2 topic echo`, RViz) do not count.
         """
@@ -347,7 +347,7 @@ class ParameterNode(Node):
         )
 
     def is_heard(self, topic: str, role: str) -> bool:
-        """Whether a node of a role subscribes to a topic; also a recorder here that gave up.
+        """Return whether a node of a role subscribes; true for a recorder here that gave up.
 
         Of one name all do: a killed node is in the graph for 20 s, beside the one that came back.
         """

@@ -79,7 +79,7 @@ class Peer:
         self.heard = self._sent = 0.0
 
     def ready(self) -> bool:
-        """Whether the peer's service has been there."""
+        """Return whether the peer's service has been there."""
         self._seen = self._seen or self._client.service_is_ready()
         return self._seen
 
@@ -206,7 +206,7 @@ class Peers:
             self._peers[k] = Peer(node, node.shared_clients[service], answered)
 
     def ready(self) -> bool:
-        """Whether every peer's service has been there."""
+        """Return whether every peer's service has been there."""
         for peer in self._peers:
             self._look_for_another_server(peer)
         return all(peer.ready() for peer in self._peers.values())
@@ -217,7 +217,7 @@ class Peers:
         return self._peers[peer].request(self._convert.pose(step, cell), step)
 
     def _look_for_another_server(self, peer: int) -> None:
-        """Doubt a peer's answers from now on where somebody else offers its service too."""
+        """Doubt a peer's answers from now on if another node offers its service too."""
         name = self._names[peer]
         one = self._peers[peer]
         if (
@@ -236,7 +236,7 @@ class Peers:
         )
 
     def _fits(self, peer: int, step: int, plan: Path) -> bool:
-        """Whether an answer is what a peer answers that is where the world says."""
+        """Return whether an answer is what a peer answers that is where the world says."""
         said = plan.header.stamp
         now = self._convert.header(step).stamp
         if self._side.waiting != ("percept", step):

@@ -51,7 +51,7 @@ LAST_MESSAGES_SECONDS = 6.0
 PLANNING_SECONDS = 600.0
 """The same where robots plan on what they have learned before they say their last words."""
 TALK_SECONDS = 20.0
-"""After the run's end, how long somebody who goes on talking keeps the bag open."""
+"""After the run's end, how long a node that goes on publishing keeps the bag open."""
 KEPT_FREE = 32
 """MiB of the disk that a recording leaves free, so that tables can still be saved."""
 LAG_STEPS = 1000
@@ -284,7 +284,7 @@ class Recording:
         )
 
     def _finds_robots(self) -> bool:
-        """Whether all robots are in the graph: they know then that this recorder listens.
+        """Return whether all robots are in the graph: they know then that this recorder listens.
 
         A robot cannot tell by itself as long as a killed recorder is in its graph.
         """
@@ -294,14 +294,14 @@ class Recording:
         )
 
     def all_done(self, now: float) -> bool:
-        """Whether nothing comes any more, and nobody is left whose last words are to come."""
+        """Return whether the bag can be closed: no messages come, and none are due."""
         waited = now - self._presence.ended
         quiet = now - self.heard >= QUIET_SECONDS or waited > TALK_SECONDS
         limit = PLANNING_SECONDS if self.run.improve else LAST_MESSAGES_SECONDS
         return quiet and (waited > limit or self._heard_all())
 
     def _heard_all(self) -> bool:
-        """Whether nobody is left whose last words are still to come.
+        """Return whether the last messages of all nodes have come.
 
         Nodes leave when all that they said has arrived. Those in this process stay until the
         recorder has ended; their last words are the robots' tables.
@@ -329,7 +329,7 @@ class Recording:
 
 
 def why_of(order: Order) -> dict[str, str]:
-    """Return what a file says that begins with an order, or without one."""
+    """Return the metadata of a bag file that begins with an order, or without one."""
     if not order.name or order.step == NO_ROLLBACK:
         return {"why": RESTARTED}
     return {"why": ROLLED_BACK, "step": str(order.step), "first": str(order.first)}

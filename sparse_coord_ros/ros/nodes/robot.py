@@ -280,7 +280,7 @@ class Member:
         return ""
 
     def all_done(self, now: float) -> bool:
-        """Whether all is learned that happened, or what is missing has had its time to come."""
+        """Return whether all transitions are learned, or the missing messages are overdue."""
         side = self.lockstep
         end = self._presence.end
         ended = self._presence.ended
@@ -408,7 +408,7 @@ class RobotNode(Follower):
         self.guard = Guard(self)
 
     def may_begin(self, now: float) -> bool:
-        """Whether nobody who had the name before has been heard in time."""
+        """Return whether no earlier owner of the name has been heard in time."""
         return self.guard.holds(now)
 
     def check(self, run: RunConfig) -> None:

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The vocabulary of `wire`, bound to message classes and QoS profiles.
+"""The topics of `wire` for rclpy: bound to message classes and QoS profiles.
 
 Names are relative (except /diagnostics and what ROS itself makes absolute), so a whole
 team moves into a namespace together. A robot's topics lie under its name.
@@ -74,7 +74,7 @@ def __getattr__(name: str) -> RosTopic:
 
 
 def clock_of(run: RunConfig) -> RosTopic:
-    """Return the topic of a run's clock: it is hidden where /clock is somebody else's."""
+    """Return the topic of a run's clock: it is hidden where another node owns /clock."""
     hidden = run.clock == NO_CLOCK
     return bind(replace(wire.CLOCK, name=wire.HIDDEN_CLOCK) if hidden else wire.CLOCK)
 
@@ -87,7 +87,7 @@ def recorded(owner: wire.Owner) -> tuple[RosTopic, ...]:
 
 
 def recorder_qos(topic: RosTopic) -> QoSProfile:
-    """Return what the recorder asks for: nothing is overwritten before it is written down."""
+    """Return the recorder's QoS profile, deep enough for a recorder that lags."""
     return QoSProfile(depth=STEP_DEPTH, durability=topic.qos.durability)
 
 

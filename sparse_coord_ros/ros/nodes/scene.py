@@ -116,7 +116,7 @@ class Scene:
         return [line, self._text(WORDS, k, f"asks {whom}: {outcome}", -0.4)]
 
     def _read(self, action: bytes) -> tuple[int, str] | None:
-        """Return whom an action asked (from 0, -1: all) and how it ended; None: it did not ask."""
+        """Return the asked peer (from 0, -1: all) and the percept's end; None: it did not ask."""
         try:
             acted, said, report = self.convert.unpack_self_report(action)
         except ValueError:  # the world takes an action, whatever else a robot says

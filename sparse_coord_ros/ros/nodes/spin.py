@@ -235,7 +235,7 @@ def ending(
     try:
         yield
     except errors.NameTakenError:
-        raise  # the team is another node's: neither save nor tell anybody
+        raise  # the team is another node's: neither save nor publish the error
     except Exception as error:
         failure = errors.failure_of(error)
         with suppress(Exception):  # the first error is the one to tell
@@ -258,7 +258,7 @@ def exit_code_of(run: Callable[[Stop], None]) -> int:
         run: what to run; it minds the signals that end it.
 
     Returns:
-        0 at its end, 2 after bad input, 1 after an exception that nobody expected, 130 after an
+        0 at its end, 2 after bad input, 1 after an unexpected exception, 130 after an
         impatient second Ctrl-C.
     """
     with signals() as stop:

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The node `watch`: reads what a team says, and shows it on a page in the browser.
 
-Nobody waits for it. Beside a team in other processes it hears its topics. In the team's own
-process it looks at world and robots themselves: taking every message would slow the team.
+The team never waits for it. It subscribes to the topics of a team in other processes. Inside a
+team's process it reads world and robots directly: taking every message would slow the team.
 """
 
 import contextlib
@@ -104,7 +104,7 @@ class Controls(Controlled):
             self._show_halting(self.view)
 
     def _show_halting(self, view: LiveView) -> None:
-        """Show whether there is anybody to halt, and who has not done it yet."""
+        """Show whether there are nodes to halt, and which of them have not halted yet."""
         halting = self._halting
         said = ""
         if (halting.asking or halting.hold) and halting.left:
@@ -267,7 +267,7 @@ class WatchNode(Follower):
         self.server.board.source = self.controls
 
     def set_up(self) -> None:
-        """Serve the page, where nobody does."""
+        """Serve the page, unless it is served already."""
         from sparse_coord_ros.show.page.message_board import MessageBoard
         from sparse_coord_ros.show.page.server import Server
 
@@ -343,7 +343,7 @@ class WatchNode(Follower):
             view.notice("the world is gone; the page waits for the next team")
 
     def all_done(self, now: float) -> bool:
-        """Whether there is no next team to wait for: there may always be one."""
+        """Return whether there is no next team to wait for: there may always be one."""
         return False
 
     def may_stop(self) -> bool:
@@ -558,7 +558,7 @@ class HeardTeam:
 
     def _on_tables(self, k: int, said: tuple[bytes, int, str]) -> None:
         data, step, _ = said
-        with contextlib.suppress(Exception):  # anybody can publish anything
+        with contextlib.suppress(Exception):  # a stranger can publish anything
             where = ros_topics.TABLES.name
             [saved] = unpack_saved(data, [k + 1], where=where, limit=TABLES)
             tables = tables_of(

@@ -4,7 +4,7 @@
 
 Halting: the word of it stands in `goals`, which are latched, so a driver that starts later hears
 it with its first goal. It is said again until every driver has confirmed it on `halted`. A driver
-that says `halted` by itself halts the team: somebody asked it directly, or the world that halted
+that says `halted` by itself halts the team: a user asked it directly, or the world that halted
 it is gone, and this one came in its place.
 """
 

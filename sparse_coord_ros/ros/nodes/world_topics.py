@@ -126,7 +126,7 @@ class WorldTopics:
         return missing
 
     def gone(self, robots: Iterable[int]) -> bool:
-        """Whether nobody publishes the actions of any of these robots."""
+        """Return whether no node publishes the actions of any of these robots."""
         return not any(self.actions[k].get_publisher_count() for k in robots)
 
     @property
