@@ -85,6 +85,20 @@ class GridMap:
         return r, c
 
     @cached_property
+    def squares(self) -> np.ndarray:
+        """Shape (cells,), int64: the square of each free cell, row * columns + column."""
+        r, c = self._places
+        squares: np.ndarray = r * self.shape[1] + c
+        return squares
+
+    @cached_property
+    def free(self) -> np.ndarray:
+        """Shape (squares,), bool: whether a square is free."""
+        free = np.zeros(self.shape[0] * self.shape[1], dtype=np.bool_)
+        free[self.squares] = True
+        return free
+
+    @cached_property
     def number(self) -> dict[tuple[int, int], int]:
         """The cell number of each free (row, column)."""
         return {position: cell for cell, position in enumerate(self.cells)}
