@@ -187,7 +187,7 @@ def moves_to(lead: np.ndarray, goal: int, avoided: Collection[int] = ()) -> np.n
     """Return the moves from each cell to a goal through no avoided cell; -1: there is no way.
 
     Args:
-        lead: where a successful move leads, shape (cells, moves).
+        lead: where a successful move leads, shape (cells, moves); every move has its way back.
         goal: the cell to go to.
         avoided: cells to keep out of.
 
@@ -195,13 +195,14 @@ def moves_to(lead: np.ndarray, goal: int, avoided: Collection[int] = ()) -> np.n
         Shape (cells,), int64.
     """
     far = np.full(len(lead), UNREACHABLE, dtype=np.int64)
-    front = np.zeros(len(lead), dtype=np.bool_)
+    through = np.ones(len(lead), dtype=np.bool_)
+    through[list(avoided)] = False
+    front = np.array([goal])
     moves = 0
-    front[goal] = True
-    while front.any():
+    while len(front):
         far[front] = moves
-        front[list(avoided)] = False
-        front = front[lead].any(axis=1) & (far == UNREACHABLE)
+        beside = lead[front[through[front]]].ravel()
+        front = np.unique(beside[far[beside] == UNREACHABLE])
         moves += 1
     return far
 
