@@ -187,24 +187,28 @@ def moves_to(lead: np.ndarray, goal: int, avoided: Collection[int] = ()) -> np.n
     """Return the moves from each cell to a goal through no avoided cell; -1: there is no way.
 
     Args:
-        lead: where a successful move leads, shape (cells, moves); every move has its way back.
+        lead: where a successful move leads, shape (cells, moves).
         goal: the cell to go to.
         avoided: cells to keep out of.
 
     Returns:
         Shape (cells,), int64.
     """
-    far = np.full(len(lead), UNREACHABLE, dtype=np.int64)
-    through = np.ones(len(lead), dtype=np.bool_)
-    through[list(avoided)] = False
-    front = np.array([goal])
-    moves = 0
-    while len(front):
-        far[front] = moves
-        beside = lead[front[through[front]]].ravel()
-        front = np.unique(beside[far[beside] == UNREACHABLE])
-        moves += 1
-    return far
+    origins: list[list[int]] = [[] for _ in lead]
+    for x, row in enumerate(lead.tolist()):
+        for y in row:
+            origins[y].append(x)
+    for x in avoided:
+        origins[x] = []
+    far = [UNREACHABLE] * len(lead)
+    far[goal] = 0
+    reached = [goal]
+    for y in reached:  # it grows
+        for x in origins[y]:
+            if far[x] == UNREACHABLE:
+                far[x] = far[y] + 1
+                reached.append(x)
+    return np.array(far, dtype=np.int64)
 
 
 def regions(lead: np.ndarray) -> np.ndarray:
