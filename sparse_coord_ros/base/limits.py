@@ -33,6 +33,9 @@ class Limit(NamedTuple):
 MB = 2**20
 SCENARIO = Limit("a scenario or a run", 8 * MB, 20_000)
 MAP = Limit("a map", 4 * MB, 1_000_000)
+CELLS = 250_000
+"""Free cells of a map to learn on."""
+
 MAP_HEADER = Limit("the description of a map", 2**16, 1_000)
 IMAGE = Limit("an image", 128 * MB, 25_000_000)
 ARRAYS = Limit("tables, histories and checkpoints", 1024 * MB, 1024 * MB)

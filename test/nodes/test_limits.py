@@ -53,7 +53,7 @@ def test_a_large_message_is_dropped_unread(topic):
 
 
 def test_messages_of_a_large_team_are_below_the_limits():
-    scenario = load_scenario("building-8x8x10-60r-0")
+    scenario = load_scenario("building-8x8x10-53r-0")
     run = (
         make_run(scenario, {"learner": "indiv"})
         if len(scenario.map.cells) < 23_170

@@ -23,7 +23,7 @@ DOORWAY_BESIDE = 0.5
 TRIAL = 5
 """A trial lasts at least so many times as long as the longest of the shortest paths."""
 
-MOST = 60, 20
+MOST = 53, 20
 """Robots of a building; rooms in a row, rows, and cells along the side of a room."""
 
 

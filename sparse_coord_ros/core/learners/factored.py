@@ -22,9 +22,9 @@ from sparse_coord_ros.base.compiling import inlined, inner, of_learner
 from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.base.npz import MOST_UPDATES, check_range
 from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE, PRIMITIVES
-from sparse_coord_ros.core.game.percepts import ruled_out
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.game.settings import LARGEST_WHOLE
+from sparse_coord_ros.core.game.sight import is_ruled_out
 from sparse_coord_ros.core.game.specs import Spec
 from sparse_coord_ros.core.game.world import RewardWeights
 from sparse_coord_ros.core.learners.learner import Learner
@@ -70,6 +70,7 @@ class Factored(Learner):
     summary = "Algorithm 1 with Q^C as an individual part and sparse corrections"
     draws = True
     partners = True
+    rules_out = True
     defaults = MappingProxyType(
         {
             "epsilon": "linear:0.3:0.02:0.8",
@@ -171,10 +172,6 @@ class Factored(Learner):
         robots = len(scenario.robots)
         keys = memory["rho_keys"][memory["rho_values"].any(axis=1)]
         return np.bincount(states_of(keys, cells, robots)[:, 0], minlength=cells)
-
-    def ruled_out(self, scenario: Scenario) -> np.ndarray:
-        """As of `Learner`: the learner looks at it."""
-        return ruled_out(scenario)
 
     def check_memory(self, scenario: Scenario, robot: int, memory: Memory) -> None:
         """Check where moves led and how often, where r^C was felt, and the last question."""
@@ -628,7 +625,7 @@ def learn_asking(mind: Any, task: Task, now: Transition) -> None:
     x = now.cell
     common = now.common if now.partners != 0 else 0.0
     if now.seen == 0:
-        if task.ruled_out[x, x]:
+        if is_ruled_out(task.sight, x, x):
             common = now.felt if now.partners != 0 else 0.0
         key = failed_key(x, task.cells, task.robots)
         learn_rho(mind, task, now, place(mind.rho, key), now.move, common)
@@ -823,4 +820,4 @@ def is_met(task: Task, now: Transition, peers: int, cell: int) -> bool:
 @inlined
 def is_empty(task: Task, now: Transition, cell: int) -> bool:
     """Return whether a failed percept says that a cell is empty: of one peer alone."""
-    return bool(task.robots == 2 and task.ruled_out[now.cell, cell])
+    return task.robots == 2 and is_ruled_out(task.sight, now.cell, cell)

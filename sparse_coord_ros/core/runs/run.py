@@ -150,7 +150,6 @@ class Team:
             weights=np.array(learner.weights(scenario)),
             goal_value=scenario.goal_value,
             step_sizes=sizes.by_count,
-            ruled_out=learner.ruled_out(scenario),
             map_samples=map_samples(scenario),
             replays=replays_of(scenario),
             leaving=leaving_of(scenario)[0],

@@ -23,14 +23,13 @@ from sparse_coord_ros.base.errors import (
     check_format,
     did_you_mean,
 )
-from sparse_coord_ros.base.limits import SCENARIO, read_text
+from sparse_coord_ros.base.limits import CELLS, SCENARIO, read_text
 from sparse_coord_ros.base.version import __version__
 from sparse_coord_ros.base.yaml_text import parse_yaml, to_yaml
-from sparse_coord_ros.core.game.grid import RESOLUTIONS
+from sparse_coord_ros.core.game.grid import RESOLUTIONS, GridMap
 from sparse_coord_ros.core.game.perception import (
     MODELS,
     check_found_elsewhere,
-    check_percepts,
 )
 from sparse_coord_ros.core.game.scenario import Scenario, scenario_from_dict
 from sparse_coord_ros.core.game.settings import setting, settings_of
@@ -295,10 +294,20 @@ def make_run(scenario: Scenario, values: Mapping[str, object]) -> RunConfig:
     check_own_memory(learner)
     if settings.get("improve"):
         check_improvable(scenario, learner)
-    check_percepts(scenario.map)
+    _check_size(scenario.map)
     run = RunConfig(scenario=scenario, versions=versions(), **settings)
     run.check_code()
     return run
+
+
+def _check_size(grid: GridMap) -> None:
+    """Raise `SettingError` where a map is too large to learn on."""
+    cells = len(grid.cells)
+    if cells > CELLS:
+        raise SettingError(
+            f"map {grid.name} has {cells:,} cells, allowed in learning: at most {CELLS:,}; take "
+            "larger cells (import-map --cell) or a part of the map"
+        )
 
 
 def versions() -> dict[str, str]:

@@ -30,9 +30,10 @@ from sparse_coord_ros.base.version import __version__
 from sparse_coord_ros.core.game.actions import ACTIONS, MOVES, PRIMITIVES
 from sparse_coord_ros.core.game.links import check_up
 from sparse_coord_ros.core.game.miscoordination import meeting_places, together
-from sparse_coord_ros.core.game.perception import percept_probabilities
+from sparse_coord_ros.core.game.perception import check_pairs, sight_of
 from sparse_coord_ros.core.game.scenario import Scenario, ScenarioLike, loaded
 from sparse_coord_ros.core.game.settings import Setting
+from sparse_coord_ros.core.game.sight import probabilities_between
 from sparse_coord_ros.core.runs.run_config import RUN_SETTINGS
 from sparse_coord_ros.core.solve import asking_loops
 from sparse_coord_ros.core.solve.asking_loops import (
@@ -57,6 +58,9 @@ PATIENCE = 10
 
 MOST_SHAKEN = 3
 """Choices that a shake changes at most."""
+
+MOST_STATES = 2**24
+"""Joint states of a search, which takes a hundred bytes for each: those of 4,096 cells, 1.6 GB."""
 
 SAME_VALUE = 1e-5
 """Restarts whose values differ by less ended at the same one."""
@@ -147,8 +151,12 @@ def _game(scenario: Scenario, weights: Sequence[float] = (0.5, 0.5)) -> Weighted
     """Return the game; the weights say how much each robot's reward counts."""
     grid = scenario.map
     cells = len(grid.cells)
-    check_up(scenario.link, "search for the best asking team")
-    percept = percept_probabilities(scenario.perception, grid)
+    what = "search for the best asking team"
+    check_up(scenario.link, what)
+    check_pairs(grid, f"in the {what}", MOST_STATES)
+    percept = probabilities_between(
+        sight_of(scenario.perception, grid), np.arange(cells)
+    )
     places = meeting_places(scenario)
     paid = sum(w * p for w, p in zip(weights, scenario.penalties, strict=True))
     toll = np.where(together(places[:, None], places[None, :]), paid, 0.0)

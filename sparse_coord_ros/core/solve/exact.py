@@ -19,8 +19,9 @@ from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.core.game.actions import COORDINATE, OUTCOMES, PRIMITIVES, STAY
 from sparse_coord_ros.core.game.links import check_up
 from sparse_coord_ros.core.game.miscoordination import meeting_places, together
-from sparse_coord_ros.core.game.perception import percept_probabilities
+from sparse_coord_ros.core.game.perception import sight_of
 from sparse_coord_ros.core.game.scenario import Scenario
+from sparse_coord_ros.core.game.sight import probabilities_between
 from sparse_coord_ros.core.learners.learner import Learner
 from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.learners.tables import Tables
@@ -314,9 +315,7 @@ def _pair(scenario: Scenario, robots: Sequence[Greedy], own: np.ndarray) -> Pair
     """Return the two robots on the cells `own`, ascending, which they do not leave."""
     cells = len(own)
     alone = len(robots) == 1
-    percepts = percept_probabilities(scenario.perception, scenario.map)[
-        np.ix_(own, own)
-    ]
+    percepts = probabilities_between(sight_of(scenario.perception, scenario.map), own)
     if alone:  # it has no peer to ask: its percepts fail
         percepts = np.zeros_like(percepts)
     asking = np.array([one.asks[own] for one in robots])
