@@ -31,8 +31,8 @@ def own_domain(monkeypatch):
 def nothing_allowed(monkeypatch):
     """Let no test begin with modules that another one allowed to be imported, or registered."""
     monkeypatch.setenv(ALLOW_VARIABLE, "")
-    for registry in (LEARNERS, MODELS):
-        monkeypatch.setattr(registry, "_known", dict(registry.registered))
+    with LEARNERS.temporary(), MODELS.temporary():
+        yield
 
 
 @pytest.fixture(autouse=True, scope="session")

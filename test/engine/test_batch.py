@@ -87,26 +87,6 @@ def test_what_trials_look_at_is_not_learned():
     assert max(len(memory["q_coord_keys"]) for memory in before) <= 3
 
 
-def test_both_engines_give_the_same_runs_in_the_order_of_the_seeds():
-    settings = {"peers": "all", "perception": "probability:0.8", "q_star_init": 250}
-    scenario = problem("crowd-3r", steps=400, **settings)
-    seeds = [11, 3, 8]
-    plain, numba = (
-        list(
-            run_batch(
-                scenario, "coop", seeds, trials=10, engine=engine, jobs=2, history=True
-            )
-        )
-        for engine in ("python", "numba")
-    )
-    assert [run.seed for run in numba] == seeds
-    for one, other in zip(plain, numba, strict=True):
-        assert one.history.episodes > 0 and one.history.same_bits(other.history)
-        assert_same_run(one, other)
-        assert other.trials.asks.sum() > 0
-    assert not tables_equal(numba[0].tables, numba[1].tables)
-
-
 @pytest.mark.parametrize("compiled", [False, True])
 def test_a_run_that_is_not_wanted_ends(compiled):
     stop = np.zeros(1, dtype=np.bool_)

@@ -84,8 +84,8 @@ def test_the_plan_for_a_corridor_is_the_best_of_all():
     run = trained(drawn("1D.2"), steps=1500, q_coord_init=200)
     scenario = learned(run)
     loops = asking_loops.compiled()
-    game = asking_search._game(scenario)
-    space = asking_search._space(game)
+    game = asking_search.game_of(scenario)
+    space = asking_search.workspace_of(game)
     both = np.ones(2, dtype=bool)
     choices = itertools.product((NORTH, EAST, WEST, COORDINATE), repeat=3)
     robots = [np.array(choice) for choice in choices]

@@ -2,12 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """On large maps Q^C is sparse by itself, and the same is learned."""
 
-from unittest.mock import Mock
-
 import numpy as np
 import pytest
 
-from sparse_coord_ros.core.engine import batch
 from sparse_coord_ros.core.game import scenario as scenarios
 from sparse_coord_ros.core.game.grid import GridMap
 from sparse_coord_ros.core.game.scenario import load_scenario, scenario_from_dict
@@ -58,15 +55,3 @@ def test_a_robot_acts_alike_from_an_array_and_from_its_memory(small, learner):
     for one, other in zip(dense, sparse, strict=True):
         rows = [[other.q_coord[x, z] for z in range(21)] for x in range(21)]
         assert np.array_equal(one.q_coord, rows)
-
-
-@pytest.mark.parametrize("learner", ["coop", "factored"])
-def test_compiling_plays_on_a_small_map(monkeypatch, learner):
-    played = []
-    monkeypatch.setattr(batch, "compile_once", lambda key, rule, warm_up: warm_up())
-    monkeypatch.setattr(
-        batch, "Team", lambda scenario, rule, compiled: played.append(scenario)
-    )
-    monkeypatch.setattr(batch, "_run", Mock())
-    batch.prepare(learner, engine="auto")
-    assert [len(scenario.map.cells) for scenario in played] == [21]

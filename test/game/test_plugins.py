@@ -10,7 +10,7 @@ import pytest
 import sparse_coord_ros as sc
 from sparse_coord_ros.base.errors import PluginError
 from sparse_coord_ros.core.engine.batch import run_batch
-from sparse_coord_ros.core.game import perception, plugins
+from sparse_coord_ros.core.game import plugins
 from sparse_coord_ros.core.game.perception import MODELS
 from sparse_coord_ros.core.learners.registry import LEARNERS, learner_of
 from sparse_coord_ros.core.learners.tables import tables_equal
@@ -108,11 +108,8 @@ def module(tmp_path, monkeypatch):
     (tmp_path / "their_package/within.py").write_text(
         MODULE.replace("_of_tests", "_within")
     )
-    before = [(registry, dict(registry._known)) for registry in (LEARNERS, MODELS)]
     plugins.allow_modules("their_code their_package their_fault nowhere")
     yield "their_code"
-    for registry, known in before:
-        registry._known = known
     for name in ("their_code", "their_package", "their_package.within"):
         sys.modules.pop(name, None)
 
@@ -286,8 +283,7 @@ class Own(sc.Coop):
     """A learner that is handed over as it is."""
 
 
-def test_who_hands_over_a_class_allows_its_module_in_other_processes(monkeypatch):
-    monkeypatch.setattr(LEARNERS, "_known", LEARNERS.registered)
+def test_who_hands_over_a_class_allows_its_module_in_other_processes():
     assert learner_of(Own).label == f"{__name__}:Own"
     assert plugins.allowed() == (__name__,)
 
@@ -301,18 +297,11 @@ def mist(grid, p, q=1.0):
     return np.full((len(grid.cells),) * 2, p * q)
 
 
-@pytest.fixture
-def models(monkeypatch):
-    """Forget the models that a test hands over."""
-    monkeypatch.setattr(MODELS, "_known", MODELS.registered)
-    monkeypatch.setattr(perception, "_HERE_ALONE", set())
-
-
 def same(one, other):
     return tables_equal(learn(one, "coop", 1), learn(other, "coop", 1))
 
 
-def test_a_function_is_a_perception_model(small, models, tmp_path):
+def test_a_function_is_a_perception_model(small, tmp_path):
     """Its name in files is that of its module, as of a learner's class."""
     scenario = small.with_settings(perception=haze)
     assert str(scenario.perception) == f"{__name__}:haze"
@@ -325,7 +314,7 @@ def test_a_function_is_a_perception_model(small, models, tmp_path):
     assert sc.evaluate(run, trials=2).trials == 2
 
 
-def test_a_function_has_its_numbers_beside_it(small, models):
+def test_a_function_has_its_numbers_beside_it(small):
     scenario = small.with_settings(perception=(mist, 0.5, 1))
     assert str(scenario.perception) == f"{__name__}:mist:0.5:1"
     assert same(scenario, small.with_settings(perception="probability:0.5"))
@@ -350,7 +339,7 @@ def made_here(p):
 
 
 def test_a_function_of_this_process_alone_learns_here_and_never_goes_elsewhere(
-    small, models, tmp_path
+    small, tmp_path
 ):
     often, never = (small.with_settings(perception=made_here(p)) for p in (0.5, 0.0))
     assert [str(one.perception) for one in (often, never)] == [
@@ -379,7 +368,7 @@ def test_a_function_of_this_process_alone_learns_here_and_never_goes_elsewhere(
 
 
 def test_a_function_that_is_no_longer_where_it_was_has_a_name_of_its_own(
-    small, models, monkeypatch
+    small, monkeypatch
 ):
     """Other processes would find the new one by its path."""
     old = haze
@@ -387,7 +376,7 @@ def test_a_function_that_is_no_longer_where_it_was_has_a_name_of_its_own(
     assert str(small.with_settings(perception=old).perception) == "haze"
 
 
-def test_a_registered_function_keeps_its_name(small, models):
+def test_a_registered_function_keeps_its_name(small):
     sc.register_perception("dusk", lambda grid: haze(grid))
     known = MODELS.registered["dusk"]
     assert str(small.with_settings(perception=known).perception) == "dusk"
@@ -398,7 +387,7 @@ def test_a_registered_function_keeps_its_name(small, models):
 @pytest.mark.parametrize(
     "value", [print, int, 7, None, (), (3, 4), ("fog", 4), object()]
 )
-def test_what_is_no_function_of_ones_own_is_refused(small, models, value):
+def test_what_is_no_function_of_ones_own_is_refused(small, value):
     assert "perception" in refusal(small.with_settings, perception=value)
 
 
