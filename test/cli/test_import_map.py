@@ -97,39 +97,6 @@ def test_nothing_is_overwritten_unasked(sparse_coord, folder, exported, refused)
     assert "note: no doorway found" in out
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (
-            (*ENV1[:4], "--start", "0"),
-            "argument --start: '0' is no place, allowed: X,Y in metres",
-        ),
-        ((*ENV1[:4], "--goal", "nan,1"), "argument --goal: 'nan,1' is no place"),
-        ((*ENV1[:4], "--goal", "1e308,1"), "argument --goal: '1e308,1' is no place"),
-        ((*ENV1,), "--start has 2 places and --goal 0"),
-        (
-            ("--cell", "wide", "--radius", "0.1"),
-            "setting cell: value is 'wide', allowed",
-        ),
-        (("--cell", "-1", "--radius", "0.1"), "setting cell: value is '-1', allowed"),
-        (("--cell", "1", "--radius", "-1"), "setting radius: value is '-1', allowed"),
-        (("--cell", "1", "--radius", "9"), "finds no room"),
-        (
-            ("--cell", "1", "--radius", "0.1", "--set", "steps=9"),
-            "--set needs a scenario",
-        ),
-        (
-            (*ENV1, *GOALS, "--set", "stepz=9"),
-            "unknown field 'stepz' (did you mean 'steps'?)",
-        ),
-        ((*ENV1, *GOALS, "--set", "map=cmu"), "--set map: is no setting"),
-        (("--cell", "1"), "required: --radius"),
-    ],
-)
-def test_bad_input_is_one_line(exported, refused, arguments, words):
-    assert words in refused("import-map", exported, *arguments, "--out", "i")
-
-
 def test_a_map_is_called_as_its_file(exported, refused):
     other = exported.rename(exported.with_name("an office.yaml"))
     assert "name 'an office': allowed are" in refused(
@@ -145,36 +112,6 @@ def test_maps_of_map_server_point_to_import_map(exported, refused, folder):
         "map: e/env1.pgm\nrobots: {a: {start: 1, goal: 2}}\n"
     )
     assert "sparse_coord import-map" in refused("train", "mine.yaml")
-
-
-@pytest.mark.parametrize(
-    ("header", "words"),
-    [
-        (
-            "resolution: -1",
-            "header key 'resolution' is -1, allowed: a number from 0.001 to 1000",
-        ),
-        (
-            "resolution: 1\norigin: [0]",
-            "header key 'origin' is [0], allowed: [x, y] in metres",
-        ),
-        ("resolution: 1\norigin: [0, .inf]", "header key 'origin' is inf, allowed"),
-        ("origin: [0, 0]", "has an origin and no resolution"),
-    ],
-)
-def test_bad_headers_are_one_line(folder, refused, header, words):
-    (folder / "m.txt").write_text(f"{header}\n---\n..\n")
-    assert words in refused("maps", "m.txt")
-
-
-def test_exported_numbers_are_checked(refused):
-    assert "setting pixels: value is '0', allowed" in refused(
-        "export-map", "env1", "--pixels", "0"
-    )
-    assert "more than 25,000,000" in refused("export-map", "cmu", "--pixels", "1000")
-    assert "setting resolution: value is '-1'" in refused(
-        "export-map", "env1", "--resolution=-1"
-    )
 
 
 def test_what_is_exported_says_where_it_lies(sparse_coord, folder):

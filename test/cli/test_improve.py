@@ -57,10 +57,6 @@ def test_train_improves_to_the_same_tables_and_says_which_doorways_nobody_felt(
         assert (one.q_star == other.q_star).all()
 
 
-def test_who_cannot_improve(refused):
-    assert "learner coop keeps no model" in refused("train", "env1", "--improve")
-
-
 def test_what_no_run_can_have_learned_is_refused(sparse_coord, refused, folder):
     """Not planned on: it took 13 s, to a value of 10^180."""
     assert sparse_coord(*TRAIN, "--penalty", -100, "--out", "a")[0] == 0

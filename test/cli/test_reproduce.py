@@ -103,29 +103,6 @@ def test_list(sparse_coord, folder):
     assert list(folder.iterdir()) == []
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (("tabel1",), ("'tabel1'", "did you mean 'table1'", "figure4")),
-        (("table1", "--runs", "0"), ("runs", "'0'", "from 1")),
-        (("table1", "--jobs", "0"), ("jobs", "'0'")),
-        (("env1/coop/penalty=-20/100",), ("run 100", "below 100")),
-        (
-            ("table1", "--seed", str(2**63 - 1)),
-            ("setting seed", "100 runs", str(2**63 - 100)),
-        ),
-        (("../config/env1/coop/penalty=-20",), ("../config/env1", "no such scenario")),
-        (
-            (f"{'x' * 5000}/coop/penalty=-20",),
-            ("scenario: value is", "names of up to 255 bytes"),
-        ),
-    ],
-)
-def test_bad_input(refused, arguments, words):
-    error = refused("reproduce", *arguments)
-    assert [word for word in words if word not in error] == []
-
-
 def test_a_single_run_that_is_there_is_printed_again(sparse_coord, folder, monkeypatch):
     target = "env1/coop/penalty=-20,steps=2000/1"
     first = [

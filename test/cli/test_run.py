@@ -11,20 +11,6 @@ from types import SimpleNamespace
 import pytest
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["env11"], ["scenario 'env11'", "did you mean 'env1'"]),
-        (["env1", "--seed", "-1"], ["setting seed: value is '-1'", "from 0"]),
-        (["env1", "--rate", "fast"], ["rate: value is 'fast'", "a number"]),
-        (["env1", "--greedy"], ["--greedy needs --tables DIR"]),
-    ],
-)
-def test_bad_input(refused, arguments, words):
-    message = refused("run", *arguments, "--out", "out")
-    assert [word for word in words if word not in message] == []
-
-
 def test_existing_directory_is_not_touched(refused, folder):
     (folder / "out").mkdir()
     (folder / "out" / "tables.npz").write_text("precious")

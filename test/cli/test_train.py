@@ -85,25 +85,6 @@ def test_default_directory_is_named_after_the_scenario(sparse_coord, folder):
     assert json.loads(out) == expected | {"engine": "python", "episodes": 1}
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["env1", "--set", "penalty"], ["'penalty'", "key=value"]),
-        (
-            ["env1", "--penalty", "5"],
-            ["setting penalty: value is '5'", "from -1e+09 to 0"],
-        ),
-        (["env1", "--seed", "-1"], ["setting seed: value is '-1'", "from 0"]),
-        (["env1", "--trials", "-1"], ["setting trials: value is '-1'", "from 0"]),
-        (["env1", "--evaluate-every", "x"], ["setting evaluate-every: value is 'x'"]),
-        ([], ["a SCENARIO is missing, or --resume DIR"]),
-    ],
-)
-def test_bad_input(refused, arguments, words):
-    message = refused("train", *arguments, "--out", "out")
-    assert [word for word in words if word not in message] == []
-
-
 def test_evaluations_on_the_way(sparse_coord, folder):
     arguments = (
         "--steps",

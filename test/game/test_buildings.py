@@ -58,9 +58,7 @@ def test_the_seed_and_the_text_stay():
     ],
 )
 def test_buildings_that_there_are_not(numbers):
-    with pytest.raises(
-        ScenarioError, match=f"'building-{numbers}': allowed: building-ROOMSx"
-    ):
+    with pytest.raises(ScenarioError, match=f"'building-{numbers}'"):
         load_scenario(f"building-{numbers}")
 
 

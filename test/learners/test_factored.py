@@ -360,14 +360,6 @@ def test_credit_of_every_learner(name, settings, weight, learner):
     assert learner_of(learner).weights(chosen) == RewardWeights(1.0, weight, 1.0)
 
 
-def test_a_bad_credit_is_named():
-    plain = load_scenario("env1")
-    with pytest.raises(SettingError, match="credit.*'ours'.*own, team, weight:W"):
-        plain.with_settings({"credit": "ours"})
-    with pytest.raises(SettingError, match="credit: w is '-1'.*from 0"):
-        plain.with_settings({"credit": "weight:-1"})
-
-
 # More than two robots.
 
 

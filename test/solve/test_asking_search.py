@@ -10,7 +10,7 @@ import pytest
 from teams import drawn
 
 from sparse_coord_ros.base.compiling import has_numba
-from sparse_coord_ros.base.errors import ResultsError, SettingError
+from sparse_coord_ros.base.errors import ResultsError
 from sparse_coord_ros.base.share import share_file
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.runs.tables import tables_from_values
@@ -259,11 +259,6 @@ def test_another_file_is_refused(tmp_path, change):
         match="search.json: is .*(give another file|in format 99.*; update)",
     ):
         find_asking_team(scenario, restarts=1, file=file)
-
-
-def test_only_two_robots():
-    with pytest.raises(SettingError, match="env2-4r has 4 robots, allowed: 2"):
-        find_asking_team(load_scenario("env2-4r"))
 
 
 def test_words_say_what_the_team_does():

@@ -181,14 +181,6 @@ def test_a_very_long_horizon_ends_when_nothing_changes():
     )
 
 
-def test_larger_teams_are_refused():
-    scenario = load_scenario("env2-4r")
-    with pytest.raises(
-        SettingError, match="env2-4r has 4 robots, allowed: 1 or 2; .* by trials"
-    ):
-        evaluate_exact(scenario, walking(scenario))
-
-
 def test_tables_that_do_not_fit_are_refused():
     with pytest.raises(
         TablesError,
