@@ -282,13 +282,12 @@ def test_no_process_goes_on_computing(folder, number):
 def test_numba_missing(sparse_coord, refused, monkeypatch):
     monkeypatch.setattr(batch, "has_numba", lambda: False)
     one = "env1/indiv/penalty=-20,steps=100"
-    code, plain, err = sparse_coord("reproduce", one, *FEW, "--out", "r", "--json")
+    arguments = ("reproduce", one, *FEW, "--jobs", 1, "--out", "r")
+    code, plain, err = sparse_coord(*arguments, "--json")
     assert code == 0
     assert err.count("numba is not installed: plain Python") == 1
     assert np.isfinite(json.loads(plain)["conditions"][0]["reward"]["mean"])
-    assert "not installed" in refused(
-        "reproduce", one, *FEW, "--out", "r", "--engine", "numba"
-    )
+    assert "not installed" in refused(*arguments, "--engine", "numba")
 
 
 @pytest.mark.parametrize("package", ["pandas", "matplotlib", "jinja2"])

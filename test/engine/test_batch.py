@@ -24,6 +24,8 @@ from sparse_coord_ros.core.learners.tables import memories_equal, tables_equal
 from sparse_coord_ros.core.runs import run as engine
 from sparse_coord_ros.core.runs.run import LearningRun, Stopped, Team
 
+pytestmark = pytest.mark.usefixtures("compiled_loops")
+
 GIVEN = {**PROTOCOL, "steps": 1000, "penalty": -100, "q_star_init": 0}
 """Whatever the defaults are: robots that learn enough in so few steps to meet and to ask."""
 
@@ -90,7 +92,8 @@ def test_what_trials_look_at_is_not_learned():
 @pytest.mark.parametrize("compiled", [False, True])
 def test_a_run_that_is_not_wanted_ends(compiled):
     stop = np.zeros(1, dtype=np.bool_)
-    team = Team(problem("env1", steps=10**7), Coop(), compiled=compiled, stop=stop)
+    endless = problem("env1", steps=10**7, step_size="constant:0.1")
+    team = Team(endless, Coop(), compiled=compiled, stop=stop)
     run = LearningRun(team, 1)
     run.advance(100)
     trials = 10**7 if compiled else 10**5
@@ -104,7 +107,7 @@ def test_a_run_that_is_not_wanted_ends(compiled):
 
 
 def test_a_closed_batch_ends_soon():
-    scenario = problem("crowd-8r", steps=10**7)
+    scenario = problem("crowd-8r", steps=10**7, step_size="constant:0.1")
     list(run_batch(problem("crowd-8r", steps=10), "coop", [0], trials=0))
     runs = run_batch(scenario, "coop", range(50), trials=0, jobs=2)
     before = signal.signal(signal.SIGINT, signal.default_int_handler)

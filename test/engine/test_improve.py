@@ -24,6 +24,8 @@ from sparse_coord_ros.core.solve.asking_loops import AskingPolicies
 from sparse_coord_ros.core.solve.exact import evaluate_exact
 from sparse_coord_ros.core.solve.routes import alone
 
+pytestmark = pytest.mark.usefixtures("compiled_loops")
+
 FACTORED = learner_of("factored")
 ENDS = ((1, 2), (1, 2), (2, 1), (2, 1))
 needs_numba = pytest.mark.skipif(not has_numba(), reason="minutes in plain Python")

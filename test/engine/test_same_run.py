@@ -78,7 +78,6 @@ TEAMS = {
     ),
     "four, no referee": ("env2-4r", "factored", {"referee": False, "starts": "fixed"}),
     "three, marked": ("crowd-3r", "cq", {"link": "lost:0.3"}),
-    "own memory": ("env1", Traces, {}),
 }
 
 SHIPPED = {
@@ -99,9 +98,22 @@ def cases():
                 found[f"{learner}, {game}"] = (scenario, learner, GIVEN | settings)
     for name, (scenario, learner, settings) in TEAMS.items():
         found[name] = (scenario, learner, GIVEN | settings)
+    found["one's own"] = ("env1", Forgetful, GIVEN)
     for name, (scenario, learner) in SHIPPED.items():
         found[name] = (scenario, learner, {"steps": 2000})
     return found
+
+
+traces_learn = Traces.learn
+
+
+class Forgetful(Traces):
+    """Of one's own: it has a memory of its own, and calls a function of its base class."""
+
+    @staticmethod
+    def learn(mind, task, now):
+        traces_learn(mind, task, now)
+        mind.trace[now.cell][now.action] *= 0.5
 
 
 CASES = cases()
@@ -218,7 +230,7 @@ def said_of(training):
 
 EVERYWHERE = (plain, compiled, in_pieces, agents)
 SOME = {
-    hashed: ("coop, few answers", "factored, few answers"),
+    hashed: ("coop, few answers",),
     in_threads: ("coop, few answers", "factored, few answers", "three, all asked"),
     in_processes: ("coop, few answers",),
     trained: ("coop, few answers", "indiv, plain"),
@@ -233,16 +245,20 @@ def matrix():
         ways = [way for way in EVERYWHERE if learner != "joint" or way is not agents]
         ways += [way for way, named in SOME.items() if case in named]
         found += [pytest.param(case, way, id=f"{case}, {way.__name__}") for way in ways]
-    return found
+    slow = ("factored, few answers", hashed)  # numba compiles the longest loop again
+    return [*found, pytest.param(*slow, id="factored, hashed", marks=pytest.mark.long)]
 
 
 @pytest.mark.parametrize(("case", "way"), matrix())
-def test_one_run(case, way, tmp_path, monkeypatch):
+def test_one_run(case, way, tmp_path, monkeypatch, request):
+    if way not in (plain, agents, in_processes):
+        request.getfixturevalue("compiled_loops")
     known = json.loads(DIGESTS.read_text())[case]
     found = way(case, tmp_path, monkeypatch)
     assert found == {what: known[what] for what in found}
 
 
+@pytest.mark.usefixtures("compiled_loops")
 @pytest.mark.parametrize("learner", ["coop", "factored", "cq", "joint"])
 def test_both_forms_read_one_table_over_pairs(learner):
     case = f"{learner}, plain"
@@ -251,6 +267,7 @@ def test_both_forms_read_one_table_over_pairs(learner):
         assert one.q_coord.tobytes() == other.q_coord.tobytes()
 
 
+@pytest.mark.usefixtures("compiled_loops")
 def test_the_games_show_what_they_are_for():
     """The cases above would say little if robots never met and never asked."""
     run = learned("four, no questions", compiled=True)

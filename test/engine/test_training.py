@@ -16,6 +16,8 @@ from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.learners.tables import tables_equal
 from sparse_coord_ros.core.runs.evaluation import play, summary
 
+pytestmark = pytest.mark.usefixtures("compiled_loops")
+
 SETTINGS = {
     "steps": 1200,
     "max_steps": 30,

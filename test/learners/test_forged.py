@@ -152,7 +152,7 @@ def test_forged_tables(tmp_path, name, learner):
     whole = unpack((tmp_path / TEAM_FILE).read_bytes())
     usable = []
     refused = 0
-    for what, arrays in forgeries(whole):
+    for what, arrays in forgeries(whole, but="_[2-9]"):
         (tmp_path / TEAM_FILE).write_bytes(archive.pack(arrays))
         try:
             tables = load_team(tmp_path, scenario, rule)
