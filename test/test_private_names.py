@@ -35,15 +35,27 @@ def private_names(tree):
             own = isinstance(node.value, ast.Name) and node.value.id in OWN
             names = [] if own else [node.attr]
         elif isinstance(node, ast.ImportFrom):
-            names = [*(node.module or "").split("."), *(one.name for one in node.names)]
+            whole = [f"{node.module}.{one.name}" for one in node.names]
+            names = parts_of(whole)
         elif isinstance(node, ast.Import):
-            names = [part for one in node.names for part in one.name.split(".")]
+            names = parts_of(one.name for one in node.names)
         elif isinstance(node, ast.Call) and called(node.func) in SETTERS:
-            texts = [one for one in node.args if isinstance(one, ast.Constant)]
-            texts = [one.value for one in texts if isinstance(one.value, str)]
-            names = [part for text in texts for part in text.split(".")]
+            own = isinstance(node.args[0], ast.Name) and node.args[0].id in OWN
+            names = [] if own else texts_of(node.args)
         for name in filter(is_private, names):
             yield node.lineno, name
+
+
+def parts_of(modules):
+    """Return the parts of the names of this package's modules and of what is in them."""
+    ours = [one for one in modules if one.startswith("sparse_coord_ros.")]
+    return [part for one in ours for part in one.split(".")]
+
+
+def texts_of(arguments):
+    """Return the parts of the texts among a call's arguments."""
+    texts = [one.value for one in arguments if isinstance(one, ast.Constant)]
+    return [part for one in texts if isinstance(one, str) for part in one.split(".")]
 
 
 def called(function):
@@ -55,7 +67,8 @@ def called(function):
 
 @pytest.mark.parametrize(
     "code",
-    ["a._b", "a()._b(c)", "from a import _b", "from a._b import c", "import a._b"]
+    ["a._b", "a()._b(c)", "import sparse_coord_ros._b", "a = 1 if b._b else 2"]
+    + ["from sparse_coord_ros.a import _b", "from sparse_coord_ros._b import c"]
     + ["setattr(a, '_b', 1)", "m.setattr('a._b', 1)", "monkeypatch.delattr(a, '_b')"],
 )
 def test_each_kind_is_found(code):
