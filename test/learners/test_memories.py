@@ -8,6 +8,7 @@ from teams import plain_run
 
 from sparse_coord_ros.base.errors import RunError, TablesError
 from sparse_coord_ros.core.engine import checkpoint
+from sparse_coord_ros.core.game.actions import COORDINATE
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.learners.cq import COUNT, SQUARES
 from sparse_coord_ros.core.learners.memory import check_memory
@@ -98,6 +99,17 @@ def test_a_model_that_contradicts_its_counts():
     }
     for words, (name, change) in cases.items():
         refused(scenario, rule, with_array(memory, name, change), words)
+
+
+def test_who_never_asks_has_learned_nothing_from_asking():
+    scenario, rule, run = learned("noncoop")
+    memory = run.memories[0]
+    refused(
+        scenario,
+        rule,
+        with_array(memory, "updates", put((0, COORDINATE), 1)),
+        "updates",
+    )
 
 
 def test_states_come_once():
