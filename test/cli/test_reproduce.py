@@ -296,5 +296,4 @@ def test_what_a_report_needs_is_missed_before_anything_is_computed(
 ):
     monkeypatch.setitem(sys.modules, package, None)
     message = refused("reproduce", "table1", *FEW, "--out", "r")
-    assert f"a report needs the Python package {package} (" in message
-    assert message.endswith("pip install pandas matplotlib jinja2\n")
+    assert f"Python package {package} " in message and "pip install" in message
