@@ -38,6 +38,13 @@ def test_how_often_links_are_down():
     assert [dead.down(step) for step in range(6, 9)] == [False, True, True]
 
 
+def test_a_pattern_comes_again_after_its_period():
+    link = link_of(LINKS.parse("lost:0.5"), 3, 0)
+    first = [link.down(step) for step in range(50)]
+    assert first == [link.down(PERIOD + step) for step in range(50)]
+    assert len(set(first)) == 2
+
+
 def test_each_robot_and_phase_has_a_link_of_its_own():
     spec = LINKS.parse("lost:0.5")
     patterns = [
