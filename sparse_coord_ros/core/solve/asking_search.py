@@ -144,7 +144,7 @@ def check_two_robots(scenario: Scenario) -> None:
 
 
 def game_of(scenario: Scenario, weights: Sequence[float] = (0.5, 0.5)) -> WeightedGame:
-    """Return the game of two robots; the weights say how much each one\'s reward counts."""
+    """Return the game of two robots; the weights say how much each one's reward counts."""
     grid = scenario.map
     cells = len(grid.cells)
     check_up(scenario.link, "search for the best asking team")
