@@ -126,7 +126,7 @@ def test_a_doubted_peer_is_not_behind_for_ever(repeats, believed):
     peers = SimpleNamespace(_side=side, _convert=convert, _peers={1: SimpleNamespace()})
     peers._peers[1].repeats = repeats
     told = []
-    peers._on_answer = lambda *what: told.append(what)
+    peers.on_answer = lambda *what: told.append(what)
     behind = convert.path(6, ())
     assert Peers._fits(peers, 1, 7, behind) is believed
     assert told == [(1, 7, behind)] * (not believed), (

@@ -56,6 +56,7 @@ class Member:
         output: where it saves.
         lockstep: the robot's side of the lock step, with its agent.
         joined: whether the robot listens to the world.
+        peers: asks its peers, and answers them.
 
     Raises:
         SparseCoordError: the scenario has no such robot, or the tables to begin with do not fit.
@@ -99,7 +100,7 @@ class Member:
         self.joined = False
         self._ears: list[Any] = []
         self._ready_since = 0.0
-        self._peers = Peers(node, run, self._convert, self.lockstep)
+        self.peers = Peers(node, run, self._convert, self.lockstep)
         self._exchange = Exchange(node, run, self._packed) if run.improve else None
         node.offer(services.SAVE, self._on_save)
         self._say_progress()
@@ -135,7 +136,7 @@ class Member:
             if order.step != NO_ROLLBACK:
                 self._unsaid = False
                 self._step_filter = StepFilter(order.first)
-                self._peers.start_anew()
+                self.peers.start_anew()
                 self._node.get_logger().info(
                     f"went back to the checkpoint of step {order.step}"
                 )
@@ -159,7 +160,7 @@ class Member:
 
     def ask(self, peer: int, step: int, cell: int) -> None:
         """Request the peer's local state; a peer that fell silent is not waited for."""
-        if not self._peers.ask(peer, step, cell):
+        if not self.peers.ask(peer, step, cell):
             self.lockstep.expire()
 
     def episode(self, step: int) -> None:
@@ -214,7 +215,7 @@ class Member:
         if not self.joined:
             self._join_when_ready(now)
         elif self._presence.end is None:
-            self._peers.keep_the_deadline(now)
+            self.peers.keep_the_deadline(now)
 
     def _join_when_ready(self, now: float) -> None:
         """Listen to the world once everybody who should hear this robot does.
@@ -226,7 +227,7 @@ class Member:
             self._node.remind(self._node.reminder, missing)
             return
         self._ready_since = self._ready_since or now
-        if now - self._ready_since < PEER_PATIENCE_SECONDS and not self._peers.ready():
+        if now - self._ready_since < PEER_PATIENCE_SECONDS and not self.peers.ready():
             return
         self._listen()
         self._node.guard.join()
