@@ -91,7 +91,7 @@ class Nav2DriverNode(MoverNode):
 
     def drive(self) -> None:
         """Let the navigator do what is due, and report where the goal is over."""
-        self.navigator.held = not self.may_drive or self._reached_publisher is None
+        self.navigator.held = not (self.may_drive and self.on_duty)
         reached = self.navigator.next(self._now())
         if reached is not None:
             self.report_reached(reached)
@@ -104,7 +104,7 @@ class Nav2DriverNode(MoverNode):
     def report(self) -> None:
         """Say where Nav2's action has a second server by now; called every second."""
         servers = self._servers()
-        if self._reached_publisher is not None and len(servers) > 1:
+        if self.on_duty and len(servers) > 1:
             text = f"Nav2's action {self._name} has {in_words(servers, 'servers')}"
             self.get_logger().warning(text, throttle_duration_sec=REPORT_SECONDS)
 
