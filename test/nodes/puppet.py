@@ -15,21 +15,24 @@ def puppet(kind):
         """A node in the test's hands.
 
         Attributes:
-            heard_on: what takes in a topic's bytes, by the topic's name.
+            ears: its subscriptions: what is subscribed to, and what takes in the bytes.
             ticking: what the timers call.
         """
 
         def create_subscription(self, msg_type, topic, callback, *args, **more):
-            self.__dict__.setdefault("heard_on", {})[topic] = callback
-            return super().create_subscription(msg_type, topic, callback, *args, **more)
+            ear = super().create_subscription(msg_type, topic, callback, *args, **more)
+            self.__dict__.setdefault("ears", []).append((ear, callback))
+            return ear
 
         def create_timer(self, seconds, callback, *args, **more):
             self.__dict__.setdefault("ticking", []).append(callback)
             return super().create_timer(seconds, callback, *args, **more)
 
         def hear(self, topic, message):
-            """Let a message come on a topic."""
-            self.heard_on[topic](serialize_message(message))
+            """Let a message come on a topic, to whatever still listens to it."""
+            for ear, callback in list(self.ears):
+                if ear.topic == topic and ear in self.subscriptions:
+                    callback(serialize_message(message))
 
         def tick(self):
             """Let each timer tick once."""

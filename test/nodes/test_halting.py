@@ -25,6 +25,8 @@ from sparse_coord_ros.ros.nodes.watch import WatchNode
 from sparse_coord_ros.show.page.controls import HALT as HALTING
 from sparse_coord_ros.show.page.controls import Control
 
+from .puppet import puppet
+
 ROBOTS = ("robot_1", "robot_2")
 HALT = SetBool.Request(data=True)
 GO_ON = SetBool.Request(data=False)
@@ -105,7 +107,7 @@ def test_a_driver_that_starts_while_all_are_halted_does_not_move(
     bench.destroy(drivers["robot_2"])
     commands = observer.listen(Twist, "robot_2/cmd_vel")
     late = start_driver("robot_2")
-    bench.spin_until(lambda: late._reached_publisher is not None, "it is on duty")
+    bench.spin_until(lambda: late.on_duty, "it is on duty")
     spin_for(bench, 0.5)
     assert late.halted
     assert all(command == Twist() for command in commands)
@@ -147,13 +149,15 @@ def test_a_world_that_comes_back_finds_the_team_halted(bench, team, tmp_path):
     bench.spin_until(lambda: again.lockstep.world.transitions > made + 2, "it goes on")
 
 
-def test_only_a_new_word_of_the_world_counts(bench, start_driver):
+def test_only_a_new_word_of_the_world_counts(bench):
     """What is heard first may have been said long ago; what is repeated says nothing new."""
-    driver = start_driver("robot_1")
+    values = {"robot": "robot_1"}
+    driver = bench.add(puppet(DriverNode)(context=bench.place()[0], values=values))
     observer = bench.observer()
     world = bench.world(bodies=True)
+    convert = Converter(world.run)
     bench.spin_until(lambda: driver.presence is not None, "the run is known")
-    assert observer.call(SetBool, "robot_1_driver/halt", HALT).success
+    assert observer.call(SetBool, "driver/halt", HALT).success
     for word, halted in [
         (HaltWord.GO_ON, True),
         (HaltWord.HALT, True),
@@ -162,9 +166,9 @@ def test_only_a_new_word_of_the_world_counts(bench, start_driver):
         (HaltWord.HALT, True),
         (HaltWord.NOTHING, True),
     ]:
-        driver._on_goals(NO_GOALS._replace(halt=word))
+        goals = NO_GOALS._replace(halt=word)
+        driver.hear("goals", convert.goals_message(goals))
         assert driver.halted == halted, word
-    convert = Converter(world.run)
     for word in HaltWord:
         goals = NO_GOALS._replace(halt=word)
         assert convert.read_goals(convert.goals_message(goals)) == goals
@@ -206,12 +210,15 @@ def test_a_word_that_is_lost_is_said_again_and_the_world_tells_who_has_not_confi
 
 def test_without_bodies_there_is_nothing_to_halt(bench):
     world = bench.world()
-    bench.spin_until(lambda: world._output is not None, "its services are there")
-    names = [
-        name
-        for name, _ in world.get_service_names_and_types_by_node("world_simulator", "/")
-    ]
-    assert "/world_simulator/pause" in names and "/world_simulator/halt" not in names
+
+    def offered():
+        of_node = world.get_service_names_and_types_by_node
+        return {name for name, _ in of_node("world_simulator", "/")}
+
+    bench.spin_until(
+        lambda: "/world_simulator/pause" in offered(), "its services are there"
+    )
+    assert "/world_simulator/halt" not in offered()
 
 
 def test_from_the_page_which_may_be_closed_then(bench, team):
@@ -229,7 +236,7 @@ def test_from_the_page_which_may_be_closed_then(bench, team):
     bench.spin_until(lambda: shown()["said"] == "all robots stand", "all stand")
     assert all(driver.halted for driver in drivers.values())
     bench.spin_until(
-        lambda: not page.controls._halting.asking, "it asks nobody any more"
+        lambda: not page.controls.halting.asking, "it asks nobody any more"
     )
     observer = bench.observer()
     observer.call(SetBool, "world_simulator/halt", GO_ON)
@@ -259,7 +266,7 @@ def test_the_page_says_who_does_not_answer(bench, team):
     bench.observer().create_service(
         SetBool, "deaf/halt", lambda request, response: response
     )
-    bench.spin_until(lambda: "deaf" in page.controls._halting.asked, "it is found")
+    bench.spin_until(lambda: "deaf" in page.controls.halting.asked, "it is found")
     page.controls.control(Control(HALTING, True))
     silent = "deaf: does not answer, its body may be moving"
     bench.spin_until(

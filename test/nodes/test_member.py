@@ -108,14 +108,18 @@ def test_a_robot_that_plans_leaves_when_the_exchange_is_over(begun):
 def test_who_goes_back_listens_anew(begun):
     """What was under way to it is of the time that is taken back, under the same step numbers."""
     node = begun()
-    state = Converter(node.run).pack_state(1, 3)
-    before = node.heard_on[STATES]
+    state = Converter(node.run).pose(1, 3)
+    [before] = listening(node)
     say(node, RunState.LEARNING, 1, 0, Order("order", 0, 1))
-    before(state)
+    node.hear(STATES, state)
     assert (node.member.joined, node.member.lockstep.newest[0]) == (False, 0)
     node.tick()
-    assert node.member.joined
-    assert [one.topic for one in node.subscriptions].count(STATES) == 1
-    assert node.heard_on[STATES] is not before
-    node.heard_on[STATES](state)
+    [after] = listening(node)
+    assert node.member.joined and after is not before
+    node.hear(STATES, state)
     assert node.member.lockstep.newest == (1, 3)
+
+
+def listening(node):
+    """Return the node's subscriptions to its local state."""
+    return [one for one in node.subscriptions if one.topic == STATES]

@@ -88,7 +88,7 @@ class Audience:
         values = {"bag": str(bag), "delay": 0.0, "start_paused": True, **values}
         self.player = bench.add(Player(context=bench.place()[0], values=values))
         self.heard = []
-        self.wait(lambda: self.player._begun, "the first step is shown")
+        self.wait(lambda: self.player.begun, "the first step is shown")
 
     def listen(self, *topics, latched=False):
         """Take topics from now on, or with what they latch, and wait until all are matched."""

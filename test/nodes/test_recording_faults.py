@@ -9,12 +9,9 @@ import shutil
 import signal
 import time
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 import yaml
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from rclpy.serialization import serialize_message
 from teams import tables_in
 
 import sparse_coord_ros
@@ -26,7 +23,7 @@ from sparse_coord_ros.log.bags import BagWriter, open_bag
 from sparse_coord_ros.log.runlog import verify
 from sparse_coord_ros.protocol.lockstep.world_side import WorldSide
 from sparse_coord_ros.protocol.wire import BAG_FORMAT, FORMAT_KEY
-from sparse_coord_ros.ros.nodes.recorder import BagProcess, Recording
+from sparse_coord_ros.ros.nodes.recorder import BagProcess
 from sparse_coord_ros.ros.nodes.spin import ros_context
 from sparse_coord_ros.ros.nodes.team import run_team
 
@@ -271,19 +268,3 @@ def test_an_output_directory_that_is_deleted_is_made_again(
     assert len(tables_in(out)) == 2
     assert load_history(out).length.sum() == 40
     assert "it was gone and was made again" in capfd.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("namespace", "name", "kept"),
-    [
-        ("/", "robot_1: agent", True),
-        ("/", "team_a/robot_1: agent", False),
-        ("/team_a", "team_a/robot_1: agent", True),
-        ("/team_a", "/team_b/robot_1: agent", False),
-        ("/team_a", "camera: frames", False),
-    ],
-)
-def test_diagnostics_of_other_namespaces_are_not_recorded(namespace, name, kept):
-    data = serialize_message(DiagnosticArray(status=[DiagnosticStatus(name=name)]))
-    recording = SimpleNamespace(_node=SimpleNamespace(get_namespace=lambda: namespace))
-    assert Recording._of_this_namespace(recording, data) == (data if kept else b"")

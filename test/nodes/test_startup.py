@@ -125,7 +125,7 @@ def test_a_second_world_stops(bench):
     first = bench.world(rate=0.001)
     observer = bench.observer()
     bench.spin_until(
-        lambda: first._guard.claim.rank == ClaimRank.HOLDING, "first has its name"
+        lambda: first.guard.claim.rank == ClaimRank.HOLDING, "first has its name"
     )
     second = WorldSimulator(
         context=bench.place("elsewhere")[0],

@@ -52,7 +52,7 @@ def test_what_a_stranger_says_of_far_time_steps_is_forgotten(monkeypatch):
         heard["/robot_1/reward"](
             Converter(run).pack_reward(step, Reward(0.0, 0.0, 0.0, 0.0))
         )
-        assert len(team_heard._steps) <= 50
+        assert len(team_heard.pending) <= 50
     assert not team_heard.whole
 
 
@@ -73,7 +73,7 @@ def test_what_is_heard_is_what_the_log_says(record, name):
     assert team_heard.whole and team_heard.seen == recorded.run.scenario.steps == len(
         seen
     )
-    assert len(team_heard._steps) <= 2  # nothing piles up
+    assert len(team_heard.pending) <= 2  # nothing piles up
     ends = {"answered": 0, "refused": 0}
     for row in np.flatnonzero(np.isin(log.step, list(seen))).tolist():
         frame = seen[int(log.step[row])]
@@ -119,7 +119,7 @@ def test_a_run_that_goes_back_is_shown_on(good):
     for message in messages[:200]:
         takes[message.topic](message.data)
     seen = team.seen
-    waiting = set(team._steps)
+    waiting = set(team.pending)
     for message in messages:
         takes[message.topic](message.data)
     assert (
@@ -127,7 +127,7 @@ def test_a_run_that_goes_back_is_shown_on(good):
         and not team.whole
     )
     assert team.seen == seen + good.run.scenario.steps and not waiting & set(
-        team._steps
+        team.pending
     )
 
 
@@ -199,8 +199,8 @@ def test_a_robot_that_is_left_out_holds_nobody_up(good):
     assert team.seen < 5
     for _ in range(watch.LATE_TICKS + 1):
         team.tick()
-    assert team.seen > 5 and len(team._steps) < 3 and team.whole
-    step = next(iter(team._steps))
+    assert team.seen > 5 and len(team.pending) < 3 and team.whole
+    step = team.pending[0]
     team.compare(Said("", "learning", step, team.seen, left_out=team.without))
     assert team.whole  # the world says so, too
     team.compare(Said("", "learning", step, team.seen, left_out=0))
