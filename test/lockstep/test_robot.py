@@ -57,7 +57,7 @@ class Port:
 
 
 def make_robot(*, run=None, **settings):
-    """Return robot 1 of env1 (goal: cell 20), which goes south and asks in cell 5; and its port."""
+    """Return robot 1 of env1 (goal: cell 20) and its port; it goes south, and asks in cell 5."""
     scenario = load_scenario("env1").with_settings({**SETTINGS, **settings})
     q_star = np.tile([0.0, 9.0, 1.0, 2.0, 3.0], (21, 1))
     q_star[ASKING_CELL] = [0, 1, 2, 3, 50]

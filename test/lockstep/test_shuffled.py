@@ -89,12 +89,17 @@ def test_one_of_three_that_never_answers_fails_every_percept():
     assert team.check_updates() == set()
 
 
-def test_perception_that_works_one_way(monkeypatch):
+def test_perception_that_works_one_way():
     """The shipped models are symmetric; one that is not tells asker and asked apart."""
-    one_way = lambda grid: np.triu(np.ones((len(grid.cells), len(grid.cells))))  # noqa: E731
-    monkeypatch.setitem(MODELS._known, "never", one_way)
-    scenario = problem("env1", steps=400, perception="never")
-    assert tables_equal(played(scenario, 1).tables, learn(scenario, "coop", 5))
+
+    def one_way(grid):
+        return np.triu(np.ones((len(grid.cells), len(grid.cells))))
+
+    with MODELS.temporary():
+        MODELS.register("one_way", one_way)
+        scenario = problem("env1", steps=400, perception="one_way")
+        team = played(scenario, 1)
+        assert tables_equal(team.tables, learn(scenario, "coop", 5))
 
 
 @pytest.mark.parametrize(
