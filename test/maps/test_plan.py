@@ -307,7 +307,7 @@ def test_where_the_budget_is_too_small_for_the_ways_steps_are_larger(monkeypatch
     most = plans.SETTINGS["steps"].high
     for times, short in ((19, False), (21, True)):
         monkeypatch.setattr(
-            plans, "_steps_for", lambda way, p, times=times: times * most
+            plans, "steps_for", lambda way, p, times=times: times * most
         )
         _, suggested, odd = scenario_of(done, pair, {})
         assert (suggested["steps"], suggested["step_size"]) == (most, plans.LONG_WAYS)

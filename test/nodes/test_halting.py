@@ -80,6 +80,10 @@ def test_one_call_halts_all_and_another_lets_them_go_on(bench, team):
     assert world.doing == RunState.HALTED
     made = world.lockstep.world.transitions
     failed = world.summary()["moves_failed"]
+    stands = [Twist()] * 5  # commands of before may still be under way
+    bench.spin_until(
+        lambda: all(heard[-5:] == stands for heard in commands), "only these come"
+    )
     for heard in commands:
         heard.clear()
     spin_for(bench, 2.0)  # twice body_timeout
