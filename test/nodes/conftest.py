@@ -7,8 +7,9 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from copy import deepcopy
 from pathlib import Path
 from types import SimpleNamespace
@@ -154,6 +155,25 @@ class Bench:
                 if getattr(node, "done", False) and node not in self._finished:
                     self._finished.add(node)
                     node.finish(interrupted=False)
+
+    @contextmanager
+    def spinning(self, *, but: str = ""):
+        """Spin in a thread meanwhile, all but one place: the test waits for something else."""
+        over = threading.Event()
+        executors = [one for name, (_, one) in self._places.items() if name != but]
+
+        def spin() -> None:
+            while not over.is_set():
+                for executor in executors:
+                    executor.spin_once(timeout_sec=0.002)
+
+        thread = threading.Thread(target=spin)
+        thread.start()
+        try:
+            yield
+        finally:
+            over.set()
+            thread.join()
 
     def spin_until_done(self, *nodes: Node, but: Node | None = None) -> None:
         """Spin until nodes (by default all `but` one) are done and have said their last words.

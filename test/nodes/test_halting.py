@@ -14,6 +14,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool, Trigger
 
+from sparse_coord_ros.cli.main import main as sparse_coord
 from sparse_coord_ros.protocol.lockstep.bodies import NO_GOALS, HaltWord
 from sparse_coord_ros.protocol.wire import RunState
 from sparse_coord_ros.ros.nodes import halting, interface
@@ -36,27 +37,33 @@ GO_ON = SetBool.Request(data=False)
 def start_driver(bench):
     """Return a function that starts the driver of a robot."""
 
-    def start(robot):
+    def start(robot, place="team"):
         values = {"robot": robot, "speed": 2.0, "turn": 6.0}
-        context = bench.place()[0]
-        return bench.add(
-            DriverNode(context=context, name=f"{robot}_driver", values=values)
-        )
+        context = bench.place(place)[0]
+        node = DriverNode(context=context, name=f"{robot}_driver", values=values)
+        return bench.add(node, place)
 
     return start
 
 
-@pytest.fixture
-def team(bench, tmp_path, start_driver):
-    """Return the world of a team whose bodies drive at their own speed, and its drivers."""
+def team_of(bench, tmp_path, start_driver, places):
+    """Return a world whose bodies drive at their own speed, and its drivers, some elsewhere."""
     out = str(tmp_path / "out")
     more = {"set": ["steps=4000"], "checkpoint": 2, "body_timeout": 1.0}
     world = bench.world(bodies=True, out=out, **more)
     bench.robots(out=out)
-    drivers = {robot: start_driver(robot) for robot in ROBOTS}
+    drivers = {
+        robot: start_driver(robot, places.get(robot, "team")) for robot in ROBOTS
+    }
     bench.add(BodyNode(context=bench.place()[0], values={"body_rate": 30.0}))
     bench.spin_until(lambda: world.lockstep.world.transitions > 2, "under way")
     return world, drivers
+
+
+@pytest.fixture
+def team(bench, tmp_path, start_driver):
+    """Return such a team, all in one place."""
+    return team_of(bench, tmp_path, start_driver, {})
 
 
 def spin_for(bench, seconds):
@@ -86,7 +93,7 @@ def test_one_call_halts_all_and_another_lets_them_go_on(bench, team):
     )
     for heard in commands:
         heard.clear()
-    spin_for(bench, 2.0)  # twice body_timeout
+    spin_for(bench, 1.3)  # longer than body_timeout
     assert world.lockstep.world.transitions == made
     assert world.summary()["moves_failed"] == failed
     for heard in commands:
@@ -225,8 +232,9 @@ def test_without_bodies_there_is_nothing_to_halt(bench):
     assert "/world_simulator/halt" not in offered()
 
 
-def test_from_the_page_which_may_be_closed_then(bench, team):
+def test_from_the_page_which_may_be_closed_then(bench, team, monkeypatch):
     """A wish that is fulfilled is over: the page does not repeat it when others let them go on."""
+    monkeypatch.setattr(halting, "FIND_SECONDS", 0.5)
     world, drivers = team
     page = WatchNode(context=bench.place("observer")[0], values={"port": 0})
     bench.add(page, "observer")
@@ -248,7 +256,7 @@ def test_from_the_page_which_may_be_closed_then(bench, team):
     page.controls.control(Control(HALTING, True))
     bench.spin_until(lambda: shown()["said"] == "all robots stand", "all stand again")
     bench.destroy(page)
-    spin_for(bench, 1.0)
+    spin_for(bench, 0.5)
     assert all(driver.halted for driver in drivers.values()), (
         "nothing goes on by itself"
     )
@@ -338,49 +346,47 @@ def processes(start_node, tmp_path):
     return found
 
 
-def test_the_command_says_who_has_not_confirmed(processes, start):
+@pytest.fixture
+def command(bench, capfd, monkeypatch):
+    """Return a function that runs `sparse_coord halt` while a bench is spun, all but one place."""
+    monkeypatch.setattr(halting, "FIND_SECONDS", 0.5)
+
+    def halt(*words, but=""):
+        with bench.spinning(but=but):
+            code = sparse_coord(["halt", "--json", "--timeout", "2.5", *words])
+        return code, json.loads(capfd.readouterr().out)
+
+    return halt
+
+
+def test_the_command_says_who_has_not_confirmed(bench, tmp_path, start_driver, command):
     """A driver that hangs cannot answer: its body may be moving."""
-
-    def halt(*words):
-        process = start("cli.main", "halt", "--json", *words)
-        code = process.exit_code(60)
-        print(process.output)
-        return code, json.loads(process.output)
-
-    names = {"world_simulator", *(f"{robot}_driver" for robot in ROBOTS)}
-    processes["robot_2_driver"].send_signal(signal.SIGSTOP)
-    code, said = halt("--timeout", "5")
+    world, _ = team_of(bench, tmp_path, start_driver, places={"robot_2": "hangs"})
+    code, said = command(but="hangs")
     assert code == 1 and not said["confirmed"]
-    world = said["nodes"]["world_simulator"]
-    assert not world["done"]
-    assert world["said"].endswith("not yet confirmed by the drivers of robot_2")
-    processes["robot_2_driver"].send_signal(signal.SIGCONT)
-    processes["robot_2_driver"].wait_for("the body of robot_2 stands")
-    code, said = halt()
+    told = said["nodes"]["world_simulator"]
+    assert not told["done"]
+    assert told["said"].endswith("not yet confirmed by the drivers of robot_2")
+    code, said = command()
     assert (code, said["confirmed"], said["world_told"]) == (0, True, True)
-    assert said["nodes"].keys() <= names
-    code, said = halt("--go-on")
+    assert {*said["nodes"]} == {
+        "world_simulator",
+        *(f"{robot}_driver" for robot in ROBOTS),
+    }
+    code, said = command("--go-on")
     assert (code, said["confirmed"]) == (0, True)
-    processes["robot_1_driver"].wait_for("the body of robot_1 may go on")
-    processes["world_simulator"].send_signal(signal.SIGKILL)
-    processes["world_simulator"].exit_code()
-    process = start("cli.main", "halt", "--timeout", "5")
-    assert process.exit_code(60) == 1
-    assert "robot_1_driver: stands\n" in process.output
-    assert "robot_2_driver: stands\n" in process.output
-    assert (
-        "no world has confirmed it: drivers that start later are not told"
-        in process.output
-    )
+    bench.destroy(world)
+    code, said = command()
+    assert (code, said["confirmed"], said["world_told"]) == (1, False, False)
+    answers = {name: one["said"] for name, one in said["nodes"].items()}
+    assert answers == {f"{robot}_driver": "stands" for robot in ROBOTS}
 
 
-def test_where_no_team_is_the_command_ends_with_one_line(start):
-    process = start("cli.main", "halt", "--namespace", "nowhere", "--timeout", "3")
-    assert process.exit_code(60) == 2
-    assert process.output.startswith(
-        "error: no world with bodies and no driver is in namespace /nowhere; "
-    )
-    assert process.output.count("\n") == 1
+def test_where_no_team_is_the_command_ends_with_one_line(own_domain, capfd):
+    assert sparse_coord(["halt", "--namespace", "nowhere", "--timeout", "2.5"]) == 2
+    [line] = capfd.readouterr().err.splitlines()
+    what = "error: no world with bodies and no driver is in namespace /nowhere; "
+    assert line.startswith(what)
 
 
 @pytest.mark.long
