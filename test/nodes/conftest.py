@@ -16,7 +16,7 @@ from types import SimpleNamespace
 
 import pytest
 import ros_types
-from live_teams import command, node_words
+from live_teams import child_of, command, node_words
 from patience import PATIENCE_SECONDS
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -390,20 +390,8 @@ class Process:
 
     def child(self, module: str) -> SimpleNamespace:
         """Return the child process that runs a module of `nodes`, or one with its full name."""
-        children = (
-            Path(f"/proc/{self.pid}/task/{self.pid}/children").read_text().split()
-        )
-        for pid in map(int, children):
-            command = Path(f"/proc/{pid}/cmdline").read_text().split("\0")
-            said = command[command.index("-m") + 1 :] if "-m" in command else []
-            if said[:1] == [module] or said[:2] == [
-                "sparse_coord_ros.executables",
-                module,
-            ]:
-                return SimpleNamespace(
-                    pid=pid, send_signal=functools.partial(os.kill, pid)
-                )
-        raise AssertionError(f"no child runs {module}: {children}")
+        pid = child_of(self.pid, module)
+        return SimpleNamespace(pid=pid, send_signal=functools.partial(os.kill, pid))
 
     @property
     def output(self) -> str:

@@ -2,19 +2,25 @@
 # SPDX-License-Identifier: Apache-2.0
 """Nodes that are killed, restarted or interrupted: the others go on, and nothing is lost."""
 
+import os
 import signal
 import subprocess
 import sys
+import threading
+import time
 
 import pytest
 import yaml
 from geometry_msgs.msg import PoseStamped
+from patience import PATIENCE_SECONDS
 from rosbags.highlevel import AnyReader
 from teams import tables_in
 
+from sparse_coord_ros.base.errors import RunError
 from sparse_coord_ros.core.runs.history import load_history
 from sparse_coord_ros.core.runs.tables import load_saved, robot_file
 from sparse_coord_ros.protocol.lockstep import timeouts
+from sparse_coord_ros.ros.nodes import recorder, robot, world_simulator
 
 FAST = {"claim_window": 0.2}
 
@@ -80,8 +86,8 @@ def test_a_world_that_lost_all_robots_says_that_it_waits_and_for_whom(
     world = bench.world(step_timeout=0.2, percept_timeout=0.1)
     robots = bench.robots()
     bench.spin_until(lambda: world.lockstep.world.step > 9, "the run is under way")
-    for robot in robots:
-        bench.destroy(robot)
+    for one in robots:
+        bench.destroy(one)
     said = []
     bench.spin_until(
         lambda: said.append(capfd.readouterr().err) or "(1 s)" in said[-1], "it waits"
@@ -94,18 +100,26 @@ def test_a_world_that_lost_all_robots_says_that_it_waits_and_for_whom(
     assert "going on without" not in text
 
 
-def test_the_team_ends_when_the_world_fails(start_node, tmp_path):
+def test_the_team_ends_when_the_world_fails(bench, tmp_path):
     """One robot never comes: the world gives up, and who waited for it ends too."""
-    robot = start_node("robot", "robot_1", out=tmp_path)
-    recorder = start_node("recorder", "recorder", out=tmp_path / "bag")
-    world = start_node(
-        "world_simulator", "world_simulator", scenario="env1", startup_timeout=3.0
-    )
-    assert world.exit_code() == 2
-    assert "startup_timeout: after 3 s still no node for" in world.output
-    for process in (robot, recorder):
-        assert_ended_well(process)
+    recorder = bench.recorder(tmp_path / "bag")
+    robot = bench.robot("robot_1", out=str(tmp_path))
+    world = bench.world(startup_timeout=1.0)
+    bench.spin_until(lambda: robot.member and recorder.recording, "they follow the run")
+    with pytest.raises(RunError, match="^startup_timeout: .* robot_2"):
+        bench.spin_until(lambda: False)
+    world.finish(interrupted=True)  # as `run_node` does
+    bench.destroy(world)
+    bench.spin_until_done(robot, recorder)
     assert_bag_is_whole(tmp_path / "bag")
+
+
+MAINS = {
+    "world_simulator": (world_simulator.main, ["scenario:=env1"], "run"),
+    "robot": (robot.main, [], "robot/_claim"),
+    "recorder": (recorder.main, ["out:={out}"], "_recording"),
+}
+"""Of each node its executable, its parameters, and a topic that is there when it is."""
 
 
 @pytest.mark.parametrize(
@@ -113,26 +127,32 @@ def test_the_team_ends_when_the_world_fails(start_node, tmp_path):
     [
         ("world_simulator", signal.SIGINT),
         ("robot", signal.SIGTERM),
-        ("recorder", signal.SIGINT),
+        ("recorder", signal.SIGHUP),
     ],
 )
 def test_a_waiting_node_ends_well_on_a_signal(
-    start_node, bench, tmp_path, name, number
+    bench, tmp_path, monkeypatch, capfd, name, number
 ):
+    main, parameters, topic = MAINS[name]
+    given = [one.format(out=tmp_path / "bag") for one in parameters]
+    words = [word for one in given for word in ("-p", one)]
+    monkeypatch.setattr(sys, "argv", [name, "--ros-args", *words])
     observer = bench.observer()
-    more = {
-        "world_simulator": {"scenario": "env1"},
-        "recorder": {"out": tmp_path / "bag"},
-    }
-    process = start_node(name, name, **more.get(name, {}))
-    topic = {
-        "world_simulator": "run",
-        "robot": "robot/_claim",
-        "recorder": "_recording",
-    }[name]
-    bench.spin_until(lambda: observer.count(topic), "node is there")
-    process.send_signal(number)
-    assert_ended_well(process)
+
+    def signal_it():
+        deadline = time.monotonic() + PATIENCE_SECONDS
+        while not observer.count(topic) and time.monotonic() < deadline:
+            time.sleep(0.02)
+        os.kill(os.getpid(), number)
+
+    thread = threading.Thread(target=signal_it)
+    thread.start()
+    try:
+        assert main() == 0
+    finally:
+        thread.join()
+    said = capfd.readouterr().err
+    assert "Traceback" not in said and "FATAL" not in said
     assert not (tmp_path / "bag").exists()  # no world, no run, no bag
 
 
