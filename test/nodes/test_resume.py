@@ -9,6 +9,7 @@ import time
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray
@@ -27,9 +28,15 @@ from sparse_coord_ros.ros.nodes import follower, world_simulator
 from sparse_coord_ros.ros.nodes.restart import Returning
 from sparse_coord_ros.ros.nodes.spin import ros_context
 from sparse_coord_ros.ros.nodes.team import run_team
+from sparse_coord_ros.show.page.board import Board
 
 SEED = 7
-SETTINGS = {"steps": 600, "perception": "probability:0.7"}
+SETTINGS = {
+    "steps": 600,
+    "perception": "probability:0.7",
+    "ask_cost": 0,
+    "epsilon": "constant:0.5",
+}
 STEPS = 3000
 """Of a team that is killed twice."""
 SETS = [f"{name}={value}" for name, value in SETTINGS.items()]
@@ -76,9 +83,14 @@ def test_a_team_that_was_stopped_goes_on_from_its_last_step(
         "all ended at one step"
     )
     again = {"resume": True, "out": str(out), "claim_window": 0.0}
+    board = Board()
     with ros_context() as context:
-        summary = run_team(again, context=context)
+        summary = run_team(again, context=context, page=board)
     assert_same_tables(out, said)
+    asks = load_history(out).asks.sum(axis=0)
+    shown = np.array(board.get("asked")["robots"]).sum(axis=1)
+    assert shown.tolist() == asks.tolist(), "a page counts from the run's beginning"
+    assert asks.min() > 20
     assert (summary["transitions"], summary["timeouts"]) == (600, 0)
     assert summary["taken_back"] == 1
     made = summary["steps_per_second"] * summary["seconds"]

@@ -11,7 +11,6 @@ from teams import tables_in
 
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.game.world import Reward
-from sparse_coord_ros.core.runs.history import load_history
 from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.core.runs.tables import tables_of, unpack_saved
 from sparse_coord_ros.log.bags.reader import open_bag
@@ -20,7 +19,6 @@ from sparse_coord_ros.log.runlog.explain import row_in_words
 from sparse_coord_ros.protocol.wire.status import Said, read_status
 from sparse_coord_ros.ros.nodes import interface, team, watch
 from sparse_coord_ros.ros.nodes.messages import Converter, tables_message
-from sparse_coord_ros.ros.nodes.spin import ros_context
 from sparse_coord_ros.ros.nodes.watch import HeardTeam, WatchNode
 from sparse_coord_ros.show.page.board import Board
 from sparse_coord_ros.show.page.controls import PAUSE, RATE, RESET, STEP, Control
@@ -315,25 +313,3 @@ def test_a_team_in_one_process_with_a_page(bench, tmp_path):
             assert shown["q_star"] == own.q_star.round(4).tolist()
     finally:
         page.close()
-
-
-def test_a_team_that_goes_on_with_a_page_has_asked_before(tmp_path):
-    """How often it asked in each cell is counted from the run's beginning, as its curves are."""
-    out = tmp_path / "run"
-    board = Board()
-    values = {
-        "scenario": "env1",
-        "set": ["steps=600", "ask_cost=0", "epsilon=constant:0.5"],
-    }
-    values |= {"claim_window": 0.0, "seed": 3, "checkpoint": 150, "out": str(out)}
-    folder = out / "checkpoint"
-    with ros_context() as context:
-        stop = lambda: len(list(folder.glob("*_[0-9]*.npz"))) >= 3  # noqa: E731
-        assert team.run_team(values, context=context, stop=stop)["interrupted"]
-    again = {"resume": True, "out": str(out), "claim_window": 0.0}
-    with ros_context() as context:
-        made = team.run_team(again, context=context, page=board)["transitions"]
-    asks = load_history(out).asks.sum(axis=0)
-    asked = np.array(board.get("asked")["robots"]).sum(axis=1)
-    assert made == 600 and asks.min() > 20
-    assert np.array_equal(asked, asks)
