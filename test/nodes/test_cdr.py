@@ -127,19 +127,6 @@ def test_another_message_has_another_layout():
     assert said(REWARD_FORM, deserialize_message(bytes(data), JointState))[1][1] == 4.0
 
 
-@pytest.mark.parametrize("frame_id", ["", "odom", "nap", "map/robot_1"])
-def test_refuses_poses_of_other_frames(frame_id):
-    with pytest.raises(ValueError, match=f"is in the frame '{frame_id}', not 'map'"):
-        said(POSE_FORM, pose(12, 34, 1.5, -2.5, frame_id))
-
-
-def test_refuses_a_pose_that_is_not_flat():
-    message = pose(1, 2, 3.5, 4.5)
-    message.pose.position.z = 9.0
-    with pytest.raises(ValueError, match="not flat"):
-        said(POSE_FORM, message)
-
-
 def test_reads_labels_in_another_order_and_among_others():
     numbers = [10.0, -20.0, -1.0, -11.0]
     message = labelled(reversed(REWARD.labels), reversed(numbers))
