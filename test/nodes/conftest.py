@@ -440,6 +440,39 @@ def start_node(start, executor_kind):
     return starter
 
 
+@pytest.fixture
+def ended_by(bench, monkeypatch, capfd):
+    """Return a function that runs an executable here, and ends it by a signal once it is there."""
+
+    def end(main, number, topic, *parameters):
+        """Return the exit code, and what was said on stderr.
+
+        Args:
+            main: the executable's function.
+            number: of the signal.
+            topic: is published when the node is there.
+            parameters: the node's, as `name:=value`.
+        """
+        words = [word for one in parameters for word in ("-p", one)]
+        monkeypatch.setattr(sys, "argv", ["node", "--ros-args", *words])
+        observer = bench.observer()
+
+        def signal_it():
+            deadline = time.monotonic() + PATIENCE_SECONDS
+            while not observer.count(topic) and time.monotonic() < deadline:
+                time.sleep(0.02)
+            os.kill(os.getpid(), number)
+
+        thread = threading.Thread(target=signal_it)
+        thread.start()
+        try:
+            return main(), capfd.readouterr().err
+        finally:
+            thread.join()
+
+    return end
+
+
 def _descendants() -> list[str]:
     """Return the live processes that tests have started, adopted orphans among them."""
     mark = f"ROS_LOG_DIR={os.environ['ROS_LOG_DIR']}".encode()

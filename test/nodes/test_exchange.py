@@ -10,7 +10,6 @@ from std_srvs.srv import Trigger
 from teams import tables_in
 
 from sparse_coord_ros.base.compiling import has_numba
-from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.core.engine.improve import improve
 from sparse_coord_ros.core.engine.training import train
 from sparse_coord_ros.core.game.scenario import load_scenario
@@ -115,15 +114,6 @@ def test_a_second_server_of_what_was_learned_is_told(bench, capfd):
         "/robot_2/learned has 2 servers, /observer, /robot_2; it"
         in capfd.readouterr().err
     )
-
-
-def test_who_cannot_improve(tmp_path):
-    for wrong, words in (
-        ({"learner": "coop"}, "learner coop keeps no model"),
-        ({"greedy": True}, "a greedy run learns nothing"),
-    ):
-        with ros_context() as context, pytest.raises(SettingError, match=words):
-            run_team(values(tmp_path / "out", **wrong), context=context)
 
 
 # Without ROS.

@@ -2,17 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Nodes that are killed, restarted or interrupted: the others go on, and nothing is lost."""
 
-import os
 import signal
 import subprocess
 import sys
-import threading
-import time
 
 import pytest
 import yaml
 from geometry_msgs.msg import PoseStamped
-from patience import PATIENCE_SECONDS
 from rosbags.highlevel import AnyReader
 from teams import tables_in
 
@@ -130,28 +126,11 @@ MAINS = {
         ("recorder", signal.SIGHUP),
     ],
 )
-def test_a_waiting_node_ends_well_on_a_signal(
-    bench, tmp_path, monkeypatch, capfd, name, number
-):
+def test_a_waiting_node_ends_well_on_a_signal(ended_by, tmp_path, name, number):
     main, parameters, topic = MAINS[name]
     given = [one.format(out=tmp_path / "bag") for one in parameters]
-    words = [word for one in given for word in ("-p", one)]
-    monkeypatch.setattr(sys, "argv", [name, "--ros-args", *words])
-    observer = bench.observer()
-
-    def signal_it():
-        deadline = time.monotonic() + PATIENCE_SECONDS
-        while not observer.count(topic) and time.monotonic() < deadline:
-            time.sleep(0.02)
-        os.kill(os.getpid(), number)
-
-    thread = threading.Thread(target=signal_it)
-    thread.start()
-    try:
-        assert main() == 0
-    finally:
-        thread.join()
-    said = capfd.readouterr().err
+    code, said = ended_by(main, number, topic, *given)
+    assert code == 0
     assert "Traceback" not in said and "FATAL" not in said
     assert not (tmp_path / "bag").exists()  # no world, no run, no bag
 

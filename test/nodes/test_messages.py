@@ -381,7 +381,6 @@ MISFITS = [
     (tables, {"count": 1}, {}, "npz"),
     (goals, {"robot_1/to": 999.0}, {}, "robot_1/to"),
     (goals, {"robot_1/to": LEFT_OUT}, {}, "robot_1/to nan"),
-    (goals, {"number": LEFT_OUT}, {}, "labels"),
     (goals, {}, {"since": 1e300}, "since 1e+300"),
     (reached, {"number": 0.0}, {}, "number"),
     (reached, {"number": 1.5}, {}, "number"),

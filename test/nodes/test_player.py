@@ -23,7 +23,7 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Int32, String
 from std_srvs.srv import SetBool, Trigger
 
-from sparse_coord_ros.base.errors import RunError
+from sparse_coord_ros.base.errors import BagError, RunError
 from sparse_coord_ros.cli.main import main as sparse_coord
 from sparse_coord_ros.log.bags import BagTopic, BagWriter, QoS, open_bag
 from sparse_coord_ros.ros.nodes.player import REMEDY, Player, main
@@ -376,32 +376,10 @@ def test_what_is_readable_of_a_broken_bag_is_played(bench, tmp_path, capfd, dama
     assert ("never closed" if damage == "partial" else "byte ") in warnings[0]
 
 
-@pytest.mark.parametrize(
-    ("arguments", "text"),
-    [
-        ([], "parameter bag: none is given"),
-        (["bag:={folder}"], "is not a bag"),
-        (
-            ["bag:={bag}", "rate:=0.0"],
-            "parameter rate: value is 0.0, allowed: a number from 0.01",
-        ),
-        (["bag:={bag}", "topics:=/map"], "allowed: a list of texts"),
-        (["bag:={bag}", "start:=1.0"], "unknown parameter 'start'"),
-        (["bag:={empty}"], "no message to play on /map"),
-    ],
-)
-def test_bad_input_is_one_line(bag, tmp_path, capfd, monkeypatch, arguments, text):
-    places = {"bag": bag, "folder": tmp_path, "empty": tmp_path / "empty"}
-    if "{empty}" in "".join(arguments):
-        write_bag(tmp_path / "empty", steps=0, types={"/map": TYPES["/map"]})
-    command = ["player", "--ros-args"]
-    for argument in arguments:
-        command += ["-p", argument.format(**places)]
-    monkeypatch.setattr(sys, "argv", command)
-    assert main() == 2
-    (line,) = capfd.readouterr().err.splitlines()
-    assert line.startswith("error: ")
-    assert text in line
+def test_a_bag_of_no_messages_is_refused(bench, tmp_path):
+    bag = write_bag(tmp_path / "bag", steps=0, types={"/map": TYPES["/map"]})
+    with pytest.raises(BagError, match="no message to play on /map"):
+        Player(context=bench.place()[0], values={"bag": str(bag)})
 
 
 @pytest.mark.parametrize(
@@ -437,13 +415,11 @@ def test_the_verb_plays_to_the_end_and_says_how_well(bag, capfd):
     assert "ms late" in err
 
 
-def test_a_signal_ends_it_cleanly(start_node, bag):
-    player = start_node("player", "player", bag=str(bag), rate=0.01, executor="single")
-    player.wait_for("time steps")
-    player.send_signal(signal.SIGTERM)
-    assert player.exit_code() == 0
-    assert "stopped at" in player.output
-    assert "Traceback" not in player.output
+def test_a_signal_ends_it_cleanly(ended_by, bag):
+    given = (f"bag:={bag}", "rate:=0.01", "executor:=single")
+    code, said = ended_by(main, signal.SIGTERM, "/robot_1/action", *given)
+    assert code == 0
+    assert "stopped at" in said and "Traceback" not in said
 
 
 ON_TERMINAL = (
