@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """From floor plans whose doorways are known to maps: doors open, walls closed, robots in place."""
 
+import functools
 import math
 from pathlib import Path
 
@@ -41,6 +42,20 @@ def rooms(thick=0.2, wide=0.9):
     return drawing
 
 
+@pytest.fixture(scope="module")
+def imported(tmp_path_factory):
+    """Return a function that imports a drawn plan once: its true doorways, the plan, the map."""
+
+    @functools.cache
+    def read(name):
+        folder = tmp_path_factory.mktemp(name)
+        true = write(name, folder)
+        plan = read_floor_plan(folder / f"{name}.yaml")
+        return true, plan, import_map(plan, cell=0.5, radius=0.2)
+
+    return read
+
+
 def test_the_clinic_s_corridors_cross():
     plan = drawn("clinic")
     for y in (8.4, 18.4):
@@ -57,10 +72,9 @@ def test_the_clinic_s_corridors_cross():
         ("slam_flat", 314, 2),
     ],
 )
-def test_every_doorway_is_found(tmp_path, name, cells, odd):
+def test_every_doorway_is_found(imported, name, cells, odd):
     """Of the flat's two more, one lies between a table and a chair, one beside a door."""
-    true = write(name, tmp_path)
-    done = import_map(read_floor_plan(tmp_path / f"{name}.yaml"), cell=0.5, radius=0.2)
+    true, _, done = imported(name)
     found, false = matched(true, done.grid)
     assert (found, false) == (len(true), odd)
     assert abs(len(done.grid.cells) - cells) <= 5
@@ -106,10 +120,9 @@ def test_a_passage_of_two_cells_is_no_doorway_but_named(north):
     assert len(again.grid.doorways) == 2
 
 
-def test_cells_lie_where_the_pixels_are_free(tmp_path):
+def test_cells_lie_where_the_pixels_are_free(imported):
     """Every cell's centre, and the way to each neighbour, keeps the radius from every wall."""
-    write("slam_flat", tmp_path)
-    plan = read_floor_plan(tmp_path / "slam_flat.yaml")
+    _, plan, _ = imported("slam_flat")
     grid = import_map(plan, cell=0.5, radius=0.2, speck=0.0).grid
     taken = grown(~plan.free, 4.0)
     rows = plan.free.shape[0]
@@ -315,9 +328,8 @@ def test_where_the_budget_is_too_small_for_the_ways_steps_are_larger(monkeypatch
     assert "step_size" not in scenario_of(done, pair, {"step_size": "power:0.6"})[1]
 
 
-def test_suggestions_follow_the_distances(tmp_path):
-    write("office", tmp_path)
-    done = import_map(read_floor_plan(tmp_path / "office.yaml"), cell=0.5, radius=0.2)
+def test_suggestions_follow_the_distances(imported):
+    _, _, done = imported("office")
     robots = [CORNERS, CORNERS[::-1]]
     scenario, suggested, _ = scenario_of(done, robots, {})
     assert suggested["discount"] == 0.986
@@ -356,10 +368,9 @@ def test_a_map_lies_on_its_floor_plan_as_long_as_that_is_there(tmp_path):
     assert under(load_scenario("env1").map) is None
 
 
-def test_poses_lie_on_the_real_map(tmp_path):
+def test_poses_lie_on_the_real_map(imported):
     """The frame of a run, its text and the map's text keep where the cells are."""
-    write("office", tmp_path)
-    done = import_map(read_floor_plan(tmp_path / "office.yaml"), cell=0.5, radius=0.2)
+    _, _, done = imported("office")
     scenario, *_ = scenario_of(done, [CORNERS], {})
     run = run_from_yaml(make_run(scenario, {}).to_yaml(), where="text")
     assert run.resolution == 0.5
