@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Steps, cells and numbers survive their way through ROS messages."""
 
+import functools
 import math
 import re
 
@@ -9,6 +10,8 @@ import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseStamped, Twist
+from hypothesis import assume, given
+from hypothesis import strategies as st
 from nav_msgs.msg import OccupancyGrid
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
@@ -42,6 +45,7 @@ from sparse_coord_ros.ros.nodes.messages import (
 )
 
 
+@functools.cache
 def converter(name="env1", **settings):
     return Converter(make_run(load_scenario(name), settings))
 
@@ -65,41 +69,45 @@ def test_x_points_east_and_y_north():
         assert message.header.stamp == Time(sec=0, nanosec=400_000_000)
 
 
+PARTS = st.lists(
+    st.floats(allow_nan=False, allow_infinity=False), min_size=4, max_size=4
+)
+
+
 @pytest.mark.parametrize("referee", [False, True])
-def test_rewards_come_back(referee):
+@given(parts=PARTS)
+def test_rewards_come_back(referee, parts):
     scenario = load_scenario("env1").with_settings({"referee": referee})
     convert = Converter(make_run(scenario, {}))
-    partners = (2,) if referee else ()
-    for parts in ((10.0, -20.0, -1.0, -11.0), (0.0, 0.0, 0.0, 0.1 + 0.2)):
-        reward = Reward(*parts, *partners)
-        data = convert.pack_reward(12, reward)
-        assert convert.unpack_reward(data) == (12, reward)
-        labels = [*REWARD.labels, *(["partners"] if referee else [])]
-        assert list(deserialize_message(data, JointState).name) == labels
+    reward = Reward(*parts, *((2,) if referee else ()))
+    data = convert.pack_reward(12, reward)
+    assert convert.unpack_reward(data) == (12, reward)
+    labels = [*REWARD.labels, *(["partners"] if referee else [])]
+    assert list(deserialize_message(data, JointState).name) == labels
 
 
-@pytest.mark.parametrize("peer", [-1, 0, 3])
-@pytest.mark.parametrize(
-    ("move", "vector"), [*enumerate([(0.0, 1.0), (0.0, -1.0), (1.0, 0.0), (-1.0, 0.0)])]
+NORTH_AND_EAST = [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)]
+"""Of the moves north, south, east and west: unit vectors."""
+
+ACTIONS = st.builds(
+    Action, st.integers(0, 3), st.booleans(), st.integers(-1, 3), st.booleans()
 )
-def test_actions_come_back(move, vector, peer):
-    """The moves north, south, east and west are unit vectors, peers count from 1."""
+ACCOUNTS = st.builds(Account, st.integers(0, 3), st.booleans())
+
+
+@given(st.integers(0, 10**7), ACTIONS, ACCOUNTS)
+def test_actions_come_back(step, action, account):
+    """Peers count from 1; nobody perceives who has not asked."""
+    assume(action.asked or not action.perceived)
     convert = converter("env2-4r")
-    for asked, perceived in ((False, False), (True, False), (True, True)):
-        action = Action(move, asked, peer, perceived)
-        for account in (Account(3, True), Account(0, False)):
-            data = convert.pack_action(77, action, account)
-            assert convert.unpack_action(data) == (77, action)
-            assert convert.unpack_account(data) == (77, action, account)
-            said = deserialize_message(data, JointState)
-            assert list(said.name) == list(ACTION.labels)
-            assert tuple(said.position) == (
-                *vector,
-                asked,
-                peer + 1,
-                perceived,
-                *account,
-            )
+    data = convert.pack_action(step, action, account)
+    assert convert.unpack_action(data) == (step, action)
+    assert convert.unpack_account(data) == (step, action, account)
+    said = deserialize_message(data, JointState)
+    numbers = dict(zip(said.name, said.position, strict=True))
+    assert list(said.name) == list(ACTION.labels)
+    assert (numbers["north"], numbers["east"]) == NORTH_AND_EAST[action.move]
+    assert numbers["peer"] == action.peer + 1
 
 
 def test_status_comes_back():
