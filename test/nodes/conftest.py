@@ -99,6 +99,12 @@ class Bench:
             self._nodes.pop(node).remove_node(node)
             node.destroy_node()
 
+    def stop(self, node: Node) -> None:
+        """End a node as its executable does that gets a signal."""
+        self.spin_until(node.may_stop, f"{node.get_name()} may stop")
+        node.finish(interrupted=not node.done)
+        self.destroy(node)
+
     def close(self) -> None:
         """Take all nodes and their contexts away: another team may have their names."""
         self._stack.close()

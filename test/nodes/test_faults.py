@@ -8,7 +8,6 @@ import sys
 
 import pytest
 import yaml
-from geometry_msgs.msg import PoseStamped
 from rosbags.highlevel import AnyReader
 from teams import tables_in
 
@@ -17,14 +16,6 @@ from sparse_coord_ros.core.runs.history import load_history
 from sparse_coord_ros.core.runs.tables import load_saved, robot_file
 from sparse_coord_ros.protocol.lockstep import timeouts
 from sparse_coord_ros.ros.nodes import recorder, robot, world_simulator
-
-FAST = {"claim_window": 0.2}
-
-
-def assert_ended_well(process):
-    assert process.exit_code() == 0, process.output
-    assert "Traceback" not in process.output
-    assert "FATAL" not in process.output
 
 
 def assert_bag_is_whole(bag):
@@ -40,37 +31,28 @@ def assert_tables(path, number):
     assert (q_star != 0).any()
 
 
-def test_nodes_end_well_on_a_signal(bench, start_node, tmp_path):
-    number = signal.SIGTERM
-    observer = bench.observer()
-    states = observer.listen(PoseStamped, "robot_1/local_state")
-    run = {"scenario": "env1", "out": tmp_path, "recorded": True, "rate": 100.0, **FAST}
-    world = start_node("world_simulator", "world_simulator", **run)
-    recorder = start_node("recorder", "recorder", out=tmp_path / "bag")
-    one, other = (
-        start_node("robot", f"robot_{k}", out=tmp_path, **FAST) for k in (1, 2)
-    )
+def test_who_is_stopped_saves_what_it_has_and_the_others_go_on(bench, tmp_path):
+    out = str(tmp_path)
+    world = bench.world(out=out, recorded=True, rate=100.0)
+    recorder = bench.recorder(tmp_path / "bag")
+    one, other = bench.robots(out=out)
 
     def wait_for_steps(count=5):
-        before = len(states)
-        bench.spin_until(lambda: len(states) >= before + count, "steps go on")
+        then = world.lockstep.world.step + count
+        bench.spin_until(lambda: world.lockstep.world.step >= then, "steps go on")
 
     wait_for_steps(20)
-    recorder.send_signal(number)
-    assert_ended_well(recorder)
+    bench.stop(recorder)
     assert_bag_is_whole(tmp_path / "bag")
     wait_for_steps()
 
-    other.send_signal(number)
-    assert_ended_well(other)
+    bench.stop(other)
     assert_tables(robot_file(tmp_path, "robot_2"), 2)
     wait_for_steps()
 
-    bench.destroy(observer)  # its readers' acknowledgements would be waited for
-    world.send_signal(number)
-    assert_ended_well(world)
+    bench.stop(world)
     assert yaml.safe_load((tmp_path / "summary.yaml").read_text())["transitions"] >= 25
-    assert_ended_well(one)
+    bench.spin_until_done(one)
     assert_tables(robot_file(tmp_path, "robot_1"), 1)
     assert len(tables_in(tmp_path)) == 2
 

@@ -354,9 +354,7 @@ def test_security_is_refused_where_fast_dds_has_none(tmp_path, monkeypatch):
     check_security()  # no wheel: a build of the user's own
     library.parent.mkdir()
     library.write_bytes(b"without")
-    with pytest.raises(
-        RunError, match="asks for DDS-Security, but this Fast DDS .* without it"
-    ):
+    with pytest.raises(RunError, match="DDS-Security"):
         check_security()
     library.write_bytes(b"with " + SECURITY_MARK)
     check_security()
@@ -384,9 +382,7 @@ def test_world_and_recorder_may_be_renamed(bench, tmp_path):
 def test_more_processes_than_find_each_other_are_refused(monkeypatch):
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     check_participants(32)
-    with pytest.raises(
-        RunError, match="^34 nodes in processes of their own: .* at most 32 find"
-    ):
+    with pytest.raises(RunError, match="^34 nodes in processes"):
         check_participants(34)
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")
     check_participants(34)

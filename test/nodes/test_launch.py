@@ -198,7 +198,7 @@ def test_resume_goes_on_where_there_is_a_run_and_begins_one_where_there_is_none(
     out = tmp_path / "run"
     assert "resume" not in values(nodes(out=str(out), resume="true")[0])
     out.mkdir()
-    with pytest.raises(RunError, match="or go on with that run: resume:=true"):
+    with pytest.raises(RunError, match="resume:=true"):
         nodes(out=str(out))
     found = nodes(out=str(out), resume="true")
     assert all(values(node)["resume"] for node in found)
@@ -414,9 +414,7 @@ def test_without_rviz_nothing_starts_and_one_line_says_what_to_do(
 
     launched(out=str(tmp_path / "run"))
     monkeypatch.setattr("sparse_coord_ros.ros.launching.get_package_prefix", find)
-    with pytest.raises(
-        RunError, match="sudo apt install ros-jazzy-rviz2, or leave"
-    ) as raised:
+    with pytest.raises(RunError, match="rviz2") as raised:
         launched(out=str(tmp_path / "run"), rviz="true")
     assert "\n" not in str(raised.value)
 

@@ -230,7 +230,7 @@ def test_a_bag_of_another_run_is_not_continued(bench, tmp_path):
         writer.add_metadata(RUN_RECORD, {FORMAT_KEY: str(BAG_FORMAT), "id": "another"})
     bench.world(recorded=True)
     bench.recorder(tmp_path / "bag", resume=True)
-    with pytest.raises(RunError, match="holds the recording of another run"):
+    with pytest.raises(RunError, match=str(tmp_path / "bag")):
         bench.spin_until(lambda: False)
 
 
@@ -239,9 +239,7 @@ def test_a_recording_leaves_room_for_the_tables(bench, tmp_path, monkeypatch):
     bench.world(recorded=True, rate=100.0)
     bench.recorder(tmp_path / "bag", flush_steps=5)
     bench.robots()
-    with pytest.raises(
-        BagError, match=r"ends: its disk has \d+ MiB left, \d+ are kept for what"
-    ):
+    with pytest.raises(BagError, match=r"its disk has \d+ MiB left"):
         bench.spin_until(lambda: False)
 
 
