@@ -15,7 +15,7 @@ from sparse_coord_ros.base.errors import RunError
 from sparse_coord_ros.core.runs.history import load_history
 from sparse_coord_ros.core.runs.tables import load_saved, robot_file
 from sparse_coord_ros.protocol.lockstep import timeouts
-from sparse_coord_ros.ros.nodes import recorder, robot, world_simulator
+from sparse_coord_ros.ros.nodes import follower, recorder, robot, world_simulator
 
 
 def assert_bag_is_whole(bag):
@@ -31,7 +31,10 @@ def assert_tables(path, number):
     assert (q_star != 0).any()
 
 
-def test_who_is_stopped_saves_what_it_has_and_the_others_go_on(bench, tmp_path):
+def test_who_is_stopped_saves_what_it_has_and_the_others_go_on(
+    bench, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(follower, "STOP_SECONDS", 0.1)
     out = str(tmp_path)
     world = bench.world(out=out, recorded=True, rate=100.0)
     recorder = bench.recorder(tmp_path / "bag")
@@ -82,8 +85,9 @@ def test_the_team_ends_when_the_world_fails(bench, tmp_path):
     """One robot never comes: the world gives up, and who waited for it ends too."""
     recorder = bench.recorder(tmp_path / "bag")
     robot = bench.robot("robot_1", out=str(tmp_path))
-    world = bench.world(startup_timeout=1.0)
+    world = bench.world()
     bench.spin_until(lambda: robot.member and recorder.recording, "they follow the run")
+    world.values["startup_timeout"] = 0.001
     with pytest.raises(RunError, match="^startup_timeout: .* robot_2"):
         bench.spin_until(lambda: False)
     world.finish(interrupted=True)  # as `run_node` does

@@ -10,6 +10,7 @@ import time
 import pytest
 from browser import REMEDY, Browser, find_browser
 from geometry_msgs.msg import Twist
+from patience import PATIENCE_SECONDS
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool, Trigger
@@ -348,21 +349,26 @@ def processes(start_node, tmp_path):
 
 @pytest.fixture
 def command(bench, capfd, monkeypatch):
-    """Return a function that runs `sparse_coord halt` while a bench is spun, all but one place."""
+    """Return a function that runs `sparse_coord halt` while a bench is spun, all but one place.
+
+    It ends as soon as all have confirmed; `timeout`: the seconds that it takes where one does not.
+    """
     monkeypatch.setattr(halting, "FIND_SECONDS", 0.5)
 
-    def halt(*words, but=""):
+    def halt(*words, but="", timeout=PATIENCE_SECONDS):
         with bench.spinning(but=but):
-            code = sparse_coord(["halt", "--json", "--timeout", "2.5", *words])
+            words = ["--timeout", str(timeout), *words]
+            code = sparse_coord(["halt", "--json", *words])
         return code, json.loads(capfd.readouterr().out)
 
     return halt
 
 
+@pytest.mark.filterwarnings("ignore:failed to send response")
 def test_the_command_says_who_has_not_confirmed(bench, tmp_path, start_driver, command):
     """A driver that hangs cannot answer: its body may be moving."""
     world, _ = team_of(bench, tmp_path, start_driver, places={"robot_2": "hangs"})
-    code, said = command(but="hangs")
+    code, said = command(but="hangs", timeout=4)
     assert code == 1 and not said["confirmed"]
     told = said["nodes"]["world_simulator"]
     assert not told["done"]
@@ -376,14 +382,17 @@ def test_the_command_says_who_has_not_confirmed(bench, tmp_path, start_driver, c
     code, said = command("--go-on")
     assert (code, said["confirmed"]) == (0, True)
     bench.destroy(world)
-    code, said = command()
+    code, said = command(timeout=4)
     assert (code, said["confirmed"], said["world_told"]) == (1, False, False)
     answers = {name: one["said"] for name, one in said["nodes"].items()}
     assert answers == {f"{robot}_driver": "stands" for robot in ROBOTS}
 
 
-def test_where_no_team_is_the_command_ends_with_one_line(own_domain, capfd):
-    assert sparse_coord(["halt", "--namespace", "nowhere", "--timeout", "2.5"]) == 2
+def test_where_no_team_is_the_command_ends_with_one_line(
+    own_domain, capfd, monkeypatch
+):
+    monkeypatch.setattr(halting, "ASK_SECONDS", 0.5)
+    assert sparse_coord(["halt", "--namespace", "nowhere"]) == 2
     [line] = capfd.readouterr().err.splitlines()
     what = "error: no world with bodies and no driver is in namespace /nowhere; "
     assert line.startswith(what)

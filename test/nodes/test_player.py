@@ -524,7 +524,7 @@ def test_keys_are_heard_at_the_highest_rate(terminal, tmp_path):
             writer.write(channel, serialize_message(String(data="map")), number, number)
     shell = terminal(str(tmp_path / "bag"), "--rate", "1000", "--loop")
     shell.wait_for("q: quit")
-    time.sleep(0.8)  # it lets subscribers come, and plays
+    time.sleep(0.4)  # it lets subscribers come, and plays
     shell.type(b" ")
     shell.wait_for("paused at")
     shell.type(b" ")

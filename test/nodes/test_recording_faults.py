@@ -28,9 +28,9 @@ from sparse_coord_ros.ros.nodes.recorder import BagProcess
 from sparse_coord_ros.ros.nodes.spin import ros_context
 from sparse_coord_ros.ros.nodes.team import run_team
 
-FULL = 250_000
+FULL = 400_000
 """Bytes of a file at which the disk is full."""
-STEPS_UNTIL_FULL = 400
+STEPS_UNTIL_FULL = 700
 """More time steps than such a file holds, uncompressed."""
 WRITER = "sparse_coord_ros.log.bags.process"
 PERIOD_NS = 100_000_000

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Nodes start in any order, and those that cannot take part say why."""
 
+import re
+
 import pytest
 from rclpy.node import Node
 from std_msgs.msg import Header, String
@@ -142,20 +144,30 @@ def test_a_second_world_stops(bench):
     bench.spin_until(lambda: first.lockstep.complete, "the first goes on")
 
 
+def ends_without(bench, world, *missing):
+    """Let a world give up once it lacks just these, and check that it names them."""
+    bench.spin_until(
+        lambda: world.topics.missing() == [*missing], f"it lacks {missing}"
+    )
+    world.values["startup_timeout"] = 0.001
+    text = f"^startup_timeout: .* {re.escape(', '.join(missing))};"
+    with pytest.raises(RunError, match=text):
+        bench.spin_until(lambda: False)
+
+
 def test_robots_that_are_missing_are_named(bench, monkeypatch):
     monkeypatch.setattr("sparse_coord_ros.ros.nodes.robot.PEER_PATIENCE_SECONDS", 0.1)
-    bench.world(startup_timeout=1.0, scenario="env2-4r")
+    world = bench.world(scenario="env2-4r")
     for name in ("robot_1", "robot_3"):
         bench.robot(name)
-    with pytest.raises(RunError, match="^startup_timeout: .* robot_2, robot_4;"):
-        bench.spin_until(lambda: False)
+    ends_without(bench, world, "robot_2", "robot_4")
 
 
 def test_a_recorder_that_is_missing_is_named(bench):
-    bench.world(startup_timeout=0.3, recorded=True)
+    """The robots wait for it too."""
+    world = bench.world(recorded=True)
     bench.robots()
-    with pytest.raises(RunError, match="robot_1, robot_2, recorder;"):
-        bench.spin_until(lambda: False)
+    ends_without(bench, world, "robot_1", "robot_2", "recorder")
 
 
 def test_a_greedy_robot_without_tables(bench):
@@ -298,7 +310,7 @@ def test_learning_goes_on_from_tables(tmp_path, simulate, assert_same_tables):
 
 def test_a_robot_that_is_partly_there_is_told_by_what_it_lacks(bench):
     """Such as a program of one's own that does not hear its reward."""
-    bench.world(startup_timeout=1.0)
+    world = bench.world()
     bench.robot("robot_1")
     context = bench.place("mine")[0]
     mine = bench.add(Node("robot_2", context=context), "mine")
@@ -308,7 +320,10 @@ def test_a_robot_that_is_partly_there_is_told_by_what_it_lacks(bench):
     mine.create_subscription(
         state.type, state.of("robot_2"), lambda said: None, state.qos
     )
-    with pytest.raises(RunError, match=r"robot_2 \(it lacks .* /robot_2/reward\)"):
+    lacks = "robot_2 (it lacks a subscription to /robot_2/reward)"
+    bench.spin_until(lambda: lacks in world.topics.missing(), "it is half there")
+    world.values["startup_timeout"] = 0.001
+    with pytest.raises(RunError, match=re.escape(lacks)):
         bench.spin_until(lambda: False)
 
 
