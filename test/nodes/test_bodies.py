@@ -181,8 +181,8 @@ def test_poses_that_came_while_a_driver_slept_are_no_complaint(bench, monkeypatc
     class Sleepy(DriverNode):
         """Takes poses in, and does not drive."""
 
-        def make(self, ground, number):
-            return Taking(ground, None, number)
+        def make(self, metric_map, number):
+            return Taking(metric_map, None, number)
 
         def drive(self):
             pass
@@ -398,7 +398,7 @@ def test_a_body_whose_poses_stop_is_stopped(bench):
     pose.header.frame_id = "odom"
     pose.header.stamp.sec = 1
     observer.say(
-        poses, pose, lambda: driver.intake.total > 0, "another frame is dropped"
+        poses, pose, lambda: driver.subscriber.total > 0, "another frame is dropped"
     )
     x, y = world.topics.convert.centres[0]
     pose.header.frame_id = "map"

@@ -16,7 +16,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
-from sparse_coord_ros.protocol.wire import ACTION, ACTION_LABELS, REWARD, Account
+from sparse_coord_ros.protocol.wire import ACTION, ACTION_LABELS, REWARD, SelfReport
 from sparse_coord_ros.protocol.wire.messages import (
     ACTION_FORM,
     CLOCK_FORM,
@@ -129,7 +129,7 @@ def test_another_message_has_another_layout():
 
 
 def test_reads_an_action_among_other_numbers():
-    labels = ["battery", *ACTION_LABELS, "mood", *Account._fields]
+    labels = ["battery", *ACTION_LABELS, "mood", *SelfReport._fields]
     message = labelled(labels, [9.0, 1.0, 0.0, 1.0, 2.0, 1.0, 7.0, 3.0, 1.0])
     assert said(ACTION_FORM, message)[1] == [1.0, 0.0, 1.0, 2.0, 1.0, 3.0, 1.0]
 

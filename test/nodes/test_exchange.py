@@ -130,7 +130,7 @@ class Asking:
     def __init__(self, name):
         self.name = name
         self.shared_clients = {}
-        self.intake = self
+        self.subscriber = self
         self.answer = None
         self.dropped = []
 

@@ -12,7 +12,7 @@ from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.protocol.lockstep import timeouts
 from sparse_coord_ros.protocol.wire import RunState
-from sparse_coord_ros.protocol.wire.status import Order, Said
+from sparse_coord_ros.protocol.wire.status import Order, RunStatus
 from sparse_coord_ros.ros.nodes import follower as module
 from sparse_coord_ros.ros.nodes.follower import Follower
 from sparse_coord_ros.ros.nodes.messages import status
@@ -45,15 +45,15 @@ def announced(name):
 
 def say(node, *said):
     """Let the world say its status to a node."""
-    status_of = Said(*said)
+    status_of = RunStatus(*said)
     node.hear("status", status("env1", status_of.state, status_of.values()))
 
 
 def test_it_stays_with_its_run_when_another_one_is_announced(node):
     node.hear("run", announced("first"))
-    assert not node.intake.dropped, "a world repeats what it announces"
+    assert not node.subscriber.dropped, "a world repeats what it announces"
     node.hear("run", announced("second"))
-    assert node.intake.dropped == {"run": 1}
+    assert node.subscriber.dropped == {"run": 1}
     assert node.run.id == "first"
 
 
@@ -68,7 +68,7 @@ def test_a_node_under_way_reads_no_run(node, monkeypatch, first_line, drops):
     monkeypatch.setattr(module, "read_run", read.append)
     text = String(data=f"{first_line}x: [" + 100_000 * "1," + "]\n")
     node.hear("run", text)
-    assert node.intake.dropped.total() == drops
+    assert node.subscriber.dropped.total() == drops
     assert not read and node.run.id == "first"
 
 

@@ -13,10 +13,10 @@ from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.game.world import Reward
 from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.protocol.wire import RunState
-from sparse_coord_ros.protocol.wire.status import Order, Said
-from sparse_coord_ros.ros.nodes import interface, robot
+from sparse_coord_ros.protocol.wire.status import Order, RunStatus
+from sparse_coord_ros.ros.nodes import robot, ros_topics
 from sparse_coord_ros.ros.nodes.messages import Converter, status
-from sparse_coord_ros.ros.nodes.robot import LAST_WORDS_SECONDS, RobotNode
+from sparse_coord_ros.ros.nodes.robot import LAST_REWARD_SECONDS, RobotNode
 from sparse_coord_ros.ros.nodes.spin import ros_context
 
 from .puppet import puppet
@@ -24,7 +24,7 @@ from .puppet import puppet
 END = 3
 """The time step at which the run ends."""
 
-STATES = interface.LOCAL_STATE.of("robot_1")
+STATES = ros_topics.LOCAL_STATE.of("robot_1")
 
 
 @pytest.fixture
@@ -56,7 +56,7 @@ def begun(own_domain, tmp_path, monkeypatch):
 
 def say(node, state, step, transitions, order=None):
     """Let the world say its status."""
-    said = Said("this run", state, step, transitions, order=order or Order())
+    said = RunStatus("this run", state, step, transitions, order=order or Order())
     node.hear("status", status("env1", said.state, said.values()))
 
 
@@ -92,8 +92,8 @@ def test_a_robot_leaves_when_all_is_learned_or_some_seconds_later(
     ended = node.presence.ended
     say(node, RunState.STOPPED, END, END - 1)
     assert node.presence.ended == ended
-    assert node.member.all_done(ended + LAST_WORDS_SECONDS) is done
-    assert node.member.all_done(ended + LAST_WORDS_SECONDS + 0.1)
+    assert node.member.all_done(ended + LAST_REWARD_SECONDS) is done
+    assert node.member.all_done(ended + LAST_REWARD_SECONDS + 0.1)
 
 
 def test_a_robot_that_plans_leaves_when_the_exchange_is_over(begun):

@@ -25,12 +25,12 @@ from sparse_coord_ros.core.game.scenario import load_scenario, scenario_names
 from sparse_coord_ros.core.game.world import Action, Reward
 from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.protocol.lockstep.bodies import BodyGoal, Goals, Reached
-from sparse_coord_ros.protocol.wire import ACTION, REWARD, Account, ClaimRank
+from sparse_coord_ros.protocol.wire import ACTION, REWARD, ClaimRank, SelfReport
 from sparse_coord_ros.protocol.wire.messages import markers_form
 from sparse_coord_ros.protocol.wire.status import (
     Order,
     Progress,
-    Said,
+    RunStatus,
     read_progress,
     read_status,
     values_of,
@@ -92,7 +92,7 @@ NORTH_AND_EAST = [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)]
 ACTIONS = st.builds(
     Action, st.integers(0, 3), st.booleans(), st.integers(-1, 3), st.booleans()
 )
-ACCOUNTS = st.builds(Account, st.integers(0, 3), st.booleans())
+ACCOUNTS = st.builds(SelfReport, st.integers(0, 3), st.booleans())
 
 
 @given(st.integers(0, 10**7), ACTIONS, ACCOUNTS)
@@ -102,7 +102,7 @@ def test_actions_come_back(step, action, account):
     convert = converter("env2-4r")
     data = convert.pack_action(step, action, account)
     assert convert.unpack_action(data) == (step, action)
-    assert convert.unpack_account(data) == (step, action, account)
+    assert convert.unpack_self_report(data) == (step, action, account)
     said = deserialize_message(data, JointState)
     numbers = dict(zip(said.name, said.position, strict=True))
     assert list(said.name) == list(ACTION.labels)
@@ -113,8 +113,8 @@ def test_actions_come_back(step, action, account):
 def test_status_comes_back():
     order = Order("ab", 20, 41)
     for said in (
-        Said("id", "learning", 7, 6, 2, "start", order),
-        Said("", "paused", 1, 0),
+        RunStatus("id", "learning", 7, 6, 2, "start", order),
+        RunStatus("", "paused", 1, 0),
     ):
         assert read_status(status("env1", said.state, said.values())) == said
 
@@ -262,7 +262,7 @@ def test_values_of_a_status_come_back():
 STATE = {"x": 1.5, "y": 4.5, "z": 0.0}
 PAID = dict(zip(REWARD.labels, (1.0, 0.0, 0.0, 1.0), strict=True))
 ACTED = dict(zip(ACTION.labels, (1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), strict=True))
-SAID = Said("", "learning", 7, 6).values()
+SAID = RunStatus("", "learning", 7, 6).values()
 BEGUN = Progress("life", 40, 39, (0, 20), "order", True)
 """Messages that fit a run; in the table below one of their fields is another, or is left out."""
 
@@ -302,7 +302,7 @@ def reward(changes, **header):
 
 def account(changes, **header):
     numbers = changed(ACTED, changes)
-    return converter().unpack_account(labelled(numbers, header_of(**header)))
+    return converter().unpack_self_report(labelled(numbers, header_of(**header)))
 
 
 def goals(changes, *, since=0.0):
@@ -399,7 +399,7 @@ MISFITS = [
     (reached, {"stamp": 1e300}, {}, "stamp"),
     *((command, {"z": odd}, {}, "angular.z") for odd in (NAN, INF, 1.7e308, -1e4)),
 ]
-"""What reads it, what is another, and in its header; and how the refusal begins or goes on."""
+"""The reader; the fields that are others, in the message and in its header; what is said."""
 
 
 @pytest.mark.parametrize(("read", "changes", "header", "text"), MISFITS)

@@ -13,7 +13,7 @@ from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.protocol.lockstep.robot_side import Answer
 from sparse_coord_ros.ros.nodes import peers
 from sparse_coord_ros.ros.nodes.messages import Converter
-from sparse_coord_ros.ros.nodes.peers import AT_ONCE, Peer, Peers
+from sparse_coord_ros.ros.nodes.peers import IMMEDIATE_REPEATS, Peer, Peers
 
 
 class Future:
@@ -49,7 +49,7 @@ class Future:
 
 
 class Node:
-    """Of a node what its peers need; its own client, logger and intake.
+    """Of a node what its peers need; its own client, logger and subscriber.
 
     Attributes:
         sent: the requests that are open, or were answered.
@@ -64,7 +64,7 @@ class Node:
         self.ears = {}
         self.dropped = []
         self.shared_clients = {}
-        self.intake = self
+        self.subscriber = self
 
     def guarded(self, call):
         return call
@@ -136,7 +136,7 @@ def test_what_was_not_sent_to_a_peer_that_gave_up_is_not_sent_later(node):
 
 def test_an_answer_that_nobody_looked_at_yet_is_not_asked_for_again(node, monkeypatch):
     """It has come, but its callback waits behind the timer that would send the request again."""
-    monkeypatch.setattr(peers, "AGAIN_SECONDS", 0.0)
+    monkeypatch.setattr(peers, "REPEAT_ASK_SECONDS", 0.0)
     heard = []
     peer = Peer(node, node, lambda step, plan: heard.append(step))
     peer.request(PoseStamped(), 7)
@@ -192,7 +192,8 @@ def plan(step, *cells):
 
 
 @pytest.mark.parametrize(
-    ("repeats", "answered"), [(0, True), (AT_ONCE - 1, True), (AT_ONCE, False)]
+    ("repeats", "answered"),
+    [(0, True), (IMMEDIATE_REPEATS - 1, True), (IMMEDIATE_REPEATS, False)],
 )
 def test_a_doubted_peer_is_not_behind_for_ever(node, side, asked, repeats, answered):
     """Who serves its place might say so each time, and first: the request stays open then."""
@@ -255,12 +256,12 @@ def test_a_late_reward_is_no_peer_s_fault(node, side, asked):
 
 def test_a_peer_is_asked_at_once_at_every_step_though_not_for_ever_at_one(node):
     peer = Peer(node, node, lambda step, plan: None)
-    for step in range(1, 2 * AT_ONCE):
+    for step in range(1, 2 * IMMEDIATE_REPEATS):
         peer.request(PoseStamped(), step)
         assert len(node.sent) == step
     before = len(node.sent)
-    for _ in range(2 * AT_ONCE):
+    for _ in range(2 * IMMEDIATE_REPEATS):
         peer.request(PoseStamped(), step)
-    assert len(node.sent) == before + AT_ONCE - 1
+    assert len(node.sent) == before + IMMEDIATE_REPEATS - 1
     peer.send_what_waits()  # the node's timer
-    assert len(node.sent) == before + AT_ONCE
+    assert len(node.sent) == before + IMMEDIATE_REPEATS

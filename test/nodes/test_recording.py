@@ -13,15 +13,15 @@ from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.protocol.wire import RunState
 from sparse_coord_ros.protocol.wire.status import (
-    ROLL_CALL,
+    NO_ROLLBACK,
     Order,
-    Said,
+    RunStatus,
     read_progress,
 )
-from sparse_coord_ros.ros.nodes import interface
+from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.messages import status
 from sparse_coord_ros.ros.nodes.recorder import (
-    LAST_WORDS_SECONDS,
+    LAST_MESSAGES_SECONDS,
     TALK_SECONDS,
     Recorder,
 )
@@ -54,7 +54,7 @@ def recording(own_domain, tmp_path):
 
 def say(node, *said, order=None):
     """Let the world say its status."""
-    one = Said("this run", *said, order=order or Order())
+    one = RunStatus("this run", *said, order=order or Order())
     node.hear("status", status("env1", one.state, one.values()))
 
 
@@ -74,7 +74,7 @@ def test_diagnostics_of_other_namespaces_are_not_recorded(
     node = recording(namespace)
     before = node.recording.bag.message_count
     message = DiagnosticArray(status=[DiagnosticStatus(name=name)])
-    node.hear(interface.DIAGNOSTICS.name, message)
+    node.hear(ros_topics.DIAGNOSTICS.name, message)
     assert node.recording.bag.message_count - before == kept
 
 
@@ -85,11 +85,11 @@ def test_who_talks_on_keeps_no_recorder(recording):
     say(node, RunState.STOPPED, 7, 7)
     ended = node.presence.ended
     part = node.recording
-    for later, done in ((LAST_WORDS_SECONDS + 1, False), (TALK_SECONDS + 0.1, True)):
+    for later, done in ((LAST_MESSAGES_SECONDS + 1, False), (TALK_SECONDS + 0.1, True)):
         part.heard = ended + later
         assert part.all_done(ended + later) is done
     part.heard = ended
-    assert part.all_done(ended + LAST_WORDS_SECONDS + 1)
+    assert part.all_done(ended + LAST_MESSAGES_SECONDS + 1)
 
 
 def test_a_recorder_has_obeyed_when_it_finds_the_robots(recording):
@@ -101,18 +101,18 @@ def test_a_recorder_has_obeyed_when_it_finds_the_robots(recording):
 
         def announce(self, topic, owner=""):
             publisher = super().announce(topic, owner)
-            if topic.name == interface.PROGRESS.name:
+            if topic.name == ros_topics.PROGRESS.name:
                 publisher.publish = told.append
             return publisher
 
     node = recording(kind=Telling)
     found = set()
     node.count_publishers = lambda name: name in found
-    say(node, RunState.LEARNING, 1, 0, order=Order("order", ROLL_CALL, 1))
+    say(node, RunState.LEARNING, 1, 0, order=Order("order", NO_ROLLBACK, 1))
     for robot in ("robot_1", "robot_2"):
         node.tick()
         assert not told
-        found.add(interface.ACTION.of(robot))
+        found.add(ros_topics.ACTION.of(robot))
     node.tick()
     [message] = told
     assert read_progress(message).obeyed == "order"

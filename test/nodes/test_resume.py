@@ -22,13 +22,13 @@ from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.runs.history import load_history
 from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.log.runlog import verify
-from sparse_coord_ros.protocol.lockstep.checkpoints import Store
+from sparse_coord_ros.protocol.lockstep.node_checkpoints import CheckpointStore
 from sparse_coord_ros.protocol.wire.status import Order, Progress
 from sparse_coord_ros.ros.nodes import follower, world_simulator
 from sparse_coord_ros.ros.nodes.restart import Returning
 from sparse_coord_ros.ros.nodes.spin import ros_context
 from sparse_coord_ros.ros.nodes.team import run_team
-from sparse_coord_ros.show.page.board import Board
+from sparse_coord_ros.show.page.message_board import MessageBoard
 
 SEED = 7
 SETTINGS = {
@@ -83,7 +83,7 @@ def test_a_team_that_was_stopped_goes_on_from_its_last_step(
         "all ended at one step"
     )
     again = {"resume": True, "out": str(out), "claim_window": 0.0}
-    board = Board()
+    board = MessageBoard()
     with ros_context() as context:
         summary = run_team(again, context=context, page=board)
     assert_same_tables(out, said)
@@ -137,7 +137,7 @@ def test_who_comes_back_shows_nothing_before_it_knows_where_the_team_is(
 def test_what_was_dropped_before_is_counted_on(bench, tmp_path):
     observer = bench.observer()
     world = bench.world(out=str(tmp_path))
-    world.intake.drop("a topic", "does not fit")
+    world.subscriber.drop("a topic", "does not fit")
     pause = SetBool.Request(data=True)
     observer.call(SetBool, "world_simulator/pause", pause)  # it says how it stands
     bench.destroy(world)
@@ -146,7 +146,7 @@ def test_what_was_dropped_before_is_counted_on(bench, tmp_path):
     )
     again = bench.world(out=str(tmp_path), resume=True, scenario="")
     observer.call(SetBool, "world_simulator/pause", pause)
-    again.intake.drop("a topic", "does not fit")
+    again.subscriber.drop("a topic", "does not fit")
     assert again.summary()["messages_dropped"] == 2
 
 
@@ -182,8 +182,10 @@ class Returned:
             held=held, lost=0, finished=False, world=world, start=lambda: None
         )
         run = make_run(load_scenario("env1"), {"recorded": recorded})
-        output = SimpleNamespace(store=Store(), node=self, count=self.counted.update)
-        self.intake = self
+        output = SimpleNamespace(
+            store=CheckpointStore(), node=self, count=self.counted.update
+        )
+        self.subscriber = self
         self.values = {"returning": returning}
         self.timeout = run.step_timeout
         self.team = Returning(run, side, output, self.changed)
