@@ -143,14 +143,14 @@ def test_reads_a_message_that_says_velocities_too():
 @pytest.mark.parametrize(
     ("labels", "count", "text"),
     [
-        (REWARD.labels[1:], 3, "labels no number individual"),
+        (REWARD.labels[1:], 3, "has no number labelled individual"),
         (REWARD.labels, 3, "has 4 labels and 3 numbers"),
         (
             (*REWARD.labels[:3], "common"),
             4,
             "labels a number twice: individual, common, ask_c",
         ),
-        ((), 0, "labels no number individual, common, ask_cost, total"),
+        ((), 0, "has no number labelled individual, common, ask_cost, total"),
     ],
 )
 def test_says_which_labels_do_not_fit(labels, count, text):

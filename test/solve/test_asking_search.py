@@ -256,7 +256,7 @@ def test_another_file_is_refused(tmp_path, change):
     file.write_text(json.dumps({**json.loads(file.read_text()), **change}))
     with pytest.raises(
         ResultsError,
-        match="search.json: is .*(give another file|in format 99.*; update)",
+        match="search.json: (is|holds) .*(give another file|in format 99.*; update)",
     ):
         find_asking_team(scenario, restarts=1, file=file)
 

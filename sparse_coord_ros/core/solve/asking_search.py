@@ -374,7 +374,7 @@ def _kept(
         fits = _from_texts(scenario, best).moves.shape == (2, len(scenario.map.cells))
     except (ValueError, LookupError, TypeError, AttributeError):
         raise ResultsError(
-            f"{file}: is no search for the best asking team; give another file"
+            f"{file}: holds no search for the best asking team; give another file"
         ) from None
     if said != (game_digest(scenario), seed) or not values or not fits:
         what = f"{file}: is the search of another game or seed (seed {data['seed']})"

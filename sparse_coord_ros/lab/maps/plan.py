@@ -404,7 +404,7 @@ def _oddities(scenario: Scenario) -> Iterator[str]:
     if len({robot.start for robot in robots}) < len(robots):
         yield "two robots start in the same cell: that is no conflict, but hardly possible"
     if len({robot.goal for robot in robots}) < len(robots):
-        yield "two robots have the same goal: they would stand in each other"
+        yield "two robots have the same goal: they would stand in one place"
     for robot in robots:
         goal = f"the goal of {robot.name} is"
         if robot.goal in grid.doorways:

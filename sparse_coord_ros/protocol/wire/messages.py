@@ -4,7 +4,7 @@
 
 A `MessageForm` says how the messages of a topic look as bytes, and what rows they make. The nodes
 pack and read single messages by it (`Messages`), the log many at once, by columns.
-An error's text says what such a message does, such as "labels no number total".
+An error's text says what such a message does, such as "has no number labelled total".
 """
 
 import struct
@@ -118,7 +118,7 @@ def nanoseconds(time: Any) -> int:
     """Return a decoded time in nanoseconds; ValueError where it is none."""
     if not 0 <= time.nanosec < SECOND:
         raise ValueError(
-            f"is stamped {time.sec} s {time.nanosec} ns, which is no time of the run"
+            f"is stamped {time.sec} s {time.nanosec} ns, outside of the run"
         )
     return int(time.sec) * SECOND + int(time.nanosec)
 
@@ -156,7 +156,7 @@ def labelled(labels: Sequence[str]) -> MessageForm:
         ns, said = read_labelled(message)
         missing = [label for label in labels if label not in said]
         if missing:
-            raise ValueError(f"labels no number {', '.join(missing)}")
+            raise ValueError(f"has no number labelled {', '.join(missing)}")
         return ns, [said[label] for label in labels]
 
     numbers = Free("numbers", f"({count},)<f8")
@@ -375,9 +375,7 @@ class Messages(Frame):
             ValueError: it lies before the run's beginning, or is no time.
         """
         if sec < 0 or not 0 <= nanosec < SECOND:
-            raise ValueError(
-                f"is stamped {sec} s {nanosec} ns, which is no time of the run"
-            )
+            raise ValueError(f"is stamped {sec} s {nanosec} ns, outside of the run")
         return self.step(sec, nanosec)
 
     def pack_clock(self, step: int) -> bytes:

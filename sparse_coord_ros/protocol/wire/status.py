@@ -66,7 +66,7 @@ def values_of(message: Any, *needed: str) -> dict[str, str]:
     values = {value.key: value.value for value in message.values}
     missing = [name for name in needed if name not in values]
     if missing:
-        raise ValueError(f"calls no value {missing[0]!r}")
+        raise ValueError(f"has no value {missing[0]!r}")
     return values
 
 
@@ -135,7 +135,7 @@ def read_progress(message: Any) -> Progress:
         0 <= number <= FURTHEST_STEP for number in (step, transitions, *checkpoints)
     ):
         raise ValueError(
-            f"says step {step} with {transitions} transitions: no run comes there"
+            f"says step {step} with {transitions} transitions, more than a run can have"
         )
     resumed = values["resumed"] == "1"
     return Progress(

@@ -53,7 +53,7 @@ class PlayedTopics:
             warn(f"{bag.path}: {bag.damage}; {played} is played")
         elif not bag.finished:
             warn(
-                f"{bag.path} was never closed by its recorder: what there is of it is played"
+                f"{bag.path} was never closed by its recorder: its messages so far are played"
             )
         self.publishers: dict[str, Publisher] = {}
         skipped = []
