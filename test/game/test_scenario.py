@@ -272,6 +272,19 @@ def test_bad_fields(data, change, words):
     assert [word for word in words if word not in message] == []
 
 
+def test_more_robots_than_a_reward_can_name(data):
+    robot = data["robots"]["robot_1"]
+    team = {f"robot_{k}": robot for k in range(1, 54)}
+    assert (
+        len(scenario_from_dict({**data, "robots": team}, where="", name="f").robots)
+        == 53
+    )
+    message = refusal({**data, "robots": {**team, "robot_54": robot}})
+    assert message == (
+        "f.yaml: field 'robots' has 54 robots, allowed: up to 53; leave some out"
+    )
+
+
 def test_unknown_map(data):
     message = refusal({**data, "map": "env3"}, MapError)
     assert "f.yaml: map 'env3'" in message
