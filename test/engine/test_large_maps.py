@@ -10,8 +10,10 @@ from sparse_coord_ros.core.game.grid import GridMap
 from sparse_coord_ros.core.game.scenario import load_scenario, scenario_from_dict
 from sparse_coord_ros.core.learners.agent import Agent
 from sparse_coord_ros.core.learners.coop import Coop
+from sparse_coord_ros.core.learners.mind import part
+from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.learners.tables import JointTable, tables_equal
-from sparse_coord_ros.core.runs.run import learn
+from sparse_coord_ros.core.runs.run import LearningRun, Team, learn
 from sparse_coord_ros.core.solve.exact import evaluate_exact
 
 pytestmark = pytest.mark.usefixtures("compiled_loops")
@@ -60,3 +62,26 @@ def test_a_robot_acts_alike_from_an_array_and_from_its_memory(small, learner):
     for one, other in zip(dense, sparse, strict=True):
         rows = [[other.q_coord[x, z] for z in range(21)] for x in range(21)]
         assert np.array_equal(one.q_coord, rows)
+
+
+def test_eight_robots_in_a_large_hall_know_their_way():
+    """What is kept grows with the cells, not with their pairs; 22,500 cells take seconds."""
+    side = 150
+    grid = GridMap("hall", ("." * side,) * side)
+    robots = {
+        f"robot_{k}": {"start": [k, 0], "goal": [side - 1 - k, side - 1]}
+        for k in range(8)
+    }
+    said = {"name": "hall", "text": grid.to_text()}
+    plain = scenario_from_dict({"map": said, "robots": robots}, where="", name="hall")
+    settings = {"prior": "map", "discount": 0.998, "perception": "line_of_sight"}
+    scenario = plain.with_settings({**settings, "steps": 2000, "horizon": 500})
+    learner = learner_of("factored")
+    team = Team(learner.with_defaults(scenario), learner, compiled=True)
+    run = LearningRun(team, 1)
+    run.advance(2000)
+    trials = run.play(5)
+    assert trials.arrived.all()
+    kept = [array for mind in map(part, [run.minds] * 8, range(8)) for array in mind]
+    sizes = [array.size for array in kept if isinstance(array, np.ndarray)]
+    assert max(sizes) <= 5 * side**2

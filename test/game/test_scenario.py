@@ -170,3 +170,14 @@ def test_scenario_file_names_itself_and_finds_the_map_beside_it(tmp_path):
     assert scenario.map.title == "mine"
     assert scenario.perception == Spec("range", (1.0,))
     assert scenario.steps == SETTINGS["steps"].default
+
+
+def test_more_robots_than_a_reward_can_name(data):
+    robot = data["robots"]["robot_1"]
+    team = {f"robot_{k}": robot for k in range(1, 54)}
+    most = scenario_from_dict({**data, "robots": team}, where="", name="f")
+    assert len(most.robots) == 53
+    with pytest.raises(ScenarioError, match="'robots' has 54 robots"):
+        scenario_from_dict(
+            {**data, "robots": {**team, "robot_54": robot}}, where="", name="f"
+        )
