@@ -18,6 +18,7 @@ from sparse_coord_ros.log.bags.reader import open_bag
 from sparse_coord_ros.log.bags.recover import recover
 from sparse_coord_ros.log.runlog import read_run, verify
 from sparse_coord_ros.log.runlog.explain import coordinations, explained
+from sparse_coord_ros.log.runlog.verify import UNLEARNED
 from sparse_coord_ros.protocol.wire import BAG_FORMAT
 from sparse_coord_ros.protocol.wire.messages import ACTION_FORM
 from sparse_coord_ros.ros.nodes.messages import Converter
@@ -197,7 +198,7 @@ def test_each_count_beside_the_tables(alter, name, change):
     ("key", "value", "said"),
     [
         ("left_out", "3", "3 robots' steps left out"),
-        ("transitions", "7", "'finished' after 7 transitions"),
+        ("transitions", "7", "'learning'"),
         ("began", "reset", "episode began: reset"),
     ],
 )
@@ -388,7 +389,7 @@ def test_what_was_recovered_is_judged_up_to_where_it_broke_off(good, tmp_path):
         cut.write_bytes(data[: draw.randrange(len(data) // 20, len(data))])
         found = verify(recover(cut).path)
         assert found.cannot_tell, found.differences
-        assert found.not_compared[-1][1] is None
+        assert found.unknown[-1].last is None
         parts.add(found.steps)
     assert len(parts) > 1
 
@@ -401,7 +402,7 @@ def test_explain_knows_what_a_left_out_robot_has_not_learned(record):
     run = record("env2-4r", {"perception": "probability:0.5"}, deaf=deaf)
     log = read_run(run.bag)
     found = [one for k in range(4) for one in explained(log, k, coordinations(log, k))]
-    assert verify(run.bag).unlearned > 0
+    assert verify(run.bag).notes[UNLEARNED] > 0
     assert all(one is not None and one.agrees and one.doubt is None for one in found)
     [last] = explained(log, 0, coordinations(log, 0)[-1:])
     own = run.recording.robots[0].agent.tables

@@ -19,7 +19,7 @@ from sparse_coord_ros.log.runlog.replay import (
     Replay,
     Trajectory,
     fresh_agent,
-    stretches,
+    intervals,
     trajectory_of,
 )
 
@@ -94,7 +94,7 @@ def explained(log: RunLog, robot: int, steps: Sequence[int]) -> Iterator[Coordin
         steps: the time steps, ascending.
     """
     begun = None
-    doubt = log.hides(robot)
+    doubt = log.why_not_computed(robot)
     if doubt is None and log.run.known_rule is not None:
         begun, odd = first_memory(log, robot)
         doubt = None if odd is None else f"{odd}"
@@ -103,7 +103,7 @@ def explained(log: RunLog, robot: int, steps: Sequence[int]) -> Iterator[Coordin
                 f"the log does not hold the tables that {log.names[robot]} began with"
             )
             begun = memory_of(log.run.rule.mind(log.run.scenario, robot))
-    for part in stretches(log):
+    for part in intervals(log):
         mine = [step for step in steps if part.holds(step)]
         if not mine:
             continue
@@ -242,7 +242,7 @@ def in_words(log: RunLog, one: Coordination) -> Iterator[str]:
         yield f"  perceives {', '.join(cell_in_words(run, cell) for cell in one.perceived)}"
     else:
         yield f"  perceives nothing ({one.outcome})"
-    of_ours = None if log.hides(one.robot) else one.cell
+    of_ours = None if log.why_not_computed(one.robot) else one.cell
     moves = move_in_words(run, of_ours, one.perceived, one.move)
     if not one.q_values:
         yield f"  {moves}" + ("" if one.doubt is None else f"; {one.doubt}")

@@ -13,7 +13,7 @@ from sparse_coord_ros.core.game.rules import EPISODE_GAP
 from sparse_coord_ros.core.learners.agent import Agent
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.log.runlog.attached import RecordedTables
-from sparse_coord_ros.log.runlog.replay import Replay, Stretch, restored, trajectory_of
+from sparse_coord_ros.log.runlog.replay import Interval, Replay, restored, trajectory_of
 from sparse_coord_ros.log.runlog.window import MOVES, LongLog
 from sparse_coord_ros.protocol import wire
 
@@ -201,9 +201,9 @@ class Relearned:
         log = self._log.read(
             max(0, first - 1), first + AT_ONCE + wait, [*MOVES, wire.PERCEPT]
         )
-        if log.bag.gaps or log.tracks.gaps:
+        if log.bag.gaps or log.messages.gaps:
             return None
-        done = [trajectory_of(log, one.robot, Stretch(first)) for one in saved]
+        done = [trajectory_of(log, one.robot, Interval(first)) for one in saved]
         for (
             one
         ) in done:  # whether it has learned from its very last action no later one says

@@ -17,8 +17,8 @@ from sparse_coord_ros.log.bags.reader import Bag, open_bag
 from sparse_coord_ros.log.runlog.attached import RecordedTables, attached_tables
 from sparse_coord_ros.log.runlog.bag_run import find_run
 from sparse_coord_ros.log.runlog.log import RunLog
+from sparse_coord_ros.log.runlog.run_messages import RunMessages
 from sparse_coord_ros.log.runlog.timeline import gap_in_words, rollbacks
-from sparse_coord_ros.log.runlog.tracks import Tracks
 from sparse_coord_ros.protocol import wire
 from sparse_coord_ros.protocol.wire.frame import Frame
 
@@ -28,7 +28,7 @@ MOVES = (wire.LOCAL_STATE, wire.REWARD, wire.ACTION)
 STEPS_AROUND = 500
 """Time steps before and after one that are read to show it."""
 
-STRETCH_BYTES = 500_000
+BYTES_AT_ONCE = 500_000
 """Bytes of the file of which the history is computed at once."""
 
 
@@ -135,11 +135,11 @@ class LongLog:
     ) -> RunLog:
         """Return the time steps from `first` to `last`, as far as some topics tell; None: all."""
         bag = self.bag.between(first * self.period, last * self.period)
-        return RunLog(Tracks(bag, self._source, only)).between(first, last)
+        return RunLog(RunMessages(bag, self._source, only)).between(first, last)
 
     def whole(self, only: Collection[wire.Topic]) -> RunLog:
         """Return all time steps and tables, as far as some topics tell of them, read once."""
-        tracks = Tracks(Bag(self.bag.files), self._source, only)
+        tracks = RunMessages(Bag(self.bag.files), self._source, only)
         tracks.add_tables()
         return RunLog(tracks)
 
@@ -165,7 +165,7 @@ class LongLog:
             size = size + place.length
             last_ns = max(last_ns, place.end_ns)
             whole = number == len(places)
-            if size < STRETCH_BYTES and not whole:
+            if size < BYTES_AT_ONCE and not whole:
                 continue
             last = last_ns // self.period
             log = self.read(begin, last, (*MOVES, *also))
@@ -175,7 +175,7 @@ class LongLog:
             open_step = None
             read_to = last
             if not whole and history.episodes < 2:
-                size = -3 * STRETCH_BYTES  # an episode may be longer
+                size = -3 * BYTES_AT_ONCE  # an episode may be longer
                 continue
             if not whole:
                 end = int(history.first_step[-1])
