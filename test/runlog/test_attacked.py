@@ -34,8 +34,7 @@ def logged(found, words):
     if not found.differences:
         return False
     return any(
-        words in str(one)
-        for one in (*found.differences, *found.log.messages.foreign)
+        words in str(one) for one in (*found.differences, *found.log.messages.foreign)
     )
 
 

@@ -17,7 +17,7 @@ from sparse_coord_ros.log.runlog import verify
 from sparse_coord_ros.log.runlog.attached import read_tables
 from sparse_coord_ros.log.runlog.dialogue import Request, heard, times_asked_again
 from sparse_coord_ros.log.runlog.percepts import check_percepts
-from sparse_coord_ros.log.runlog.replay import Interval
+from sparse_coord_ros.log.runlog.replay import Interval, trajectory_of
 from sparse_coord_ros.log.runlog.run_messages import asked_before, may_be_asked_before
 from sparse_coord_ros.log.runlog.timeline import MARGIN, Rollback, superseded
 from sparse_coord_ros.protocol.wire import RunState
@@ -245,11 +245,12 @@ def test_a_busy_robot_acts_on_the_answer_that_had_come(good):
     later = max(request.wall_ns.get(EventKind.RETURNED, 0) for request in log.requests)
     wall = {kind: later + 1 + kind for kind in range(4)}
 
+    trajectories = [trajectory_of(log, k, Interval()) for k in range(2)]
+
     def odd(answer):
         again = replace(one, wall_ns=wall, answer=answer, said=answer)
-        return check_percepts(
-            log.with_changes(requests=(*log.requests, again)), Interval()
-        )
+        changed = log.with_changes(requests=(*log.requests, again))
+        return check_percepts(changed, trajectories)
 
     assert odd((one.step + 1, None)) == []
     assert odd(one.answer) == []

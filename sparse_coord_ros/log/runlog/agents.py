@@ -25,8 +25,8 @@ from sparse_coord_ros.log.runlog.log import RunLog
 from sparse_coord_ros.log.runlog.replay import (
     Interval,
     Replay,
+    Trajectory,
     fresh_agent,
-    trajectory_of,
 )
 from sparse_coord_ros.protocol import wire
 from sparse_coord_ros.protocol.wire.messages import action_numbers
@@ -80,10 +80,10 @@ class AgentCheck:
         log: the log.
         k: the robot's number.
         interval: the time steps to check.
+        trajectory: the robot's actions in the log.
 
     Attributes:
         name: the robot's name.
-        trajectory: the robot's actions in the log.
         recorded: its recorded tables.
         agent: the agent as far as it was fed, after `check`; None where it is unknown.
         end: the time step of the robot's last state in the log.
@@ -92,12 +92,14 @@ class AgentCheck:
         lost_copies: tables that may be lost, after `check`; later ones agree.
     """
 
-    def __init__(self, log: RunLog, k: int, interval: Interval) -> None:
+    def __init__(
+        self, log: RunLog, k: int, interval: Interval, trajectory: Trajectory
+    ) -> None:
         self.log = log
         self.k = k
         self.interval = interval
+        self.trajectory = trajectory
         self.name = log.names[k]
-        self.trajectory = trajectory_of(log, k, interval)
         self.recorded = [entry for entry in log.all_tables if entry.robot == k]
         statuses = log.messages.statuses
         self.state = statuses[-1].state if interval.last is None and statuses else None

@@ -11,7 +11,7 @@ from sparse_coord_ros.core.game.percepts import Percepts
 from sparse_coord_ros.log.runlog.dialogue import Request, heard
 from sparse_coord_ros.log.runlog.difference import DIALOGUE, MISSING, Difference
 from sparse_coord_ros.log.runlog.log import NONE, RunLog
-from sparse_coord_ros.log.runlog.replay import Interval, trajectory_of
+from sparse_coord_ros.log.runlog.replay import Trajectory
 from sparse_coord_ros.protocol.wire import ACTION, PERCEPT, PerceptEnd
 from sparse_coord_ros.protocol.wire.events import EventKind
 
@@ -24,9 +24,14 @@ def percept_end(code: float) -> str:
     return f"percept={code:g}" if end is None else end.words
 
 
-def check_percepts(log: RunLog, interval: Interval) -> list[Difference]:
-    """Return the differences in percepts and dialogue from an interval's beginning on."""
-    return list(_PerceptCheck(log, interval).differences())
+def check_percepts(log: RunLog, trajectories: Sequence[Trajectory]) -> list[Difference]:
+    """Return the differences in percepts and dialogue.
+
+    Args:
+        log: the log.
+        trajectories: each robot's actions in the time steps to check.
+    """
+    return list(_PerceptCheck(log, trajectories).differences())
 
 
 class _DueAnswer(NamedTuple):
@@ -53,12 +58,12 @@ class _PerceptCheck:
 
     Args:
         log: the log.
-        interval: the time steps to check.
+        trajectories: as of `check_percepts`.
     """
 
-    def __init__(self, log: RunLog, interval: Interval) -> None:
+    def __init__(self, log: RunLog, trajectories: Sequence[Trajectory]) -> None:
         self.log = log
-        self.interval = interval
+        self.trajectories = trajectories
         self.frame = log.frame
         self.difference = log.messages.difference
         self.percepts = Percepts(log.run.scenario, log.run.seed)
@@ -77,7 +82,7 @@ class _PerceptCheck:
 
     def _robot(self, k: int) -> Iterator[Difference]:
         log = self.log
-        trajectory = trajectory_of(self.log, k, self.interval)
+        trajectory = self.trajectories[k]
         percepts = log.messages.percepts[k]
         rows = dict(zip(percepts.step.tolist(), percepts.rows, strict=True))
         asked = set(log.step[log.asked[:, k]].tolist())

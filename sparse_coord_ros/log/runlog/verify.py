@@ -28,7 +28,7 @@ from sparse_coord_ros.log.runlog.game_check import WorldCheck
 from sparse_coord_ros.log.runlog.improved import check_plans
 from sparse_coord_ros.log.runlog.log import RunLog, read_run
 from sparse_coord_ros.log.runlog.percepts import check_percepts
-from sparse_coord_ros.log.runlog.replay import Interval, intervals
+from sparse_coord_ros.log.runlog.replay import Interval, intervals, trajectory_of
 from sparse_coord_ros.protocol import wire
 from sparse_coord_ros.protocol.wire.status import (
     NO_ORDER,
@@ -182,12 +182,14 @@ class _Comparison:
             self.unknown.append(Unknown(interval.first, interval.last, why))
             return
         world = WorldCheck(log, interval)
-        self._team = [AgentCheck(log, k, interval) for k in range(len(log.names))]
+        robots = range(len(log.names))
+        done = [trajectory_of(log, k, interval) for k in robots]
+        self._team = [AgentCheck(log, k, interval, done[k]) for k in robots]
         self.worlds.append(world)
         self.agents += self._team
         left_out: list[str] = []
         with leaving_out("percepts and answers", left_out.append):
-            self._add(interval, check_percepts(log, interval))
+            self._add(interval, check_percepts(log, done))
         self._add(interval, log.problems)
         self._add(interval, world.check())
         with leaving_out("actions and tables", left_out.append):
