@@ -418,11 +418,11 @@ def rewritten(
             topic.name: new.add_known_topic(topic) for topic in source.topics.values()
         }
         for one in change(list(source.messages())):
-            channel = channels[one.topic]
-            if (one.topic, one.sequence) == gap:
-                new._counts[channel] += 1  # as if the message were cut out of the file
+            if (one.topic, one.sequence) == gap:  # it is cut out of the file
                 continue
-            new.write(channel, one.data, one.log_time_ns, one.publish_time_ns)
+            number = one.sequence if one.topic == gap[0] else None
+            times = one.log_time_ns, one.publish_time_ns
+            new.write(channels[one.topic], one.data, *times, number)
         attached = [
             Attached(one.name, one.media_type, one.data, one.log_time_ns)
             for one in source.attachments

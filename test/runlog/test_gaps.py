@@ -388,15 +388,13 @@ def test_each_coordinate_is_explained_as_far_as_it_is_known(chunked, flipped, ca
     path, _ = flipped(chunked.bag, 5)
     log = read_run(path)
     whole = read_run(chunked.bag)
-    present = [
-        step for step in coordinations(log, 1) if list(explained(log, 1, [step]))
-    ]
     [(first, last), *_] = lost_parts(verify(path))
+    steps = coordinations(log, 1)
+    due_at = {one.step: one for one in explained(whole, 1, steps)}
     seen = set()
-    for step in present:
-        [told] = explained(log, 1, [step])
-        [due] = explained(whole, 1, [step])
-        lost_then = first <= step <= last
+    for told in explained(log, 1, steps):
+        due = due_at[told.step]
+        lost_then = first <= told.step <= last
         seen.add(lost_then)
         assert (told.q_values == ()) == lost_then and told.agrees
         if lost_then:
@@ -404,7 +402,7 @@ def test_each_coordinate_is_explained_as_far_as_it_is_known(chunked, flipped, ca
         else:
             assert (told.q_values, told.update) == (due.q_values, due.update)
     assert seen == {False, True}
-    step = next(step for step in present if first <= step <= last)
+    step = next(step for step in steps if first <= step <= last)
     assert main(["explain", str(path), "--step", str(step), "--robot", "robot_2"]) == 0
     out = capsys.readouterr().out
     assert (
