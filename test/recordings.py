@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bags of whole runs, made by the lock step's own state machines without any middleware."""
 
+import functools
 import shutil
 from collections import deque
 from dataclasses import replace
@@ -397,6 +398,13 @@ class LoggedRobot:
         self.all.attach(self.k, step)
 
 
+@functools.cache
+def content(bag):
+    """Return a bag and its messages, read once for all tests that change them."""
+    source = open_bag(bag)
+    return source, tuple(source.messages())
+
+
 def rewritten(
     bag,
     directory,
@@ -409,15 +417,15 @@ def rewritten(
 ):
     """Write a bag anew, changed, with all checksums right."""
     shutil.rmtree(directory, ignore_errors=True)
-    source = open_bag(bag)
-    with BagWriter(directory, **writer) as new:
+    source, messages = content(bag)
+    with BagWriter(directory, **{"compression": "none"} | writer) as new:
         for name, texts in source.metadata.items():
             if name != "rosbag2":
                 new.add_metadata(name, {**texts, **(record or {})})
         channels = {
             topic.name: new.add_known_topic(topic) for topic in source.topics.values()
         }
-        for one in change(list(source.messages())):
+        for one in change(list(messages)):
             if (one.topic, one.sequence) == gap:  # it is cut out of the file
                 continue
             number = one.sequence if one.topic == gap[0] else None

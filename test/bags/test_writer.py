@@ -124,7 +124,7 @@ def test_channels_carry_schema_hash_and_qos(bag_directory):
         assert channel.message_encoding == "cdr"
         assert channel.metadata == {
             "offered_qos_profiles": offered_qos_profiles(
-                [LATCHED if "Grid" in name else QoS()]
+                (LATCHED if "Grid" in name else QoS(),)
             ),
             "topic_type_hash": type_hash(name),
         }

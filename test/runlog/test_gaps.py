@@ -407,7 +407,7 @@ def test_each_coordinate_is_explained_as_far_as_it_is_known(chunked, flipped, ca
     out = capsys.readouterr().out
     assert (
         out.startswith("lost: flipped_0.mcap, bytes ")
-        and "what it learned, is lost as" in out
+        and "its update are unknown" in out
     )
 
 

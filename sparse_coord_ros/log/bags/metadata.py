@@ -6,6 +6,7 @@ The same information goes into the MCAP file itself as the metadata record `rosb
 bag file without its directory is still understood.
 """
 
+import functools
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -92,7 +93,8 @@ def yaml_text(value: Any) -> str:
     )
 
 
-def offered_qos_profiles(profiles: Iterable[QoS]) -> str:
+@functools.lru_cache
+def offered_qos_profiles(profiles: tuple[QoS, ...]) -> str:
     """Return the profiles as the YAML text of a channel's `offered_qos_profiles`.
 
     Args:
