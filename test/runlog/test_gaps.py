@@ -134,9 +134,9 @@ def outcome(path):
     found = verify(path)
     bag = found.log.bag
     holes = [last is not None for _, last in lost_parts(found)]
-    verdict = "identical but for steps" if any(holes) else "identical up to a step"
+    verdict = "cannot tell some steps" if any(holes) else "cannot tell from a step on"
     if not holes:
-        verdict = "identical" if found.same else "cannot tell all"
+        verdict = "identical" if found.same else "cannot tell the run's data"
     assert not found.differences, found.first
     gaps = [(gap.begin, gap.end) for gap in bag.gaps]
     return bag.message_count, gaps, len(bag.attachments), verdict

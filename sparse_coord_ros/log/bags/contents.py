@@ -445,9 +445,7 @@ class BagFile:
                 self._take_chunk(record)
             case Opcode.ATTACHMENT:
                 self._take_attachment(record)
-            case (
-                Opcode.MESSAGE_INDEX
-            ):  # nobody reads it, but its length tells it from damage
+            case Opcode.MESSAGE_INDEX:  # unused, but its length tells it from damage
                 size = int.from_bytes(self._source.read(record.body + 2, 4), "little")
                 if size != record.length - 6:
                     raise Damage(
@@ -540,7 +538,7 @@ class BagFile:
             self._flaw = str(damage)
 
     def _check_summary(self, offset: int) -> None:
-        """Check the end of a file; only the channels in it are of interest, as nobody seeks."""
+        """Check the end of a file; only its channels are used."""
         crc = 0
         read = self._source.read
         definitions = []

@@ -233,7 +233,7 @@ def in_words(log: RunLog, one: Coordination) -> Iterator[str]:
     if one.doubt is not None and one.q_values:
         yield f"  (the numbers may be wrong: {one.doubt}; see 'sparse_coord verify')"
     if not one.requests:
-        peers = ", ".join(log.names[peer] for peer in one.peers) or "nobody"
+        peers = ", ".join(log.names[peer] for peer in one.peers) or "no peer"
         yield f"  was to ask {peers}; no request is in the log"
     for request in one.requests:
         yield f"  asks {log.names[request.peer]}: {_answer(log, one, request)}"
