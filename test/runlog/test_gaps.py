@@ -8,9 +8,11 @@ from collections import Counter
 from functools import cache
 from io import BytesIO
 
+import forging
 import numpy as np
 import pytest
 import zstandard
+from forging import Forgery
 from mcap.data_stream import ReadDataStream
 from mcap.records import Chunk
 from mcap.stream_reader import CRCValidationError, breakup_chunk
@@ -435,6 +437,28 @@ def test_a_part_of_a_bag_has_no_gap_before_it(chunked, flipped):
     long = LongLog(path)
     assert long.read(200, 300).gaps == [] and len(long.read(200, 300).step) > 80
     long.bag.close()
+
+
+def lost_states(first, how=""):
+    return Forgery("lost", ("/robot_1/local_state", first, first + 3), how)
+
+
+def verified_without(good, folder, *done):
+    bag = forging.forged(forging.read(good.bag), done)
+    return verify(forging.write(bag, folder / "bag"))
+
+
+def test_what_a_recorder_missed_while_it_stood_still(good, tmp_path):
+    found = verified_without(good, tmp_path, lost_states(100, "named"))
+    [unknown] = found.unknown
+    assert found.cannot_tell and unknown.last is None
+    assert 100 <= unknown.first <= 104 and "stood still for 9.0 s" in unknown.why
+
+
+def test_what_is_missing_before_the_recorder_stood_still_differs(good, tmp_path):
+    done = lost_states(50), lost_states(100, "named")
+    found = verified_without(good, tmp_path, *done)
+    assert found.first[:4] == (50, "robot_1", "local_state", "missing")
 
 
 def jump(topic, before, after):
