@@ -256,3 +256,19 @@ def test_a_busy_robot_acts_on_the_answer_that_had_come(good):
     assert odd((one.step + 1, None)) == []
     assert odd(one.answer) == []
     assert odd((one.step, None)) != [], "a refusal that its peer cannot have given"
+
+
+def test_a_peer_that_was_a_step_further_refuses(good):
+    log = verify(good.bag).log
+    place = next(
+        place
+        for place, one in enumerate(log.requests)
+        if one.answer == (one.step, None)
+    )
+    one = log.requests[place]
+    further = one.step + 1, None
+    changed = list(log.requests)
+    changed[place] = replace(one, answer=further, said=further)
+    trajectories = [trajectory_of(log, k, Interval()) for k in range(2)]
+    found = check_percepts(log.with_changes(requests=tuple(changed)), trajectories)
+    assert found == []
