@@ -82,6 +82,13 @@ def test_the_counts_beside_a_plan_are_those_of_the_last_tables(planned, asked):
         assert odd.quantity == f"{PLAN} {name}"
 
 
+def test_after_a_difference_no_plan_is_compared(planned, asked):
+    """What robots had learned at the end is then unknown."""
+    found = asked(planned, Forgery("message", ("/robot_1/reward", 20), "removed"))
+    assert found.differences
+    assert all("improved" not in one.quantity for one in found.differences)
+
+
 def test_a_run_that_says_no_improve_has_no_plans(planned, asked):
     found = asked(planned, Forgery("setting", ("improve",), False))
     assert [(one.quantity, one.computed) for one in found.differences] == [

@@ -121,6 +121,11 @@ def test_what_differs_before_a_robot_came_back_differs(returned, good):
     assert [one.first for one in found.unknown] == [AT]
 
 
+def test_what_differs_as_a_robot_comes_back_is_unknown(returned, good):
+    gone = "/robot_1/local_state", round(AT * good.run.step_period * 1e9)
+    assert returned(ALONE, other="robot_2", without=gone).cannot_tell
+
+
 def test_what_follows_from_a_robot_that_came_back_is_not_told_apart(returned):
     """Another robot's tables may follow from it, too: `verify` does not find out."""
     assert returned(ALONE, other="robot_1").cannot_tell
@@ -131,11 +136,13 @@ def test_what_follows_from_a_robot_that_came_back_is_not_told_apart(returned):
     [
         ((ALONE, OBEYED), "robot_2"),
         ((FIRST,), "robot_2"),
+        ((ALONE._replace(resumed=False),), "robot_2"),
         ((), "robot_2"),
     ],
     ids=[
         "it went back with the team",
         "the same process",
+        "another process that began anew",
         "nobody came back",
     ],
 )
