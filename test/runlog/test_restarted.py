@@ -13,7 +13,7 @@ from sparse_coord_ros.log.bags import BagWriter
 from sparse_coord_ros.log.bags.metadata import ROLLED_BACK
 from sparse_coord_ros.log.bags.reader import open_bag
 from sparse_coord_ros.log.bags.recover import continued
-from sparse_coord_ros.log.runlog import verify
+from sparse_coord_ros.log.runlog import read_run, verify
 from sparse_coord_ros.log.runlog.attached import read_tables
 from sparse_coord_ros.log.runlog.dialogue import Request, heard, times_asked_again
 from sparse_coord_ros.log.runlog.difference import MISSING
@@ -258,17 +258,25 @@ def test_a_busy_robot_acts_on_the_answer_that_had_come(good):
     assert odd((one.step, None)) != [], "a refusal that its peer cannot have given"
 
 
-def test_a_peer_that_was_a_step_further_refuses(good):
-    log = verify(good.bag).log
-    place = next(
-        place
-        for place, one in enumerate(log.requests)
-        if one.answer == (one.step, None)
-    )
-    one = log.requests[place]
-    further = one.step + 1, None
-    changed = list(log.requests)
-    changed[place] = replace(one, answer=further, said=further)
+def with_request(log, changes):
+    """Return the differences of a log in which the first refused request is changed."""
+    requests = list(log.requests)
+    refused = [one.answer == (one.step, None) for one in requests]
+    place = refused.index(True)
+    requests[place] = replace(requests[place], **changes(requests[place]))
     trajectories = [trajectory_of(log, k, Interval()) for k in range(2)]
-    found = check_percepts(log.with_changes(requests=tuple(changed)), trajectories)
-    assert found == []
+    return check_percepts(log.with_changes(requests=tuple(requests)), trajectories)
+
+
+def test_a_peer_that_was_a_step_further_refuses(good):
+    def further(one):
+        return {"answer": (one.step + 1, None), "said": (one.step + 1, None)}
+
+    assert with_request(read_run(good.bag), further) == []
+
+
+def test_a_robot_asks_from_where_it_is(good):
+    """Even where all four events of a request say the same."""
+    log = read_run(good.bag)
+    [found] = with_request(log, lambda one: {"position": (0.25, 0.25)})
+    assert found.quantity.startswith("dialogue") and "(0.25, 0.25)" in found.logged
