@@ -203,7 +203,7 @@ def test_sums_of_many_questions_are_the_questions(bag, monkeypatch):
     monkeypatch.setattr("sparse_coord_ros.show.page.counts.SUM_EVERY", 7)
     log = read_run(bag)
     long = LongLog(bag)
-    monkeypatch.setattr("sparse_coord_ros.log.runlog.window.STRETCH_BYTES", 1)
+    monkeypatch.setattr("sparse_coord_ros.log.runlog.window.BYTES_AT_ONCE", 1)
     counts = Counts(2, len(log.run.scenario.map.cells))
     begin = 0
     for part in long.episodes():
