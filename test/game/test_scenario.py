@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+from sparse_coord_ros.base.errors import ScenarioError
 from sparse_coord_ros.core.game.scenario import (
     SETTINGS,
     load_scenario,
