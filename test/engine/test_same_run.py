@@ -3,8 +3,9 @@
 """One run, whatever computes it: the bits of 1.0.0, for each learner, game and way of running.
 
 test/fixtures/1.0.0/digests.json has the digests of what robots remember, of the history and of
-greedy trials; `PYTHONPATH=.:test python test/engine/test_same_run.py` writes it. The live ways are
-in test/nodes/test_bit_identity.py, the log in test/runlog.
+greedy trials. Those of `KNOWN_MAP` are what plain loops found first.
+`PYTHONPATH=.:test python test/engine/test_same_run.py` writes the file. The live ways are in
+test/nodes/test_bit_identity.py, the log in test/runlog.
 """
 
 import hashlib
@@ -33,6 +34,9 @@ GIVEN = {
     "epsilon": "constant:0.4",
 }
 """Whatever the defaults are: robots that learn enough in so few steps to meet and to ask."""
+
+WITHOUT_VALUES = {name: GIVEN[name] for name in GIVEN if not name.endswith("_init")}
+"""Robots that know their map take no initial values."""
 
 GAMES = {
     "plain": ("env1", {}),
@@ -80,6 +84,15 @@ TEAMS = {
     "three, marked": ("crowd-3r", "cq", {"link": "lost:0.3"}),
 }
 
+KNOWN_MAP = {
+    "coop, known map": ("env2-2r", "coop", {}),
+    "noncoop, known map": ("env2-2r", "noncoop", {"prior_success": 0.9}),
+    "factored, known map": ("env1", "factored", {"perception": "probability:0.7"}),
+    "factored, leaving": ("env1", "factored", {"stand_off": "leave:0.5:0.9"}),
+    "four, known map": ("env2-4r", "factored", {"stand_off": "leave:0.5:0.9"}),
+}
+"""Robots that know their map, and leave stand-offs: not in 1.0.0."""
+
 SHIPPED = {
     "coop, as shipped": ("env1", "coop"),
     "noncoop, as shipped": ("env1", "noncoop"),
@@ -106,6 +119,9 @@ def cases():
                 found[f"{learner}, {game}"] = (scenario, learner, chosen)
     for name, (scenario, learner, settings) in TEAMS.items():
         found[name] = (scenario, learner, given(learner) | settings)
+    for name, (scenario, learner, settings) in KNOWN_MAP.items():
+        chosen = {**WITHOUT_VALUES, "prior": "map", **settings}
+        found[name] = (scenario, learner, chosen)
     found["one's own"] = ("env1", Forgetful, GIVEN)
     for name, (scenario, learner) in SHIPPED.items():
         found[name] = (scenario, learner, {"steps": 2000})
