@@ -14,7 +14,7 @@ LOOPS = [
 ]
 
 
-@pytest.fixture(autouse=True, scope="session")
+@pytest.fixture(scope="session")
 def compiled_loops():
     """Compile all loops; each worker of pytest-xdist begins with others, and takes the rest."""
     if has_numba():

@@ -2,12 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """On large maps Q^C is sparse by itself, and the same is learned."""
 
-from unittest.mock import Mock
-
 import numpy as np
 import pytest
 
-from sparse_coord_ros.core.engine import batch
 from sparse_coord_ros.core.game import scenario as scenarios
 from sparse_coord_ros.core.game.grid import GridMap
 from sparse_coord_ros.core.game.scenario import load_scenario, scenario_from_dict
@@ -18,6 +15,8 @@ from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.learners.tables import JointTable, tables_equal
 from sparse_coord_ros.core.runs.run import LearningRun, Team, learn
 from sparse_coord_ros.core.solve.exact import evaluate_exact
+
+pytestmark = pytest.mark.usefixtures("compiled_loops")
 
 
 def room(side):
@@ -38,10 +37,13 @@ def small(monkeypatch):
     return lambda size: monkeypatch.setattr(scenarios, "LARGEST_DENSE", size)
 
 
-@pytest.mark.parametrize(("side", "sparse"), [(26, False), (27, True), (100, True)])
-def test_by_size(side, sparse):
+def test_by_size():
+    assert [room(side).sparse for side in (26, 27)] == [False, True]
+
+
+@pytest.mark.parametrize(("side", "sparse"), [(5, False), (100, True)])
+def test_its_form(side, sparse):
     scenario = room(side)
-    assert scenario.sparse == sparse
     table = Agent(Coop(), scenario, 0, 0).tables.q_coord
     assert isinstance(table, JointTable) == sparse
     assert table.shape == (side * side, side * side, 4)
@@ -60,18 +62,6 @@ def test_a_robot_acts_alike_from_an_array_and_from_its_memory(small, learner):
     for one, other in zip(dense, sparse, strict=True):
         rows = [[other.q_coord[x, z] for z in range(21)] for x in range(21)]
         assert np.array_equal(one.q_coord, rows)
-
-
-@pytest.mark.parametrize("learner", ["coop", "factored"])
-def test_compiling_plays_on_a_small_map(monkeypatch, learner):
-    played = []
-    monkeypatch.setattr(batch, "compile_once", lambda key, rule, warm_up: warm_up())
-    monkeypatch.setattr(
-        batch, "Team", lambda scenario, rule, compiled: played.append(scenario)
-    )
-    monkeypatch.setattr(batch, "_run", Mock())
-    batch.prepare(learner, engine="auto")
-    assert [len(scenario.map.cells) for scenario in played] == [21]
 
 
 def test_eight_robots_in_a_large_hall_know_their_way():

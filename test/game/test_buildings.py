@@ -58,15 +58,13 @@ def test_the_seed_and_the_text_stay():
     ],
 )
 def test_buildings_that_there_are_not(numbers):
-    with pytest.raises(
-        ScenarioError, match=f"'building-{numbers}': allowed: building-ROOMSx"
-    ):
+    with pytest.raises(ScenarioError, match=f"'building-{numbers}'"):
         load_scenario(f"building-{numbers}")
 
 
 def test_too_many_joint_states_matter_to_who_numbers_them():
     scenario = load_scenario("building-3x2x4-16r-0").with_settings({"peers": "all"})
-    with pytest.raises(SettingError, match="below 2.63 joint states.*132.16.*factored"):
+    with pytest.raises(SettingError, match="132.16.*factored"):
         learner_of("coop").check(scenario)
     learner_of("factored").check(scenario)
     assert untrained(scenario, "factored").q_coord.shape == (132,) * 16 + (4,)

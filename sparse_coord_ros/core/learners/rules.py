@@ -22,6 +22,10 @@ Values: TypeAlias = Sequence[float] | np.ndarray
 """A row of a table: the values of the actions, in their order."""
 
 
+NOT_PERCEIVED = -1
+"""In place of a peer's cell, or of a peer: the percept failed."""
+
+
 class Task(NamedTuple):
     """What a robot knows of its task.
 

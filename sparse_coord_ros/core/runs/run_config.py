@@ -47,7 +47,7 @@ SCENARIO_FILE = "scenario.yaml"
 MAP_FILE = "map.txt"
 """The files that say what a run is: in its directory the first, in its bag all."""
 
-FORMAT = 2
+RUN_FORMAT = 2
 """Number of the format of `run.yaml`, its field `format`. Format 1 did not say `bodies`."""
 
 OWN_CLOCK = "own"
@@ -245,7 +245,7 @@ class RunConfig:
             SettingError: its perception model is a function that nobody else can find.
         """
         check_found_elsewhere(self.scenario.perception)
-        data: dict[str, Any] = {"id": self.id, "format": FORMAT}
+        data: dict[str, Any] = {"id": self.id, "format": RUN_FORMAT}
         data |= {f.name: getattr(self, f.name) for f in fields(self)}
         data["scenario"] = self.scenario.to_dict()
         data["versions"] = dict(self.versions)
@@ -345,7 +345,7 @@ def run_from_yaml(text: str, *, where: str) -> RunConfig:
         SettingError: a bad value.
     """
     data = parse_yaml(text, where=where)
-    check_format(data.pop("format", None), FORMAT, where, RunError)
+    check_format(data.pop("format", None), RUN_FORMAT, where, RunError)
     known = [f.name for f in fields(RunConfig)]
     wrong = [
         f"unknown field {n!r}{did_you_mean(str(n), known)}"
