@@ -106,7 +106,11 @@ PLAIN = st.one_of(
 
 
 @given(
-    st.recursive(PLAIN, lambda inner: st.lists(inner) | st.dictionaries(KEYS, inner))
+    st.recursive(
+        PLAIN,
+        lambda inner: st.lists(inner) | st.dictionaries(KEYS, inner),
+        max_leaves=8,
+    )
 )
 def test_what_is_written_is_read_back(value):
     found = parse_yaml(to_yaml({"k": value}), where="")["k"]

@@ -249,6 +249,7 @@ LONG_VERBS = (
         "replay",
         "conformance",
         "halt",
+        "benchmark",
     ),
 )
 NEEDS_A_BAG = (

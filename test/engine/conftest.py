@@ -9,9 +9,8 @@ import pytest
 from sparse_coord_ros.base.compiling import has_numba
 from sparse_coord_ros.core.engine.batch import prepare
 
-LOOPS = [
-    (learner, history) for learner in ("coop", "factored") for history in (True, False)
-]
+LOOPS = [("coop", True), ("factored", True), ("coop", False)]
+"""The learner, and whether its loop gathers the history: numba takes seconds for each."""
 
 
 @pytest.fixture(scope="session")

@@ -71,7 +71,7 @@ NAMES = st.text("abcxyz_12", min_size=1).filter(lambda name: name != "digest")
 
 @given(st.dictionaries(NAMES, KINDS.flatmap(lambda kind: arrays(kind, SHAPES))))
 def test_arrays_come_back(given):
-    found = read(archive.pack(given))
+    found = read(npz.pack(given))
     assert found.keys() == given.keys()
     for name, array in given.items():
         assert (found[name].dtype, found[name].shape) == (array.dtype, array.shape)

@@ -237,7 +237,8 @@ def test_means_of_a_batch_are_the_exact_ones_and_plain_python_s(
         {"steps": 3000, "penalty": -100, **settings}
     )
     scenario = learner_of(learner).with_defaults(scenario)
-    [run] = run_batch(scenario, learner, [7], trials=2, engine="numba", jobs=1)
+    how = {"engine": "numba", "jobs": 1, "history": True}
+    [run] = run_batch(scenario, learner, [7], trials=2, **how)
     found = evaluate_exact(scenario, run.tables, learner=learner)
     means = run.exact
     assert tuple(means.reward) == found.robots

@@ -330,7 +330,7 @@ def suggested_settings(
     value = values["goal_reward"] / (1.0 - float(discount))
     found["goal_value"] = found["q_coord_init"] = round(value, 3)
     found["q_star_init"] = round(FIRST_GUESS * value, 3)
-    needed = max(_steps_for(way, p) for way in ways)
+    needed = max(steps_for(way, p) for way in ways)
     most = SETTINGS["steps"].high
     found["steps"] = int(min(most, max(20_000, _round_up(needed, 10_000))))
     if found["steps"] == most:
@@ -339,7 +339,7 @@ def suggested_settings(
     return {k: v for k, v in found.items() if k not in given and v != default[k]}
 
 
-def _steps_for(way: np.ndarray, p: float) -> float:
+def steps_for(way: np.ndarray, p: float) -> float:
     """Return steps in which each cell's every move is tried some times over, on the way to a goal.
 
     Args:
@@ -417,7 +417,7 @@ def _oddities(scenario: Scenario) -> Iterator[str]:
                 f"{goal} {moves} cells away, and takes {steps:.0f} steps in the mean: more than "
                 f"the horizon of {scenario.horizon}"
             )
-        needed = max(needed, _steps_for(way, scenario.move_success))
+        needed = max(needed, steps_for(way, scenario.move_success))
     if len(robots) > 1 and grid.doorways and needless(scenario):
         yield (
             "nothing to coordinate: on shortest paths robots hardly ever come to a doorway at the "

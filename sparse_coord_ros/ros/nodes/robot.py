@@ -57,6 +57,7 @@ class Member:
         lockstep: the robot's side of the lock step, with its agent.
         joined: whether the robot listens to the world.
         peers: asks its peers, and answers them.
+        exchange: tells the peers what was learned; None: the run does not improve on it.
 
     Raises:
         SparseCoordError: the scenario has no such robot, or the tables to begin with do not fit.
@@ -101,7 +102,7 @@ class Member:
         self._ears: list[Any] = []
         self._ready_since = 0.0
         self.peers = Peers(node, run, self._convert, self.lockstep)
-        self._exchange = Exchange(node, run, self._packed) if run.improve else None
+        self.exchange = Exchange(node, run, self._packed) if run.improve else None
         node.offer(services.SAVE, self._on_save)
         self._say_progress()
 
@@ -291,7 +292,7 @@ class Member:
             and now - ended <= LAST_REWARD_SECONDS
         ):
             return False
-        return self._exchange is None or not self._finished or self._exchange.over()
+        return self.exchange is None or not self._finished or self.exchange.over()
 
     @property
     def _finished(self) -> bool:
@@ -314,8 +315,8 @@ class Member:
 
     def _improve(self) -> None:
         """Save and publish what the robot makes of what all have learned, or has learned."""
-        assert self._exchange is not None
-        plan = self._exchange.plan()
+        assert self.exchange is not None
+        plan = self.exchange.plan()
         number = self._number
         tables = self.lockstep.agent.tables if plan is None else plan.tables[number]
         packed = pack_tables({number + 1: tables.memory}, counts=self.lockstep.counts)
@@ -344,7 +345,7 @@ class Member:
         path = self._save()
         if path is not None:
             self._node.get_logger().info(f"saved {path}")
-        if self._exchange is not None and self._finished and not interrupted:
+        if self.exchange is not None and self._finished and not interrupted:
             self._improve()
         self.report()
         self._publish_tables(wire.Occasion.FINAL)

@@ -70,7 +70,7 @@ class Moments:
         for kind, steps in found.items():
             self.steps[kind] = np.concatenate([self.steps[kind], steps])
         for k, known in enumerate(self.changes):
-            steps, rows = log.tracks.coordination_maps[k]
+            steps, rows = log.messages.coordination_maps[k]
             here = np.isin(steps, log.step)
             for step, data in zip(
                 steps[here].tolist(), rows["data"][here], strict=True
