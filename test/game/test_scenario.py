@@ -173,12 +173,15 @@ def test_scenario_file_names_itself_and_finds_the_map_beside_it(tmp_path):
     assert scenario.steps == SETTINGS["steps"].default
 
 
-def test_more_robots_than_a_reward_can_name(data):
+def test_more_robots_than_a_reward_can_name():
+    data = load_scenario("env1").to_dict()
     robot = data["robots"]["robot_1"]
     team = {f"robot_{k}": robot for k in range(1, 54)}
-    most = scenario_from_dict({**data, "robots": team}, where="", name="f")
-    assert len(most.robots) == 53
-    with pytest.raises(ScenarioError, match="'robots' has 54 robots"):
-        scenario_from_dict(
-            {**data, "robots": {**team, "robot_54": robot}}, where="", name="f"
-        )
+    scenario = scenario_from_dict({**data, "robots": team}, where="", name="f")
+    assert len(scenario.robots) == 53
+    refused = {**data, "robots": {**team, "robot_54": robot}}
+    with pytest.raises(ScenarioError) as error:
+        scenario_from_dict(refused, where="f.yaml", name="f")
+    assert str(error.value) == (
+        "f.yaml: field 'robots' has 54 robots, allowed: up to 53; leave some out"
+    )
