@@ -31,7 +31,7 @@ from sparse_coord_ros.log.runlog.replay import Interval, Start
 from sparse_coord_ros.log.runlog.run_messages import THE_CLOCK
 from sparse_coord_ros.protocol import wire
 from sparse_coord_ros.protocol.lockstep.bodies import BodyWorld
-from sparse_coord_ros.protocol.wire.status import Said
+from sparse_coord_ros.protocol.wire.status import RunStatus
 
 
 class WorldCheck:
@@ -219,7 +219,7 @@ class WorldCheck:
             else:
                 yield found
 
-    def _wrong_count(self, status: Said) -> tuple[str, str] | None:
+    def _wrong_count(self, status: RunStatus) -> tuple[str, str] | None:
         """Return the first wrong count of a status, as (logged, computed)."""
         if status.transitions != self.world.transitions:
             return f"{status.transitions} transitions", f"{self.world.transitions}"

@@ -36,7 +36,7 @@ from sparse_coord_ros.protocol.wire import OVER, RunState, messages
 from sparse_coord_ros.protocol.wire.events import event_form
 from sparse_coord_ros.protocol.wire.frame import Frame
 from sparse_coord_ros.protocol.wire.occupancy import OccupancyData
-from sparse_coord_ros.protocol.wire.status import Said, read_status, values_of
+from sparse_coord_ros.protocol.wire.status import RunStatus, read_status, values_of
 
 THE_CLOCK = wire.CLOCK.name
 
@@ -57,11 +57,11 @@ class Series(NamedTuple):
     others: Mapping[int, list[Any]] = MappingProxyType({})
 
 
-OF_NO_RUN = Said("none", "", 0, 0)
+OF_NO_RUN = RunStatus("none", "", 0, 0)
 """In place of a status that names no run: every world's status names one."""
 
 
-def _read_status(message: Any) -> Said:
+def _read_status(message: Any) -> RunStatus:
     """Return a decoded status; ValueError where it names a run and lacks another value."""
     return read_status(message) if "run" in values_of(message) else OF_NO_RUN
 
@@ -417,7 +417,7 @@ class RunMessages:
 
     # The world's status.
 
-    def _own_statuses(self) -> Iterator[Said]:
+    def _own_statuses(self) -> Iterator[RunStatus]:
         """Yield the statuses of the run that no roll-back supersedes; note those of others."""
         for place, rows in enumerate(self._of_files(wire.STATUS)):
             for status in rows:
@@ -430,12 +430,12 @@ class RunMessages:
                 if knows and not timeline.superseded(place, status.step, self._backs):
                     yield status
 
-    def _is_foreign(self, status: Said) -> bool:
+    def _is_foreign(self, status: RunStatus) -> bool:
         if status is OF_NO_RUN:
             return True
         return bool(status.run and self.run.id and status.run != self.run.id)
 
-    def _checked(self, statuses: Sequence[Said]) -> Iterator[Said]:
+    def _checked(self, statuses: Sequence[RunStatus]) -> Iterator[RunStatus]:
         """Yield the statuses that are in order, and note what is wrong with them."""
         steps = np.array([one.step for one in statuses], dtype=np.int64)
         over = False
@@ -506,7 +506,7 @@ def _as_it_is(message: Any) -> Any:
     return message
 
 
-def _of_status(status: Said, *words: str) -> Difference:
+def _of_status(status: RunStatus, *words: str) -> Difference:
     return Difference(status.step, None, wire.STATUS.name, *words)
 
 

@@ -32,7 +32,7 @@ from sparse_coord_ros.log.runlog.replay import Interval, intervals, trajectory_o
 from sparse_coord_ros.protocol import wire
 from sparse_coord_ros.protocol.wire.status import (
     NO_ORDER,
-    ROLL_CALL,
+    NO_ROLLBACK,
     read_progress,
     read_status,
 )
@@ -292,27 +292,29 @@ def _came_back(log: RunLog) -> Iterator[Unknown]:
 
     The log does not hold with what they went on.
     """
-    roll_calls: dict[str, int] = {}
+    without_rollback: dict[str, int] = {}
     for step, status in _decoded(log, wire.STATUS, read_status):
-        if status.order.step == ROLL_CALL:
-            roll_calls.setdefault(status.order.name, step)
+        if status.order.step == NO_ROLLBACK:
+            without_rollback.setdefault(status.order.name, step)
     for k, name in enumerate(log.names):
-        since = _came_back_alone(log, k, {NO_ORDER, *roll_calls})
+        since = _came_back_alone(log, k, {NO_ORDER, *without_rollback})
         if since is not None:
             why = f"{name} came back with the tables of a checkpoint, and the team went on"
             yield Unknown(since, None, why)
-    if roll_calls:
+    if without_rollback:
         why = "the world came back and went on with a new episode"
-        yield Unknown(min(roll_calls.values()), None, why)
+        yield Unknown(min(without_rollback.values()), None, why)
 
 
-def _came_back_alone(log: RunLog, k: int, roll_calls: Collection[str]) -> int | None:
+def _came_back_alone(
+    log: RunLog, k: int, without_rollback: Collection[str]
+) -> int | None:
     """Return the time step at which a robot came back; None: it did not, or the team went back.
 
     Args:
         log: the log.
         k: the robot's number.
-        roll_calls: names of orders by which no robot goes back.
+        without_rollback: names of orders by which no robot goes back.
     """
     process = ""
     since = None
@@ -320,7 +322,7 @@ def _came_back_alone(log: RunLog, k: int, roll_calls: Collection[str]) -> int | 
         replaced = process not in ("", progress.life)
         if replaced and progress.resumed and since is None:
             since = step
-        if progress.obeyed not in roll_calls:
+        if progress.obeyed not in without_rollback:
             since = None
         process = progress.life
     return since
