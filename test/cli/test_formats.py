@@ -54,7 +54,11 @@ def test_tables_and_history_are_what_is_learned_today(sparse_coord, files):
 
 
 @pytest.mark.parametrize(
-    ("name", "how"), [("planned", ("factored", "--improve")), ("marked", ("cq",))]
+    ("name", "how"),
+    [
+        ("planned", ("factored", "--improve")),
+        ("marked", ("cq", "--set", "q_star_init=20")),
+    ],
 )
 def test_tables_of_other_learners_are_what_is_learned_today(
     sparse_coord, files, name, how
