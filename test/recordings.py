@@ -26,9 +26,9 @@ from sparse_coord_ros.protocol import wire
 from sparse_coord_ros.protocol.lockstep.bodies import BodyWorld
 from sparse_coord_ros.protocol.lockstep.robot_side import RobotSide
 from sparse_coord_ros.protocol.lockstep.world_side import WorldSide
-from sparse_coord_ros.protocol.wire.status import Said
+from sparse_coord_ros.protocol.wire.status import RunStatus
 from sparse_coord_ros.ros.nodes.messages import Converter, status
-from sparse_coord_ros.ros.nodes.peers import AT_ONCE
+from sparse_coord_ros.ros.nodes.peers import IMMEDIATE_REPEATS
 
 OFTEN = {"q_star_init": 100, "ask_cost": 0, "epsilon": "constant:0.3"}
 """Settings with which COORDINATE is chosen in every fifth step or so."""
@@ -230,7 +230,7 @@ class Recording:
         """Publish the world's status."""
         world = self.world.world
         side = self.world
-        said = Said(
+        said = RunStatus(
             self.run.id, state, world.step, world.transitions, side.left_out, side.began
         )
         message = status(self.run.scenario.name, state, said.values())
@@ -349,7 +349,7 @@ class Recording:
         again = self.again[asker, peer, step] = (
             self.again.get((asker, peer, step), 0) + 1
         )
-        if again <= AT_ONCE and self.arrives("request", asker, step):
+        if again <= IMMEDIATE_REPEATS and self.arrives("request", asker, step):
             self.queue.append(
                 lambda: self.answer(asker, peer, step, cell, sequence, request)
             )
@@ -375,10 +375,10 @@ class LoggedRobot:
     def ask(self, peer, step, cell):
         self.all.ask(self.k, peer, step, cell)
 
-    def act(self, step, action, account):
+    def act(self, step, action, report):
         everything = self.all
         k = self.k
-        data = everything.convert.pack_action(step, action, account)
+        data = everything.convert.pack_action(step, action, report)
         everything.write(f"/{everything.names[k]}/action", TYPES["action"], data, step)
         if everything.arrives("action", k, step):
             everything.queue.append(lambda: everything.world.action(k, step, action))

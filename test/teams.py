@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from sparse_coord_ros.core.engine.checkpoint import Checkpoint, load_checkpoint
+from sparse_coord_ros.core.engine.training_checkpoint import Checkpoint, load_checkpoint
 from sparse_coord_ros.core.game.perception import MODELS
 from sparse_coord_ros.core.game.percepts import Percepts
 from sparse_coord_ros.core.game.scenario import scenario_from_dict

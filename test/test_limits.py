@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from sparse_coord_ros.base.errors import MapError, ScenarioError, SparseCoordError
-from sparse_coord_ros.base.limits import DEEPEST, Limit, read_file, read_text
+from sparse_coord_ros.base.limits import DEEPEST_NESTING, Limit, read_file, read_text
 from sparse_coord_ros.base.yaml_text import parse_yaml, to_yaml
 from sparse_coord_ros.core.game.grid import load_map
 from sparse_coord_ros.core.game.scenario import load_scenario
@@ -76,8 +76,8 @@ NOT_READ = "anchors, aliases and tags are not read"
         ("- 1\n", "here: must be 'key: value' lines, is list"),
         ("", "here: must be 'key: value' lines, is NoneType"),
         (
-            "a: " + "[" * DEEPEST + "]" * DEEPEST,
-            f"nested too deeply, allowed: {DEEPEST} levels",
+            "a: " + "[" * DEEPEST_NESTING + "]" * DEEPEST_NESTING,
+            f"nested too deeply, allowed: {DEEPEST_NESTING} levels",
         ),
         ("a: [" + "1," * 40 + "]", "here are more than 40 values, allowed for a test"),
         ("a: " + 1000 * "x", "has 1,003 letters, allowed for a test: 1,000; take out"),
@@ -95,7 +95,7 @@ def test_what_is_not_read_is_told_in_one_line(text, words):
 def test_bombs_end_early(bomb):
     before = time.process_time()
     with pytest.raises(
-        ScenarioError, match="nested too deeply|more than 20,000 values"
+        ScenarioError, match="nested too deeply|nesting depth|more than 20,000 values"
     ):
         parse_yaml(f"x: {bomb}", where="bomb")
     assert time.process_time() - before < 1.0

@@ -17,7 +17,7 @@ from sparse_coord_ros.studies.runner import (
     parse_targets,
     run_experiment,
 )
-from sparse_coord_ros.studies.store import RUNS, TRIALS, Plan
+from sparse_coord_ros.studies.store import RUN_TRIALS, RUNS, Plan
 
 EXAMPLE = (
     "sparse_coord reproduce table1 table2 --out results\n"
@@ -39,7 +39,7 @@ OPTIONS = (
         {"default": Path("results")},
     ),
     RUNS,
-    TRIALS,
+    RUN_TRIALS,
     Option("--seed", SEED, "seed of run 0; run i has seed + i"),
     *COMPUTING,
     Option("--list", bool, "list the conditions and stop"),

@@ -12,7 +12,7 @@ import numpy as np
 from sparse_coord_ros.base.palette import ANSWERED, FAILED, REFUSED
 from sparse_coord_ros.core.game.actions import ACTIONS
 from sparse_coord_ros.core.game.scenario import Scenario
-from sparse_coord_ros.core.runs.run import Glimpse
+from sparse_coord_ros.core.runs.run import TeamTransition
 from sparse_coord_ros.protocol.wire import PerceptEnd
 from sparse_coord_ros.show.doorways import FAR, Doorways
 from sparse_coord_ros.show.steps import Question
@@ -199,7 +199,7 @@ class Words:
             or (door is not None and 0 <= self.doorways.ways[door, at] <= 1)
         )
 
-    def question(self, seen: Glimpse, question: Question) -> str:
+    def question(self, seen: TeamTransition, question: Question) -> str:
         """Return a question of a time step in sentences."""
         k, peers, end, move = question
         cell = seen.cells[k]

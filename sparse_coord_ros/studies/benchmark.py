@@ -52,7 +52,7 @@ class Benchmark:
 
     Attributes:
         learner: the learner, as it is called in files.
-        split: "tuning" or "test".
+        split: one of `SPLITS` of `core.game.unseen`.
         results: what the conditions brought, one a building.
     """
 
@@ -119,8 +119,9 @@ def benchmark(
 
     Args:
         learner: who learns.
-        split: "tuning": the buildings by which rules and numbers are chosen; "test": the others,
-            to be opened once, for closing figures.
+        split: "tuning": the buildings by which rules and numbers are chosen; "validation": those
+            by which one looks whether these hold elsewhere; "test": to be opened once, for closing
+            figures.
         robots: sizes of teams, of 2, 4 and 8, or one of them.
         steps: step budget of learning, in transitions.
         out: results directory, as of `run_experiment`; None: nothing is saved.

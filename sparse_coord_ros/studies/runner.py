@@ -59,9 +59,9 @@ from sparse_coord_ros.studies.catalogue import NAMES, Experiment, experiment
 from sparse_coord_ros.studies.conditions import Condition, parse_id
 from sparse_coord_ros.studies.store import (
     CONFIDENCE,
+    RUN_TRIALS,
     RUNS,
     SUMS,
-    TRIALS,
     ConditionResult,
     Plan,
     Results,
@@ -381,7 +381,7 @@ def run_experiment(
         remedy = "name at least one, or all: experiment_names()"
         raise SettingError(f"no experiment is asked for; {remedy}")
     seed = RUN_SETTINGS["seed"].parse(seed)
-    plan = Plan(seed, RUNS.parse(runs), TRIALS.parse(trials))
+    plan = Plan(seed, RUNS.parse(runs), RUN_TRIALS.parse(trials))
     targets = parse_targets(asked, plan)
     jobs = check_place(jobs, scheduler)
     out = None if out is None else path_argument("out", out)

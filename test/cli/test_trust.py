@@ -16,7 +16,7 @@ from sparse_coord_ros.core.engine.processes import SAFE_PATH, in_processes
 from sparse_coord_ros.core.game import plugins
 from sparse_coord_ros.ros.doctor.round_trip import round_trip
 from sparse_coord_ros.show.page.bag_source import BagSource
-from sparse_coord_ros.show.page.board import Board
+from sparse_coord_ros.show.page.message_board import MessageBoard
 
 NAMED = ("coop", "theirs:Team")
 REFUSED = "refused"
@@ -165,7 +165,7 @@ def test_no_verb_imports_what_lies_beside(
 
 @pytest.mark.parametrize("name", ["learner", "model"])
 def test_the_page_shows_what_it_can(here, name):
-    source = BagSource(Path(name, "bag"), Board())
+    source = BagSource(Path(name, "bag"), MessageBoard())
     source._read_through()
     assert source.board.get("curves")["read"] == 1.0
     assert source.board.get("evaluation") is None

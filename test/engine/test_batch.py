@@ -60,6 +60,7 @@ def test_penalties_are_paid_by_their_factors():
 def test_hashed_tables_grow_and_stay_half_empty(monkeypatch):
     monkeypatch.setattr(engine, "BLOCK_STEPS", 32)
     monkeypatch.setattr(mind, "DENSE_ROWS", 0)
+    monkeypatch.setattr(mind, "DENSE_ZERO_ROWS", 0)
     scenario = problem("crowd-3r", peers="all", epsilon="constant:1", steps=2000)
     run = LearningRun(Team(scenario, Coop(), compiled=True), 2)
     sizes = set()

@@ -163,8 +163,8 @@ def test_a_doorway_that_nobody_felt_is_free():
 
 @pytest.fixture
 def few_trials(monkeypatch):
-    monkeypatch.setattr(module, "TRIALS", 200)
-    monkeypatch.setattr(module, "LOOKED_AT", 50)
+    monkeypatch.setattr(module, "PLAN_TRIALS", 200)
+    monkeypatch.setattr(module, "FIRST_TRIALS", 50)
 
 
 @needs_numba

@@ -143,6 +143,7 @@ def test_tables_of_all_rows_and_of_learned_rows_alone(monkeypatch, learner):
     scenario, rule = problem("env1", {"perception": "probability:0.7"}, learner)
     dense = learned(scenario, rule, compiled=True)
     monkeypatch.setattr(mind, "DENSE_ROWS", 0)
+    monkeypatch.setattr(mind, "DENSE_ZERO_ROWS", 0)
     hashed = learned(scenario, rule, compiled=True)
     assert_same_memories(dense.memories, hashed.memories)
     assert_same_trials(dense.play(TRIALS), hashed.play(TRIALS))

@@ -11,7 +11,6 @@ from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.game.world import Action, Reward, RewardWeights, World
 from sparse_coord_ros.core.learners.agent import NOBODY, Agent, Choice, Decision
 from sparse_coord_ros.core.learners.factored import (
-    UNKNOWN,
     Factored,
     key_of,
     share_of,
@@ -19,6 +18,7 @@ from sparse_coord_ros.core.learners.factored import (
 )
 from sparse_coord_ros.core.learners.memory import check_memory, taught
 from sparse_coord_ros.core.learners.registry import learner_of
+from sparse_coord_ros.core.learners.rules import NOT_PERCEIVED
 from sparse_coord_ros.core.learners.tables import memories_equal
 from sparse_coord_ros.core.runs.evaluation import play
 from sparse_coord_ros.core.runs.run import learn
@@ -164,7 +164,7 @@ def test_a_failed_percept_has_a_row_of_its_own():
     one = agent()
     asked(one, 1, 2, SOUTH, 3, paid(common=-20.0), None)
     memory = one.memory()
-    assert list(rows(one)) == [(2, UNKNOWN, UNKNOWN)]
+    assert list(rows(one)) == [(2, NOT_PERCEIVED, NOT_PERCEIVED)]
     assert one.values_asking(2, None)[SOUTH] == memory["u"][2, SOUTH] - 20 * ALPHA
     assert one.values_asking(2, (5,))[SOUTH] == memory["u"][2, SOUTH]
 
@@ -322,9 +322,9 @@ def test_after_a_failed_percept_one_that_succeeds_teaches_where_a_peer_was_in_th
     moved(one, 3, 2, NORTH, 2, paid())
     asked(one, 7, 2, NORTH, 2, paid(), None)
     asked(one, 8, 2, NORTH, 2, paid(), (3,))
-    assert rows(one)[2, UNKNOWN, UNKNOWN] == [0, 0, ALPHA * -20, 0]
+    assert rows(one)[2, NOT_PERCEIVED, NOT_PERCEIVED] == [0, 0, ALPHA * -20, 0]
     asked(one, 9, 2, NORTH, 2, paid(), (2,))
-    assert rows(one)[2, UNKNOWN, UNKNOWN] == [
+    assert rows(one)[2, NOT_PERCEIVED, NOT_PERCEIVED] == [
         0,
         0,
         ALPHA * -20,
@@ -450,7 +450,7 @@ def test_numbers_of_rows():
     states = [
         (x, j, z) for x in range(cells) for j in range(robots) for z in range(cells)
     ]
-    states += [(x, UNKNOWN, UNKNOWN) for x in range(cells)]
+    states += [(x, NOT_PERCEIVED, NOT_PERCEIVED) for x in range(cells)]
     keys = np.array([key_of(state, cells, robots) for state in states])
     assert len(set(keys.tolist())) == len(states)
     assert (np.diff(keys) > 0).all()

@@ -7,7 +7,7 @@ import pytest
 from teams import plain_run
 
 from sparse_coord_ros.base.errors import RunError, TablesError
-from sparse_coord_ros.core.engine import checkpoint
+from sparse_coord_ros.core.engine import training_checkpoint
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.learners.cq import COUNT, SQUARES
 from sparse_coord_ros.core.learners.memory import check_memory
@@ -136,9 +136,9 @@ def test_a_checkpoint_with_such_a_memory_is_broken(tmp_path):
     scenario, rule, run = learned("factored")
     state = run.state()
     forged = state._replace(memories=tuple(map(more_moves_than_made, state.memories)))
-    path = tmp_path / checkpoint.CHECKPOINT_FILE
-    checkpoint.Checkpoint(forged, (), 0, 10).save(path, scenario, rule, 0)
+    path = tmp_path / training_checkpoint.CHECKPOINT_FILE
+    training_checkpoint.Checkpoint(forged, (), 0, 10).save(path, scenario, rule, 0)
     with pytest.raises(
         RunError, match="moved counts a move more often than it was tried"
     ):
-        checkpoint.load_checkpoint(path, scenario, rule, 0)
+        training_checkpoint.load_checkpoint(path, scenario, rule, 0)

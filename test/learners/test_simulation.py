@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from teams import PROTOCOL, plain_run
 
-from sparse_coord_ros.core.game.perception import MODELS, percept_probabilities
+from sparse_coord_ros.core.game.perception import MODELS, sight_of
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.game.schedules import probabilities, step_sizes
+from sparse_coord_ros.core.game.sight import probabilities_between
 from sparse_coord_ros.core.learners.tables import memories_equal, tables_equal
 from sparse_coord_ros.core.runs.run import learn
 
@@ -35,7 +36,9 @@ class Reference:
         self.columns = 5 if learner == "coop" else 4
         self.epsilons = probabilities(scenario.epsilon, scenario.steps)
         self.alphas, self.floor = step_sizes(scenario.step_size, scenario.steps)
-        self.see = percept_probabilities(scenario.perception, scenario.map)
+        every = np.arange(len(scenario.map.cells))
+        sight = sight_of(scenario.perception, scenario.map)
+        self.see = probabilities_between(sight, every)
         self.doors = scenario.map.doorways
         self.next_cell = scenario.map.next_cell
         cells = len(scenario.map.cells)

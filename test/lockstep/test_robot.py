@@ -12,7 +12,7 @@ from sparse_coord_ros.core.learners.coop import Coop
 from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.core.runs.tables import tables_from_values
 from sparse_coord_ros.protocol.lockstep.robot_side import Answer, RobotSide
-from sparse_coord_ros.protocol.wire import COUNTS, Account, PerceptEnd
+from sparse_coord_ros.protocol.wire import COUNTS, PerceptEnd, SelfReport
 
 SOUTH = 1
 EAST = 2
@@ -32,14 +32,14 @@ class Port:
     def __init__(self):
         self.done = []
         self.episodes = []
-        self.accounts = []
+        self.reports = []
 
     def ask(self, peer, step, cell):
         self.done.append(("ask", peer, step, cell))
 
-    def act(self, step, action, account):
+    def act(self, step, action, report):
         self.done.append(("act", step, action))
-        self.accounts.append(tuple(account))
+        self.reports.append(tuple(report))
 
     def percept(self, step, cell, perceived):
         self.done.append(("percept", step, cell, perceived))
@@ -314,7 +314,7 @@ def test_each_action_says_how_its_percept_ended_and_whether_it_has_learned(robot
     robot.expire()
     robot.reward(4, Reward(0.0, 0.0, 0.0, 0.0))
     robot.state(5, 20)
-    assert port.accounts == [
+    assert port.reports == [
         (PerceptEnd.DID_NOT_ASK, False),
         (PerceptEnd.ANSWERED, True),
         (PerceptEnd.REFUSED, False),
@@ -330,17 +330,17 @@ def test_each_action_says_how_its_percept_ended_and_whether_it_has_learned(robot
 
 def test_what_a_robot_said_of_itself_is_known_until_the_step_is_over(robot):
     robot.state(1, 0)
-    said = Account(PerceptEnd.DID_NOT_ASK, False)
-    assert robot.account_of(1) == said and robot.account_of(2) is None
+    said = SelfReport(PerceptEnd.DID_NOT_ASK, False)
+    assert robot.self_report_of(1) == said and robot.self_report_of(2) is None
     robot.state(2, ASKING_CELL)
     robot.expire()  # the reward does not come
-    assert robot.account_of(1) is None
-    assert robot.account_of(2) is None, "it asks"
+    assert robot.self_report_of(1) is None
+    assert robot.self_report_of(2) is None, "it asks"
     robot.answer(1, 2, Answer(2, 3))
-    assert robot.account_of(2) == Account(PerceptEnd.ANSWERED, False)
+    assert robot.self_report_of(2) == SelfReport(PerceptEnd.ANSWERED, False)
     robot.reward(2, Reward(4.0, 0.0, 0.0, 4.0))
     robot.state(3, GOAL)
-    assert robot.account_of(3) is None, "it rests"
+    assert robot.self_report_of(3) is None, "it rests"
 
 
 def test_an_action_said_again_says_the_same_of_itself(robot, port):
@@ -348,7 +348,7 @@ def test_an_action_said_again_says_the_same_of_itself(robot, port):
     robot.reward(1, Reward(0.0, 0.0, 0.0, 0.0))
     robot.state(2, 1)
     robot.state(2, 1)
-    assert port.accounts == [
+    assert port.reports == [
         (PerceptEnd.DID_NOT_ASK, False),
         (PerceptEnd.DID_NOT_ASK, True),
         (PerceptEnd.DID_NOT_ASK, True),
@@ -382,7 +382,7 @@ def test_a_robot_that_does_not_learn_says_so(robot, port):
     robot.state(1, 0)
     robot.reward(1, Reward(4.0, 0.0, 0.0, 4.0))
     robot.state(2, 1)
-    assert port.accounts == [(PerceptEnd.DID_NOT_ASK, False)] * 2
+    assert port.reports == [(PerceptEnd.DID_NOT_ASK, False)] * 2
     assert (robot.counts["learned"], robot.counts["dropped"]) == (0, 0)
 
 
@@ -404,7 +404,7 @@ def test_a_robot_that_goes_on_from_any_moment_does_and_counts_the_same():
         getattr(whole, name)(*values)
         snapshots.append(whole.snapshot())
     assert whole.asks["answered"] == 1
-    assert [learned for _, learned in whole._port.accounts] == [False, True, True]
+    assert [learned for _, learned in whole._port.reports] == [False, True, True]
     for number, snapshot in enumerate(snapshots):
         robot = make_robot()
         robot.go_on_from(robot.agent, snapshot)
@@ -412,8 +412,8 @@ def test_a_robot_that_goes_on_from_any_moment_does_and_counts_the_same():
         for name, *values in messages[begin:]:
             getattr(robot, name)(*values)
         assert robot.counts == whole.counts, number
-        own = robot._port.accounts
-        assert own == whole._port.accounts[-len(own) :], number
+        own = robot._port.reports
+        assert own == whole._port.reports[-len(own) :], number
         assert (robot.agent.tables.q_star == whole.agent.tables.q_star).all(), number
 
 

@@ -23,7 +23,7 @@ from std_srvs.srv import SetBool, Trigger
 from sparse_coord_ros.base.errors import RunError, SettingError
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.runs.run_config import make_run
-from sparse_coord_ros.lab.driving.ground import Ground, Pose
+from sparse_coord_ros.lab.driving.metric_map import MetricMap, Pose
 from sparse_coord_ros.lab.driving.mover import Mover
 from sparse_coord_ros.log.runlog import verify
 from sparse_coord_ros.protocol.lockstep.bodies import BodyGoal, Goals, Reached
@@ -167,7 +167,7 @@ def test_poses_that_came_while_a_driver_slept_are_no_complaint(bench, tmp_path):
     world, _, drivers, _ = with_bodies(bench, tmp_path / "out", steps=400)
     bench.spin_until(lambda: world.lockstep.world.transitions > 1, "under way")
     taken = []
-    mover = Mover(Ground(world.run), 0)
+    mover = Mover(MetricMap(world.run), 0)
 
     def sees(seconds, pose):
         taken.append(seconds)
@@ -426,7 +426,7 @@ def test_a_body_whose_poses_stop_is_stopped(bench):
     pose.header.frame_id = "odom"
     pose.header.stamp.sec = 1
     observer.say(
-        poses, pose, lambda: driver.intake.total > 0, "another frame is dropped"
+        poses, pose, lambda: driver.subscriber.total > 0, "another frame is dropped"
     )
     x, y = world.topics.convert.centres[0]
     pose.header.frame_id = "map"

@@ -15,7 +15,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
-from sparse_coord_ros.protocol.wire import ACTION, ACTION_LABELS, REWARD, Account
+from sparse_coord_ros.protocol.wire import ACTION, ACTION_LABELS, REWARD, SelfReport
 from sparse_coord_ros.protocol.wire.messages import (
     ACTION_FORM,
     CLOCK_FORM,
@@ -146,7 +146,7 @@ def test_reads_labels_in_another_order_and_among_others():
     assert said(REWARD_FORM, message)[1] == numbers
     swapped = labelled(["common", "individual", "ask_cost", "total"], numbers)
     assert said(REWARD_FORM, swapped)[1] == [-20.0, 10.0, -1.0, -11.0]
-    labels = ["battery", *ACTION_LABELS, "mood", *Account._fields]
+    labels = ["battery", *ACTION_LABELS, "mood", *SelfReport._fields]
     message = labelled(labels, [9.0, 1.0, 0.0, 1.0, 2.0, 1.0, 7.0, 3.0, 1.0])
     assert said(ACTION_FORM, message)[1] == [1.0, 0.0, 1.0, 2.0, 1.0, 3.0, 1.0]
 
@@ -160,14 +160,14 @@ def test_reads_a_message_that_says_velocities_too():
 @pytest.mark.parametrize(
     ("labels", "count", "text"),
     [
-        (REWARD.labels[1:], 3, "labels no number individual"),
+        (REWARD.labels[1:], 3, "has no number labelled individual"),
         (REWARD.labels, 3, "has 4 labels and 3 numbers"),
         (
             (*REWARD.labels[:3], "common"),
             4,
             "labels a number twice: individual, common, ask_c",
         ),
-        ((), 0, "labels no number individual, common, ask_cost, total"),
+        ((), 0, "has no number labelled individual, common, ask_cost, total"),
     ],
 )
 def test_says_which_labels_do_not_fit(labels, count, text):

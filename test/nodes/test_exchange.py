@@ -110,11 +110,11 @@ def test_an_answer_that_is_none_is_not_used(bench):
         future = type("Answer", (), {"result": lambda _, text=text: response(text)})()
         mine._take(1, future)
         assert 1 not in mine._learned
-    assert robots[0].intake.total == 2
+    assert robots[0].subscriber.total == 2
     learning = response("it is still learning", success=False)
     mine._take(1, SimpleNamespace(result=lambda: learning))
     assert 1 not in mine._learned
-    assert robots[0].intake.total == 2, (
+    assert robots[0].subscriber.total == 2, (
         "it does not know all yet: nothing is wrong with that"
     )
 
@@ -133,7 +133,7 @@ def test_what_no_robot_can_have_learned_is_not_used(bench):
     data = pack_tables({2: false}, counts=saved.counts)
     future = SimpleNamespace(result=lambda: response(base64.b64encode(data).decode()))
     mine._take(1, future)
-    assert 1 not in mine._learned and robots[0].intake.total == 1
+    assert 1 not in mine._learned and robots[0].subscriber.total == 1
     mine._take(1, SimpleNamespace(result=lambda: real))
     assert mine._learned[1] == base64.b64decode(real.message)
 

@@ -13,7 +13,7 @@ from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.protocol.lockstep import timeouts
 from sparse_coord_ros.protocol.wire import RunState
-from sparse_coord_ros.protocol.wire.status import Order, Said
+from sparse_coord_ros.protocol.wire.status import Order, RunStatus
 from sparse_coord_ros.ros.nodes import follower as module
 from sparse_coord_ros.ros.nodes.follower import Follower
 from sparse_coord_ros.ros.nodes.parameters import PARAMETERS
@@ -43,9 +43,9 @@ def announced(name):
 
 def test_it_stays_with_its_run_when_another_one_is_announced(node):
     hear(node, announced("first"))
-    assert not node.intake.dropped, "a world repeats what it announces"
+    assert not node.subscriber.dropped, "a world repeats what it announces"
     hear(node, announced("second"))
-    assert node.intake.dropped == {"run": 1}
+    assert node.subscriber.dropped == {"run": 1}
     assert node.run.id == "first"
 
 
@@ -95,7 +95,7 @@ def test_at_a_signal_it_waits_for_the_world_s_last_word_but_not_for_ever(
 
 
 def test_at_a_signal_it_stops_at_once_when_the_world_has_said_that_it_stopped(node):
-    node._on_status(Said("first", RunState.STOPPED, 7, 7))
+    node._on_status(RunStatus("first", RunState.STOPPED, 7, 7))
     assert node.may_stop()
     node.all_done = lambda now: False
     assert not node.may_stop(), "something is left to do"
@@ -130,6 +130,6 @@ def test_a_recorder_that_goes_on_says_what_it_waits_for(
     recorder._on_run(recorder._read_run(run))
     wanted = "waiting for the world to say from where the run goes on ("
     bench.spin_until(lambda: wanted in look(), "it says what it waits for")
-    status = Said("first", RunState.RESUMING, 0, 0, order=Order("back", 0, 1))
+    status = RunStatus("first", RunState.RESUMING, 0, 0, order=Order("back", 0, 1))
     recorder._on_status(status)
     bench.spin_until(lambda: "records env1 from now on\n" in look(), "it records")

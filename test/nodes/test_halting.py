@@ -16,7 +16,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from sparse_coord_ros.protocol.lockstep.bodies import NO_GOALS, HaltWord
 from sparse_coord_ros.protocol.wire import RunState
-from sparse_coord_ros.ros.nodes import halting, interface
+from sparse_coord_ros.ros.nodes import halting, ros_topics
 from sparse_coord_ros.ros.nodes.body import BodyNode
 from sparse_coord_ros.ros.nodes.driver import DriverNode
 from sparse_coord_ros.ros.nodes.halting import ASK_SECONDS, Halting
@@ -196,7 +196,7 @@ def test_a_word_that_is_lost_is_said_again_and_the_world_tells_who_has_not_confi
     bench.spin_until(lambda: len(heard) > before + 2, "said again")
     said = dict(zip(heard[-1].name, heard[-1].position, strict=True))
     assert said["halt"] == HaltWord.HALT
-    says = observer.create_publisher(Bool, "robot_1/halted", interface.LATCHED_QOS)
+    says = observer.create_publisher(Bool, "robot_1/halted", ros_topics.LATCHED_QOS)
     says.publish(Bool(data=True))
     bench.spin_until(
         lambda: observer.call(SetBool, "world_simulator/halt", HALT).success,
@@ -289,7 +289,7 @@ def test_who_does_not_do_it_is_asked_again_but_not_for_ever(
     bench, obstinate, monkeypatch
 ):
     """Another team's nodes, in a namespace below, are not asked."""
-    monkeypatch.setattr(halting, "AGAIN_SECONDS", 0.05)
+    monkeypatch.setattr(halting, "REPEAT_HALT_SECONDS", 0.05)
     calls = Halting(bench.observer(), "/fleet")
     calls.tick(time.monotonic())
     begun = time.monotonic()

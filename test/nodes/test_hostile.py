@@ -22,8 +22,8 @@ from sparse_coord_ros.core.game.settings import SettingTable
 from sparse_coord_ros.core.learners.agent import Agent
 from sparse_coord_ros.log.bags import open_bag
 from sparse_coord_ros.log.runlog.verify import verify
-from sparse_coord_ros.protocol.wire.status import Said
-from sparse_coord_ros.ros.nodes import interface, spin
+from sparse_coord_ros.protocol.wire.status import RunStatus
+from sparse_coord_ros.ros.nodes import ros_topics, spin
 from sparse_coord_ros.ros.nodes.environment import (
     SECURITY_MARK,
     check_participants,
@@ -33,7 +33,7 @@ from sparse_coord_ros.ros.nodes.messages import status
 from sparse_coord_ros.ros.nodes.parameters import PARAMETERS, ParameterNode
 from sparse_coord_ros.ros.nodes.peers import Peers
 from sparse_coord_ros.ros.nodes.recorder import (
-    LAST_WORDS_SECONDS,
+    LAST_MESSAGES_SECONDS,
     TALK_SECONDS,
     Recorder,
     Recording,
@@ -75,7 +75,7 @@ def pose(cell_of, step, cell):
 
 
 def forged(*said):
-    return status("env1", said[1], Said(*said).values())
+    return status("env1", said[1], RunStatus(*said).values())
 
 
 def test_a_team_under_fire_learns_what_it_would_have_learned(
@@ -89,40 +89,40 @@ def test_a_team_under_fire_learns_what_it_would_have_learned(
     bench.spin_until(lambda: world.lockstep.complete, "the first barrier")
     convert = world.topics.convert
     for data in GARBAGE:
-        for topic in (interface.RUN, interface.STATUS, interface.CLOCK):
+        for topic in (ros_topics.RUN, ros_topics.STATUS, ros_topics.CLOCK):
             attacker.say(topic, data)
         for topic in (
-            interface.LOCAL_STATE,
-            interface.REWARD,
-            interface.ACTION,
-            interface.CLAIM,
+            ros_topics.LOCAL_STATE,
+            ros_topics.REWARD,
+            ros_topics.ACTION,
+            ros_topics.CLAIM,
         ):
             attacker.say(topic, data, "robot_1")
-        attacker.say(interface.TABLES, data, "robot_1")
-        attacker.say(interface.MAP, data)
+        attacker.say(ros_topics.TABLES, data, "robot_1")
+        attacker.say(ros_topics.MAP, data)
     for step in (1_000_000, 20):
-        attacker.say(interface.LOCAL_STATE, pose(convert, step, 3), "robot_1")
+        attacker.say(ros_topics.LOCAL_STATE, pose(convert, step, 3), "robot_1")
     late = PoseStamped(header=Header(frame_id="map", stamp=Time(sec=2**31 - 1)))
-    attacker.say(interface.LOCAL_STATE, serialize_message(late), "robot_2")
+    attacker.say(ros_topics.LOCAL_STATE, serialize_message(late), "robot_2")
     late.header.stamp.sec = -5
-    attacker.say(interface.LOCAL_STATE, serialize_message(late), "robot_2")
+    attacker.say(ros_topics.LOCAL_STATE, serialize_message(late), "robot_2")
     for run in ("", "another"):
-        attacker.say(interface.STATUS, forged(run, "finished", 1, 60))
-    attacker.say(interface.STATUS, forged(world.run.id, "finished", 1, 7))
-    attacker.say(interface.RUN, String(data="steps: [1"))
+        attacker.say(ros_topics.STATUS, forged(run, "finished", 1, 60))
+    attacker.say(ros_topics.STATUS, forged(world.run.id, "finished", 1, 7))
+    attacker.say(ros_topics.RUN, String(data="steps: [1"))
     for stamp in (Time(), Time(sec=2**31 - 1)):
         for name in (*NAMES, "world_simulator"):
             attacker.say(
-                interface.CLAIM, Header(frame_id="0 joined", stamp=stamp), name
+                ros_topics.CLAIM, Header(frame_id="0 joined", stamp=stamp), name
             )
     robot = robots[0]
     bench.spin_until(
         lambda: (
             {"robot_1/local_state", "status", "run", "~/_claim"}
-            <= set(robot.intake.dropped)
-            and robots[1].intake.dropped["robot_2/local_state"] >= 2
-            and world.intake.dropped["robot_1/action"] >= len(GARBAGE)
-            and recorder.intake.dropped["clock"] >= 2
+            <= set(robot.subscriber.dropped)
+            and robots[1].subscriber.dropped["robot_2/local_state"] >= 2
+            and world.subscriber.dropped["robot_1/action"] >= len(GARBAGE)
+            and recorder.subscriber.dropped["clock"] >= 2
         ),
         "all has arrived",
     )
@@ -259,7 +259,9 @@ def test_a_node_that_cannot_be_taken_down_ends_with_a_word():
 
 def test_a_second_publisher_of_a_topic_is_named(bench, capfd):
     stranger = bench.observer()
-    stranger.create_publisher(interface.REWARD.type, interface.REWARD.of("robot_2"), 10)
+    stranger.create_publisher(
+        ros_topics.REWARD.type, ros_topics.REWARD.of("robot_2"), 10
+    )
     guard = bench.world()._guard
     guard.watch(["/robot_1/reward", "/robot_2/reward"])
 
@@ -315,12 +317,14 @@ def test_a_second_server_of_a_robots_service_changes_nothing(
         bench.robot("robot_1", **out),
         bench.robot("robot_2", place="other", **out),
     ]
-    percepts = stranger.listen(interface.PERCEPT.type, interface.PERCEPT.of("robot_1"))
+    percepts = stranger.listen(
+        ros_topics.PERCEPT.type, ros_topics.PERCEPT.of("robot_1")
+    )
     if begins == "in the run":
         bench.spin_until(lambda: world.lockstep.world.step > 9, "the run is under way")
     answered.clear()
     stranger.create_service(
-        interface.ACTIVE_PERCEPTION_TYPE, "robot_2/active_perception", lie
+        ros_topics.ACTIVE_PERCEPTION_TYPE, "robot_2/active_perception", lie
     )
 
     def seen():
@@ -336,7 +340,9 @@ def test_a_second_server_of_a_robots_service_changes_nothing(
     ]
     bench.spin_until(lambda: len(percepts) >= len(true), "all percepts are heard")
     assert percepts == [world.topics.convert.path(*one) for one in true]
-    assert len(asked) > 6 and robots[0].intake.dropped["robot_2/active_perception"] > 0
+    assert (
+        len(asked) > 6 and robots[0].subscriber.dropped["robot_2/active_perception"] > 0
+    )
     assert world.summary()["services_of_two_servers"] == 1
     [line] = [
         line for line in capfd.readouterr().err.splitlines() if "has 2 servers" in line
@@ -354,11 +360,11 @@ def test_who_talks_on_keeps_no_recorder():
         heard=0.0, _presence=SimpleNamespace(ended=0.0), run=run
     )
     recording._heard_all = lambda: False
-    for now, done in ((LAST_WORDS_SECONDS + 1, False), (TALK_SECONDS + 0.1, True)):
+    for now, done in ((LAST_MESSAGES_SECONDS + 1, False), (TALK_SECONDS + 0.1, True)):
         recording.heard = now
         assert Recording.all_done(recording, now) is done
     recording.heard = 0.0
-    assert Recording.all_done(recording, LAST_WORDS_SECONDS + 1)
+    assert Recording.all_done(recording, LAST_MESSAGES_SECONDS + 1)
 
 
 def test_security_is_refused_where_fast_dds_has_none(tmp_path, monkeypatch):

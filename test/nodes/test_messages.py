@@ -21,12 +21,12 @@ from sparse_coord_ros.core.game.actions import COORDINATE
 from sparse_coord_ros.core.game.scenario import load_scenario, scenario_names
 from sparse_coord_ros.core.game.world import Action, Reward
 from sparse_coord_ros.core.runs.run_config import make_run
-from sparse_coord_ros.protocol.wire import ACTION, REWARD, Account, ClaimRank
+from sparse_coord_ros.protocol.wire import ACTION, REWARD, ClaimRank, SelfReport
 from sparse_coord_ros.protocol.wire.messages import markers_form
 from sparse_coord_ros.protocol.wire.status import (
     Order,
     Progress,
-    Said,
+    RunStatus,
     read_progress,
     read_status,
     values_of,
@@ -118,10 +118,10 @@ def test_actions_come_back(move, vector, peer):
     convert = converter("env2-4r")
     for asked, perceived in ((False, False), (True, False), (True, True)):
         action = Action(move, asked, peer, perceived)
-        for account in (Account(3, True), Account(0, False)):
-            data = convert.pack_action(77, action, account)
+        for report in (SelfReport(3, True), SelfReport(0, False)):
+            data = convert.pack_action(77, action, report)
             assert convert.unpack_action(data) == (77, action)
-            assert convert.unpack_account(data) == (77, action, account)
+            assert convert.unpack_self_report(data) == (77, action, report)
             said = deserialize_message(data, JointState)
             assert list(said.name) == list(ACTION.labels)
             assert tuple(said.position) == (
@@ -129,7 +129,7 @@ def test_actions_come_back(move, vector, peer):
                 asked,
                 peer + 1,
                 perceived,
-                *account,
+                *report,
             )
 
 
@@ -144,8 +144,8 @@ def altered(**numbers):
 @pytest.mark.parametrize(
     ("said", "text"),
     [
-        ({**altered(), "sec": -1}, "is stamped -1 s 0 ns, which is no time of the run"),
-        ({**altered(), "nanosec": 2**32 - 1}, "0 s 4294967295 ns, which is no time"),
+        ({**altered(), "sec": -1}, "is stamped -1 s 0 ns, outside of the run"),
+        ({**altered(), "nanosec": 2**32 - 1}, "0 s 4294967295 ns, outside"),
         (altered(coordinate=math.nan), "coordinate nan"),
         (altered(peer=3.0), "peer 3.0"),
         (altered(peer=math.nan), "peer nan"),
@@ -158,21 +158,21 @@ def altered(**numbers):
 def test_an_action_that_does_not_fit_the_run_is_a_value_error(said, text):
     data = serialize_message(labelled(**said))
     with pytest.raises(ValueError, match=re.escape(text)):
-        converter().unpack_account(data)
+        converter().unpack_self_report(data)
 
 
 def test_status_comes_back():
     order = Order("ab", 20, 41)
     for said in (
-        Said("id", "learning", 7, 6, 2, "start", order),
-        Said("", "paused", 1, 0),
+        RunStatus("id", "learning", 7, 6, 2, "start", order),
+        RunStatus("", "paused", 1, 0),
     ):
         assert read_status(status("env1", said.state, said.values())) == said
-    good = Said("", "learning", 7, 6).values()
+    good = RunStatus("", "learning", 7, 6).values()
     for bad in ({"step": "x"}, {"step": -1}, {"rollback": "ab 1"}):
         with pytest.raises(ValueError):
             read_status(status("env1", "learning", good | bad))
-    with pytest.raises(ValueError, match="calls no value 'began'"):
+    with pytest.raises(ValueError, match="has no value 'began'"):
         read_status(
             status("a", "b", {name: good[name] for name in good if name != "began"})
         )
@@ -187,7 +187,7 @@ def test_progress_comes_back_and_none_is_beyond_any_run():
         {"transitions": 10**30},
         {"checkpoints": (0, -5)},
     ):
-        with pytest.raises(ValueError, match="no run comes there"):
+        with pytest.raises(ValueError, match="more than a run can have"):
             read_progress(status("robot_1", "progress", said._replace(**bad).values()))
 
 

@@ -18,11 +18,11 @@ from rclpy.action import ActionClient
 from std_srvs.srv import SetBool
 
 from sparse_coord_ros.cli.main import main as sparse_coord
-from sparse_coord_ros.lab.driving.ground import Ground, Pose
+from sparse_coord_ros.lab.driving.metric_map import MetricMap, Pose
 from sparse_coord_ros.log.runlog.verify import verify
 from sparse_coord_ros.ros.nodes.body import BodyNode
 from sparse_coord_ros.ros.nodes.driver import DriverNode
-from sparse_coord_ros.ros.nodes.nav2_stand_in import TICK_SECONDS
+from sparse_coord_ros.ros.nodes.nav2_stand_in import SIMULATION_SECONDS
 from sparse_coord_ros.ros.nodes.outputs import gather
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(600)]
@@ -130,13 +130,13 @@ class Together:
         self._before = set()
         self._world = world
         self._server = server
-        self._ground = Ground(world.run, 0.0)
-        server.create_timer(TICK_SECONDS, self._look)
+        self._metric_map = MetricMap(world.run, 0.0)
+        server.create_timer(SIMULATION_SECONDS, self._look)
 
     def _look(self):
         doorways = self._world.run.scenario.map.doorways
         places = (base.pose[:2] for base in self._server.bases.values())
-        within = Counter(self._ground.cell(*place) for place in places)
+        within = Counter(self._metric_map.cell(*place) for place in places)
         now = {
             cell for cell, number in within.items() if number > 1 and cell in doorways
         }

@@ -247,7 +247,7 @@ def test_more_parameters_than_a_request_may_name_get_an_empty_answer(bench, capf
     assert not answer(SetParameters, parameters=many).results
     assert not answer(SetParametersAtomically, parameters=many).result.successful
     assert world.values["rate"] == 0.0 and world.failure is None
-    assert world.intake.dropped.total() == len(world.intake.dropped) == 6
+    assert world.subscriber.dropped.total() == len(world.subscriber.dropped) == 6
     text = "get_parameters: 1,001 parameters in one request, allowed: 1,000; request refused"
     assert text in capfd.readouterr().err
 
@@ -263,7 +263,7 @@ def test_a_request_that_rclpy_cannot_read_ends_no_node(bench, capfd):
         == []
     )
     assert world.failure is None
-    assert world.intake.dropped == {"world_simulator/set_parameters": 1}
+    assert world.subscriber.dropped == {"world_simulator/set_parameters": 1}
     assert "255 is not a valid" in capfd.readouterr().err
 
 

@@ -13,8 +13,8 @@ from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.protocol.lockstep.timeouts import Deadline, WorldPresence
 from sparse_coord_ros.ros.nodes import peers
 from sparse_coord_ros.ros.nodes.messages import Converter
-from sparse_coord_ros.ros.nodes.peers import AT_ONCE, Peer, Peers
-from sparse_coord_ros.ros.nodes.robot import LAST_WORDS_SECONDS, Member
+from sparse_coord_ros.ros.nodes.peers import IMMEDIATE_REPEATS, Peer, Peers
+from sparse_coord_ros.ros.nodes.robot import LAST_REWARD_SECONDS, Member
 
 
 class Future:
@@ -104,7 +104,7 @@ def test_what_was_not_sent_to_a_peer_that_gave_up_is_not_sent_later(node):
 
 def test_an_answer_that_nobody_looked_at_yet_is_not_asked_for_again(node, monkeypatch):
     """It has come, but its callback waits behind the timer that would send the request again."""
-    monkeypatch.setattr(peers, "AGAIN_SECONDS", 0.0)
+    monkeypatch.setattr(peers, "REPEAT_ASK_SECONDS", 0.0)
     heard = []
     peer = Peer(node, node, lambda step, plan: heard.append(step))
     peer.request(PoseStamped(), 7)
@@ -155,8 +155,8 @@ def test_a_robot_leaves_when_all_is_learned(waiting, newest, done):
     member = SimpleNamespace(
         joined=True, lockstep=lockstep, _presence=presence, _exchange=None
     )
-    assert Member.all_done(member, 1.0 + LAST_WORDS_SECONDS) is done
-    assert Member.all_done(member, 1.0 + LAST_WORDS_SECONDS + 0.1)
+    assert Member.all_done(member, 1.0 + LAST_REWARD_SECONDS) is done
+    assert Member.all_done(member, 1.0 + LAST_REWARD_SECONDS + 0.1)
 
 
 def test_a_robot_that_plans_leaves_when_the_exchange_is_over():
@@ -215,10 +215,10 @@ def test_an_answer_of_a_doubted_peer_is_what_the_world_says(there, said, fits):
     dropped = []
     again = []
     side = SimpleNamespace(waiting=("percept", 7), due=lambda cell: cell)
-    intake = SimpleNamespace(drop=lambda *what: dropped.append(what))
+    subscriber = SimpleNamespace(drop=lambda *what: dropped.append(what))
     peer = SimpleNamespace(send_again=lambda: again.append(True))
     peers = SimpleNamespace(
-        _side=side, _convert=convert, _intake=intake, _peers={1: peer}
+        _side=side, _convert=convert, _subscriber=subscriber, _peers={1: peer}
     )
     peers._places = {1: there}
     peers._names = convert.names
@@ -229,12 +229,12 @@ def test_an_answer_of_a_doubted_peer_is_what_the_world_says(there, said, fits):
 
 def test_a_peer_is_asked_at_once_at_every_step_though_not_for_ever_at_one(node):
     peer = Peer(node, node, lambda step, plan: None)
-    for step in range(1, 2 * AT_ONCE):
+    for step in range(1, 2 * IMMEDIATE_REPEATS):
         peer.request(PoseStamped(), step)
         assert len(node.sent) == step
     before = len(node.sent)
-    for _ in range(2 * AT_ONCE):
+    for _ in range(2 * IMMEDIATE_REPEATS):
         peer.request(PoseStamped(), step)
-    assert len(node.sent) == before + AT_ONCE - 1
+    assert len(node.sent) == before + IMMEDIATE_REPEATS - 1
     peer.send_what_waits()  # the node's timer
-    assert len(node.sent) == before + AT_ONCE
+    assert len(node.sent) == before + IMMEDIATE_REPEATS

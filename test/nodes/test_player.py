@@ -92,7 +92,7 @@ class Audience:
 
     def listen(self, *topics, latched=False):
         """Take topics from now on, or with what they latch, and wait until all are matched."""
-        publishers = self.player.stage.publishers
+        publishers = self.player.played.publishers
         subscriptions = {}
         for topic in topics:
             offered = publishers[topic].qos_profile.reliability
@@ -199,7 +199,7 @@ def test_types_and_qos_are_those_of_the_bag_and_latched_stays_latched(bench, bag
         assert info.topic_type == type_name
         assert info.qos_profile.reliability.name.lower() == qos.reliability
         assert info.qos_profile.durability.name.lower() == qos.durability
-        assert there.player.stage.publishers[name].qos_profile.depth == qos.depth
+        assert there.player.played.publishers[name].qos_profile.depth == qos.depth
     assert [info.node_name for info in infos("/rosout")].count("player") == 1, "its own"
     there.listen("/map", latched=True)
     there.wait_for(("/map", "map 0"))
@@ -255,7 +255,7 @@ def test_bad_changes_are_refused(bench, bag):
 def test_a_start_in_the_middle_and_a_loop(bench, bag):
     topics = ["/map", "robot_1/*"]
     there = Audience(bench, bag, position=4.8, loop=True, topics=topics, rate=1000)
-    assert set(there.player.stage.publishers) == {
+    assert set(there.player.played.publishers) == {
         "/clock",
         "/map",
         "/robot_1/action",
@@ -318,7 +318,7 @@ def test_without_a_recorded_clock_the_log_times_are_the_clock(bench, tmp_path):
     types = {name: TYPES[name] for name in ("/map", "/robot_1/action")}
     there = Audience(bench, write_bag(tmp_path / "bag", types=types))
     clock = there.observer.listen(Clock, "/clock")
-    publisher = there.player.stage.clock
+    publisher = there.player.played.clock
     there.wait(
         lambda: publisher.get_subscription_count() == 1, "the clock has a reader"
     )
@@ -346,7 +346,7 @@ def test_types_that_are_not_installed_are_named_once_and_left_out(
         channel = writer.add_topic("/robot_1/action", *TYPES["/robot_1/action"])
         writer.write(channel, serialize_message(Int32()), 0, 0)
     there = Audience(bench, tmp_path / "bag")
-    assert set(there.player.stage.publishers) == {"/robot_1/action"}
+    assert set(there.player.played.publishers) == {"/robot_1/action"}
     (line,) = [line for line in capfd.readouterr().err.splitlines() if "WARN" in line]
     assert "not played: /map (type no_such_msgs/msg/Thing is not installed), " in line
     assert "/other (type std_msgs/msg/Char is installed in another version), " in line

@@ -20,15 +20,15 @@ from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.runs.history import load_history
 from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.log.runlog import verify
-from sparse_coord_ros.protocol.lockstep.checkpoints import Store
+from sparse_coord_ros.protocol.lockstep.node_checkpoints import CheckpointStore
 from sparse_coord_ros.protocol.wire.status import (
-    ROLL_CALL,
+    NO_ROLLBACK,
     Order,
     Progress,
-    Said,
+    RunStatus,
     read_progress,
 )
-from sparse_coord_ros.ros.nodes import interface
+from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.restart import Returning
 from sparse_coord_ros.ros.nodes.spin import ros_context
 from sparse_coord_ros.ros.nodes.team import run_team
@@ -137,7 +137,7 @@ def test_what_was_dropped_before_is_counted_on(bench, tmp_path):
     bench.spin_until(
         lambda: observer.count("world_simulator/_claim"), "its name is known"
     )
-    world.intake.drop("a topic", "does not fit")
+    world.subscriber.drop("a topic", "does not fit")
     world._say()
     bench.destroy(world)
     bench.spin_until(
@@ -145,7 +145,7 @@ def test_what_was_dropped_before_is_counted_on(bench, tmp_path):
     )
     again = bench.world(out=str(tmp_path), resume=True, scenario="")
     bench.spin_until(lambda: again._output is not None, "the other one is open")
-    again.intake.drop("a topic", "does not fit")
+    again.subscriber.drop("a topic", "does not fit")
     assert again.summary()["messages_dropped"] == 2
 
 
@@ -168,7 +168,7 @@ def test_who_goes_back_listens_anew(bench, tmp_path):
     bench.spin_until(lambda: world.lockstep.complete, "the first barrier")
     member = robots[0].member
     before = list(member._ears)
-    member.world_said(Said("", "", 0, 0, order=Order("an order", 0, 1)))
+    member.world_said(RunStatus("", "", 0, 0, order=Order("an order", 0, 1)))
     member._on_state((1, 3))
     assert (member.joined, member.lockstep.newest[0]) == (False, 0)
     bench.spin_until(lambda: member.joined, "it listens again")
@@ -183,14 +183,14 @@ def test_who_goes_back_listens_anew(bench, tmp_path):
 def test_the_team_goes_on_when_all_listen_and_the_recorder_has_obeyed():
     gone_on = []
     logger = SimpleNamespace(warning=print)
-    intake = SimpleNamespace(listen=lambda *what, **how: None)
-    node = SimpleNamespace(intake=intake, get_logger=lambda: logger)
+    subscriber = SimpleNamespace(listen=lambda *what, **how: None)
+    node = SimpleNamespace(subscriber=subscriber, get_logger=lambda: logger)
     side = SimpleNamespace(held=True, lost=0, start=lambda: None)
     run = make_run(load_scenario("env1"), {"recorded": True})
     team = Returning(
         run,
         side,
-        SimpleNamespace(store=Store(), node=node),
+        SimpleNamespace(store=CheckpointStore(), node=node),
         lambda: gone_on.append(True),
     )
     team.order = Order("an order", 0, 1)
@@ -208,14 +208,14 @@ def test_a_recorder_has_obeyed_when_it_finds_the_robots(bench, tmp_path):
     recorder = bench.recorder(tmp_path / "bag")
     bench.spin_until(lambda: recorder.recording is not None, "it has begun")
     observer = bench.observer()
-    told = observer.listen(interface.PROGRESS.type, "recorder/_progress", latched=True)
+    told = observer.listen(ros_topics.PROGRESS.type, "recorder/_progress", latched=True)
     recorder.recording.world_said(
-        Said("", "", 0, 0, order=Order("an order", ROLL_CALL, 1))
+        RunStatus("", "", 0, 0, order=Order("an order", NO_ROLLBACK, 1))
     )
     for robot in ("robot_1", "robot_2"):
         recorder.recording.go_on(time.monotonic())
         assert recorder.recording._untold
-        action = interface.ACTION
+        action = ros_topics.ACTION
         observer.create_publisher(action.type, action.of(robot), action.qos)
     bench.spin_until(lambda: told, "it says so")
     assert read_progress(told[0]).obeyed == "an order"
@@ -320,15 +320,15 @@ def test_what_a_robot_has_lost_that_goes_on_alone_is_counted(its_step, lost):
     """It may have worked off a state that the world, too, was about to count."""
     lines = []
     counted = {}
-    intake = SimpleNamespace(listen=lambda *what, **how: None)
+    subscriber = SimpleNamespace(listen=lambda *what, **how: None)
     node = SimpleNamespace(
-        intake=intake,
+        subscriber=subscriber,
         values={"returning": "continue"},
         get_logger=lambda: SimpleNamespace(warning=lines.append),
     )
     world = SimpleNamespace(step=40, transitions=38)
     side = SimpleNamespace(held=False, finished=False, world=world)
-    output = SimpleNamespace(store=Store(), node=node, count=counted.update)
+    output = SimpleNamespace(store=CheckpointStore(), node=node, count=counted.update)
     team = Returning(make_run(load_scenario("env1"), {}), side, output, lambda: None)
     team.begin(0.0)
     team._on_progress(1, Progress("life 1", 0, 0))
@@ -343,12 +343,12 @@ def test_what_a_robot_has_lost_that_goes_on_alone_is_counted(its_step, lost):
 def test_the_team_goes_on_without_who_does_not_obey_in_time():
     lines = []
     gone_on = []
-    intake = SimpleNamespace(listen=lambda *what, **how: None)
+    subscriber = SimpleNamespace(listen=lambda *what, **how: None)
     logger = SimpleNamespace(warning=lines.append)
-    node = SimpleNamespace(intake=intake, get_logger=lambda: logger)
+    node = SimpleNamespace(subscriber=subscriber, get_logger=lambda: logger)
     side = SimpleNamespace(held=True, lost=0, start=lambda: None)
     run = make_run(load_scenario("env1"), {"recorded": True})
-    output = SimpleNamespace(store=Store(), node=node)
+    output = SimpleNamespace(store=CheckpointStore(), node=node)
     team = Returning(run, side, output, lambda: gone_on.append(True))
     team.begin(100.0)
     team.order = Order("an order", 0, 1)

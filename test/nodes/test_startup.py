@@ -13,7 +13,7 @@ from sparse_coord_ros.core.runs.tables import save_team
 from sparse_coord_ros.log.runlog import verify
 from sparse_coord_ros.protocol import wire
 from sparse_coord_ros.protocol.wire import ClaimRank
-from sparse_coord_ros.ros.nodes import interface
+from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.guard import Claim
 from sparse_coord_ros.ros.nodes.robot import Member
 from sparse_coord_ros.ros.nodes.spin import ros_context
@@ -183,12 +183,12 @@ def test_a_recorder_that_comes_back_is_heard_of_although_the_killed_one_is_still
 
     def recorder(place):
         node = bench.add(Node(wire.RECORDER, context=bench.place(place)[0]), place)
-        node.create_publisher(String, interface.RECORDING.name, 1)
+        node.create_publisher(String, ros_topics.RECORDING.name, 1)
         return node
 
     def listens(node):
         node.create_subscription(
-            interface.CLOCK.type, "/clock", print, interface.CLOCK.qos
+            ros_topics.CLOCK.type, "/clock", print, ros_topics.CLOCK.qos
         )
 
     listens(recorder("killed"))  # it stays in the graph
@@ -198,7 +198,7 @@ def test_a_recorder_that_comes_back_is_heard_of_although_the_killed_one_is_still
     back = recorder("back")
 
     def known():
-        infos = world.get_publishers_info_by_topic(f"/{interface.RECORDING.name}")
+        infos = world.get_publishers_info_by_topic(f"/{ros_topics.RECORDING.name}")
         return [info.node_name for info in infos] == [wire.RECORDER] * 2
 
     bench.spin_until(known, "the second one is known")
@@ -268,9 +268,9 @@ def test_learned_tables_are_run_greedily(tmp_path, simulate):
     epsilons = []
 
     class Watched(Member):
-        def act(self, step, action, account):
+        def act(self, step, action, report):
             epsilons.append(self.lockstep.agent.epsilon(step))
-            super().act(step, action, account)
+            super().act(step, action, report)
 
     with pytest.MonkeyPatch.context() as patch, ros_context() as context:
         out = tmp_path / "first"
@@ -320,8 +320,8 @@ def test_a_robot_that_is_partly_there_is_told_by_what_it_lacks(bench):
     bench.robot("robot_1")
     context = bench.place("mine")[0]
     mine = bench.add(Node("robot_2", context=context), "mine")
-    action = interface.ACTION
-    state = interface.LOCAL_STATE
+    action = ros_topics.ACTION
+    state = ros_topics.LOCAL_STATE
     mine.create_publisher(action.type, action.of("robot_2"), action.qos)
     mine.create_subscription(
         state.type, state.of("robot_2"), lambda said: None, state.qos

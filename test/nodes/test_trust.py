@@ -18,7 +18,7 @@ from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.core.runs.tables import save_team
 from sparse_coord_ros.protocol import wire
 from sparse_coord_ros.protocol.wire import services
-from sparse_coord_ros.ros.nodes import interface
+from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.body import BodyNode
 from sparse_coord_ros.ros.nodes.driver import DriverNode
 from sparse_coord_ros.ros.nodes.follower import Follower
@@ -77,7 +77,7 @@ def announced(kind):
 def say(bench, message):
     """Publish on `run`, latched, to whoever comes; return the node that does."""
     node = bench.observer()
-    node.create_publisher(String, "run", interface.RUN.qos).publish(message)
+    node.create_publisher(String, "run", ros_topics.RUN.qos).publish(message)
     return node
 
 
@@ -89,7 +89,7 @@ def test_no_waiting_node_imports_what_a_run_names(
     node = bench.add(NODES[name]({"context": bench.place()[0]}, tmp_path))
     say(bench, announced(kind))
     bench.spin_until(
-        lambda: node.intake.dropped["run"] or node.presence, "the run is heard"
+        lambda: node.subscriber.dropped["run"] or node.presence, "the run is heard"
     )
     refused = WAITING[name].startswith("refuses")
     assert refused == (node.run is None) == (node.presence is None)
@@ -114,7 +114,7 @@ def test_no_node_of_a_run_under_way_does(bench, beside, tmp_path, monkeypatch, k
         monkeypatch.setattr(follower, "another_run", note)
     early = bench.robot("robot_2")
     stranger = say(bench, announced(kind))
-    bench.spin_until(lambda: early.intake.dropped["run"], "the run is refused")
+    bench.spin_until(lambda: early.subscriber.dropped["run"], "the run is refused")
     bench.destroy(stranger)
     bench.spin_until(
         lambda: not early.get_publishers_info_by_topic("/run"), "it is gone"
@@ -148,7 +148,7 @@ def test_a_robot_reads_no_tables_but_those_it_was_given(bench, tmp_path, capfd):
     told = bench.robot("robot_2", tables=str(tmp_path))
     say(bench, String(data=replace(run, id="theirs", tables=str(tmp_path)).to_yaml()))
     bench.spin_until(
-        lambda: robot.intake.dropped["run"] and told.member, "the run is heard"
+        lambda: robot.subscriber.dropped["run"] and told.member, "the run is heard"
     )
     assert robot.member is None and robot.failure is None
     assert (

@@ -17,22 +17,22 @@ from sparse_coord_ros.core.runs.tables import tables_of, unpack_saved
 from sparse_coord_ros.log.bags.reader import open_bag
 from sparse_coord_ros.log.runlog import read_run
 from sparse_coord_ros.log.runlog.explain import row_in_words
-from sparse_coord_ros.protocol.wire.status import Said, read_status
-from sparse_coord_ros.ros.nodes import interface, team, watch
+from sparse_coord_ros.protocol.wire.status import RunStatus, read_status
+from sparse_coord_ros.ros.nodes import ros_topics, team, watch
 from sparse_coord_ros.ros.nodes.messages import Converter, tables_message
 from sparse_coord_ros.ros.nodes.spin import ros_context
 from sparse_coord_ros.ros.nodes.watch import HeardTeam, WatchNode
 from sparse_coord_ros.show.page import messages
-from sparse_coord_ros.show.page.board import Board
 from sparse_coord_ros.show.page.controls import PAUSE, RATE, RESET, STEP, Control
 from sparse_coord_ros.show.page.live_source import LiveView
+from sparse_coord_ros.show.page.message_board import MessageBoard
 from sparse_coord_ros.show.steps import logged_trails
 
 
 def heard_of(run):
     """Return what `HeardTeam` makes of messages, what takes them, and what it shows."""
     takes = {}
-    view = LiveView(run, Board(), source="live", title="", controls=())
+    view = LiveView(run, MessageBoard(), source="live", title="", controls=())
 
     class Listening:
         def listen(self, topic, then, owner, *, read=None, unpack=None):
@@ -41,11 +41,11 @@ def heard_of(run):
             )
             takes[f"/{owner}/{topic.name}"] = lambda data: then(unpack(data))
 
-    return HeardTeam(SimpleNamespace(intake=Listening()), run, view), takes, view
+    return HeardTeam(SimpleNamespace(subscriber=Listening()), run, view), takes, view
 
 
 def test_what_a_stranger_says_of_far_time_steps_is_forgotten(monkeypatch):
-    monkeypatch.setattr(watch, "MOST_STEPS", 50)
+    monkeypatch.setattr(watch, "MOST_STEPS_HEARD", 50)
     run = make_run(load_scenario("env1"), {})
     team_heard, heard, _ = heard_of(run)
     for step in range(1000, 1200):
@@ -201,9 +201,9 @@ def test_a_robot_that_is_left_out_holds_nobody_up(good):
         team.tick()
     assert team.seen > 5 and len(team._steps) < 3 and team.whole
     step = next(iter(team._steps))
-    team.compare(Said("", "learning", step, team.seen, left_out=team.without))
+    team.compare(RunStatus("", "learning", step, team.seen, left_out=team.without))
     assert team.whole  # the world says so, too
-    team.compare(Said("", "learning", step, team.seen, left_out=0))
+    team.compare(RunStatus("", "learning", step, team.seen, left_out=0))
     assert not team.whole
 
 
@@ -223,7 +223,7 @@ MISSED = {
 def test_what_was_missed_is_said_and_begins_no_episode(good, what):
     team, takes, view = heard_of(good.run)
     takes["/status"] = lambda data: team.compare(
-        read_status(deserialize_message(data, interface.STATUS.type))
+        read_status(deserialize_message(data, ros_topics.STATUS.type))
     )
     topics, begin, end = MISSED[what]
     count = dict.fromkeys(takes, 0)
@@ -289,7 +289,7 @@ def test_a_page_beside_a_live_team(bench, monkeypatch):
 def test_a_team_in_one_process_with_a_page(bench, tmp_path):
     from sparse_coord_ros.show.page.server import Server
 
-    page = Server(Board(), port=0)
+    page = Server(MessageBoard(), port=0)
     page.board.pages += 1
     try:
         values = {
@@ -322,7 +322,7 @@ def test_a_team_in_one_process_with_a_page(bench, tmp_path):
 def test_a_team_that_goes_on_with_a_page_has_asked_before(tmp_path):
     """How often it asked in each cell is counted from the run's beginning, as its curves are."""
     out = tmp_path / "run"
-    board = Board()
+    board = MessageBoard()
     values = {
         "scenario": "env1",
         "set": ["steps=600", "ask_cost=0", "epsilon=constant:0.5"],

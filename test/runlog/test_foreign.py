@@ -14,9 +14,9 @@ from sparse_coord_ros.core.game.world import Action, Reward
 from sparse_coord_ros.log.runlog import verify
 from sparse_coord_ros.log.runlog.tracks import in_order
 from sparse_coord_ros.protocol import wire
-from sparse_coord_ros.protocol.wire import Account, PerceptEnd
+from sparse_coord_ros.protocol.wire import PerceptEnd, SelfReport
 from sparse_coord_ros.protocol.wire.events import EventKind
-from sparse_coord_ros.protocol.wire.status import Said
+from sparse_coord_ros.protocol.wire.status import RunStatus
 from sparse_coord_ros.ros.nodes.messages import Converter, status
 
 STAMPED = [topic.name.lstrip("/") for topic in wire.TOPICS if topic.stamped]
@@ -65,7 +65,7 @@ def beside(topic, step, convert, data, *, said=None, before=False):
 
 
 def status_of(step, transitions, state="learning", began="start", run=""):
-    said = Said(run, state, step, transitions, 0, began)
+    said = RunStatus(run, state, step, transitions, 0, began)
     return serialize_message(status("env1", state, said.values()))
 
 
@@ -211,7 +211,7 @@ def test_what_robots_say_of_a_step_that_never_comes(alter, good, convert, topic,
     step = FAR if after is None else int(verify(good.bag).log.step[-1]) + after
     data = {
         ACTION: convert.pack_action(
-            step, Action(0, False, -1, False), Account(0, True)
+            step, Action(0, False, -1, False), SelfReport(0, True)
         ),
         REWARD: convert.pack_reward(step, Reward(1.0, 0.0, 0.0, 1.0)),
         PERCEPT: serialize_message(convert.path(step, (3,))),
@@ -297,7 +297,7 @@ def test_what_the_world_went_by_differs(alter, good, convert):
     row = int(np.searchsorted(log.step, AT))
     assert log.step[row] == AT and log.move[row, 0] >= 0
     action = Action((int(log.move[row, 0]) + 1) % 4, False, -1, False)
-    data = convert.pack_action(AT, action, Account(PerceptEnd.DID_NOT_ASK, True))
+    data = convert.pack_action(AT, action, SelfReport(PerceptEnd.DID_NOT_ASK, True))
     found = alter(beside(ACTION, AT, convert, data, before=True))
     assert found.differences and found.foreign == 0
     assert any(one.logged.startswith("twice, with") for one in found.differences)
@@ -305,7 +305,7 @@ def test_what_the_world_went_by_differs(alter, good, convert):
 
 def test_an_action_that_came_too_late(alter, good, convert):
     data = convert.pack_action(
-        AT, Action(0, True, 1, False), Account(PerceptEnd.DID_NOT_ASK, True)
+        AT, Action(0, True, 1, False), SelfReport(PerceptEnd.DID_NOT_ASK, True)
     )
     is_foreign(alter(beside(ACTION, AT, convert, data)))
 

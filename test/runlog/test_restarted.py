@@ -22,7 +22,7 @@ from sparse_coord_ros.log.runlog.timeline import Rollback, holds
 from sparse_coord_ros.log.runlog.tracks import _stale, _under_way
 from sparse_coord_ros.protocol.wire import RunState
 from sparse_coord_ros.protocol.wire.events import EventKind
-from sparse_coord_ros.protocol.wire.status import Said
+from sparse_coord_ros.protocol.wire.status import RunStatus
 from sparse_coord_ros.ros.nodes.messages import status
 
 AT = 120
@@ -146,7 +146,7 @@ def test_a_map_that_comes_again_is_known(restarted, good):
 
 
 def test_a_world_that_is_yet_to_go_back_does_not_know_the_step(restarted, good):
-    said = Said("", RunState.RESUMING, 1, 0, 0, "start")
+    said = RunStatus("", RunState.RESUMING, 1, 0, 0, "start")
     said = status("env1", said.state, said.values())
     messages = list(open_bag(good.bag).messages())
     cut = AT * good.run.step_period * 1e9

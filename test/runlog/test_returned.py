@@ -12,7 +12,12 @@ from sparse_coord_ros.log.bags import BagWriter, QoS
 from sparse_coord_ros.log.bags.reader import open_bag
 from sparse_coord_ros.log.runlog import verify
 from sparse_coord_ros.protocol.wire import RunState
-from sparse_coord_ros.protocol.wire.status import ROLL_CALL, Order, Progress, Said
+from sparse_coord_ros.protocol.wire.status import (
+    NO_ROLLBACK,
+    Order,
+    Progress,
+    RunStatus,
+)
 from sparse_coord_ros.ros.nodes.messages import status
 
 AT = 120
@@ -20,7 +25,7 @@ AT = 120
 FIRST = Progress("one", 0, 0)
 ALONE = Progress("another", 40, 39, (40, 0), resumed=True)
 OBEYED = ALONE._replace(obeyed="order")
-CALL = Said("", RunState.RESUMING, 1, 0, order=Order("order", ROLL_CALL, 40))
+CALL = RunStatus("", RunState.RESUMING, 1, 0, order=Order("order", NO_ROLLBACK, 40))
 
 
 @pytest.fixture
@@ -103,7 +108,7 @@ def test_a_robot_that_comes_back_twice(returned):
     assert found.open[1].step == 150
 
 
-def test_who_obeys_a_roll_call_does_not_go_back(returned):
+def test_an_order_without_rollback_moves_no_robot_back(returned):
     found = returned(ALONE, OBEYED, other="robot_2", call=True)
     assert found.cannot_tell and [one.robot for one in found.open] == ["robot_2"]
 

@@ -355,6 +355,9 @@ def is_sparse(cells: int, agents: int) -> bool:
     return agents > 2 or dense_nbytes(cells, 2) > LARGEST_DENSE
 
 
+LARGEST_TEAM = 53
+"""Most robots: a reward names those in a miscoordination by the sum of 2^k, a float64."""
+
 RESERVED_NAMES = ("world_simulator", "recorder", "team")
 PAPER_LEARNERS = ("indiv", "noncoop", "coop")
 PAPER_MEASURES = ("reward", "time_to_goal", "miscoordinations")
@@ -489,6 +492,11 @@ def _robots(value: object, grid: GridMap, where: str) -> tuple[Robot, ...]:
         raise ScenarioError(
             f"{where}: field 'robots' {problem}; write one line a robot under it, its name first, "
             "e.g. robot_1: {start: 1, goal: 2}"
+        )
+    if len(value) > LARGEST_TEAM:
+        raise ScenarioError(
+            f"{where}: field 'robots' has {len(value)} robots, allowed: up to {LARGEST_TEAM}; "
+            "leave some out"
         )
     robots = []
     for name, entry in value.items():

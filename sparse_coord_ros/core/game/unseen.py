@@ -10,7 +10,7 @@ are measured against.
 
 import random
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -18,7 +18,7 @@ from sparse_coord_ros.core.game.grid import DOORWAY, FREE, WALL
 
 VERSIONS = ("unseen1", "unseen2")
 TEAMS = (2, 4, 8)
-BESIDE = 0.3
+EXTRA_DOORWAY = 0.3
 """Probability of a doorway between two rooms that are connected already."""
 
 Cell = tuple[int, int]
@@ -163,28 +163,41 @@ def _rooms(draw: random.Random, large: bool) -> Building:
     grid = _blank(sum(heights) + high - 1, sum(widths) + wide - 1)
     tops = [sum(heights[:i]) + i for i in range(high)]
     lefts = [sum(widths[:j]) + j for j in range(wide)]
-    parts = [
-        _carve(grid, tops[i], lefts[j], heights[i], widths[j])
-        for i in range(high)
-        for j in range(wide)
-    ]
-    walls = [(n, n + 1) for n in range(high * wide) if (n + 1) % wide]
-    walls += [(n, n + wide) for n in range((high - 1) * wide)]
-    draw.shuffle(walls)
-    joined = list(range(high * wide))
-    for one, other in walls:
-        beside = draw.random() < BESIDE
-        free = joined[one] != joined[other]
-        along = draw.randrange(1000)
-        if not (free or beside):
-            continue
-        joined = [joined[one] if n == joined[other] else n for n in joined]
+    parts = []
+    for i in range(high):
+        for j in range(wide):
+            parts.append(_carve(grid, tops[i], lefts[j], heights[i], widths[j]))
+    for one, other, along in _joined_rooms(draw, high, wide):
         i, j = divmod(one, wide)
         if other == one + 1:
             grid[tops[i] + along % heights[i]][lefts[j] + widths[j]] = DOORWAY
         else:
             grid[tops[i] + heights[i]][lefts[j] + along % widths[j]] = DOORWAY
     return Building(grid, parts)
+
+
+def _joined_rooms(
+    draw: random.Random, high: int, wide: int
+) -> Iterator[tuple[int, int, int]]:
+    """Yield the neighbouring rooms with a doorway, and the doorway's place along their wall.
+
+    The rooms are numbered row by row. A wall between rooms that are not connected yet gets a
+    doorway, any other one with probability `EXTRA_DOORWAY`.
+    """
+    rooms = range(high * wide)
+    walls = [(room, room + 1) for room in rooms if (room + 1) % wide]
+    walls += [(room, room + wide) for room in range((high - 1) * wide)]
+    draw.shuffle(walls)
+    connected = list(rooms)  # rooms of the same number are connected
+    for one, other in walls:
+        extra = draw.random() < EXTRA_DOORWAY
+        along = draw.randrange(1000)
+        new = connected[one]
+        old = connected[other]
+        if new == old and not extra:
+            continue
+        connected = [new if number == old else number for number in connected]
+        yield one, other, along
 
 
 def _loop(draw: random.Random, large: bool) -> Building:

@@ -18,13 +18,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.base.archive import MOST_UPDATES, check_range
 from sparse_coord_ros.base.compiling import inlined, inner, of_learner
 from sparse_coord_ros.base.errors import SettingError
+from sparse_coord_ros.base.npz import MOST_UPDATES, check_range
 from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE, PRIMITIVES
-from sparse_coord_ros.core.game.percepts import ruled_out
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.game.settings import LARGEST_WHOLE
+from sparse_coord_ros.core.game.sight import is_ruled_out
 from sparse_coord_ros.core.game.specs import Spec
 from sparse_coord_ros.core.game.world import RewardWeights
 from sparse_coord_ros.core.learners.learner import Learner
@@ -39,6 +39,7 @@ from sparse_coord_ros.core.learners.mind import (
 )
 from sparse_coord_ros.core.learners.rules import (
     MAP_SAMPLES,
+    NOT_PERCEIVED,
     Task,
     Transition,
     Values,
@@ -60,9 +61,6 @@ LEAVE = Spec("leave", (0.5, 0.25))
 LEAST_WORTH = 0.36
 """The least value of a cell in a team of more than two, as a share of a lone robot's."""
 
-UNKNOWN = -1
-"""In place of a peer's cell: the percept failed."""
-
 
 class Factored(Learner):
     """Algorithm 1 with Q* and Q^C in factors."""
@@ -72,6 +70,7 @@ class Factored(Learner):
     summary = "Algorithm 1 with Q^C as an individual part and sparse corrections"
     draws = True
     partners = True
+    rules_out = True
     defaults = MappingProxyType(
         {
             "epsilon": "linear:0.3:0.02:0.8",
@@ -101,7 +100,7 @@ class Factored(Learner):
             moved: how often a move led out of its cell [x][b].
             successor: where it led the last time that it did [x][b].
             last: of the last step with COORDINATE: the step after it, the move and all robots'
-                cells, the peers' `UNKNOWN` where the percept failed.
+                cells, the peers' `NOT_PERCEIVED` where the percept failed.
             tried: the moves that were tried, x * moves + b, in the order of their first time.
             used: how many they are [0].
             alone: U of a robot that is alone in the world [x][b].
@@ -173,10 +172,6 @@ class Factored(Learner):
         robots = len(scenario.robots)
         keys = memory["rho_keys"][memory["rho_values"].any(axis=1)]
         return np.bincount(states_of(keys, cells, robots)[:, 0], minlength=cells)
-
-    def ruled_out(self, scenario: Scenario) -> np.ndarray:
-        """As of `Learner`: the learner looks at it."""
-        return ruled_out(scenario)
 
     def check_memory(self, scenario: Scenario, robot: int, memory: Memory) -> None:
         """Check where moves led and how often, where r^C was felt, and the last question."""
@@ -355,7 +350,7 @@ class Factored(Learner):
         for peer in range(task.robots):
             if peer != task.number:
                 peer_cell = last[2 + peer]
-                if peer_cell == UNKNOWN:
+                if peer_cell == NOT_PERCEIVED:
                     failed = True
                 else:
                     key = rho_key(first, peer, peer_cell, task.cells, task.robots)
@@ -394,11 +389,11 @@ def _check_last(last: np.ndarray, robot: int, cells: int) -> None:
     """Check what is kept of the last step with COORDINATE."""
     step, move, *_ = last
     peers = np.delete(last[2:], robot)
-    failed = bool(np.all(peers == UNKNOWN))
+    failed = bool(np.all(peers == NOT_PERCEIVED))
     check_range(step, 0, LARGEST_WHOLE, "last")
     check_range(move, 0, PRIMITIVES, "last")
     check_range(last[2 + robot], 0, cells, "last")
-    check_range(peers, UNKNOWN if failed else 0, cells, "last")
+    check_range(peers, NOT_PERCEIVED if failed else 0, cells, "last")
 
 
 @of_learner
@@ -446,15 +441,15 @@ def states_of(keys: np.ndarray, cells: int, robots: int) -> np.ndarray:
         robots: how many there are.
 
     Returns:
-        The own cell, the peer (from 0) and its cell; twice `UNKNOWN` for a failed percept.
+        The own cell, the peer (from 0) and its cell; twice `NOT_PERCEIVED` for a failed percept.
     """
     seen = keys < failed_key(0, cells, robots)
     own, rest = np.divmod(keys, robots * cells)
     peer, place = np.divmod(rest, cells)
     columns = [
         np.where(seen, own, keys - failed_key(0, cells, robots)),
-        np.where(seen, peer, UNKNOWN),
-        np.where(seen, place, UNKNOWN),
+        np.where(seen, peer, NOT_PERCEIVED),
+        np.where(seen, place, NOT_PERCEIVED),
     ]
     return np.stack(columns, axis=1)
 
@@ -462,7 +457,7 @@ def states_of(keys: np.ndarray, cells: int, robots: int) -> np.ndarray:
 def key_of(state: tuple[int, int, int], cells: int, robots: int) -> int:
     """Return the key of a row of rho that `states_of` says."""
     cell, peer, place = state
-    if peer == UNKNOWN:
+    if peer == NOT_PERCEIVED:
         return failed_key(cell, cells, robots)
     return rho_key(cell, peer, place, cells, robots)
 
@@ -470,7 +465,7 @@ def key_of(state: tuple[int, int, int], cells: int, robots: int) -> int:
 def corrections_of(
     mind: Any, task: Task, cell: int, perceived: Mapping[int, int] | None, move: int
 ) -> dict[tuple[int, int], float]:
-    """Return rho of a move, by (peer, its cell); by twice `UNKNOWN` if the percept failed.
+    """Return rho of a move, by (peer, its cell); by twice `NOT_PERCEIVED` if the percept failed.
 
     Args:
         mind: what the robot remembers, as lists.
@@ -479,7 +474,7 @@ def corrections_of(
         perceived: the cells of the peers, by peer; None: the percept failed.
         move: the primitive action.
     """
-    keys = {(UNKNOWN, UNKNOWN): failed_key(cell, task.cells, task.robots)}
+    keys = {(NOT_PERCEIVED, NOT_PERCEIVED): failed_key(cell, task.cells, task.robots)}
     if perceived is not None:
         keys = {
             (peer, place): rho_key(cell, peer, place, task.cells, task.robots)
@@ -630,7 +625,7 @@ def learn_asking(mind: Any, task: Task, now: Transition) -> None:
     x = now.cell
     common = now.common if now.partners != 0 else 0.0
     if now.seen == 0:
-        if task.ruled_out[x, x]:
+        if is_ruled_out(task.sight, x, x):
             common = now.felt if now.partners != 0 else 0.0
         key = failed_key(x, task.cells, task.robots)
         learn_rho(mind, task, now, place(mind.rho, key), now.move, common)
@@ -676,7 +671,7 @@ def note_question(mind: Any, task: Task, now: Transition) -> None:
     mind.last[1] = now.move
     for robot in range(task.robots):
         known = robot == task.number or now.seen != 0
-        mind.last[2 + robot] = now.cells[robot] if known else UNKNOWN
+        mind.last[2 + robot] = now.cells[robot] if known else NOT_PERCEIVED
 
 
 # Looking back.
@@ -731,7 +726,7 @@ def in_the_way(mind: Any, task: Task, first: int) -> int:
     best = best_move(mind.u[first])
     for peer in range(task.robots):
         peer_cell = mind.last[2 + peer]
-        if peer != task.number and peer_cell != UNKNOWN:
+        if peer != task.number and peer_cell != NOT_PERCEIVED:
             key = rho_key(first, peer, peer_cell, task.cells, task.robots)
             row = find(mind.rho, key)
             if row != NO_ROW and mind.rho.values[row][best] < 0.0:
@@ -825,4 +820,4 @@ def is_met(task: Task, now: Transition, peers: int, cell: int) -> bool:
 @inlined
 def is_empty(task: Task, now: Transition, cell: int) -> bool:
     """Return whether a failed percept says that a cell is empty: of one peer alone."""
-    return bool(task.robots == 2 and task.ruled_out[now.cell, cell])
+    return task.robots == 2 and is_ruled_out(task.sight, now.cell, cell)

@@ -21,8 +21,10 @@ import numpy as np
 from sparse_coord_ros.base.compiling import inner
 from sparse_coord_ros.base.errors import SettingError, in_short
 from sparse_coord_ros.core.game.actions import ACTIONS, PRIMITIVES
+from sparse_coord_ros.core.game.percepts import sight_in
 from sparse_coord_ros.core.game.plugins import failing_as, is_shipped, path_of
 from sparse_coord_ros.core.game.scenario import Scenario
+from sparse_coord_ros.core.game.sight import BLIND
 from sparse_coord_ros.core.game.world import RewardWeights
 from sparse_coord_ros.core.learners.lone import known_q_star
 from sparse_coord_ros.core.learners.mind import Memory, mind_class
@@ -86,10 +88,6 @@ CHECKS: Mapping[str, Callable[[str, Any], Any]] = {
 """The methods of a learner of one's own that are checked."""
 
 
-NOWHERE_RULED_OUT = np.zeros((0, 0), dtype=np.bool_)
-"""Of learners that do not ask where a peer cannot be."""
-
-
 class Learner:
     """One learner: its names, what it needs, and how its robots choose and learn.
 
@@ -105,6 +103,7 @@ class Learner:
         draws: whether it wants a random number in each step (`Transition.draw`).
         partners: whether it wants to know with whom a robot was in a miscoordination
             (`Transition.partners`), where the scenario has a referee.
+        rules_out: whether it asks where a peer cannot be when a percept fails (`Task.sight`).
         needs_map: whether it always begins with the values of robots alone: `prior` is `map`.
         leaves: whether it can leave a stand-off (setting `stand_off`).
         defaults: values of scenario settings where neither the scenario nor the user chose one;
@@ -125,6 +124,7 @@ class Learner:
     sees_all: bool = False
     draws: bool = False
     partners: bool = False
+    rules_out: bool = False
     needs_map: bool = False
     leaves: bool = False
     defaults: Mapping[str, object] = MappingProxyType({})
@@ -375,16 +375,12 @@ class Learner:
             ask_cost=weights.ask_cost * scenario.ask_cost,
             credit=weights.common,
             step_sizes=step_sizes,
-            ruled_out=self.ruled_out(scenario),
+            sight=sight_in(scenario) if self.rules_out else BLIND,
             map_samples=map_samples(scenario),
             replays=replays_of(scenario),
             leaving=leaving_of(scenario)[0],
             leaving_share=leaving_of(scenario)[1],
         )
-
-    def ruled_out(self, scenario: Scenario) -> np.ndarray:
-        """Return `Task.ruled_out`, for learners that look at it; else an array of no cells."""
-        return NOWHERE_RULED_OUT
 
     def minds(self, scenario: Scenario) -> list[Any]:
         """Return the minds of all robots before learning, as arrays, with their own memory."""

@@ -15,10 +15,15 @@ import numpy as np
 from sparse_coord_ros.base.compiling import flag_of_learner, inlined, inner, of_learner
 from sparse_coord_ros.core.game.actions import PRIMITIVES
 from sparse_coord_ros.core.game.scenario import Scenario
+from sparse_coord_ros.core.game.sight import Sight
 from sparse_coord_ros.core.learners.mind import Rows, place
 
 Values: TypeAlias = Sequence[float] | np.ndarray
 """A row of a table: the values of the actions, in their order."""
+
+
+NOT_PERCEIVED = -1
+"""In place of a peer's cell, or of a peer: the percept failed."""
 
 
 class Task(NamedTuple):
@@ -36,8 +41,7 @@ class Task(NamedTuple):
         ask_cost: the cost of asking, weighed.
         credit: how often r^C counts.
         step_sizes: the step size of the n-th update of an entry, without the floor [n].
-        ruled_out: where a peer cannot be when a percept fails, shape (cells, cells), bool: the own
-            cell, the peer's; of learners that do not look at it shape (0, 0).
+        sight: how likely percepts succeed; of learners that do not look at it `BLIND`.
         map_samples: for how many samples of each move the map counts; 0: the map is not known.
         replays: how many moves a learner with a model replays in each step.
         leaving: probability of leaving a stand-off.
@@ -55,7 +59,7 @@ class Task(NamedTuple):
     ask_cost: float
     credit: float
     step_sizes: Any
-    ruled_out: Any
+    sight: Sight
     map_samples: int
     replays: int
     leaving: float

@@ -77,7 +77,7 @@ class LearningState(NamedTuple):
     histories: tuple[History, ...]
 
 
-class Glimpse(NamedTuple):
+class TeamTransition(NamedTuple):
     """One transition of K robots, for those who watch them.
 
     Attributes:
@@ -150,7 +150,6 @@ class Team:
             weights=np.array(learner.weights(scenario)),
             goal_value=scenario.goal_value,
             step_sizes=sizes.by_count,
-            ruled_out=learner.ruled_out(scenario),
             map_samples=map_samples(scenario),
             replays=replays_of(scenario),
             leaving=leaving_of(scenario)[0],
@@ -413,7 +412,7 @@ class LearningRun:
             self._records[number] = record_of(self._history(number), compiled=True)
         clock[loop.END] = clock[STEP] + BLOCK_STEPS
 
-    def glimpse(self) -> Glimpse:
+    def make_transition(self) -> TeamTransition:
         """Let every group of robots make one transition, and return it."""
         positions = [_position(state.game) for state in self._states]
         self.advance(self.done + 1)
@@ -430,7 +429,7 @@ class LearningRun:
                 rows.append((cell, action, int(state.game.cells[k])))
             met |= bool(miscoordination(state.rule.problem, state.game.cells, members))
         cells, actions, after = zip(*rows, strict=True)
-        return Glimpse(positions[0].step, cells, actions, after, met)
+        return TeamTransition(positions[0].step, cells, actions, after, met)
 
     def _action(self, state: loop.State, k: int, step: int) -> Action:
         """Return what a robot did at the time step that was made last."""

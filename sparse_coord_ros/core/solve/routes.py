@@ -30,10 +30,10 @@ SEARCHED = 400
 JUDGED = 10_000
 """Other trials, by which the best plan is judged."""
 
-AT_ONCE = 1000
+TRIALS_AT_ONCE = 1000
 """Trials played at once: their draws are held in memory."""
 
-BETTER = 0.01
+LEAST_GAIN = 0.01
 """A change is kept that is better by more."""
 
 
@@ -131,7 +131,7 @@ def route_plan(scenario: Scenario, *, restarts: int = 4, seed: int = 0) -> Route
             changed = list(ways.changes(doorways))
             for number in rng.permutation(len(changed)).tolist():
                 worth = float(_play(scenario, changed[number], draws).mean())
-                if worth > best + BETTER:
+                if worth > best + LEAST_GAIN:
                     best = worth
                     ways = changed[number]
                     better = True
@@ -140,7 +140,8 @@ def route_plan(scenario: Scenario, *, restarts: int = 4, seed: int = 0) -> Route
     _, ways = max(found, key=lambda one: one[0])
     rng = np.random.default_rng([seed, restarts])
     fresh = (
-        rng.random((AT_ONCE, scenario.horizon, team)) for _ in range(JUDGED // AT_ONCE)
+        rng.random((TRIALS_AT_ONCE, scenario.horizon, team))
+        for _ in range(JUDGED // TRIALS_AT_ONCE)
     )
     means = np.concatenate([_play(scenario, ways, draws) for draws in fresh])
     return RoutePlan(
@@ -175,7 +176,7 @@ def _play(scenario: Scenario, ways: Ways, draws: np.ndarray) -> np.ndarray:
 
 
 def alone(scenario: Scenario, avoided: Sequence[Collection[int]]) -> np.ndarray:
-    """Return what robots alone are worth at the end of a step in each cell: (robots, cells).
+    """Return the values of robots alone after a step to each cell: (robots, cells).
 
     Args:
         scenario: the problem.
@@ -206,7 +207,7 @@ def passages(scenario: Scenario) -> np.ndarray:
 
 @inner
 def meeting(x: int, y: int, p: float, here: int, there: int, q: float) -> float:
-    """Return how likely two robots end a step at one place.
+    """Return the probability that two robots end a step at one place.
 
     Args:
         x: the place of the one.

@@ -316,7 +316,7 @@ def suggested_settings(
     Args:
         grid: the map.
         pairs: start and goal cell of each robot.
-        given: settings that somebody chose; they stay.
+        given: the user's settings; they stay.
     """
     values = {**SETTINGS.defaults(), **SETTINGS.parse(dict(given))}
     p = values["move_success"]
@@ -382,7 +382,7 @@ def scenario_of(
     Args:
         imported: the map.
         robots: start and goal of each robot, in metres.
-        given: settings that somebody chose.
+        given: the user's settings.
 
     Returns:
         The scenario; the settings that were suggested; what is legal but odd, one line each.
@@ -424,7 +424,7 @@ def _oddities(scenario: Scenario) -> Iterator[str]:
     if len({robot.start for robot in robots}) < len(robots):
         yield "two robots start in the same cell: that is no conflict, but hardly possible"
     if len({robot.goal for robot in robots}) < len(robots):
-        yield "two robots have the same goal: they would stand in each other"
+        yield "two robots have the same goal: they would stand in one place"
     for robot in robots:
         goal = f"the goal of {robot.name} is"
         if robot.goal in grid.doorways:

@@ -8,8 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE, PRIMITIVES
-from sparse_coord_ros.core.learners.factored import UNKNOWN, Factored, corrections_of
+from sparse_coord_ros.core.learners.factored import Factored, corrections_of
 from sparse_coord_ros.core.learners.mind import memory_of
+from sparse_coord_ros.core.learners.rules import NOT_PERCEIVED
 from sparse_coord_ros.core.runs.run_config import RunConfig
 from sparse_coord_ros.log.runlog.agents import first_memory
 from sparse_coord_ros.log.runlog.dialogue import Request
@@ -33,7 +34,7 @@ class Update(NamedTuple):
         star: entry (cell, action) of Q*, its value before and after.
         coord: entry (own cell, perceived cells, move) of Q^C, before and after; or None.
         corrections: of a learner that learns in factors: the peer (from 0) and its cell, and rho
-            of the move there before and after; both `UNKNOWN` for failed percepts.
+            of the move there before and after; both `NOT_PERCEIVED` for failed percepts.
     """
 
     next_cell: int
@@ -290,5 +291,9 @@ def _learned(log: RunLog, one: Coordination) -> Iterator[str]:
         (*state, action), before, after = changed
         yield f"  {table}[{', '.join(map(str, state))}; {ACTIONS[action]}] {before!r} -> {after!r}"
     for peer, place, before, after in update.corrections:
-        where = "failed percept" if peer == UNKNOWN else f"{log.names[peer]} in {place}"
+        where = (
+            "failed percept"
+            if peer == NOT_PERCEIVED
+            else f"{log.names[peer]} in {place}"
+        )
         yield f"  correction rho[{one.cell}; {where}; {ACTIONS[one.move]}] {before!r} -> {after!r}"

@@ -31,7 +31,7 @@ from sparse_coord_ros.protocol.wire import OVER, RunState, messages
 from sparse_coord_ros.protocol.wire.events import event_form
 from sparse_coord_ros.protocol.wire.frame import Frame
 from sparse_coord_ros.protocol.wire.occupancy import OccupancyData
-from sparse_coord_ros.protocol.wire.status import Said, read_status, values_of
+from sparse_coord_ros.protocol.wire.status import RunStatus, read_status, values_of
 
 THE_CLOCK = wire.CLOCK.name
 OF_ROBOT = (wire.LOCAL_STATE, wire.REWARD, wire.ACTION, wire.PERCEPT)
@@ -54,11 +54,11 @@ class Track(NamedTuple):
     others: Mapping[int, list[Any]] = MappingProxyType({})
 
 
-OF_NO_RUN = Said("none", "", 0, 0)
+OF_NO_RUN = RunStatus("none", "", 0, 0)
 """In place of a status that names no run: every world's does."""
 
 
-def _said(message: Any) -> Said:
+def _said(message: Any) -> RunStatus:
     """Return what a status says; ValueError where it names a run and lacks another value."""
     return read_status(message) if "run" in values_of(message) else OF_NO_RUN
 
@@ -387,7 +387,7 @@ class Tracks:
             self.problems.append(self.odd(int(steps[place + 1]), k, topic.name, *words))
         return steps, rows
 
-    def _own_statuses(self) -> Iterator[Said]:
+    def _own_statuses(self) -> Iterator[RunStatus]:
         """Yield the statuses of the run that hold; note those of others."""
         run = self.run
         for n, rows in enumerate(self._of(wire.STATUS)):
@@ -403,7 +403,7 @@ class Tracks:
                 ):
                     yield one
 
-    def _statuses(self, found: Sequence[Said]) -> Iterator[Said]:
+    def _statuses(self, found: Sequence[RunStatus]) -> Iterator[RunStatus]:
         """Yield the world's statuses, and note what is odd about them."""
         ordered = in_order(
             np.array([one.step for one in found], dtype=np.int64)
@@ -426,7 +426,7 @@ class Tracks:
             yield one
 
 
-def _odd(said: Said, *words: str) -> Difference:
+def _odd(said: RunStatus, *words: str) -> Difference:
     return Difference(said.step, None, wire.STATUS.name, *words)
 
 

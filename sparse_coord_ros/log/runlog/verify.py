@@ -29,7 +29,11 @@ from sparse_coord_ros.log.runlog.replay import stretches
 from sparse_coord_ros.log.runlog.timeline import Stall
 from sparse_coord_ros.log.runlog.tracks import THE_CLOCK
 from sparse_coord_ros.protocol import wire
-from sparse_coord_ros.protocol.wire.status import ROLL_CALL, read_progress, read_status
+from sparse_coord_ros.protocol.wire.status import (
+    NO_ROLLBACK,
+    read_progress,
+    read_status,
+)
 
 
 @dataclass(frozen=True)
@@ -275,7 +279,7 @@ def _causes(
         yield Cause(f"{agent.name} saved no tables at its end (killed?)", last.__eq__)
     for name in log.names:
         yield from _without_plan(name)
-    calls = _roll_calls(log)
+    calls = _progress_orders(log)
     for k in range(len(log.names)):
         yield from _robot_returns(log, k, {"", *calls})
     if calls:
@@ -312,11 +316,11 @@ def _without_plan(name: str) -> Iterator[Cause]:
     )
 
 
-def _roll_calls(log: RunLog) -> dict[str, int]:
+def _progress_orders(log: RunLog) -> dict[str, int]:
     """Return the names of the orders by which nobody goes back, and when they were given first."""
     found: dict[str, int] = {}
     for step, said in _said(log, wire.STATUS, read_status):
-        if said.order.step == ROLL_CALL:
+        if said.order.step == NO_ROLLBACK:
             found.setdefault(said.order.name, step)
     return found
 

@@ -22,12 +22,12 @@ from std_msgs.msg import Bool
 
 from sparse_coord_ros.base.errors import SettingError, needed
 from sparse_coord_ros.core.runs.run_config import RunConfig
-from sparse_coord_ros.lab.driving.ground import Ground, Pose
+from sparse_coord_ros.lab.driving.metric_map import MetricMap, Pose
 from sparse_coord_ros.lab.driving.mover import Mover
 from sparse_coord_ros.lab.driving.transforms import Tree, yaw_of
 from sparse_coord_ros.protocol.lockstep.bodies import Goals, HaltWord, Reached
 from sparse_coord_ros.protocol.wire import services
-from sparse_coord_ros.ros.nodes import interface
+from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.follower import Follower
 from sparse_coord_ros.ros.nodes.messages import Converter, robot_number
 from sparse_coord_ros.ros.nodes.parameters import FROM_TF, PARAMETERS, Place
@@ -92,15 +92,15 @@ class MoverNode(Follower, LifecycleNodeMixin):
         self._stopped = self._leaving = False
         self._reached_publisher: Any = None
         self._tree = Tree()
-        self._halted_publisher = self.announce(interface.HALTED, self.robot)
+        self._halted_publisher = self.announce(ros_topics.HALTED, self.robot)
         self._halted_publisher.publish(Bool(data=False))
         self.offer(services.HALT, self._on_halt)
         if self.values["autostart"]:
             self.trigger_configure()
             self.trigger_activate()
 
-    def make(self, ground: Ground, number: int) -> Mover:
-        """Return what moves the body of a robot."""
+    def make(self, metric_map: MetricMap, number: int) -> Mover:
+        """Return the state machine that moves the body of a robot."""
         raise NotImplementedError
 
     def drive(self) -> None:
@@ -108,11 +108,11 @@ class MoverNode(Follower, LifecycleNodeMixin):
         raise NotImplementedError
 
     def missing(self) -> str:
-        """Return what the node waits for, beside poses, before it reports for duty."""
+        """Return the text of something that the node lacks, beside poses, or an empty text."""
         raise NotImplementedError
 
     def halt(self, why: str = "") -> None:
-        """Let the body stand; `why`: nobody knows where it is."""
+        """Let the body stand; `why`: its pose is not known."""
         raise NotImplementedError
 
     def stands(self) -> bool:
@@ -142,29 +142,29 @@ class MoverNode(Follower, LifecycleNodeMixin):
     def begin(self, run: RunConfig) -> None:
         """Begin with a run: hear goals and poses."""
         number = robot_number(run, self.robot, "give parameter robot one of them")
-        self._mover = self.make(Ground(run, self.values["radius"]), number)
+        self._mover = self.make(MetricMap(run, self.values["radius"]), number)
         self._convert = Converter(run)
-        self.intake.listen(
-            interface.BODY_GOALS, self._on_goals, read=self._convert.read_goals
+        self.subscriber.listen(
+            ros_topics.BODY_GOALS, self._on_goals, read=self._convert.read_goals
         )
         pose_type = self.values["pose_type"]
         if pose_type == FROM_TF:
             self._hear_transforms()
         else:
             kind, inside = TYPES[pose_type]
-            topic = replace(interface.POSE, type=kind)
+            topic = replace(ros_topics.POSE, type=kind)
             read = functools.partial(self._read_pose, inside)
             qos = topic.qos if pose_type == "pose" else POSES_QOS
-            self.intake.listen(topic, self._see, self.robot, read=read, qos=qos)
+            self.subscriber.listen(topic, self._see, self.robot, read=read, qos=qos)
 
     def _hear_transforms(self) -> None:
         remedy = "install it, or take a topic of poses"
         with needed("parameter pose_type: tf needs the package tf2_msgs", remedy):
             from tf2_msgs.msg import TFMessage
-        topic = replace(interface.POSE, type=TFMessage)
+        topic = replace(ros_topics.POSE, type=TFMessage)
         for name, qos in ((TF, TF_QOS), (TF_STATIC, STATIC_QOS)):
             read = functools.partial(self._read_transforms, qos is STATIC_QOS)
-            self.intake.listen(topic, self._see, name=name, read=read, qos=qos)
+            self.subscriber.listen(topic, self._see, name=name, read=read, qos=qos)
 
     def _read_transforms(self, static: bool, message: Any) -> tuple[float, Pose] | None:
         """Return when the body was where; None: it says nothing of that, or not enough."""
@@ -239,7 +239,7 @@ class MoverNode(Follower, LifecycleNodeMixin):
             if missing:
                 self.remind(self.reminder, missing)
             else:  # the world waits for this publisher
-                self._reached_publisher = self.announce(interface.REACHED, self.robot)
+                self._reached_publisher = self.announce(ros_topics.REACHED, self.robot)
             return
         limit = self.values["pose_timeout"]
         if self._mover.busy and 0 < limit < now - self._seen and not self._stopped:
@@ -249,7 +249,7 @@ class MoverNode(Follower, LifecycleNodeMixin):
             )
 
     def all_done(self, now: float) -> bool:
-        """Whether the body stands, after the run's end."""
+        """Return whether the body stands, after the run's end."""
         return self.settled()
 
     def lost(self, why: str) -> None:

@@ -17,7 +17,7 @@ from sparse_coord_ros.protocol.wire import services
 from sparse_coord_ros.protocol.wire.frame import SECOND
 from sparse_coord_ros.ros.nodes.parameters import PARAMETERS, ParameterNode, Place
 from sparse_coord_ros.ros.nodes.player_keys import Keyboard
-from sparse_coord_ros.ros.nodes.player_topics import Stage
+from sparse_coord_ros.ros.nodes.player_topics import PlayedTopics
 from sparse_coord_ros.ros.nodes.spin import run_node, wait_for_readers
 
 KEYS_SECONDS = 0.05
@@ -43,7 +43,7 @@ class Player(ParameterNode):
             names in any namespace.
 
     Attributes:
-        stage: what it publishes on.
+        played: the topics that it publishes.
         done: whether the end of the bag was reached, or the user quits.
 
     Raises:
@@ -75,9 +75,9 @@ class Player(ParameterNode):
                 "parameter bag: none is given; start the node with --ros-args -p bag:=DIRECTORY"
             )
         patterns = [text for text in values["topics"] if text]
-        stage = self.stage = Stage(self, Path(values["bag"]), patterns)
-        playlist = Playlist(stage.bag, stage.publishers, stage.kept)
-        self._start_ns = stage.bag.start_ns
+        played = self.played = PlayedTopics(self, Path(values["bag"]), patterns)
+        playlist = Playlist(played.bag, played.publishers, played.kept)
+        self._start_ns = played.bag.start_ns
         self._seconds = (playlist.end_ns - self._start_ns) / SECOND
         last = replace(self._table["position"], high=self._seconds)
         self._table = SettingTable([*self._table.values(), last])
@@ -87,11 +87,11 @@ class Player(ParameterNode):
             "loop": values["loop"],
             "paused": values["start_paused"],
         }
-        publish = stage.publish
+        publish = played.publish
         now = time.monotonic_ns
-        self._playback = Playback(playlist, publish, now, on_time=stage.tell, **how)
+        self._playback = Playback(playlist, publish, now, on_time=played.tell, **how)
         self.get_logger().info(
-            f"{stage.bag.path}: {len(playlist)} messages on {len(stage.publishers)} topics, "
+            f"{played.bag.path}: {len(playlist)} messages on {len(played.publishers)} topics, "
             f"{playlist.step_count} time steps, {self._seconds:g} s"
         )
 
@@ -116,10 +116,10 @@ class Player(ParameterNode):
     def _begin(self) -> None:
         """Go to where playing begins, once the subscribers had time to come."""
         self._begun = True
-        if self.count_publishers(self.stage.clock_name) > 1:
+        if self.count_publishers(self.played.clock_name) > 1:
             raise RunError(
-                f"another node publishes {self.stage.clock_name}: a live run or another player is "
-                "there, which this one would disturb; use another ROS_DOMAIN_ID"
+                f"another node publishes {self.played.clock_name}: a live run or another player "
+                "is there, which this one would disturb; use another ROS_DOMAIN_ID"
             )
         self._seek(self.values["position"])
 
@@ -201,7 +201,7 @@ class Player(ParameterNode):
             f"{self._playback.published} messages published{kept}"
         )
         if self._playback.done:
-            wait_for_readers(self.stage.publishers.values())
+            wait_for_readers(self.played.publishers.values())
 
 
 def main() -> int:

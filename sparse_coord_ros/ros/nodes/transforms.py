@@ -7,7 +7,7 @@ begin with the team's namespace, or with what the parameter `frame_prefix` says.
 
 Transforms go to `tf` in the team's namespace, as Nav2's launch files have it, not to /tf: a team
 in a namespace has a clock of its own there, and transforms of several clocks in one topic are of
-no use to anybody. Outside any namespace the two are the same.
+of no use. Outside any namespace the two are the same.
 """
 
 import math
@@ -21,7 +21,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from std_msgs.msg import Header
 
-from sparse_coord_ros.lab.driving.ground import Pose
+from sparse_coord_ros.lab.driving.metric_map import Pose
 from sparse_coord_ros.ros.nodes.parameters import ParameterNode
 
 ODOM = "odom"
@@ -33,7 +33,7 @@ TF_STATIC = "tf_static"
 
 
 def robot_frame(node: ParameterNode, robot: str, frame: str) -> str:
-    """Return what a frame of a robot is called, in the team of a node."""
+    """Return the name of a robot's frame, in the team of a node."""
     prefix = node.values["frame_prefix"] or f"{node.get_namespace()}/"
     return f"{prefix.lstrip('/')}{robot}/{frame}"
 
@@ -49,7 +49,7 @@ def pose_message(pose: Pose) -> PoseMessage:
 
 
 def transform(header: Header, child: str, pose: Pose) -> TransformStamped:
-    """Return where a frame is in that of a header."""
+    """Return the pose of a frame in that of a header."""
     there = Transform(
         translation=Vector3(x=pose.x, y=pose.y), rotation=turned(pose.yaw)
     )

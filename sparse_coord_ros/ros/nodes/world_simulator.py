@@ -260,7 +260,7 @@ class WorldSimulator(ParameterNode):
         self._say()
 
     def _missing(self) -> list[str]:
-        """Return whom the team lacks: robots, drivers as commands, the recorder."""
+        """Return the nodes that the team lacks: robots, drivers as commands, the recorder."""
         return self.topics.missing() + (
             [] if self.bodies is None else self.bodies.missing()
         )
@@ -404,7 +404,7 @@ class WorldSimulator(ParameterNode):
         self.lockstep.history.history().save(out)
 
     def _counts(self) -> dict[str, Any]:
-        """Return what summary and diagnostics count."""
+        """Return the counts of summary and diagnostics."""
         events = self.returning.events
         events |= self._guard.counts()
         return {
@@ -413,7 +413,7 @@ class WorldSimulator(ParameterNode):
             "miscoordinations": self.lockstep.world.miscoordinations,
             "timeouts": self.lockstep.timeouts,
             **{name: events[name] for name in EVENTS},
-            "messages_dropped": self.intake.total,
+            "messages_dropped": self.subscriber.total,
         }
 
     def summary(self) -> dict[str, Any]:

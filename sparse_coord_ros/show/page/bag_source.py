@@ -22,17 +22,17 @@ from sparse_coord_ros.log.runlog.relearned import Asked, Relearned
 from sparse_coord_ros.log.runlog.window import LongLog
 from sparse_coord_ros.protocol.wire import COORDINATION_MAP
 from sparse_coord_ros.show.page import controls, messages
-from sparse_coord_ros.show.page.board import Board, Message
 from sparse_coord_ros.show.page.counts import Counts
 from sparse_coord_ros.show.page.live_source import ASKED_SO_FAR
+from sparse_coord_ros.show.page.message_board import Message, MessageBoard
 from sparse_coord_ros.show.page.moments import Highlight, Moments, highlight
 from sparse_coord_ros.show.steps import logged_step, logged_trails, questions_of
 from sparse_coord_ros.show.words import Words
 
 CONTROLS = (controls.PAUSE, controls.STEP, controls.RATE, controls.SEEK, controls.JUMP)
 
-TICK_SECONDS = 1 / 30
-LOOK_SECONDS = 0.5
+FRAME_SECONDS = 1 / 30
+GROWTH_SECONDS = 0.5
 """Between two looks at whether the file has grown."""
 
 FIRST_RATE = 10.0
@@ -82,7 +82,7 @@ class BagSource(controls.Controlled):
     def __init__(
         self,
         path: Path,
-        board: Board,
+        board: MessageBoard,
         *,
         rate: float = FIRST_RATE,
         step: int | None = None,
@@ -228,11 +228,11 @@ class BagSource(controls.Controlled):
         looked = time.monotonic()
         try:
             while True:
-                if self.growing and time.monotonic() - looked >= LOOK_SECONDS:
+                if self.growing and time.monotonic() - looked >= GROWTH_SECONDS:
                     looked = time.monotonic()
                     self.look()
                 self.tick()
-                time.sleep(TICK_SECONDS)
+                time.sleep(FRAME_SECONDS)
         finally:
             self._stop.set()
             for thread in beside:
@@ -423,7 +423,7 @@ class BagSource(controls.Controlled):
     # In threads beside it.
 
     def _learn_along(self) -> None:
-        while not self._stop.wait(TICK_SECONDS):
+        while not self._stop.wait(FRAME_SECONDS):
             self.learn()
 
     def learn(self) -> None:
@@ -507,7 +507,7 @@ class BagSource(controls.Controlled):
                 self.board.put("curves", read=1.0, **messages.curve_fields(history))
                 if not growing:
                     break
-                if self._stop.wait(LOOK_SECONDS):
+                if self._stop.wait(GROWTH_SECONDS):
                     return
             self._tell_learned(read=True)
             self._evaluate()

@@ -26,7 +26,6 @@ from sparse_coord_ros.log.runlog.window import LongLog
 from sparse_coord_ros.protocol.wire.occupancy import OccupancyData
 from sparse_coord_ros.show.page import moments
 from sparse_coord_ros.show.page.bag_source import BagSource
-from sparse_coord_ros.show.page.board import Board
 from sparse_coord_ros.show.page.controls import (
     JUMP,
     KINDS,
@@ -38,6 +37,7 @@ from sparse_coord_ros.show.page.controls import (
     Control,
 )
 from sparse_coord_ros.show.page.counts import Counts
+from sparse_coord_ros.show.page.message_board import MessageBoard
 from sparse_coord_ros.show.page.moments import GreedyMoves
 from sparse_coord_ros.show.policy import entered, policy_of
 from sparse_coord_ros.show.words import Words
@@ -49,7 +49,7 @@ class Player:
     now = 0.0
 
     def __init__(self, bag, step=0):
-        self.board = Board()
+        self.board = MessageBoard()
         self.source = BagSource(bag, self.board, step=step)
         self.source.tick()
 
@@ -562,7 +562,7 @@ def test_a_bag_without_a_message_yet(tmp_path, monkeypatch, recorded_now, words)
         lambda path: recorded_now,
     )
     with pytest.raises(BagError, match=words):
-        BagSource(tmp_path, Board())
+        BagSource(tmp_path, MessageBoard())
 
 
 def test_what_is_damaged_unfinished_or_removed(bag, tmp_path):

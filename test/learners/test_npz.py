@@ -7,14 +7,14 @@ import io
 import numpy as np
 import pytest
 
-from sparse_coord_ros.base import archive
+from sparse_coord_ros.base import npz
 from sparse_coord_ros.base.errors import TablesError
 
 ARRAYS = {"a": np.arange(1.0, 7.0).reshape(2, 3), "b": np.zeros(2, dtype=np.int64)}
 
 
 def read(data):
-    return archive.unpack(
+    return npz.unpack(
         data, where="a.npz", what="tables", remedy="use another", error=TablesError
     )
 
@@ -29,7 +29,7 @@ def test_what_is_no_archive(data):
 
 def test_a_spoiled_byte_is_refused_or_without_effect():
     """Whatever byte is wrong: never a traceback, never other numbers."""
-    whole = archive.pack(ARRAYS)
+    whole = npz.pack(ARRAYS)
     refused = 0
     for place in range(len(whole)):
         try:
@@ -45,7 +45,7 @@ def test_a_spoiled_byte_is_refused_or_without_effect():
 
 
 def test_arrays_come_back():
-    found = read(archive.pack(ARRAYS))
+    found = read(npz.pack(ARRAYS))
     assert found.keys() == ARRAYS.keys()
     for name, array in ARRAYS.items():
         assert found[name].dtype == array.dtype
@@ -63,7 +63,7 @@ def test_arrays_come_back():
     ids=["shape", "dtype", "values", "one more"],
 )
 def test_a_digest_is_of_names_dtypes_shapes_and_values(other):
-    with np.load(io.BytesIO(archive.pack(ARRAYS))) as file:
+    with np.load(io.BytesIO(npz.pack(ARRAYS))) as file:
         arrays = dict(file)
     changed = io.BytesIO()
     np.savez(changed, **{**arrays, **other})
