@@ -194,6 +194,8 @@ def tables_from_values(
 ) -> Tables:
     """Return tables of values that come from elsewhere, such as another program.
 
+    An entry of Q* counts as updated once if it is not what Q* begins with.
+
     Args:
         scenario: the problem.
         k: the robot, from 0.
@@ -205,7 +207,10 @@ def tables_from_values(
     """
     asks = not np.isnan(q_star[:, COORDINATE]).any()
     learner = learner_of("coop" if asks else "noncoop")
-    memory = memory_of(learner.mind(scenario, k)) | {"q_star": q_star}
+    begun = memory_of(learner.mind(scenario, k))
+    updates = (q_star != begun["q_star"]).astype(np.int32)
+    updates[:, COORDINATE] *= asks  # NaN differs from NaN
+    memory = begun | {"q_star": q_star, "updates": updates}
     if asks and q_coord is not None:
         rows = q_coord.reshape(-1, PRIMITIVES)
         memory["q_coord_keys"] = np.arange(len(rows))
