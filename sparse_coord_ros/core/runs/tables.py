@@ -208,12 +208,13 @@ def tables_from_values(
     asks = not np.isnan(q_star[:, COORDINATE]).any()
     learner = learner_of("coop" if asks else "noncoop")
     begun = memory_of(learner.mind(scenario, k))
-    updates = (q_star != begun["q_star"]).astype(np.int32)
-    updates[:, COORDINATE] *= asks  # NaN differs from NaN
-    memory = begun | {"q_star": q_star, "updates": updates}
+    memory = begun | {"q_star": q_star}
     if asks and q_coord is not None:
         rows = q_coord.reshape(-1, PRIMITIVES)
         memory["q_coord_keys"] = np.arange(len(rows))
         memory["q_coord_values"] = rows
         memory["q_coord_updates"] = np.zeros(rows.shape, dtype=np.int64)
-    return tables_of(scenario, learner, k, memory)
+    tables = tables_of(scenario, learner, k, memory)
+    differs = (q_star != begun["q_star"]) & ~np.isnan(q_star)
+    tables.memory["updates"] = differs.astype(np.int64)
+    return tables
