@@ -58,7 +58,7 @@ def test_a_team_that_knows_its_map_learns_while_it_drives(bench, tmp_path):
 
     driver("robot_1", "robot_1_driver")
     lost = driver("robot_2", "robot_2_driver")
-    body = bench.add(BodyNode(context=context, values={"period": 0.25}))
+    bench.add(BodyNode(context=context, values={"period": 0.25}))
     made = world.lockstep.world
     drive_on(bench, made, STEPS // 2)
     bench.destroy(lost)
