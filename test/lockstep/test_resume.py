@@ -24,12 +24,12 @@ from sparse_coord_ros.protocol.wire.status import NO_ROLLBACK, Order, Progress
 from .team import WORLD, Team
 
 CASES = [
-    ("env1", "coop", {"perception": "probability:0.7"}),
-    ("env1", "noncoop", {}),
-    ("env1", "factored", {"perception": "line_of_sight"}),
     ("crowd-3r", "coop", {"perception": "probability:0.7", "peers": "all"}),
-    ("env2-4r", "coop", {"perception": "range:3", "steps": 250}),
+    ("env2-4r", "noncoop", {}),
+    ("env1", "factored", {"perception": "line_of_sight"}),
+    ("env1", "cq", {}),
 ]
+"""Each learner that runs live."""
 
 
 def problem(name, **settings):

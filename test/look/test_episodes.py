@@ -59,7 +59,7 @@ def test_how_a_question_ended_is_what_the_robot_says(log, end, outcome, words):
     row, k = np.argwhere(log.asked & ~log.perceived)[0].tolist()
     numbers = log.numbers.copy()
     numbers[row, k, ACTION.column("percept")] = end
-    changed = log.but(numbers=numbers)
+    changed = log.with_changes(numbers=numbers)
     [one] = [one for one in questions_of(logged_step(changed, row)) if one.asker == k]
     assert one.outcome == outcome and ended(changed)[outcome][row, k]
     assert one.in_words(log.names).startswith(

@@ -22,6 +22,7 @@ from sparse_coord_ros.core.game.settings import SettingTable
 from sparse_coord_ros.core.learners.agent import Agent
 from sparse_coord_ros.log.bags import open_bag
 from sparse_coord_ros.log.runlog.verify import verify
+from sparse_coord_ros.protocol.wire.services import ACTIVE_PERCEPTION
 from sparse_coord_ros.protocol.wire.status import RunStatus
 from sparse_coord_ros.ros.nodes import ros_topics, spin
 from sparse_coord_ros.ros.nodes.environment import (
@@ -31,13 +32,7 @@ from sparse_coord_ros.ros.nodes.environment import (
 )
 from sparse_coord_ros.ros.nodes.messages import status
 from sparse_coord_ros.ros.nodes.parameters import PARAMETERS, ParameterNode
-from sparse_coord_ros.ros.nodes.peers import Peers
-from sparse_coord_ros.ros.nodes.recorder import (
-    LAST_MESSAGES_SECONDS,
-    TALK_SECONDS,
-    Recorder,
-    Recording,
-)
+from sparse_coord_ros.ros.nodes.recorder import Recorder
 from sparse_coord_ros.ros.nodes.robot import RobotNode
 from sparse_coord_ros.ros.nodes.spin import ending, ros_context, run_node, signals
 from sparse_coord_ros.ros.nodes.team import run_team
@@ -262,7 +257,7 @@ def test_a_second_publisher_of_a_topic_is_named(bench, capfd):
     stranger.create_publisher(
         ros_topics.REWARD.type, ros_topics.REWARD.of("robot_2"), 10
     )
-    guard = bench.world()._guard
+    guard = bench.world().guard
     guard.watch(["/robot_1/reward", "/robot_2/reward"])
 
     def seen():
@@ -283,7 +278,7 @@ def test_a_second_publisher_of_a_topic_is_named(bench, capfd):
 
 @pytest.mark.parametrize("begins", ["before the run", "in the run"])
 def test_a_second_server_of_a_robots_service_changes_nothing(
-    begins, bench, tmp_path, simulate, assert_same_tables, capfd, monkeypatch
+    begins, bench, tmp_path, simulate, assert_same_tables, capfd
 ):
     """It answers with a wrong cell, an old step, a refusal, in turn, and before the robot does."""
     settings = {"steps": 70, "epsilon": "constant:1"}
@@ -299,24 +294,28 @@ def test_a_second_server_of_a_robots_service_changes_nothing(
             response.plan.header.stamp = Time()
         return response
 
-    def answer(peers, request, response, answer=Peers._answer):
-        if peers is robots[1].member._peers:
-            answered.append(request)
-            while asked and len(asked) < len(answered):
-                bench.place("observer")[1].spin_once(timeout_sec=0.01)
-            for place in ("observer", *["team"] * 5):  # the lie is sent, and heard
-                bench.place(place)[1].spin_once(timeout_sec=0.01)
-        return answer(peers, request, response)
+    class Slow(RobotNode):
+        """A robot that answers after the stranger."""
 
-    monkeypatch.setattr(Peers, "_answer", answer)
+        def create_service(self, kind, name, answer, **more):
+            def answer_later(request, response):
+                answered.append(request)
+                while asked and len(asked) < len(answered):
+                    bench.place("observer")[1].spin_once(timeout_sec=0.01)
+                for place in ("observer", *["team"] * 5):  # the lie is sent, and heard
+                    bench.place(place)[1].spin_once(timeout_sec=0.01)
+                return answer(request, response)
+
+            asks = name == ACTIVE_PERCEPTION.of("robot_2")
+            then = answer_later if asks else answer
+            return super().create_service(kind, name, then, **more)
+
     world = bench.world(
         out=str(tmp_path), set=[f"{k}={v}" for k, v in settings.items()]
     )
-    out = {"out": str(tmp_path)}
-    robots = [
-        bench.robot("robot_1", **out),
-        bench.robot("robot_2", place="other", **out),
-    ]
+    values = {"out": str(tmp_path), "claim_window": 0.0}
+    slow = Slow(name="robot_2", context=bench.place("other")[0], values=values)
+    robots = [bench.robot("robot_1", out=str(tmp_path)), bench.add(slow, "other")]
     percepts = stranger.listen(
         ros_topics.PERCEPT.type, ros_topics.PERCEPT.of("robot_1")
     )
@@ -328,8 +327,8 @@ def test_a_second_server_of_a_robots_service_changes_nothing(
     )
 
     def seen():
-        world._guard.look()
-        return world._guard.doubled
+        world.guard.look()
+        return world.guard.doubled
 
     bench.spin_until(seen, "the stranger is seen")
     bench.spin_until_done(world, *robots)
@@ -353,20 +352,6 @@ def test_a_second_server_of_a_robots_service_changes_nothing(
     )
 
 
-def test_who_talks_on_keeps_no_recorder():
-    """A stranger on a topic of the team; what comes late in a busy moment still counts."""
-    run = SimpleNamespace(improve=False)
-    recording = SimpleNamespace(
-        heard=0.0, _presence=SimpleNamespace(ended=0.0), run=run
-    )
-    recording._heard_all = lambda: False
-    for now, done in ((LAST_MESSAGES_SECONDS + 1, False), (TALK_SECONDS + 0.1, True)):
-        recording.heard = now
-        assert Recording.all_done(recording, now) is done
-    recording.heard = 0.0
-    assert Recording.all_done(recording, LAST_MESSAGES_SECONDS + 1)
-
-
 def test_security_is_refused_where_fast_dds_has_none(tmp_path, monkeypatch):
     library = tmp_path / "lib" / "libfastrtps.so"
     monkeypatch.setattr(sys, "prefix", str(tmp_path))
@@ -375,9 +360,7 @@ def test_security_is_refused_where_fast_dds_has_none(tmp_path, monkeypatch):
     check_security()  # no wheel: a build of the user's own
     library.parent.mkdir()
     library.write_bytes(b"without")
-    with pytest.raises(
-        RunError, match="asks for DDS-Security, but this Fast DDS .* without it"
-    ):
+    with pytest.raises(RunError, match="DDS-Security"):
         check_security()
     library.write_bytes(b"with " + SECURITY_MARK)
     check_security()
@@ -405,9 +388,7 @@ def test_world_and_recorder_may_be_renamed(bench, tmp_path):
 def test_more_processes_than_find_each_other_are_refused(monkeypatch):
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     check_participants(32)
-    with pytest.raises(
-        RunError, match="^34 nodes in processes of their own: .* at most 32 find"
-    ):
+    with pytest.raises(RunError, match="^34 nodes in processes"):
         check_participants(34)
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")
     check_participants(34)

@@ -332,7 +332,7 @@ def test_no_goal_is_sent_before_one_of_two_servers_is_gone(
     process = start_driver("robot_2")
     waits = "waiting for a single server: Nav2's action /robot_2/navigate_to_pose has 2 servers, "
     bench.spin_until(lambda: waits + NAMES in process.output, "it says why")
-    bench.spin_until(lambda: driver._reached_publisher is not None, "on duty")
+    bench.spin_until(lambda: driver.on_duty, "on duty")
     assert server.bases["robot_2"].goals == 0 and world.doing == "waiting"
     second.send_signal(signal.SIGINT)
     bench.spin_until(moved(world, 2), "one is left: it goes on")

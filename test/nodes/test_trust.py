@@ -82,27 +82,25 @@ def say(bench, message):
 
 
 @pytest.mark.parametrize("kind", FOREIGN)
-@pytest.mark.parametrize("name", NODES)
-def test_no_waiting_node_imports_what_a_run_names(
-    bench, beside, tmp_path, capfd, name, kind
-):
-    node = bench.add(NODES[name]({"context": bench.place()[0]}, tmp_path))
+def test_no_waiting_node_imports_what_a_run_names(bench, beside, tmp_path, capfd, kind):
+    place = {"context": bench.place()[0]}
+    nodes = {name: bench.add(start(place, tmp_path)) for name, start in NODES.items()}
     say(bench, announced(kind))
     bench.spin_until(
-        lambda: node.subscriber.dropped["run"] or node.presence, "the run is heard"
+        lambda: all(
+            node.subscriber.dropped["run"] or node.presence for node in nodes.values()
+        ),
+        "all have heard the run",
     )
-    refused = WAITING[name].startswith("refuses")
-    assert refused == (node.run is None) == (node.presence is None)
-    said = [
-        line
-        for line in capfd.readouterr().err.splitlines()
-        if "was not imported" in line
-    ]
-    assert len(said) == refused and all(
-        "allow it: --allow theirs, a" in line for line in said
-    )
+    said = capfd.readouterr().err.splitlines()
+    for name, node in nodes.items():
+        refused = WAITING[name].startswith("refuses")
+        assert refused == (node.run is None) == (node.presence is None), name
+        lines = [line for line in said if f"[{node.get_name()}]: run: " in line]
+        lines = [line for line in lines if "was not imported" in line]
+        assert len(lines) == refused, name
+        assert all("allow it: --allow theirs, a" in line for line in lines)
     assert not beside.exists() and "theirs" not in sys.modules
-    bench.destroy(node)
 
 
 @pytest.mark.parametrize("kind", FOREIGN)

@@ -14,7 +14,7 @@ from sparse_coord_ros.log.runlog import read_run, verify
 from sparse_coord_ros.log.runlog.explain import coordinations, explained
 
 EXPLORING = {
-    "steps": 600,
+    "steps": 400,
     "penalty": -60,
     "q_coord_init": 20,
     "epsilon": "constant:0.8",

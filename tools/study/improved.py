@@ -87,7 +87,7 @@ def _row(
     kept: Path,
 ) -> Row:
     """Return a row: mean and standard error over the teams, each building alike."""
-    teams = [_teams(one, count, kept) for one, _, _ in judged]
+    teams = [teams_of(one, count, kept) for one, _, _ in judged]
     steps = judged[0][0].scenario.steps
     low, bound = (float(np.mean([one[place] for one in judged])) for place in (1, 2))
     values = np.array([[(one.learned, one.improved) for one in own] for own in teams])
@@ -108,7 +108,7 @@ def _row(
     }
 
 
-def _teams(condition: Condition, count: int, kept: Path) -> list[Team]:
+def teams_of(condition: Condition, count: int, kept: Path) -> list[Team]:
     """Let teams learn and improve, and judge them in the true game; keep each."""
     scenario = condition.scenario
     learner = learner_of(condition.learner)

@@ -2,7 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The factored learner with one part of its rule turned off."""
 
+from typing import Any
+
+from sparse_coord_ros.core.game.actions import ACTIONS
 from sparse_coord_ros.core.learners.factored import Factored
+from sparse_coord_ros.core.learners.rules import Task, greatest
 
 
 class NoPerceptUpdate(Factored):
@@ -36,3 +40,27 @@ class NoRightOfWay(Factored):
     def counts(mind, task, peer, cell, peer_cell):
         """Return 1: each correction counts."""
         return True
+
+
+class WholeSurplus(Factored):
+    """Each peer in the way is credited with all that waiting brings."""
+
+    @staticmethod
+    def share_of_surplus(mind: Any, task: Task, first: int, here: float) -> float:
+        """Return what waiting at the first question brought."""
+        return here
+
+
+class NoLeastWorth(Factored):
+    """The values of a cell may fall to 0 in larger teams, too."""
+
+    @staticmethod
+    def worth(mind: Any, task: Task, cell: int) -> float:
+        """Return max_b Q*(cell, b)."""
+        return greatest(mind.q_star[cell], len(ACTIONS))
+
+
+class NoCures(NoLeastWorth):
+    """Neither: what larger teams had before."""
+
+    share_of_surplus = staticmethod(WholeSurplus.share_of_surplus)

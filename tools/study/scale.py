@@ -11,7 +11,6 @@ named as everywhere. It prints one line: what docs/maps.md has in its tables.
 
 import argparse
 import resource
-import sys
 import time
 
 import numpy as np
@@ -51,7 +50,7 @@ def in_halls(count: int, robots: int, given: dict[str, str]) -> Scenario:
     grid = halls(count)
     draw = np.random.default_rng(count)
     places = draw.choice(len(grid.cells), 2 * robots, replace=False)
-    pairs = places.reshape(-1, 2).tolist()
+    pairs = list(zip(places[::2].tolist(), places[1::2].tolist(), strict=True))
     cells = grid.cells
     team = {
         f"robot_{k}": {"start": list(cells[start]), "goal": list(cells[goal])}
@@ -106,4 +105,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

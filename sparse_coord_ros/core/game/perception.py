@@ -117,13 +117,12 @@ def named_model(model: PerceptionModel) -> str:
     name = next(
         one for one in itertools.chain([own], numbered) if one not in MODELS.names
     )
-    MODELS.register(name, model)
-    _HERE_ALONE.add(name)
+    _HERE_ALONE[name] = MODELS.register(name, model)
     return name
 
 
-_HERE_ALONE: set[str] = set()
-"""Names of models that no other process can find."""
+_HERE_ALONE: dict[str, PerceptionModel] = {}
+"""Models that no other process can find, by the names that they had first."""
 
 
 def _lies_at(model: PerceptionModel, path: str) -> bool:
@@ -136,7 +135,8 @@ def _lies_at(model: PerceptionModel, path: str) -> bool:
 
 def check_found_elsewhere(model: Spec) -> None:
     """Raise `SettingError` where no other process can find a model, nor a later call."""
-    if model.kind in _HERE_ALONE:
+    known = MODELS.registered.get(model.kind)
+    if known is not None and known is _HERE_ALONE.get(model.kind):
         raise SettingError(
             f"perception model {model.kind!r}: other processes, and later calls, cannot find this "
             "function; define it in a module (a file)"

@@ -179,7 +179,10 @@ class Factored(Learner):
         felt = self.weights(scenario).common * scenario.penalties[robot]
         if not np.isin(memory["door"], [0.0, felt]).all():
             raise ValueError(f"door has an r^C that is neither 0 nor {felt:g}")
-        if not np.array_equal(memory["value"], _least(scenario, memory)):
+        best = memory["q_star"].max(axis=1)
+        kept = np.maximum(best, LEAST_WORTH * memory["alone"].max(axis=1))
+        value = memory["value"]
+        if ((value != best) & (value != kept)).any():
             raise ValueError("value is not the maximum of q_star")
         made = memory["updates"][:, :PRIMITIVES]
         modelled = made + map_samples(scenario)
@@ -330,6 +333,28 @@ class Factored(Learner):
         return not (task.robots > 2 and cell == peer_cell and task.number < peer)
 
     @staticmethod
+    def share_of_surplus(mind: Mind, task: Task, first: int, here: float) -> float:
+        """Return what waiting at the first question brought, for each peer in the way.
+
+        The peers share a surplus: if each were credited with all of it, r_bar would say that
+        waiting pays without asking, too. A loss counts in full.
+        """
+        if here > 0.0:
+            return here / max(1, in_the_way(mind, task, first))
+        return here
+
+    @staticmethod
+    def worth(mind: Mind, task: Task, cell: int) -> float:
+        """Return max_b Q*(cell, b); in a larger team at least a share of a lone robot's.
+
+        There r^C counts so often that the values of a room could fall to 0, and stay there.
+        """
+        best = greatest(mind.q_star[cell], len(ACTIONS))
+        if task.robots > 2:
+            return max(best, LEAST_WORTH * greatest(mind.alone[cell], PRIMITIVES))
+        return best
+
+    @staticmethod
     def update_by_percept(mind: Mind, task: Task, cell: int, floor: float) -> None:
         """Move r_bar of every move toward what the percept corrects."""
         for b in range(PRIMITIVES):
@@ -344,8 +369,7 @@ class Factored(Learner):
             look_ahead(mind, task, now, first, b)
         correct(mind, task, first, now.seen, now.cells)
         here = surplus(mind, task, first)
-        if here > 0.0:
-            here /= max(1, in_the_way(mind, task, first))
+        here = share_of_surplus(mind, task, first, here)
         failed = False
         for peer in range(task.robots):
             if peer != task.number:
@@ -377,14 +401,6 @@ class Factored(Learner):
             refresh(mind, task, x)
 
 
-def _least(scenario: Scenario, memory: Memory) -> np.ndarray:
-    """Return what `worth` says of each cell, (cells,)."""
-    best: np.ndarray = memory["q_star"].max(axis=1)
-    if len(scenario.robots) > 2:
-        best = np.maximum(best, LEAST_WORTH * memory["alone"].max(axis=1))
-    return best
-
-
 def _check_last(last: np.ndarray, robot: int, cells: int) -> None:
     """Check what is kept of the last step with COORDINATE."""
     step, move, *_ = last
@@ -399,6 +415,18 @@ def _check_last(last: np.ndarray, robot: int, cells: int) -> None:
 @of_learner
 def counts(mind: Any, task: Task, peer: int, cell: int, peer_cell: int) -> bool:
     """As `Factored.counts`."""
+    raise NotImplementedError
+
+
+@of_learner
+def share_of_surplus(mind: Any, task: Task, first: int, here: float) -> float:
+    """As `Factored.share_of_surplus`."""
+    raise NotImplementedError
+
+
+@of_learner
+def worth(mind: Any, task: Task, cell: int) -> float:
+    """As `Factored.worth`."""
     raise NotImplementedError
 
 
@@ -497,18 +525,6 @@ def refresh(mind: Any, task: Task, cell: int) -> None:
         q_star[b] = u[b] + r_bar[b]
     q_star[COORDINATE] = greatest(u, PRIMITIVES) - task.ask_cost + mind.w[cell]
     mind.value[cell] = worth(mind, task, cell)
-
-
-@inlined
-def worth(mind: Any, task: Task, cell: int) -> float:
-    """Return max_b Q*(cell, b); in a larger team at least a share of what a lone robot has.
-
-    There r^C counts so often that the values of a room could fall to 0, and stay there.
-    """
-    best = greatest(mind.q_star[cell], len(ACTIONS))
-    if task.robots > 2:
-        return max(best, LEAST_WORTH * greatest(mind.alone[cell], PRIMITIVES))
-    return best
 
 
 @inlined
@@ -717,11 +733,7 @@ def look_ahead(mind: Any, task: Task, now: Transition, first: int, b: int) -> No
 
 @inlined
 def in_the_way(mind: Any, task: Task, first: int) -> int:
-    """Return how many peers were in the way at the first of two questions.
-
-    Waiting for them brings one surplus, which they share: if each were credited with all of it,
-    r_bar would say that waiting pays without asking, too.
-    """
+    """Return how many peers were in the way at the first of two questions."""
     count = 0
     best = best_move(mind.u[first])
     for peer in range(task.robots):

@@ -108,10 +108,10 @@ def find_asking_team(
     seed = RUN_SETTINGS["seed"].parse(seed)
     file = None if file is None else path_argument("file", file)
     check_function("progress", progress)
-    game = _game(scenario)
+    game = game_of(scenario)
     both = np.ones(2, dtype=np.bool_)
     values, best = _kept(file, scenario, seed)
-    found = None if best is None else _from_texts(scenario, best)
+    found = None if best is None else policies_of(scenario, best)
     for i in range(len(values), restarts):
         policy, value = _restart(game, both, [seed, i])
         if found is None or value > max(values) + asking_loops.LEAST_GAIN:
@@ -147,8 +147,8 @@ def check_two_robots(scenario: Scenario) -> None:
         )
 
 
-def _game(scenario: Scenario, weights: Sequence[float] = (0.5, 0.5)) -> WeightedGame:
-    """Return the game; the weights say how much each robot's reward counts."""
+def game_of(scenario: Scenario, weights: Sequence[float] = (0.5, 0.5)) -> WeightedGame:
+    """Return the game of two robots; the weights say how much each one's reward counts."""
     grid = scenario.map
     cells = len(grid.cells)
     what = "search for the best asking team"
@@ -182,7 +182,8 @@ def _game(scenario: Scenario, weights: Sequence[float] = (0.5, 0.5)) -> Weighted
     )
 
 
-def _space(game: WeightedGame) -> Workspace:
+def workspace_of(game: WeightedGame) -> Workspace:
+    """Return what the loops write to in this game, empty."""
     cells = len(game.lead)
     return Workspace(
         value=np.zeros((cells, cells)),
@@ -211,7 +212,7 @@ def _restart(
         fixed: what those do whose choices are not searched.
     """
     rng = np.random.default_rng(seed)
-    begun = _random(game, rng)
+    begun = random_policies(game, rng)
     if fixed is not None:
         for mine, theirs in zip(begun, fixed, strict=True):
             mine[~free] = theirs[~free]
@@ -223,7 +224,7 @@ def _climbed(
 ) -> tuple[AskingPolicies, float]:
     """Climb from a team, which is changed, and again from where shakes lead; as `_restart`."""
     loops = asking_loops.compiled()
-    space = _space(game)
+    space = workspace_of(game)
     trials = np.arange(2 * len(game.lead) * OPTIONS)
     top = loops.climb(game, best, free, space, rng.permutation(trials))
     vain = 0
@@ -248,9 +249,11 @@ def climbed(
         Its value before and after; what it does then, in every joint state; and whether a robot
         acts in a cell, shape (2, cells).
     """
-    game = _game(scenario)
+    game = game_of(scenario)
     nobody = np.zeros(2, dtype=np.bool_)
-    before = asking_loops.compiled().solve(game, team, nobody, _space(game), -np.inf)
+    before = asking_loops.compiled().solve(
+        game, team, nobody, workspace_of(game), -np.inf
+    )
     found, value = _climbed(game, ~nobody, _copy(team), np.random.default_rng(0))
     return before, value, *_everywhere(game, found)
 
@@ -259,7 +262,7 @@ def _copy(team: AskingPolicies) -> AskingPolicies:
     return AskingPolicies(*(array.copy() for array in team))
 
 
-def _random(game: WeightedGame, rng: np.random.Generator) -> AskingPolicies:
+def random_policies(game: WeightedGame, rng: np.random.Generator) -> AskingPolicies:
     """Return a team on random routes that asks in random cells."""
     lead = game.lead[:, :PRIMITIVES]
     cells = len(lead)
@@ -307,7 +310,7 @@ def _everywhere(
     """
     loops = asking_loops.compiled()
     new = _copy(policy)
-    space = _space(game)
+    space = workspace_of(game)
     both = np.ones(2, dtype=np.bool_)
     loops.solve(game, new, both, space, -np.inf)
     loops.visit(game, new, space)
@@ -333,7 +336,8 @@ def _texts(
     return robot(0), robot(1)
 
 
-def _from_texts(scenario: Scenario, robots: Sequence[RobotPolicy]) -> AskingPolicies:
+def policies_of(scenario: Scenario, robots: Sequence[RobotPolicy]) -> AskingPolicies:
+    """Return the policies that texts say, as arrays."""
     cells = len(scenario.map.cells)
     policy = AskingPolicies(
         np.array(
@@ -355,12 +359,14 @@ def _gain(
     """Return the most that robot k was found to gain for itself, the other staying as it is."""
     loops = asking_loops.compiled()
     alone = np.arange(2) == k
-    game = _game(scenario, alone)
-    fixed = _from_texts(scenario, robots)
-    now = loops.solve(game, fixed, np.zeros(2, dtype=np.bool_), _space(game), -np.inf)
+    game = game_of(scenario, alone)
+    fixed = policies_of(scenario, robots)
+    now = loops.solve(
+        game, fixed, np.zeros(2, dtype=np.bool_), workspace_of(game), -np.inf
+    )
     trials = np.arange(2 * len(scenario.map.cells) * OPTIONS)
     own = _copy(fixed)
-    best = loops.climb(game, own, alone, _space(game), trials)
+    best = loops.climb(game, own, alone, workspace_of(game), trials)
     for i in range(DEVIATIONS):
         best = max(best, _restart(game, alone, [seed, k, i], fixed)[1])
     return best - now if best > now + asking_loops.LEAST_GAIN else 0.0
@@ -379,7 +385,7 @@ def _kept(
         best = [RobotPolicy(str(r["moves"]), dict(r["asks"])) for r in data["robots"]]
         check_format(data["format"], SEARCH_FORMAT, str(file), ResultsError)
         said = (data["game"], data["seed"])
-        fits = _from_texts(scenario, best).moves.shape == (2, len(scenario.map.cells))
+        fits = policies_of(scenario, best).moves.shape == (2, len(scenario.map.cells))
     except (ValueError, LookupError, TypeError, AttributeError):
         raise ResultsError(
             f"{file}: holds no search for the best asking team; give another file"
@@ -419,9 +425,9 @@ def _acting(
         Its choices; whether a robot acts in a cell, shape (2, cells); and of each robot, the
         peer's cells that it can perceive in each cell where it asks.
     """
-    team = _from_texts(scenario, robots)
-    game = _game(scenario)
-    space = _space(game)
+    team = policies_of(scenario, robots)
+    game = game_of(scenario)
+    space = workspace_of(game)
     cells = len(scenario.map.cells)
     asking_loops.visit(game, team, space)
     seen: list[dict[int, list[int]]] = [{}, {}]

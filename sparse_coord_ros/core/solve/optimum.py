@@ -62,12 +62,13 @@ def joint_optimum(scenario: ScenarioLike) -> Optimum:
         np.concatenate([paid.ravel(), *map(np.ravel, leads)]).tobytes()
     )
     key = starts, goals, numbers, paid.shape, arrays.digest()
-    if key not in _solved:
-        _solved[key] = _solve(scenario, leads, paid)
-    return Optimum(_solved[key], True, states)
+    if key not in SOLVED:
+        SOLVED[key] = _solve(scenario, leads, paid)
+    return Optimum(SOLVED[key], True, states)
 
 
-_solved: dict[Hashable, float] = {}
+SOLVED: dict[Hashable, float] = {}
+"""The optimum of each game that this process has solved, by what the optimum depends on."""
 
 
 def _solve(scenario: Scenario, leads: Sequence[np.ndarray], paid: np.ndarray) -> float:

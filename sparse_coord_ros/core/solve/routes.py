@@ -124,13 +124,13 @@ def route_plan(scenario: Scenario, *, restarts: int = 4, seed: int = 0) -> Route
         draws = rng.random((SEARCHED, scenario.horizon, team))
         order = rng.permutation(team).tolist() if restart else range(team)
         ways = Ways(tuple(order), (frozenset(),) * team)
-        best = float(_play(scenario, ways, draws).mean())
+        best = float(rewards_of(scenario, ways, draws).mean())
         better = True
         while better:
             better = False
             changed = list(ways.changes(doorways))
             for number in rng.permutation(len(changed)).tolist():
-                worth = float(_play(scenario, changed[number], draws).mean())
+                worth = float(rewards_of(scenario, changed[number], draws).mean())
                 if worth > best + LEAST_GAIN:
                     best = worth
                     ways = changed[number]
@@ -143,7 +143,7 @@ def route_plan(scenario: Scenario, *, restarts: int = 4, seed: int = 0) -> Route
         rng.random((TRIALS_AT_ONCE, scenario.horizon, team))
         for _ in range(JUDGED // TRIALS_AT_ONCE)
     )
-    means = np.concatenate([_play(scenario, ways, draws) for draws in fresh])
+    means = np.concatenate([rewards_of(scenario, ways, draws) for draws in fresh])
     return RoutePlan(
         value=float(means.mean()),
         standard_error=float(means.std(ddof=1) / len(means) ** 0.5),
@@ -153,8 +153,14 @@ def route_plan(scenario: Scenario, *, restarts: int = 4, seed: int = 0) -> Route
     )
 
 
-def _play(scenario: Scenario, ways: Ways, draws: np.ndarray) -> np.ndarray:
-    """Play trials; return the team's mean reward in each."""
+def rewards_of(scenario: Scenario, ways: Ways, draws: np.ndarray) -> np.ndarray:
+    """Play trials of a plan; return the team's mean reward in each.
+
+    Args:
+        scenario: the problem.
+        ways: the plan.
+        draws: random numbers in [0, 1); (trials, steps, robots).
+    """
     grid = scenario.map
     places = meeting_places(scenario)
     routed = Routed(

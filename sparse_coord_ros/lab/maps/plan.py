@@ -332,7 +332,7 @@ def suggested_settings(
     value = round(values["goal_reward"] / (1.0 - float(discount)), 3)
     found["goal_value"] = value
     if given.get("prior") == "none":
-        found |= _learning_ways(value, max(_steps_for(way, p) for way in ways))
+        found |= _learning_ways(value, max(steps_for(way, p) for way in ways))
     else:
         found["prior"] = "map"
         found["steps"] = STEPS
@@ -359,7 +359,7 @@ def _learning_ways(value: float, needed: float) -> dict[str, Any]:
     return found
 
 
-def _steps_for(way: np.ndarray, p: float) -> float:
+def steps_for(way: np.ndarray, p: float) -> float:
     """Return steps in which each cell's every move is tried some times over, on the way to a goal.
 
     Args:
@@ -437,7 +437,7 @@ def _oddities(scenario: Scenario) -> Iterator[str]:
                 f"{goal} {moves} cells away, and takes {steps:.0f} steps in the mean: more than "
                 f"the horizon of {scenario.horizon}"
             )
-        needed = max(needed, _steps_for(way, scenario.move_success))
+        needed = max(needed, steps_for(way, scenario.move_success))
     if len(robots) > 1 and grid.doorways and needless(scenario):
         yield (
             "nothing to coordinate: on shortest paths robots hardly ever come to a doorway at the "

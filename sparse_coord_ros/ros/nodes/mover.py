@@ -24,14 +24,21 @@ from sparse_coord_ros.base.errors import SettingError, needed
 from sparse_coord_ros.core.runs.run_config import RunConfig
 from sparse_coord_ros.lab.driving.metric_map import MetricMap, Pose
 from sparse_coord_ros.lab.driving.mover import Mover
-from sparse_coord_ros.lab.driving.transforms import Tree, yaw_of
+from sparse_coord_ros.lab.driving.transforms import yaw_of
 from sparse_coord_ros.protocol.lockstep.bodies import Goals, HaltWord, Reached
 from sparse_coord_ros.protocol.wire import services
 from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.follower import Follower
 from sparse_coord_ros.ros.nodes.messages import Converter, robot_number
 from sparse_coord_ros.ros.nodes.parameters import FROM_TF, PARAMETERS, Place
-from sparse_coord_ros.ros.nodes.transforms import BASE, TF, TF_STATIC, robot_frame
+from sparse_coord_ros.ros.nodes.transforms import (
+    BASE,
+    TF,
+    TF_STATIC,
+    HeardTransforms,
+    robot_frame,
+    seconds_of,
+)
 
 POSES_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 """Of poses and odometry of real robots: hears publishers of any reliability."""
@@ -91,7 +98,6 @@ class MoverNode(Follower, LifecycleNodeMixin):
         self._seen = 0.0
         self._stopped = self._leaving = False
         self._reached_publisher: Any = None
-        self._tree = Tree()
         self._halted_publisher = self.announce(ros_topics.HALTED, self.robot)
         self._halted_publisher.publish(Bool(data=False))
         self.offer(services.HALT, self._on_halt)
@@ -124,6 +130,11 @@ class MoverNode(Follower, LifecycleNodeMixin):
         self.active = False
         self.halt()
         return True
+
+    @property
+    def on_duty(self) -> bool:
+        """Whether the node has reported for duty: the world waits for that."""
+        return self._reached_publisher is not None
 
     @property
     def may_drive(self) -> bool:
@@ -162,21 +173,10 @@ class MoverNode(Follower, LifecycleNodeMixin):
         with needed("parameter pose_type: tf needs the package tf2_msgs", remedy):
             from tf2_msgs.msg import TFMessage
         topic = replace(ros_topics.POSE, type=TFMessage)
+        heard = HeardTransforms(self.values["map_frame"], self.base_frame)
         for name, qos in ((TF, TF_QOS), (TF_STATIC, STATIC_QOS)):
-            read = functools.partial(self._read_transforms, qos is STATIC_QOS)
+            read = functools.partial(heard.read, static=qos is STATIC_QOS)
             self.subscriber.listen(topic, self._see, name=name, read=read, qos=qos)
-
-    def _read_transforms(self, static: bool, message: Any) -> tuple[float, Pose] | None:
-        """Return when the body was where; None: it says nothing of that, or not enough."""
-        for one in message.transforms:
-            place = one.transform.translation
-            turn = one.transform.rotation
-            pose = Pose(place.x, place.y, yaw_of(turn.x, turn.y, turn.z, turn.w))
-            seconds = None if static else _seconds(one.header)
-            self._tree.hear(one.header.frame_id, one.child_frame_id, pose, seconds)
-        found = self._tree.find(self.values["map_frame"], self.base_frame)
-        heard = {one.child_frame_id.lstrip("/") for one in message.transforms}
-        return found if heard.intersection(self._tree.way) else None
 
     @property
     def base_frame(self) -> str:
@@ -194,7 +194,7 @@ class MoverNode(Follower, LifecycleNodeMixin):
         pose = inside(message)
         turn = pose.orientation
         yaw = yaw_of(turn.x, turn.y, turn.z, turn.w)
-        return _seconds(message.header), Pose(pose.position.x, pose.position.y, yaw)
+        return seconds_of(message.header), Pose(pose.position.x, pose.position.y, yaw)
 
     def _see(self, seen: tuple[float, Pose] | None) -> None:
         if seen is None or self._mover is None:
@@ -218,7 +218,7 @@ class MoverNode(Follower, LifecycleNodeMixin):
 
     def report_reached(self, reached: Reached) -> None:
         """Publish how a goal ended."""
-        if self._reached_publisher is not None:
+        if self.on_duty:
             self._reached_publisher.publish(
                 self._convert.reached_message(self._step, reached)
             )
@@ -232,7 +232,7 @@ class MoverNode(Follower, LifecycleNodeMixin):
             self.halt()
         if not self.active or self._mover is None:
             return
-        if self._reached_publisher is None:
+        if not self.on_duty:
             missing = (
                 f"poses of {self.robot}" if self._mover.pose is None else self.missing()
             )
@@ -332,11 +332,3 @@ class MoverNode(Follower, LifecycleNodeMixin):
         """Let the body stand, and end."""
         self.lost("shut down")
         return DONE
-
-
-def _seconds(header: Any) -> float:
-    """Return a header's time; the steady clock's where it has none."""
-    stamp = header.stamp
-    if stamp.sec == 0 and stamp.nanosec == 0:
-        return time.monotonic()
-    return float(stamp.sec) + stamp.nanosec * 1e-9

@@ -3,10 +3,11 @@
 """The nav2_driver node: a robot's moves as goals of Nav2's action NavigateToPose.
 
 The action is to have one server. Goals go to all that there are, and two would steer one base; so
-before its first goal the node waits until the second one is gone, and ends where it stays. One
-that appears later is reported: to stop halfway would not help. (rclpy's EventsExecutor ends
-the process with a segmentation fault when several servers answer, its SingleThreadedExecutor takes
-no notice; so that one is the default.)
+before its first goal the node waits until it has seen a single one for a while, as discovery finds
+one server before the other. It ends where a second one stays. One that appears later is reported:
+to stop halfway would not help. (rclpy's EventsExecutor ends the process with a segmentation
+fault when several servers answer, its SingleThreadedExecutor takes no notice; so that one is the
+default.)
 """
 
 import functools
@@ -38,6 +39,9 @@ HALT_SECONDS = 1.0
 
 TWO_SERVERS_SECONDS = 25.0
 """How long a second server is waited for to go: a killed one is in the graph for 20 s."""
+
+SINGLE_SECONDS = 2.0
+"""How long there must have been a single server: discovery may find a second one later."""
 
 WARNING_SECONDS = 10.0
 """Between two warnings of a second server that appeared later."""
@@ -72,6 +76,7 @@ class Nav2DriverNode(MoverNode):
         )
         self._name = self.resolve_service_name(action)
         self._handles: dict[int, ClientGoalHandle] = {}
+        self._single_since: float | None = None
         self._doubled_since: float | None = None
         self._cleared: tuple[float, Future] | None = None
         self._ending: tuple[float, Future] | None = None
@@ -91,7 +96,7 @@ class Nav2DriverNode(MoverNode):
 
     def drive(self) -> None:
         """Let the navigator do what is due, and report where the goal is over."""
-        self.navigator.held = not self.may_drive or self._reached_publisher is None
+        self.navigator.held = not (self.may_drive and self.on_duty)
         reached = self.navigator.next(self._now())
         if reached is not None:
             self.report_reached(reached)
@@ -104,7 +109,7 @@ class Nav2DriverNode(MoverNode):
     def report(self) -> None:
         """Say where Nav2's action has a second server by now; called every second."""
         servers = self._servers()
-        if self._reached_publisher is not None and len(servers) > 1:
+        if self.on_duty and len(servers) > 1:
             text = f"Nav2's action {self._name} has {in_words(servers, 'servers')}"
             self.get_logger().warning(text, throttle_duration_sec=WARNING_SECONDS)
 
@@ -119,10 +124,9 @@ class Nav2DriverNode(MoverNode):
             RunError: it has been there twice for so long that both must be alive.
         """
         servers = self._servers()
-        if not servers or not self._client.server_is_ready():
-            self._cleared = None
-            return f"Nav2's action {self._name}"
         now = time.monotonic()
+        if len(servers) != 1 or not self._client.server_is_ready():
+            self._single_since = self._cleared = None
         if len(servers) > 1:
             self._doubled_since = self._doubled_since or now
             what = f"Nav2's action {self._name} has {in_words(servers, 'servers')}"
@@ -130,6 +134,11 @@ class Nav2DriverNode(MoverNode):
                 raise RunError(f"node {self.get_name()}: {what}")
             return f"a single server: {what}"
         self._doubled_since = None
+        if not servers or not self._client.server_is_ready():
+            return f"Nav2's action {self._name}"
+        self._single_since = self._single_since or now
+        if now - self._single_since < SINGLE_SECONDS:
+            return f"a second server of Nav2's action {self._name} to show, if any"
         if self._cleared is None:
             self._cleared = now, self.cancel_all()
         since, answer = self._cleared

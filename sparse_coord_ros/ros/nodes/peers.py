@@ -202,7 +202,7 @@ class Peers:
                     ACTIVE_PERCEPTION_TYPE, service
                 )
                 _introspect(node, node.shared_clients[service])
-            answered = node.guarded(partial(self._on_answer, k))
+            answered = node.guarded(partial(self.on_answer, k))
             self._peers[k] = Peer(node, node.shared_clients[service], answered)
 
     def ready(self) -> bool:
@@ -246,7 +246,7 @@ class Peers:
             if one.repeats < IMMEDIATE_REPEATS:
                 return True
             one.heard = time.monotonic()
-            self._on_answer(
+            self.on_answer(
                 peer, step, plan
             )  # it is asked again, and may still answer this one
             return False
@@ -305,7 +305,8 @@ class Peers:
         response.plan = self._convert.path(answer.step, (answer.cell,))
         return response
 
-    def _on_answer(self, peer: int, request_step: int, plan: Path) -> None:
+    def on_answer(self, peer: int, request_step: int, plan: Path) -> None:
+        """Take in a peer's answer to the request of a time step, whoever gave it."""
         cell = None
         try:
             step = self._convert.checked_step(

@@ -44,6 +44,7 @@ class Player(ParameterNode):
 
     Attributes:
         played: the topics that it publishes.
+        begun: whether it has gone to where playing begins.
         done: whether the end of the bag was reached, or the user quits.
 
     Raises:
@@ -53,7 +54,7 @@ class Player(ParameterNode):
     changeable = ("rate", "position")
 
     def __init__(self, *, keyboard: bool = False, **place: Unpack[Place]) -> None:
-        self._begun = False
+        self.begun = False
         super().__init__("player", PARAMETERS["player"], **place)
         self.offer(services.PAUSE, self._pause)
         self.offer(services.STEP, self._step)
@@ -98,12 +99,12 @@ class Player(ParameterNode):
     @property
     def _position(self) -> float:
         """Seconds from the bag's first message to the log time that is reached."""
-        if not self._begun:
+        if not self.begun:
             return self.values["position"]
         return (self._playback.position_ns - self._start_ns) / SECOND
 
     def _tick(self) -> None:
-        if not self._begun:
+        if not self.begun:
             self._begin()
         wait_ns = self._playback.play()
         if wait_ns is None:
@@ -115,7 +116,7 @@ class Player(ParameterNode):
 
     def _begin(self) -> None:
         """Go to where playing begins, once the subscribers had time to come."""
-        self._begun = True
+        self.begun = True
         if self.count_publishers(self.played.clock_name) > 1:
             raise RunError(
                 f"another node publishes {self.played.clock_name}: a live run or another player "
@@ -130,7 +131,7 @@ class Player(ParameterNode):
 
     def _wake(self) -> None:
         """Let the timer look at once at what is to be done."""
-        if self._begun:
+        if self.begun:
             self._timer.timer_period_ns = 1
             self._timer.reset()
 
@@ -143,7 +144,7 @@ class Player(ParameterNode):
         """Show the next time step; return whether there was one, and a text."""
         self._playback.pause(True)
         before = self._playback.published
-        if not self._begun:
+        if not self.begun:
             self._begin()
         elif not self._playback.step():
             return False, f"the bag has ended at {self._position:.3f} s; {REMEDY}"
@@ -162,7 +163,7 @@ class Player(ParameterNode):
         for parameter in parameters:
             if parameter.name == "rate":
                 self._playback.set_rate(self.values["rate"])
-            elif parameter.name == "position" and self._begun:
+            elif parameter.name == "position" and self.begun:
                 self._seek(self.values["position"])
         self._wake()
 

@@ -56,6 +56,8 @@ class Member:
         output: where it saves.
         lockstep: the robot's side of the lock step, with its agent.
         joined: whether the robot listens to the world.
+        peers: asks its peers, and answers them.
+        exchange: tells the peers what was learned; None: the run does not improve on it.
 
     Raises:
         SparseCoordError: the scenario has no such robot, or the tables to begin with do not fit.
@@ -99,8 +101,8 @@ class Member:
         self.joined = False
         self._ears: list[Any] = []
         self._ready_since = 0.0
-        self._peers = Peers(node, run, self._convert, self.lockstep)
-        self._exchange = Exchange(node, run, self._packed) if run.improve else None
+        self.peers = Peers(node, run, self._convert, self.lockstep)
+        self.exchange = Exchange(node, run, self._packed) if run.improve else None
         node.offer(services.SAVE, self._on_save)
         self._say_progress()
 
@@ -135,7 +137,7 @@ class Member:
             if order.step != NO_ROLLBACK:
                 self._unsaid = False
                 self._step_filter = StepFilter(order.first)
-                self._peers.start_anew()
+                self.peers.start_anew()
                 self._node.get_logger().info(
                     f"went back to the checkpoint of step {order.step}"
                 )
@@ -159,7 +161,7 @@ class Member:
 
     def ask(self, peer: int, step: int, cell: int) -> None:
         """Request the peer's local state; a peer that fell silent is not waited for."""
-        if not self._peers.ask(peer, step, cell):
+        if not self.peers.ask(peer, step, cell):
             self.lockstep.expire()
 
     def episode(self, step: int) -> None:
@@ -214,7 +216,7 @@ class Member:
         if not self.joined:
             self._join_when_ready(now)
         elif self._presence.end is None:
-            self._peers.keep_the_deadline(now)
+            self.peers.keep_the_deadline(now)
 
     def _join_when_ready(self, now: float) -> None:
         """Listen to the world once everybody who should hear this robot does.
@@ -226,7 +228,7 @@ class Member:
             self._node.remind(self._node.reminder, missing)
             return
         self._ready_since = self._ready_since or now
-        if now - self._ready_since < PEER_PATIENCE_SECONDS and not self._peers.ready():
+        if now - self._ready_since < PEER_PATIENCE_SECONDS and not self.peers.ready():
             return
         self._listen()
         self._node.guard.join()
@@ -290,7 +292,7 @@ class Member:
             and now - ended <= LAST_REWARD_SECONDS
         ):
             return False
-        return self._exchange is None or not self._finished or self._exchange.over()
+        return self.exchange is None or not self._finished or self.exchange.over()
 
     @property
     def _finished(self) -> bool:
@@ -313,8 +315,8 @@ class Member:
 
     def _improve(self) -> None:
         """Save and publish what the robot makes of what all have learned, or has learned."""
-        assert self._exchange is not None
-        plan = self._exchange.plan()
+        assert self.exchange is not None
+        plan = self.exchange.plan()
         number = self._number
         tables = self.lockstep.agent.tables if plan is None else plan.tables[number]
         packed = pack_tables({number + 1: tables.memory}, counts=self.lockstep.counts)
@@ -343,7 +345,7 @@ class Member:
         path = self._save()
         if path is not None:
             self._node.get_logger().info(f"saved {path}")
-        if self._exchange is not None and self._finished and not interrupted:
+        if self.exchange is not None and self._finished and not interrupted:
             self._improve()
         self.report()
         self._publish_tables(wire.Occasion.FINAL)

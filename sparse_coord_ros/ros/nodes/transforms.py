@@ -11,6 +11,7 @@ of no use. Outside any namespace the two are the same.
 """
 
 import math
+import time
 from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any
@@ -22,6 +23,7 @@ from rclpy.qos import QoSProfile
 from std_msgs.msg import Header
 
 from sparse_coord_ros.lab.driving.metric_map import Pose
+from sparse_coord_ros.lab.driving.transforms import Tree, yaw_of
 from sparse_coord_ros.ros.nodes.parameters import ParameterNode
 
 ODOM = "odom"
@@ -54,6 +56,43 @@ def transform(header: Header, child: str, pose: Pose) -> TransformStamped:
         translation=Vector3(x=pose.x, y=pose.y), rotation=turned(pose.yaw)
     )
     return TransformStamped(header=header, child_frame_id=child, transform=there)
+
+
+def seconds_of(header: Any) -> float:
+    """Return a header's time; the steady clock's where it has none."""
+    stamp = header.stamp
+    if stamp.sec == 0 and stamp.nanosec == 0:
+        return time.monotonic()
+    return float(stamp.sec) + stamp.nanosec * 1e-9
+
+
+class HeardTransforms:
+    """Tells from transforms where a frame is in another one.
+
+    Args:
+        parent: the frame in which poses are wanted.
+        child: the frame whose poses are wanted.
+    """
+
+    def __init__(self, parent: str, child: str) -> None:
+        self._parent = parent
+        self._child = child
+        self._tree = Tree()
+
+    def read(self, message: Any, *, static: bool) -> tuple[float, Pose] | None:
+        """Take in a TFMessage, and return when the child was where in the parent.
+
+        None: the message has no transform on the way between them, or some are yet to come.
+        """
+        for one in message.transforms:
+            place = one.transform.translation
+            turn = one.transform.rotation
+            pose = Pose(place.x, place.y, yaw_of(turn.x, turn.y, turn.z, turn.w))
+            seconds = None if static else seconds_of(one.header)
+            self._tree.hear(one.header.frame_id, one.child_frame_id, pose, seconds)
+        found = self._tree.find(self._parent, self._child)
+        heard = {one.child_frame_id.lstrip("/") for one in message.transforms}
+        return found if heard.intersection(self._tree.way) else None
 
 
 class TransformPublisher:

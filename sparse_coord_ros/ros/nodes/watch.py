@@ -81,6 +81,7 @@ class Controls(Controlled):
     Attributes:
         view: says how it went; None: no run is shown.
         rate: the world's rate; None: it is not known.
+        halting: asks the world and the drivers to halt.
     """
 
     def __init__(self, node: Node) -> None:
@@ -93,19 +94,19 @@ class Controls(Controlled):
             STEP: node.create_client(Trigger, services.STEP.of(WORLD)),
             RATE: node.create_client(SetParameters, f"{WORLD}/set_parameters"),
         }
-        self._halting = Halting(node, node.get_namespace())
+        self.halting = Halting(node, node.get_namespace())
 
     def call(self) -> None:
         """Make the calls that are due."""
         for control in self.wishes():
             self._do(control)
-        self._halting.tick(time.monotonic())
+        self.halting.tick(time.monotonic())
         if self.view is not None:
             self._show_halting(self.view)
 
     def _show_halting(self, view: LiveView) -> None:
         """Show whether there are nodes to halt, and which of them have not halted yet."""
-        halting = self._halting
+        halting = self.halting
         said = ""
         if (halting.asking or halting.hold) and halting.left:
             said = "; ".join(map(halting.in_words, halting.left))
@@ -115,7 +116,7 @@ class Controls(Controlled):
 
     def _do(self, control: Control) -> None:
         if control.name == HALT:
-            self._halting.ask(control.value, time.monotonic())
+            self.halting.ask(control.value, time.monotonic())
             return
         client = self._clients.get(control.name)
         if client is None or self.view is None:
@@ -420,6 +421,11 @@ class HeardTeam:
             ):
                 heard = listen(topic, functools.partial(then, k), robot.name, **how)
                 self._subscriptions.append(heard)
+
+    @property
+    def pending(self) -> list[int]:
+        """The time steps of which something was heard and not yet taken in."""
+        return list(self._steps)
 
     def leave(self) -> None:
         """Listen no more."""

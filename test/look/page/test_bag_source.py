@@ -203,7 +203,7 @@ def test_sums_of_many_questions_are_the_questions(bag, monkeypatch):
     monkeypatch.setattr("sparse_coord_ros.show.page.counts.SUM_EVERY", 7)
     log = read_run(bag)
     long = LongLog(bag)
-    monkeypatch.setattr("sparse_coord_ros.log.runlog.window.STRETCH_BYTES", 1)
+    monkeypatch.setattr("sparse_coord_ros.log.runlog.window.BYTES_AT_ONCE", 1)
     counts = Counts(2, len(log.run.scenario.map.cells))
     begin = 0
     for part in long.episodes():
@@ -349,7 +349,7 @@ def test_a_bag_opens_on_what_was_learned(learned):
     line = player.board.get("learned")["lines"][1]
     assert line.startswith(f"robot_{k + 1} learned to ask there at about step ")
     since = int(re.search(r"at about step ([\d,]+)\.$", line)[1].replace(",", ""))
-    steps, rows = log.tracks.coordination_maps[k]
+    steps, rows = log.messages.coordination_maps[k]
     place = OccupancyData(log.frame).places[log.cells[row, k]]
     asks = (
         np.frombuffer(rows["data"].tobytes(), np.int8).reshape(len(steps), -1)[:, place]
@@ -482,9 +482,9 @@ def test_jumps_lead_to_what_matters(learned):
     assert history.arrived[number].all() and not history.miscoordinations[number]
     for step in marks["policy"]:
         k = [
-            np.isin(steps, step).any() for steps, _ in log.tracks.coordination_maps
+            np.isin(steps, step).any() for steps, _ in log.messages.coordination_maps
         ].index(True)
-        assert step in log.tracks.coordination_maps[k][0]
+        assert step in log.messages.coordination_maps[k][0]
     assert set(KINDS) <= set(marks)
     player.source.log.bag.close()
 

@@ -1,0 +1,175 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What keeps teams from jamming: they leave stand-offs, share a surplus, keep some worth."""
+
+import numpy as np
+import pytest
+from teams import drawn
+
+from sparse_coord_ros.base.errors import SettingError
+from sparse_coord_ros.core.game.actions import COORDINATE, EAST, PRIMITIVES, WEST
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.learners.agent import Agent, Decision
+from sparse_coord_ros.core.learners.factored import (
+    LEAST_WORTH,
+    Factored,
+    in_the_way,
+    rho_key,
+    worth,
+)
+from sparse_coord_ros.core.learners.mind import place
+from sparse_coord_ros.core.learners.registry import learner_of
+from sparse_coord_ros.core.runs.evaluation import play
+from sparse_coord_ros.core.solve.exact import evaluate_best, evaluate_exact
+
+HERE = 2
+"""The second cell of the corridor 1..D..2; east of it is the doorway."""
+
+WALL = 0
+"""A move (north) that leads nowhere."""
+
+
+def agent(stand_off="leave:1:0.25"):
+    """Return a greedy robot for which waiting is worth 100, the way back 80 and the rest 10."""
+    scenario = drawn(peers="all", stand_off=stand_off, prior="map")
+    one = Agent(learner_of("factored"), scenario, 0, 3, learning=False)
+    one.mind.u[HERE] = [10.0] * PRIMITIVES
+    one.mind.u[HERE][WALL] = 100.0
+    one.mind.u[HERE][WEST] = 80.0
+    one.begin_episode()
+    return one
+
+
+def asks(one, step, peer_cell, cell=HERE):
+    perceived = None if peer_cell is None else (peer_cell,)
+    return one.act(step, cell, Decision(COORDINATE, (1,)), perceived).move
+
+
+def test_a_robot_that_asked_twice_and_saw_no_robot_move_leaves():
+    one = agent()
+    assert asks(one, 10, 4) == WALL
+    assert asks(one, 11, 4) == WEST
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        ((10, 4), (11, 5)),  # the peer has moved
+        ((10, 4), (12, 4)),  # it did not ask in between
+        ((10, None), (11, 4)),  # the first question was not answered
+        ((10, 4), (11, None)),  # the second one was not
+    ],
+)
+def test_else_it_does_what_its_values_say(first, second):
+    one = agent()
+    assert asks(one, *first) == WALL
+    assert asks(one, *second) == WALL
+
+
+def test_it_does_not_leave_after_it_has_moved_itself_or_a_new_episode_began():
+    one = agent()
+    asks(one, 10, 4, cell=1)
+    assert asks(one, 11, 4) == WALL
+    one.begin_episode()
+    assert asks(one, 12, 4) == WALL
+
+
+def test_it_leaves_only_where_leaving_is_worth_nearly_as_much_and_as_often_as_chosen():
+    for stand_off, expected in (
+        ("wait", WALL),
+        ("leave:1:0.15", WALL),  # west is worth 20 % less
+        ("leave:0:0.25", WALL),
+        ("leave:1:0.25", WEST),
+    ):
+        one = agent(stand_off)
+        asks(one, 10, 4)
+        assert asks(one, 11, 4) == expected
+
+
+def test_it_does_not_leave_where_its_best_move_leads_somewhere():
+    one = agent()
+    one.mind.u[HERE][EAST] = 101.0
+    asks(one, 10, 4)
+    assert asks(one, 11, 4) == EAST
+
+
+def test_teams_of_more_than_two_leave_unless_percepts_depend_on_places():
+    factored = learner_of("factored")
+    kinds = {
+        "env1": "wait",
+        "env2-4r": "leave",
+    }
+    for name, kind in kinds.items():
+        assert factored.with_defaults(load_scenario(name)).stand_off.kind == kind
+    near = load_scenario("env2-4r").with_settings({"perception": "range:1"})
+    assert factored.with_defaults(near).stand_off.kind == "wait"
+
+
+def test_learners_that_cannot_leave_refuse_it():
+    scenario = load_scenario("env1").with_settings({"stand_off": "leave:0.5:0.25"})
+    with pytest.raises(SettingError, match="setting stand_off: value is 'leave"):
+        learner_of("coop").check(scenario)
+
+
+def test_a_pair_that_leaves_is_judged_by_trials():
+    scenario = drawn(stand_off="leave:0.5:0.25")
+    rule = learner_of("factored")
+    tables = [Agent(rule, scenario, k, 0).tables for k in (0, 1)]
+    with pytest.raises(SettingError, match="exact evaluation: setting stand_off"):
+        evaluate_exact(scenario, tables)
+    assert evaluate_best(scenario, tables, trials=3).trials == 3
+
+
+def test_a_team_in_a_frozen_stand_off_arrives_if_it_leaves():
+    """Two robots head-on before a doorway, whose values tell both to wait for ever."""
+    arrived = {}
+    for stand_off in ("wait", "leave:0.5:0.9"):
+        scenario = drawn(
+            "1....\n##D##\n....2",
+            {"robot_1": (1, 2), "robot_2": (2, 1)},
+            prior="map",
+            stand_off=stand_off,
+            horizon=200,
+        )
+        rule = learner_of("factored")
+        tables = []
+        for k, before in ((0, 2), (1, 8)):
+            one = Agent(rule, scenario, k, 0)
+            beside = 8 if k == 0 else 2
+            key = rho_key(before, 1 - k, beside, one.task.cells, 2)
+            row = place(one.mind.rho, key)
+            way = int(np.argmax(one.mind.u[before]))
+            one.mind.rho.values[row][way] = -100.0
+            one.mind.q_star[before][COORDINATE] = 300.0
+            one.mind.value[before] = 300.0
+            tables.append(one.tables)
+        trials = play(scenario, tables, trials=40, seed=1)
+        arrived[stand_off] = trials.arrived.all(axis=1).mean()
+    assert arrived["wait"] < 0.6
+    assert arrived["leave:0.5:0.9"] > arrived["wait"] + 0.3
+
+
+def crowd():
+    return learner_of("factored").with_defaults(load_scenario("env2-4r"))
+
+
+def test_a_surplus_of_waiting_is_shared_by_the_peers_in_the_way():
+    one = Agent(learner_of("factored"), crowd(), 0, 0)
+    mind = one.mind
+    task = one.task
+    mind.last[2:] = [5, 6, 7, 8]
+    mind.u[5] = [1.0, 2.0, 0.0, 0.0]
+    assert in_the_way(mind, task, 5) == 0
+    for peer, value in ((1, -3.0), (2, -1.0), (3, 4.0)):
+        key = rho_key(5, peer, mind.last[2 + peer], task.cells, task.robots)
+        row = place(mind.rho, key)
+        mind.rho.values[row][1] = value
+    assert in_the_way(mind, task, 5) == 2
+
+
+def test_cells_keep_a_share_of_their_worth_to_a_robot_alone_in_larger_teams():
+    for scenario, least in ((crowd(), LEAST_WORTH * 50.0), (drawn(), -7.0)):
+        one = Agent(Factored(), learner_of("factored").with_defaults(scenario), 0, 0)
+        one.mind.alone[4] = [50.0, 10.0, 0.0, 0.0]
+        one.mind.q_star[4] = [-9.0, -7.0, -8.0, -9.0, -9.0]
+        assert worth(one.mind, one.task, 4) == least
