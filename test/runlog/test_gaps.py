@@ -5,6 +5,7 @@
 import random
 import re
 from collections import Counter
+from copy import copy
 from functools import cache
 from io import BytesIO
 
@@ -27,7 +28,12 @@ from sparse_coord_ros.log.bags.recover import recover
 from sparse_coord_ros.log.runlog import read_run, verify
 from sparse_coord_ros.log.runlog.explain import coordinations, explained
 from sparse_coord_ros.log.runlog.replay import intervals
-from sparse_coord_ros.log.runlog.timeline import Jump, LostSteps, with_jumps
+from sparse_coord_ros.log.runlog.timeline import (
+    MARGIN,
+    Jump,
+    LostSteps,
+    with_jumps,
+)
 from sparse_coord_ros.log.runlog.window import LongLog
 
 CHUNK = 20_000
@@ -321,6 +327,29 @@ def test_tables_that_nobody_can_go_on_from_are_no_checkpoint(
     found = verify(flipped(bag, place)[0])
     assert lost_parts(found)[0][1] > step
     assert found.differences == ()
+
+
+def test_a_single_lost_step_looks_like_an_episodes_end_and_is_none(chunked):
+    """A checkpoint later in that episode is none: the log lacks the episode's start."""
+    log = read_run(chunked.bag)
+    used = 0
+    for at in sorted({one.step for one in log.all_tables}):
+        gone = at - MARGIN - 1
+        rows = [log.row_of.get(step) for step in (gone - 1, gone, at)]
+        if None in rows or len(set(log.episode[rows])) > 1:
+            continue
+        kept = log.step != gone
+        arrays = {
+            name: value[kept]
+            for name, value in vars(log).items()
+            if isinstance(value, np.ndarray)
+        }
+        messages = copy(log.messages)
+        messages.gaps = [LostSteps(gone, gone)]
+        changed = log.with_changes(messages=messages, **arrays)
+        assert at not in [one.first for one in intervals(changed)]
+        used += 1
+    assert used > 0
 
 
 def test_tables_of_a_step_that_nobody_was_at_are_no_checkpoint(
