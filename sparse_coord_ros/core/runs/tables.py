@@ -214,7 +214,7 @@ def tables_from_values(
         memory["q_coord_keys"] = np.arange(len(rows))
         memory["q_coord_values"] = rows
         memory["q_coord_updates"] = np.zeros(rows.shape, dtype=np.int64)
-    tables = tables_of(scenario, learner, k, memory)
+    checked = tables_of(scenario, learner, k, memory).memory
     differs = (q_star != begun["q_star"]) & ~np.isnan(q_star)
-    tables.memory["updates"] = differs.astype(np.int64)
-    return tables
+    updates = differs.astype(np.int64)
+    return tables_of(scenario, learner, k, {**checked, "updates": updates})
