@@ -307,7 +307,7 @@ def test_another_format_is_refused_by_all(folder, capsys, number):
     path.write_text(path.read_text().replace('"format": 2', f'"format": {number}'))
     before = path.read_bytes()
     line = is_refused(folder, capsys, f"{COOP}.json")
-    assert f"is in format {number}, this version reads format 2; " in line
+    assert f"is in format {number}, this version reads format 3; " in line
     with pytest.raises(ResultsError, match=f"is in format {number}"):
         run_experiment([COOP], out=folder, seed=PLAN.seed, **FEW)
     assert path.read_bytes() == before

@@ -162,7 +162,7 @@ def test_another_format_of_the_manifest_is_refused(tmp_path):
         pass
     manifest = tmp_path / "results.json"
     manifest.write_text(manifest.read_text().replace('"format": 2', '"format": 1'))
-    words = "results.json: is in format 1, this version reads format 2; make it anew"
+    words = "results.json: is in format 1, this version reads format 3; make it anew"
     with pytest.raises(ResultsError, match=words), open_results(tmp_path, PLAN):
         pass
 

@@ -47,8 +47,9 @@ SCENARIO_FILE = "scenario.yaml"
 MAP_FILE = "map.txt"
 """The files that say what a run is: in its directory the first, in its bag all."""
 
-RUN_FORMAT = 2
-"""Number of the format of `run.yaml`, its field `format`. Format 1 did not say `bodies`."""
+RUN_FORMAT = 3
+"""Number of the format of `run.yaml`, its field `format`. Format 1 did not say `bodies`, format 2
+not what robots know of their map."""
 
 OWN_CLOCK = "own"
 NO_CLOCK = "none"
