@@ -135,5 +135,9 @@ def execute(options: argparse.Namespace) -> None:
     if made.suggested:
         said = ", ".join(f"{name}={value}" for name, value in made.suggested.items())
         lines.append(f"settings by distance: {said}")
+    if made.scenario is not None and made.scenario.prior == "map":
+        lines.append(
+            "robots begin with the values of robots alone on this map (prior=map)"
+        )
     lines += [f"note: {note}" for note in made.notes]
     tell(options, facts, *lines, f"written: {' '.join(map(str, facts['files']))}")

@@ -199,8 +199,9 @@ class ImportPage(Controlled):
             self._tell(str(error))
 
     def _learn(self, scenario: Path, board: MessageBoard) -> None:
-        """Let a team learn as `train` does; the board shows it."""
-        options = make_parser("train").parse_args(["train", str(scenario)])
+        """Let a team learn as `train` does, with the learner that needs the fewest steps."""
+        words = ["train", str(scenario), "--learner", "factored"]
+        options = make_parser("train").parse_args(words)
         self._out, run = train.begin(options)
         self._learned = False
         self._tell(f"A team learns: {self._out}", busy=True)

@@ -304,7 +304,7 @@ def _draw_policy(
         alpha = np.ones(len(scenario.map.cells))
         if shown.played is not None:
             alpha[shown.played.stays[k] == 0] = 0.3
-        cells, moves = np.nonzero(policy.moves)
+        cells, moves = np.nonzero(policy.moves & policy.learned[:, None])
         if len(cells):
             axes.quiver(
                 *(x[cells] - 0.2 * east[moves], y[cells] - 0.2 * south[moves]),

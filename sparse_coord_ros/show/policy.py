@@ -18,28 +18,32 @@ class Policy(NamedTuple):
 
     Attributes:
         moves: which of the four moves are greatest in Q*, shape (cells, 4), bool: several where
-            they are equal, none in the goal and where nothing was learned (all entries equal).
+            they are equal, none in the goal and where all entries are equal.
         asks: where the robot asks, as `asks_surely` says, shape (cells,), bool; not in the goal.
             Where a percept fails, the robot takes one of `moves`.
         may_ask: where it asks at least at times: `asks`, and ties with a move; same shape.
+        learned: where it has updated an entry of Q*, same shape. (A robot that knows its map has
+            greedy moves elsewhere, too.)
     """
 
     moves: np.ndarray
     asks: np.ndarray
     may_ask: np.ndarray
+    learned: np.ndarray
 
 
 def policy_of(tables: Tables, goal: int) -> Policy:
     """Return the greedy policy of a robot's tables; `goal` is its goal cell."""
-    learned = np.nanmin(tables.q_star, axis=1) < np.nanmax(tables.q_star, axis=1)
-    learned[goal] = False
+    differ = np.nanmin(tables.q_star, axis=1) < np.nanmax(tables.q_star, axis=1)
+    differ[goal] = False
     values = tables.q_star[:, :PRIMITIVES]
     moves = values == values.max(axis=1, keepdims=True)
     actions = tables.q_star.T
     return Policy(
-        moves & learned[:, None],
-        asks_surely(actions) & learned,
-        asks_at_times(actions) & learned,
+        moves & differ[:, None],
+        asks_surely(actions) & differ,
+        asks_at_times(actions) & differ,
+        tables.memory["updates"].max(axis=1) > 0,
     )
 
 

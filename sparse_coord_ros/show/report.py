@@ -36,8 +36,8 @@ WARNING_LEVEL = 30
 """Of a rcl_interfaces/Log; what is below is no warning."""
 
 CAPTIONS = {
-    "policy": "Greedy moves of the learned tables. A ring: the robot asks there before it moves. "
-    "Pale: it never gets there in greedy episodes.",
+    "policy": "Greedy moves in the cells where a robot has learned. A ring: it asks there before "
+    "it moves. Pale: it never gets there in greedy episodes.",
     "asks": f"Where robots ask in {PLAYED_EPISODES} greedy episodes from the scenario's starts.",
     "sparsity": "How much of Q^C was ever learned, by the robot's own cell.",
     "curves": "Learning curves: each dot an episode, each line a running mean.",

@@ -34,6 +34,23 @@ def test_greedy_moves_and_asks():
     assert np.flatnonzero(policy.may_ask).tolist() == [4, 6]
 
 
+def test_a_robot_that_knows_its_map_has_learned_where_it_was():
+    """It has greedy moves everywhere, and a greedy robot can go on where it never was."""
+    scenario = learner_of("factored").with_defaults(
+        ENV1.with_settings(prior="map", steps=40)
+    )
+    begun = untrained(scenario, "factored")
+    goal = scenario.robots[0].goal
+    policy = policy_of(begun, goal)
+    assert not policy.learned.any()
+    assert policy.moves.any(axis=1).sum() == len(policy.moves) - 1
+    assert goal in entered(policy, scenario.map, scenario.robots[0].start)
+    after = learn(scenario, "factored", 1)[0]
+    policy = policy_of(after, goal)
+    assert 3 < policy.learned.sum() < 20
+    assert policy.learned.tolist() == after.memory["updates"].any(axis=1).tolist()
+
+
 def at_a_tie():
     """Return a scenario in which asking is free and brings nothing, and a team that knows it."""
     scenario = learner_of("factored").with_defaults(
@@ -93,13 +110,9 @@ def test_a_baseline_never_asks_and_its_goal_has_no_move():
 )
 def test_learned_joint_states(name, learner, settings):
     rule = learner_of(learner)
-    asking = {
-        "q_star_init": 100,
-        "ask_cost": 0,
-        "steps": 3000,
-        "penalty": -100,
-        **settings,
-    }
+    asking = {"ask_cost": 0, "steps": 3000, "penalty": -100, **settings}
+    if not rule.needs_map:
+        asking["q_star_init"] = 100
     scenario = rule.with_defaults(load_scenario(name).with_settings(asking))
     begun = untrained(scenario, learner)
     assert rule.learned_rows(scenario, begun.memory).sum() == 0

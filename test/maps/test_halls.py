@@ -30,7 +30,11 @@ def test_all_arrive(tmp_path, hall, robots):
     done = import_map(plan, cell=0.5, radius=0.2, robots=pairs)
     assert done.grid.doorway_count >= 2
     scenario, *_ = scenario_of(done, pairs, {})
-    training = train(scenario, "coop", 1)
-    found = evaluate_best(scenario, training.tables, trials=1000, seed=1)
+    learner = learner_of("factored")
+    scenario = learner.with_defaults(scenario)
+    training = train(scenario, learner, 1)
+    found = evaluate_best(
+        scenario, training.tables, trials=1000, seed=1, learner=learner
+    )
     assert found.all_arrived >= 0.999
-    assert last_word(scenario, learner_of("coop"), found).kind != LOST
+    assert last_word(scenario, learner, found).kind != LOST

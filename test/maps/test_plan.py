@@ -308,16 +308,21 @@ def test_robots_that_meet_at_no_doorway_have_nothing_to_coordinate():
 def test_where_the_budget_is_too_small_for_the_ways_steps_are_larger(monkeypatch):
     done = import_map(plan_of(rooms()), cell=0.5, radius=0.2)
     pair = [((1.0, 1.0), (5.0, 1.0))]
-    assert "step_size" not in scenario_of(done, pair, {})[1]
+    learning = {"prior": "none"}
+    assert "step_size" not in scenario_of(done, pair, learning)[1]
     most = plans.SETTINGS["steps"].high
     for times, short in ((19, False), (21, True)):
         monkeypatch.setattr(
             plans, "steps_for", lambda way, p, times=times: times * most
         )
-        _, suggested, odd = scenario_of(done, pair, {})
+        _, suggested, odd = scenario_of(done, pair, learning)
         assert (suggested["steps"], suggested["step_size"]) == (most, plans.LONG_WAYS)
         assert any("is short for" in note for note in odd) == short
-    assert "step_size" not in scenario_of(done, pair, {"step_size": "power:0.6"})[1]
+    chosen = {**learning, "step_size": "power:0.6"}
+    assert "step_size" not in scenario_of(done, pair, chosen)[1]
+    _, suggested, odd = scenario_of(done, pair, {})
+    assert not {"step_size", "q_star_init", "q_coord_init"} & set(suggested)
+    assert not any("is short for" in note for note in odd)
 
 
 def test_suggestions_follow_the_distances(imported):
@@ -325,11 +330,15 @@ def test_suggestions_follow_the_distances(imported):
     robots = [CORNERS, CORNERS[::-1]]
     scenario, suggested, _ = scenario_of(done, robots, {})
     assert suggested["discount"] == 0.986
-    assert suggested["goal_value"] == suggested["q_coord_init"]
     assert suggested["goal_value"] == pytest.approx(10 / 0.014, abs=1e-3)
     assert suggested["max_steps"] == 150
-    assert 2_000_000 < suggested["steps"] < 5_000_000
+    assert (suggested["prior"], suggested["steps"]) == ("map", plans.STEPS)
     assert scenario.steps == suggested["steps"]
+    assert "q_coord_init" not in suggested
+    _, learning, _ = scenario_of(done, robots, {"prior": "none"})
+    assert learning["q_coord_init"] == learning["goal_value"]
+    assert learning["q_star_init"] < learning["goal_value"] / 5
+    assert 2_000_000 < learning["steps"] < 5_000_000
     chosen, suggested, _ = scenario_of(
         done, robots, {"discount": "0.99", "steps": "1000"}
     )
@@ -338,7 +347,7 @@ def test_suggestions_follow_the_distances(imported):
     assert "discount" not in suggested
     small = import_map(plan_of(rooms()), cell=0.5, radius=0.2)
     _, suggested, _ = scenario_of(small, [((1.0, 1.0), (5.0, 3.0))], {})
-    assert set(suggested) == {"steps"}  # the defaults fit a small map
+    assert set(suggested) == {"prior", "steps"}  # the defaults fit a small map
 
 
 def test_a_map_lies_on_its_floor_plan_as_long_as_that_is_there(tmp_path):

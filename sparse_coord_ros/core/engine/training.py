@@ -27,6 +27,7 @@ from sparse_coord_ros.core.learners.registry import (
     chosen_learner,
     learner_of,
 )
+from sparse_coord_ros.core.learners.rules import replays_of
 from sparse_coord_ros.core.runs.evaluation import Evaluation, Progress, silent, summary
 from sparse_coord_ros.core.runs.forms import check_own_memory
 from sparse_coord_ros.core.runs.run import LearningRun, Team, TeamTransition
@@ -44,6 +45,9 @@ WORTH_COMPILING = 500_000
 WORTH_LOADING = 100_000
 """Agent-steps that plain Python makes while numba compiles, or is imported and finds the compiled
 loops on disk: a shorter run is quicker without."""
+
+SLOWED_BY_REPLAYS = 3
+"""So many times longer plain Python takes for a step of a learner that replays several moves."""
 
 FIRST_PART = 1000
 """Transitions learned at first between two looks at the clock and at signals."""
@@ -103,6 +107,8 @@ def worth_compiling(scenario: Scenario, learner: Learner) -> bool:
     """Return whether plain Python takes longer for a run than numba takes to begin."""
     kept = batch.is_prepared(learner=learner, history=True)
     needed = WORTH_LOADING if kept else WORTH_COMPILING
+    if replays_of(scenario) > 1:
+        needed //= SLOWED_BY_REPLAYS
     return scenario.steps * len(scenario.robots) >= needed
 
 

@@ -12,7 +12,7 @@ import platform
 import re
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -99,6 +99,9 @@ class LiveLearnerName(LearnerName):
     def _registered(self) -> list[tuple[str, Learner]]:
         return [(name, one) for name, one in super()._registered() if one.runs_live]
 
+
+BODIES_SUCCEED = 0.95
+"""`prior_success` with prior=map and slips=false, unless somebody chose one."""
 
 LEARNER = LearnerName("learner")
 LIVE_LEARNER = LiveLearnerName("learner")
@@ -291,6 +294,8 @@ def make_run(scenario: Scenario, values: Mapping[str, object]) -> RunConfig:
     settings = RUN_SETTINGS.parse(values)
     learner = learner_of(settings.get("learner", RunConfig.learner))
     scenario = learner.with_defaults(scenario)
+    if not settings.get("slips", True):
+        scenario = _known_to_bodies(scenario)
     learner.check(scenario)
     check_own_memory(learner)
     if settings.get("improve"):
@@ -299,6 +304,17 @@ def make_run(scenario: Scenario, values: Mapping[str, object]) -> RunConfig:
     run = RunConfig(scenario=scenario, versions=versions(), **settings)
     run.check_code()
     return run
+
+
+def _known_to_bodies(scenario: Scenario) -> Scenario:
+    """Return a scenario in which robots that know their map know how seldom bodies fail.
+
+    The moves of the world do not fail at random then, so `move_success` says nothing of them.
+    """
+    if scenario.prior != "map" or "prior_success" in scenario.given:
+        return scenario
+    known = scenario.with_settings({"prior_success": BODIES_SUCCEED})
+    return replace(known, given=scenario.given)
 
 
 def _check_size(grid: GridMap) -> None:

@@ -194,6 +194,8 @@ def tables_from_values(
 ) -> Tables:
     """Return tables of values that come from elsewhere, such as another program.
 
+    An entry of Q* counts as updated once if it is not what Q* begins with.
+
     Args:
         scenario: the problem.
         k: the robot, from 0.
@@ -205,10 +207,14 @@ def tables_from_values(
     """
     asks = not np.isnan(q_star[:, COORDINATE]).any()
     learner = learner_of("coop" if asks else "noncoop")
-    memory = memory_of(learner.mind(scenario, k)) | {"q_star": q_star}
+    begun = memory_of(learner.mind(scenario, k))
+    memory = begun | {"q_star": q_star}
     if asks and q_coord is not None:
         rows = q_coord.reshape(-1, PRIMITIVES)
         memory["q_coord_keys"] = np.arange(len(rows))
         memory["q_coord_values"] = rows
         memory["q_coord_updates"] = np.zeros(rows.shape, dtype=np.int64)
-    return tables_of(scenario, learner, k, memory)
+    checked = tables_of(scenario, learner, k, memory).memory
+    differs = (q_star != begun["q_star"]) & ~np.isnan(q_star)
+    updates = differs.astype(np.int64)
+    return tables_of(scenario, learner, k, {**checked, "updates": updates})

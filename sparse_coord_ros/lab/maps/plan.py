@@ -37,6 +37,9 @@ SHORTEST_BUDGET = 20
 """So many times shorter than wanted a budget may be, with these step sizes: seen with 17 (9,173
 cells, 10 million steps), not with 23 (11,115 cells)."""
 
+STEPS = 20_000
+"""The budget, at least: enough on nav2's warehouse (4,826 cells) where the map is known."""
+
 FIRST_GUESS = 0.1
 """Q* at first, as a share of the goal's value: that of the default settings."""
 
@@ -307,9 +310,8 @@ def suggested_settings(
 
     A robot needs d / p steps for d cells, p being the probability that a move succeeds. The
     horizon lies four standard deviations above; episodes of learning are one and a half times the
-    furthest start's way; the discount leaves `FURTHEST_SHARE` of the goal's value there; and the
-    values at first, and the budget, follow from that. Where that is the largest there is, larger
-    step sizes bring values over the long way in time.
+    furthest start's way; the discount leaves `FURTHEST_SHARE` of the goal's value there. Robots
+    begin with the values of robots alone on the map, unless `prior` says otherwise.
 
     Args:
         grid: the map.
@@ -327,16 +329,34 @@ def suggested_settings(
     discount = math.ceil(1000 * FURTHEST_SHARE ** (p / furthest)) / 1000
     found["discount"] = min(0.999, max(values["discount"], discount))
     discount = given.get("discount", found["discount"])
-    value = values["goal_reward"] / (1.0 - float(discount))
-    found["goal_value"] = found["q_coord_init"] = round(value, 3)
-    found["q_star_init"] = round(FIRST_GUESS * value, 3)
-    needed = max(steps_for(way, p) for way in ways)
-    most = SETTINGS["steps"].high
-    found["steps"] = int(min(most, max(20_000, _round_up(needed, 10_000))))
-    if found["steps"] == most:
-        found["step_size"] = LONG_WAYS
+    value = round(values["goal_reward"] / (1.0 - float(discount)), 3)
+    found["goal_value"] = value
+    if given.get("prior") == "none":
+        found |= _learning_ways(value, max(steps_for(way, p) for way in ways))
+    else:
+        found["prior"] = "map"
+        found["steps"] = STEPS
     default = SETTINGS.defaults()
     return {k: v for k, v in found.items() if k not in given and v != default[k]}
+
+
+def _learning_ways(value: float, needed: float) -> dict[str, Any]:
+    """Return settings by which robots learn the ways to their goals, too.
+
+    Args:
+        value: of the goal.
+        needed: steps, of the robot that needs most. Where that is more than there may be, larger
+            step sizes bring values over the long way in time.
+    """
+    most = SETTINGS["steps"].high
+    found: dict[str, Any] = {
+        "q_coord_init": value,
+        "q_star_init": round(FIRST_GUESS * value, 3),
+        "steps": int(min(most, max(STEPS, _round_up(needed, 10_000)))),
+    }
+    if found["steps"] == most:
+        found["step_size"] = LONG_WAYS
+    return found
 
 
 def steps_for(way: np.ndarray, p: float) -> float:
@@ -423,8 +443,8 @@ def _oddities(scenario: Scenario) -> Iterator[str]:
             "nothing to coordinate: on shortest paths robots hardly ever come to a doorway at the "
             "same time; choose other starts and goals, or add a doorway where they meet"
         )
-    if needed > SHORTEST_BUDGET * scenario.steps:
+    if scenario.prior == "none" and needed > SHORTEST_BUDGET * scenario.steps:
         yield (
             f"the step budget of {scenario.steps:,} is short for {len(grid.cells):,} cells: "
-            "robots may not learn to arrive; choose larger cells, or more steps"
+            "robots may not learn to arrive; choose larger cells, more steps, or prior=map"
         )

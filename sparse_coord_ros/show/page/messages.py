@@ -132,7 +132,7 @@ def table_fields(run: RunConfig, tables: TablesThen) -> list[Message | None]:
         robots[k] = {
             "step": step,
             "q_star": _plain(own.q_star),
-            "moves": policy.moves.astype(int).tolist(),
+            "moves": (policy.moves & policy.learned[:, None]).astype(int).tolist(),
             "asks": np.flatnonzero(policy.asks).tolist(),
             "enters": entered(policy, run.scenario.map, robot.start).tolist(),
         }

@@ -114,7 +114,8 @@ const TAKE = {
     $("facts").textContent = `${number(cells)} cells of ${side} m, ${doorways}`;
     $("notes").replaceChildren(...imported.notes.map((note) => html("li", {}, note)));
     const settings = Object.entries(suggested).map(([key, value]) => `${key}=${value}`).join(", ");
-    $("suggested").textContent = settings && `Settings by distance: ${settings}`;
+    const known = suggested.prior === "map" ? " Robots begin with the values of robots alone on this map." : "";
+    $("suggested").textContent = settings && `Settings by distance: ${settings}.${known}`;
     show();
   },
   problem({ text: words }) {
