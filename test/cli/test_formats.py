@@ -57,7 +57,7 @@ def test_tables_and_history_are_what_is_learned_today(sparse_coord, files):
     ("name", "how"),
     [
         ("planned", ("factored", "--improve")),
-        ("marked", ("cq", "--set", "q_star_init=20")),
+        ("marked", ("cq",)),
     ],
 )
 def test_tables_of_other_learners_are_what_is_learned_today(

@@ -102,23 +102,15 @@ SHIPPED = {
 """With the settings that nobody chose."""
 
 
-def given(learner):
-    """Return the settings of a learner: one that knows its map takes no initial values."""
-    if not learner_of(learner).needs_map:
-        return GIVEN
-    return {name: value for name, value in GIVEN.items() if not name.endswith("_init")}
-
-
 def cases():
     """Return scenario, learner and settings of each case, by its name."""
     found = {}
     for learner in ("coop", "noncoop", "indiv", "factored", "cq", "joint"):
         for game, (scenario, settings) in GAMES.items():
             if learner != "joint" or game not in FAILING:
-                chosen = given(learner) | settings
-                found[f"{learner}, {game}"] = (scenario, learner, chosen)
+                found[f"{learner}, {game}"] = (scenario, learner, GIVEN | settings)
     for name, (scenario, learner, settings) in TEAMS.items():
-        found[name] = (scenario, learner, given(learner) | settings)
+        found[name] = (scenario, learner, GIVEN | settings)
     for name, (scenario, learner, settings) in KNOWN_MAP.items():
         chosen = {**WITHOUT_VALUES, "prior": "map", **settings}
         found[name] = (scenario, learner, chosen)

@@ -12,8 +12,8 @@ from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.game.unseen import (
     KINDS,
     TEAMS,
-    VERSION,
-    is_tuning,
+    VERSIONS,
+    split_of,
     team_of,
     unseen,
 )
@@ -21,7 +21,7 @@ from sparse_coord_ros.core.game.unseen import (
 
 def test_version_1_is_what_it_was():
     names = [
-        f"{VERSION}-{kind}-{team}r-{seed}"
+        f"{VERSIONS[0]}-{kind}-{team}r-{seed}"
         for kind in KINDS
         for team in TEAMS
         for seed in (0, 9)
@@ -34,7 +34,7 @@ def test_version_1_is_what_it_was():
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_robot_gets_to_its_goal_through_a_doorway(kind, team):
     for seed in range(12):
-        scenario = load_scenario(f"{VERSION}-{kind}-{team}r-{seed}", ask_cost=2)
+        scenario = load_scenario(f"{VERSIONS[0]}-{kind}-{team}r-{seed}", ask_cost=2)
         grid = scenario.map
         robots = scenario.robots
         assert (scenario.penalty, scenario.steps, scenario.ask_cost) == (
@@ -63,19 +63,26 @@ def _needs_a_doorway(grid, start, goal):
     return goal not in seen
 
 
-def test_even_seeds_are_for_tuning():
-    assert [is_tuning(f"{VERSION}-loop-2r-{seed}") for seed in (0, 1, 10)] == [
-        True,
-        False,
-        True,
-    ]
+@pytest.mark.parametrize(
+    ("name", "split"),
+    [
+        ("unseen1-loop-2r-0", "tuning"),
+        ("unseen1-loop-2r-1", "validation"),
+        ("unseen1-loop-2r-10", "tuning"),
+        ("unseen2-loop-2r-0", "test"),
+        ("unseen2-loop-2r-1", "test"),
+    ],
+)
+def test_what_buildings_are_for(name, split):
+    assert split_of(name) == split
+    assert unseen(name) is not None
 
 
 @pytest.mark.parametrize(
     "name",
-    ["unseen1-door-2r", "unseen1-door-3r-1", "unseen1-hall-2r-1", "unseen2-door-2r-1"],
+    ["unseen1-door-2r", "unseen1-door-3r-1", "unseen1-hall-2r-1", "unseen3-door-2r-1"],
 )
 def test_there_is_no_such_building(name):
     with pytest.raises(ScenarioError, match=name):
         load_scenario(name)
-    assert unseen(f"{VERSION}-door-2r-01") is None
+    assert unseen(f"{VERSIONS[0]}-door-2r-01") is None

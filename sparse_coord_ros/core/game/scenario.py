@@ -54,6 +54,9 @@ CREDIT = SpecFamily(
 PRIOR = ("none", "map")
 """What a robot knows of its own way before it learns: nothing, or its values alone on the map."""
 
+INITIAL_VALUES = ("q_star_init", "q_coord_init")
+"""Settings without a meaning where robots know their map."""
+
 STAND_OFF = SpecFamily(
     "stand_off",
     Form("wait", "a robot acts as its values say"),
@@ -219,7 +222,7 @@ class Scenario:
     def _check_initial_values(self) -> None:
         """Raise `SettingError` where an initial value was chosen beside `prior: map`."""
         defaults = SETTINGS.defaults()
-        for name in ("q_star_init", "q_coord_init"):
+        for name in INITIAL_VALUES:
             value = getattr(self, name)
             if value != defaults[name]:
                 raise SettingError(

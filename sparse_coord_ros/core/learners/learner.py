@@ -23,7 +23,7 @@ from sparse_coord_ros.base.errors import SettingError, in_short
 from sparse_coord_ros.core.game.actions import ACTIONS, PRIMITIVES
 from sparse_coord_ros.core.game.percepts import sight_in
 from sparse_coord_ros.core.game.plugins import failing_as, is_shipped, path_of
-from sparse_coord_ros.core.game.scenario import Scenario
+from sparse_coord_ros.core.game.scenario import INITIAL_VALUES, SETTINGS, Scenario
 from sparse_coord_ros.core.game.sight import BLIND
 from sparse_coord_ros.core.game.world import RewardWeights
 from sparse_coord_ros.core.learners.lone import known_q_star
@@ -305,15 +305,18 @@ class Learner:
     # A team.
 
     def with_defaults(self, scenario: Scenario) -> Scenario:
-        """Return the scenario with this learner's defaults for settings that nobody chose.
+        """Return the scenario with this learner's defaults for settings that were not chosen.
+
+        Of a learner that needs the map initial values have no meaning: they are the defaults.
 
         Raises:
             SettingError: a default is no setting, or has a bad value.
         """
-        defaults = dict(self.defaults)
+        values = {k: v for k, v in self.defaults.items() if k not in scenario.given}
+        if self.needs_map and "prior" not in scenario.given:
+            values["prior"] = "map"
         if self.needs_map:
-            defaults["prior"] = "map"
-        values = {k: v for k, v in defaults.items() if k not in scenario.given}
+            values |= {name: SETTINGS[name].default for name in INITIAL_VALUES}
         if not values:
             return scenario
         return replace(scenario.with_settings(values), given=scenario.given)
