@@ -29,7 +29,7 @@ EAST = 2
 
 def problem(**settings):
     return load_scenario("env1").with_settings(
-        {"steps": 1000, "penalty": -30, **settings}
+        {"steps": 1000, "penalty": -30, "prior": "map", **settings}
     )
 
 
@@ -89,7 +89,7 @@ def test_begins_at_the_lone_values_with_no_mark():
             tables.q_coord == q[:, None]
         ).all()
         assert not any(map(is_marked, tables.q_star))
-    begun = [CQ.initial(scenario, k).q_star for k in range(2)]
+    begun = [CQ().mind(scenario, k).q_star for k in range(2)]
     assert not np.array_equal(*begun)
 
 
@@ -133,7 +133,9 @@ def test_cq_learns_nothing_from_failed_percepts():
 
 def test_what_it_cannot_learn():
     with pytest.raises(SettingError, match="setting peers"):
-        learner_of("cq").check(load_scenario("crowd-3r").with_settings(peers="all"))
+        learner_of("cq").check(
+            load_scenario("crowd-3r").with_settings(peers="all", prior="map")
+        )
     hall = {"name": "hall", "text": GridMap("hall", ("." * 27,) * 27).to_text()}
     robots = {
         "a": {"start": [0, 0], "goal": [5, 5]},
@@ -143,4 +145,4 @@ def test_what_it_cannot_learn():
         {"map": hall, "robots": robots}, where="hall", name="hall"
     )
     with pytest.raises(SettingError, match="729 cells"):
-        learner_of("cq").check(large)
+        learner_of("cq").check(large.with_settings(prior="map"))

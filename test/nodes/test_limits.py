@@ -12,10 +12,11 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
+from teams import drawn
 
 from sparse_coord_ros.base.errors import TablesError
 from sparse_coord_ros.base.limits import TABLES
-from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.game.scenario import LARGEST_TEAM, load_scenario
 from sparse_coord_ros.core.runs.run_config import RunConfig, make_run
 from sparse_coord_ros.core.runs.tables import unpack_saved
 from sparse_coord_ros.protocol import wire
@@ -53,15 +54,14 @@ def test_a_large_message_is_dropped_unread(topic):
 
 
 def test_messages_of_a_large_team_are_below_the_limits():
-    scenario = load_scenario("building-8x8x10-53r-0")
-    run = (
-        make_run(scenario, {"learner": "indiv"})
-        if len(scenario.map.cells) < 23_170
-        else None
-    )
-    run = run or RunConfig(scenario=scenario, learner="indiv", versions={})
+    rows = ["1" + "." * 99, *["." * 100] * 98, "." * 99 + "2"]
+    robots = {f"robot_{k + 1}": (1, 2) for k in range(LARGEST_TEAM)}
+    scenario = drawn("\n".join(rows), robots)
+    run = RunConfig(scenario=scenario, learner="indiv", versions={})
     convert = Converter(run)
-    goals = Goals(1, 0, False, 0.0, tuple(BodyGoal(k, 1, 2) for k in range(60)))
+    goals = Goals(
+        1, 0, False, 0.0, tuple(BodyGoal(k, 1, 2) for k in range(LARGEST_TEAM))
+    )
     for topic, data in (
         (wire.RUN, run.to_yaml().encode()),
         (wire.MAP, convert.pack_map(0)),

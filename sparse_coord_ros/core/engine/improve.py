@@ -46,7 +46,9 @@ IMPROVED = "improved"
 """Folder in a run's directory for what the team made of what it learned."""
 
 LEAD = 1.0
-"""How much more than any other the action is worth that an improved table says."""
+LEAD_SHARE = 0.5
+"""How much more than any other the action is worth that an improved table says, and by which share
+of its value: so much that no robot leaves a stand-off that was planned."""
 
 PLAN_TRIALS = 2000
 FIRST_TRIALS = 200
@@ -422,7 +424,8 @@ def _other_corrections(mind: Any, stays: np.ndarray, robots: int) -> Iterator[Ch
 
 def preferring(values: np.ndarray, chosen: int) -> np.ndarray:
     """Return values of which the chosen one leads: the others are lowered as far as need be."""
-    lowered: np.ndarray = np.minimum(values, values[chosen] - LEAD)
+    most = min(values[chosen] - LEAD, (1.0 - LEAD_SHARE) * values[chosen])
+    lowered: np.ndarray = np.minimum(values, most)
     lowered[chosen] = values[chosen]
     return lowered
 
