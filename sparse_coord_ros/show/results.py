@@ -9,9 +9,9 @@ from matplotlib.figure import Figure
 
 from sparse_coord_ros.base.errors import ResultsError, SettingError, did_you_mean
 from sparse_coord_ros.studies.catalogue import NAMES, Experiment, experiment
-from sparse_coord_ros.studies.report.drawings import figures_of
+from sparse_coord_ros.studies.report.data import by_scenario
+from sparse_coord_ros.studies.report.figures import figures_of
 from sparse_coord_ros.studies.report.map_pictures import asked_maps
-from sparse_coord_ros.studies.report.rows import by_scenario
 from sparse_coord_ros.studies.store import ConditionResult, Plan, Say, read_results
 
 VARIANCE = "_variance"

@@ -188,7 +188,7 @@ class ExperimentResults(Mapping[str, ConditionResult]):
         Raises:
             SettingError: `x` has one value only, or there is no such measure.
         """
-        from sparse_coord_ros.studies.report.drawings import swept_figure
+        from sparse_coord_ros.studies.report.figures import swept_figure
 
         return swept_figure(list(self.values()), x, measures)
 

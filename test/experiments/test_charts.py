@@ -15,14 +15,17 @@ from sparse_coord_ros.studies.catalogue import LEARNERS, experiment
 from sparse_coord_ros.studies.report.charts import (
     ASKING,
     BASELINE,
-    LABELS,
     LEAST_SPANS,
     NESTED,
     SHORTEST,
     STYLES,
     rendered,
 )
-from sparse_coord_ros.studies.report.drawings import figures_of, swept_figure
+from sparse_coord_ros.studies.report.figures import (
+    MEASURABLE,
+    figures_of,
+    swept_figure,
+)
 from sparse_coord_ros.studies.report.map_pictures import asked_maps
 from sparse_coord_ros.studies.store import SUMS
 
@@ -139,7 +142,7 @@ def test_names_on_an_axis_do_not_overlap_and_its_kind_depends_on_the_quantity(
         assert all(a.x1 < b.x0 for a, b in zip(boxes, boxes[1:], strict=False))
 
 
-@pytest.mark.parametrize("measure", list(LABELS))
+@pytest.mark.parametrize("measure", MEASURABLE)
 def test_no_axis_scales_to_rounding_noise(measure):
     results = []
     for number, penalty in enumerate(("-1", "-2")):
@@ -149,7 +152,7 @@ def test_no_axis_scales_to_rounding_noise(measure):
         results.append(result_of("env1", "noncoop", {"penalty": penalty}, **fixed))
     [panel] = swept_figure(results, "penalty", [measure]).axes
     low, high = panel.get_ylim()
-    assert high - low >= LEAST_SPANS[LABELS[measure]] * (1 - 1e-9)
+    assert high - low >= LEAST_SPANS[measure] * (1 - 1e-9)
     [points] = drawn(panel).values()
     assert np.all((low <= points[:, 1]) & (points[:, 1] <= high))
 

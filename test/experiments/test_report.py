@@ -3,15 +3,16 @@
 """The report: tables, figures and the document, from made-up results of real cells."""
 
 import csv
+import io
 import math
 import re
 import xml.etree.ElementTree as ElementTree
 from html import unescape
 
 import numpy as np
+import pandas as pd
 import pytest
 from made_up_results import PLAN, made_up, result_of
-from matplotlib.figure import Figure
 
 from sparse_coord_ros.core.game.grid import parse_map
 from sparse_coord_ros.core.game.scenario import SETTINGS
@@ -26,7 +27,7 @@ from sparse_coord_ros.studies.catalogue import (
     experiment,
 )
 from sparse_coord_ros.studies.conditions import make_condition
-from sparse_coord_ros.studies.report import charts, document, drawings, write_report
+from sparse_coord_ros.studies.report import write_report
 from sparse_coord_ros.studies.report.analysis import (
     above_optimum,
     contradicts_itself,
@@ -37,8 +38,10 @@ from sparse_coord_ros.studies.report.analysis import (
     paired,
     surely_above,
 )
-from sparse_coord_ros.studies.report.charts import point
-from sparse_coord_ros.studies.report.rows import paper
+from sparse_coord_ros.studies.report.charts import save
+from sparse_coord_ros.studies.report.data import paper, to_csv
+from sparse_coord_ros.studies.report.document import findings, reproduction_page
+from sparse_coord_ros.studies.report.figures import figures_of, value_and_bar
 from sparse_coord_ros.studies.report.sections import SECTIONS, reward_claims
 from sparse_coord_ros.studies.report.text import listed, size, to_markdown
 from sparse_coord_ros.studies.store import SUMS, Plan, open_results
@@ -60,36 +63,23 @@ def results_of(chosen):
     return {each.id: made_up(each) for one in chosen for each in one.conditions}
 
 
-SAVED = ("crowd", "where")
-"""Figures that are drawn and written: one of each kind."""
-
-
 @pytest.fixture(scope="module")
-def everything(tmp_path_factory):
-    """Return the folder of a report on every experiment."""
+def everything():
+    """Return what there is to say of every experiment."""
     chosen = [
         some_of_figure4() if name == "figure4" else experiment(name) for name in NAMES
     ]
-    folder = tmp_path_factory.mktemp("report")
-
-    def plot(shown, *size, **how):
-        saved = any(one["panel"] == "" for one in shown)  # of a crowd
-        return charts.plot(shown, *size, **how) if saved else Figure()
-
-    def save(figure, stem):
-        if stem.name in SAVED:
-            charts.save(figure, stem)
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(drawings, "plot", plot)
-        patch.setattr(document, "save", save)
-        write_report(folder, PLAN, chosen, results_of(chosen))
-    return folder
+    return findings(PLAN, chosen, results_of(chosen))
 
 
-def read_csv(folder, name):
-    with (folder / f"tables/{name}.csv").open(newline="", encoding="utf-8") as file:
-        return list(csv.DictReader(file))
+@pytest.fixture(scope="module")
+def page(everything):
+    """Return the text of their report."""
+    return reproduction_page(everything)
+
+
+def rows_of_csv(results):
+    return list(csv.DictReader(io.StringIO(to_csv(results))))
 
 
 def row(text, *start):
@@ -101,8 +91,8 @@ def row(text, *start):
     return next(line for line in lines if line[: len(start)] == list(start))
 
 
-def test_every_experiment_has_a_heading_tables_and_figures(everything):
-    text = (everything / "reproduction.md").read_text(encoding="utf-8")
+def test_every_experiment_has_a_heading_tables_and_figures(page):
+    text = page
     positions = [text.index(f"\n## {experiment(name).title}\n") for name in NAMES]
     assert positions == sorted(positions)
     for name in NAMES:
@@ -123,24 +113,28 @@ def test_every_experiment_has_a_heading_tables_and_figures(everything):
         assert re.search(r"\| (yes|no|in \d+ of \d+) \|$", line), line
 
 
-@pytest.mark.parametrize("name", SAVED)
-def test_figures_are_png_and_svg(everything, name):
-    data = (everything / f"figures/{name}.png").read_bytes()
+@pytest.mark.parametrize("name", ["crowd", "where"])
+def test_figures_are_png_and_svg(tmp_path, name):
+    results = [made_up(one) for one in experiment(name).conditions]
+    [figure] = figures_of(name, results).values()
+    save(figure, tmp_path / name)
+    data = (tmp_path / f"{name}.png").read_bytes()
     assert data.startswith(b"\x89PNG\r\n\x1a\n")
     assert data.rstrip().endswith(b"IEND\xaeB`\x82")
     assert b"Software" not in data
-    svg = everything / f"figures/{name}.svg"
+    svg = tmp_path / f"{name}.svg"
     assert ElementTree.parse(svg).getroot().tag == "{http://www.w3.org/2000/svg}svg"
     assert "dc:date" not in svg.read_text(encoding="utf-8")
 
 
 def test_csv_has_one_value_a_field_in_full_precision(everything):
-    rows = read_csv(everything, "table1")
-    assert [r["id"] for r in rows] == [
+    rows = {part.name: rows_of_csv(part.results) for part in everything.parts}
+    table1 = rows["table1"]
+    assert [r["id"] for r in table1] == [
         one.id for one in experiment("table1").conditions
     ]
     result = made_up(experiment("table1").conditions[2])
-    coop = rows[2]
+    coop = table1[2]
     assert float(coop["reward_mean"]) == result.measure("reward").mean
     assert float(coop["asks_standard_error"]) == result.measure("asks").standard_error
     assert float(coop["paper_reward_mean"]) == 126.3
@@ -150,24 +144,22 @@ def test_csv_has_one_value_a_field_in_full_precision(everything):
         "reward"
     ]
     assert coop["reward_robot_3"] == ""  # of env2-4r
-    for name in NAMES:
-        for r in read_csv(everything, name):
+    for own in rows.values():
+        for r in own:
             assert not [value for value in r.values() if " " in value]
             assert set(SETTINGS) <= set(r)
+    assert rows["table3"][0]["paper_reward_mean"] == "111.2"
 
 
 def test_the_paper_stands_beside_its_own_settings_only(everything):
-    assert read_csv(everything, "table3")[0]["paper_reward_mean"] == "111.2"
-    assert {r["paper_reward_mean"] for r in read_csv(everything, "figure4")} == {""}
-    assert (
-        paper(result_of("env1", settings={"penalty": -20, "ask_cost": 2}), "reward")
-        is None
-    )
+    [figure4] = [part for part in everything.parts if part.name == "figure4"]
+    assert {r["paper_reward_mean"] for r in rows_of_csv(figure4.results)} == {""}
+    other = result_of("env1", settings={"penalty": -20, "ask_cost": 2})
+    assert paper(other, "reward") is None
 
 
-def test_impossible_rows_of_the_paper_are_named(everything):
-    text = (everything / "reproduction.md").read_text(encoding="utf-8")
-    part = text.split(
+def test_impossible_rows_of_the_paper_are_named(page):
+    part = page.split(
         "\n## Rows of the paper that are not reproduced, or are inconsistent\n"
     )[1]
     impossible = [line for line in part.split("\n") if "no policy can reach it" in line]
@@ -248,9 +240,11 @@ def rewards(*values):
     return {"means": {name: list(values) for name in SUMS}}
 
 
-def row_of(rows, **wanted):
+def row_of(table, **wanted):
     [found] = [
-        one for one in rows if all(one[key] == value for key, value in wanted.items())
+        one
+        for one in table.to_dict("records")
+        if all(one[key] == value for key, value in wanted.items())
     ]
     return found
 
@@ -263,14 +257,14 @@ def test_numbers_of_a_table_are_those_of_the_runs():
     means = {name: [119.0, 121.0, 119.0, 121.0] for name in SUMS}
     change = {"means": means, "not_arrived": [0, 1, 0, 4]}
     found = section("table1", {"env1/indiv/penalty=-20": change})
-    line = row_of(found.rows, scenario="env1")
+    line = row_of(found.table, scenario="env1")
     assert line["Indiv."] == f"120.00 ({math.sqrt(4 / 3) / 2:.2f})"
     assert (line["Indiv., paper"], line["shortest paths"]) == ("119.50", "119.68")
     assert (line["best asking team found"], line["joint optimum"]) == (
         "121.20",
         "121.89",
     )
-    assert row_of(found.rows, scenario="env2-4r")["joint optimum"] == "<= 111.32"
+    assert row_of(found.table, scenario="env2-4r")["joint optimum"] == "<= 111.32"
     assert found.values["visited"] == "7.7 % to 22.7 %"
     assert verdicts(found.claims) == [(2, 9)]
 
@@ -311,7 +305,7 @@ def test_targets_are_met_or_not(coop, paths, told, met):
     }
     changes[make_condition("env1", "coop", LONG).id]["not_arrived"] = [0, 2, 0, 0]
     found = section("penalty100", changes)
-    line = row_of(found.rows, scenario="env1", learner="Coop.")
+    line = row_of(found.table, scenario="env1", learner="Coop.")
     assert line["closed"] == told
     closed = 100 * (np.mean(coop) - better) / (120 - better)
     assert line["from the better"].startswith(f"{closed:.1f} % ± ")
@@ -368,7 +362,7 @@ def test_loses_less_means_surely():
             changes[one.id] = rewards(*(110.0 - x * (penalty < 0) for x in fall))
     found = section("figure4", changes, conditions)
     assert verdicts(found.claims)[0] == (1, 2)
-    line = row_of(found.rows, scenario="env2-2r", steps="10^4")
+    line = row_of(found.table, scenario="env2-2r", steps="10^4")
     assert (line["Coop."], line["Non-coop."]) == ("2.00 (0.00)", "5.00 (1.73)")
     assert line["best asking team found"] == "2.10"
 
@@ -430,7 +424,7 @@ def test_worth_it_means_also_worth_more_than_robots_that_cannot_ask():
         }
         for one in experiment("ask_cost").conditions
     }
-    line = row_of(section("ask_cost", changes).rows, scenario="env2-2r")
+    line = row_of(section("ask_cost", changes).table, scenario="env2-2r")
     assert line["worth it up to"] == "7", "at 10 it earns what Non-coop. does"
     assert (line["Non-coop."], line["shortest paths"]) == ("102.00 (0.00)", "90.00")
 
@@ -444,15 +438,15 @@ def test_worth_it_up_to_a_cost_means_at_every_lower_cost():
     for one in experiment("ask_cost").conditions:
         is_good = one.learner == "coop" and one.scenario.ask_cost in good_at[one.name]
         changes[one.id] = {**(good if is_good else bad), "reference": shortest}
-    rows = section("ask_cost", changes).rows
-    assert [line["worth it up to"] for line in rows] == ["1", None, "0"]
+    table = section("ask_cost", changes).table
+    assert table["worth it up to"].fillna("-").tolist() == ["1", "-", "0"]
 
 
 def test_uneven_penalties_robot_by_robot():
     one = make_condition("env1", "coop", {**LONG, "common_reward": "each:1:0.5"})
     means = {"reward": [111.0, 113.5], "asks": [0.75, 0.125]}
-    rows = section("uneven", {one.id: {"robot_means": means}}).rows
-    line = row_of(rows, scenario="env1", factors="1 : 0.5")
+    table = section("uneven", {one.id: {"robot_means": means}}).table
+    line = row_of(table, scenario="env1", factors="1 : 0.5")
     assert line["asks, robot by robot"] == "0.75 : 0.12"
 
 
@@ -465,7 +459,7 @@ def test_gains_in_crowds_are_paired():
         base.id: rewards(*(alone - x for x in (5.0, 7.0, 5.0, 7.0))),
     }
     found = section("crowd", changes)
-    line = row_of(found.rows, robots="3")
+    line = row_of(found.table, robots="3")
     assert line["Coop., all peers"] == f"{alone - 3:.2f} (0.58)"
     assert line["gain, Coop., all peers"] == "+3.00 (0.00)"
     assert found.claims[0].measured.endswith("in 1 of 5 with all peers")
@@ -500,10 +494,10 @@ def test_asks_near_doorways_beside_the_time_spent_there():
     found = section(
         "where", {one.id: {"asked": asked.tolist(), "stays": stays.tolist()}}
     )
-    line = row_of(found.rows, scenario="env1")
+    line = row_of(found.table, scenario="env1")
     assert (line["asked near"], line["time near"]) == ("75.0 %", "40.0 %")
     never = section("where", {one.id: {"asked": np.zeros((2, 21)).tolist()}})
-    assert row_of(never.rows, scenario="env1")["asked near"] == "-"
+    assert row_of(never.table, scenario="env1")["asked near"] == "-"
 
 
 def test_where_says_what_it_leaves_out_and_where_no_question_is_needed():
@@ -563,7 +557,7 @@ def test_one_experiment_alone(tmp_path):
         ).read_bytes(), path
 
 
-def test_a_single_run_has_no_errors(tmp_path, monkeypatch):
+def test_a_single_run_has_no_errors():
     one = dict.fromkeys(SUMS, [100.0])
     single = {"means": one, "variances": one, "not_arrived": [0], "visited": [100.0]}
     chosen = [
@@ -572,9 +566,7 @@ def test_a_single_run_has_no_errors(tmp_path, monkeypatch):
     found = {
         each.id: made_up(each, **single) for one in chosen for each in one.conditions
     }
-    monkeypatch.setattr(document, "figures_of", lambda *_: {})
-    write_report(tmp_path, Plan(seed=5, runs=1, trials=50), chosen, found)
-    text = (tmp_path / "reproduction.md").read_text(encoding="utf-8")
+    text = reproduction_page(findings(Plan(seed=5, runs=1, trials=50), chosen, found))
     assert [line for line in text.split("\n") if re.search(r"\bnan\b", line)] == []
     assert row(text, "Indiv. learns shortest paths")[3] == "-"
 
@@ -607,8 +599,8 @@ def test_the_page_of_results_tells_all_of_them(results):
         *("How to read the tables", "How to reproduce it"),
     ]
     for name in ("table1", "penalty100"):  # the numbers of the document
-        for line in section(name).rows:
-            cells = "".join(f"<td>{cell or '-'}</td>" for cell in line.values())
+        for line in section(name).table.fillna("-").to_numpy():
+            cells = "".join(f"<td>{cell}</td>" for cell in line)
             assert cells in page
     parts = page.split("<h2>")
     assert [part.count("<img") for part in parts] == [0, 0, 1, 1, 1, 2, 0, 0, 0, 0]
@@ -640,23 +632,23 @@ def test_conditions_that_make_no_experiment_are_told_too(tmp_path):
     )
 
 
-def test_bars_end_at_zero_where_nothing_is_below():
+@pytest.mark.parametrize(
+    ("name", "bars", "low"),
+    [
+        ("miscoordinations", "spread", 0.2),
+        ("asks", "standard_error", 0.2),
+        ("reward", "spread", 0.5),
+    ],
+)
+def test_bars_end_at_zero_where_nothing_is_below(name, bars, low):
     measure = Measure(0.2, 0.5, 0.3)
-    assert (
-        point(measure, "miscoordinations", "spread", panel="", line="", x=0)["low"]
-        == 0.2
-    )
-    assert point(measure, "asks", panel="", line="", x=0)["low"] == 0.2
-    assert point(measure, "reward", "spread", panel="", line="", x=0)["low"] == 0.5
-    assert (
-        point(measure, "miscoordinations", "spread", panel="", line="", x=0)["high"]
-        == 0.5
-    )
+    found = value_and_bar(measure, name, bars)
+    assert found == {"value": 0.2, "low": low, "high": getattr(measure, bars)}
 
 
 def test_markdown_and_words():
     rows = [{"a": "x", "learner": "y", "c": None}, {"a": "z", "d": "1"}]
-    assert to_markdown(rows) == (
+    assert to_markdown(pd.DataFrame(rows)) == (
         "| a | learner | c | d |\n| :-- | :-- | --: | --: |\n"
         "| x | y | - | - |\n| z | - | - | 1 |\n"
     )

@@ -5,9 +5,11 @@
 import math
 from collections.abc import Mapping, Sequence
 
+import pandas as pd
+
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.runs.evaluation import Measure
-from sparse_coord_ros.studies.report.rows import best_asking_team, best_team
+from sparse_coord_ros.studies.report.data import best_asking_team, best_team
 from sparse_coord_ros.studies.store import ConditionResult
 
 UNITS = ("B", "kB", "MB", "GB", "TB", "PB", "EB", "ZB", "YB")
@@ -16,22 +18,26 @@ WORDS |= {"measured here", "why", "measure"}
 """Columns that are aligned to the left, and the first one of every table."""
 
 Row = Mapping[str, str | None]
-"""Column -> text; None and missing columns are shown as a dash."""
+"""A line of a table: the text of each column; None where it is missing."""
 
 
-def as_table(rows: Sequence[Row]) -> tuple[list[str], list[list[str]]]:
-    """Return a table's columns, in the order in which rows name them, and its lines."""
-    head = list(dict.fromkeys(column for row in rows for column in row))
-    return head, [[row.get(column) or "-" for column in head] for row in rows]
+def to_markdown(table: pd.DataFrame) -> str:
+    """Return a table of texts as Markdown."""
+    columns = list(table.columns)
+    rule = ["--:"] * len(columns)
+    for number, column in enumerate(columns):
+        if column in WORDS or number == 0:
+            rule[number] = ":--"
+    lines = [columns, rule, *cells(table)]
+    return "".join("| " + " | ".join(line) + " |\n" for line in lines)
 
 
-def to_markdown(rows: Sequence[Row]) -> str:
-    """Return a table."""
-    head, body = as_table(rows)
-    rule = [
-        ":--" if column in WORDS or not i else "--:" for i, column in enumerate(head)
-    ]
-    return "".join("| " + " | ".join(line) + " |\n" for line in (head, rule, *body))
+def cells(table: pd.DataFrame) -> list[list[str]]:
+    """Return the lines of a table of texts; where a text is missing there is a dash."""
+    found: list[list[str]] = (
+        table.astype(object).where(table.notna(), "-").values.tolist()
+    )
+    return found
 
 
 def fixed(value: float, digits: int = 2) -> str:
