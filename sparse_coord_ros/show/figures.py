@@ -438,10 +438,10 @@ def _draw_curve(
             lines = [(runs[0], k) for k in range(1, len(labels) + 1)]
         else:
             labels = [f"mean of {_window(runs[0])} episodes"]
-            points = _thinned(*runs[0].history.curve(name))
+            points = thinned(*runs[0].history.curve(name))
             axes.plot(*points, ".", color="0.72", markersize=3, label="one episode")
     for number, (shown, robot) in enumerate(lines):
-        points = _thinned(*shown.history.curve(name, _window(shown), robot=robot))
+        points = thinned(*shown.history.curve(name, _window(shown), robot=robot))
         style = LINES[number % len(LINES)]
         colour = robot_colour(number)
         axes.plot(
@@ -459,7 +459,8 @@ def _window(shown: Shown) -> int:
     return max(1, min(50, shown.history.episodes // 10))
 
 
-def _thinned(steps: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def thinned(steps: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return at most `MOST_POINTS` points of a curve, evenly chosen, both ends among them."""
     count = min(len(steps), MOST_POINTS)
     kept = np.linspace(0, len(steps) - 1, count).astype(np.int64)
     return steps[kept], values[kept]

@@ -62,7 +62,7 @@ def run_report(shown: Shown, *, baselines: bool = True) -> str:
     sections["What was learned"] = _learned(shown)
     if shown.bag is not None:
         sections["Some questions and answers"] = _dialogue(shown)
-        sections["Faults and diagnostics"] = _faults(shown)
+        sections["Faults and diagnostics"] = faults(shown)
     sections["Scenario"] = _scenario(scenario)
     sections["How to reproduce it"] = _again(shown)
     return page(f"{scenario.name}: {config.title}, seed {config.seed}", sections)
@@ -169,7 +169,8 @@ def _samples(log: RunLog) -> Iterator[tuple[int, int]]:
             yield int(k), int(log.step[row])
 
 
-def _faults(shown: Shown) -> Iterator[Part]:
+def faults(shown: Shown) -> Iterator[Part]:
+    """Yield what went wrong in a recorded run: percepts, messages, warnings of nodes."""
     log = shown.log
     facts: dict[str, object] = {
         f"percepts {how}": at.sum() for how, at in ended(log).items()

@@ -110,7 +110,7 @@ def test_maps_of_runs_share_one_scale_of_asks(trained, bag):
 
 
 def test_long_curves_are_thinned():
-    steps, values = figures._thinned(np.arange(5000), np.arange(5000.0))
+    steps, values = figures.thinned(np.arange(5000), np.arange(5000.0))
     assert len(steps) <= figures.MOST_POINTS and steps[0] == 0 and values[-1] == 4999
 
 

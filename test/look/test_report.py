@@ -21,7 +21,7 @@ from sparse_coord_ros.core.runs.run_config import load_run
 from sparse_coord_ros.core.solve.exact import evaluate_exact
 from sparse_coord_ros.log.runlog.explain import explained, in_words
 from sparse_coord_ros.log.runlog.log import read_run
-from sparse_coord_ros.show.report import _faults, run_report
+from sparse_coord_ros.show.report import faults, run_report
 from sparse_coord_ros.show.sources import open_shown
 
 
@@ -88,7 +88,7 @@ def test_warnings_are_counted(bag):
         for level in (20, 30, 40)
     ]
     shown.log.tracks.rosout[:] = said
-    tables = [part["rows"] for part in _faults(shown) if part["kind"] == "table"]
+    tables = [part["rows"] for part in faults(shown) if part["kind"] == "table"]
     assert tables[1] == [("robot_1: late", 2)]
 
 

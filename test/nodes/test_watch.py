@@ -312,7 +312,7 @@ def test_a_team_in_one_process_with_a_page(bench, tmp_path):
         assert frame["step"] == log.step[np.flatnonzero(log.move.max(axis=1) >= 0)[-1]]
         saved = tables_in(tmp_path / "run")
         for shown, own in zip(board.get("tables")["robots"], saved, strict=True):
-            assert shown["step"] > frame["step"] and shown["q_star"] == messages._plain(
+            assert shown["step"] > frame["step"] and shown["q_star"] == messages.plain(
                 own.q_star
             )
     finally:

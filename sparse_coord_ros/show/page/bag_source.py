@@ -21,13 +21,18 @@ from sparse_coord_ros.log.runlog.log import NONE, RunLog
 from sparse_coord_ros.log.runlog.relearned import Asked, Relearned
 from sparse_coord_ros.log.runlog.window import LongLog
 from sparse_coord_ros.protocol.wire import COORDINATION_MAP
+from sparse_coord_ros.show.narrator import Narrator
 from sparse_coord_ros.show.page import controls, messages
 from sparse_coord_ros.show.page.board import Board, Message
 from sparse_coord_ros.show.page.counts import Counts
+from sparse_coord_ros.show.page.key_steps import (
+    Highlight,
+    KeySteps,
+    LearnedTeam,
+    highlight,
+)
 from sparse_coord_ros.show.page.live_source import ASKED_SO_FAR
-from sparse_coord_ros.show.page.moments import Highlight, Moments, highlight
 from sparse_coord_ros.show.steps import logged_step, logged_trails, questions_of
-from sparse_coord_ros.show.words import Words
 
 CONTROLS = (controls.PAUSE, controls.STEP, controls.RATE, controls.SEEK, controls.JUMP)
 
@@ -104,9 +109,9 @@ class BagSource(controls.Controlled):
         self.paused = False
         self.rate = rate
         self._shown_rate = SHOWN_RATE
-        self._words = Words(self.run.scenario)
-        self._moments = Moments(self.run, self._words)
-        self._highlight: Highlight | None = None
+        self._narrator = Narrator(self.run.scenario)
+        self._key_steps = KeySteps(self.run, self._narrator)
+        self.highlight: Highlight | None = None
         self._again = False
         self._then = time.monotonic()
         self._window: RunLog | None = None
@@ -139,19 +144,19 @@ class BagSource(controls.Controlled):
             whole = log.history().first_step[
                 int(last > most) :
             ]  # the first one may be cut
-            found = self._newest()
-            tables = [one.tables for one in found]
+            found = self.newest()
             if len(whole) and found:
+                team = LearnedTeam(self.run, [one.tables for one in found])
                 log = log.between(int(whole[0]), last)
-                self._highlight = highlight(log, tables, self._moments, self._words)
+                self.highlight = highlight(log, team, self._key_steps, self._narrator)
         except SparseCoordError:  # that it is damaged is said where all of it is read
             return
-        if self._highlight is not None:
+        if self.highlight is not None:
             newest = {one.robot: (one.step, one.tables) for one in found}
             self.board.put("tables", robots=messages.table_fields(self.run, newest))
             self._tell_learned()
 
-    def _newest(self) -> list[RecordedTables]:
+    def newest(self) -> list[RecordedTables]:
         """Return every robot's newest tables; nothing where one has none."""
         found = [
             self.log.tables_before(k) for k in range(len(self.run.scenario.robots))
@@ -160,7 +165,7 @@ class BagSource(controls.Controlled):
 
     def _tell_learned(self, *, read: bool = False) -> None:
         """Say what was learned; `read`: and since when, as the whole log has been read."""
-        shown = self._highlight
+        shown = self.highlight
         if shown is None:
             return
         lines = [shown.text]
@@ -171,25 +176,15 @@ class BagSource(controls.Controlled):
                     f"The best asking team found is worth {best.value:.2f} a robot."
                 )
         elif read:
-            lines.append(self._since(shown))
+            first, since = self._key_steps.since(shown.robot, shown.cell)
+            name = self._narrator.names[shown.robot]
+            lines.append(since_in_words(name, first, since))
         self.board.put("learned", lines=lines, first=shown.first, step=shown.step)
-
-    def _since(self, shown: Highlight) -> str:
-        """Say since when a robot would ask where it does; the whole log has been read."""
-        begun, since = self._moments.since(shown.robot, shown.cell)
-        name = self._words.names[shown.robot]
-        if since is None:
-            return f"By its newest tables {name} would not ask there."
-        if since == begun:
-            return f"By its tables {name} would have asked there from the start."
-        return (
-            f"{name} learned to ask there at about step {float(f'{since:.3g}'):,.0f}."
-        )
 
     def _show_again(self) -> None:
         """Play the episode that shows what was learned, again and again."""
-        if self._highlight is not None:
-            self._go(self._highlight.first)
+        if self.highlight is not None:
+            self._go(self.highlight.first)
             self._again = True
             self._shown_rate = SHOWN_RATE
             self.paused = False
@@ -221,7 +216,7 @@ class BagSource(controls.Controlled):
 
     def play(self) -> None:
         """Play until interrupted."""
-        tasks = (self._read_through, self._learn_along)
+        tasks = (self.read_through, self._learn_along)
         beside = [threading.Thread(target=one, daemon=True) for one in tasks]
         for thread in beside:
             thread.start()
@@ -265,38 +260,47 @@ class BagSource(controls.Controlled):
             self.position = min(self.position + on, last)
             if (
                 self._again
-                and self._highlight
-                and self.position >= self._highlight.last + 3
+                and self.highlight
+                and self.position >= self.highlight.last + 3
             ):
-                self.position = float(self._highlight.first)
+                self.position = float(self.highlight.first)
             self.paused = self.position >= last and not self.growing
         self.show()
 
     def _do(self, control: controls.Control) -> None:
-        last = self.log.last_step
         self._say("")
-        if control.name == controls.PAUSE:
-            self.paused = control.value
-            if not self.paused and self.position >= last and not self.growing:
-                self.position = float(self.first)
-        elif control.name == controls.RATE:
-            self.rate = control.value
-            self._shown_rate = np.inf
-        elif control.name == controls.SEEK:
-            self._go(control.value)
-            if self.growing and self.position >= last:
-                self.paused = False
-        elif control.name == controls.JUMP and control.value == controls.LEARNED:
-            self._show_again()
-        elif control.name == controls.JUMP:
-            self._jump(control.value)
-        elif control.name == controls.STEP:
-            self.paused = True
-            self._go(self._beside(control.value))
+        match control.name:
+            case controls.PAUSE:
+                self._hold(control.value)
+            case controls.RATE:
+                self.rate = control.value
+                self._shown_rate = np.inf
+            case controls.SEEK:
+                self._seek(control.value)
+            case controls.STEP:
+                self.paused = True
+                self._go(self._beside(control.value))
+            case controls.JUMP if control.value == controls.LEARNED:
+                self._show_again()
+            case controls.JUMP:
+                self._jump(control.value)
+
+    def _hold(self, paused: bool) -> None:
+        """Stop, or play; at the end of the log from its beginning."""
+        self.paused = paused
+        at_end = self.position >= self.log.last_step and not self.growing
+        if not paused and at_end:
+            self.position = float(self.first)
+
+    def _seek(self, step: int) -> None:
+        """Show a time step; at the end of a log that grows, follow it."""
+        self._go(step)
+        if self.growing and self.position >= self.log.last_step:
+            self.paused = False
 
     def _jump(self, kind: str) -> None:
         """Go to the first crossing, or to the next moment of another kind; say where none is."""
-        steps = self._moments.steps[kind]
+        steps = self._key_steps.steps[kind]
         step = 0 if kind == controls.CROSSING else int(self.position) + 1
         place = int(np.searchsorted(steps, step))
         if place < len(steps):
@@ -307,12 +311,9 @@ class BagSource(controls.Controlled):
         if kind != controls.CROSSING:
             what = f"{what} after time step {step - 1:,}"
         read = self._counts.read_to
-        so_far = (
-            ""
-            if read >= self.log.last_step
-            else f"; the log is read to time step {read:,}"
-        )
-        self._say(f"{what}{so_far}.")
+        if read < self.log.last_step:
+            what = f"{what}; the log is read to time step {read:,}"
+        self._say(f"{what}.")
 
     def _say(self, text: str) -> None:
         """Show what came of a control; empty: nothing is to be said."""
@@ -401,7 +402,7 @@ class BagSource(controls.Controlled):
             rows = {
                 k: text for (step, k), text in self._rows.items() if step == seen.step
             }
-            told += messages.in_words(self.run, seen, known, self._words, rows)
+            told += messages.in_words(self.run, seen, known, self._narrator, rows)
             found = (messages.asked_of(seen, one) for one in questions_of(seen))
             questions += [(seen.step, one) for one in found if one is not None]
         self._questions = questions[-messages.MOST_ENTRIES :]
@@ -479,7 +480,7 @@ class BagSource(controls.Controlled):
             self._rows = rows
             self._rows_known += 1
 
-    def _read_through(self) -> None:
+    def read_through(self) -> None:
         """Compute the learning curves from the log, stretch by stretch, and go on as it grows."""
         scenario = self.run.scenario
         history = whole = blank_history(0, len(scenario.robots))
@@ -497,7 +498,7 @@ class BagSource(controls.Controlled):
                     if part.open_step is not None:  # its last episode may go on
                         whole = history.first(-1)
                         begin = part.open_step
-                    self._moments.add(part)
+                    self._key_steps.add(part)
                     self._mark()
                     share = begin / max(1, self.log.last_step)
                     self.board.put(
@@ -519,13 +520,13 @@ class BagSource(controls.Controlled):
         per_mark = max(1, (self.log.last_step - self.first) // MARKS)
         marks = {
             kind: steps[np.unique(steps // per_mark, return_index=True)[1]].tolist()
-            for kind, steps in self._moments.steps.items()
+            for kind, steps in self._key_steps.steps.items()
         }
         self.board.put("marks", **marks)
 
     def _evaluate(self) -> None:
         """Show the value of the newest tables, where all robots have learned some."""
-        found = self._newest()
+        found = self.newest()
         if any(one.step for one in found):
             step = min(one.step for one in found)
             tables = [one.tables for one in found]
@@ -535,3 +536,18 @@ class BagSource(controls.Controlled):
                 self.board.put(
                     "evaluation", **messages.evaluation_fields(self.run, tables, step)
                 )
+
+
+def since_in_words(name: str, first: int, since: int | None) -> str:
+    """Say since when a robot would ask where it does.
+
+    Args:
+        name: of the robot.
+        first: the time step of its first tables.
+        since: since when its tables say so up to the end; None: the newest ones do not.
+    """
+    if since is None:
+        return f"By its newest tables {name} would not ask there."
+    if since == first:
+        return f"By its tables {name} would have asked there from the start."
+    return f"{name} learned to ask there at about step {float(f'{since:.3g}'):,.0f}."

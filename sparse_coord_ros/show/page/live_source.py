@@ -12,11 +12,11 @@ from sparse_coord_ros.core.runs.history import History
 from sparse_coord_ros.core.runs.run import Glimpse
 from sparse_coord_ros.core.runs.run_config import RunConfig
 from sparse_coord_ros.log.runlog import explain
+from sparse_coord_ros.show.narrator import Narrator
 from sparse_coord_ros.show.page import messages
 from sparse_coord_ros.show.page.board import Board, Message
 from sparse_coord_ros.show.policy import row_asking
 from sparse_coord_ros.show.steps import TRAIL, Question, questions_of, trails_of
-from sparse_coord_ros.show.words import Words
 
 SLOW_SECONDS = 1.0
 """Between two messages of curves, tables and asks, or longer:"""
@@ -66,7 +66,7 @@ class LiveView:
         self.last: Glimpse | None = None
         self.newest: messages.TablesThen = {}
         self._passed: deque[tuple[int | None, ...]] = deque(maxlen=TRAIL)
-        self._words = Words(run.scenario)
+        self._narrator = Narrator(run.scenario)
         self.known: Container[int] = range(robots)
         self._shown: tuple[Glimpse | None, str, float | None] | None = None
         self._told: deque[Message] = deque(maxlen=messages.MOST_ENTRIES)
@@ -159,7 +159,7 @@ class LiveView:
     def _tell(self, seen: Glimpse) -> None:
         """Show the questions of a transition in words."""
         rows = {one.asker: self._row(seen, one) for one in questions_of(seen)}
-        asks = list(messages.in_words(self.run, seen, self.known, self._words, rows))
+        asks = list(messages.in_words(self.run, seen, self.known, self._narrator, rows))
         if asks:
             self._told.extend(asks)
             self.board.put("dialogue", entries=list(self._told))

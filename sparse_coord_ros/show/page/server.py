@@ -96,6 +96,7 @@ class Page:
     Attributes:
         boards: as given.
         token: what controls need.
+        files: the fixed files, by their names.
     """
 
     def __init__(
@@ -111,12 +112,12 @@ class Page:
         if not self._local:
             self._names |= {socket.gethostname().lower(), socket.getfqdn().lower()}
         folder = resources.files("sparse_coord_ros.show.page") / "static"
-        self._files = {one.name: one.read_bytes() for one in folder.iterdir()}
+        self.files = {one.name: one.read_bytes() for one in folder.iterdir()}
         self.app = web.Application(
             middlewares=[self._guard], client_max_size=LARGEST_MESSAGE
         )
         self.app.router.add_get("/", self._file)
-        for name in self._files:
+        for name in self.files:
             self.app.router.add_get(f"/{name}", self._file)
         self.app.router.add_get("/ws", self._stream)
         self.app.on_response_prepare.append(_add_headers)
@@ -157,7 +158,7 @@ class Page:
     async def _file(self, request: web.Request) -> web.Response:
         name = request.path[1:] or self._index
         kind = TYPES[name.rpartition(".")[2]]
-        return web.Response(body=self._files[name], content_type=kind, charset="utf-8")
+        return web.Response(body=self.files[name], content_type=kind, charset="utf-8")
 
     async def _stream(self, request: web.Request) -> web.StreamResponse:
         wanted = request.query.get("run", "0")

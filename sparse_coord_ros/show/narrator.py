@@ -24,8 +24,8 @@ ENDED = {
 }
 
 
-class Words:
-    """Says it of one scenario.
+class Narrator:
+    """Says where the robots of one scenario are and what they do.
 
     Args:
         scenario: the problem.
@@ -76,18 +76,20 @@ class Words:
         next_ones = doorways.on_the_way(cell, self._home[robot])
         if (next_ones < FAR).any():
             away = int(next_ones.min())
-            door = int(next_ones.argmin())
+            if away > 1:
+                return f"{away} moves before {the}", int(next_ones.argmin())
             entered = -1 if toward is None else int(doorways.of[toward])
-            if away == 1 and entered >= 0 and next_ones[entered] == 1:
-                door = entered
-            return f"before {the}" if away == 1 else f"{away} moves before {the}", door
+            if entered >= 0 and next_ones[entered] == 1:
+                return f"before {the}", entered
+            return f"before {the}", int(next_ones.argmin())
         ways = np.where(doorways.ways[:, cell] < 0, FAR, doorways.ways[:, cell])
         if not (ways < FAR).any():
             return self._cell(cell), None
         away = int(ways.min())
         door = int(ways.argmin())
         if self.past(robot, cell, door):
-            return f"{away} move{'s' * (away > 1)} past {the}", door
+            moves = "1 move" if away == 1 else f"{away} moves"
+            return f"{moves} past {the}", door
         return f"next to {the}" if away == 1 else f"{away} moves from {the}", door
 
     def seen_from(
@@ -104,36 +106,47 @@ class Words:
         """
         if at == cell:
             return "in the same cell"
-        far = int(self.doorways.moves_to(cell)[at])
-        if far >= FAR:
+        moves = int(self.doorways.moves_to(cell)[at])
+        if moves >= FAR:
             return f"{self._cell(at)}, to which there is no way"
-        name = self.names[robot]
-        away = f"beside {name}" if far == 1 else f"{far} moves away"
+        away = f"{moves} moves away"
+        if moves == 1:
+            away = f"beside {self.names[robot]}"
         if door is None:
             return away
-        inside = int(self.doorways.of[at])
-        if inside == door:
-            alone = len(self.doorways.cells_of[door]) == 1
-            return "in the doorway" if alone else f"in the doorway, {away}"
+        if self.doorways.of[at] == door:
+            is_one_cell = len(self.doorways.cells_of[door]) == 1
+            return "in the doorway" if is_one_cell else f"in the doorway, {away}"
         if self.doorways.of[cell] == door:
             side = self._ahead(robot, cell, door, at)
-            if far == 1 and side:
+            if side and moves == 1:
                 side = f"right {side}"
                 away = ""
+        elif moves == 1:
+            side = ""
         else:
             side = self.doorways.side(door, cell, at)
-            if far == 1:
-                side = ""
-        past = (
-            "past the doorway"
-            if side and inside < 0 and self.past(peer, at, door)
-            else ""
-        )
-        if inside >= 0:
-            side = ", ".join([*filter(None, [side]), "in another doorway"])
-        elif not side and far > 1 and self.doorways.behind_another(door, cell, at):
-            side = "on the other side of another doorway"
-        return ", ".join(one for one in (side, past, away) if one)
+        beyond = self._beyond(cell, door, peer, at, side)
+        return ", ".join(part for part in (side, beyond, away) if part)
+
+    def _beyond(self, cell: int, door: int, peer: int, at: int, side: str) -> str:
+        """Return what else is known of a peer that is not in the same doorway; may be empty.
+
+        Args:
+            cell: where the robot is that asks.
+            door: the doorway by which that was said.
+            peer: the peer.
+            at: where the peer is.
+            side: on which side of that doorway it is; empty where that was not said.
+        """
+        if self.doorways.of[at] >= 0:
+            return "in another doorway"
+        if side:
+            return "past the doorway" if self.past(peer, at, door) else ""
+        is_beside = self.doorways.moves_to(cell)[at] == 1
+        if not is_beside and self.doorways.behind_another(door, cell, at):
+            return "on the other side of another doorway"
+        return ""
 
     def _ahead(self, robot: int, cell: int, door: int, at: int) -> str:
         """Return whether a cell is ahead of a robot in a doorway, or behind it; empty: neither."""
