@@ -13,10 +13,10 @@ import numpy as np
 from sparse_coord_ros.core.game.grid import GridMap, moves_to, regions
 
 FAR = 2**29
-"""In place of a number of moves: there is no way. The sum of two is an int32, too."""
+"""Number of moves where there is no way. The sum of two such numbers is still an int32."""
 
 KEPT_BYTES = 20_000_000
-"""Of moves between cells, which are kept for the next question."""
+"""Memory for distances between cells that are kept for the next question."""
 
 
 class Doorways:
@@ -27,8 +27,8 @@ class Doorways:
 
     Attributes:
         count: how many doorways there are.
-        of: the doorway of each cell, by its number from 0; -1: none; shape (cells,).
-        room: the room of each cell, likewise.
+        of: number of the doorway of each cell, from 0; -1 outside of doorways; shape (cells,).
+        room: number of the room of each cell, from 0; -1 inside of doorways; shape (cells,).
         ways: the moves from each cell to each doorway, -1 where there is no way, shape
             (doorways, cells).
     """
@@ -60,7 +60,7 @@ class Doorways:
         self._around = lru_cache(kept)(self._moves_around)
 
     def _parts(self, of: np.ndarray) -> np.ndarray:
-        """Return to which connected part of a set of cells each cell belongs; -1: to none."""
+        """Return the number of the connected part of a set around each cell; -1 outside of it."""
         lead = self._grid.next_cell
         stays = ~of[lead] | ~of[:, None]
         own = np.arange(len(lead))[:, None]
@@ -105,7 +105,7 @@ class Doorways:
         return found
 
     def side(self, door: int, cell: int, other: int) -> str:
-        """Return on which side of a doorway another cell is; empty: on none for sure.
+        """Return the side of a doorway that another cell is on; empty where that is not clear.
 
         Args:
             door: the doorway.

@@ -37,7 +37,7 @@ MOST_STEPS = 300
 """Steps that a film shows."""
 
 SMOOTH_STEPS = 60
-"""Up to so many steps robots glide; in longer films they jump."""
+"""Robots glide in films of at most this many steps; in longer ones they jump."""
 
 OUTCOME_LINES = {"answered": "-", "refused": (0, (4, 2)), "failed": (0, (1, 2))}
 TALK = 1.6
@@ -224,7 +224,7 @@ class EpisodePictures:
 
     @staticmethod
     def _lines(ask: Question, places: np.ndarray) -> Iterator[Artist]:
-        """Yield the lines from the asker to whom it asks; thin ones to several."""
+        """Yield the lines from the asker to the robots that it asks; several lines are thinner."""
         width = 3.2 if len(ask.peers) == 1 else 1.8
         for peer in ask.peers:
             line = Line2D(

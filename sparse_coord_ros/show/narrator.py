@@ -50,7 +50,7 @@ class Narrator:
     def past(self, robot: int, cell: int, door: int) -> bool:
         """Whether a robot has a doorway behind it.
 
-        It is on a shortest way from the robot's start to where the robot is, and on none from
+        The doorway is on a shortest way from the robot's start to its cell, and on none from
         there to its goal.
         """
         came = self.doorways.is_between(door, cell, self._from[robot])
@@ -59,10 +59,11 @@ class Narrator:
     def where(
         self, robot: int, cell: int, toward: int | None = None
     ) -> tuple[str, int | None]:
-        """Return where a robot is, and the number of the doorway that this is said by.
+        """Return where a robot is, in words, and the number of the doorway that they refer to.
 
-        That is the doorway in which it is; else the next one on a shortest way to its goal, of
-        several that are as close the one that it enters; else the closest. None: there is none.
+        That is the doorway in which the robot is. Outside of doorways it is the next one on a
+        shortest way to the goal; of several at the same distance, the one that the robot enters.
+        If no doorway lies ahead, it is the closest one; None if no doorway can be reached.
 
         Args:
             robot: its number from 0.
@@ -100,7 +101,7 @@ class Narrator:
         Args:
             robot: the robot that asks, from 0.
             cell: where it is.
-            door: the doorway by which that was said, as of `where`.
+            door: the doorway that the words refer to, as of `where`.
             peer: the peer.
             at: where the peer is.
         """
@@ -130,11 +131,11 @@ class Narrator:
         return ", ".join(part for part in (side, beyond, away) if part)
 
     def _beyond(self, cell: int, door: int, peer: int, at: int, side: str) -> str:
-        """Return what else is known of a peer that is not in the same doorway; may be empty.
+        """Return in which part of the map a peer is that is not in this doorway; may be empty.
 
         Args:
             cell: where the robot is that asks.
-            door: the doorway by which that was said.
+            door: the doorway that the words refer to.
             peer: the peer.
             at: where the peer is.
             side: on which side of that doorway it is; empty where that was not said.
@@ -159,13 +160,13 @@ class Narrator:
         return "" if peer_way & own_way else f"behind {self.names[robot]}"
 
     def does(self, robot: int, cell: int, move: int, after: int | None) -> str:
-        """Return what a robot does, by whether that leads it to its goal.
+        """Return what a robot does, and whether it comes closer to its goal.
 
         Args:
             robot: the robot.
             cell: where it is.
-            move: what it chose.
-            after: where it is next, in a damaged log anywhere; None: nobody knows.
+            move: the move that it chose.
+            after: the cell where it is next (in a damaged log any cell); None: not known.
         """
         led = int(self._grid.next_cell[cell, move])
         if after is None:
@@ -191,7 +192,7 @@ class Narrator:
         Args:
             robot: the robot that asks.
             cell: where it is.
-            door: the doorway by which that was said, as of `where`.
+            door: the doorway that the words refer to, as of `where`.
             seen: number and cell of each of the others, at least one.
         """
         moves = self.doorways.moves_to(cell)

@@ -18,7 +18,7 @@ class Policy(NamedTuple):
 
     Attributes:
         moves: which of the four moves are greatest in Q*, shape (cells, 4), bool: several where
-            they are equal, none in the goal and where nothing was learned (all entries equal).
+            they are equal. There is none in the goal and in untrained cells (all entries equal).
         asks: where the robot asks, as `asks_surely` says, shape (cells,), bool; not in the goal.
             Where a percept fails, the robot takes one of `moves`.
         may_ask: where it asks at least at times: `asks`, and ties with a move; same shape.
@@ -62,7 +62,7 @@ def entered(policy: Policy, grid: GridMap, start: int) -> np.ndarray:
 def row_asking(
     tables: Tables, cell: int, perceived: Sequence[int] | None
 ) -> np.ndarray | None:
-    """Return the row by which COORDINATE chooses a move: shape (4,), or None: there is none.
+    """Return the row of values that chooses a move under COORDINATE, shape (4,); or None.
 
     Args:
         tables: of the robot.

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A page that tells all of a run: what was learned, its value, what went wrong."""
+"""The HTML report of a run: what was learned, its value, what went wrong."""
 
 import contextlib
 import shlex
@@ -33,7 +33,7 @@ TRIALS = 1000
 BASELINES = ("indiv", "noncoop")
 MOST_WARNINGS = 20
 WARNING_LEVEL = 30
-"""Of a rcl_interfaces/Log; what is below is no warning."""
+"""Level of a warning in rcl_interfaces/Log."""
 
 CAPTIONS = {
     "policy": "Greedy moves of the learned tables. A ring: the robot asks there before it moves. "

@@ -27,10 +27,10 @@ def results_figure(
         what: `conditions`, every one; `asks`, a map a scenario in which robots may ask, of the
             condition that `most_asking` returns; an experiment that is complete, or one of its
             figures; None: the first of these.
-        say: hears what is left out, and of which condition a map is.
+        say: is told what is left out, and which condition a map shows.
 
     Returns:
-        What is drawn, and the figure.
+        The name of what is drawn, and the figure.
 
     Raises:
         ResultsError: it is no results directory, or holds no result yet, or a damaged one.
@@ -60,14 +60,14 @@ def some_results(directory: Path, say: Say) -> tuple[Plan, list[ConditionResult]
 
 
 def complete_experiments(results: Sequence[ConditionResult]) -> list[Experiment]:
-    """Return the experiments of which every condition is there."""
+    """Return the experiments whose conditions are all there."""
     ids = {one.id for one in results}
     known = [experiment(name) for name in NAMES]
     return [one for one in known if ids.issuperset(each.id for each in one.conditions)]
 
 
 def drawn(results: Sequence[ConditionResult]) -> Mapping[str, list[ConditionResult]]:
-    """Return what can be drawn of results, and of which of them."""
+    """Return what can be drawn, by name, and the results that each drawing shows."""
     by_id = {one.id: one for one in results}
     found = {"conditions": list(results)}
     for one in complete_experiments(results):

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A page that tells all of a results directory: findings, tables, figures, every condition."""
+"""The HTML report of a results directory: findings, tables, figures, every condition."""
 
 import shlex
 from collections.abc import Iterable, Iterator, Sequence

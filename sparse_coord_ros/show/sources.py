@@ -33,15 +33,15 @@ PLAYED_EPISODES = 200
 """Greedy episodes from which pictures show where robots go and ask."""
 
 Say = Callable[[str], None]
-"""Hears in a few words what takes a while."""
+"""Is told in a few words about steps that take a while."""
 
 
 @dataclass(frozen=True)
 class Shown:
-    """A run to look at; what is not there is read when it is first asked for, and says so then.
+    """A run to look at. Its parts are read at their first use; missing parts raise errors then.
 
     Attributes:
-        path: what was given.
+        path: the path that was given.
         directory: the run's directory; None: a bag alone was given.
         bag: its bag; None: it has none.
         say: hears what takes a while.
@@ -71,7 +71,7 @@ class Shown:
 
     @cached_property
     def recording(self) -> LongLog:
-        """The bag, of which nothing is read yet but which run it is of.
+        """The bag; only its description of the run is read yet.
 
         Raises:
             RunError: it was not recorded.
@@ -148,7 +148,7 @@ class Shown:
 
     @cached_property
     def played(self) -> Trials | None:
-        """The same; None, and said, where code that it needs may not be imported."""
+        """`trials`; None, after a message, if its learner's code may not be imported."""
         with leaving_out("greedy episodes", self.say):
             return self.trials
         return None

@@ -118,7 +118,7 @@ def benchmark(
     planner with full sight.
 
     Args:
-        learner: who learns.
+        learner: the learner.
         split: "tuning": the buildings by which rules and numbers are chosen; "test": the others,
             to be opened once, for closing figures.
         robots: sizes of teams, of 2, 4 and 8, or one of them.

@@ -52,7 +52,7 @@ CROWDS = (2, 3, 4, 6, 8)
 
 SPLITS = ("tuning", "test")
 """Of the unseen buildings: rules and numbers are chosen on the first. The second is opened once,
-for the closing figures: whoever tunes by it has seen it."""
+for the closing figures, as tuning by it would spoil it."""
 
 
 @dataclass(frozen=True)

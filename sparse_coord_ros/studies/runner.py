@@ -1,9 +1,9 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Experiments from start to end: what is asked for, what is there, what remains to compute.
+"""Experiments from start to end: load the results that exist, compute the others, save them.
 
-A results directory holds one file a condition. What is there already is taken from it, what is
-missing is computed and saved, and nothing of another plan, scenario or protocol is mixed in.
+A results directory holds one file a condition. Results of another plan, scenario or protocol are
+refused.
 """
 
 import math
@@ -113,7 +113,7 @@ class SingleRun(NamedTuple):
 
 @dataclass(frozen=True)
 class ExperimentResults(Mapping[str, ConditionResult]):
-    """What was asked for; a mapping from a condition's id to its result.
+    """The results of a call; a mapping from a condition's id to its result.
 
     Attributes:
         plan: first seed, learning runs and trials.
@@ -155,7 +155,7 @@ class ExperimentResults(Mapping[str, ConditionResult]):
         return columns | {"arrived": [one.arrived for one in self.values()]}
 
     def plot(self, x: str = "", measures: Sequence[str] = ("reward",)) -> "Figure":
-        """Draw learners against a setting, beside what is known to compare them with.
+        """Draw learners against a setting, beside their reference values.
 
         There is a panel for each combination of the other settings. Bars are standard errors of
         the means of the learning runs.
@@ -337,7 +337,7 @@ def run_experiment(
 def _as_list(
     what: str | Condition | Iterable[str | Condition],
 ) -> list[str | Condition]:
-    """Return what a call asks for as a list; raise `SettingError` where that is nothing."""
+    """Return what a call asks for as a list; raise `SettingError` if it is empty."""
     given = isinstance(what, str | Condition | Iterable)
     check_argument(
         "what", what, given, "an experiment or a condition, or a list of them"
@@ -351,7 +351,7 @@ def _as_list(
 
 @dataclass(frozen=True)
 class Computing:
-    """By what runs are computed; attributes as of `run_batch`."""
+    """How runs are computed; attributes as of `run_batch`."""
 
     engine: str = "auto"
     jobs: int | None = None
@@ -369,7 +369,7 @@ def compute(
     """Return every condition's result; compute (and save) those that are not there yet.
 
     Args:
-        conditions: what to compute.
+        conditions: the conditions to compute.
         plan: first seed, learning runs and trials.
         by: engine, threads or cluster.
         results: the results directory, open; None: nothing is saved.

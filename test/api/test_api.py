@@ -338,7 +338,7 @@ def test_experiments_are_those_of_reproduce(printed, tmp_path):
     assert (list(again), seen) == ([IDS[1]], [])
     assert again[IDS[1]] == ours[IDS[1]]
     assert sc.run_experiment(IDS[1], **few)[IDS[1]] == ours[IDS[1]]
-    with pytest.raises(sc.SparseCoordError, match="nothing is mixed"):
+    with pytest.raises(sc.SparseCoordError, match="not merged"):
         sc.run_experiment(IDS[1], runs=3, trials=3, out=tmp_path / "o")
 
 

@@ -38,15 +38,15 @@ CONTROLS = (controls.PAUSE, controls.STEP, controls.RATE, controls.SEEK, control
 
 TICK_SECONDS = 1 / 30
 LOOK_SECONDS = 0.5
-"""Between two looks at whether the file has grown."""
+"""Time between two checks whether the file has grown."""
 
 FIRST_RATE = 10.0
 
 SHOWN_RATE = 2.0
-"""Time steps a second of the episode that shows what was learned, until another rate is wanted."""
+"""Time steps a second of the episode that shows what was learned, until the user sets a rate."""
 
 SHOWN_STEPS = 3000
-"""The last time steps, among which that episode is."""
+"""That episode is searched for among this many last time steps."""
 
 MARKS = 300
 """Marks of a kind on the time line at most."""
@@ -57,10 +57,10 @@ WORDS = {
     controls.POLICY: "change of where a robot would ask",
     controls.CROSSING: "crossing",
 }
-"""What a page can go to, in words."""
+"""The names of what a page can jump to."""
 
 STILL_STEPS = 10_000
-"""Of a time step that so many others have followed nobody wants to know any more."""
+"""A request for tables of a time step is dropped once this many newer steps have followed."""
 
 
 class BagSource(controls.Controlled):
@@ -157,14 +157,14 @@ class BagSource(controls.Controlled):
             self._tell_learned()
 
     def newest(self) -> list[RecordedTables]:
-        """Return every robot's newest tables; nothing where one has none."""
+        """Return every robot's newest tables; an empty list if a robot has none."""
         found = [
             self.log.tables_before(k) for k in range(len(self.run.scenario.robots))
         ]
         return [] if None in found else [one for one in found if one is not None]
 
     def _tell_learned(self, *, read: bool = False) -> None:
-        """Say what was learned; `read`: and since when, as the whole log has been read."""
+        """Say what was learned; and since when, if the whole log has been `read`."""
         shown = self.highlight
         if shown is None:
             return
@@ -182,7 +182,7 @@ class BagSource(controls.Controlled):
         self.board.put("learned", lines=lines, first=shown.first, step=shown.step)
 
     def _show_again(self) -> None:
-        """Play the episode that shows what was learned, again and again."""
+        """Play the episode that shows what was learned, in a loop."""
         if self.highlight is not None:
             self._go(self.highlight.first)
             self._again = True
@@ -200,13 +200,13 @@ class BagSource(controls.Controlled):
         return min(self.rate or np.inf, self._shown_rate) if self._again else self.rate
 
     def _new(self, what: str, key: object) -> bool:
-        """Whether what is to be shown is not what was shown last."""
+        """Whether a message differs from the last one of its kind."""
         new = self._shown.get(what) != key
         self._shown[what] = key
         return new
 
     def _grows(self) -> bool:
-        """Whether a recorder holds the file's lock; one that was renamed or removed has none."""
+        """Whether a recorder holds the file's lock; a renamed or removed file has no lock."""
         try:
             return not self.log.bag.finished and being_recorded(self.log.bag.path)
         except BagError:
@@ -248,7 +248,7 @@ class BagSource(controls.Controlled):
             self._notice()
 
     def tick(self) -> None:
-        """Do what was asked for, move on, and show the time step that is reached."""
+        """Carry out the controls, move on, and show the time step that is reached."""
         now = time.monotonic()
         passed = now - self._then
         self._then = now
@@ -299,7 +299,7 @@ class BagSource(controls.Controlled):
             self.paused = False
 
     def _jump(self, kind: str) -> None:
-        """Go to the first crossing, or to the next moment of another kind; say where none is."""
+        """Go to the first crossing, or to the next step of another kind; or say that none follows."""
         steps = self._key_steps.steps[kind]
         step = 0 if kind == controls.CROSSING else int(self.position) + 1
         place = int(np.searchsorted(steps, step))
@@ -316,12 +316,12 @@ class BagSource(controls.Controlled):
         self._say(f"{what}.")
 
     def _say(self, text: str) -> None:
-        """Show what came of a control; empty: nothing is to be said."""
+        """Show the result of a control; an empty text clears it."""
         if self._new("said", text):
             self.board.put("said", text=text)
 
     def _beside(self, count: int) -> int:
-        """Return the time step so many steps on in the log, or back."""
+        """Return the time step that is `count` steps later in the log; earlier if negative."""
         log = self._around()
         row = self._row(log) + count
         inside = 0 <= row < len(log.step)
@@ -382,7 +382,7 @@ class BagSource(controls.Controlled):
             self.board.put("asked", robots=so_far.asked.tolist(), where=ASKED_SO_FAR)
 
     def _tell(self, log: RunLog, row: int) -> None:
-        """Show the last questions up to a row, where there are others than before.
+        """Show the last questions up to a row, if they are not shown already.
 
         Their details have the rows of the tables that decided, once these were learned again.
         """
@@ -417,7 +417,7 @@ class BagSource(controls.Controlled):
         elif self.growing:
             text = "still being recorded: the page follows it"
         elif not log.bag.finished:
-            text = "never closed by its recorder: what there is of it is shown"
+            text = "never closed by its recorder: the part that was written is shown"
         if self._new("notice", text):
             self.board.put("notice", text=text)
 
@@ -544,7 +544,7 @@ def since_in_words(name: str, first: int, since: int | None) -> str:
     Args:
         name: of the robot.
         first: the time step of its first tables.
-        since: since when its tables say so up to the end; None: the newest ones do not.
+        since: the time step since which its tables say so; None: the newest tables do not.
     """
     if since is None:
         return f"By its newest tables {name} would not ask there."

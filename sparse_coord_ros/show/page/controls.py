@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a page may ask for, and how that is checked before it is done."""
+"""The controls of a page, and how they are checked before they are carried out."""
 
 import queue
 from collections.abc import Collection, Iterator, Mapping
@@ -52,11 +52,11 @@ KINDS = (QUESTION, MISCOORDINATION, CROSSING, POLICY)
 without that; where a robot would ask changes."""
 
 LEARNED = "learned"
-"""A kind, too: the episode that shows what was learned, again and again."""
+"""Another target of a jump: the episode that shows what was learned, in a loop."""
 
 
 class Control(NamedTuple):
-    """What a page asks for, checked.
+    """A control that a page has sent, checked.
 
     Attributes:
         name: one of the above.
@@ -70,13 +70,13 @@ class Control(NamedTuple):
 
 
 class Controlled:
-    """What is shown, and can be held, stepped and so on."""
+    """A source that can be paused, stepped and so on."""
 
     def __init__(self) -> None:
         self._wishes: queue.SimpleQueue[Control] = queue.SimpleQueue()
 
     def control(self, control: Control) -> None:
-        """Do it soon; what comes of it shows. Called from the server's thread.
+        """Carry out a control at the next tick. Called from the server's thread.
 
         Raises:
             SparseCoordError: it cannot be done; one line for the page.
@@ -84,20 +84,20 @@ class Controlled:
         self._wishes.put(control)
 
     def wishes(self) -> Iterator[Control]:
-        """Yield what was asked for since the last call."""
+        """Yield the controls since the last call."""
         while not self._wishes.empty():
             yield self._wishes.get()
 
 
 def parse_control(data: Mapping[str, Any], allowed: Collection[str]) -> Control:
-    """Return what a page's message asks for.
+    """Return the control in a page's message.
 
     Args:
         data: the message: `do` and `value`.
         allowed: the controls that there are now.
 
     Raises:
-        SettingError: it is none of them, or its value makes no sense.
+        SettingError: there is no such control, or its value is not allowed.
     """
     name: Any = data.get("do")
     value: Any = data.get("value")

@@ -103,7 +103,7 @@ class KeySteps:
     def since(self, robot: int, cell: int) -> tuple[int, int | None]:
         """Return the first time step, and since when a robot would ask in a cell up to the end.
 
-        None: it would not.
+        The second value is None if it would not.
         """
         known = self.changes[robot]
         since = None
@@ -121,9 +121,9 @@ class Highlight(NamedTuple):
 
     Attributes:
         first, last: its time steps.
-        step: of its question that matters most; None: nobody asks.
-        robot: who asks then, cell: where.
-        text: what comes of it, in narrator.
+        step: of its most important question; None: no robot asks.
+        robot: the robot that asks then; cell: its cell.
+        text: the question and its consequence, in words.
     """
 
     first: int
@@ -229,7 +229,7 @@ def _told(log: RunLog, row: int, k: int, narrator: Narrator, *, learned: bool) -
     Args:
         log: the log.
         row: of the question's time step.
-        k: who asks.
+        k: the robot that asks.
         narrator: of the scenario.
         learned: whether its tables say that it would come there and do the same again; if not,
             or if it asks several robots, only what happened is told.

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A team that learns now, on the page: the newest transition, and what is costly seldom."""
+"""A team that learns now, on the page: each new transition; costly messages less often."""
 
 import time
 from collections import deque
@@ -38,7 +38,7 @@ class LiveView:
         board: where the messages go.
         source: live or train.
         title: what the page is called.
-        controls: what a page may ask for.
+        controls: the controls of its page.
 
     Attributes:
         state: what the team is doing, in a word.
@@ -99,7 +99,7 @@ class LiveView:
             self.board.put("halting", **shown)
 
     def take(self, seen: Glimpse) -> None:
-        """Take in a transition; called for each, so it does next to nothing."""
+        """Take in a transition; this is called for each one, so it must be fast."""
         if self.last is not None and seen.step != self.last.step + 1:
             self._passed.clear()
         self._passed.append(seen.cells)
@@ -107,7 +107,7 @@ class LiveView:
         for k, action in enumerate(seen.actions):
             if action is not None and action.asked:
                 cell = seen.cells[k]
-                assert cell is not None  # who acts knows where it is
+                assert cell is not None  # a robot that acts knows its cell
                 self.asked[k][cell] += 1
 
     def show(
@@ -193,8 +193,8 @@ class LiveView:
         Args:
             history: the episodes so far.
             tables: as of `messages.table_fields`.
-            asked: as `asked`, where somebody else has counted, shape (K, cells).
-            where: what was counted, in words.
+            asked: counts as of `asked`, where another object has counted, shape (K, cells).
+            where: in which episodes they were counted, in words.
         """
         self.newest = tables
         self.board.put("curves", read=1.0, **messages.curve_fields(history))

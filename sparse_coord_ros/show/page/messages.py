@@ -94,7 +94,7 @@ def run_fields(run: RunConfig) -> Message:
 
 
 def frame_fields(seen: Glimpse, trails: Sequence[Sequence[int]]) -> Message:
-    """Return a time step: where the robots are, who asks whom, where it leads.
+    """Return a time step: the robots' cells, their questions, and their next cells.
 
     Args:
         seen: the time step.
@@ -124,7 +124,7 @@ the run's end."""
 
 
 def table_fields(run: RunConfig, tables: TablesThen) -> list[Message | None]:
-    """Return what each robot's tables say; None of a robot without any."""
+    """Return what each robot's tables say; None for a robot without tables."""
     robots: list[Message | None] = [None] * len(run.scenario.robots)
     for k, (step, own) in tables.items():
         robot = run.scenario.robots[k]
@@ -242,7 +242,7 @@ def put_end(
 
 
 def asked_of(seen: Glimpse, question: Question) -> Asked | None:
-    """Return what a question of a time step brought; None where the asker's cell is not known."""
+    """Return the question as `explain` takes it; None if the asker's cell is not known."""
     cell = seen.cells[question.asker]
     if cell is None:
         return None
@@ -265,9 +265,9 @@ def in_words(
     Args:
         run: the run.
         seen: the time step.
-        known: the robots, from 0, whose tables are known; of others only what happened is told.
+        known: numbers of the robots whose tables are known; for the others no reason is given.
         narrator: of the scenario.
-        rows: by robot, what to say of the row of its tables that decided.
+        rows: by robot, the row of its tables that decided, in words.
     """
     for question in questions_of(seen):
         k, peers, end, move = question
@@ -294,7 +294,7 @@ def in_words(
 
 
 def plain(values: np.ndarray) -> list[Any]:
-    """Return numbers with four digits as lists; None where JSON has no such number."""
+    """Return numbers with four digits as lists; None in place of NaN and infinity."""
     found = values.round(4)
     unknown = ~np.isfinite(found)
     if unknown.any():

@@ -109,7 +109,7 @@ class TrainingView(LiveView, Controlled):
 
 
 class TrainedView(LiveView):
-    """Shows what a run without a bag has learned, and the greedy episode that its words are of.
+    """Shows what a run without a bag has learned, and a greedy episode with its questions.
 
     Args:
         shown: the run.

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What there is to say of experiments, and `reproduction.md` with its tables and figures."""
+"""The report on experiments: `reproduction.md` with its tables and figures."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ from sparse_coord_ros.studies.report.text import named, of, steps, to_markdown
 from sparse_coord_ros.studies.store import ConditionResult, Plan, write_result
 
 REWARDS = {"table1": "Table 1", "table3": "Table 3"}
-"""The experiments on rewards that the paper has numbers of, and what it calls them."""
+"""The experiments that reproduce a table of rewards, and the table's name in the paper."""
 
 
 @dataclass(frozen=True)
@@ -55,14 +55,14 @@ class ReportedExperiment:
 
 @dataclass(frozen=True)
 class Findings:
-    """What there is to say of experiments.
+    """The content of the report.
 
     Attributes:
         plan: seed, runs and trials of every condition.
         parts: the experiments.
         claims: the table of findings.
-        missed: the paper's rows that are not reproduced, or cannot be, each with the reason.
-        maps: where the maps come from on which those rows are.
+        missed: the paper's rows that are not reproduced or impossible, each with the reason.
+        maps: the sources of the maps of those rows.
     """
 
     plan: Plan
@@ -116,7 +116,7 @@ def reproduction_page(report: Findings) -> str:
 def findings(
     plan: Plan, chosen: Sequence[Experiment], found: Mapping[str, ConditionResult]
 ) -> Findings:
-    """Return what there is to say of experiments; arguments as of `write_report`."""
+    """Return the content of the report; arguments as of `write_report`."""
     results = {one.name: [found[each.id] for each in one.conditions] for one in chosen}
     claims = _claims_on_rewards(results)
     parts = []
@@ -165,7 +165,7 @@ def _templates() -> jinja2.Environment:
 
 
 def _block(template: jinja2.Template, name: str, values: Mapping[str, Any]) -> str:
-    """Return a block of a template; empty where the template has none of this name."""
+    """Return a rendered block of a template; empty if the template has no such block."""
     if name not in template.blocks:
         return ""
     context = template.new_context(dict(values))
@@ -180,7 +180,7 @@ def _game(result: ConditionResult) -> str:
 def _claims_on_rewards(
     results: Mapping[str, Sequence[ConditionResult]],
 ) -> list[Claim]:
-    """Return the claims on all tables of rewards together; none where there is no such table."""
+    """Return the claims on all tables of rewards together; empty without such a table."""
     tables = [name for name in REWARDS if name in results]
     if not tables:
         return []

@@ -219,7 +219,7 @@ def _crowd_bytes(results: Results) -> pd.DataFrame:
 
 
 def crowd_line(result: ConditionResult) -> str:
-    """Return the learner of a crowd, with whom it perceives."""
+    """Return the line of a condition of the crowd: the learner, for Coop. with its peers."""
     if result.condition.learner != "coop":
         return result.learner.title
     return {"one": ONE, "all": ALL}[result.scenario.peers]
@@ -406,7 +406,7 @@ def value_and_bar(measure: Measure, name: str, bars: str) -> dict[str, float]:
 def compared_with(
     result: ConditionResult, measure: str, optimum: str
 ) -> dict[str, float]:
-    """Return what a condition's measure is compared with, by the names of the lines.
+    """Return the reference values of a condition's measure, by the names of the lines.
 
     Args:
         result: the condition.

@@ -24,7 +24,7 @@ from sparse_coord_ros.studies.store import ConditionResult
 
 
 def misses(results: Iterable[ConditionResult]) -> pd.DataFrame:
-    """Return the rows whose reward is not the paper's, or cannot be, each with the reason."""
+    """Return the paper's rows that are not reproduced or impossible, each with the reason."""
     rows = []
     for one in results:
         printed = paper(one, "reward")
@@ -106,7 +106,7 @@ def _turning(result: ConditionResult) -> str:
 
 
 def provenances(results: Sequence[ConditionResult], missed: pd.DataFrame) -> list[str]:
-    """Return where the maps come from on which rows are not reproduced, each text once."""
+    """Return the sources of the maps of rows that are not reproduced, each text once."""
     if missed.empty:
         return []
     maps: dict[str, list[str]] = {}

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The data of the report: one function for each experiment.
 
-It returns the experiment's table, what it has to say on the claims, and the values that its
-template names. The template has the same name, in `templates`.
+It returns the experiment's table, the claims that it bears on, and the values for its template in
+`templates`.
 """
 
 import math
@@ -71,9 +71,9 @@ class Claim:
     """A line of the findings.
 
     Attributes:
-        text: what is claimed.
-        source: by whom.
-        measured: what is measured here.
+        text: the claim.
+        source: who makes it.
+        measured: our measurement.
         holds: in how many cases the claim holds.
         cases: how many cases there are.
     """
@@ -91,9 +91,9 @@ class Section:
 
     Attributes:
         template: the file of its words in `templates`, with the blocks `intro` and `notes`.
-        table: its table: one text a cell, missing where there is none.
-        claims: what it has to say on the claims.
-        values: what else its template names.
+        table: its table of texts; cells may be missing.
+        claims: the claims that it bears on.
+        values: the variables of its template.
     """
 
     template: str
@@ -207,7 +207,7 @@ def reward_claims(
     results: Results,
     elsewhere: Mapping[str, Results] = MappingProxyType({}),
 ) -> list[Claim]:
-    """Return how Coop. fares against the baselines, Indiv. against exact values; who arrives.
+    """Return the claims on Coop. against the baselines, on Indiv., and on arrivals.
 
     Args:
         source: the paper's tables that the results are of.
@@ -255,7 +255,7 @@ def _against_baselines(source: str, results: Results) -> Claim:
 
 
 def _counted(found: Mapping[str, str], cases: int) -> str:
-    """Return in how many cases something holds, and what it is in each of them."""
+    """Return the number of cases in which something holds, and its value in each of them."""
     told = f" ({named(found)})" if found else ""
     return of(len(found), cases) + told
 
@@ -347,7 +347,7 @@ def _ends(
 
 
 def _fall(results: Results) -> np.ndarray:
-    """Return what is lost from the least penalty to the greatest in each run, shape (runs,)."""
+    """Return the reward that the largest penalty costs in each run, shape (runs,)."""
     dear, free = _ends(results, lambda one: one.scenario.penalty)
     lost: np.ndarray = free.run_means("reward") - dear.run_means("reward")
     return lost

@@ -41,7 +41,7 @@ def cells(table: pd.DataFrame) -> list[list[str]]:
 
 
 def fixed(value: float, digits: int = 2) -> str:
-    """Return a number; a dash where there is none, such as the standard error of a single run."""
+    """Return a number; a dash for NaN, such as the standard error of a single run."""
     return "-" if math.isnan(value) else f"{value:.{digits}f}"
 
 
@@ -77,14 +77,14 @@ def size(count: float) -> str:
 
 
 def listed(texts: Sequence[str]) -> str:
-    """Return texts as an enumeration; "none" where there are none."""
+    """Return texts as an enumeration; "none" for an empty one."""
     if len(texts) < 2:
         return texts[0] if texts else "none"
     return f"{', '.join(texts[:-1])} and {texts[-1]}"
 
 
 def named(texts: Mapping[str, str]) -> str:
-    """Return what there is of each name, such as `env1 1.61, pentagon 1.77`."""
+    """Return names with their values, such as `env1 1.61, pentagon 1.77`; or "none"."""
     return ", ".join(f"{name} {text}" for name, text in texts.items()) or "none"
 
 
@@ -115,7 +115,7 @@ def optimum_of(result: ConditionResult) -> str:
 
 
 def bound_of(result: ConditionResult) -> str | None:
-    """Return what the best learned team of Algorithm 1's form is worth; None where it is unknown.
+    """Return the value of the best asking team found; None if it is not known.
 
     Marked where no search found it: the best of many learned teams, of more than two robots.
     """
