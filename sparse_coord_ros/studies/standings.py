@@ -4,7 +4,7 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -12,10 +12,6 @@ from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.runs.evaluation import Measure
 from sparse_coord_ros.core.solve.shipped import known_best
 from sparse_coord_ros.studies.store import CONFIDENCE, ConditionResult
-
-if TYPE_CHECKING:
-    pass
-
 
 RESAMPLES = 2000
 """Of a bootstrap."""

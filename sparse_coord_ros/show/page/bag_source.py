@@ -299,7 +299,7 @@ class BagSource(controls.Controlled):
             self.paused = False
 
     def _jump(self, kind: str) -> None:
-        """Go to the first crossing, or to the next step of another kind; or say that none follows."""
+        """Go to the first crossing, or to the next step of another kind; or say there is none."""
         steps = self._key_steps.steps[kind]
         step = 0 if kind == controls.CROSSING else int(self.position) + 1
         place = int(np.searchsorted(steps, step))
