@@ -12,7 +12,7 @@ import numpy as np
 
 from sparse_coord_ros.core.game.grid import GridMap, moves_to, regions
 
-FAR = 2**29
+NO_WAY = 2**29
 """Number of moves where there is no way. The sum of two such numbers is still an int32."""
 
 KEPT_BYTES = 20_000_000
@@ -52,7 +52,7 @@ class Doorways:
         self._rooms = [frozenset(self.room[one].tolist()) for one in self._exits]
         near = [self._to[self._part_of == n].min(axis=0) for n in range(self.count)]
         self.ways = np.array(
-            [np.where(one < FAR, one, -1) for one in near], dtype=np.int64
+            [np.where(one < NO_WAY, one, -1) for one in near], dtype=np.int64
         )
         self.ways = self.ways.reshape(self.count, len(cells))
         kept = max(8, KEPT_BYTES // (8 * len(cells)))
@@ -70,9 +70,9 @@ class Doorways:
         return parts
 
     def _moves_to(self, cell: int) -> np.ndarray:
-        """Return the moves between a cell and each cell, or `FAR`: shape (cells,)."""
+        """Return the moves between a cell and each cell, or `NO_WAY`: shape (cells,)."""
         moves = self._grid.distances_to(cell)
-        return np.where(moves < 0, FAR, moves).astype(np.int32)
+        return np.where(moves < 0, NO_WAY, moves).astype(np.int32)
 
     def _moves_around(self, door: int, cell: int) -> np.ndarray:
         """Return the moves between a cell and each cell, or -1, where a doorway is closed."""
@@ -89,18 +89,18 @@ class Doorways:
         """
         there = self._part_of == door
         passed = self._to[there, cell] + moves[self._cells[there]]
-        return bool(passed.min() == moves[cell] < FAR)
+        return bool(passed.min() == moves[cell] < NO_WAY)
 
     def on_the_way(self, cell: int, moves: np.ndarray) -> np.ndarray:
-        """Return the moves from a cell to each doorway that is on a shortest way; others: `FAR`.
+        """Return the moves from a cell to each doorway on a shortest way; `NO_WAY` for the others.
 
         Args:
             cell: where the ways begin.
             moves: from each cell to their end, as of `moves_to`.
         """
         to = self._to[:, cell]
-        passed = (to + moves[self._cells] == moves[cell]) & (moves[cell] < FAR)
-        found = np.full(self.count, FAR, dtype=np.int64)
+        passed = (to + moves[self._cells] == moves[cell]) & (moves[cell] < NO_WAY)
+        found = np.full(self.count, NO_WAY, dtype=np.int64)
         np.minimum.at(found, self._part_of[passed], to[passed])
         return found
 

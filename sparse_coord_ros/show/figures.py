@@ -31,7 +31,7 @@ from sparse_coord_ros.studies.report.map_pictures import COLOUR_MAP, draw_map
 LINE_WIDTH = 11.0
 """Inches that a line of panels may take."""
 
-LEAST_WIDTH = 4.0
+LEAST_FIGURE_WIDTH = 4.0
 """Inches of the narrowest figure."""
 
 CURVE = (2.75, 2.5)
@@ -39,7 +39,7 @@ CURVE = (2.75, 2.5)
 
 POLICY_MAP = 3.4
 SHADED_MAP = 2.8
-SMALLEST_CELL = 0.3
+SMALLEST_FIGURE_CELL = 0.3
 """Inches of the longer side of a small map, and of a cell of a large one."""
 
 SCALE_WIDTH = 0.8
@@ -121,7 +121,7 @@ def runs_figure(runs: Sequence[Shown], whats: Sequence[str]) -> Figure:
     """
     lines = _balanced([group for what in whats for group in _groups(what, runs)])
     heights = [max(panel.height for panel in line) for line in lines]
-    width = max(LEAST_WIDTH, *map(_width, lines))
+    width = max(LEAST_FIGURE_WIDTH, *map(_width, lines))
     figure = Figure(figsize=(width, sum(heights)), layout="constrained")
     parts = figure.subfigures(len(lines), 1, height_ratios=heights, squeeze=False)[:, 0]
     for part, line in zip(parts, lines, strict=True):
@@ -264,7 +264,7 @@ def _map_panel(
     shown: Shown, longest: float, draw: Callable[[Axes], None], below: float = 0.0
 ) -> Panel:
     rows, columns = shown.config.scenario.map.shape
-    cell = max(SMALLEST_CELL, longest / max(rows, columns))
+    cell = max(SMALLEST_FIGURE_CELL, longest / max(rows, columns))
     return Panel(max(2.8, columns * cell + 0.3), rows * cell + 0.6 + below, draw)
 
 

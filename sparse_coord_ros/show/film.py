@@ -22,12 +22,12 @@ from sparse_coord_ros.show.steps import Question, questions_of
 from sparse_coord_ros.studies.report.map_pictures import draw_map
 
 DPI = 100
-LONGEST_SIDE = 7.2
+LONGEST_FILM_SIDE = 7.2
 LARGEST_CELL = 0.72
-SMALLEST_CELL = 0.24
+SMALLEST_FILM_CELL = 0.24
 """Inches: of the map's longer side, if its cells then keep a size within the other two."""
 
-LEAST_WIDTH = 3.6
+LEAST_FILM_WIDTH = 3.6
 """Inches that the words below the map need."""
 
 SENTENCES = 3
@@ -98,12 +98,12 @@ class EpisodePictures:
         self._names = [robot.name for robot in scenario.robots]
         steps = episode.steps
         rows, columns = scenario.map.shape
-        cell = min(LARGEST_CELL, LONGEST_SIDE / max(rows, columns))
-        self._cell = cell = max(SMALLEST_CELL, cell)
+        cell = min(LARGEST_CELL, LONGEST_FILM_SIDE / max(rows, columns))
+        self._cell = cell = max(SMALLEST_FILM_CELL, cell)
         self._spoken = min(SENTENCES, max(len(questions_of(one)) for one in steps))
         above = 0.32
         below = 0.34 + 0.2 * self._spoken
-        width = max(LEAST_WIDTH, columns * cell + 0.2)
+        width = max(LEAST_FILM_WIDTH, columns * cell + 0.2)
         height = rows * cell + above + below
         self._figure = figure = Figure(figsize=(width, height), dpi=DPI)
         canvas: Any = FigureCanvasAgg(figure)

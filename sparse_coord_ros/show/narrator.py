@@ -14,7 +14,7 @@ from sparse_coord_ros.core.game.actions import ACTIONS
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.runs.run import Glimpse
 from sparse_coord_ros.protocol.wire import PerceptEnd
-from sparse_coord_ros.show.doorways import FAR, Doorways
+from sparse_coord_ros.show.doorways import NO_WAY, Doorways
 from sparse_coord_ros.show.steps import Question
 
 ENDED = {
@@ -75,7 +75,7 @@ class Narrator:
         if doorways.of[cell] >= 0:
             return f"in {the}", int(doorways.of[cell])
         next_ones = doorways.on_the_way(cell, self._home[robot])
-        if (next_ones < FAR).any():
+        if (next_ones < NO_WAY).any():
             away = int(next_ones.min())
             if away > 1:
                 return f"{away} moves before {the}", int(next_ones.argmin())
@@ -83,8 +83,8 @@ class Narrator:
             if entered >= 0 and next_ones[entered] == 1:
                 return f"before {the}", entered
             return f"before {the}", int(next_ones.argmin())
-        ways = np.where(doorways.ways[:, cell] < 0, FAR, doorways.ways[:, cell])
-        if not (ways < FAR).any():
+        ways = np.where(doorways.ways[:, cell] < 0, NO_WAY, doorways.ways[:, cell])
+        if not (ways < NO_WAY).any():
             return self._cell(cell), None
         away = int(ways.min())
         door = int(ways.argmin())
@@ -108,7 +108,7 @@ class Narrator:
         if at == cell:
             return "in the same cell"
         moves = int(self.doorways.moves_to(cell)[at])
-        if moves >= FAR:
+        if moves >= NO_WAY:
             return f"{self._cell(at)}, to which there is no way"
         away = f"{moves} moves away"
         if moves == 1:
@@ -180,7 +180,7 @@ class Narrator:
     def _goes(self, robot: int, cell: int, after: int, move: int) -> str:
         now = self._home[robot][cell]
         then = self._home[robot][after]
-        if now >= FAR or then >= FAR or now == then:
+        if now >= NO_WAY or then >= NO_WAY or now == then:
             return f"goes {ACTIONS[move]}"
         return "goes on" if then < now else "steps back"
 

@@ -29,13 +29,13 @@ from sparse_coord_ros.show.html import Part, code, page, picture, table, text
 from sparse_coord_ros.show.sources import PLAYED_EPISODES, Shown
 from sparse_coord_ros.show.steps import ended
 
-TRIALS = 1000
+REPORT_TRIALS = 1000
 BASELINES = ("indiv", "noncoop")
 MOST_WARNINGS = 20
 WARNING_LEVEL = 30
 """Level of a warning in rcl_interfaces/Log."""
 
-CAPTIONS = {
+RUN_CAPTIONS = {
     "policy": "Greedy moves of the learned tables. A ring: the robot asks there before it moves. "
     "Pale: it never gets there in greedy episodes.",
     "asks": f"Where robots ask in {PLAYED_EPISODES} greedy episodes from the scenario's starts.",
@@ -90,7 +90,7 @@ def _value(shown: Shown, baselines: bool) -> Iterator[Part]:
         shown.say("evaluating")
         with leaving_out("the value of this team", missing.append):
             found = evaluate_best(
-                scenario, shown.tables, trials=TRIALS, learner=config.rule
+                scenario, shown.tables, trials=REPORT_TRIALS, learner=config.rule
             )
             rows.append(_measures("this team", found))
             yield text(last_word(scenario, config.rule, found).text)
@@ -101,7 +101,9 @@ def _value(shown: Shown, baselines: bool) -> Iterator[Part]:
         shown.say(f"learning {rule.title}, to compare")
         with leaving_out(f"{rule.title} to compare", missing.append):
             learned = train(scenario, rule, config.seed)
-            found = evaluate_best(scenario, learned.tables, trials=TRIALS, learner=rule)
+            found = evaluate_best(
+                scenario, learned.tables, trials=REPORT_TRIALS, learner=rule
+            )
             rows.append(_measures(f"{rule.title}, same seed", found))
     for words in missing:
         shown.say(words)
@@ -140,7 +142,7 @@ def _learned(shown: Shown) -> Iterator[Part]:
         yield text("There are neither tables nor a history to draw.", warn=True)
     for what in whats:
         shown.say(f"drawing {what}")
-        yield picture(figures.runs_figure([shown], [what]), CAPTIONS[what])
+        yield picture(figures.runs_figure([shown], [what]), RUN_CAPTIONS[what])
 
 
 def _dialogue(shown: Shown) -> Iterator[Part]:

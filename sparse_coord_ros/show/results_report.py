@@ -35,7 +35,7 @@ from sparse_coord_ros.studies.report.text import (
 )
 from sparse_coord_ros.studies.store import ConditionResult, Plan, Say
 
-CAPTIONS = {
+RESULT_CAPTIONS = {
     "conditions": "Learners against the first setting in which the conditions differ, beside what "
     "they are to be compared with. Bars are standard errors of the mean over the learning runs.",
     "asks": "Where robots ask: the darker a cell, the more often COORDINATE is chosen there. Of "
@@ -134,9 +134,9 @@ def _conditions(results: Sequence[ConditionResult], say: Say) -> Iterator[Part]:
     """Yield the table of conditions, and their pictures."""
     yield _conditions_table(results)
     for what, own in drawn(results).items():
-        if what in CAPTIONS:
+        if what in RESULT_CAPTIONS:
             say(f"drawing {what}")
-            yield picture(figure_of(what, own), CAPTIONS[what])
+            yield picture(figure_of(what, own), RESULT_CAPTIONS[what])
 
 
 def _conditions_table(results: Iterable[ConditionResult]) -> Part:

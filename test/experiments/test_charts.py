@@ -11,10 +11,10 @@ from matplotlib.container import ErrorbarContainer
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from sparse_coord_ros.studies.catalogue import LEARNERS, experiment
+from sparse_coord_ros.studies.catalogue import REPORTED_LEARNERS, experiment
 from sparse_coord_ros.studies.report.charts import (
-    ASKING,
     BASELINE,
+    BEST_ASKING,
     LEAST_SPANS,
     NESTED,
     SHORTEST,
@@ -93,13 +93,13 @@ def test_on_an_axis_of_numbers_every_point_stands_at_its_number():
     penalties = ("0", "-0.1", "-1", "-10")
     results = [
         with_reward("env1", 120.0, penalty=penalty, learner=learner)
-        for learner in LEARNERS
+        for learner in REPORTED_LEARNERS
         for penalty in penalties
     ]
     figure = swept_figure(results, "penalty", ["reward"])
     [panel] = figure.axes
     lines = [container.lines[0] for container in panel.containers]
-    assert len(lines) == len(LEARNERS)
+    assert len(lines) == len(REPORTED_LEARNERS)
     for line in lines:
         points = line.get_xydata()
         shown = line.get_transform().transform(points)
@@ -252,7 +252,7 @@ def test_a_reference_that_is_known_at_one_place_is_not_drawn_at_others():
     ]
     [panel] = swept_figure(results, "ask_cost", ["reward"]).axes
     known = [
-        line for line in panel.lines if line.get_color() == STYLES[ASKING]["color"]
+        line for line in panel.lines if line.get_color() == STYLES[BEST_ASKING]["color"]
     ]
     assert [(line.get_xdata().tolist(), line.get_marker()) for line in known] == [
         ([1], "_")

@@ -20,9 +20,9 @@ from sparse_coord_ros.core.runs.evaluation import Measure
 from sparse_coord_ros.core.solve.optimum import independent_bound
 from sparse_coord_ros.show.results_report import results_report
 from sparse_coord_ros.studies.catalogue import (
-    LEARNERS,
     LONG,
     NAMES,
+    REPORTED_LEARNERS,
     Experiment,
     experiment,
 )
@@ -53,7 +53,7 @@ def some_of_figure4():
         make_condition(name, learner, {"penalty": penalty, "steps": steps})
         for name, budgets in (("env1", (10_000, 100_000)), ("env2-4r", (10_000,)))
         for steps in budgets
-        for learner in LEARNERS
+        for learner in REPORTED_LEARNERS
         for penalty in (0, -1, -100)
     ]
     return Experiment("figure4", experiment("figure4").title, tuple(conditions))
@@ -376,7 +376,7 @@ def test_factored_falls_hardly_more_than_the_best_asking_team(fall, steps, verdi
     ends = {0: rewards(*[120.0] * 4), -100: rewards(*[120.0 - fall] * 4)}
     conditions = [
         make_condition("env1", learner, {"penalty": penalty, "steps": steps})
-        for learner in LEARNERS
+        for learner in REPORTED_LEARNERS
         for penalty in ends
     ]
     changes = {one.id: ends[one.scenario.penalty] for one in conditions}
@@ -389,7 +389,7 @@ def test_factored_s_fall_is_judged_where_there_is_a_limit_and_a_loss():
     conditions = [
         make_condition(name, learner, {"penalty": penalty, "steps": 10**5})
         for name in ("env1", "cit", "suny", "env2-4r")
-        for learner in LEARNERS
+        for learner in REPORTED_LEARNERS
         for penalty in ends
     ]
     changes = {one.id: ends[one.scenario.penalty] for one in conditions}

@@ -34,10 +34,16 @@ from sparse_coord_ros.show.page.key_steps import (
 from sparse_coord_ros.show.page.live_source import ASKED_SO_FAR
 from sparse_coord_ros.show.steps import logged_step, logged_trails, questions_of
 
-CONTROLS = (controls.PAUSE, controls.STEP, controls.RATE, controls.SEEK, controls.JUMP)
+BAG_CONTROLS = (
+    controls.PAUSE,
+    controls.STEP,
+    controls.RATE,
+    controls.SEEK,
+    controls.JUMP,
+)
 
 TICK_SECONDS = 1 / 30
-LOOK_SECONDS = 0.5
+GROWTH_CHECK_SECONDS = 0.5
 """Time between two checks whether the file has grown."""
 
 FIRST_RATE = 10.0
@@ -51,7 +57,7 @@ SHOWN_STEPS = 3000
 MARKS = 300
 """Marks of a kind on the time line at most."""
 
-WORDS = {
+KIND_NAMES = {
     controls.QUESTION: "question",
     controls.MISCOORDINATION: "miscoordination",
     controls.POLICY: "change of where a robot would ask",
@@ -126,7 +132,7 @@ class BagSource(controls.Controlled):
         place = self.log.bag.path
         fields = messages.run_fields(self.run)
         title = str(place if place.is_dir() else place.parent)
-        board.put("run", source="bag", title=title, controls=CONTROLS, **fields)
+        board.put("run", source="bag", title=title, controls=BAG_CONTROLS, **fields)
         board.source = self
         self._notice()
         if not self.growing:
@@ -223,7 +229,7 @@ class BagSource(controls.Controlled):
         looked = time.monotonic()
         try:
             while True:
-                if self.growing and time.monotonic() - looked >= LOOK_SECONDS:
+                if self.growing and time.monotonic() - looked >= GROWTH_CHECK_SECONDS:
                     looked = time.monotonic()
                     self.look()
                 self.tick()
@@ -280,7 +286,7 @@ class BagSource(controls.Controlled):
             case controls.STEP:
                 self.paused = True
                 self._go(self._beside(control.value))
-            case controls.JUMP if control.value == controls.LEARNED:
+            case controls.JUMP if control.value == controls.LEARNED_EPISODE:
                 self._show_again()
             case controls.JUMP:
                 self._jump(control.value)
@@ -307,7 +313,7 @@ class BagSource(controls.Controlled):
             self._go(int(steps[place]))
             self.paused = True
             return
-        what = f"No {WORDS[kind]}"
+        what = f"No {KIND_NAMES[kind]}"
         if kind != controls.CROSSING:
             what = f"{what} after time step {step - 1:,}"
         read = self._counts.read_to
@@ -508,7 +514,7 @@ class BagSource(controls.Controlled):
                 self.board.put("curves", read=1.0, **messages.curve_fields(history))
                 if not growing:
                     break
-                if self._stop.wait(LOOK_SECONDS):
+                if self._stop.wait(GROWTH_CHECK_SECONDS):
                     return
             self._tell_learned(read=True)
             self._evaluate()

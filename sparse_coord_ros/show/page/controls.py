@@ -47,11 +47,11 @@ QUESTION = "question"
 MISCOORDINATION = "miscoordination"
 CROSSING = "crossing"
 POLICY = "policy"
-KINDS = (QUESTION, MISCOORDINATION, CROSSING, POLICY)
+STEP_KINDS = (QUESTION, MISCOORDINATION, CROSSING, POLICY)
 """A robot asks; robots miscoordinate; for the first time some are at one doorway and all arrive
 without that; where a robot would ask changes."""
 
-LEARNED = "learned"
+LEARNED_EPISODE = "learned"
 """Another target of a jump: the episode that shows what was learned, in a loop."""
 
 
@@ -118,7 +118,10 @@ def parse_control(data: Mapping[str, Any], allowed: Collection[str]) -> Control:
         SEEK: (whole and abs(value) <= 2**53, "a whole number"),
         RATE: (number and (value == 0 or 0.001 <= value <= 1e6), "0 or 0.001 to 1e6"),
         **dict.fromkeys(bare, (True, "")),
-        JUMP: (value in (*KINDS, LEARNED), ", ".join((*KINDS, LEARNED))),
+        JUMP: (
+            value in (*STEP_KINDS, LEARNED_EPISODE),
+            ", ".join((*STEP_KINDS, LEARNED_EPISODE)),
+        ),
     }[name]
     if not fits:
         raise _bad(name, value, words)

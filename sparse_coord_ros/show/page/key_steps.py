@@ -21,10 +21,10 @@ from sparse_coord_ros.protocol.wire.occupancy import OCCUPIED, OccupancyData
 from sparse_coord_ros.show.narrator import Narrator
 from sparse_coord_ros.show.page.controls import (
     CROSSING,
-    KINDS,
     MISCOORDINATION,
     POLICY,
     QUESTION,
+    STEP_KINDS,
 )
 from sparse_coord_ros.show.policy import entered, policy_of
 from sparse_coord_ros.show.steps import logged_step, questions_of
@@ -44,7 +44,7 @@ class KeySteps:
 
     def __init__(self, run: RunConfig, narrator: Narrator) -> None:
         self.steps: dict[str, np.ndarray] = {
-            kind: np.empty(0, np.int64) for kind in KINDS
+            kind: np.empty(0, np.int64) for kind in STEP_KINDS
         }
         self.changes: list[list[tuple[int, np.ndarray]]] = [
             [] for _ in run.scenario.robots

@@ -39,7 +39,7 @@ POINTS = 240
 MOST_ENTRIES = 40
 """Questions that the page shows."""
 
-TRIALS = 300
+VALUE_TRIALS = 300
 """Trials of a team that cannot be evaluated exactly."""
 
 SHAPES = (
@@ -182,7 +182,7 @@ def curve_fields(history: History) -> Message:
 def evaluation_fields(
     run: RunConfig, tables: Sequence[Tables], step: int | None
 ) -> Message:
-    """Return the evaluation of tables: exact for one or two robots, else by `TRIALS` trials.
+    """Return the evaluation of tables: exact for one or two robots, else by `VALUE_TRIALS` trials.
 
     Args:
         run: the run.
@@ -192,7 +192,7 @@ def evaluation_fields(
     Raises:
         TablesError: the tables do not fit the run.
     """
-    result = evaluate_best(run.scenario, tables, trials=TRIALS, learner=run.rule)
+    result = evaluate_best(run.scenario, tables, trials=VALUE_TRIALS, learner=run.rule)
     measures = {name: getattr(result, name) for name in MEASURES}
     return {
         "how": result.how,

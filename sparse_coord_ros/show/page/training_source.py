@@ -22,7 +22,7 @@ from sparse_coord_ros.show.page.live_source import LiveView
 from sparse_coord_ros.show.sources import PLAYED_EPISODES, Shown
 
 LOOKS_A_SECOND = 30
-CONTROLS = (PAUSE, STEP, RATE, NEXT)
+TRAINING_CONTROLS = (PAUSE, STEP, RATE, NEXT)
 
 
 class TrainingView(LiveView, Controlled):
@@ -39,7 +39,7 @@ class TrainingView(LiveView, Controlled):
         self, run: RunConfig, board: Board, *, title: str, last: bool = False
     ) -> None:
         Controlled.__init__(self)
-        controls = CONTROLS[:-1] if last else CONTROLS
+        controls = TRAINING_CONTROLS[:-1] if last else TRAINING_CONTROLS
         super().__init__(run, board, source="train", title=title, controls=controls)
         self.wants_glimpse = True
         self._held = self._stepping = False

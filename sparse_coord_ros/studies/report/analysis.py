@@ -23,7 +23,7 @@ CONTRADICTION_ERRORS = 5.0
 SAME = 0.01
 """Rewards that differ by less count as equal: far above rounding noise, below printed digits."""
 
-NEAR = 2
+NEAR_MOVES = 2
 """Moves from a doorway that still count as near it."""
 
 
@@ -155,7 +155,7 @@ def gap_closed(
     return Measure(closed, error, error)
 
 
-def near_doorways(grid: GridMap, moves: int = NEAR) -> np.ndarray:
+def near_doorways(grid: GridMap, moves: int = NEAR_MOVES) -> np.ndarray:
     """Shape (cells,): whether a doorway is at most `moves` moves away."""
     near = np.zeros(len(grid.cells), dtype=bool)
     for doorway in grid.doorways:

@@ -19,7 +19,7 @@ from matplotlib.transforms import Bbox
 from PIL import Image
 
 from sparse_coord_ros.core.learners.registry import learner_of
-from sparse_coord_ros.studies.catalogue import LEARNERS
+from sparse_coord_ros.studies.catalogue import REPORTED_LEARNERS
 
 LABELS = {
     "reward": "total discounted reward",
@@ -51,12 +51,12 @@ LEAST_SPANS = {
 OPTIMUM = "exact joint optimum"
 BOUND = "bound of the optimum"
 SHORTEST = "shortest paths, exact"
-ASKING = "best asking team found"
+BEST_ASKING = "best asking team found"
 BASELINE = "Non-coop., at any cost"
-REFERENCES = (OPTIMUM, BOUND, ASKING, BASELINE, SHORTEST)
+REFERENCES = (OPTIMUM, BOUND, BEST_ASKING, BASELINE, SHORTEST)
 """Lines that learners are compared with: columns of the data that `draw_*` take."""
 
-INDIV, NONCOOP, COOP, FACTORED = (learner_of(name).title for name in LEARNERS)
+INDIV, NONCOOP, COOP, FACTORED = (learner_of(name).title for name in REPORTED_LEARNERS)
 ONE = f"{COOP}, one peer"
 ALL = f"{COOP}, all peers"
 
@@ -90,7 +90,12 @@ STYLES: Mapping[str, Mapping[str, Any]] = {
         "linewidth": 1.2,
         "zorder": 1.5,
     },
-    ASKING: {"color": "#E69F00", "linestyle": "-", "linewidth": 1.2, "zorder": 1.5},
+    BEST_ASKING: {
+        "color": "#E69F00",
+        "linestyle": "-",
+        "linewidth": 1.2,
+        "zorder": 1.5,
+    },
     BASELINE: {"color": "#A6CEE3", "linestyle": "-", "linewidth": 3.5, "zorder": 1.2},
     SHORTEST: {"color": "0.8", "linestyle": "-", "linewidth": 4, "zorder": 1},
 }
@@ -144,7 +149,7 @@ DODGE = 0.06
 The names on an axis are 1 apart.
 """
 
-MARGIN = 0.08
+MARGIN_SHARE = 0.08
 """Room above and below the points, as a share of the vertical axis: no mark is cut off."""
 
 MOST_TICKS = 7
@@ -263,7 +268,7 @@ def _draw_learner(
 
 
 def _finish_panel(axes: Axes) -> None:
-    axes.margins(y=MARGIN)
+    axes.margins(y=MARGIN_SHARE)
     axes.grid(alpha=0.3)
 
 

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from sparse_coord_ros.base.version import __version__
 from sparse_coord_ros.core.solve.verdict import RARE
 from sparse_coord_ros.studies.catalogue import NAMES, Experiment
-from sparse_coord_ros.studies.report.analysis import AGREE, NEAR
+from sparse_coord_ros.studies.report.analysis import AGREE, NEAR_MOVES
 from sparse_coord_ros.studies.report.charts import save
 from sparse_coord_ros.studies.report.data import to_csv
 from sparse_coord_ros.studies.report.figures import DRAWN, figures_of
@@ -125,7 +125,12 @@ def findings(
         section = SECTIONS[one.name](own)
         claims += section.claims
         template = _templates().get_template(section.template)
-        values = {"game": _game(own[0]), "NEAR": NEAR, "RARE": RARE, **section.values}
+        values = {
+            "game": _game(own[0]),
+            "NEAR_MOVES": NEAR_MOVES,
+            "RARE": RARE,
+            **section.values,
+        }
         intro = _block(template, "intro", values)
         notes = _block(template, "notes", values)
         parts.append(

@@ -13,12 +13,12 @@ from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.core.game.settings import as_text
 from sparse_coord_ros.core.runs.evaluation import Measure
 from sparse_coord_ros.core.solve.optimum import independent_bound
-from sparse_coord_ros.studies.catalogue import LEARNERS
+from sparse_coord_ros.studies.catalogue import REPORTED_LEARNERS
 from sparse_coord_ros.studies.report.analysis import difference, loss_alone
 from sparse_coord_ros.studies.report.charts import (
     ALL,
-    ASKING,
     BASELINE,
+    BEST_ASKING,
     BOOTSTRAP,
     BOUND,
     ERRORS,
@@ -47,7 +47,7 @@ from sparse_coord_ros.studies.report.map_pictures import asked_maps
 from sparse_coord_ros.studies.standings import standings
 from sparse_coord_ros.studies.store import ConditionResult
 
-MEASURES = ("reward", "miscoordinations", "asks")
+SWEPT_MEASURES = ("reward", "miscoordinations", "asks")
 """What `swept_figure` shows of conditions."""
 
 MOST_COLUMNS = 4
@@ -191,7 +191,7 @@ def _crowd_data(results: Results, measure: str) -> pd.DataFrame:
     data["line"] = [crowd_line(one) for one in results]
     data["robots"] = [len(one.scenario.robots) for one in results]
     # The best asking team is known for two robots only: that is no line.
-    return data.drop(columns=ASKING, errors="ignore")
+    return data.drop(columns=BEST_ASKING, errors="ignore")
 
 
 def _crowd_gains(results: Results) -> pd.DataFrame:
@@ -241,7 +241,7 @@ def unseen(results: Results) -> Figure:
     """Draw the share of the gap that each learner closes, by team size and kind of building."""
     kinds = list(dict.fromkeys(one.scenario.name.split("-")[1] for one in results))
     points = []
-    for learner in LEARNERS:
+    for learner in REPORTED_LEARNERS:
         own = pick(results, learner=learner)
         for where, standing in standings(own, by_kind=True).items():
             team, kind = where.split()
@@ -266,7 +266,7 @@ def unseen(results: Results) -> Figure:
 
 
 def swept_figure(
-    results: Results, x: str = "", measures: Sequence[str] = MEASURES
+    results: Results, x: str = "", measures: Sequence[str] = SWEPT_MEASURES
 ) -> Figure:
     """Draw any conditions against a setting in which they differ: `ExperimentResults.plot`.
 
@@ -383,7 +383,9 @@ def measured(
 
 def side_of(learner: str) -> float:
     """Return by how many marks a learner's points stand to the right of their name."""
-    return LEARNERS.index(learner) - 1.5 if learner in LEARNERS else 0.0
+    return (
+        REPORTED_LEARNERS.index(learner) - 1.5 if learner in REPORTED_LEARNERS else 0.0
+    )
 
 
 def measure_of(result: ConditionResult, name: str) -> Measure:
@@ -419,7 +421,7 @@ def compared_with(
     values = {SHORTEST: result.reference["reward"], optimum: result.optimum}
     asking = best_asking_team(result)
     if result.learner.asks and asking is not None:
-        values[ASKING] = asking
+        values[BEST_ASKING] = asking
     if measure == "loss":
         alone = independent_bound(result.scenario)
         return {line: alone - value for line, value in values.items()}

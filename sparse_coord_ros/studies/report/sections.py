@@ -20,11 +20,17 @@ import pandas as pd
 from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.runs.evaluation import Measure
 from sparse_coord_ros.core.solve.verdict import RARE
-from sparse_coord_ros.studies.catalogue import CLOSED, FALLS, LEARNERS, LONG, REACHED
+from sparse_coord_ros.studies.catalogue import (
+    CLOSED,
+    FALLS,
+    LONG,
+    REACHED,
+    REPORTED_LEARNERS,
+)
 from sparse_coord_ros.studies.report import analysis
 from sparse_coord_ros.studies.report.analysis import (
     AGREE,
-    NEAR,
+    NEAR_MOVES,
     SAME,
     difference,
     gap_closed,
@@ -293,7 +299,7 @@ def figure4(results: Results) -> Section:
     falls = {}
     for own in _by_budget(results):
         dear, free = _ends(own, lambda one: one.scenario.penalty)
-        lost = {name: _fall(pick(own, learner=name)) for name in LEARNERS}
+        lost = {name: _fall(pick(own, learner=name)) for name in REPORTED_LEARNERS}
         best_free = best_asking_team(free) or math.nan
         best_dear = best_asking_team(dear) or math.nan
         bound = best_free - best_dear
@@ -665,8 +671,8 @@ def _asks_near_doorways(results: Results) -> Claim:
     return Claim(
         "Robots coordinate only where they must: near doorways",
         CENTRAL_CLAIM,
-        f"the share of questions asked within {NEAR} moves of a doorway exceeds the share of time "
-        f"spent there in {of(holds, cases)} scenarios. Left out: {listed(always_near)} (robots "
+        f"the share of questions asked within {NEAR_MOVES} moves of a doorway exceeds the share of "
+        f"time spent there in {of(holds, cases)} scenarios. Left out: {listed(always_near)} (robots "
         f"are always near one), {listed(silent)} (a robot asks less than {RARE:g} times an "
         "episode)",
         holds,

@@ -13,8 +13,17 @@ from sparse_coord_ros.studies.report.data import best_asking_team, best_team
 from sparse_coord_ros.studies.store import ConditionResult
 
 UNITS = ("B", "kB", "MB", "GB", "TB", "PB", "EB", "ZB", "YB")
-WORDS = {"scenario", "learner", "steps", "cost", "percept", "factors", "claim", "from"}
-WORDS |= {"measured here", "why", "measure"}
+LEFT_COLUMNS = {
+    "scenario",
+    "learner",
+    "steps",
+    "cost",
+    "percept",
+    "factors",
+    "claim",
+    "from",
+}
+LEFT_COLUMNS |= {"measured here", "why", "measure"}
 """Columns that are aligned to the left, and the first one of every table."""
 
 Row = Mapping[str, str | None]
@@ -26,7 +35,7 @@ def to_markdown(table: pd.DataFrame) -> str:
     columns = list(table.columns)
     rule = ["--:"] * len(columns)
     for number, column in enumerate(columns):
-        if column in WORDS or number == 0:
+        if column in LEFT_COLUMNS or number == 0:
             rule[number] = ":--"
     lines = [columns, rule, *cells(table)]
     return "".join("| " + " | ".join(line) + " |\n" for line in lines)

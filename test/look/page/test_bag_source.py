@@ -29,12 +29,12 @@ from sparse_coord_ros.show.page.bag_source import BagSource, since_in_words
 from sparse_coord_ros.show.page.board import Board
 from sparse_coord_ros.show.page.controls import (
     JUMP,
-    KINDS,
-    LEARNED,
+    LEARNED_EPISODE,
     PAUSE,
     RATE,
     SEEK,
     STEP,
+    STEP_KINDS,
     Control,
 )
 from sparse_coord_ros.show.page.counts import Counts
@@ -342,7 +342,7 @@ def test_a_bag_opens_on_what_was_learned(learned):
     assert player.do(RATE, 20.0)["rate"] == 20.0
     assert player.do(SEEK, 0)["step"] == player.source.first
     assert player.after(60.0)["step"] > 1000  # the whole recording
-    assert player.do(JUMP, LEARNED)["step"] == said["first"]
+    assert player.do(JUMP, LEARNED_EPISODE)["step"] == said["first"]
     player.source.read_through()
     line = player.board.get("learned")["lines"][1]
     assert line.startswith(f"robot_{k + 1} learned to ask there at about step ")
@@ -493,7 +493,7 @@ def test_jumps_lead_to_what_matters(learned):
             np.isin(steps, step).any() for steps, _ in log.tracks.coordination_maps
         ].index(True)
         assert step in log.tracks.coordination_maps[k][0]
-    assert set(KINDS) <= set(marks)
+    assert set(STEP_KINDS) <= set(marks)
     player.source.log.bag.close()
 
 
@@ -549,7 +549,9 @@ def test_a_bag_that_grows_is_followed(bag, tmp_path, monkeypatch):
     assert player.board.get("curves")["episodes"] == read_run(bag).history().episodes
     assert player.after(0.1)["step"] == read_run(bag).step[-1] > before["step"]
     assert not player.source.growing and player.board.get("notice")["text"] == ""
-    assert player.do(JUMP, LEARNED)["step"] == player.board.get("learned")["first"]
+    assert (
+        player.do(JUMP, LEARNED_EPISODE)["step"] == player.board.get("learned")["first"]
+    )
     player.source.log.bag.close()
 
 
