@@ -26,7 +26,7 @@ from sparse_coord_ros.log.runlog.explain import Coordination, explained, in_word
 from sparse_coord_ros.log.runlog.log import RunLog
 from sparse_coord_ros.show import figures
 from sparse_coord_ros.show.html import Part, code, page, picture, table, text
-from sparse_coord_ros.show.sources import PLAYED_EPISODES, Shown
+from sparse_coord_ros.show.sources import PLAYED_EPISODES, OpenedRun
 from sparse_coord_ros.show.steps import ended
 
 REPORT_TRIALS = 1000
@@ -45,7 +45,7 @@ RUN_CAPTIONS = {
 }
 
 
-def run_report(shown: Shown, *, baselines: bool = True) -> str:
+def run_report(shown: OpenedRun, *, baselines: bool = True) -> str:
     """Return the page of a run.
 
     Args:
@@ -68,7 +68,7 @@ def run_report(shown: Shown, *, baselines: bool = True) -> str:
     return page(f"{scenario.name}: {config.title}, seed {config.seed}", sections)
 
 
-def _begin(shown: Shown) -> Iterator[Part]:
+def _begin(shown: OpenedRun) -> Iterator[Part]:
     scenario = shown.config.scenario
     yield text(
         f"{len(scenario.robots)} robots, {scenario.steps} steps of learning, penalty "
@@ -81,7 +81,7 @@ def _begin(shown: Shown) -> Iterator[Part]:
         )
 
 
-def _value(shown: Shown, baselines: bool) -> Iterator[Part]:
+def _value(shown: OpenedRun, baselines: bool) -> Iterator[Part]:
     config = shown.config
     scenario = shown.config.scenario
     rows: list[list[str]] = []
@@ -136,7 +136,7 @@ def _measures(name: str, found: Evaluation | ExactEvaluation) -> list[str]:
     return [f"{name}, {found.how}", *measures]
 
 
-def _learned(shown: Shown) -> Iterator[Part]:
+def _learned(shown: OpenedRun) -> Iterator[Part]:
     whats = figures.available(shown)
     if not whats:
         yield text("There are neither tables nor a history to draw.", warn=True)
@@ -145,7 +145,7 @@ def _learned(shown: Shown) -> Iterator[Part]:
         yield picture(figures.runs_figure([shown], [what]), RUN_CAPTIONS[what])
 
 
-def _dialogue(shown: Shown) -> Iterator[Part]:
+def _dialogue(shown: OpenedRun) -> Iterator[Part]:
     shown.say("following the dialogue")
     samples = sorted(set(_samples(shown.log)))
     log = shown.with_requests({step for _, step in samples})
@@ -171,7 +171,7 @@ def _samples(log: RunLog) -> Iterator[tuple[int, int]]:
             yield int(k), int(log.step[row])
 
 
-def faults(shown: Shown) -> Iterator[Part]:
+def faults(shown: OpenedRun) -> Iterator[Part]:
     """Yield what went wrong in a recorded run: percepts, messages, warnings of nodes."""
     log = shown.log
     facts: dict[str, object] = {
@@ -209,7 +209,7 @@ def _scenario(scenario: Scenario) -> Iterator[Part]:
     )
 
 
-def _again(shown: Shown) -> Iterator[Part]:
+def _again(shown: OpenedRun) -> Iterator[Part]:
     config = shown.config
     verify = ""
     if shown.bag is not None:

@@ -37,7 +37,7 @@ Say = Callable[[str], None]
 
 
 @dataclass(frozen=True)
-class Shown:
+class OpenedRun:
     """A run to look at. Its parts are read at their first use; missing parts raise errors then.
 
     Attributes:
@@ -168,9 +168,9 @@ class Shown:
         return True
 
 
-def in_memory(config: RunConfig, tables: list[Tables], history: History) -> Shown:
+def in_memory(config: RunConfig, tables: list[Tables], history: History) -> OpenedRun:
     """Return a run that is nowhere on disk."""
-    shown = Shown(Path(config.scenario.name), None, None)
+    shown = OpenedRun(Path(config.scenario.name), None, None)
     vars(shown).update(config=config, tables=tables, history=history)
     return shown
 
@@ -180,7 +180,7 @@ def is_results(path: Path) -> bool:
     return (path / MANIFEST).is_file()
 
 
-def open_shown(path: Path, say: Say = lambda _: None) -> Shown:
+def open_run(path: Path, say: Say = lambda _: None) -> OpenedRun:
     """Open a run's directory or a bag.
 
     Args:
@@ -198,5 +198,5 @@ def open_shown(path: Path, say: Say = lambda _: None) -> Shown:
         )
     if (path / RUN_FILE).is_file():
         bag = path / BAG_DIRECTORY
-        return Shown(path, path, bag if bag.is_dir() else None, say)
-    return Shown(path, None, path, say)
+        return OpenedRun(path, path, bag if bag.is_dir() else None, say)
+    return OpenedRun(path, None, path, say)

@@ -19,7 +19,7 @@ from sparse_coord_ros.show.page.controls import (
     Controlled,
 )
 from sparse_coord_ros.show.page.live_source import LiveView
-from sparse_coord_ros.show.sources import PLAYED_EPISODES, Shown
+from sparse_coord_ros.show.sources import PLAYED_EPISODES, OpenedRun
 
 LOOKS_A_SECOND = 30
 TRAINING_CONTROLS = (PAUSE, STEP, RATE, NEXT)
@@ -116,10 +116,10 @@ class TrainedView(LiveView):
         board: where the messages go.
 
     Raises:
-        SparseCoordError: as of the parts of `Shown`.
+        SparseCoordError: as of the parts of `OpenedRun`.
     """
 
-    def __init__(self, shown: Shown, board: Board) -> None:
+    def __init__(self, shown: OpenedRun, board: Board) -> None:
         run = shown.config
         tables = shown.tables
         super().__init__(run, board, source="train", title=str(shown.path), controls=())

@@ -671,10 +671,10 @@ def _asks_near_doorways(results: Results) -> Claim:
     return Claim(
         "Robots coordinate only where they must: near doorways",
         CENTRAL_CLAIM,
-        f"the share of questions asked within {NEAR_MOVES} moves of a doorway exceeds the share of "
-        f"time spent there in {of(holds, cases)} scenarios. Left out: {listed(always_near)} (robots "
-        f"are always near one), {listed(silent)} (a robot asks less than {RARE:g} times an "
-        "episode)",
+        f"the share of questions asked within {NEAR_MOVES} moves of a doorway exceeds the "
+        f"share of time spent there in {of(holds, cases)} scenarios. Left out: "
+        f"{listed(always_near)} (robots are always near one), {listed(silent)} (a robot asks "
+        f"less than {RARE:g} times an episode)",
         holds,
         cases,
     )
