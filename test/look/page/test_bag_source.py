@@ -110,10 +110,10 @@ def test_the_words_begin_as_explain_tells_them(player, bag):
 
 
 TEAMS = {
-    "coop": ("env1", {"perception": "probability:0.6", "steps": 600}, {}),
+    "coop": ("env1", {"perception": "probability:0.6", "steps": 300}, {}),
     "factored": (
         "env1",
-        {"perception": "probability:0.6", "steps": 600},
+        {"perception": "probability:0.6", "steps": 300},
         {"learner": "factored"},
     ),
     "all peers": ("crowd-3r", {"steps": 300, "peers": "all"}, {"learner": "factored"}),
@@ -137,7 +137,7 @@ def test_details_have_the_row_that_decided(team, record):
     again = int(steps[len(steps) // 2])
     player.do(SEEK, again)
     player.do(PAUSE, True)
-    for _ in range(60):  # on the way, step by step
+    for _ in range(25):  # on the way, step by step
         player.do(STEP, 1)
         player.source.learn()
     player.source.tick()
