@@ -10,11 +10,9 @@ from matplotlib.figure import Figure
 from sparse_coord_ros.base.errors import ResultsError, SettingError, did_you_mean
 from sparse_coord_ros.studies.catalogue import NAMES, Experiment, experiment
 from sparse_coord_ros.studies.report.data import by_scenario
-from sparse_coord_ros.studies.report.figures import figures_of
+from sparse_coord_ros.studies.report.figures import DRAWN, Draw
 from sparse_coord_ros.studies.report.map_pictures import asked_maps
 from sparse_coord_ros.studies.store import ConditionResult, Plan, Say, read_results
-
-VARIANCE = "_variance"
 
 
 def results_figure(
@@ -71,9 +69,8 @@ def drawn(results: Sequence[ConditionResult]) -> Mapping[str, list[ConditionResu
     by_id = {one.id: one for one in results}
     found = {"conditions": list(results)}
     for one in complete_experiments(results):
-        found[one.name] = [by_id[each.id] for each in one.conditions]
-    if "figure4" in found:
-        found[f"figure4{VARIANCE}"] = found["figure4"]
+        own = [by_id[each.id] for each in one.conditions]
+        found |= dict.fromkeys(DRAWN[one.name], own)
     asking = by_scenario(one for one in results if one.learner.asks)
     if asking:
         found["asks"] = [most_asking(own) for own in asking]
@@ -94,6 +91,7 @@ def most_asking(results: Sequence[ConditionResult]) -> ConditionResult:
 
 def figure_of(what: str, results: Sequence[ConditionResult]) -> Figure:
     """Return the figure of one of the things that `drawn` returns."""
-    if what == "asks":
-        return asked_maps(results)
-    return figures_of(what.removesuffix(VARIANCE), results)[what]
+    draws: dict[str, Draw] = {"asks": asked_maps}
+    for files in DRAWN.values():
+        draws |= files
+    return draws[what](results)

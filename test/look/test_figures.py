@@ -83,7 +83,7 @@ def test_the_panels_fill_the_canvas(trained):
         figure = figures.runs_figure(runs, whats)
         figure.canvas.draw()
         width, height = figure.get_size_inches()
-        assert width >= figures.LEAST_WIDTH
+        assert width >= figures.LEAST_FIGURE_WIDTH
         for part in figure.subfigs:
             boxes = [axes.get_position() for axes in part.axes if axes.axison]
             left = min(box.x0 for box in boxes)
