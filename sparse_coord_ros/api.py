@@ -252,7 +252,7 @@ def _in_html(run: "Training | SavedRun") -> str:
 Training._repr_html_ = _in_html  # type: ignore[attr-defined]  # the engine knows no pictures
 
 
-LEARNED = "what was learned"
+LEARNED_ARGUMENT = "what was learned"
 """How a message calls the argument of this type."""
 
 Learned = str | Path | Training | SavedRun | Sequence[Tables]
@@ -349,7 +349,7 @@ def improve(learned: "str | Path | Training | SavedRun") -> Improvement:
     run = load_run(learned) if isinstance(learned, str | Path) else learned
     is_run = isinstance(run, Training | SavedRun)
     allowed = "a Training, a SavedRun or its directory"
-    check_argument(LEARNED, learned, is_run, allowed, TablesError)
+    check_argument(LEARNED_ARGUMENT, learned, is_run, allowed, TablesError)
     return plan(run.scenario, run.learner, [table.memory for table in run.tables])
 
 
@@ -542,7 +542,7 @@ def _learned(
             "a Training, a SavedRun, its directory, or a list of the robots' Tables (of many "
             "runs, one: runs[0])"
         )
-        raise TablesError(wrong_argument(LEARNED, learned, allowed))
+        raise TablesError(wrong_argument(LEARNED_ARGUMENT, learned, allowed))
     rule = None if learner is None else chosen_learner(learner)
     if scenario is not None:
         own = loaded(scenario)

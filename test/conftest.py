@@ -10,6 +10,7 @@ import tempfile
 
 import pytest
 from domains import ros_domain
+from hypothesis import settings
 from patience import PATIENCE_SECONDS
 from teams import drawn
 
@@ -17,6 +18,9 @@ from sparse_coord_ros.base.compiling import FOLDER_VARIABLE
 from sparse_coord_ros.core.game.perception import MODELS
 from sparse_coord_ros.core.game.plugins import ALLOW_VARIABLE
 from sparse_coord_ros.core.learners.registry import LEARNERS
+
+settings.register_profile("tests", derandomize=True, max_examples=40, deadline=None)
+settings.load_profile("tests")
 
 
 @pytest.fixture
@@ -31,8 +35,8 @@ def own_domain(monkeypatch):
 def nothing_allowed(monkeypatch):
     """Let no test begin with modules that another one allowed to be imported, or registered."""
     monkeypatch.setenv(ALLOW_VARIABLE, "")
-    for registry in (LEARNERS, MODELS):
-        monkeypatch.setattr(registry, "_known", dict(registry.registered))
+    with LEARNERS.temporary(), MODELS.temporary():
+        yield
 
 
 @pytest.fixture(autouse=True, scope="session")

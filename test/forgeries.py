@@ -40,6 +40,7 @@ from rclpy.serialization import deserialize_message
 
 import sparse_coord_ros as sc
 from sparse_coord_ros.base.errors import SparseCoordError
+from sparse_coord_ros.log.runlog.verify import FOREIGN, LOST_COPIES, REPEATS
 
 
 class Outcome(StrEnum):
@@ -80,6 +81,10 @@ class Case(NamedTuple):
     right: frozenset[Outcome]
 
 
+NAMED_IN_NOTES = (FOREIGN, LOST_COPIES, REPEATS)
+"""Beginnings of the notes that name a message too many or a lost one."""
+
+
 def outcome(directory: Path) -> Outcome:
     """Return what `verify` says of a bag."""
     try:
@@ -90,7 +95,7 @@ def outcome(directory: Path) -> Outcome:
         return Outcome.CANNOT_TELL
     if not found.same:
         return Outcome.DIFFERS
-    noted = found.foreign or found.lost or found.repeats
+    noted = any(name.startswith(NAMED_IN_NOTES) for name in found.notes)
     return Outcome.NOTED if noted else Outcome.IDENTICAL
 
 

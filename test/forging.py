@@ -38,7 +38,7 @@ OF_THE_CONTAINER = "rosbag2"
 """A metadata record that only repeats what else the file says."""
 
 
-class Said(NamedTuple):
+class RunStatus(NamedTuple):
     """A recorded message."""
 
     topic: str
@@ -74,7 +74,7 @@ class File:
     name: str
     finished: bool
     topics: list[Topic] = field(default_factory=list)
-    messages: list[Said] = field(default_factory=list)
+    messages: list[RunStatus] = field(default_factory=list)
     attachments: list[Attached] = field(default_factory=list)
     records: list[tuple[str, dict[str, str]]] = field(default_factory=list)
 
@@ -117,7 +117,9 @@ def _read_file(path: Path) -> File:
             elif isinstance(record, Message):
                 times = record.log_time, record.publish_time
                 topic = names[record.channel_id]
-                found.messages.append(Said(topic, record.data, *times, record.sequence))
+                found.messages.append(
+                    RunStatus(topic, record.data, *times, record.sequence)
+                )
             elif isinstance(record, Attachment):
                 data = (
                     _plain(record.data) if record.name.endswith(".npz") else record.data

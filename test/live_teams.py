@@ -15,8 +15,8 @@ from sparse_coord_ros.core.runs.run import learn
 from sparse_coord_ros.core.runs.run_config import load_run
 from sparse_coord_ros.core.runs.tables import load_team
 from sparse_coord_ros.log.runlog import Verification
-from sparse_coord_ros.protocol.wire.status import ROLL_CALL, read_status, values_of
-from sparse_coord_ros.ros.nodes import interface
+from sparse_coord_ros.protocol.wire.status import NO_ROLLBACK, read_status, values_of
+from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.outputs import SUMMARY_FILE
 
 
@@ -32,6 +32,17 @@ def node_words(name: str, **parameters: object) -> list[str]:
         text = json.dumps(value) if isinstance(value, bool | list) else str(value)
         words += ["-p", f"{key}:={text}"]
     return words
+
+
+def child_of(parent: int, module: str) -> int:
+    """Return the process of a parent's children that runs a module, or one of our executables."""
+    children = Path(f"/proc/{parent}/task").glob("*/children")
+    for pid in map(int, " ".join(one.read_text() for one in children).split()):
+        words = Path(f"/proc/{pid}/cmdline").read_text().split("\0")
+        run = words[words.index("-m") + 1 :] if "-m" in words else []
+        if run[:1] == [module] or run[:2] == ["sparse_coord_ros.executables", module]:
+            return pid
+    raise AssertionError(f"no child of process {parent} runs {module}")
 
 
 def same_tables(out: Path) -> bool:
@@ -102,15 +113,15 @@ def _of_the_log(summary: dict, found: Verification) -> dict[str, tuple[object, o
     last: dict[str, str] = {}
     orders = set()
     bag = found.log.bag
-    for message in bag.messages([interface.DIAGNOSTICS.name]):
+    for message in bag.messages([ros_topics.DIAGNOSTICS.name]):
         for said in deserialize_message(
-            message.data, interface.DIAGNOSTICS.type
+            message.data, ros_topics.DIAGNOSTICS.type
         ).status:
             last = values_of(said) if said.name.endswith(": run") else last
     status = None
-    for message in bag.messages([f"/{interface.STATUS.name}"]):
-        status = read_status(deserialize_message(message.data, interface.STATUS.type))
-        if status.order.step != ROLL_CALL:
+    for message in bag.messages([f"/{ros_topics.STATUS.name}"]):
+        status = read_status(deserialize_message(message.data, ros_topics.STATUS.type))
+        if status.order.step != NO_ROLLBACK:
             orders.add(status.order.name)
     assert status is not None
     due: dict[str, tuple[object, object]] = {

@@ -2,16 +2,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bags of whole runs, made by the lock step's own state machines without any middleware."""
 
+import functools
 import shutil
-from collections import deque
+from collections import Counter, deque
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import NamedTuple
 
+from mcap.writer import CompressionType, Writer
 from nav_msgs.srv import GetPlan
 from rclpy.serialization import deserialize_message, serialize_message
 from std_msgs.msg import String
 
+from sparse_coord_ros.base.version import __version__
 from sparse_coord_ros.core.engine.improve import improve
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.learners.agent import Agent
@@ -19,16 +22,21 @@ from sparse_coord_ros.core.learners.memory import taught
 from sparse_coord_ros.core.runs.run_config import bag_files, make_run
 from sparse_coord_ros.core.runs.tables import pack_tables, unpack_saved
 from sparse_coord_ros.log.bags import BagWriter, QoS
-from sparse_coord_ros.log.bags.metadata import ROLLED_BACK
+from sparse_coord_ros.log.bags.metadata import (
+    METADATA_RECORD,
+    ROLLED_BACK,
+    offered_qos_profiles,
+)
 from sparse_coord_ros.log.bags.reader import open_bag
 from sparse_coord_ros.log.bags.recover import continued
+from sparse_coord_ros.log.bags.writer import DEFAULT_CHUNK_SIZE
 from sparse_coord_ros.protocol import wire
 from sparse_coord_ros.protocol.lockstep.bodies import BodyWorld
 from sparse_coord_ros.protocol.lockstep.robot_side import RobotSide
 from sparse_coord_ros.protocol.lockstep.world_side import WorldSide
-from sparse_coord_ros.protocol.wire.status import Said
+from sparse_coord_ros.protocol.wire.status import RunStatus
 from sparse_coord_ros.ros.nodes.messages import Converter, status
-from sparse_coord_ros.ros.nodes.peers import AT_ONCE
+from sparse_coord_ros.ros.nodes.peers import IMMEDIATE_REPEATS
 
 OFTEN = {"q_star_init": 100, "ask_cost": 0, "epsilon": "constant:0.3"}
 """Settings with which COORDINATE is chosen in every fifth step or so."""
@@ -230,7 +238,7 @@ class Recording:
         """Publish the world's status."""
         world = self.world.world
         side = self.world
-        said = Said(
+        said = RunStatus(
             self.run.id, state, world.step, world.transitions, side.left_out, side.began
         )
         message = status(self.run.scenario.name, state, said.values())
@@ -349,7 +357,7 @@ class Recording:
         again = self.again[asker, peer, step] = (
             self.again.get((asker, peer, step), 0) + 1
         )
-        if again <= AT_ONCE and self.arrives("request", asker, step):
+        if again <= IMMEDIATE_REPEATS and self.arrives("request", asker, step):
             self.queue.append(
                 lambda: self.answer(asker, peer, step, cell, sequence, request)
             )
@@ -375,10 +383,10 @@ class LoggedRobot:
     def ask(self, peer, step, cell):
         self.all.ask(self.k, peer, step, cell)
 
-    def act(self, step, action, account):
+    def act(self, step, action, report):
         everything = self.all
         k = self.k
-        data = everything.convert.pack_action(step, action, account)
+        data = everything.convert.pack_action(step, action, report)
         everything.write(f"/{everything.names[k]}/action", TYPES["action"], data, step)
         if everything.arrives("action", k, step):
             everything.queue.append(lambda: everything.world.action(k, step, action))
@@ -397,6 +405,13 @@ class LoggedRobot:
         self.all.attach(self.k, step)
 
 
+@functools.cache
+def content(bag):
+    """Return a bag and its messages, read once for all tests that change them."""
+    source = open_bag(bag)
+    return source, tuple(source.messages())
+
+
 def rewritten(
     bag,
     directory,
@@ -405,31 +420,56 @@ def rewritten(
     *,
     record=None,
     gap=(None, 0),
-    **writer,
+    chunk_size=DEFAULT_CHUNK_SIZE,
 ):
-    """Write a bag anew, changed, with all checksums right."""
+    """Write a bag anew, changed, with all checksums right, in one file without `metadata.yaml`.
+
+    The message `gap` (topic, number) is cut out of the file.
+    """
     shutil.rmtree(directory, ignore_errors=True)
-    source = open_bag(bag)
-    with BagWriter(directory, **writer) as new:
+    directory.mkdir(parents=True)
+    source, messages = content(bag)
+    with (directory / f"{directory.name}_0.mcap").open("wb") as stream:
+        new = Writer(
+            stream,
+            chunk_size=chunk_size,
+            compression=CompressionType.NONE,
+            enable_data_crcs=True,
+        )
+        new.start(profile="ros2", library=f"sparse_coord_ros {__version__}")
         for name, texts in source.metadata.items():
-            if name != "rosbag2":
+            if name != METADATA_RECORD:
                 new.add_metadata(name, {**texts, **(record or {})})
-        channels = {
-            topic.name: new.add_known_topic(topic) for topic in source.topics.values()
-        }
-        for one in change(list(source.messages())):
-            channel = channels[one.topic]
-            if (one.topic, one.sequence) == gap:
-                new._counts[channel] += 1  # as if the message were cut out of the file
-                continue
-            new.write(channel, one.data, one.log_time_ns, one.publish_time_ns)
+        channels = {one.name: channel_of(new, one) for one in source.topics.values()}
+        numbers = Counter()
+        for one in change(list(messages)):
+            number = numbers[one.topic]
+            numbers[one.topic] += 1
+            if (one.topic, number) != gap:
+                times = one.log_time_ns, one.publish_time_ns
+                new.add_message(
+                    channels[one.topic], times[0], one.data, times[1], number
+                )
         attached = [
             Attached(one.name, one.media_type, one.data, one.log_time_ns)
             for one in source.attachments
         ]
         for one in attach(attached):
-            new.attach(one.name, one.data, one.media_type, one.log_time_ns)
+            new.add_attachment(0, one.log_time_ns, one.name, one.media_type, one.data)
+        new.finish()
     return directory
+
+
+def channel_of(writer, topic):
+    """Return the channel of a bag's topic in another file."""
+    schema = writer.register_schema(
+        topic.type_name, topic.schema_encoding, topic.schema.encode()
+    )
+    about = {
+        "offered_qos_profiles": offered_qos_profiles(topic.qos),
+        "topic_type_hash": topic.type_hash,
+    }
+    return writer.register_channel(topic.name, "cdr", schema, about)
 
 
 def copied(writer, source, messages, attachments=(), *, prefix=""):

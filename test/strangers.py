@@ -26,7 +26,7 @@ from rclpy.serialization import serialize_message
 
 from sparse_coord_ros.protocol import wire
 from sparse_coord_ros.protocol.wire import NODE, ROBOT, RunState, services
-from sparse_coord_ros.ros.nodes.interface import bind, message_class
+from sparse_coord_ros.ros.nodes.ros_topics import bind, message_class
 from sparse_coord_ros.ros.nodes.spin import ros_context, signals, spin_nodes
 
 ODD_NUMBERS = (0, 1, -1, 2**31 - 1, -(2**31), 2**63 - 1, 2**64 - 1, 10**5, 255, 65_536)

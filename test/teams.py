@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from sparse_coord_ros.core.engine.checkpoint import Checkpoint, load_checkpoint
+from sparse_coord_ros.core.engine.training_checkpoint import Checkpoint, load_checkpoint
 from sparse_coord_ros.core.game.perception import MODELS
 from sparse_coord_ros.core.game.percepts import Percepts
 from sparse_coord_ros.core.game.scenario import scenario_from_dict
@@ -190,10 +190,8 @@ def fog(grid, p):
 @contextmanager
 def forgotten():
     """Forget afterwards the module `theirs`, and what is registered in between."""
-    known = [(registry, registry.registered) for registry in (LEARNERS, MODELS)]
     try:
-        yield
+        with LEARNERS.temporary(), MODELS.temporary():
+            yield
     finally:
-        for registry, registered in known:
-            registry._known = dict(registered)
         sys.modules.pop("theirs", None)

@@ -14,13 +14,13 @@ from pathlib import Path
 import pytest
 import yaml
 
-from sparse_coord_ros.base import archive
+from sparse_coord_ros.base import npz
 from sparse_coord_ros.base.version import __version__
 from sparse_coord_ros.core.game.scenario import scenario_names
 from sparse_coord_ros.core.runs import run_config
 from sparse_coord_ros.core.solve import asking_search
 from sparse_coord_ros.protocol.wire import BAG_FORMAT
-from sparse_coord_ros.studies.checked_json import FORMAT as RESULTS_FORMAT
+from sparse_coord_ros.studies.checked_json import RESULTS_FORMAT
 
 ROOT = Path(__file__).resolve().parents[1]
 PYTHONS = ("3.11", "3.12", "3.13")
@@ -84,11 +84,11 @@ def test_the_formats_numbers_are_said():
         r"^\| (run\.yaml|tables\.npz|bag|results|search) ?[^|]*\| (\d) \|", text, re.M
     )
     numbers = (
-        run_config.FORMAT,
-        archive.FORMAT,
+        run_config.RUN_FORMAT,
+        npz.NPZ_FORMAT,
         BAG_FORMAT,
         RESULTS_FORMAT,
-        asking_search.FORMAT,
+        asking_search.SEARCH_FORMAT,
     )
     assert [int(number) for _, number in said] == list(numbers)
 

@@ -9,9 +9,11 @@ import time
 from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from sparse_coord_ros.base.errors import MapError, ScenarioError, SparseCoordError
-from sparse_coord_ros.base.limits import DEEPEST, Limit, read_file, read_text
+from sparse_coord_ros.base.limits import DEEPEST_NESTING, Limit, read_file, read_text
 from sparse_coord_ros.base.yaml_text import parse_yaml, to_yaml
 from sparse_coord_ros.core.game.grid import load_map
 from sparse_coord_ros.core.game.scenario import load_scenario
@@ -57,34 +59,18 @@ def test_yaml_is_that_of_version_1_2(text, value):
     assert (found, type(found)) == (value, type(value))
 
 
-NOT_READ = "anchors, aliases and tags are not read"
-
-
 @pytest.mark.parametrize(
-    ("text", "words"),
+    "text",
     [
-        ("a: &x 1\n", f"here, line 1, column 4: not readable as YAML: {NOT_READ}"),
-        ("a: *x\n", NOT_READ),
-        ("a: !!str 1\n", NOT_READ),
-        ("a: !!python/object/apply:os.system [ls]\n", NOT_READ),
-        ("a: 1\nb: 2\na: 3\n", "here, line 3, column 1: .*key 'a' is there twice"),
-        ("? [1]\n: 2\n", "a key must be a text or a number"),
-        ("a: 1\n---\nb: 2\n", "line 2, column 1: .*expected a single document"),
-        ("a: [1, 2\n", "line 2, column 1: .*mend that line"),
-        ("a: \x00\n", "control characters are not allowed"),
-        ("a: \ud800\n", "surrogates not allowed"),
-        ("- 1\n", "here: must be 'key: value' lines, is list"),
-        ("", "here: must be 'key: value' lines, is NoneType"),
-        (
-            "a: " + "[" * DEEPEST + "]" * DEEPEST,
-            f"nested too deeply, allowed: {DEEPEST} levels",
-        ),
-        ("a: [" + "1," * 40 + "]", "here are more than 40 values, allowed for a test"),
-        ("a: " + 1000 * "x", "has 1,003 letters, allowed for a test: 1,000; take out"),
+        "a: \ud800\n",
+        "a: " + "[" * DEEPEST_NESTING + "]" * DEEPEST_NESTING,
+        "a: [" + "1," * 40 + "]",
+        "a: " + 1000 * "x",
     ],
+    ids=["no text", "too deep", "too many values", "too long"],
 )
-def test_what_is_not_read_is_told_in_one_line(text, words):
-    with pytest.raises(MapError, match=words) as error:
+def test_what_is_not_read_is_told_in_one_line(text):
+    with pytest.raises(MapError, match="^here") as error:
         parse_yaml(text, where="here", limit=SMALL, error=MapError)
     assert "\n" not in str(error.value)
 
@@ -94,9 +80,7 @@ def test_what_is_not_read_is_told_in_one_line(text, words):
 )
 def test_bombs_end_early(bomb):
     before = time.process_time()
-    with pytest.raises(
-        ScenarioError, match="nested too deeply|more than 20,000 values"
-    ):
+    with pytest.raises(ScenarioError, match="^bomb"):
         parse_yaml(f"x: {bomb}", where="bomb")
     assert time.process_time() - before < 1.0
 
@@ -109,41 +93,28 @@ def test_shared_parts_are_written_out():
     }
 
 
-@pytest.mark.parametrize(
-    "value",
-    [
-        "1e3",
-        "12e45",
-        "0o7",
-        "0x1f",
-        "1.5",
-        "yes",
-        "010",
-        "2020-01-01",
-        "1:1",
-        ".5",
-        "+1",
-        "~",
-    ]
-    + [
-        "",
-        "true",
-        ".inf",
-        "a: b",
-        "x\ny\n",
-        "1_000",
-        "<<",
-        1e16,
-        1e-7,
-        5,
-        True,
-        None,
-        -math.inf,
-    ],
+LIKE_OTHERS = "1e3 12e45 0o7 0x1f 1.5 yes 010 2020-01-01 1:1 .5 +1 ~ true .inf 1_000 <<"
+TEXTS = st.text(st.characters(codec="utf-8"))
+KEYS = st.text("abcxyz_ 12:-", min_size=1)
+PLAIN = st.one_of(
+    st.sampled_from(["", "a: b", *LIKE_OTHERS.split()]),
+    TEXTS,
+    st.integers(),
+    st.floats(allow_nan=False),
+    st.sampled_from([True, False, None]),
+)
+
+
+@given(
+    st.recursive(
+        PLAIN,
+        lambda inner: st.lists(inner) | st.dictionaries(KEYS, inner),
+        max_leaves=8,
+    )
 )
 def test_what_is_written_is_read_back(value):
     found = parse_yaml(to_yaml({"k": value}), where="")["k"]
-    assert (found, type(found)) == (value, type(value))
+    assert repr(found) == repr(value)
 
 
 def test_regular_files_only(tmp_path):
@@ -165,9 +136,7 @@ def test_regular_files_only(tmp_path):
             read_file(path, **how)
         assert str(error.value).startswith(f"{path}: cannot be read (")
     file.write_bytes(b"\xff")
-    with pytest.raises(
-        MapError, match="is no UTF-8 text .invalid start byte.; give another"
-    ):
+    with pytest.raises(MapError, match="UTF-8"):
         read_text(file, **how)
 
 

@@ -10,9 +10,8 @@ asking: asking_teams.json, of `SCENARIOS` with `PENALTIES`; every search is kept
 SEARCHES and goes on from there. teams: best_teams.json, the best of the teams of more than two
 robots that the study `many` of `tools.study` let learn; the best few are learned again and judged
 by fresh trials. unseen: unseen.json, the buildings of the benchmark, and their asking teams. Of
-each kind and team, seeds are looked at from 0 on. The first `COUNTS` even ones with a real
-conflict are for tuning, the first odd ones for the test: what a planner with full sight is worth
-is above shortest paths by more than `CONFLICT`.
+each kind and team, seeds are looked at from 0 on, and the first with a real conflict are taken:
+what a planner with full sight is worth is above shortest paths by more than `CONFLICT`.
 """
 
 import argparse
@@ -30,7 +29,7 @@ from sparse_coord_ros.base.files import write_whole
 from sparse_coord_ros.base.version import __version__
 from sparse_coord_ros.core.engine.batch import prepare
 from sparse_coord_ros.core.game.scenario import Scenario, load_scenario
-from sparse_coord_ros.core.game.unseen import KINDS, TEAMS, VERSION
+from sparse_coord_ros.core.game.unseen import KINDS, SPLITS, TEAMS, VERSIONS, split_of
 from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.runs.run import LearningRun, Team
 from sparse_coord_ros.core.solve.asking_search import find_asking_team
@@ -61,6 +60,9 @@ FRESH = 10**9
 """Added to a seed for the trials."""
 
 COUNTS = {2: 4, 4: 2, 8: 1}
+TEST_COUNTS = {2: 6, 4: 4, 8: 2}
+"""Buildings of each kind, by robots: for tuning and validation each, and for the test."""
+
 CONFLICT = 1.0
 UNSEEN_RESTARTS = 40
 
@@ -146,8 +148,8 @@ def find_teams(options: argparse.Namespace) -> None:
 def choose_unseen(_: argparse.Namespace) -> None:
     """Choose the buildings of the benchmark; search for the asking teams of two robots."""
     chosen = {}
-    for robots, kind in product(TEAMS, KINDS):
-        for scenario, facts in _with_conflict(kind, robots):
+    for version, robots, kind in product(VERSIONS, TEAMS, KINDS):
+        for scenario, facts in _with_conflict(version, kind, robots):
             print(scenario.name, facts, flush=True)
             chosen[scenario.name] = {"game": game_digest(scenario), **facts}
             if robots == 2:
@@ -156,16 +158,19 @@ def choose_unseen(_: argparse.Namespace) -> None:
 
 
 def _with_conflict(
-    kind: str, robots: int
+    version: str, kind: str, robots: int
 ) -> Iterator[tuple[Scenario, dict[str, object]]]:
     """Yield the buildings of a kind, and what is known of them, in the order of their seeds."""
-    wanted = [COUNTS[robots]] * 2
+    counts = dict.fromkeys(SPLITS[:2], COUNTS[robots])
+    if version == VERSIONS[1]:
+        counts = {SPLITS[2]: TEST_COUNTS[robots]}
     for seed in count():
-        if not any(wanted):
+        if not any(counts.values()):
             return
-        if not wanted[seed % 2]:
+        name = f"{version}-{kind}-{robots}r-{seed}"
+        if not counts.get(split_of(name)):
             continue
-        scenario = load_scenario(f"{VERSION}-{kind}-{robots}r-{seed}")
+        scenario = load_scenario(name)
         paths = shortest_path_reference(scenario).reward
         optimum = joint_optimum(scenario)
         facts: dict[str, object] = {"shortest_paths": paths}
@@ -177,7 +182,7 @@ def _with_conflict(
             facts["routes"] = asdict(plan)
             best = plan.value
         if best > paths + CONFLICT:
-            wanted[seed % 2] -= 1
+            counts[split_of(name)] -= 1
             yield scenario, facts
 
 

@@ -54,7 +54,7 @@ SOURCES = (
 )
 """Files that the loops, what they call and their constants come from."""
 
-WAIT_SECONDS = 0.2
+INTERRUPT_SECONDS = 0.2
 """How long an interrupt may go unnoticed where the system does not wake up the waiting thread."""
 
 
@@ -62,7 +62,7 @@ WAIT_SECONDS = 0.2
 
 
 def has_numba() -> bool:
-    """Whether numba is installed, and fits this NumPy."""
+    """Return whether numba is installed, and fits this NumPy."""
     # Where it is imported there is nothing to wait for.
     return (
         _imports() if "numba" in sys.modules else bool(in_background("numba", _imports))
@@ -98,7 +98,7 @@ def in_background(key: object, work: Callable[[], Any]) -> Any:
 
     An interrupt that arrives inside numba can get lost: LLVM calls back into Python through
     ctypes, which swallows exceptions. Here it reaches the caller, who only waits, at once. The
-    work goes on for whoever calls next; a process that ends before it does so without it.
+    work goes on for the next caller; a process that ends before it does so without it.
 
     Args:
         key: names the work.
@@ -113,7 +113,7 @@ def in_background(key: object, work: Callable[[], Any]) -> Any:
             ).start()
     try:
         while not future.done():
-            wait([future], timeout=WAIT_SECONDS)
+            wait([future], timeout=INTERRUPT_SECONDS)
     except KeyboardInterrupt:
         atexit.register(_end_without, future)
         raise
@@ -284,7 +284,7 @@ def jit(
 
 @functools.cache
 def folder(rule: type | None = None) -> Path | None:
-    """Return where the loops of these sources are kept; None where nothing can be kept.
+    """Return the cache folder for the loops of these sources; None without one.
 
     Args:
         rule: as of `jit`; the modules of its classes are among the sources.
@@ -381,13 +381,13 @@ def _one_process(place: Path | None, key: str) -> Iterator[None]:
 
 
 def is_compiled(key: str, rule: type | None = None) -> bool:
-    """Whether `compile_once` has compiled the loops of that name in this process."""
+    """Return whether `compile_once` has compiled the loops of that name in this process."""
     future = _background.get((key, rule))
     return future is not None and future.done() and future.exception() is None
 
 
 def is_kept(key: str, rule: type | None = None) -> bool:
-    """Whether the loops of that name were compiled before: they need no compiling now."""
+    """Return whether the loops of that name were compiled before: they need no compiling now."""
     place = folder(rule)
     return place is not None and (place / key).exists()
 

@@ -51,7 +51,7 @@ class SettingError(SparseCoordError):
 
 
 class NotAllowedError(SettingError):
-    """A learner or perception model lies in a module that nobody here allowed to be imported."""
+    """A learner or perception model lies in a module that the user has not allowed."""
 
 
 class PluginError(SparseCoordError):
@@ -79,7 +79,7 @@ class BagError(SparseCoordError):
 
 
 class FaultError(SparseCoordError):
-    """A fault of this software: an exception that nobody expected; the cause has its traceback."""
+    """A fault of this software: an unexpected exception; the cause has its traceback."""
 
     exit_code = EXIT_FAULT
 
@@ -165,7 +165,7 @@ def in_short(value: object) -> str:
 
 
 def wrong_argument(name: str, value: object, allowed: str) -> str:
-    """Return what to say of an argument that has a wrong value."""
+    """Return the error text for a wrong argument."""
     return f"{name}: value is {in_short(value)}, allowed: {allowed}"
 
 
@@ -226,6 +226,6 @@ def check_format(
 
 
 def os_error_text(error: OSError) -> str:
-    """Return what went wrong, and with which file where the system says so."""
+    """Return the error's text, with the file where the system names it."""
     problem = error.strerror or str(error)
     return problem if error.filename is None else f"{error.filename}: {problem}"

@@ -60,7 +60,7 @@ def path_argument(
 
 
 def write_whole(path: Path, data: bytes | str, *, sync: bool = False) -> None:
-    """Write a file so that whoever looks finds the old content or the new, never a part of it.
+    """Write a file atomically: readers find the old content or the new, never a part of it.
 
     Args:
         path: the file; its folder must exist.
@@ -145,13 +145,13 @@ class HeldError(Exception):
 def take_lock(
     file: IO[Any] | int, *, exclusive: bool = True, wait: bool = False
 ) -> bool:
-    """Lock an open file or folder until it is closed; False where somebody else has the lock.
+    """Lock an open file or folder until it is closed; False where another process has the lock.
 
     True also where there are no locks, as in some network file systems.
 
     Args:
         file: the file, or its descriptor.
-        exclusive: for nobody else; else for all that read.
+        exclusive: for this process alone; else shared by all that read.
         wait: wait for the lock.
     """
     how = fcntl.LOCK_EX if exclusive else fcntl.LOCK_SH
@@ -167,7 +167,7 @@ def take_lock(
 def hold(path: Path) -> IO[str]:
     """Hold a file for this process alone until it is closed; it says which process that is.
 
-    The file stays when it is given up, and whoever comes next holds it.
+    The file stays when it is given up, for the next holder.
 
     Args:
         path: the file; it is made where it is missing.
@@ -182,7 +182,7 @@ def hold(path: Path) -> IO[str]:
     if not take_lock(file):
         with file:
             raise HeldError(f"process {file.read().strip()}".rstrip())
-    with suppress(OSError):  # only words for whoever comes second
+    with suppress(OSError):  # only words for a second process
         file.truncate(0)
         file.write(str(os.getpid()))
         file.flush()

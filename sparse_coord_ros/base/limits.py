@@ -33,6 +33,9 @@ class Limit(NamedTuple):
 MB = 2**20
 SCENARIO = Limit("a scenario or a run", 8 * MB, 20_000)
 MAP = Limit("a map", 4 * MB, 1_000_000)
+CELLS = 250_000
+"""Free cells of a map to learn on."""
+
 MAP_HEADER = Limit("the description of a map", 2**16, 1_000)
 IMAGE = Limit("an image", 128 * MB, 25_000_000)
 ARRAYS = Limit("tables, histories and checkpoints", 1024 * MB, 1024 * MB)
@@ -53,17 +56,17 @@ METADATA = Limit("a bag's metadata", 4 * MB, 100_000)
 ASKED = 1_000
 """Parameters that one request to a node's parameter services names."""
 
-DEEPEST = 30
+DEEPEST_NESTING = 30
 """Containers within containers of a YAML text."""
 
 
 def too_large(size: int, limit: Limit) -> str:
-    """Return what to say of something with more bytes than are read."""
+    """Return the error text for something larger than its limit."""
     return f"it has {size:,} bytes, allowed for {limit.what}: {limit.bytes:,}"
 
 
 def open_regular(path: Path, limit: Limit | None = None) -> BinaryIO:
-    """Open a regular file to read; nobody waits for a pipe or a device.
+    """Open a regular file to read; a pipe or a device is refused without waiting.
 
     Args:
         path: the file.
@@ -91,7 +94,7 @@ def open_regular(path: Path, limit: Limit | None = None) -> BinaryIO:
 def read_file(
     path: Path, limit: Limit, error: type[SparseCoordError], remedy: str
 ) -> bytes:
-    """Return what a regular file holds.
+    """Return the bytes of a regular file.
 
     Args:
         path: the file.
@@ -112,7 +115,7 @@ def read_file(
 def read_text(
     path: Path, limit: Limit, error: type[SparseCoordError], remedy: str
 ) -> str:
-    """Return what a regular file holds, as text; as `read_file`, and it must be UTF-8."""
+    """Return the text of a regular file; as `read_file`, and it must be UTF-8."""
     try:
         return read_file(path, limit, error, remedy).decode().replace("\r\n", "\n")
     except UnicodeDecodeError as failure:

@@ -23,7 +23,7 @@ ANSWERED = "answered"
 REFUSED = "refused"
 FAILED = "failed"
 """How a question ended, as shown: the peer said where it is; it refused; no answer came in time,
-or there was nobody to ask."""
+or there was no peer to ask."""
 
 OUTCOME_COLOURS = {ANSWERED: "#009E73", REFUSED: "#D55E00", FAILED: "#888888"}
 OUTCOME_SIGNS = {ANSWERED: "✓", REFUSED: "✗", FAILED: "?"}

@@ -22,7 +22,7 @@ def share_file(folder: str, name: str) -> Path | None:
 
 
 def shipped_json(name: str) -> dict[str, Any]:
-    """Return what the shipped file `config/name` holds; nothing where there is none."""
+    """Return the contents of the shipped file `config/name`; empty without one."""
     path = share_file("config", name)
     return {} if path is None else dict(json.loads(path.read_text(encoding="utf-8")))
 

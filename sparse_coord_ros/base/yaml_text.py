@@ -12,7 +12,7 @@ from typing import Any
 import yaml
 
 from sparse_coord_ros.base.errors import ScenarioError, SparseCoordError, in_short
-from sparse_coord_ros.base.limits import DEEPEST, SCENARIO, Limit
+from sparse_coord_ros.base.limits import DEEPEST_NESTING, SCENARIO, Limit
 
 _LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
@@ -74,7 +74,7 @@ class _Composer:
         next(self._events)
         if isinstance(next(self._events), yaml.StreamEndEvent):
             return None
-        value = self._value(next(self._events), DEEPEST)
+        value = self._value(next(self._events), DEEPEST_NESTING)
         next(self._events)
         after = next(self._events)
         if not isinstance(after, yaml.StreamEndEvent):
@@ -93,7 +93,9 @@ class _Composer:
         if isinstance(event, yaml.ScalarEvent):
             return _plain(event.value) if event.implicit[0] else event.value
         if not depth:
-            raise _refusal(f"nested too deeply, allowed: {DEEPEST} levels", event)
+            raise _refusal(
+                f"nested too deeply, allowed: {DEEPEST_NESTING} levels", event
+            )
         if isinstance(event, yaml.SequenceStartEvent):
             items = []
             while not isinstance(event := next(self._events), yaml.SequenceEndEvent):
@@ -133,7 +135,7 @@ _WORDS = {"null": None, "true": True, "false": False}
 
 
 def _plain(text: str) -> Any:
-    """Return what a text without quotation marks says."""
+    """Return the value of a text without quotation marks."""
     match = _CORE.fullmatch(text)
     kind = match.lastgroup if match else None
     if kind == "int":

@@ -10,7 +10,7 @@ from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli.computing import COMPUTING, Bar, computing_of
 from sparse_coord_ros.cli.options import Option, note
 from sparse_coord_ros.core.game.scenario import SETTINGS
-from sparse_coord_ros.core.game.unseen import TEAMS
+from sparse_coord_ros.core.game.unseen import SPLITS, TEAMS
 from sparse_coord_ros.core.learners.registry import LEARNERS
 from sparse_coord_ros.studies.benchmark import (
     TEAM_RUNS,
@@ -18,7 +18,6 @@ from sparse_coord_ros.studies.benchmark import (
     Benchmark,
     benchmark,
 )
-from sparse_coord_ros.studies.catalogue import SPLITS
 from sparse_coord_ros.studies.standings import Standing
 
 EXAMPLE = "sparse_coord benchmark coop factored --robots 2 --runs 2 --steps 2000"
@@ -34,7 +33,7 @@ OPTIONS = (
     Option(
         "--split",
         SPLITS,
-        "buildings to choose rules by, or those for closing figures alone",
+        "buildings to choose rules by, to check them by, or for closing figures alone",
     ),
     Option(
         "--robots N...", int, "sizes of teams", {"choices": TEAMS, "default": TEAMS}

@@ -31,7 +31,7 @@ COMPUTING = (
 
 
 def computing_of(options: argparse.Namespace) -> dict[str, Any]:
-    """Return what to compute, by what, and where it goes; say so where numba is missing."""
+    """Return the options of a computation; say if numba is missing."""
     compiled = options.scheduler is not None or uses_numba(options.engine)
     if options.engine == "auto" and not compiled:
         note_without_numba()

@@ -101,7 +101,7 @@ def execute(options: argparse.Namespace) -> None:
     head = [f"{run.scenario.name}, {episodes} episodes", "driven", "by the grid"]
     lines = [format_table(head, rows)]
     if facts["bumps"]:
-        radius = driven.floor.arena.ground.radius
+        radius = driven.team.simulator.metric_map.radius
         lines.append(
             f"Bodies of radius {radius:g} m touched walls: cells of {run.resolution:g} m "
             f"leave {run.resolution / 2 - radius:.2g} m on each side; take cells of "
@@ -113,7 +113,7 @@ def execute(options: argparse.Namespace) -> None:
 
 
 def facts_of(run: RunConfig, driven: Drive, grid: Trials, speed: float) -> dict:
-    """Return what `drive` prints, as plain data.
+    """Return the result of `drive` as plain data.
 
     The grid's prediction of an episode's seconds is its steps, each a cell's way at full speed.
     """
@@ -140,9 +140,9 @@ def facts_of(run: RunConfig, driven: Drive, grid: Trials, speed: float) -> dict:
         "seconds_a_cell": straight,
         "touches_in_doorways": int(driven.in_doorways.sum()),
         "touches_elsewhere": int(driven.elsewhere.sum()),
-        "bumps": driven.floor.arena.bumps,
-        "moves": driven.floor.moves,
-        "moves_failed": driven.floor.bodies.failed,
-        "bodies_lost": driven.floor.bodies.lost,
+        "bumps": driven.team.simulator.bumps,
+        "moves": driven.team.moves,
+        "moves_failed": driven.team.bodies.failed,
+        "bodies_lost": driven.team.bodies.lost,
         "drift": float(driven.drift.mean()),
     }

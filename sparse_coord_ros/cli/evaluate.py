@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.cli.computing import Bar
 from sparse_coord_ros.cli.options import JSON, SEED, Option, format_table, note, tell
-from sparse_coord_ros.core.engine.checkpoint import CHECKPOINT_FILE
+from sparse_coord_ros.core.engine.training_checkpoint import CHECKPOINT_FILE
 from sparse_coord_ros.core.game.scenario import PAPER_MEASURES
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs.evaluation import (
@@ -25,7 +25,10 @@ from sparse_coord_ros.core.runs.evaluation import (
 from sparse_coord_ros.core.runs.run_config import RunConfig, load_run
 from sparse_coord_ros.core.runs.tables import load_team
 from sparse_coord_ros.core.solve import shipped
-from sparse_coord_ros.protocol.lockstep.checkpoints import CHECKPOINTS, robots_elsewhere
+from sparse_coord_ros.protocol.lockstep.node_checkpoints import (
+    CHECKPOINTS,
+    robots_elsewhere,
+)
 
 if TYPE_CHECKING:
     from sparse_coord_ros.core.solve.exact import ExactEvaluation
@@ -160,7 +163,7 @@ def facts_of(one: Evaluated) -> dict[str, Any]:
 
 
 def paper_row(run: RunConfig) -> dict:
-    """Return what the paper prints for this run's learner; nothing for another game."""
+    """Return the paper's numbers for this run's learner; none for another game."""
     same = run.scenario.penalty == PAPER_PENALTY
     return dict(run.scenario.paper.get(run.learner, {})) if same else {}
 

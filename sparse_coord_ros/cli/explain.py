@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""`sparse_coord explain`: each COORDINATE of a time step, from the question to the table entry."""
+"""`sparse_coord explain`: each COORDINATE of a time step, from the question to the update."""
 
 import argparse
 

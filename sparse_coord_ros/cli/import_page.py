@@ -21,14 +21,13 @@ from sparse_coord_ros.cli import train
 from sparse_coord_ros.cli.imported_map import CELL, RADIUS, check_free, make, write
 from sparse_coord_ros.cli.main import make_parser
 from sparse_coord_ros.cli.page import served, show_end
-from sparse_coord_ros.core.engine.checkpoint import CHECKPOINT_FILE
+from sparse_coord_ros.core.engine.training_checkpoint import CHECKPOINT_FILE
 from sparse_coord_ros.core.game.grid import FURTHEST, number_of
 from sparse_coord_ros.core.runs.run_config import load_run
 from sparse_coord_ros.core.runs.tables import load_team
 from sparse_coord_ros.lab.driving.trials import DRIVE_SETTINGS, drive
 from sparse_coord_ros.lab.maps.image import data_url, read_floor_plan
 from sparse_coord_ros.lab.maps.plan import Place
-from sparse_coord_ros.show.page.board import Board
 from sparse_coord_ros.show.page.controls import (
     DRIVE,
     IMPORT,
@@ -38,6 +37,7 @@ from sparse_coord_ros.show.page.controls import (
     Control,
     Controlled,
 )
+from sparse_coord_ros.show.page.message_board import MessageBoard
 
 CELL_AT_FIRST = 0.5
 RADIUS_AT_FIRST = 0.2
@@ -46,7 +46,7 @@ RADIUS_AT_FIRST = 0.2
 EPISODES = 20
 """In which bodies drive a team."""
 
-NEEDLESS = {IMPORT: (IMPORT,), SAVE: (IMPORT, SAVE), STOP: (TRAIN, DRIVE)}
+SUPERSEDED_BY = {IMPORT: (IMPORT,), SAVE: (IMPORT, SAVE), STOP: (TRAIN, DRIVE)}
 """What need not be done any more, by what was wished for right after it."""
 
 PLACES = ("start", "goal", "doorway", "no_doorway")
@@ -55,8 +55,8 @@ PLACES = ("start", "goal", "doorway", "no_doorway")
 
 def serve(options: argparse.Namespace) -> None:
     """Serve the page until Ctrl-C; teams learn and drive in this thread, one after the other."""
-    learning = Board()
-    board = Board()
+    learning = MessageBoard()
+    board = MessageBoard()
     board.source = page = ImportPage(options, board)
     threading.Thread(target=page.work, daemon=True).start()
     with served(options, learning, board, index="import.html"):
@@ -82,7 +82,7 @@ class ImportPage(Controlled):
         MapError: the map cannot be read.
     """
 
-    def __init__(self, options: argparse.Namespace, board: Board) -> None:
+    def __init__(self, options: argparse.Namespace, board: MessageBoard) -> None:
         super().__init__()
         self._options = options
         self._board = board
@@ -126,7 +126,7 @@ class ImportPage(Controlled):
         while True:
             while not waiting or not self._wishes.empty():
                 wish = self._wishes.get()
-                while waiting and waiting[-1].name in NEEDLESS.get(wish.name, ()):
+                while waiting and waiting[-1].name in SUPERSEDED_BY.get(wish.name, ()):
                     waiting.pop()
                 waiting.append(wish)
             try:
@@ -188,7 +188,7 @@ class ImportPage(Controlled):
         if not busy:  # so that is no problem any more
             self._board.put("problem", text="")
 
-    def do(self, what: str, path: Path, board: Board) -> None:
+    def do(self, what: str, path: Path, board: MessageBoard) -> None:
         """Let a team learn, or bodies drive it, as `wanted` says; KeyboardInterrupt ends it."""
         try:
             if what == TRAIN:
@@ -198,7 +198,7 @@ class ImportPage(Controlled):
         except SparseCoordError as error:
             self._tell(str(error))
 
-    def _learn(self, scenario: Path, board: Board) -> None:
+    def _learn(self, scenario: Path, board: MessageBoard) -> None:
         """Let a team learn as `train` does; the board shows it."""
         options = make_parser("train").parse_args(["train", str(scenario)])
         self._out, run = train.begin(options)
@@ -223,12 +223,12 @@ class ImportPage(Controlled):
                 f"Driven: {n} of {EPISODES} episodes", busy=True
             ),
         )
-        arena = driven.floor.arena
+        simulator = driven.team.simulator
         self._tell(
-            f"Bodies of radius {arena.ground.radius:g} m drove {EPISODES} episodes: in "
+            f"Bodies of radius {simulator.metric_map.radius:g} m drove {EPISODES} episodes: in "
             f"{driven.arrived.all(axis=1).sum()} all robots arrived; walls touched: "
-            f"{arena.bumps}, bodies: {len(arena.touches)}. With pictures and other bodies: "
-            f"sparse_coord drive {out}"
+            f"{simulator.bumps}, bodies: {len(simulator.touches)}. With pictures and other "
+            f"bodies: sparse_coord drive {out}"
         )
 
     def stopped(self) -> bool:
@@ -245,7 +245,7 @@ class ImportPage(Controlled):
 
 
 def _chosen(said: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what a page chose, checked; there may be a start that has no goal yet.
+    """Return the page's choices, checked; a start may have no goal yet.
 
     Raises:
         SparseCoordError: a value is none.

@@ -102,7 +102,7 @@ def write(options: argparse.Namespace, made: Made) -> Path:
 
 
 def _paths(options: argparse.Namespace) -> list[Path]:
-    """Return where the map, the scenario and the picture go."""
+    """Return the paths of the map, the scenario and the picture."""
     name = options.map.stem
     folder = options.out or Path(f"{name}_map")
     return [folder / f"{name}{end}" for end in (".txt", ".yaml", ".png")]

@@ -33,7 +33,7 @@ from sparse_coord_ros.ros.nodes.outputs import gather
 from sparse_coord_ros.ros.nodes.parameters import TEAM_PARAMETERS, of_node
 from sparse_coord_ros.ros.nodes.spin import Stop, ros_context, signals
 from sparse_coord_ros.ros.nodes.team import run_team, team_run
-from sparse_coord_ros.show.page.board import Board
+from sparse_coord_ros.show.page.message_board import MessageBoard
 
 Process: TypeAlias = subprocess.Popen[bytes]
 
@@ -49,7 +49,7 @@ def run(
     *,
     processes: bool,
     quiet: bool = False,
-    page: Board | None = None,
+    page: MessageBoard | None = None,
     stop: Stop | None = None,
 ) -> dict[str, Any]:
     """Run a team and return its summary.

@@ -25,7 +25,7 @@ from sparse_coord_ros.core.solve.asking_search import (
     in_words,
 )
 from sparse_coord_ros.core.solve.optimum import (
-    LARGEST,
+    MOST_JOINT_STATES,
     independent_bound,
     joint_optimum,
 )
@@ -82,7 +82,9 @@ def execute(options: argparse.Namespace) -> None:
     facts = {"scenario": scenario.name, **asdict(optimum), "robots_alone": bound}
     facts |= {"shortest_paths": paths, "best_asking_team": shipped, "best_team": team}
     facts |= {"route_planner": routes}
-    known = {"exact joint optimum": f"not computed: more than {LARGEST} joint states"}
+    known = {
+        "exact joint optimum": f"not computed: more than {MOST_JOINT_STATES} joint states"
+    }
     if optimum.exact:
         known["exact joint optimum"] = f"{optimum.value:.2f}"
     if shipped is not None:

@@ -14,8 +14,8 @@ from sparse_coord_ros.base.errors import RunError, SparseCoordError
 from sparse_coord_ros.cli.options import note
 from sparse_coord_ros.core.runs.run_config import load_run
 from sparse_coord_ros.core.runs.tables import load_team
-from sparse_coord_ros.show.page.board import Board
 from sparse_coord_ros.show.page.controls import NEXT, Control, Controlled
+from sparse_coord_ros.show.page.message_board import MessageBoard
 
 if TYPE_CHECKING:
     from sparse_coord_ros.ros.nodes.spin import Stop
@@ -26,7 +26,7 @@ Team = TypeVar("Team")
 
 @contextmanager
 def served(
-    options: argparse.Namespace, *boards: Board, index: str = "index.html"
+    options: argparse.Namespace, *boards: MessageBoard, index: str = "index.html"
 ) -> Iterator["Server"]:
     """Serve the page where the options say, and tell where that is.
 
@@ -41,7 +41,7 @@ def served(
     from sparse_coord_ros.show.page.server import Server
 
     server = Server(
-        *(boards or [Board()]), host=options.host, port=options.port, index=index
+        *(boards or [MessageBoard()]), host=options.host, port=options.port, index=index
     )
     with closing(server):
         if server.warning:
@@ -72,7 +72,7 @@ class Wishes(Controlled):
 def one_by_one(
     options: argparse.Namespace,
     begin: Callable[[argparse.Namespace], tuple[Path, Team]],
-    play: Callable[[argparse.Namespace, Path, Team, Board], int | None],
+    play: Callable[[argparse.Namespace, Path, Team, MessageBoard], int | None],
     stop: "Stop | None" = None,
 ) -> int | None:
     """Let teams learn one after the other on a page, as it wants them; return the exit code.
@@ -101,7 +101,7 @@ def one_by_one(
             out, team = begin(options)
 
 
-def show_end(board: Board, out: Path) -> None:
+def show_end(board: MessageBoard, out: Path) -> None:
     """Show what a finished run has learned."""
     from sparse_coord_ros.show.page.messages import put_end
 

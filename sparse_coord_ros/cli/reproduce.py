@@ -13,7 +13,7 @@ from sparse_coord_ros.core.runs.evaluation import summary
 from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.studies.catalogue import NAMES
 from sparse_coord_ros.studies.runner import ExperimentResults, run_experiment
-from sparse_coord_ros.studies.store import RUNS, TRIALS, Plan
+from sparse_coord_ros.studies.store import RUN_TRIALS, RUNS, Plan
 from sparse_coord_ros.studies.targets import parse_targets
 
 EXAMPLE = (
@@ -36,7 +36,7 @@ OPTIONS = (
         {"default": Path("results")},
     ),
     RUNS,
-    TRIALS,
+    RUN_TRIALS,
     Option("--seed", SEED, "seed of run 0; run i has seed + i"),
     *COMPUTING,
     Option("--list", bool, "list the conditions and stop"),

@@ -16,13 +16,13 @@ from sparse_coord_ros.core.engine.improve import IMPROVED
 from sparse_coord_ros.core.runs.run_config import RUN_SETTINGS, load_run
 from sparse_coord_ros.core.runs.tables import TEAM_FILE, load_team
 from sparse_coord_ros.core.solve.verdict import last_word
-from sparse_coord_ros.protocol.lockstep.checkpoints import CHECKPOINTS
-from sparse_coord_ros.show.page.board import Board
+from sparse_coord_ros.protocol.lockstep.node_checkpoints import CHECKPOINTS
+from sparse_coord_ros.show.page.message_board import MessageBoard
 
 if TYPE_CHECKING:
     from sparse_coord_ros.ros.nodes.spin import Stop
 
-TRIALS = 200
+VERDICT_TRIALS = 200
 """Of the last word, where it cannot be computed."""
 
 EXAMPLE = (
@@ -81,7 +81,7 @@ def _run(
     options: argparse.Namespace,
     out: Path,
     values: dict[str, Any],
-    page: Board | None = None,
+    page: MessageBoard | None = None,
     *,
     stop: "Stop | None" = None,
 ) -> int:
@@ -178,5 +178,5 @@ def _lines(
         tables = load_team(
             plan if (plan / TEAM_FILE).exists() else out, run.scenario, run.rule
         )
-        found = evaluation_of(run, tables, TRIALS, 0, exact=None)
+        found = evaluation_of(run, tables, VERDICT_TRIALS, 0, exact=None)
         yield last_word(run.scenario, run.rule, found).text

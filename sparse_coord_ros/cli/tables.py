@@ -31,13 +31,13 @@ OPTIONS = (
 
 def execute(options: argparse.Namespace) -> None:
     """Run the verb."""
-    from sparse_coord_ros.log.runlog.tracks import read_tracks
+    from sparse_coord_ros.log.runlog.run_messages import read_messages
 
     if (options.step is None) != (options.out is None):
         raise RunError(
             "--step N and --out DIR belong together; without both the steps are listed"
         )
-    tracks = read_tracks(options.bag)
+    tracks = read_messages(options.bag)
     of_each: list[dict[int, Any]] = [{} for _ in tracks.names]
     for one in tracks.tables:
         of_each[one.robot][one.step] = one.tables

@@ -18,15 +18,16 @@ from sparse_coord_ros.cli.evaluate import Evaluated, evaluation_of, result_table
 from sparse_coord_ros.cli.improve import IMPROVE, planned
 from sparse_coord_ros.cli.options import Option
 from sparse_coord_ros.core.engine.batch import ENGINES, is_prepared, prepare
-from sparse_coord_ros.core.engine.checkpoint import CHECKPOINT_FILE
 from sparse_coord_ros.core.engine.trained import Training
 from sparse_coord_ros.core.engine.training import (
     EVERY,
     EVERY_TRIALS,
+    Watcher,
     engine_for,
     train,
     worth_compiling,
 )
+from sparse_coord_ros.core.engine.training_checkpoint import CHECKPOINT_FILE
 from sparse_coord_ros.core.game.scenario import SETTINGS, Scenario
 from sparse_coord_ros.core.game.settings import Setting
 from sparse_coord_ros.core.runs.evaluation import MEASURES
@@ -41,9 +42,9 @@ from sparse_coord_ros.core.runs.run_config import (
 from sparse_coord_ros.core.runs.tables import TEAM_FILE, save_team
 from sparse_coord_ros.core.solve.shipped import known_optimum
 from sparse_coord_ros.core.solve.verdict import LOST, last_word
-from sparse_coord_ros.protocol.lockstep.checkpoints import CHECKPOINTS
+from sparse_coord_ros.protocol.lockstep.node_checkpoints import CHECKPOINTS
 from sparse_coord_ros.protocol.wire import RunState
-from sparse_coord_ros.show.page.board import Board
+from sparse_coord_ros.show.page.message_board import MessageBoard
 
 EVALUATIONS_FILE = "evaluations.csv"
 FILES = (RUN_FILE, CHECKPOINT_FILE, HISTORY_FILE, EVALUATIONS_FILE, TEAM_FILE)
@@ -126,7 +127,10 @@ def begin(options: argparse.Namespace) -> tuple[Path, RunConfig]:
 
 
 def learn(
-    options: argparse.Namespace, out: Path, run: RunConfig, board: Board | None = None
+    options: argparse.Namespace,
+    out: Path,
+    run: RunConfig,
+    board: MessageBoard | None = None,
 ) -> None:
     """Let one team learn, save what it learned, and say so."""
     engine_for(
@@ -146,12 +150,10 @@ def learn(
 
 
 def _learn_there(
-    options: argparse.Namespace, out: Path, run: RunConfig, board: Board | None
+    options: argparse.Namespace, out: Path, run: RunConfig, board: MessageBoard | None
 ) -> None:
-    checkpoint = out / CHECKPOINT_FILE
     resumed = options.resume is not None
     view = None
-    bar = Bar("steps", "setting up", quiet=options.json)
     try:
         if not resumed:
             write_whole(out / RUN_FILE, run.to_yaml())
@@ -160,39 +162,59 @@ def _learn_there(
 
             view = TrainingView(run, board, title=str(out), last=not options.watch)
             board.source = view
-        with bar:
-            done = train(
-                run.scenario,
-                run.rule,
-                run.seed,
-                engine=_ready_engine(options, run),
-                evaluate_every=options.evaluate_every,
-                trials=EVERY_TRIALS.default,
-                progress=bar.show,
-                checkpoint=checkpoint,
-                resume=resumed,
-                watcher=view,
-            )
+        done = _trained(options, out, run, view)
         _save(out, done)
     except RunError:  # of the checkpoint; it says itself what to do
         raise
     except BaseException as error:
         if view is not None:
             view.end(RunState.STOPPED)
-        left = ""
-        if checkpoint.exists():
-            left = f"what was learned is saved; go on with: sparse_coord train --resume {out}"
-        elif not resumed and not (out / TEAM_FILE).exists():
-            _remove(out)  # leave no half of a run
-            left = "nothing that was learned is saved, nothing is left"
-        if isinstance(error, OSError) and not isinstance(error, BrokenPipeError):
-            raise RunError(f"{os_error_text(error)}; make room; {left}") from None
-        if left and (checkpoint.exists() or isinstance(error, KeyboardInterrupt)):
-            shared.note(left)
+        _tell_what_is_left(out, error, resumed=resumed)
         raise
     if view is not None:
         view.end()
     _say(options, out, run, done)
+
+
+def _trained(
+    options: argparse.Namespace, out: Path, run: RunConfig, view: Watcher | None
+) -> Training:
+    """Let the team learn, with a progress bar and checkpoints."""
+    bar = Bar("steps", "setting up", quiet=options.json)
+    with bar:
+        return train(
+            run.scenario,
+            run.rule,
+            run.seed,
+            engine=_ready_engine(options, run),
+            evaluate_every=options.evaluate_every,
+            trials=EVERY_TRIALS.default,
+            progress=bar.show,
+            checkpoint=out / CHECKPOINT_FILE,
+            resume=options.resume is not None,
+            watcher=view,
+        )
+
+
+def _tell_what_is_left(out: Path, error: BaseException, *, resumed: bool) -> None:
+    """Say how to go on after an error or interrupt; without a checkpoint, remove the run.
+
+    Raises:
+        RunError: the error is one of the file system.
+    """
+    saved = (out / CHECKPOINT_FILE).exists()
+    left = ""
+    if saved:
+        left = (
+            f"what was learned is saved; go on with: sparse_coord train --resume {out}"
+        )
+    elif not resumed and not (out / TEAM_FILE).exists():
+        _remove(out)
+        left = "nothing that was learned is saved, nothing is left"
+    if isinstance(error, OSError) and not isinstance(error, BrokenPipeError):
+        raise RunError(f"{os_error_text(error)}; make room; {left}") from None
+    if left and (saved or isinstance(error, KeyboardInterrupt)):
+        shared.note(left)
 
 
 def _remove(out: Path) -> None:
@@ -204,7 +226,7 @@ def _remove(out: Path) -> None:
 
 
 def _ready_engine(options: argparse.Namespace, run: RunConfig) -> str:
-    """Return what computes the run; say that numba compiles first, or that it is missing."""
+    """Return the engine of the run; say if numba compiles first, or is missing."""
     engine = engine_for(run.scenario, run.rule, options.engine)
     if options.json:
         return engine
@@ -272,7 +294,7 @@ def _say(
 
 
 def advice(scenario: Scenario, done: Training) -> list[str]:
-    """Return what to try where robots do not arrive, at most two sentences.
+    """Return advice for robots that do not arrive, at most two sentences.
 
     Args:
         scenario: the problem.

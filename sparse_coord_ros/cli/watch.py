@@ -43,14 +43,14 @@ def execute(options: argparse.Namespace) -> int | None:
     if not options.bags:
         return _live(options)
     from sparse_coord_ros.show.page.bag_source import BagSource
-    from sparse_coord_ros.show.page.board import Board
+    from sparse_coord_ros.show.page.message_board import MessageBoard
     from sparse_coord_ros.show.page.training_source import TrainedView
     from sparse_coord_ros.show.sources import open_run
 
     first, *others = (
-        BagSource(path, Board(), rate=options.rate, step=options.step)
+        BagSource(path, MessageBoard(), rate=options.rate, step=options.step)
         if open_run(path).bag
-        else TrainedView(open_run(path), Board())
+        else TrainedView(open_run(path), MessageBoard())
         for path in options.bags
     )
     boards = [one.board for one in (first, *others)]

@@ -192,33 +192,51 @@ class SparseCoordEnv(ParallelEnv):
                 f"actions: value is {in_short(actions)}, allowed: {allowed}"
             )
         chosen = dict(self._checked(name, action) for name, action in actions.items())
-        robots = range(len(self.possible_agents))
-        outcome = StepOutcome((NO_REWARD,) * len(robots), False, (), False)
+        acted = {name: self._number[name] for name in self.agents}
         self._half = not self._half and COORDINATE in chosen.values()
         if self._half:
-            self._chosen = chosen
-            self._ask(
-                world, [k for k, action in chosen.items() if action == COORDINATE]
-            )
+            outcome = self._first_half(world, chosen)
         else:
+            robots = range(len(self.possible_agents))
             outcome = world.advance([self._action(k, chosen) for k in robots])
             self._forget()
-        rewards, met, arrived, over = outcome
-        acted = {name: self._number[name] for name in self.agents}
         observations = self._observations()
         self.agents = [
-            name for name, k in acted.items() if not over and k not in arrived
+            name
+            for name, k in acted.items()
+            if not outcome.episode_over and k not in outcome.arrived
         ]
-        return (
-            observations,
-            {
-                n: rewards[k].total + self._goal_value * (k in arrived)
-                for n, k in acted.items()
-            },
-            {name: k in arrived for name, k in acted.items()},
-            {name: over and k not in arrived for name, k in acted.items()},
-            {name: self._info(rewards[k], met) for name, k in acted.items()},
-        )
+        return observations, *self._results(acted, outcome)
+
+    def _first_half(self, world: World, chosen: dict[int, int]) -> StepOutcome:
+        """Let the robots ask that chose COORDINATE; so far nothing is paid."""
+        self._chosen = chosen
+        self._ask(world, [k for k, action in chosen.items() if action == COORDINATE])
+        return StepOutcome((NO_REWARD,) * len(self.possible_agents), False, (), False)
+
+    def _results(
+        self, acted: Mapping[str, int], outcome: StepOutcome
+    ) -> tuple[
+        dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]
+    ]:
+        """Return rewards, terminations, truncations and infos.
+
+        Args:
+            acted: the agents that were there before the step, and their numbers.
+            outcome: what the step brought.
+        """
+        rewards = {}
+        terminations = {}
+        truncations = {}
+        infos = {}
+        for name, k in acted.items():
+            reward = outcome.rewards[k]
+            arrived = k in outcome.arrived
+            rewards[name] = reward.total + self._goal_value * arrived
+            terminations[name] = arrived
+            truncations[name] = outcome.episode_over and not arrived
+            infos[name] = self._info(reward, outcome.miscoordination)
+        return rewards, terminations, truncations, infos
 
     def _ask(self, world: World, askers: list[int]) -> None:
         """Let robots ask their peers where they are."""

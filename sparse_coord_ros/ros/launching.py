@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the launch files start: a team, its bodies, or what drives them; needs launch and ROS.
 
-A launch is a guest in somebody's system: what is nearer to the user wins (an argument over the
+A launch is a guest in the user's system: what is nearer to the user wins (an argument over the
 parameter file, also where it names the default), a misspelt value ends it in one line, a misspelt
 name gets a warning, and nodes go into the namespace in which the launch file was included. A team
 that fails ends alone.
@@ -39,7 +39,7 @@ from sparse_coord_ros.core.game.plugins import allow_modules, allow_named
 from sparse_coord_ros.core.game.scenario import SETTINGS, Scenario, load_scenario
 from sparse_coord_ros.core.game.settings import Setting, SettingTable, parse_assignments
 from sparse_coord_ros.core.runs.run_config import OWN_CLOCK
-from sparse_coord_ros.protocol.lockstep.checkpoints import check_robots
+from sparse_coord_ros.protocol.lockstep.node_checkpoints import check_robots
 from sparse_coord_ros.protocol.wire import CLOCK, RECORDER, WORLD
 from sparse_coord_ros.ros.nodes.parameters import PARAMETERS
 from sparse_coord_ros.ros.nodes.transforms import TF, TF_STATIC
@@ -84,7 +84,7 @@ ARGUMENTS = SettingTable(
 
 
 class TeamFailed(Event):
-    """A team has ended, and nodes of it had failed: for whoever includes its launch file.
+    """A team has ended, and nodes of it had failed: for launch files that include this one.
 
     Args:
         namespace: of the team.
@@ -101,7 +101,7 @@ class TeamFailed(Event):
 def description(
     file: str, arguments: Mapping[str, Setting], start: Callable[["LaunchedTeam"], None]
 ) -> LaunchDescription:
-    """Return what a launch file is: its arguments, and a team.
+    """Return a launch description: the arguments, and a team.
 
     Args:
         file: the launch file.
@@ -158,7 +158,7 @@ def described(
 
 
 def _is_own(file: str) -> bool:
-    """Whether a launch file was given on the command line, not included by another one."""
+    """Return whether a launch file was given on the command line, not included by another one."""
     return Path(file).name in {Path(word).name for word in sys.argv}
 
 
@@ -320,7 +320,7 @@ class LaunchedTeam:
         return added
 
     def _end(self) -> list[Any]:
-        """Return what ends the team's other nodes, and the launch where it is the team's own."""
+        """Return the actions that end the team's other nodes, and the team's own launch."""
         if self._own:
             return [actions.EmitEvent(event=Shutdown(reason="no world"))]
         left = map(matches_action, self._running.values())
@@ -388,7 +388,7 @@ def typed(table: Mapping[str, Setting], given: Mapping[str, str]) -> dict[str, A
 
 
 def one_for_each(argument: str, text: str, robots: Iterable[str]) -> list[str]:
-    """Return what an argument says of each robot, separated by commas; empty: their names.
+    """Return an argument's value for each robot, separated by commas; empty: their names.
 
     Raises:
         SettingError: it says too little or too much.
@@ -424,7 +424,7 @@ def _shown(default: Any) -> str:
 
 
 def _of_world(file: str) -> dict[str, Any]:
-    """Return what a parameter file says of the world; nodes of any name may be meant by it."""
+    """Return the world's parameters in a file, those for all nodes included."""
     said: dict[str, Any] = {}
     if file:
         remedy = "give params_file a ROS parameter file"

@@ -29,8 +29,7 @@ class Doorways:
         count: how many doorways there are.
         of: number of the doorway of each cell, from 0; -1 outside of doorways; shape (cells,).
         room: number of the room of each cell, from 0; -1 inside of doorways; shape (cells,).
-        ways: the moves from each cell to each doorway, -1 where there is no way, shape
-            (doorways, cells).
+        near: of each doorway the cells at most one move away, its own included, ascending.
     """
 
     def __init__(self, grid: GridMap) -> None:
@@ -41,20 +40,14 @@ class Doorways:
         self.room = self._parts(~self._inside)
         self._cells = np.flatnonzero(self._inside)
         self._part_of = self.of[self._cells]
-        self._to = np.array(
-            [self._moves_to(int(cell)) for cell in self._cells], dtype=np.int32
-        )
-        self._to = self._to.reshape(len(self._cells), len(cells))
         self.count = int(self.of.max(initial=-1)) + 1
         self.cells_of = [np.flatnonzero(self.of == n) for n in range(self.count)]
         beside = [np.unique(grid.next_cell[of]) for of in self.cells_of]
         self._exits = [one[~self._inside[one]] for one in beside]
         self._rooms = [frozenset(self.room[one].tolist()) for one in self._exits]
-        near = [self._to[self._part_of == n].min(axis=0) for n in range(self.count)]
-        self.ways = np.array(
-            [np.where(one < NO_WAY, one, -1) for one in near], dtype=np.int64
-        )
-        self.ways = self.ways.reshape(self.count, len(cells))
+        self.near = [
+            np.union1d(*both) for both in zip(self.cells_of, beside, strict=True)
+        ]
         kept = max(8, KEPT_BYTES // (8 * len(cells)))
         self.moves_to = lru_cache(kept)(self._moves_to)
         self._around = lru_cache(kept)(self._moves_around)
@@ -74,6 +67,12 @@ class Doorways:
         moves = self._grid.distances_to(cell)
         return np.where(moves < 0, NO_WAY, moves).astype(np.int32)
 
+    def away(self, cell: int) -> np.ndarray:
+        """Return the moves from a cell to each doorway, or `NO_WAY`: shape (doorways,), int64."""
+        found = np.full(self.count, NO_WAY, dtype=np.int64)
+        np.minimum.at(found, self._part_of, self.moves_to(cell)[self._cells])
+        return found
+
     def _moves_around(self, door: int, cell: int) -> np.ndarray:
         """Return the moves between a cell and each cell, or -1, where a doorway is closed."""
         closed = self.cells_of[door].tolist()
@@ -88,7 +87,7 @@ class Doorways:
             moves: from each cell to its end, as of `moves_to`.
         """
         there = self._part_of == door
-        passed = self._to[there, cell] + moves[self._cells[there]]
+        passed = self.moves_to(cell)[self._cells[there]] + moves[self._cells[there]]
         return bool(passed.min() == moves[cell] < NO_WAY)
 
     def on_the_way(self, cell: int, moves: np.ndarray) -> np.ndarray:
@@ -98,11 +97,16 @@ class Doorways:
             cell: where the ways begin.
             moves: from each cell to their end, as of `moves_to`.
         """
-        to = self._to[:, cell]
+        to = self.moves_to(cell)[self._cells]
         passed = (to + moves[self._cells] == moves[cell]) & (moves[cell] < NO_WAY)
         found = np.full(self.count, NO_WAY, dtype=np.int64)
         np.minimum.at(found, self._part_of[passed], to[passed])
         return found
+
+    def _through(self, cell: int, other: int) -> np.ndarray:
+        """Return the moves between two cells through each doorway cell, shape (doorway cells,)."""
+        own = self.moves_to(cell)[self._cells]
+        return np.asarray(own + self.moves_to(other)[self._cells])
 
     def side(self, door: int, cell: int, other: int) -> str:
         """Return the side of a doorway that another cell is on; empty where that is not clear.
@@ -113,7 +117,7 @@ class Doorways:
             other: the other cell, outside of that doorway.
         """
         rooms = self.room[cell], self.room[other]
-        passed = self._to[:, cell] + self._to[:, other]
+        passed = self._through(cell, other)
         moves = self.moves_to(cell)[other]
         inside = self.of[other] >= 0
         if passed[self._part_of == door].min() > moves:
@@ -134,7 +138,7 @@ class Doorways:
         """Whether a cell is on the other side of another doorway of the same room."""
         rooms = self.room[cell], self.room[other]
         moves = self.moves_to(cell)[other]
-        passed = self._to[:, cell] + self._to[:, other] == moves
+        passed = self._through(cell, other) == moves
         others = set(self._part_of[passed].tolist()) - {door}
         return rooms[0] != rooms[1] and any(
             self._rooms[n].issuperset(rooms) for n in others

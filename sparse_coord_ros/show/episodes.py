@@ -16,7 +16,7 @@ from sparse_coord_ros.core.learners.learner import Learner
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs.evaluation import GreedyTeam, greedy_team
 from sparse_coord_ros.core.runs.history import History, HistoryRecorder
-from sparse_coord_ros.core.runs.run import Glimpse
+from sparse_coord_ros.core.runs.run import TeamTransition
 from sparse_coord_ros.log.runlog.log import RunLog
 from sparse_coord_ros.show.steps import logged_step
 
@@ -42,7 +42,7 @@ class Episode:
 
     number: int
     greedy: bool
-    steps: tuple[Glimpse, ...]
+    steps: tuple[TeamTransition, ...]
     arrived: bool
 
 
@@ -121,7 +121,7 @@ def played_episode(
 
 def _play(
     world: World, team: GreedyTeam, recorder: HistoryRecorder
-) -> Iterator[Glimpse]:
+) -> Iterator[TeamTransition]:
     """Play an episode."""
     world.begin_episode()
     while not world.episode_over:
@@ -131,7 +131,7 @@ def _play(
         outcome = world.advance(actions)
         recorder.add(world.episode, step, actions, outcome)
         after = tuple(world.cells)
-        yield Glimpse(
+        yield TeamTransition(
             step, cells, tuple(actions), after, outcome.miscoordination, outcome.rewards
         )
 

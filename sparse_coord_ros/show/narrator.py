@@ -12,7 +12,7 @@ import numpy as np
 from sparse_coord_ros.base.palette import ANSWERED, FAILED, REFUSED
 from sparse_coord_ros.core.game.actions import ACTIONS
 from sparse_coord_ros.core.game.scenario import Scenario
-from sparse_coord_ros.core.runs.run import Glimpse
+from sparse_coord_ros.core.runs.run import TeamTransition
 from sparse_coord_ros.protocol.wire import PerceptEnd
 from sparse_coord_ros.show.doorways import NO_WAY, Doorways
 from sparse_coord_ros.show.steps import Question
@@ -83,7 +83,7 @@ class Narrator:
             if entered >= 0 and next_ones[entered] == 1:
                 return f"before {the}", entered
             return f"before {the}", int(next_ones.argmin())
-        ways = np.where(doorways.ways[:, cell] < 0, NO_WAY, doorways.ways[:, cell])
+        ways = doorways.away(cell)
         if not (ways < NO_WAY).any():
             return self._cell(cell), None
         away = int(ways.min())
@@ -209,11 +209,10 @@ class Narrator:
     def _is_close(self, at: int, door: int | None, moves: np.ndarray) -> bool:
         """Whether a cell is in a doorway or beside it, or as close to the robot that asks."""
         return bool(
-            moves[at] <= 1
-            or (door is not None and 0 <= self.doorways.ways[door, at] <= 1)
+            moves[at] <= 1 or (door is not None and at in self.doorways.near[door])
         )
 
-    def question(self, seen: Glimpse, question: Question) -> str:
+    def question(self, seen: TeamTransition, question: Question) -> str:
         """Return a question of a time step in sentences."""
         k, peers, end, move = question
         cell = seen.cells[k]

@@ -96,7 +96,7 @@ def paths_figure(run: RunConfig, driven: Drive) -> Figure:
         driven: what came of the drive.
     """
     scenario = run.scenario
-    episodes = 1 + max((moment.episode for moment in driven.floor.path), default=0)
+    episodes = 1 + max((moment.episode for moment in driven.team.path), default=0)
     title = f"{scenario.name}: {episodes} episodes driven"
     plan = floor_plan_of(scenario.map)
     figure = floor_figure(
@@ -107,7 +107,7 @@ def paths_figure(run: RunConfig, driven: Drive) -> Figure:
     for k, robot in enumerate(scenario.robots):
         colour = robot_colour(k)
         style = LINES[k % len(LINES)]
-        for _, moments in groupby(driven.floor.path, key=lambda moment: moment.episode):
+        for _, moments in groupby(driven.team.path, key=lambda moment: moment.episode):
             path = np.array([moment.places[k] for moment in moments])
             axes.plot(
                 *path.T,
@@ -117,9 +117,9 @@ def paths_figure(run: RunConfig, driven: Drive) -> Figure:
                 alpha=max(THINNEST_PATH, 1 / episodes),
             )
         key.append(Line2D([], [], color=colour, ls=style, label=robot.name))
-    touches = np.array([touch.place for touch in driven.floor.arena.touches]).reshape(
-        -1, 2
-    )
+    touches = np.array(
+        [touch.place for touch in driven.team.simulator.touches]
+    ).reshape(-1, 2)
     axes.plot(*touches.T, "x", color="black", ms=7, mew=2, zorder=4)
     if len(touches):
         key.append(

@@ -177,15 +177,15 @@ def faults(shown: OpenedRun) -> Iterator[Part]:
     facts: dict[str, object] = {
         f"percepts {how}": at.sum() for how, at in ended(log).items()
     }
-    if log.tracks.statuses:
-        last = log.tracks.statuses[-1]
+    if log.messages.statuses:
+        last = log.messages.statuses[-1]
         facts |= {"state at the end": last.state, "transitions": last.transitions}
         facts["steps that the world made without a robot"] = last.left_out
     facts["odd messages among those read"] = len(log.problems)
     yield table((), list(facts.items()))
     for problem in log.problems[:MOST_WARNINGS]:
         yield text(str(problem), warn=True)
-    said = [one for one in log.tracks.rosout if one.level >= WARNING_LEVEL]
+    said = [one for one in log.messages.rosout if one.level >= WARNING_LEVEL]
     warnings = Counter(f"{one.name}: {one.msg}"[:300] for one in said)
     listed = table(["warning", "times"], list(warnings.items())[:MOST_WARNINGS])
     yield listed if warnings else text("No node warned of anything.")

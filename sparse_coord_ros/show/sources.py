@@ -99,7 +99,7 @@ class OpenedRun:
         """Return the log with the dialogue of at least some time steps."""
         read = self.recording.read
         found = [one for step in sorted(steps) for one in read(step, step).requests]
-        return self.log.but(requests=tuple(found))
+        return self.log.with_changes(requests=tuple(found))
 
     @cached_property
     def tables(self) -> list[Tables]:

@@ -12,7 +12,7 @@ from sparse_coord_ros.core.game.actions import ACTIONS
 from sparse_coord_ros.core.game.miscoordination import miscoordinations
 from sparse_coord_ros.core.game.world import Action, Reward
 from sparse_coord_ros.core.learners.agent import NOBODY
-from sparse_coord_ros.core.runs.run import Glimpse
+from sparse_coord_ros.core.runs.run import TeamTransition
 from sparse_coord_ros.log.runlog.log import NONE, RunLog
 from sparse_coord_ros.protocol.wire import PerceptEnd
 
@@ -49,7 +49,7 @@ class Question(NamedTuple):
         return f"{names[self.asker]} asks {whom}: {ended}, goes {ACTIONS[self.move]}"
 
 
-def questions_of(seen: Glimpse) -> tuple[Question, ...]:
+def questions_of(seen: TeamTransition) -> tuple[Question, ...]:
     """Return who asked whom at a time step.
 
     Without a record of how a percept ended, no answer was late: all robots were in one process.
@@ -67,7 +67,7 @@ def questions_of(seen: Glimpse) -> tuple[Question, ...]:
     return tuple(found)
 
 
-def logged_step(log: RunLog, row: int) -> Glimpse:
+def logged_step(log: RunLog, row: int) -> TeamTransition:
     """Return a time step of a log, given by its row; None stands for missing values.
 
     How a percept ended is as the robot recorded it; an unknown end counts as late.
@@ -90,7 +90,7 @@ def logged_step(log: RunLog, row: int) -> Glimpse:
     ends = [PerceptEnd.LATE if end is None else end for end in told]
     step = int(log.step[row])
     cells = _known(log.cells[row])
-    return Glimpse(step, cells, actions, after, met, rewards, ends)
+    return TeamTransition(step, cells, actions, after, met, rewards, ends)
 
 
 def trails_of(

@@ -5,7 +5,8 @@
 A building's gap lies between robots on fixed shortest paths, which ignore each other, and the best
 known team: with two robots the best asking team found, with more the team of a planner that sees
 all robots for free. Neither is an upper bound: a share may exceed 1. Rules and numbers are chosen
-on the buildings for tuning. Those for the test are opened once, for the closing figures.
+on the buildings for tuning. Those for validation show whether these hold elsewhere. Those for the
+test are opened once, for the closing figures.
 """
 
 from collections.abc import Iterable, Sequence
@@ -52,7 +53,7 @@ class Benchmark:
 
     Attributes:
         learner: the learner, as it is called in files.
-        split: "tuning" or "test".
+        split: one of `SPLITS` of `core.game.unseen`.
         results: what the conditions brought, one a building.
     """
 
@@ -119,8 +120,9 @@ def benchmark(
 
     Args:
         learner: the learner.
-        split: "tuning": the buildings by which rules and numbers are chosen; "test": the others,
-            to be opened once, for closing figures.
+        split: "tuning": the buildings by which rules and numbers are chosen; "validation": those
+            by which one looks whether these hold elsewhere; "test": to be opened once, for closing
+            figures.
         robots: sizes of teams, of 2, 4 and 8, or one of them.
         steps: step budget of learning, in transitions.
         out: results directory, as of `run_experiment`; None: nothing is saved.

@@ -9,7 +9,7 @@ from types import MappingProxyType
 
 from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.core.game.scenario import PEERS
-from sparse_coord_ros.core.game.unseen import TEAMS, is_tuning, team_of
+from sparse_coord_ros.core.game.unseen import SPLITS, TEAMS, split_of, team_of
 from sparse_coord_ros.core.solve.shipped import known_best, unseen_buildings
 from sparse_coord_ros.studies.conditions import Condition, make_condition
 
@@ -48,11 +48,6 @@ PROBABILITIES = (0, 0.25, 0.5, 0.75, 0.9, 1)
 RANGES = (1, 2, 3, 4, 6)
 SHARES = ("same", "each:1:0.5", "each:1:0", "each:2:0")
 CROWDS = (2, 3, 4, 6, 8)
-
-
-SPLITS = ("tuning", "test")
-"""Of the unseen buildings: rules and numbers are chosen on the first. The second is opened once,
-for the closing figures, as tuning by it would spoil it."""
 
 
 @dataclass(frozen=True)
@@ -135,7 +130,7 @@ def unseen_conditions(
 
     Args:
         learner: name of the learner.
-        split: "tuning" or "test".
+        split: one of `SPLITS`.
         settings: changed settings; the penalty stays, the bounds are those of this game.
         robots: which sizes of teams.
 
@@ -153,7 +148,7 @@ def unseen_conditions(
     made = tuple(
         make_condition(name, learner, settings)
         for name in unseen_buildings()
-        if is_tuning(name) == (split == "tuning") and team_of(name) in robots
+        if split_of(name) == split and team_of(name) in robots
     )
     if known_best(made[0].scenario) is None:
         raise SettingError(
@@ -167,7 +162,7 @@ def _unseen() -> list[Condition]:
     return [
         one
         for learner in REPORTED_LEARNERS
-        for one in unseen_conditions(learner, "test", {})
+        for one in unseen_conditions(learner, "validation", {})
     ]
 
 

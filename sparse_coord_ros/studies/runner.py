@@ -54,9 +54,9 @@ from sparse_coord_ros.core.runs.trials import Trials
 from sparse_coord_ros.studies.conditions import Condition
 from sparse_coord_ros.studies.store import (
     CONFIDENCE,
+    RUN_TRIALS,
     RUNS,
     SUMS,
-    TRIALS,
     ConditionResult,
     Plan,
     Results,
@@ -300,7 +300,7 @@ def run_experiment(
         PluginError: a learner or perception model of the user's own failed.
     """
     plan = Plan(
-        RUN_SETTINGS["seed"].parse(seed), RUNS.parse(runs), TRIALS.parse(trials)
+        RUN_SETTINGS["seed"].parse(seed), RUNS.parse(runs), RUN_TRIALS.parse(trials)
     )
     targets = parse_targets(_as_list(what), plan)
     jobs = check_place(jobs, scheduler)

@@ -64,10 +64,10 @@ CONDITIONS = "conditions"
 """The folder of the conditions' files."""
 
 RUNS = Setting("runs", int, 100, "learning runs of a condition", low=1, high=1_000_000)
-TRIALS = Setting(
+RUN_TRIALS = Setting(
     "trials", int, 1000, "Monte-Carlo trials of a run", low=1, high=1_000_000
 )
-TRIALS_OR_NONE = replace(TRIALS, low=0, least=1)
+TRIALS_OR_NONE = replace(RUN_TRIALS, low=0, least=1)
 
 SUMS = ("reward", "time_to_goal", "asks", "miscoordinations")
 BY_ROBOT = ("reward", "asks")
@@ -412,7 +412,7 @@ MEASURED = tuple(
 
 PLAN_FORM: Mapping[str, Form] = {
     setting.name: Numbers(low=setting.low, high=setting.high, whole=True)
-    for setting in (RUN_SETTINGS["seed"], RUNS, TRIALS)
+    for setting in (RUN_SETTINGS["seed"], RUNS, RUN_TRIALS)
 }
 MANIFEST_FORM: Mapping[str, Form] = {"version": str, **PLAN_FORM}
 CONDITION_FORM: Mapping[str, Form] = {

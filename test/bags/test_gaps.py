@@ -5,8 +5,10 @@
 import json
 
 import pytest
+from hypothesis import given, strategies
 
 from sparse_coord_ros.log.bags.gaps import Gap, from_note, gap_lines, to_note
+from sparse_coord_ros.log.bags.records import LATEST_NS
 
 GAP = Gap(100, 300, "bad", 1_500_000_000, 2_000_000_000, "bag_0.mcap", 1)
 
@@ -33,11 +35,23 @@ def test_of_very_many_gaps_some_are_told():
     assert gap_lines([GAP] * 23)[20:] == ["and 3 more gaps (all: info --json)"]
 
 
-def test_a_note_keeps_gaps_but_for_the_place():
-    gaps = [GAP, GAP._replace(first_ns=None, last_ns=None)]
-    assert from_note(to_note(gaps)) == [
-        g._replace(place=0, recovered=True) for g in gaps
-    ]
+TIMES = strategies.none() | strategies.integers(0, LATEST_NS)
+WORDS = strategies.text("abc .0/", min_size=1, max_size=20)
+GAPS = strategies.builds(
+    Gap,
+    begin=strategies.integers(0, 2**40),
+    end=strategies.integers(0, 2**40),
+    why=WORDS,
+    first_ns=TIMES,
+    last_ns=TIMES,
+    file=WORDS,
+    place=strategies.just(0),
+)
+
+
+@given(strategies.lists(GAPS, max_size=5))
+def test_a_note_keeps_gaps_but_for_the_place(gaps):
+    assert from_note(to_note(gaps)) == [gap._replace(recovered=True) for gap in gaps]
 
 
 @pytest.mark.parametrize(

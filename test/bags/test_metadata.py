@@ -99,6 +99,6 @@ def test_an_empty_file_has_no_say_in_when_a_bag_begins():
 
 def test_qos_text_is_a_yaml_sequence_of_policies_by_name():
     """The version 9 text, one entry a publisher."""
-    assert offered_qos_profiles([LATCHED]) == LATCHED_TEXT
-    assert offered_qos_profiles([LATCHED, LATCHED]) == f"{LATCHED_TEXT}\n{LATCHED_TEXT}"
-    assert offered_qos_profiles([]) == "[]"
+    assert offered_qos_profiles((LATCHED,)) == LATCHED_TEXT
+    assert offered_qos_profiles((LATCHED, LATCHED)) == f"{LATCHED_TEXT}\n{LATCHED_TEXT}"
+    assert offered_qos_profiles(()) == "[]"

@@ -9,6 +9,7 @@ import socket
 import struct
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import pytest
 from patience import PATIENCE_SECONDS
@@ -19,6 +20,28 @@ from sparse_coord_ros.log.bags import QoS, open_bag
 from sparse_coord_ros.log.bags.process import BagProcess
 
 STRING = "std_msgs/msg/String"
+
+
+@pytest.fixture
+def started(monkeypatch):
+    """Return what a writer starts: its `process`, and a second handle of the parent's socket."""
+    found = SimpleNamespace()
+    popen = subprocess.Popen
+    pair = socket.socketpair
+
+    def start(*arguments, **options):
+        found.process = popen(*arguments, **options)
+        return found.process
+
+    def connect():
+        ours, theirs = pair()
+        found.socket = ours.dup()
+        return ours, theirs
+
+    monkeypatch.setattr(subprocess, "Popen", start)
+    monkeypatch.setattr(socket, "socketpair", connect)
+    yield found
+    found.socket.close()
 
 
 @pytest.mark.parametrize(
@@ -58,53 +81,52 @@ def test_a_bag_is_continued_in_its_next_file(tmp_path, samples):
     assert len(bag.files) == 2 and [one.sequence for one in bag.messages()] == [0, 1]
 
 
-def test_a_writer_that_is_killed_leaves_a_bag_to_recover(tmp_path, samples):
+def test_a_writer_that_is_killed_leaves_a_bag_to_recover(tmp_path, samples, started):
     writer = BagProcess(tmp_path / "run")
     channel = writer.add_topic("/a", STRING, QoS())
     writer.write(channel, samples.cdr(STRING), 1, 1)
     writer.flush()
     writer.add_topic("/b", STRING, QoS())  # answered: what came before is written
-    writer._process.kill()
+    started.process.kill()
     with pytest.raises(
         BagError, match=r"has ended; .* unfinished: 'sparse_coord recover' fin"
     ):
         writer.add_topic("/c", STRING, QoS())
     with pytest.raises(BagError, match="has ended"):
         writer.close()
-    assert writer._process.returncode is not None
+    assert started.process.returncode is not None
     assert open_bag(tmp_path / "run").message_count == 1
 
 
-def test_all_that_was_handed_over_is_written_when_the_parent_is_gone(tmp_path, samples):
+def test_all_that_was_handed_over_is_written_when_the_parent_is_gone(
+    tmp_path, samples, started
+):
     """However far behind the writer was: what waits in the socket survives."""
     writer = BagProcess(tmp_path / "run")
     channel = writer.add_topic("/a", STRING, QoS())
-    os.kill(writer._process.pid, signal.SIGSTOP)
+    os.kill(started.process.pid, signal.SIGSTOP)
     for i in range(30):
         writer.write(channel, samples.cdr(STRING), i, i)
         if i % 10 == 9:
             writer.flush()
-    writer._connection.close()
-    os.kill(writer._process.pid, signal.SIGCONT)
-    assert writer._process.wait(PATIENCE_SECONDS) == 0
+    started.socket.close()
+    del writer  # and its end of the socket
+    os.kill(started.process.pid, signal.SIGCONT)
+    assert started.process.wait(PATIENCE_SECONDS) == 0
     assert open_bag(tmp_path / "run").message_count == 30
 
 
-def test_a_writer_that_hangs_is_given_up(tmp_path, monkeypatch):
+def test_a_writer_that_hangs_is_given_up(tmp_path, monkeypatch, started):
     writer = BagProcess(tmp_path / "run")
     monkeypatch.setattr("sparse_coord_ros.log.bags.process.PATIENCE_SECONDS", 0.3)
-    with socket.fromfd(
-        writer._connection.fileno(), socket.AF_UNIX, socket.SOCK_STREAM
-    ) as ours:
-        ours.setsockopt(
-            socket.SOL_SOCKET, socket.SO_RCVTIMEO, struct.pack("ll", 0, 300_000)
-        )
-    os.kill(writer._process.pid, signal.SIGSTOP)
+    patience = struct.pack("ll", 0, 300_000)
+    started.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, patience)
+    os.kill(started.process.pid, signal.SIGSTOP)
     with pytest.raises(BagError, match="has not moved for 0.3 s; .*: look at its disk"):
         writer.add_topic("/a", STRING, QoS())
     with pytest.raises(BagError, match="has not moved"):
         writer.close()
-    assert writer._process.returncode == -signal.SIGKILL
+    assert started.process.returncode == -signal.SIGKILL
 
 
 def test_a_signal_while_the_writer_starts_does_not_reach_it(

@@ -21,7 +21,7 @@ from rosbags.highlevel import AnyReader
 
 from sparse_coord_ros.base.errors import BagError, SparseCoordError
 from sparse_coord_ros.base.version import __version__
-from sparse_coord_ros.log.bags import BagWriter, QoS, open_bag, type_hash
+from sparse_coord_ros.log.bags import BagWriter, QoS, layout, open_bag, type_hash
 from sparse_coord_ros.log.bags import writer as writer_module
 from sparse_coord_ros.log.bags.metadata import offered_qos_profiles
 from sparse_coord_ros.log.bags.schemas import schema_text
@@ -124,7 +124,7 @@ def test_channels_carry_schema_hash_and_qos(bag_directory):
         assert channel.message_encoding == "cdr"
         assert channel.metadata == {
             "offered_qos_profiles": offered_qos_profiles(
-                [LATCHED if "Grid" in name else QoS()]
+                (LATCHED if "Grid" in name else QoS(),)
             ),
             "topic_type_hash": type_hash(name),
         }
@@ -313,32 +313,36 @@ def test_disk_full_while_closing_leaves_every_message(
     tmp_path, samples, monkeypatch, room
 ):
     """Wherever in the last records it happens: all that was flushed can be read."""
+    disk = Disk()
+    monkeypatch.setattr(layout, "open", disk.open, raising=False)
     bag = BagWriter(tmp_path / "run")
     samples.fill(bag, 10)
     bag.flush()
-    file = Disk(bag._file._file, room)
-    monkeypatch.setattr(bag._file, "_file", file)
+    disk.room = room
     with pytest.raises(BagError, match="No space left on device"):
         bag.close()
     assert unfinished_times(tmp_path / "run") == list(range(10))
 
 
 class Disk:
-    """A file on a disk that has room for so many bytes more."""
+    """A disk with one file, and room for so many bytes more; at first for many."""
 
-    def __init__(self, file, room):
-        self._file = file
-        self._room = room
+    def __init__(self):
+        self.room = 1 << 30
+
+    def open(self, *arguments, **options):
+        self.file = open(*arguments, **options)
+        return self
 
     def write(self, data):
-        if not self._room:
+        if not self.room:
             raise OSError(errno.ENOSPC, "No space left on device")
-        written = self._file.write(data[: self._room])
-        self._room -= written
+        written = self.file.write(data[: self.room])
+        self.room -= written
         return written
 
     def __getattr__(self, name):
-        return getattr(self._file, name)
+        return getattr(self.file, name)
 
 
 def test_metadata_yaml_that_cannot_be_written_is_an_error(tmp_path):

@@ -69,21 +69,3 @@ def test_on_the_building_s_own_map(tmp_path, capsys):
         assert main(["drive", out, "--episodes", "2", "--out", str(picture)]) == 0
         drawn.append(re.search(r"<image[^>]*", picture.read_text())[0])
     assert drawn[0] != drawn[1]  # the building's map, and the cells' walls
-
-
-@pytest.mark.parametrize(
-    ("arguments", "text"),
-    [
-        (["--episodes", "1"], "episodes: value is"),
-        (
-            ["--set", "radius=0.7"],
-            "radius: value is 0.7, allowed: less than half a cell",
-        ),
-        (["--set", "sped=2"], "sped"),
-        (["--out", "paths.txt"], "allowed: a name that ends in"),
-    ],
-)
-def test_bad_input_is_one_line(run, capsys, arguments, text):
-    assert main(["drive", run, *arguments]) == 2
-    error = capsys.readouterr().err.strip().splitlines()[-1]
-    assert error.startswith("error: ") and text in error

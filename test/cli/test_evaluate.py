@@ -111,11 +111,6 @@ def test_exact(sparse_coord, trained, folder):
     assert data["best_asking_team"] == pytest.approx(118.5092, abs=1e-4)
 
 
-def test_exact_is_no_number_of_trials(refused, trained):
-    trained("env1")
-    assert "not allowed with" in refused("evaluate", "a", "--exact", "--trials", 5)
-
-
 def test_several_runs_side_by_side(sparse_coord, folder, monkeypatch):
     monkeypatch.setattr(module, "TRIALS", replace(TRIALS, default=30))
     short = ("--steps", 300, "--trials", 0)
@@ -157,16 +152,3 @@ def test_several_runs_side_by_side(sparse_coord, folder, monkeypatch):
     assert env2.count("bound (robots alone)") == 1
     by_trials = sparse_coord("evaluate", "a", "b", "--trials", 20)[1]
     assert by_trials.count(", 20 trials") == 2 and "exact," not in by_trials
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["b"], ["b/run.yaml: cannot be read (No such file", "sparse_coord train"]),
-        (["a", "--trials", "0"], ["setting trials: value is '0'", "from 1"]),
-    ],
-)
-def test_bad_input(refused, trained, arguments, words):
-    trained("env1")
-    message = refused("evaluate", *arguments)
-    assert [word for word in words if word not in message] == []

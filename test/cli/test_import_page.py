@@ -16,7 +16,6 @@ from sparse_coord_ros.base.errors import SparseCoordError
 from sparse_coord_ros.cli import import_page
 from sparse_coord_ros.cli.import_page import CELL_AT_FIRST, ImportPage
 from sparse_coord_ros.cli.main import make_parser
-from sparse_coord_ros.show.page.board import Board
 from sparse_coord_ros.show.page.controls import (
     DRIVE,
     IMPORT,
@@ -26,6 +25,7 @@ from sparse_coord_ros.show.page.controls import (
     TRAIN,
     Control,
 )
+from sparse_coord_ros.show.page.message_board import MessageBoard
 
 CHOSEN = {
     "cell": 1,
@@ -49,7 +49,7 @@ def exported(sparse_coord):
 def page(exported):
     """Return the page of that map, and its board."""
     command = ["import-map", "e/env1.yaml", "--page", "--out", "clicked"]
-    board = Board()
+    board = MessageBoard()
     made = ImportPage(make_parser("import-map").parse_args(command), board)
     threading.Thread(target=made.work, daemon=True).start()
     wait_for(lambda: board.get("problem"))
@@ -94,7 +94,7 @@ def test_what_is_saved_is_what_the_command_line_saves(page, sparse_coord, folder
     )
 
 
-class Counting(Board):
+class Counting(MessageBoard):
     """Counts the messages of each kind."""
 
     def __init__(self):

@@ -50,9 +50,3 @@ def test_a_generated_building(sparse_coord):
         code, out, err = sparse_coord("maps", name)
         assert (code, err) == (0, "")
         assert "\n".join(load_scenario(name).map.rows) in out
-
-
-def test_a_building_that_there_is_not(refused):
-    assert "scenario 'building-3x2x4-49r-0': allowed: " in refused(
-        "maps", "building-3x2x4-49r-0"
-    )

@@ -78,23 +78,3 @@ def test_the_shipped_one_stands_beside_a_search(sparse_coord):
         f"shipped      160.982, {shipped.agreed} of {shipped.restarts} restarts" in out
     )
     assert "an equilibrium, as far as known" in out
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (
-            ["env2-4r", "--class"],
-            ["env2-4r has 4 robots, allowed: 2", "leave out --class"],
-        ),
-        (["env1", "--restarts", "3"], ["--restarts", "add --class"]),
-        (
-            ["env1", "--class", "--restarts", "0"],
-            ["setting restarts: value is '0'", "from 1"],
-        ),
-        (["missing.yaml"], ["scenario 'missing.yaml'", "give the path"]),
-    ],
-)
-def test_bad_input(refused, arguments, words):
-    message = refused("optimum", *arguments)
-    assert [word for word in words if word not in message] == []

@@ -19,12 +19,12 @@ import sparse_coord_ros as sc
 
 coop_learn = sc.Coop.learn
 
-class Team(sc.Coop):
+class Eager(sc.Coop):
     title = "Team player"
+
     def weights(self, scenario):
         return sc.RewardWeights(1, len(scenario.robots), 1)
 
-class Eager(sc.Coop):
     @staticmethod
     def learn(mind, task, now):
         coop_learn(mind, task, now)
@@ -78,37 +78,36 @@ def here(place, monkeypatch, capfd):
     return run
 
 
-@pytest.fixture(scope="module", params=["Team", "Eager"])
-def runs(request, place, verb):
-    """Return the learner and its runs: without ROS, live, and of one live in processes."""
-    learner = f"my_code:{request.param}"
-    ways = ("train", "live", "processes")[: 3 if request.param == "Eager" else 2]
-    out = [f"{request.param}_{way}" for way in ways]
-    how = ("env1", "--learner", learner, *SETTINGS, "--out")
+LEARNER = "my_code:Eager"
+
+
+@pytest.fixture(scope="module")
+def runs(place, verb):
+    """Return the directories of runs: without ROS, live, and live in processes."""
+    out = ["train", "live", "processes"]
+    how = ("env1", "--learner", LEARNER, *SETTINGS, "--out")
     with chdir(place):
         assert main(["train", *how, out[0], "--trials", "0"]) == 0
         assert main(["run", *how, out[1]]) == 0
-    if len(out) == 3:
-        verb("run", *how, out[2], "--processes")
-    return learner, [place / directory for directory in out]
+    verb("run", *how, out[2], "--processes")
+    return [place / directory for directory in out]
 
 
 def test_all_ways_of_running_learn_the_same(runs):
-    learner, directories = runs
-    saved = [load_saved(directory / "tables.npz", [1, 2]) for directory in directories]
+    saved = [load_saved(directory / "tables.npz", [1, 2]) for directory in runs]
     for team in saved[1:]:
         for one, other in zip(saved[0], team, strict=True):
             assert memories_equal(one.memory, other.memory)
-    for directory in directories:
+    for directory in runs:
         said = yaml.safe_load((directory / "run.yaml").read_text())
-        assert said["learner"] == learner
+        assert said["learner"] == LEARNER
         assert said["scenario"]["perception"] == "my_code:fog:0.5"
 
 
 def test_it_is_evaluated_verified_and_explained(runs, here):
-    learner, (trained, live, *_) = runs
+    trained, live, _ = runs
     data = json.loads(here("evaluate", trained, "--trials", 3, "--json"))
-    assert data["learner"] == learner
+    assert data["learner"] == LEARNER
     assert json.loads(here("verify", live, "--json"))["identical"] is True
     assert "robot_" in here("explain", live)
 
@@ -116,8 +115,8 @@ def test_it_is_evaluated_verified_and_explained(runs, here):
 @pytest.mark.long
 def test_reproduce_names_it_in_ids(place, verb):
     ids = [
-        f"env1/my_code:{name}/penalty=-20,perception=my_code:fog:0.5,steps=200"
-        for name in ("Team", "Eager")
+        f"env1/{LEARNER}/penalty={penalty},perception=my_code:fog:0.5,steps=200"
+        for penalty in (-20, -100)
     ]
     few = ("--runs", 2, "--trials", 3)
     found = [

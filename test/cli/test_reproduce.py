@@ -103,29 +103,6 @@ def test_list(sparse_coord, folder):
     assert list(folder.iterdir()) == []
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (("tabel1",), ("'tabel1'", "did you mean 'table1'", "figure4")),
-        (("table1", "--runs", "0"), ("runs", "'0'", "from 1")),
-        (("table1", "--jobs", "0"), ("jobs", "'0'")),
-        (("env1/coop/penalty=-20/100",), ("run 100", "below 100")),
-        (
-            ("table1", "--seed", str(2**63 - 1)),
-            ("setting seed", "100 runs", str(2**63 - 100)),
-        ),
-        (("../config/env1/coop/penalty=-20",), ("../config/env1", "no such scenario")),
-        (
-            (f"{'x' * 5000}/coop/penalty=-20",),
-            ("scenario: value is", "names of up to 255 bytes"),
-        ),
-    ],
-)
-def test_bad_input(refused, arguments, words):
-    error = refused("reproduce", *arguments)
-    assert [word for word in words if word not in error] == []
-
-
 def test_a_single_run_that_is_there_is_printed_again(sparse_coord, folder, monkeypatch):
     target = "env1/coop/penalty=-20,steps=2000/1"
     first = [
@@ -305,13 +282,12 @@ def test_no_process_goes_on_computing(folder, number):
 def test_numba_missing(sparse_coord, refused, monkeypatch):
     monkeypatch.setattr(batch, "has_numba", lambda: False)
     one = "env1/indiv/penalty=-20,steps=100"
-    code, plain, err = sparse_coord("reproduce", one, *FEW, "--out", "r", "--json")
+    arguments = ("reproduce", one, *FEW, "--jobs", 1, "--out", "r")
+    code, plain, err = sparse_coord(*arguments, "--json")
     assert code == 0
     assert err.count("numba is not installed: plain Python") == 1
     assert np.isfinite(json.loads(plain)["conditions"][0]["reward"]["mean"])
-    assert "not installed" in refused(
-        "reproduce", one, *FEW, "--out", "r", "--engine", "numba"
-    )
+    assert "not installed" in refused(*arguments, "--engine", "numba")
 
 
 @pytest.mark.parametrize("package", ["pandas", "matplotlib", "jinja2"])
@@ -320,5 +296,4 @@ def test_what_a_report_needs_is_missed_before_anything_is_computed(
 ):
     monkeypatch.setitem(sys.modules, package, None)
     message = refused("reproduce", "table1", *FEW, "--out", "r")
-    assert f"a report needs the Python package {package} (" in message
-    assert message.endswith("pip install pandas matplotlib jinja2\n")
+    assert f"Python package {package} " in message and "pip install" in message

@@ -61,7 +61,3 @@ def test_a_learner_and_its_own_defaults(sparse_coord):
     out = sparse_coord("settings", "factored")[1]
     assert "epsilon=linear:0.3:0.02:0.8" in out
     assert "coop" not in out
-
-
-def test_an_unknown_name(refused):
-    assert "unknown setting 'lnk' (did you mean 'link'?)" in refused("settings", "lnk")

@@ -8,7 +8,7 @@ import pytest
 
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.runs.run_config import make_run
-from sparse_coord_ros.lab.driving.ground import Ground, Pose
+from sparse_coord_ros.lab.driving.metric_map import MetricMap, Pose
 from sparse_coord_ros.lab.driving.navigator import (
     ANSWER_SECONDS,
     SETTLE_SECONDS,
@@ -21,7 +21,7 @@ RUN = make_run(load_scenario("env1"), {})
 CELLS = RUN.scenario.map.number
 START = CELLS[0, 0]
 END = CELLS[1, 0]
-GROUND = Ground(RUN)
+GROUND = MetricMap(RUN)
 LIMITS = NavLimits(near=0.1, seconds=10.0, silence=1.0, detour=3.0)
 
 

@@ -9,12 +9,11 @@ import pytest
 from sparse_coord_ros.base.compiling import has_numba
 from sparse_coord_ros.core.engine.batch import prepare
 
-LOOPS = [
-    (learner, history) for learner in ("coop", "factored") for history in (True, False)
-]
+LOOPS = [("coop", True), ("factored", True), ("coop", False)]
+"""The learner, and whether its loop gathers the history: numba takes seconds for each."""
 
 
-@pytest.fixture(autouse=True, scope="session")
+@pytest.fixture(scope="session")
 def compiled_loops():
     """Compile all loops; each worker of pytest-xdist begins with others, and takes the rest."""
     if has_numba():

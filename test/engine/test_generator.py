@@ -23,7 +23,7 @@ def _draw_all(draws, steps, role, found):
 def _draws(seed, role, first):
     sources = np.zeros((len(DRAWS), 2, 4), dtype=np.uint64)
     sources[role, 1] = source_of(seed, 1, role, EVALUATION, first * DRAWS[role])
-    links = Links(fails=True, down=np.zeros((2, 0), dtype=np.bool_), dead_from=10**9)
+    links = Links(drawn=True, down=np.zeros((2, 0), dtype=np.bool_), dead_from=10**9)
     return CompiledDraws(links, sources, np.full((len(DRAWS), 2), first), jump_table())
 
 

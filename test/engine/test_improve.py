@@ -24,6 +24,8 @@ from sparse_coord_ros.core.solve.asking_loops import AskingPolicies
 from sparse_coord_ros.core.solve.exact import evaluate_exact
 from sparse_coord_ros.core.solve.routes import alone
 
+pytestmark = pytest.mark.usefixtures("compiled_loops")
+
 FACTORED = learner_of("factored")
 ENDS = ((1, 2), (1, 2), (2, 1), (2, 1))
 needs_numba = pytest.mark.skipif(not has_numba(), reason="minutes in plain Python")
@@ -84,8 +86,8 @@ def test_the_plan_for_a_corridor_is_the_best_of_all():
     run = trained(drawn("1D.2"), steps=1500, q_coord_init=200)
     scenario = learned(run)
     loops = asking_loops.compiled()
-    game = asking_search._game(scenario)
-    space = asking_search._space(game)
+    game = asking_search.game_of(scenario)
+    space = asking_search.workspace_of(game)
     both = np.ones(2, dtype=bool)
     choices = itertools.product((NORTH, EAST, WEST, COORDINATE), repeat=3)
     robots = [np.array(choice) for choice in choices]
@@ -163,8 +165,8 @@ def test_a_doorway_that_nobody_felt_is_free():
 
 @pytest.fixture
 def few_trials(monkeypatch):
-    monkeypatch.setattr(module, "TRIALS", 200)
-    monkeypatch.setattr(module, "LOOKED_AT", 50)
+    monkeypatch.setattr(module, "PLAN_TRIALS", 200)
+    monkeypatch.setattr(module, "FIRST_TRIALS", 50)
 
 
 @needs_numba
@@ -250,7 +252,7 @@ def test_preferring():
 
 def test_what_it_needs():
     coop = learner_of("coop")
-    with pytest.raises(SettingError, match="^improve: learner coop keeps no model"):
+    with pytest.raises(SettingError, match="^improve: learner coop"):
         improve(load_scenario("env1"), coop, [])
-    with pytest.raises(SettingError, match=r"improve: .* needs setting referee=true"):
+    with pytest.raises(SettingError, match="^improve: .*referee"):
         improve(load_scenario("env2-4r"), FACTORED, [])

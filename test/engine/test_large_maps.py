@@ -2,20 +2,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """On large maps Q^C is sparse by itself, and the same is learned."""
 
-from unittest.mock import Mock
-
 import numpy as np
 import pytest
 
-from sparse_coord_ros.core.engine import batch
 from sparse_coord_ros.core.game import scenario as scenarios
 from sparse_coord_ros.core.game.grid import GridMap
 from sparse_coord_ros.core.game.scenario import load_scenario, scenario_from_dict
 from sparse_coord_ros.core.learners.agent import Agent
 from sparse_coord_ros.core.learners.coop import Coop
+from sparse_coord_ros.core.learners.mind import part
+from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.learners.tables import JointTable, tables_equal
-from sparse_coord_ros.core.runs.run import learn
+from sparse_coord_ros.core.runs.run import LearningRun, Team, learn
 from sparse_coord_ros.core.solve.exact import evaluate_exact
+
+pytestmark = pytest.mark.usefixtures("compiled_loops")
 
 
 def room(side):
@@ -36,10 +37,13 @@ def small(monkeypatch):
     return lambda size: monkeypatch.setattr(scenarios, "LARGEST_DENSE", size)
 
 
-@pytest.mark.parametrize(("side", "sparse"), [(26, False), (27, True), (100, True)])
-def test_by_size(side, sparse):
+def test_by_size():
+    assert [room(side).sparse for side in (26, 27)] == [False, True]
+
+
+@pytest.mark.parametrize(("side", "sparse"), [(5, False), (100, True)])
+def test_its_form(side, sparse):
     scenario = room(side)
-    assert scenario.sparse == sparse
     table = Agent(Coop(), scenario, 0, 0).tables.q_coord
     assert isinstance(table, JointTable) == sparse
     assert table.shape == (side * side, side * side, 4)
@@ -60,13 +64,24 @@ def test_a_robot_acts_alike_from_an_array_and_from_its_memory(small, learner):
         assert np.array_equal(one.q_coord, rows)
 
 
-@pytest.mark.parametrize("learner", ["coop", "factored"])
-def test_compiling_plays_on_a_small_map(monkeypatch, learner):
-    played = []
-    monkeypatch.setattr(batch, "compile_once", lambda key, rule, warm_up: warm_up())
-    monkeypatch.setattr(
-        batch, "Team", lambda scenario, rule, compiled: played.append(scenario)
-    )
-    monkeypatch.setattr(batch, "_run", Mock())
-    batch.prepare(learner, engine="auto")
-    assert [len(scenario.map.cells) for scenario in played] == [21]
+def test_eight_robots_in_a_large_hall_know_their_way():
+    """What is kept grows with the cells, not with their pairs; 22,500 cells take seconds."""
+    side = 150
+    grid = GridMap("hall", ("." * side,) * side)
+    robots = {
+        f"robot_{k}": {"start": [k, 0], "goal": [side - 1 - k, side - 1]}
+        for k in range(8)
+    }
+    said = {"name": "hall", "text": grid.to_text()}
+    plain = scenario_from_dict({"map": said, "robots": robots}, where="", name="hall")
+    settings = {"prior": "map", "discount": 0.998, "perception": "line_of_sight"}
+    scenario = plain.with_settings({**settings, "steps": 2000, "horizon": 500})
+    learner = learner_of("factored")
+    team = Team(learner.with_defaults(scenario), learner, compiled=True)
+    run = LearningRun(team, 1)
+    run.advance(2000)
+    trials = run.play(5)
+    assert trials.arrived.all()
+    kept = [array for mind in map(part, [run.minds] * 8, range(8)) for array in mind]
+    sizes = [array.size for array in kept if isinstance(array, np.ndarray)]
+    assert max(sizes) <= 5 * side**2

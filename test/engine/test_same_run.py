@@ -1,21 +1,27 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""One run, whatever computes it: plain loops, compiled loops, agents, parts through files.
+"""One run, whatever computes it: the bits of 1.0.0, for each learner, game and way of running.
 
-Each learner, in games that show all rules, gives the same bits of memories, history and trials.
-The live ways are in test/nodes/test_bit_identity.py, the log in test/runlog.
+test/fixtures/1.0.0/digests.json has the digests of what robots remember, of the history and of
+greedy trials; `PYTHONPATH=.:test python test/engine/test_same_run.py` writes it. The live ways are
+in test/nodes/test_bit_identity.py, the log in test/runlog.
 """
 
-from dataclasses import fields
+import hashlib
+import json
+from dataclasses import asdict
+from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
-from teams import PROTOCOL, by_agents, in_parts
+from teams import PROTOCOL, Traces, by_agents, in_parts
 
+from sparse_coord_ros.core.engine.batch import run_batch
+from sparse_coord_ros.core.engine.training import train
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.learners import mind
-from sparse_coord_ros.core.learners.registry import LEARNERS, learner_of
-from sparse_coord_ros.core.learners.tables import memories_equal
+from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.runs import run as engine
 from sparse_coord_ros.core.runs.run import LearningRun, Team
 
@@ -52,6 +58,9 @@ GAMES = {
 }
 """Games of two robots, which each learner can learn."""
 
+FAILING = ("no answers", "few answers", "links that fail", "sight")
+"""Games in which percepts fail: the learner joint sees all, and refuses them."""
+
 TEAMS = {
     "four, one asked": ("env2-4r", "coop", {"perception": "range:3", "max_steps": 30}),
     "four, unequal": ("env2-4r", "coop", {"common_reward": "each:0:1:0.5:3"}),
@@ -71,103 +80,223 @@ TEAMS = {
     "three, marked": ("crowd-3r", "cq", {"link": "lost:0.3"}),
 }
 
-SEEN_ALWAYS = [
-    name
-    for name in GAMES
-    if name not in ("no answers", "few answers", "links that fail", "sight")
-]
-CASES = [
-    pytest.param(*GAMES[name], learner, id=f"{learner}, {name}")
-    for learner in LEARNERS.registered
-    if learner in ("coop", "noncoop", "indiv", "factored", "cq", "joint")
-    for name in (SEEN_ALWAYS if learner == "joint" else GAMES)
-] + [
-    pytest.param(name, settings, learner, id=f"{learner}, {what}")
-    for what, (name, learner, settings) in TEAMS.items()
-]
+SHIPPED = {
+    "coop, as shipped": ("env1", "coop"),
+    "noncoop, as shipped": ("env1", "noncoop"),
+    "factored, as shipped": ("env2-4r", "factored"),
+    "coop, large map": ("cmu", "coop"),
+}
+"""With the settings that nobody chose."""
+
+
+def given(learner):
+    """Return the settings of a learner: one that knows its map takes no initial values."""
+    if not learner_of(learner).needs_map:
+        return GIVEN
+    return {name: value for name, value in GIVEN.items() if not name.endswith("_init")}
+
+
+def cases():
+    """Return scenario, learner and settings of each case, by its name."""
+    found = {}
+    for learner in ("coop", "noncoop", "indiv", "factored", "cq", "joint"):
+        for game, (scenario, settings) in GAMES.items():
+            if learner != "joint" or game not in FAILING:
+                chosen = given(learner) | settings
+                found[f"{learner}, {game}"] = (scenario, learner, chosen)
+    for name, (scenario, learner, settings) in TEAMS.items():
+        found[name] = (scenario, learner, given(learner) | settings)
+    found["one's own"] = ("env1", Forgetful, GIVEN)
+    for name, (scenario, learner) in SHIPPED.items():
+        found[name] = (scenario, learner, {"steps": 2000})
+    return found
+
+
+traces_learn = Traces.learn
+
+
+class Forgetful(Traces):
+    """Of one's own: it has a memory of its own, and calls a function of its base class."""
+
+    @staticmethod
+    def learn(mind, task, now):
+        traces_learn(mind, task, now)
+        mind.trace[now.cell][now.action] *= 0.5
+
+
+CASES = cases()
 SEED = 7
 TRIALS = 20
+STOPS = (1, 63, 64, 301)
+OFTEN = (*range(1, 30, 2), 63, 64, 301)
+"""In the middle of episodes and between two of them."""
+
+SINCE_1_0_0 = ("alone", "asked")
+"""Fields of a memory that 1.0.0 did not have."""
+
+DIGESTS = Path(__file__).parents[1] / "fixtures/1.0.0/digests.json"
 
 
-def problem(name, settings, learner):
+@cache
+def problem(case):
+    """Return the scenario and the learner of a case."""
+    name, learner, settings = CASES[case]
     rule = learner_of(learner)
-    return rule.with_defaults(
-        load_scenario(name).with_settings({**GIVEN, **settings})
-    ), rule
+    return rule.with_defaults(load_scenario(name).with_settings(settings)), rule
 
 
-def learned(scenario, rule, *, compiled):
+def digest(arrays):
+    """Return the digest of arrays by their names, with types and shapes."""
+    found = hashlib.sha256()
+    for name in sorted(arrays):
+        array = np.ascontiguousarray(arrays[name])
+        found.update(f"{name} {array.dtype} {array.shape} ".encode())
+        found.update(array.tobytes())
+    return found.hexdigest()[:16]
+
+
+def said(memories, history=None, trials=None):
+    """Return the digests of a run, as they are kept."""
+    remembered = {}
+    for k, memory in enumerate(memories, start=1):
+        kept = {name: memory[name] for name in memory if name not in SINCE_1_0_0}
+        remembered |= {f"{name}_{k}": array for name, array in kept.items()}
+    found = {"memories": digest(remembered)}
+    if history is not None:
+        found["history"] = digest(history._asdict())
+    if trials is not None:
+        found["trials"] = digest(asdict(trials))
+    return found
+
+
+def learned(case, *, compiled):
+    scenario, rule = problem(case)
     run = LearningRun(Team(scenario, rule, compiled=compiled), SEED)
     run.advance(scenario.steps)
     return run
 
 
-def assert_same_memories(one, other):
-    for mine, theirs in zip(one, other, strict=True):
-        assert memories_equal(mine, theirs)
+def by_loops(case, compiled):
+    run = learned(case, compiled=compiled)
+    return said(run.memories, run.history, run.play(TRIALS))
 
 
-def assert_same_trials(one, other):
-    for field in fields(one):
-        mine = getattr(one, field.name)
-        theirs = getattr(other, field.name)
-        assert mine.shape == theirs.shape and mine.dtype == theirs.dtype, field.name
-        assert mine.tobytes() == theirs.tobytes(), field.name
+def plain(case, folder, monkeypatch):
+    """Loops of plain Python over lists."""
+    return by_loops(case, False)
 
 
-@pytest.mark.parametrize(("name", "settings", "learner"), CASES)
-def test_one_run(monkeypatch, tmp_path, name, settings, learner):
-    scenario, rule = problem(name, settings, learner)
-    plain = learned(scenario, rule, compiled=False)
-    quick = learned(scenario, rule, compiled=True)
-    assert_same_memories(plain.memories, quick.memories)
-    assert plain.history.same_bits(quick.history)
-    assert plain.visited.tolist() == quick.visited.tolist()
-    assert_same_trials(plain.play(TRIALS), quick.play(TRIALS))
-    for one, other in zip(plain.tables, quick.tables, strict=True):
-        if not scenario.sparse:
-            assert one.q_coord.tobytes() == other.q_coord.tobytes()
-    if not rule.sees_all:
-        memories, history = by_agents(scenario, rule, SEED)
-        assert_same_memories(plain.memories, memories)
-        assert plain.history.same_bits(history)
+def compiled(case, folder, monkeypatch):
+    """Loops that numba compiles, over arrays."""
+    return by_loops(case, True)
+
+
+def agents(case, folder, monkeypatch):
+    """Agents in a world, as robot nodes are."""
+    return said(*by_agents(*problem(case), SEED))
+
+
+def in_pieces(case, folder, monkeypatch):
+    """Plain and compiled in turn, each going on from a file of the other."""
     monkeypatch.setattr(engine, "BLOCK_STEPS", 64)
-    parts = in_parts(scenario, rule, SEED, (1, 63, 64, 301, scenario.steps), tmp_path)
-    assert_same_memories(plain.memories, parts.memories)
-    assert plain.history.same_bits(parts.history)
+    scenario, rule = problem(case)
+    stops = OFTEN if case.endswith("short") else STOPS
+    run = in_parts(scenario, rule, SEED, (*stops, scenario.steps), folder)
+    return said(run.memories, run.history)
 
 
-@pytest.mark.parametrize("learner", ["coop", "factored"])
-def test_tables_of_all_rows_and_of_learned_rows_alone(monkeypatch, learner):
-    """The compiled loops keep a row for each key, or search for it; and both can go on."""
-    scenario, rule = problem("env1", {"perception": "probability:0.7"}, learner)
-    dense = learned(scenario, rule, compiled=True)
+def hashed(case, folder, monkeypatch):
+    """Compiled, where the rows of Q^C or rho are searched for."""
     monkeypatch.setattr(mind, "DENSE_ROWS", 0)
-    hashed = learned(scenario, rule, compiled=True)
-    assert_same_memories(dense.memories, hashed.memories)
-    assert_same_trials(dense.play(TRIALS), hashed.play(TRIALS))
+    monkeypatch.setattr(mind, "DENSE_ZERO_ROWS", 0)
+    return by_loops(case, True)
 
 
+def in_threads(case, folder, monkeypatch):
+    """A batch that is compiled."""
+    return in_a_batch(case, "numba")
+
+
+def in_processes(case, folder, monkeypatch):
+    """A batch of plain Python."""
+    return in_a_batch(case, "python")
+
+
+def in_a_batch(case, engine):
+    scenario, rule = problem(case)
+    how = {"trials": TRIALS, "engine": engine, "jobs": 2, "history": True}
+    other, run = run_batch(scenario, rule, [SEED + 1, SEED], **how)
+    assert said_of(other)["memories"] != said_of(run)["memories"]
+    return said_of(run)
+
+
+def trained(case, folder, monkeypatch):
+    """A single run with evaluations on its way."""
+    scenario, rule = problem(case)
+    return said_of(train(scenario, rule, SEED, evaluate_every=300, trials=2))
+
+
+def said_of(training):
+    memories = [table.memory for table in training.tables]
+    return said(memories, training.history, training.trials)
+
+
+EVERYWHERE = (plain, compiled, in_pieces, agents)
+SOME = {
+    hashed: ("coop, few answers",),
+    in_threads: ("coop, few answers", "factored, few answers", "three, all asked"),
+    in_processes: ("coop, few answers",),
+    trained: ("coop, few answers", "indiv, plain"),
+}
+"""Ways that are the same for all learners: cases that tell them apart."""
+
+
+def matrix():
+    """Return each case with each way that can compute it."""
+    found = []
+    for case, (_, learner, _) in CASES.items():
+        ways = [way for way in EVERYWHERE if learner != "joint" or way is not agents]
+        ways += [way for way, named in SOME.items() if case in named]
+        found += [pytest.param(case, way, id=f"{case}, {way.__name__}") for way in ways]
+    slow = ("factored, few answers", hashed)  # numba compiles the longest loop again
+    return [*found, pytest.param(*slow, id="factored, hashed", marks=pytest.mark.long)]
+
+
+@pytest.mark.parametrize(("case", "way"), matrix())
+def test_one_run(case, way, tmp_path, monkeypatch, request):
+    if way not in (plain, agents, in_processes):
+        request.getfixturevalue("compiled_loops")
+    known = json.loads(DIGESTS.read_text())[case]
+    found = way(case, tmp_path, monkeypatch)
+    assert found == {what: known[what] for what in found}
+
+
+@pytest.mark.usefixtures("compiled_loops")
+@pytest.mark.parametrize("learner", ["coop", "factored", "cq", "joint"])
+def test_both_forms_read_one_table_over_pairs(learner):
+    case = f"{learner}, plain"
+    tables = [learned(case, compiled=compiled).tables for compiled in (True, False)]
+    for one, other in zip(*tables, strict=True):
+        assert one.q_coord.tobytes() == other.q_coord.tobytes()
+
+
+@pytest.mark.usefixtures("compiled_loops")
 def test_the_games_show_what_they_are_for():
     """The cases above would say little if robots never met and never asked."""
-    scenario, rule = problem("env2-4r", {"conflict": "any_doorway"}, "noncoop")
-    assert learned(scenario, rule, compiled=True).play(50).miscoordinations.sum() > 0
-    for name, (where, settings) in GAMES.items():
-        for learner in ("coop", "factored", "cq"):
-            run = learned(*problem(where, settings, learner), compiled=True)
-            assert run.asked.sum() > 20 or learner == "cq", (name, learner)
-            assert (run.visited.min() > 0) or name == "no answers" or learner == "cq", (
-                name,
-                learner,
-            )
+    run = learned("four, no questions", compiled=True)
+    assert run.play(50).miscoordinations.sum() > 0
+    for game in GAMES:
+        for learner in ("coop", "factored"):
+            run = learned(f"{learner}, {game}", compiled=True)
+            assert run.asked.sum() > 20
+            assert run.visited.min() > 0 or game == "no answers"
 
 
-@pytest.mark.parametrize("learner", ["coop", "noncoop", "indiv", "factored"])
-def test_other_seeds_learn_other_tables(learner):
-    scenario, rule = problem("env1", {}, learner)
-    runs = [LearningRun(Team(scenario, rule, compiled=True), seed) for seed in (1, 2)]
-    for run in runs:
-        run.advance(scenario.steps)
-    assert not np.array_equal(
-        runs[0].tables[0].q_star, runs[1].tables[0].q_star, equal_nan=True
-    )
+def main():
+    """Write the digests of every case."""
+    digests = {case: by_loops(case, False) for case in CASES}
+    DIGESTS.write_text(json.dumps(digests, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()

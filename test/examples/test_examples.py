@@ -10,10 +10,8 @@ import pytest
 
 from sparse_coord_ros.cli.main import main
 from sparse_coord_ros.core.engine.batch import run_batch
-from sparse_coord_ros.core.game.perception import MODELS
 from sparse_coord_ros.core.game.plugins import allow_modules
 from sparse_coord_ros.core.game.scenario import load_scenario
-from sparse_coord_ros.core.learners.registry import LEARNERS
 from sparse_coord_ros.core.learners.tables import tables_equal
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -26,8 +24,6 @@ def said(tmp_path, monkeypatch, capsys):
     """Return a function that runs an example in an empty folder and returns what it printed."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MPLBACKEND", "Agg")
-    for registry in (LEARNERS, MODELS):  # forgets what the example registers
-        monkeypatch.setattr(registry, "_known", registry.registered)
 
     def run(name, *words):
         monkeypatch.setattr("sys.argv", [name, *map(str, words)])

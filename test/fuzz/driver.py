@@ -34,8 +34,8 @@ from live_teams import command
 
 from fuzz.targets import TARGETS
 from sparse_coord_ros.base.errors import LONGEST_LINE, FaultError, SparseCoordError
-from sparse_coord_ros.core.engine.checkpoint import CHECKPOINT_FILE
 from sparse_coord_ros.core.engine.training import train
+from sparse_coord_ros.core.engine.training_checkpoint import CHECKPOINT_FILE
 from sparse_coord_ros.core.game.scenario import load_scenario
 
 SECONDS = 5.0

@@ -25,12 +25,15 @@ import numpy as np
 from strangers import FAR, damaged, message_with
 from teams import tables_in
 
-from sparse_coord_ros.base import archive
+from sparse_coord_ros.base import npz
 from sparse_coord_ros.base.errors import SparseCoordError, TablesError
 from sparse_coord_ros.base.share import share_folder
 from sparse_coord_ros.cli import main as cli
-from sparse_coord_ros.core.engine.checkpoint import CHECKPOINT_FILE, load_checkpoint
 from sparse_coord_ros.core.engine.training import train
+from sparse_coord_ros.core.engine.training_checkpoint import (
+    CHECKPOINT_FILE,
+    load_checkpoint,
+)
 from sparse_coord_ros.core.game.grid import load_map
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.learners.registry import learner_of
@@ -173,7 +176,7 @@ def forged(chance: random.Random, arrays: Mapping[str, np.ndarray]) -> bytes:
                 array.reshape(-1)[chance.randrange(array.size or 1)] = chance.choice(
                     NUMBERS
                 )
-    data = archive.pack(found, compressed=chance.random() < 0.5)
+    data = npz.pack(found, compressed=chance.random() < 0.5)
     kind = chance.randrange(5)
     return (
         data
@@ -219,12 +222,12 @@ def of_arrays(name: str, read: Callable[[Path], object]) -> Target:
         run.mkdir()
         shutil.copy(sample / "run" / RUN_FILE, run)
         data = (sample / "run" / name).read_bytes()
-        arrays = archive.unpack(data, where="", what="", remedy="", error=TablesError)
+        arrays = npz.unpack(data, where="", what="", remedy="", error=TablesError)
         for compressed in (
             True,
             False,
         ):  # what is compiled, and loaded, takes its time once
-            (run / name).write_bytes(archive.pack(arrays, compressed=compressed))
+            (run / name).write_bytes(npz.pack(arrays, compressed=compressed))
             read(run)
 
         def cases(chance: random.Random) -> Read:
@@ -538,10 +541,10 @@ def of_nodes(*, services: bool) -> Target:
                 services and node in robots and chance.random() < 0.3
             ):  # an answer, of anybody
                 plan = message_with(chance, NavPath, stamp(chance))
-                peers = node.member._peers._peers
-                peer = peers[len(robots) - 1 - robots.index(node)]
+                peer = len(robots) - 1 - robots.index(node)
                 step = chance.randrange(3)
-                return lambda: nodes.hear(node, lambda: peer._answered(step, plan))
+                answer = node.guarded(node.member.peers.on_answer)
+                return lambda: nodes.hear(node, lambda: answer(peer, step, plan))
             if services:
                 service: Any = chance.choice(list(node.services))
                 asked = message_with(chance, service.srv_type.Request, stamp(chance))

@@ -14,7 +14,7 @@ from sparse_coord_ros.core.learners.registry import learner_of
 
 @pytest.mark.parametrize(
     ("name", "robots"),
-    [("3x2x4-16r-0", 16), ("1x2x2-4r-1", 4), ("2x1x2-4r-2", 4), ("4x3x3-54r-3", 54)],
+    [("3x2x4-16r-0", 16), ("1x2x2-4r-1", 4), ("2x1x2-4r-2", 4), ("4x3x3-53r-3", 53)],
 )
 def test_a_building_is_whole(name, robots):
     scenario = load_scenario(f"building-{name}")
@@ -58,15 +58,13 @@ def test_the_seed_and_the_text_stay():
     ],
 )
 def test_buildings_that_there_are_not(numbers):
-    with pytest.raises(
-        ScenarioError, match=f"'building-{numbers}': allowed: building-ROOMSx"
-    ):
+    with pytest.raises(ScenarioError, match=f"'building-{numbers}'"):
         load_scenario(f"building-{numbers}")
 
 
 def test_too_many_joint_states_matter_to_who_numbers_them():
     scenario = load_scenario("building-3x2x4-16r-0").with_settings({"peers": "all"})
-    with pytest.raises(SettingError, match="below 2.63 joint states.*132.16.*factored"):
+    with pytest.raises(SettingError, match="132.16.*factored"):
         learner_of("coop").check(scenario)
     learner_of("factored").check(scenario)
     assert untrained(scenario, "factored").q_coord.shape == (132,) * 16 + (4,)

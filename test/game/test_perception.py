@@ -8,19 +8,27 @@ import numpy as np
 import pytest
 
 from sparse_coord_ros.base.errors import SettingError
-from sparse_coord_ros.core.game.grid import load_map, parse_map
+from sparse_coord_ros.core.game.grid import load_map, map_names, parse_map
 from sparse_coord_ros.core.game.perception import (
     PERCEPTION,
     asked_peers,
-    percept_probabilities,
+    register_perception,
+    sight_of,
     succeeds,
 )
 from sparse_coord_ros.core.game.scenario import scenario_from_dict
+from sparse_coord_ros.core.game.sight import (
+    is_ruled_out,
+    probabilities_between,
+    probability,
+)
 from sparse_coord_ros.core.runs.run_config import make_run
+from sparse_coord_ros.core.solve.asking_search import find_asking_team
 
 
 def matrix(spec, grid):
-    return percept_probabilities(PERCEPTION.parse(spec), grid)
+    sight = sight_of(PERCEPTION.parse(spec), grid)
+    return probabilities_between(sight, np.arange(len(grid.cells)))
 
 
 @pytest.mark.parametrize(
@@ -98,20 +106,88 @@ def test_line_of_sight_for_all_pairs(name):
     assert 0 < seen.mean() < 1
 
 
-def test_a_map_too_large_to_learn_is_refused_before_a_run():
-    side = 160
+def apart(grid):
+    """The distance of each pair of cells, as NumPy computes it."""
+    centres = np.array(grid.cells, dtype=float)
+    return np.hypot(*np.moveaxis(centres[:, None] - centres, -1, 0))
+
+
+SPECS = (
+    "always",
+    "never",
+    "probability:0.4",
+    "range:0",
+    "range:0.5",
+    "range:1.4142135623730951",
+    "range:1.7320508075688772",
+    "range:2",
+    "range:3.7",
+    "range:1e9",
+    "line_of_sight",
+)
+
+
+@pytest.mark.parametrize("spec", SPECS)
+def test_each_pair_of_each_shipped_map(spec):
+    """A pair's probability is the matrix's, in both orders, and says where no peer can be."""
+    for name in map_names():
+        grid = load_map(name)
+        if spec.startswith("range"):
+            expected = (apart(grid) <= float(spec[6:])).astype(float)
+        elif spec == "line_of_sight":
+            expected = matrix(spec, grid)
+        else:
+            expected = np.full((len(grid.cells),) * 2, matrix(spec, grid)[0, 0])
+        sight = sight_of(PERCEPTION.parse(spec), grid)
+        own = range(len(grid.cells))
+        found = [[probability(sight, x, z) for z in own] for x in own]
+        assert found == expected.tolist() == matrix(spec, grid).tolist()
+        certain = expected == 1.0
+        certain &= ~certain.all(axis=1, keepdims=True)
+        telling = sight._replace(tells=True)
+        ruled_out = [[is_ruled_out(telling, x, z) for z in own] for x in own]
+        assert ruled_out == certain.tolist()
+        assert not any(is_ruled_out(sight, 0, z) for z in own)
+
+
+def test_each_pair_of_a_model_of_ones_own():
+    grid = load_map("env1")
+    table = np.linspace(0.0, 1.0, len(grid.cells) ** 2).reshape(len(grid.cells), -1)
+    found = register_perception("slope_of_tests", lambda grid: table)
+    assert found(grid) is table
+    sight = sight_of(PERCEPTION.parse("slope_of_tests"), grid)
+    assert probability(sight, 3, 5) == table[3, 5]
+    assert (matrix("slope_of_tests", grid) == table).all()
+    assert is_ruled_out(sight._replace(tells=True), 20, 20)
+    assert not is_ruled_out(sight._replace(tells=True), 20, 19)
+
+
+def hall(rows, columns):
+    """A scenario of two robots in a hall without walls."""
     text = "title: hall\n---\n" + "\n".join(
-        ["1" + "." * (side - 2) + "2", *["." * side] * (side - 1)]
+        ["1" + "." * (columns - 2) + "2", *["." * columns] * (rows - 1)]
     )
     data = {
         "map": {"name": "hall", "text": text},
-        "robots": {"x": {"start": 1, "goal": 2}},
+        "robots": {"x": {"start": 1, "goal": 2}, "y": {"start": 2, "goal": 1}},
     }
-    scenario = scenario_from_dict(data, where="hall.yaml", name="hall")
+    return scenario_from_dict(data, where="hall.yaml", name="hall")
+
+
+def test_a_map_too_large_to_learn_is_refused_before_a_run():
     with pytest.raises(
-        SettingError, match="map hall has 25600 cells, allowed .* at most 23170"
+        SettingError, match="map hall has 250,500 cells, allowed .* at most 250,000"
     ):
-        make_run(scenario, {})
+        make_run(hall(501, 500), {})
+
+
+def test_a_table_of_all_pairs_is_refused_on_a_large_map():
+    register_perception("table_of_tests", lambda grid: np.ones((1, 1)))
+    scenario = hall(160, 160)
+    with pytest.raises(SettingError, match="has 25600 cells, .* at most 23170"):
+        sight_of(PERCEPTION.parse("table_of_tests"), scenario.map)
+    with pytest.raises(SettingError, match="has 25600 cells, .* at most 4096"):
+        find_asking_team(scenario)
 
 
 def test_who_is_asked():

@@ -10,7 +10,7 @@ import pytest
 import sparse_coord_ros as sc
 from sparse_coord_ros.base.errors import PluginError
 from sparse_coord_ros.core.engine.batch import run_batch
-from sparse_coord_ros.core.game import perception, plugins
+from sparse_coord_ros.core.game import plugins
 from sparse_coord_ros.core.game.perception import MODELS
 from sparse_coord_ros.core.learners.registry import LEARNERS, learner_of
 from sparse_coord_ros.core.learners.tables import tables_equal
@@ -108,11 +108,8 @@ def module(tmp_path, monkeypatch):
     (tmp_path / "their_package/within.py").write_text(
         MODULE.replace("_of_tests", "_within")
     )
-    before = [(registry, dict(registry._known)) for registry in (LEARNERS, MODELS)]
     plugins.allow_modules("their_code their_package their_fault nowhere")
     yield "their_code"
-    for registry, known in before:
-        registry._known = known
     for name in ("their_code", "their_package", "their_package.within"):
         sys.modules.pop(name, None)
 
@@ -276,9 +273,7 @@ def test_who_names_code_in_python_allows_it(module, small, monkeypatch):
     )
     assert plugins.allowed() == ("their_code",)
     assert sc.evaluate(learned, trials=2).trials == 2
-    with pytest.raises(
-        sc.SparseCoordError, match="allow: value is 'my team.py', allowed: the"
-    ):
+    with pytest.raises(sc.SparseCoordError, match="allow: .*'my team.py'"):
         plugins.allow_modules(["my team.py"])
 
 
@@ -286,8 +281,7 @@ class Own(sc.Coop):
     """A learner that is handed over as it is."""
 
 
-def test_who_hands_over_a_class_allows_its_module_in_other_processes(monkeypatch):
-    monkeypatch.setattr(LEARNERS, "_known", LEARNERS.registered)
+def test_who_hands_over_a_class_allows_its_module_in_other_processes():
     assert learner_of(Own).label == f"{__name__}:Own"
     assert plugins.allowed() == (__name__,)
 
@@ -301,18 +295,11 @@ def mist(grid, p, q=1.0):
     return np.full((len(grid.cells),) * 2, p * q)
 
 
-@pytest.fixture
-def models(monkeypatch):
-    """Forget the models that a test hands over."""
-    monkeypatch.setattr(MODELS, "_known", MODELS.registered)
-    monkeypatch.setattr(perception, "_HERE_ALONE", set())
-
-
 def same(one, other):
     return tables_equal(learn(one, "coop", 1), learn(other, "coop", 1))
 
 
-def test_a_function_is_a_perception_model(small, models, tmp_path):
+def test_a_function_is_a_perception_model(small, tmp_path):
     """Its name in files is that of its module, as of a learner's class."""
     scenario = small.with_settings(perception=haze)
     assert str(scenario.perception) == f"{__name__}:haze"
@@ -325,7 +312,7 @@ def test_a_function_is_a_perception_model(small, models, tmp_path):
     assert sc.evaluate(run, trials=2).trials == 2
 
 
-def test_a_function_has_its_numbers_beside_it(small, models):
+def test_a_function_has_its_numbers_beside_it(small):
     scenario = small.with_settings(perception=(mist, 0.5, 1))
     assert str(scenario.perception) == f"{__name__}:mist:0.5:1"
     assert same(scenario, small.with_settings(perception="probability:0.5"))
@@ -335,7 +322,7 @@ def test_a_function_has_its_numbers_beside_it(small, models):
     assert len(swept) == 2
     message = refusal(small.with_settings, perception=mist)
     assert f"'{__name__}:mist' has 0 numbers, '{__name__}:mist' takes 2" in message
-    assert "p is 'x', allowed: a number from 0 to 1" in refusal(
+    assert "p is 'x'" in refusal(
         small.with_settings, perception=(MODELS.find("probability"), "x")
     )
 
@@ -350,7 +337,7 @@ def made_here(p):
 
 
 def test_a_function_of_this_process_alone_learns_here_and_never_goes_elsewhere(
-    small, models, tmp_path
+    small, tmp_path
 ):
     often, never = (small.with_settings(perception=made_here(p)) for p in (0.5, 0.0))
     assert [str(one.perception) for one in (often, never)] == [
@@ -379,7 +366,7 @@ def test_a_function_of_this_process_alone_learns_here_and_never_goes_elsewhere(
 
 
 def test_a_function_that_is_no_longer_where_it_was_has_a_name_of_its_own(
-    small, models, monkeypatch
+    small, monkeypatch
 ):
     """Other processes would find the new one by its path."""
     old = haze
@@ -387,7 +374,7 @@ def test_a_function_that_is_no_longer_where_it_was_has_a_name_of_its_own(
     assert str(small.with_settings(perception=old).perception) == "haze"
 
 
-def test_a_registered_function_keeps_its_name(small, models):
+def test_a_registered_function_keeps_its_name(small):
     sc.register_perception("dusk", lambda grid: haze(grid))
     known = MODELS.registered["dusk"]
     assert str(small.with_settings(perception=known).perception) == "dusk"
@@ -398,7 +385,7 @@ def test_a_registered_function_keeps_its_name(small, models):
 @pytest.mark.parametrize(
     "value", [print, int, 7, None, (), (3, 4), ("fog", 4), object()]
 )
-def test_what_is_no_function_of_ones_own_is_refused(small, models, value):
+def test_what_is_no_function_of_ones_own_is_refused(small, value):
     assert "perception" in refusal(small.with_settings, perception=value)
 
 
@@ -420,24 +407,18 @@ def test_what_is_no_model_is_never_called(module, small):
 
 
 def test_a_shipped_model_is_no_module(small):
-    assert "cells is 'x', allowed: a number of at least 0" in refusal(
-        small.with_settings, perception="range:x"
-    )
+    assert "cells is 'x'" in refusal(small.with_settings, perception="range:x")
 
 
 def test_names_that_collide(module):
     class Mine(sc.Coop):
         name = "coop"
 
-    assert "'coop': is taken by this package's own" in refusal(
-        sc.register_learner, Mine
-    )
+    assert "'coop': is taken" in refusal(sc.register_learner, Mine)
     message = refusal(sc.register_perception, "range", lambda grid: None)
     assert "'range': is taken" in message
     assert "must be a subclass" in refusal(sc.register_learner, "coop")
-    assert "'a b': allowed: letters" in refusal(
-        sc.register_perception, "a b", lambda grid: None
-    )
+    assert "'a b'" in refusal(sc.register_perception, "a b", lambda grid: None)
     assert "is no function" in refusal(sc.register_perception, "seven", 7)
     assert learner_of("coop").title == "Coop."
 
@@ -448,8 +429,8 @@ def test_names_that_collide(module):
         name = "mine_of_tests"
 
     for own in (Other, Another):  # as a notebook's cell does that is run twice
-        assert sc.register_learner(own) is learner_of("mine_of_tests")
         assert type(learner_of(own)) is own
+        assert sc.register_learner(own) is learner_of("mine_of_tests")
 
 
 @pytest.mark.parametrize(
@@ -473,11 +454,8 @@ def test_a_learner_that_fails_is_blamed(module, small, name, words):
 
 
 def test_a_function_may_call_that_of_its_base_class(module, small):
-    """In plain Python and compiled."""
-    twice = learner_of("their_code:Twice")
-    tables = [learn(small, twice, 1, compiled=compiled) for compiled in (False, True)]
-    assert tables_equal(*tables)
-    updates = tables[0][0].memory["updates"]
+    """In plain Python; compiled: test/engine/test_same_run.py."""
+    updates = learn(small, "their_code:Twice", 1)[0].memory["updates"]
     assert updates.any() and not (updates % 2).any()
 
 
@@ -536,6 +514,7 @@ def test_entry_points_of_installed_packages(
     (tmp_path / "their_code.py").rename(place / "their_code.py")
     offered = (
         "[sparse_coord_ros.learners]\nalert = their_code:Heir\nlost = nowhere:Team\n"
+        "team_of_tests = their_code:Team\n"
         "[sparse_coord_ros.perception]\nmist = their_code:fog\n"
     )
     (place / f"theirs{kind}").mkdir()
@@ -549,6 +528,7 @@ def test_entry_points_of_installed_packages(
     monkeypatch.setattr(sys, "path", [*sys.path, str(place)])
     assert "alert" in LEARNERS.names
     assert type(learner_of("alert")).__name__ == "Heir"
+    assert learner_of("team_of_tests").label == "team_of_tests"
     scenario = small.with_settings(perception="mist:0.25")
     assert str(scenario.perception) == "mist:0.25"
     (tmp_path / "nowhere.py").write_text(

@@ -4,19 +4,16 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from sparse_coord_ros.core.game.schedules import (
     EPSILON,
+    STARTS,
     STEP_SIZE,
     probabilities,
     step_sizes,
 )
-
-
-def test_constant_step_size():
-    sizes = step_sizes(STEP_SIZE.parse("constant:0.1"), 4)
-    assert sizes.by_step.tolist() == [0.1] * 5
-    assert not sizes.by_count.any()
 
 
 def test_power_step_size():
@@ -43,14 +40,49 @@ def test_power_step_sizes_do_not_depend_on_numpy_s_vector_instructions(python):
     assert len(digests) == 1
 
 
-def test_constant_epsilon():
-    assert probabilities(EPSILON.parse("constant:0.2"), 3).tolist() == [0.2] * 4
+SHARES = st.floats(0, 1)
+BUDGETS = st.integers(1, 300)
 
 
-def test_linear_epsilon_falls_over_its_fraction_and_then_holds():
-    table = probabilities(EPSILON.parse("linear:1:0.5:0.5"), 20)
-    assert table.shape == (21,)
-    assert table[0] == 1.0
-    assert table[5] == pytest.approx(0.75)
-    assert table[10:].tolist() == [0.5] * 11
-    assert (np.diff(table[:11]) < 0).all()
+@given(SHARES, BUDGETS)
+def test_what_is_constant_is_the_same_at_each_step(share, budget):
+    sizes = step_sizes(STEP_SIZE.parse(f"constant:{share!r}"), budget)
+    assert sizes.by_step.tolist() == [share] * (budget + 1)
+    assert not sizes.by_count.any()
+    for schedule in (
+        EPSILON.parse(f"constant:{share!r}"),
+        STARTS.parse(f"mixed:{share!r}"),
+    ):
+        assert probabilities(schedule, budget).tolist() == [share] * (budget + 1)
+    assert not probabilities(STARTS.parse("fixed"), budget).any()
+    assert (probabilities(STARTS.parse("random"), budget) == 1).all()
+
+
+@given(SHARES, SHARES, SHARES, BUDGETS)
+def test_what_falls_goes_from_first_to_last_over_its_fraction_and_stays(
+    first, last, fraction, budget
+):
+    numbers = f"{first!r}:{last!r}:{fraction!r}"
+    table = probabilities(EPSILON.parse(f"linear:{numbers}"), budget)
+    assert (
+        table.tobytes()
+        == probabilities(STARTS.parse(f"exploring:{numbers}"), budget).tobytes()
+    )
+    assert table[0] == first
+    for step in range(budget + 1):
+        done = 1.0 if step >= fraction * budget else step / (fraction * budget)
+        expected = first + (last - first) * done
+        # With a fraction of less than a step it has fallen at the first one.
+        assert step == 0 or table[step] == pytest.approx(expected, abs=1e-12)
+
+
+@given(SHARES, SHARES, SHARES, BUDGETS)
+def test_a_floor_falls_over_the_budget_beside_the_power(exponent, first, last, budget):
+    sizes = step_sizes(
+        STEP_SIZE.parse(f"floored:{exponent!r}:{first!r}:{last!r}"), budget
+    )
+    power = step_sizes(STEP_SIZE.parse(f"power:{exponent!r}"), budget)
+    assert sizes.by_count.tobytes() == power.by_count.tobytes()
+    assert not power.by_step.any()
+    falling = probabilities(EPSILON.parse(f"linear:{first!r}:{last!r}:1"), budget)
+    assert sizes.by_step.tobytes() == falling.tobytes()

@@ -5,6 +5,8 @@
 import math
 
 import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
 
 from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.core.game.settings import Setting, SettingTable, parse_assignments
@@ -31,12 +33,10 @@ TABLE = SettingTable(
 @pytest.mark.parametrize(
     ("name", "value", "parsed"),
     [
-        ("count", "7", 7),
         ("count", 7.0, 7),
         ("count", "1e5", 100_000),
         ("count", str(2**63 - 1), 2**63 - 1),  # a float would round it up, out of range
         ("count", 1234567890123456789, 1234567890123456789),
-        ("share", "0.25", 0.25),
         ("share", 1, 1.0),
         ("any", "-1e3", -1000.0),
         ("switch", "yes", True),
@@ -57,50 +57,73 @@ def test_values_become_the_setting_s_type(name, value, parsed):
 
 
 @pytest.mark.parametrize(
-    ("name", "value", "allowed"),
+    ("name", "value"),
     [
-        ("count", "0", "a whole number from 1 to 9223372036854775807"),
-        ("count", str(2**63), "a whole number from 1 to 9223372036854775807"),
-        ("count", "1.5", "a whole number"),
-        ("count", "1e17", "a whole number"),  # floats skip numbers there
-        ("count", "inf", "a whole number"),
-        ("count", 1.5, "a whole number"),
-        ("count", True, "a whole number"),
-        ("count", None, "a whole number"),
-        ("count", "", "a whole number"),
-        ("share", "1.01", "a number from 0 to 1"),
-        ("share", math.nan, "a number from 0 to 1"),
-        ("share", [1], "a number from 0 to 1"),
-        ("size", -1, "a number of at least 0"),
-        ("size", "inf", "a number of at least 0"),
-        ("loss", 1, "a number of at most 0"),
-        ("any", "x", "allowed: a number"),
-        ("switch", "maybe", "true or false"),
-        ("who", "c", "a or b"),
-        ("text", ["x"], "a text"),
-        ("text", True, "a text"),
-        ("names", "x", "a list of texts"),
-        ("names", [1], "a list of texts"),
-        ("mode", "on", "off, level:X"),
-        ("part", 7, "0, or a whole number from 8 to 99"),
-        ("part", -1, "0, or a whole number from 8 to 99"),
+        ("count", str(2**63)),
+        ("count", "1.5"),
+        ("count", "1e17"),  # floats skip numbers there
+        ("count", "inf"),
+        ("count", True),
+        ("count", None),
+        ("count", ""),
+        ("share", math.nan),
+        ("share", [1]),
+        ("size", "inf"),
+        ("any", "x"),
+        ("switch", "maybe"),
+        ("who", "c"),
+        ("text", ["x"]),
+        ("text", True),
+        ("names", "x"),
+        ("names", [1]),
+        ("mode", "on"),
+        ("part", 7),
+        ("part", -1),
     ],
 )
-def test_bad_values(name, value, allowed):
+def test_bad_values(name, value):
     with pytest.raises(SettingError) as error:
         TABLE.parse({name: value})
     message = str(error.value)
     assert message.startswith(f"setting {name}: ")
-    assert allowed in message
     assert repr(value) in message
     assert "\n" not in message
 
 
+@given(st.integers())
+@example(0)
+@example(2**63 - 1)
+@example(2**63)
+def test_whole_numbers_in_range_as_numbers_and_as_texts(number):
+    for value in (number, str(number)):
+        if 1 <= number <= 2**63 - 1:
+            assert TABLE.parse({"count": value}) == {"count": number}
+        else:
+            refused("count", value)
+
+
+@given(st.floats())
+@example(0.0)
+@example(-1.0)
+@example(math.nextafter(1.0, 2.0))
+def test_numbers_in_range_as_numbers_and_as_texts(number):
+    ranges = {"share": (0, 1), "size": (0, math.inf), "loss": (-math.inf, 0)}
+    for name, (low, high) in ranges.items():
+        for value in (number, repr(number)):
+            if low <= number <= high and math.isfinite(number):
+                assert TABLE.parse({name: value}) == {name: number}
+            else:
+                refused(name, value)
+
+
+def refused(name, value):
+    with pytest.raises(SettingError, match=f"^setting {name}: "):
+        TABLE.parse({name: value})
+
+
 def test_unknown_name_gets_the_nearest_and_all_allowed():
-    with pytest.raises(SettingError) as error:
+    with pytest.raises(SettingError, match="'cuont'.*'count'.*count, share, size"):
         TABLE.parse({"cuont": 1})
-    assert "unknown setting 'cuont' (did you mean 'count'?)" in str(error.value)
-    assert "count, share, size" in str(error.value)
 
 
 def test_defaults_are_parsed():
@@ -114,7 +137,5 @@ def test_assignments():
 
 
 def test_assignment_without_equals_sign():
-    with pytest.raises(
-        SettingError, match=r"setting 'penalty': write it as key=value, e\.g\."
-    ):
+    with pytest.raises(SettingError, match="'penalty'.*key=value"):
         parse_assignments(["penalty"])

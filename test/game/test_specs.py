@@ -3,6 +3,8 @@
 """Specs: `kind:number:...` is read, written back without loss, and refused with a reason."""
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.core.game.specs import Form, Number, Spec, SpecFamily, probability
@@ -32,43 +34,38 @@ def test_parse(text, spec):
     assert FAMILY.parse(spec) is spec
 
 
-@pytest.mark.parametrize(
-    "number", [0.1 + 0.2, 1 / 3, 1e-300, 0.123456789, 123456789.0, 0.0, 1.0]
-)
-def test_written_spec_reads_back_to_the_same_bits(number):
-    spec = Spec("ramp", (number, -number))
-    assert FAMILY.parse(str(spec)).numbers == spec.numbers
-
-
 def test_written_as_people_write_it():
     assert str(Spec("level", (1.0,))) == "level:1"
     assert str(Spec("level", (0.7,))) == "level:0.7"
     assert str(Spec("off")) == "off"
 
 
+@given(st.floats(allow_nan=False, allow_infinity=False), st.floats(0, 1))
+def test_a_written_spec_reads_back_to_the_same_bits(number, share):
+    for spec in (Spec("ramp", (number, -number)), Spec("stops", (number, share, 1.0))):
+        assert repr(FAMILY.parse(str(spec)).numbers) == repr(spec.numbers)
+
+
 @pytest.mark.parametrize(
-    ("value", "words"),
+    ("value", "named"),
     [
-        (
-            "lvel:0.5",
-            ["unknown value 'lvel:0.5'", "did you mean 'level'", "off, level:X"],
-        ),
-        ("", ["unknown value ''"]),
-        (0.5, ["unknown value '0.5'"]),
-        ("level", ["'level' has 0 numbers", "takes 1", "level:X"]),
-        ("off:1", ["'off:1' has 1 number", "takes 0"]),
-        ("ramp:1", ["takes 2", "ramp:A:B"]),
-        ("stops:1", ["'stops:1' has 1 number", "takes 2 or more", "stops:A:X:..."]),
-        ("stops:7:1:1:7", ["x is '7'", "from 0 to 1"]),
-        ("level:2", ["x is '2'", "from 0 to 1"]),
-        ("level:-0.1", ["x is '-0.1'", "from 0 to 1"]),
-        ("level:nan", ["x is 'nan'"]),
-        ("level:half", ["x is 'half'"]),
+        ("lvel:0.5", "'lvel:0.5'.*'level'"),
+        ("", "''"),
+        (0.5, "'0.5'"),
+        ("level", "'level' has 0 numbers"),
+        ("off:1", "'off:1' has 1 number"),
+        ("ramp:1", "'ramp:1' has 1 number"),
+        ("stops:1", "'stops:1' has 1 number"),
+        ("stops:7:1:1:7", "x is '7'"),
+        ("level:half", "x is 'half'"),
     ],
 )
-def test_bad_specs(value, words):
-    with pytest.raises(SettingError) as error:
+def test_bad_specs(value, named):
+    with pytest.raises(SettingError, match=f"^setting light: .*{named}"):
         FAMILY.parse(value)
-    message = str(error.value)
-    assert message.startswith("setting light: ")
-    assert [word for word in words if word not in message] == []
+
+
+@given(st.floats().filter(lambda number: not 0 <= number <= 1))
+def test_a_number_out_of_its_range_is_refused(number):
+    with pytest.raises(SettingError, match="^setting light: x is "):
+        FAMILY.parse(f"level:{number!r}")

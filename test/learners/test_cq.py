@@ -132,7 +132,7 @@ def test_cq_learns_nothing_from_failed_percepts():
 
 
 def test_what_it_cannot_learn():
-    with pytest.raises(SettingError, match="setting peers: value is 'all'"):
+    with pytest.raises(SettingError, match="setting peers"):
         learner_of("cq").check(load_scenario("crowd-3r").with_settings(peers="all"))
     hall = {"name": "hall", "text": GridMap("hall", ("." * 27,) * 27).to_text()}
     robots = {
@@ -142,5 +142,5 @@ def test_what_it_cannot_learn():
     large = scenario_from_dict(
         {"map": hall, "robots": robots}, where="hall", name="hall"
     )
-    with pytest.raises(SettingError, match="has 729 cells, allowed: 724"):
+    with pytest.raises(SettingError, match="729 cells"):
         learner_of("cq").check(large)

@@ -61,14 +61,10 @@ def test_tables_that_do_not_fit():
     scenario = load_scenario("env1")
     other = load_scenario("isr")
     good = untrained(scenario)
-    with pytest.raises(
-        TablesError, match=r"tables of 1 robots for scenario env1, which has 2"
-    ):
+    with pytest.raises(TablesError, match="1 robots.*env1"):
         summary(play(scenario, [good], trials=1, seed=0))
     foreign = untrained(other)
-    with pytest.raises(
-        TablesError, match=r"robot 2 of scenario env1 .*q_star is .* \(43, 5\)"
-    ):
+    with pytest.raises(TablesError, match="robot 2 of scenario env1 .*q_star"):
         summary(play(scenario, [good, foreign], trials=1, seed=0))
 
 
@@ -85,9 +81,7 @@ def test_tables_of_no_numbers(name, value):
     memory = {n: array.copy() for n, array in (good.memory | row).items()}
     memory[name][0, 1] = value
     bad = Tables(scenario, good.rule, 1, memory)
-    with pytest.raises(
-        TablesError, match=f"robot 2 of .*{name} has numbers that are not finite"
-    ):
+    with pytest.raises(TablesError, match=f"robot 2 of .*{name}"):
         check_tables(scenario, [good, bad, good], "coop")
 
 

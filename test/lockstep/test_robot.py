@@ -12,7 +12,7 @@ from sparse_coord_ros.core.learners.coop import Coop
 from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.core.runs.tables import tables_from_values
 from sparse_coord_ros.protocol.lockstep.robot_side import Answer, RobotSide
-from sparse_coord_ros.protocol.wire import COUNTS, Account, PerceptEnd
+from sparse_coord_ros.protocol.wire import COUNTS, PerceptEnd, SelfReport
 
 SOUTH = 1
 EAST = 2
@@ -32,14 +32,14 @@ class Port:
     def __init__(self):
         self.done = []
         self.episodes = []
-        self.accounts = []
+        self.reports = []
 
     def ask(self, peer, step, cell):
         self.done.append(("ask", peer, step, cell))
 
-    def act(self, step, action, account):
+    def act(self, step, action, report):
         self.done.append(("act", step, action))
-        self.accounts.append(tuple(account))
+        self.reports.append(tuple(report))
 
     def percept(self, step, cell, perceived):
         self.done.append(("percept", step, cell, perceived))
@@ -57,7 +57,7 @@ class Port:
 
 
 def make_robot(*, run=None, **settings):
-    """Return robot 1 of env1 (goal: cell 20): it goes south, and asks in cell 5."""
+    """Return robot 1 of env1 (goal: cell 20) and its port; it goes south, and asks in cell 5."""
     scenario = load_scenario("env1").with_settings({**SETTINGS, **settings})
     q_star = np.tile([0.0, 9.0, 1.0, 2.0, 3.0], (21, 1))
     q_star[ASKING_CELL] = [0, 1, 2, 3, 50]
@@ -65,17 +65,23 @@ def make_robot(*, run=None, **settings):
     q_coord[ASKING_CELL, :, EAST] = 7.0
     memory = tables_from_values(scenario, 0, q_star, q_coord).memory
     agent = Agent(Coop(), scenario, 0, 0, memory=memory)
-    return RobotSide(make_run(scenario, run or {}), agent, Port())
+    port = Port()
+    return RobotSide(make_run(scenario, run or {}), agent, port), port
 
 
 @pytest.fixture
-def robot():
+def made():
     return make_robot()
 
 
 @pytest.fixture
-def port(robot):
-    return robot._port
+def robot(made):
+    return made[0]
+
+
+@pytest.fixture
+def port(made):
+    return made[1]
 
 
 GO = Action(SOUTH, False, -1, False)
@@ -129,27 +135,27 @@ def walk(robot, first, steps):
 
 
 def test_no_action_after_the_episode_s_last_step():
-    robot = make_robot(max_steps=3)
+    robot, port = make_robot(max_steps=3)
     walk(robot, 1, 3)
-    assert [done[1] for done in robot._port.take()] == [1, 2, 3]
+    assert [done[1] for done in port.take()] == [1, 2, 3]
     walk(robot, 6, 2)
-    assert [done[1] for done in robot._port.take()] == [6, 7, 8]
+    assert [done[1] for done in port.take()] == [6, 7, 8]
 
 
 def test_no_action_after_the_budget():
-    robot = make_robot(steps=3)
+    robot, port = make_robot(steps=3)
     walk(robot, 1, 3)
-    assert [done[1] for done in robot._port.take()] == [1, 2, 3]
+    assert [done[1] for done in port.take()] == [1, 2, 3]
     assert robot.agent.tables.q_star[1, SOUTH] != 9.0  # the last transition is learned
 
 
 def test_a_missed_end_is_mended_by_repetition():
     """A robot that believes the episode over acts when the world asks again."""
-    robot = make_robot(max_steps=3)
+    robot, port = make_robot(max_steps=3)
     walk(robot, 1, 3)
-    robot._port.take()
+    port.take()
     robot.state(4, 1)
-    assert robot._port.take() == [("act", 4, GO)]
+    assert port.take() == [("act", 4, GO)]
 
 
 # Asking.
@@ -262,22 +268,21 @@ def test_before_any_state_there_is_nothing_to_say(robot):
 
 
 def test_a_person_gets_the_newest_state_whatever_the_model():
-    robot = make_robot(perception="never")
+    robot, port = make_robot(perception="never")
     robot.state(4, 0)
     assert robot.asked(1, 0, None) == Answer(4, 0)
     assert robot.asked(1, 4, 3) == Answer(4, None)
 
 
 def test_the_model_decides_from_both_places():
-    robot = make_robot(perception="line_of_sight")
+    robot, port = make_robot(perception="line_of_sight")
     robot.state(1, 0)  # the north-west corner
     assert robot.asked(1, 1, 3).cell is None  # behind the wall
     assert robot.asked(1, 1, 1).cell == 0
 
 
 def test_checkpoints_and_episodes_are_told_before_the_action():
-    robot = make_robot(run={"checkpoint": 5})
-    port = robot._port
+    robot, port = make_robot(run={"checkpoint": 5})
     robot.state(4, 0)
     assert port.take() == [("act", 4, GO)]
     robot.state(5, 1)
@@ -292,10 +297,10 @@ def test_checkpoints_and_episodes_are_told_before_the_action():
 
 def test_no_checkpoint_at_the_first_state_or_where_none_is_wanted():
     for checkpoint, first in ((5, 7), (0, 1)):
-        robot = make_robot(run={"checkpoint": checkpoint})
+        robot, port = make_robot(run={"checkpoint": checkpoint})
         assert robot.handled == 0
         robot.state(first, 0)
-        assert robot._port.take() == [("act", first, GO)]
+        assert port.take() == [("act", first, GO)]
 
 
 # What it says of itself.
@@ -314,7 +319,7 @@ def test_each_action_says_how_its_percept_ended_and_whether_it_has_learned(robot
     robot.expire()
     robot.reward(4, Reward(0.0, 0.0, 0.0, 0.0))
     robot.state(5, 20)
-    assert port.accounts == [
+    assert port.reports == [
         (PerceptEnd.DID_NOT_ASK, False),
         (PerceptEnd.ANSWERED, True),
         (PerceptEnd.REFUSED, False),
@@ -330,17 +335,17 @@ def test_each_action_says_how_its_percept_ended_and_whether_it_has_learned(robot
 
 def test_what_a_robot_said_of_itself_is_known_until_the_step_is_over(robot):
     robot.state(1, 0)
-    said = Account(PerceptEnd.DID_NOT_ASK, False)
-    assert robot.account_of(1) == said and robot.account_of(2) is None
+    said = SelfReport(PerceptEnd.DID_NOT_ASK, False)
+    assert robot.self_report_of(1) == said and robot.self_report_of(2) is None
     robot.state(2, ASKING_CELL)
     robot.expire()  # the reward does not come
-    assert robot.account_of(1) is None
-    assert robot.account_of(2) is None, "it asks"
+    assert robot.self_report_of(1) is None
+    assert robot.self_report_of(2) is None, "it asks"
     robot.answer(1, 2, Answer(2, 3))
-    assert robot.account_of(2) == Account(PerceptEnd.ANSWERED, False)
+    assert robot.self_report_of(2) == SelfReport(PerceptEnd.ANSWERED, False)
     robot.reward(2, Reward(4.0, 0.0, 0.0, 4.0))
     robot.state(3, GOAL)
-    assert robot.account_of(3) is None, "it rests"
+    assert robot.self_report_of(3) is None, "it rests"
 
 
 def test_an_action_said_again_says_the_same_of_itself(robot, port):
@@ -348,7 +353,7 @@ def test_an_action_said_again_says_the_same_of_itself(robot, port):
     robot.reward(1, Reward(0.0, 0.0, 0.0, 0.0))
     robot.state(2, 1)
     robot.state(2, 1)
-    assert port.accounts == [
+    assert port.reports == [
         (PerceptEnd.DID_NOT_ASK, False),
         (PerceptEnd.DID_NOT_ASK, True),
         (PerceptEnd.DID_NOT_ASK, True),
@@ -366,14 +371,14 @@ def test_a_reward_is_for_one_transition_only(robot):
 
 def test_a_robot_that_rests_waits_for_no_answer_any_more():
     """The world went on without it, into the episode's last state."""
-    robot = make_robot(max_steps=1)
+    robot, port = make_robot(max_steps=1)
     robot.state(1, ASKING_CELL)
     assert robot.waiting == ("percept", 1)
     robot.state(2, ASKING_CELL)
     assert robot.waiting is None
-    robot._port.take()
+    port.take()
     robot.answer(1, 1, Answer(1, 7))
-    assert robot._port.take() == []
+    assert port.take() == []
     assert set(robot.asks.values()) == {0}
 
 
@@ -382,7 +387,7 @@ def test_a_robot_that_does_not_learn_says_so(robot, port):
     robot.state(1, 0)
     robot.reward(1, Reward(4.0, 0.0, 0.0, 4.0))
     robot.state(2, 1)
-    assert port.accounts == [(PerceptEnd.DID_NOT_ASK, False)] * 2
+    assert port.reports == [(PerceptEnd.DID_NOT_ASK, False)] * 2
     assert (robot.counts["learned"], robot.counts["dropped"]) == (0, 0)
 
 
@@ -398,22 +403,22 @@ def test_a_robot_that_goes_on_from_any_moment_does_and_counts_the_same():
         ),
         ("state", 3, 6),
     ]
-    whole = make_robot()
+    whole, whole_port = make_robot()
     snapshots = []
     for name, *values in messages:
         getattr(whole, name)(*values)
         snapshots.append(whole.snapshot())
     assert whole.asks["answered"] == 1
-    assert [learned for _, learned in whole._port.accounts] == [False, True, True]
+    assert [learned for _, learned in whole_port.reports] == [False, True, True]
     for number, snapshot in enumerate(snapshots):
-        robot = make_robot()
+        robot, port = make_robot()
         robot.go_on_from(robot.agent, snapshot)
         begin = max(n for n in range(number + 1) if messages[n][0] == "state")
         for name, *values in messages[begin:]:
             getattr(robot, name)(*values)
         assert robot.counts == whole.counts, number
-        own = robot._port.accounts
-        assert own == whole._port.accounts[-len(own) :], number
+        own = port.reports
+        assert own == whole_port.reports[-len(own) :], number
         assert (robot.agent.tables.q_star == whole.agent.tables.q_star).all(), number
 
 

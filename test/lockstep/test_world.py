@@ -39,21 +39,28 @@ class Port:
 
 
 def make_world(name="env1", **settings):
+    """Return a world's side of the lock step that has started, and its port."""
     sure = {"starts": "fixed", "move_success": 1, "max_steps": 50, "steps": 100}
     scenario = load_scenario(name).with_settings({**sure, **settings})
-    world = WorldSide(make_run(scenario, {}), Port())
+    port = Port()
+    world = WorldSide(make_run(scenario, {}), port)
     world.start()
-    return world
+    return world, port
 
 
 @pytest.fixture
-def world():
+def made():
     return make_world()
 
 
 @pytest.fixture
-def port(world):
-    return world._port
+def world(made):
+    return made[0]
+
+
+@pytest.fixture
+def port(made):
+    return made[1]
 
 
 # Cells of env1: row 0 is 0 1 2 3, row 1 is 4 5 6 7; robot 1 starts at 0, robot 2 at 3.
@@ -138,11 +145,11 @@ def test_an_arrived_robot_is_not_waited_for(world, port):
 
 
 def test_an_episode_ends_and_the_next_begins_two_steps_later():
-    world = make_world(max_steps=2)
+    world, port = make_world(max_steps=2)
     play(world, DOWN, DOWN)
-    world._port.take()
+    port.take()
     play(world, DOWN, DOWN)
-    states = [said for said in world._port.take() if said[0] == "state"]
+    states = [said for said in port.take() if said[0] == "state"]
     assert states == [
         ("state", 0, 3, 8),
         ("state", 1, 3, 12),
@@ -153,7 +160,7 @@ def test_an_episode_ends_and_the_next_begins_two_steps_later():
 
 
 def test_the_budget_ends_everything():
-    world = make_world(steps=2, max_steps=2)
+    world, _ = make_world(steps=2, max_steps=2)
     play(world, DOWN, DOWN)
     assert not world.finished
     play(world, DOWN, DOWN)
@@ -165,12 +172,12 @@ def test_the_budget_ends_everything():
 
 def test_the_last_states_are_said():
     """Without them nobody would learn from the last transition."""
-    world = make_world(steps=1)
-    world._port.take()
+    world, port = make_world(steps=1)
+    port.take()
     play(world, DOWN, DOWN)
     assert world.finished
     last = [("state", k, 2, world.world.cells[k]) for k in (0, 1)]
-    assert world._port.take()[-2:] == last
+    assert port.take()[-2:] == last
 
 
 def test_without_any_action_the_world_waits_on(world, port):
@@ -279,25 +286,25 @@ def test_it_counts_whom_it_leaves_out_at_each_step(world):
     assert world.left_out == 1
     play(world, DOWN)
     assert (world.left_out, world.timeouts) == (2, 1)
-    beside = make_world()
+    beside, _ = make_world()
     arrive(beside)
     beside.expire()
     assert (beside.left_out, beside.timeouts) == (0, 1)
 
 
 def test_it_says_why_an_episode_began():
-    world = make_world(max_steps=2)
+    world, _ = make_world(max_steps=2)
     assert world.began == Began.START
     play(world, DOWN, DOWN)
     play(world, DOWN, DOWN)
     assert world.began == Began.STEPS
     world.new_episode()
     assert world.began == Began.RESET
-    beside = make_world()
+    beside, _ = make_world()
     arrive(beside)
     beside.expire()
     assert beside.began == Began.NOBODY_LEFT
-    together = make_world()
+    together, _ = make_world()
     together.world.arrived = [False, True]
     together.world.cells = [19, 17]
     play(together, EAST)
@@ -307,7 +314,7 @@ def test_it_says_why_an_episode_began():
 def test_it_goes_on_where_another_one_was(world):
     world.action(0, 1, DOWN)
     world.expire()
-    other = make_world()
+    other, _ = make_world()
     other.go_on_from(world.snapshot())
     assert other.held and not other.action(0, 2, DOWN)
     assert (other.absent, other.timeouts, other.left_out, other.world.step) == (
@@ -345,7 +352,7 @@ def test_a_later_beginning_leaves_out_what_was_done_since(world):
 
 
 def test_each_robot_that_misses_a_deadline_is_counted():
-    world = make_world("env2-4r")
+    world, _ = make_world("env2-4r")
     for robot in (0, 1):
         world.action(robot, 1, DOWN)
     assert world.expire() == [2, 3]
@@ -356,7 +363,7 @@ def test_each_robot_that_misses_a_deadline_is_counted():
 
 
 def test_an_episode_that_goes_on_is_not_told_again():
-    world = make_world()
+    world, _ = make_world()
     port = Port()
     play(world, DOWN, DOWN)
     again = WorldSide(make_run(world.world.scenario, {}), port)
@@ -381,7 +388,7 @@ def test_robots_that_have_seen_less_than_the_world_take_nothing_from_it(world):
 
 def test_the_world_saves_at_each_step_that_robots_see():
     """Also at an episode's last one, which no action follows."""
-    scenario = make_world(max_steps=3).world.scenario
+    scenario = make_world(max_steps=3)[0].world.scenario
     port = Port()
     port.saved = []
     port.checkpoint = port.saved.append

@@ -9,7 +9,7 @@ from sparse_coord_ros.base.palette import ANSWERED, FAILED, REFUSED
 from sparse_coord_ros.core.game.world import Action
 from sparse_coord_ros.core.runs.evaluation import play
 from sparse_coord_ros.core.runs.history import History
-from sparse_coord_ros.core.runs.run import Glimpse
+from sparse_coord_ros.core.runs.run import TeamTransition
 from sparse_coord_ros.log.runlog import read_run
 from sparse_coord_ros.protocol.wire import ACTION, PerceptEnd
 from sparse_coord_ros.show.episodes import (
@@ -59,7 +59,7 @@ def test_how_a_question_ended_is_what_the_robot_says(log, end, outcome, words):
     row, k = np.argwhere(log.asked & ~log.perceived)[0].tolist()
     numbers = log.numbers.copy()
     numbers[row, k, ACTION.column("percept")] = end
-    changed = log.but(numbers=numbers)
+    changed = log.with_changes(numbers=numbers)
     [one] = [one for one in questions_of(logged_step(changed, row)) if one.asker == k]
     assert one.outcome == outcome and ended(changed)[outcome][row, k]
     assert one.in_words(log.names).startswith(
@@ -71,16 +71,16 @@ def test_how_a_question_ended_is_what_the_robot_says(log, end, outcome, words):
 def test_how_a_question_ended_is_guessed_only_where_nobody_tells_it():
     asks = Action(2, True, -1, False)
     moves = Action(1, False, -1, False)
-    seen = Glimpse(5, (3, 4, 9), (asks, moves, None), (4, 5, 9), True)
+    seen = TeamTransition(5, (3, 4, 9), (asks, moves, None), (4, 5, 9), True)
     [question] = questions_of(seen)
     assert question == (0, (1, 2), PerceptEnd.REFUSED, 2)
-    told = Glimpse(
+    told = TeamTransition(
         5, (3, 4), (asks, moves), (4, 5), False, ends=(PerceptEnd.LATE, None)
     )
     assert questions_of(told)[0].outcome == FAILED
     perceived = told._replace(actions=(asks._replace(perceived=True), moves))
     assert questions_of(perceived)[0].outcome == ANSWERED
-    alone = Glimpse(5, (3,), (asks,), (4,), False)
+    alone = TeamTransition(5, (3,), (asks,), (4,), False)
     assert questions_of(alone)[0].end == PerceptEnd.NOBODY_TO_ASK
 
 

@@ -232,8 +232,8 @@ def test_each_episode_has_a_path_of_its_own():
     run = make_run(load_scenario("env1"), {})
     moments = [Moment(n // 3, 0.1 * n, ((n, 0.0), (0.0, n))) for n in range(6)]
     touches = [SimpleNamespace(place=(1.0, 1.0))]
-    floor = SimpleNamespace(path=moments, arena=SimpleNamespace(touches=touches))
-    figure = paths_figure(run, SimpleNamespace(floor=floor))
+    team = SimpleNamespace(path=moments, simulator=SimpleNamespace(touches=touches))
+    figure = paths_figure(run, SimpleNamespace(team=team))
     lines = [line.get_xydata().tolist() for line in figure.axes[0].lines]
     own = [[[n, 0] for n in range(3)], [[n, 0] for n in range(3, 6)]]
     others = [[[y, x] for x, y in path] for path in own]

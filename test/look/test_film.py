@@ -22,7 +22,7 @@ from sparse_coord_ros.base.palette import (
 from sparse_coord_ros.cli.main import main
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.game.world import Action
-from sparse_coord_ros.core.runs.run import Glimpse
+from sparse_coord_ros.core.runs.run import TeamTransition
 from sparse_coord_ros.protocol import wire
 from sparse_coord_ros.show import film as films
 from sparse_coord_ros.show.episodes import Episode
@@ -43,7 +43,9 @@ def episode(cells, questions=(), met=False):
         asking[k] = Action(move, True, peer, end == wire.PerceptEnd.ANSWERED)
         ends[k] = end
     steps = [
-        Glimpse(t, tuple(before), tuple(still), tuple(after), miscoordination=False)
+        TeamTransition(
+            t, tuple(before), tuple(still), tuple(after), miscoordination=False
+        )
         for t, (before, after) in enumerate(pairwise(cells))
     ]
     steps[0] = steps[0]._replace(actions=tuple(asking), ends=ends)

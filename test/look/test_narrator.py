@@ -13,7 +13,7 @@ import pytest
 from sparse_coord_ros.core.game.actions import EAST, NORTH, SOUTH, WEST
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.game.world import Action
-from sparse_coord_ros.core.runs.run import Glimpse
+from sparse_coord_ros.core.runs.run import TeamTransition
 from sparse_coord_ros.protocol.wire import PerceptEnd
 from sparse_coord_ros.show.narrator import Narrator
 from sparse_coord_ros.show.steps import questions_of
@@ -23,7 +23,7 @@ ALONG = {"robot_1": (1, 2), "robot_2": (1, 2)}
 
 
 class Told:
-    """Says on a map, by [row, column], what `Words` says."""
+    """Says on a map, by [row, column], what `Narrator` says."""
 
     def __init__(self, scenario):
         self.scenario = scenario
@@ -258,7 +258,7 @@ def test_a_question_in_sentences(env1, end, said):
     west, door, east = (env1.number[2, column] for column in (1, 2, 3))
     perceived = end == PerceptEnd.ANSWERED
     asking = Action(EAST, True, 1, perceived), Action(WEST, False, -1, False)
-    seen = Glimpse(3, (west, east), asking, (door, east), False, (), (end, None))
+    seen = TeamTransition(3, (west, east), asking, (door, east), False, (), (end, None))
     [question] = questions_of(seen)
     due = f"robot_1 asks before the doorway. {said} robot_1 goes on."
     assert env1.words.question(seen, question) == due

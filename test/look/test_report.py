@@ -87,7 +87,7 @@ def test_warnings_are_counted(bag):
         SimpleNamespace(name="robot_1", msg="late", level=level)
         for level in (20, 30, 40)
     ]
-    shown.log.tracks.rosout[:] = said
+    shown.log.messages.rosout[:] = said
     tables = [part["rows"] for part in faults(shown) if part["kind"] == "table"]
     assert tables[1] == [("robot_1: late", 2)]
 

@@ -157,12 +157,10 @@ def test_broken_and_huge_images_are_one_line(saved, tmp_path):
 
 
 def test_missing_files_are_one_line(tmp_path):
-    with pytest.raises(MapError, match="no.yaml: cannot be read .No such file"):
+    with pytest.raises(MapError, match="no.yaml"):
         read_floor_plan(tmp_path / "no.yaml")
     (tmp_path / "m.pgm").write_bytes(b"P5\n1 1\n255\n\0")
-    with pytest.raises(
-        MapError, match="is an image; give the YAML file that belongs to it, with"
-    ):
+    with pytest.raises(MapError, match="m.pgm: is an image"):
         read_floor_plan(tmp_path / "m.pgm")
     (tmp_path / "m.yaml").write_text("image: m.pgm\n")
     with pytest.raises(MapError, match=r"belongs to it: .*m\.yaml"):

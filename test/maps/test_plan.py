@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """From floor plans whose doorways are known to maps: doors open, walls closed, robots in place."""
 
+import functools
 import math
 from pathlib import Path
 
@@ -41,6 +42,20 @@ def rooms(thick=0.2, wide=0.9):
     return drawing
 
 
+@pytest.fixture(scope="module")
+def imported(tmp_path_factory):
+    """Return a function that imports a drawn plan once: its true doorways, the plan, the map."""
+
+    @functools.cache
+    def read(name):
+        folder = tmp_path_factory.mktemp(name)
+        true = write(name, folder)
+        plan = read_floor_plan(folder / f"{name}.yaml")
+        return true, plan, import_map(plan, cell=0.5, radius=0.2)
+
+    return read
+
+
 def test_the_clinic_s_corridors_cross():
     plan = drawn("clinic")
     for y in (8.4, 18.4):
@@ -57,10 +72,9 @@ def test_the_clinic_s_corridors_cross():
         ("slam_flat", 314, 2),
     ],
 )
-def test_every_doorway_is_found(tmp_path, name, cells, odd):
+def test_every_doorway_is_found(imported, name, cells, odd):
     """Of the flat's two more, one lies between a table and a chair, one beside a door."""
-    true = write(name, tmp_path)
-    done = import_map(read_floor_plan(tmp_path / f"{name}.yaml"), cell=0.5, radius=0.2)
+    true, _, done = imported(name)
     found, false = matched(true, done.grid)
     assert (found, false) == (len(true), odd)
     assert abs(len(done.grid.cells) - cells) <= 5
@@ -106,10 +120,9 @@ def test_a_passage_of_two_cells_is_no_doorway_but_named(north):
     assert len(again.grid.doorways) == 2
 
 
-def test_cells_lie_where_the_pixels_are_free(tmp_path):
+def test_cells_lie_where_the_pixels_are_free(imported):
     """Every cell's centre, and the way to each neighbour, keeps the radius from every wall."""
-    write("slam_flat", tmp_path)
-    plan = read_floor_plan(tmp_path / "slam_flat.yaml")
+    _, plan, _ = imported("slam_flat")
     grid = import_map(plan, cell=0.5, radius=0.2, speck=0.0).grid
     taken = grown(~plan.free, 4.0)
     rows = plan.free.shape[0]
@@ -132,9 +145,7 @@ def test_cells_lie_where_the_pixels_are_free(tmp_path):
 def test_large_cells_are_refused():
     drawing = rooms(thick=0.1)
     drawing.wall(1.9, 0, 1.9, 4.0)  # no grid of such cells has a centre in both walls
-    with pytest.raises(
-        MapError, match=r"cells of 0.8 m are so large .* choose smaller ones"
-    ):
+    with pytest.raises(MapError, match="cells of 0.8 m"):
         import_map(plan_of(drawing), cell=0.8, radius=0.05)
     assert import_map(plan_of(drawing), cell=0.4, radius=0.05).grid
 
@@ -180,11 +191,9 @@ def test_doorways_by_hand():
     assert any("no doorway found" in note for note in none.notes)
     two = import_map(plan, cell=0.5, radius=0.2, doorway=[(11.5, -3.3)])
     assert two.grid.doorway_count == 2
-    with pytest.raises(MapError, match="no doorway at 11.5,-3.3: there is none"):
+    with pytest.raises(MapError, match="no doorway at 11.5,-3.3"):
         import_map(plan, cell=0.5, radius=0.2, no_doorway=[(11.5, -3.3)])
-    with pytest.raises(
-        MapError, match="doorway at 0,0 is outside the map of drawn; the nearest"
-    ):
+    with pytest.raises(MapError, match="doorway at 0,0"):
         import_map(plan, cell=0.5, radius=0.2, doorway=[(0.0, 0.0)])
 
 
@@ -200,7 +209,7 @@ def test_parts_without_a_robot_are_left_out():
     apart = import_map(
         plan_of(drawing), cell=0.5, radius=0.2, robots=[((1.0, 1.0), (5.0, 3.0))]
     )
-    with pytest.raises(ScenarioError, match=r"robot_1: its goal .* cannot be reached"):
+    with pytest.raises(ScenarioError, match="robot_1: its goal"):
         scenario_of(apart, [((1.0, 1.0), (5.0, 3.0))], {})
 
 
@@ -234,9 +243,7 @@ def test_odd_maps(pixels, values, words):
 def test_a_grid_of_too_many_cells_is_refused_before_the_image_is_looked_at(monkeypatch):
     monkeypatch.setattr(plans.gridding, "space_of", lambda *_: pytest.fail("it was"))
     pixels = np.ones((1001, 1001), dtype=bool)
-    with pytest.raises(
-        MapError, match="the grid would have 1,002,001 cells, allowed: up to 1,00"
-    ):
+    with pytest.raises(MapError, match="1,002,001 cells"):
         import_map(
             FloorPlan(Path("large"), pixels, ~pixels, 0.05, (0.0, 0.0)),
             cell=0.05,
@@ -246,9 +253,7 @@ def test_a_grid_of_too_many_cells_is_refused_before_the_image_is_looked_at(monke
 
 def test_starts_in_walls_and_no_places():
     done = import_map(plan_of(rooms()), cell=0.5, radius=0.2)
-    with pytest.raises(
-        MapError, match=r"start of robot_1 at 3,3 is in no free cell .* nearest"
-    ):
+    with pytest.raises(MapError, match="start of robot_1 at 3,3"):
         scenario_of(done, [((3.0, 3.0), (5.0, 3.0))], {})
     *_, odd = scenario_of(done, [((1.0, 1.0), (3.0, 1.7))], {"horizon": "5"})
     assert (
@@ -307,7 +312,7 @@ def test_where_the_budget_is_too_small_for_the_ways_steps_are_larger(monkeypatch
     most = plans.SETTINGS["steps"].high
     for times, short in ((19, False), (21, True)):
         monkeypatch.setattr(
-            plans, "_steps_for", lambda way, p, times=times: times * most
+            plans, "steps_for", lambda way, p, times=times: times * most
         )
         _, suggested, odd = scenario_of(done, pair, {})
         assert (suggested["steps"], suggested["step_size"]) == (most, plans.LONG_WAYS)
@@ -315,9 +320,8 @@ def test_where_the_budget_is_too_small_for_the_ways_steps_are_larger(monkeypatch
     assert "step_size" not in scenario_of(done, pair, {"step_size": "power:0.6"})[1]
 
 
-def test_suggestions_follow_the_distances(tmp_path):
-    write("office", tmp_path)
-    done = import_map(read_floor_plan(tmp_path / "office.yaml"), cell=0.5, radius=0.2)
+def test_suggestions_follow_the_distances(imported):
+    _, _, done = imported("office")
     robots = [CORNERS, CORNERS[::-1]]
     scenario, suggested, _ = scenario_of(done, robots, {})
     assert suggested["discount"] == 0.986
@@ -356,10 +360,9 @@ def test_a_map_lies_on_its_floor_plan_as_long_as_that_is_there(tmp_path):
     assert under(load_scenario("env1").map) is None
 
 
-def test_poses_lie_on_the_real_map(tmp_path):
+def test_poses_lie_on_the_real_map(imported):
     """The frame of a run, its text and the map's text keep where the cells are."""
-    write("office", tmp_path)
-    done = import_map(read_floor_plan(tmp_path / "office.yaml"), cell=0.5, radius=0.2)
+    _, _, done = imported("office")
     scenario, *_ = scenario_of(done, [CORNERS], {})
     run = run_from_yaml(make_run(scenario, {}).to_yaml(), where="text")
     assert run.resolution == 0.5

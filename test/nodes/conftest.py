@@ -7,15 +7,16 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from copy import deepcopy
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 import ros_types
-from live_teams import command, node_words
+from live_teams import child_of, command, node_words
 from patience import PATIENCE_SECONDS
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -98,6 +99,12 @@ class Bench:
             self._nodes.pop(node).remove_node(node)
             node.destroy_node()
 
+    def stop(self, node: Node) -> None:
+        """End a node as its executable does that gets a signal."""
+        self.spin_until(node.may_stop, f"{node.get_name()} may stop")
+        node.finish(interrupted=not node.done)
+        self.destroy(node)
+
     def close(self) -> None:
         """Take all nodes and their contexts away: another team may have their names."""
         self._stack.close()
@@ -154,6 +161,25 @@ class Bench:
                 if getattr(node, "done", False) and node not in self._finished:
                     self._finished.add(node)
                     node.finish(interrupted=False)
+
+    @contextmanager
+    def spinning(self, *, but: str = ""):
+        """Spin in a thread meanwhile, all but one place: the test waits for something else."""
+        over = threading.Event()
+        executors = [one for name, (_, one) in self._places.items() if name != but]
+
+        def spin() -> None:
+            while not over.is_set():
+                for executor in executors:
+                    executor.spin_once(timeout_sec=0.002)
+
+        thread = threading.Thread(target=spin)
+        thread.start()
+        try:
+            yield
+        finally:
+            over.set()
+            thread.join()
 
     def spin_until_done(self, *nodes: Node, but: Node | None = None) -> None:
         """Spin until nodes (by default all `but` one) are done and have said their last words.
@@ -370,20 +396,8 @@ class Process:
 
     def child(self, module: str) -> SimpleNamespace:
         """Return the child process that runs a module of `nodes`, or one with its full name."""
-        children = (
-            Path(f"/proc/{self.pid}/task/{self.pid}/children").read_text().split()
-        )
-        for pid in map(int, children):
-            command = Path(f"/proc/{pid}/cmdline").read_text().split("\0")
-            said = command[command.index("-m") + 1 :] if "-m" in command else []
-            if said[:1] == [module] or said[:2] == [
-                "sparse_coord_ros.executables",
-                module,
-            ]:
-                return SimpleNamespace(
-                    pid=pid, send_signal=functools.partial(os.kill, pid)
-                )
-        raise AssertionError(f"no child runs {module}: {children}")
+        pid = child_of(self.pid, module)
+        return SimpleNamespace(pid=pid, send_signal=functools.partial(os.kill, pid))
 
     @property
     def output(self) -> str:
@@ -430,6 +444,39 @@ def start_node(start, executor_kind):
         return start(f"nodes.{module}", *node_words(name, **parameters))
 
     return starter
+
+
+@pytest.fixture
+def ended_by(bench, monkeypatch, capfd):
+    """Return a function that runs an executable here, and ends it by a signal once it is there."""
+
+    def end(main, number, topic, *parameters):
+        """Return the exit code, and what was said on stderr.
+
+        Args:
+            main: the executable's function.
+            number: of the signal.
+            topic: is published when the node is there.
+            parameters: the node's, as `name:=value`.
+        """
+        words = [word for one in parameters for word in ("-p", one)]
+        monkeypatch.setattr(sys, "argv", ["node", "--ros-args", *words])
+        observer = bench.observer()
+
+        def signal_it():
+            deadline = time.monotonic() + PATIENCE_SECONDS
+            while not observer.count(topic) and time.monotonic() < deadline:
+                time.sleep(0.02)
+            os.kill(os.getpid(), number)
+
+        thread = threading.Thread(target=signal_it)
+        thread.start()
+        try:
+            return main(), capfd.readouterr().err
+        finally:
+            thread.join()
+
+    return end
 
 
 def _descendants() -> list[str]:

@@ -3,7 +3,6 @@
 """A team whose robots have bodies: the same lock step, the same bits, and poses in between."""
 
 import sys
-import time
 from types import SimpleNamespace
 
 import numpy as np
@@ -17,20 +16,25 @@ from geometry_msgs.msg import (
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from nav_msgs.msg import Odometry
-from sensor_msgs.msg import JointState
+from patience import PATIENCE_SECONDS
 from std_srvs.srv import SetBool, Trigger
 
 from sparse_coord_ros.base.errors import RunError, SettingError
+from sparse_coord_ros.core.game.actions import SOUTH
 from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.game.world import Action
 from sparse_coord_ros.core.runs.run_config import make_run
-from sparse_coord_ros.lab.driving.ground import Ground, Pose
-from sparse_coord_ros.lab.driving.mover import Mover
+from sparse_coord_ros.lab.driving.driver import Driver
 from sparse_coord_ros.log.runlog import verify
 from sparse_coord_ros.protocol.lockstep.bodies import BodyGoal, Goals, Reached
-from sparse_coord_ros.ros.nodes.body import BodyNode, read_command
+from sparse_coord_ros.ros.nodes import mover
+from sparse_coord_ros.ros.nodes.body import BodyNode
 from sparse_coord_ros.ros.nodes.driver import DriverNode
 from sparse_coord_ros.ros.nodes.messages import Converter
 from sparse_coord_ros.ros.nodes.outputs import gather
+from sparse_coord_ros.ros.nodes.transforms import HeardTransforms
+
+from .puppet import puppet
 
 QUICK = {"speed": 2.0, "turn": 6.0}
 """Bodies that are fast for their ticks, so that a step takes few of them."""
@@ -96,10 +100,10 @@ def test_with_a_rate_bodies_drive_at_once_and_the_step_that_is_late_does_not_wai
 
     bench.spin_until(there, "they are there before the beat")
     assert made.transitions == 0
-    world._advance_where_due(beat=True)
+    world.beat()
     assert made.transitions == 1
     bench.spin_until(lambda: world.bodies.side.waiting, "they drive")
-    world._advance_where_due(beat=True)
+    world.beat()
     assert made.transitions == 1
     bench.spin_until(lambda: made.transitions == 2, "it is made when they are there")
     bench.spin_until(
@@ -162,23 +166,37 @@ def test_verify_takes_where_bodies_got_to_as_it_is_logged(bench, tmp_path, slips
     assert found.steps == 12 and found.log.run.bodies and found.log.run.slips is slips
 
 
-def test_poses_that_came_while_a_driver_slept_are_no_complaint(bench, tmp_path):
+def test_poses_that_came_while_a_driver_slept_are_no_complaint(bench, monkeypatch):
     """Else it would say again what the body has heard, which then goes a tick too far."""
-    world, _, drivers, _ = with_bodies(bench, tmp_path / "out", steps=400)
-    bench.spin_until(lambda: world.lockstep.world.transitions > 1, "under way")
+    monkeypatch.setattr(mover, "HEAP_SECONDS", PATIENCE_SECONDS)
     taken = []
-    mover = Mover(Ground(world.run), 0)
 
-    def sees(seconds, pose):
-        taken.append(seconds)
-        Mover.sees(mover, seconds, pose)
+    class Taking(Driver):
+        """Keeps the times of the poses that it takes in."""
 
-    drivers[0]._mover = mover
-    mover.sees = sees
-    drivers[0].drive = lambda: None
-    for seconds in (7.0, *[7.1] * 9, 7.2):
-        drivers[0]._see((seconds, Pose(0.0, 0.0, 0.0)))
-    assert taken == [7.0, 7.1, 7.2]
+        def sees(self, seconds, pose):
+            taken.append(seconds)
+            super().sees(seconds, pose)
+
+    class Sleepy(DriverNode):
+        """Takes poses in, and does not drive."""
+
+        def make(self, metric_map, number):
+            return Taking(metric_map, None, number)
+
+        def drive(self):
+            pass
+
+    bench.world(bodies=True)
+    context = bench.place()[0]
+    driver = bench.add(puppet(Sleepy)(context=context, values={"robot": "robot_1"}))
+    bench.spin_until(lambda: driver.presence is not None, "the run is known")
+    pose = PoseStamped()
+    pose.header.frame_id = "map"
+    for tenths in (70, *[71] * 9, 72):
+        pose.header.stamp.sec, pose.header.stamp.nanosec = 7, (tenths - 70) * 10**8
+        driver.hear("robot_1/pose", pose)
+    assert taken == pytest.approx([7.0, 7.1, 7.2])
 
 
 def test_drivers_that_are_missing_are_named(bench, tmp_path):
@@ -264,11 +282,16 @@ def test_at_their_own_speed(bench, tmp_path):
 
 def test_the_waiting_for_bodies_is_counted_from_their_goals(bench):
     """Else each step adds to it, and a team that is under way seems to stand still."""
-    bodies = bench.world(bodies=True).bodies
-    now = time.monotonic()
-    bodies._reminder.due(now - 100.0)
+    world = bench.world(bodies=True)
+    bodies = world.bodies
+    waited = []
+    world.remind = lambda reminder, for_whom: waited.append(reminder.due(bodies.now))
+    bodies.side.made((Action(SOUTH, False, -1, False),) * 2)
+    for bodies.now in (0.0, 100.0):
+        bodies.look(bodies.now)
     bodies.send(Goals(1, 1, False, 0.0, (BodyGoal(0, 0, 1),)))
-    assert bodies._reminder.due(now) == 0.0
+    bodies.look(bodies.now)
+    assert waited == [0.0, 100.0, 0.0]
 
 
 def test_goals_and_reports_travel(own_domain):
@@ -284,69 +307,16 @@ def test_goals_and_reports_travel(own_domain):
 
 
 @pytest.mark.parametrize(
-    ("label", "value"),
+    ("values", "kind", "thing"),
     [
-        ("number", 0.0),
-        ("number", 1.5),
-        ("cell", 1e6),
-        ("cell", float("nan")),
-        ("seconds", -1.0),
-        ("stamp", float("inf")),
-        ("stamp", 1e300),
+        ({"robot": "robot_9"}, RunError, "robot 'robot_9'"),
+        ({"robot": "robot_1", "radius": 3.0}, SettingError, "radius: value is 3"),
     ],
 )
-def test_bad_reports_are_refused(label, value):
-    convert = Converter(make_run(load_scenario("env1"), {}))
-    message = convert.reached_message(1, Reached(0, 3, 5, True, 1.25, 0.0))
-    message.position[list(message.name).index(label)] = value
-    with pytest.raises(ValueError, match=label):
-        convert.read_reached(0, message)
-
-
-@pytest.mark.parametrize("speed", [float("nan"), float("inf"), 1.7e308, -1e4])
-def test_bad_speeds_are_refused(speed):
-    assert read_command(Twist()) == (0.0, 0.0)
-    message = Twist()
-    message.angular.z = speed
-    with pytest.raises(ValueError, match="angular.z"):
-        read_command(message)
-
-
-def test_bad_goals_are_refused():
-    run = make_run(load_scenario("env1"), {})
-    convert = Converter(run)
-    message = convert.goals_message(Goals(1, 2, True, 0.0, (BodyGoal(0, 1, 1),)))
-    message.position[-1] = 999.0
-    with pytest.raises(ValueError, match="robot_1/to"):
-        convert.read_goals(message)
-    message = convert.goals_message(Goals(1, 2, True, 1e300, (BodyGoal(0, 1, 1),)))
-    with pytest.raises(ValueError, match="since 1e\\+300"):
-        convert.read_goals(message)
-    with pytest.raises(ValueError, match="labels"):
-        convert.read_goals(JointState(header=message.header, name=["a"], position=[]))
-
-
-@pytest.mark.parametrize(
-    ("values", "kind", "text"),
-    [
-        ({}, SettingError, "parameter robot: none is given"),
-        (
-            {"robot": "robot_9"},
-            RunError,
-            "robot 'robot_9': scenario env1 has no such robot",
-        ),
-        (
-            {"robot": "robot_1", "radius": 3.0},
-            SettingError,
-            "radius: value is 3, allowed: less",
-        ),
-        ({"robot": "robot_1", "pose_type": "gps"}, SettingError, "pose_type"),
-    ],
-)
-def test_a_bad_driver_ends_with_one_line(bench, values, kind, text):
+def test_a_driver_that_does_not_fit_the_run_ends(bench, values, kind, thing):
     bench.world(bodies=True)
-    with pytest.raises(kind, match=text):
-        bench.add(DriverNode(context=bench.place()[0], values=values))
+    bench.add(DriverNode(context=bench.place()[0], values=values))
+    with pytest.raises(kind, match=thing):
         bench.spin_until(lambda: False)
 
 
@@ -374,31 +344,33 @@ def test_poses_of_other_types(bench, pose_type, kind):
     assert world.run.scenario.name == "env1"
 
 
-def test_poses_from_transforms(bench):
-    """The classes of tf2_msgs are not in the wheels: what they hold is given as it is."""
-    bench.world(bodies=True)
-    driver = bench.add(
-        DriverNode(context=bench.place()[0], values={"robot": "robot_1"})
-    )
-    bench.spin_until(lambda: driver.presence is not None, "the run is known")
+def transforms(*links):
+    """Return what a TFMessage holds, whose class is not in the wheels.
 
-    def transform(parent, child, x, seconds):
+    Args:
+        links: (parent, child, x in metres, seconds) of each transform.
+    """
+    found = []
+    for parent, child, x, seconds in links:
         stamp = SimpleNamespace(sec=seconds, nanosec=0)
-        return SimpleNamespace(
-            header=SimpleNamespace(frame_id=parent, stamp=stamp),
-            child_frame_id=child,
-            transform=SimpleNamespace(
-                translation=SimpleNamespace(x=x, y=0.0),
-                rotation=SimpleNamespace(x=0.0, y=0.0, z=0.0, w=1.0),
-            ),
-        )
+        header = SimpleNamespace(frame_id=parent, stamp=stamp)
+        place = SimpleNamespace(x=x, y=0.0)
+        turn = SimpleNamespace(x=0.0, y=0.0, z=0.0, w=1.0)
+        there = SimpleNamespace(translation=place, rotation=turn)
+        one = SimpleNamespace(header=header, child_frame_id=child, transform=there)
+        found.append(one)
+    return SimpleNamespace(transforms=found)
 
-    base = transform("odom", "robot_1/base_link", 2.0, 7)
-    driver._see(driver._read_transforms(False, SimpleNamespace(transforms=[base])))
-    assert driver.driver.pose is None
-    odom = SimpleNamespace(transforms=[transform("map", "odom", 1.0, 0)])
-    driver._see(driver._read_transforms(True, odom))
-    assert driver.driver.pose == (3.0, 0.0, 0.0)
+
+def test_poses_from_transforms():
+    heard = HeardTransforms("map", "robot_1/base_link")
+    base = transforms(("odom", "robot_1/base_link", 2.0, 7))
+    assert heard.read(base, static=False) is None, "nobody has said where odom is"
+    other = transforms(("map", "robot_2/odom", 5.0, 7))
+    assert heard.read(other, static=False) is None
+    odom = transforms(("map", "odom", 1.0, 0))
+    assert heard.read(odom, static=True) == (7.0, (3.0, 0.0, 0.0))
+    assert heard.read(other, static=False) is None, "it says nothing of this body"
 
 
 def test_transforms_need_their_package(bench, monkeypatch):
@@ -426,7 +398,7 @@ def test_a_body_whose_poses_stop_is_stopped(bench):
     pose.header.frame_id = "odom"
     pose.header.stamp.sec = 1
     observer.say(
-        poses, pose, lambda: driver.intake.total > 0, "another frame is dropped"
+        poses, pose, lambda: driver.subscriber.total > 0, "another frame is dropped"
     )
     x, y = world.topics.convert.centres[0]
     pose.header.frame_id = "map"
@@ -495,12 +467,10 @@ def test_a_driver_that_somebody_manages_waits_for_its_activation(bench):
     observer.say(
         poses, pose, lambda: driver.driver.pose is not None, "the pose is there"
     )
-    assert driver._reached_publisher is None and not driver.active
+    assert not driver.on_duty and not driver.active
     driver.trigger_configure()
     driver.trigger_activate()
-    bench.spin_until(
-        lambda: driver._reached_publisher is not None, "it reports for duty"
-    )
+    bench.spin_until(lambda: driver.on_duty, "it reports for duty")
     driver.halt()
     bench.spin_until(lambda: commands, "a stamped command")
     assert commands[0].header.frame_id == "a_robot_1/base_link"

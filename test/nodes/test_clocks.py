@@ -5,12 +5,16 @@
 import time
 
 import pytest
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray
 from rosgraph_msgs.msg import Clock
 from visualization_msgs.msg import MarkerArray
 
+from sparse_coord_ros.log.bags import open_bag
 from sparse_coord_ros.log.runlog.verify import verify
 from sparse_coord_ros.ros.nodes.body import BodyNode
 from sparse_coord_ros.ros.nodes.driver import DriverNode
+from sparse_coord_ros.ros.nodes.outputs import gather
 
 FLEETS = ("a", "b")
 ROBOTS = ("robot_1", "robot_2")
@@ -26,28 +30,49 @@ def stamps(arrays):
 
 
 @pytest.mark.parametrize("clock", ["own", "none"])
-def test_markers_have_the_run_s_time_only_where_it_is_that_of_the_clock(
-    bench, tmp_path, clock
+def test_what_is_shown_has_the_time_of_the_clock_that_others_follow(
+    bench, tmp_path, simulate, assert_same_tables, clock
 ):
-    """Where the clock is others', time steps of some seconds would be long gone."""
+    """Where the clock is others', markers of the run's time would be long gone.
+
+    Another's clock runs beside then: the log has the run's own, from a topic that is hidden.
+    """
     out = tmp_path / "out"
+    own = clock == "own"
     observer = bench.observer()
     heard = [
         observer.listen(MarkerArray, name, latched=True)
         for name in ("markers", "scene")
     ]
+    said = observer.listen(DiagnosticArray, "/diagnostics")
+    others = None if own else observer.create_publisher(Clock, "/clock", 10)
     begun = time.time()
     bench.recorder(out / "bag")
     world = bench.world(
-        out=str(out), set=["steps=150"], recorded=True, clock=clock, rate=150.0
+        out=str(out), set=["steps=40"], recorded=True, clock=clock, rate=60.0
     )
     bench.robots(out=str(out))
+
+    def told():
+        if others is not None:
+            others.publish(Clock(clock=Time(sec=1000 * len(said))))
+        return world.lockstep.world.transitions > 20
+
+    bench.spin_until(told, "the run is under way")
+    assert observer.count("/clock") == 1, "the world's, or that of the others"
     bench.spin_until_done()
     end = world.lockstep.world.step * world.run.step_period
-    earliest, latest = (0.0, end) if clock == "own" else (begun, time.time())
+    earliest, latest = (0.0, end) if own else (begun, time.time())
     for arrays in heard:
         assert len(arrays) > 1
         assert all(earliest <= one <= latest for one in stamps(arrays))
+    headers = [message.header for message in said]
+    assert {header.frame_id for header in headers} == {""}
+    assert all(abs(header.stamp.sec - time.time()) < 300 for header in headers)
+    gather(out, world.run.scenario, interrupted=False)
+    assert_same_tables(out, simulate("env1", {"steps": 40}))
+    clocks = {"/clock", "/_clock"} & set(open_bag(out / "bag").topics)
+    assert clocks == {"/clock" if own else "/_clock"}
     assert verify(out / "bag").same
 
 

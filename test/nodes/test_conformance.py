@@ -14,7 +14,12 @@ from sparse_coord_ros.cli.main import main
 from sparse_coord_ros.log.runlog.verify import verify
 from sparse_coord_ros.ros.nodes import conformance
 from sparse_coord_ros.ros.nodes.conformance import BROKEN as BROKEN_ONE
-from sparse_coord_ros.ros.nodes.conformance import KEPT, NOT_SEEN, OBLIGATIONS, Stage
+from sparse_coord_ros.ros.nodes.conformance import (
+    KEPT,
+    NOT_SEEN,
+    OBLIGATIONS,
+    ScriptedWorld,
+)
 from sparse_coord_ros.ros.nodes.robot import RobotNode
 from sparse_coord_ros.ros.nodes.team import run_team
 
@@ -42,25 +47,26 @@ def example(monkeypatch):
 
 @pytest.fixture
 def judged(bench, monkeypatch):
-    """Return a function that judges a robot of this process; it returns the stage."""
+    """Return a function that judges a robot of this process; it returns the world."""
     monkeypatch.setattr(conformance, "START_SECONDS", 1.5)
 
-    def judge(kind, **more):
+    def judge(kind, *, quiet=0.1, **more):
+        monkeypatch.setattr(conformance, "QUIET_SECONDS", quiet)
         context, executor = bench.place()
         if kind is not None:
             bench.add(kind(context=context, cli_args=NAME))
-        stage = Stage("robot_1", "env1", executor, context=context, **more)
-        bench.add(stage.node)
-        stage.play()
-        return stage
+        scripted = ScriptedWorld("robot_1", "env1", executor, context=context, **more)
+        bench.add(scripted.node)
+        scripted.play()
+        return scripted
 
     return judge
 
 
 def test_a_learning_robot_of_ones_own_keeps_the_contract(judged, example):
-    stage = judged(example("own_learning_robot"), checkpoints=True)
-    assert (stage.broken, stage.seen) == ({}, {*OBLIGATIONS})
-    assert [one.verdict for one in stage.judged()] == [KEPT] * len(OBLIGATIONS)
+    scripted = judged(example("own_learning_robot"), checkpoints=True)
+    assert (scripted.broken, scripted.seen) == ({}, {*OBLIGATIONS})
+    assert [one.verdict for one in scripted.judged()] == [KEPT] * len(OBLIGATIONS)
 
 
 def test_a_robot_of_ours_keeps_the_contract_checkpoints_too(judged, tmp_path):
@@ -70,22 +76,21 @@ def test_a_robot_of_ours_keeps_the_contract_checkpoints_too(judged, tmp_path):
         values = {"claim_window": 0.0, "out": str(tmp_path)}
         return RobotNode(context=context, name="robot_1", values=values)
 
-    stage = judged(robot, checkpoints=True)
-    assert (stage.broken, stage.seen) == ({}, {*OBLIGATIONS})
+    scripted = judged(robot, checkpoints=True)
+    assert (scripted.broken, scripted.seen) == ({}, {*OBLIGATIONS})
 
 
-def test_checkpoints_may_be_required(judged, example):
+@pytest.mark.parametrize(
+    ("required", "verdict"),
+    [(True, BROKEN_ONE), pytest.param(False, NOT_SEEN, marks=pytest.mark.long)],
+)
+def test_checkpoints_may_be_required(judged, example, required, verdict):
     """A robot may keep none: then it is not asked to go back, and that is not seen."""
-    verdicts = {}
-    for required in (False, True):
-        stage = judged(example("own_robot"), checkpoints=required)
-        [goes_back] = [one for one in stage.judged() if one.name == "goes back"]
-        verdicts[required] = goes_back.verdict
-    assert verdicts == {False: NOT_SEEN, True: BROKEN_ONE}
-    assert str(goes_back).endswith(
-        "goes back to a checkpoint that it named: its _progress names no checkpoint; they are "
-        "required (docs/interface.md#going-back)"
-    )
+    scripted = judged(example("own_robot"), checkpoints=required)
+    [goes_back] = [one for one in scripted.judged() if one.name == "goes back"]
+    assert goes_back.verdict == verdict
+    named = "names no checkpoint; they are required" in str(goes_back)
+    assert named == required
 
 
 PLAIN = "own_robot"
@@ -117,7 +122,7 @@ BROKEN = [
     ("reward", PLAIN, "said.get(label, 0)", 'said.get(label, label == "learned")'),
     ("answers", PLAIN, "self.step_of(request.start) in (", "True or ("),
     ("stranger", PLAIN, 'values["run"] != self.run["id"]', 'not values["run"]'),
-    ("roll call", PLAIN, "self.obeyed = order", "return"),
+    ("progress", PLAIN, "self.obeyed = order", "return"),
     ("asks", LEARNS, '"coordinate": percept != DID_NOT_ASK', '"coordinate": 0'),
     ("asks again", LEARNS, "self.step_of(plan) < self.step", "self.step_of(plan) < 0"),
     ("percept", LEARNS, "self.percept.publish(", "print("),
@@ -135,11 +140,12 @@ BROKEN = [
 def test_who_breaks_an_obligation_is_told_which(
     judged, example, what, robot, before, after
 ):
-    stage = judged(example(robot, **{robot: [(before, after)]}))
-    assert what in stage.broken, stage.broken
+    broken = example(robot, **{robot: [(before, after)]})
+    scripted = judged(broken, quiet=conformance.QUIET_SECONDS)
+    assert what in scripted.broken, scripted.broken
     place, text, _ = OBLIGATIONS[what]
-    [line] = [str(one) for one in stage.judged() if one.name == what]
-    assert line.startswith("BROKEN") and f"  {text}: {stage.broken[what]}" in line
+    [line] = [str(one) for one in scripted.judged() if one.name == what]
+    assert line.startswith("BROKEN") and f"  {text}: {scripted.broken[what]}" in line
     assert line.endswith(f"(docs/interface.md#{place})")
 
 
@@ -217,10 +223,10 @@ def test_a_run_with_a_robot_of_ones_own(bench, tmp_path, example, capfd):
         bench.destroy(node)
     bench.spin_until_done(recorder)
     found = verify(tmp_path / "bag")
-    assert (found.differences, found.open) == ((), ())
+    assert found.cannot_tell
     assert found.steps == 150 and found.choices == found.updates > 0
-    [sentence] = found.not_computed
-    assert sentence.startswith("robot_1 shows no tables and no coordination maps")
+    [unknown] = found.unknown
+    assert unknown.why.startswith("robot_1 publishes no tables")
     (tmp_path / "checkpoint" / "robot_2.lock").touch()
     with pytest.raises(RunError, match="holds nothing of robot_1 ") as error:
         run_team({"resume": True, "out": str(tmp_path)}, context=context)

@@ -3,7 +3,6 @@
 """Robots exchange what they learned, once, and plan on it; the log shows it."""
 
 import base64
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,14 +10,18 @@ from std_srvs.srv import Trigger
 from teams import tables_in
 
 from sparse_coord_ros.base.compiling import has_numba
-from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.core.engine.improve import improve
 from sparse_coord_ros.core.engine.training import train
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.learners.agent import Agent
 from sparse_coord_ros.core.learners.tables import tables_equal
-from sparse_coord_ros.core.runs.run_config import load_run
-from sparse_coord_ros.core.runs.tables import pack_tables, unpack_saved
+from sparse_coord_ros.core.runs.run_config import load_run, make_run
+from sparse_coord_ros.core.runs.tables import pack_tables
 from sparse_coord_ros.log.runlog import improved, verify
-from sparse_coord_ros.ros.nodes.exchange import TICK_SECONDS, Exchange
+from sparse_coord_ros.protocol.wire import COUNTS
+from sparse_coord_ros.protocol.wire.services import LEARNED
+from sparse_coord_ros.ros.nodes.exchange import AGAIN_TICKS, TICK_SECONDS, Exchange
+from sparse_coord_ros.ros.nodes.robot import RobotNode
 from sparse_coord_ros.ros.nodes.spin import ros_context
 from sparse_coord_ros.ros.nodes.team import run_team
 
@@ -51,7 +54,7 @@ def test_each_robot_plans_what_a_run_without_ros_plans_and_verify_again(
     assert tables_equal(tables_in(out / "improved"), list(due.tables))
     assert not list((out / "improved").glob("tables_*"))
     found = verify(out / "bag")
-    assert found.same and found.kept == 0
+    assert found.same
     real = improved.improve
     backwards = lambda scenario, rule, known: real(scenario, rule, known[::-1])  # noqa: E731
     monkeypatch.setattr(improved, "improve", backwards)
@@ -61,16 +64,22 @@ def test_each_robot_plans_what_a_run_without_ros_plans_and_verify_again(
     ]
 
 
+class Silent(RobotNode):
+    """Robots of which robot_2 says nothing of what it has learned."""
+
+    def create_service(self, kind, name, answer, **more):
+        def say_nothing(request, response):
+            return response
+
+        silent = (self.get_name(), name) == ("robot_2", LEARNED.of("~"))
+        answer = say_nothing if silent else answer
+        return super().create_service(kind, name, answer, **more)
+
+
 def test_a_robot_keeps_its_tables_where_a_peer_says_nothing(
     tmp_path, monkeypatch, capfd
 ):
-    def silent(self, request, response):
-        if self._number == 1:
-            return response
-        return answer(self, request, response)
-
-    answer = Exchange._answer
-    monkeypatch.setattr(Exchange, "_answer", silent)
+    monkeypatch.setattr("sparse_coord_ros.ros.nodes.team.RobotNode", Silent)
     out = tmp_path / "out"
     with ros_context() as context:
         run_team(values(out, step_timeout=0.6, percept_timeout=0.5), context=context)
@@ -81,61 +90,9 @@ def test_a_robot_keeps_its_tables_where_a_peer_says_nothing(
         plan[1:], learned[1:]
     )
     found = verify(out / "bag")
-    assert found.cannot_tell and found.kept == 1
-    [why] = found.broke_off
-    assert why.startswith(
-        "robot_1 kept what it had learned, as where a peer does not say"
-    )
-
-
-def test_a_learning_robot_says_nothing_and_one_that_has_learned_all(bench):
-    observer = bench.observer()
-    world = bench.world(learner="factored", improve=True, rate=0.001)
-    robots = bench.robots()
-    bench.spin_until(lambda: world.lockstep.complete, "first barrier")
-    said = observer.call(Trigger, "robot_1/learned")
-    assert (said.success, said.message) == (False, "it is still learning")
-    robots[0].member._exchange.over()
-    said = observer.call(Trigger, "robot_1/learned")
-    [saved] = unpack_saved(base64.b64decode(said.message), [1], where="said")
-    assert said.success and saved.memory is not None
-
-
-def test_an_answer_that_is_none_is_not_used(bench):
-    world = bench.world(learner="factored", improve=True, rate=0.001)
-    robots = bench.robots()
-    bench.spin_until(lambda: world.lockstep.complete, "first barrier")
-    mine = robots[0].member._exchange
-    for text in ("nonsense!", base64.b64encode(b"no archive").decode()):
-        future = type("Answer", (), {"result": lambda _, text=text: response(text)})()
-        mine._take(1, future)
-        assert 1 not in mine._learned
-    assert robots[0].intake.total == 2
-    learning = response("it is still learning", success=False)
-    mine._take(1, SimpleNamespace(result=lambda: learning))
-    assert 1 not in mine._learned
-    assert robots[0].intake.total == 2, (
-        "it does not know all yet: nothing is wrong with that"
-    )
-
-
-def test_what_no_robot_can_have_learned_is_not_used(bench):
-    """Of a stranger, or of a peer of another version: nobody plans on it."""
-    world = bench.world(learner="factored", improve=True, rate=0.001)
-    robots = bench.robots()
-    bench.spin_until(lambda: world.lockstep.complete, "first barrier")
-    mine, peer = (robot.member._exchange for robot in robots)
-    peer.over()
-    real = Trigger.Response()
-    peer._answer(Trigger.Request(), real)
-    [saved] = unpack_saved(base64.b64decode(real.message), [2], where="said")
-    false = {**saved.memory, "q_star": saved.memory["q_star"] * np.inf}
-    data = pack_tables({2: false}, counts=saved.counts)
-    future = SimpleNamespace(result=lambda: response(base64.b64encode(data).decode()))
-    mine._take(1, future)
-    assert 1 not in mine._learned and robots[0].intake.total == 1
-    mine._take(1, SimpleNamespace(result=lambda: real))
-    assert mine._learned[1] == base64.b64decode(real.message)
+    [unknown] = found.unknown
+    assert found.cannot_tell
+    assert unknown.why.startswith("robot_1 kept its own tables instead of a plan")
 
 
 def test_a_second_server_of_what_was_learned_is_told(bench, capfd):
@@ -146,8 +103,8 @@ def test_a_second_server_of_what_was_learned_is_told(bench, capfd):
     stranger.create_service(Trigger, "robot_2/learned", lambda _, response: response)
 
     def seen():
-        world._guard.look()
-        return world._guard.doubled
+        world.guard.look()
+        return world.guard.doubled
 
     bench.spin_until(seen, "the stranger is seen")
     assert world.summary()["services_of_two_servers"] == 1
@@ -157,34 +114,153 @@ def test_a_second_server_of_what_was_learned_is_told(bench, capfd):
     )
 
 
+# Without ROS.
+
+
+class Asking:
+    """Of a robot's node what its exchange needs; the answers of its peers are there at once.
+
+    Attributes:
+        answer: how it answers its peers.
+        dropped: what did not fit.
+    """
+
+    def __init__(self, name):
+        self.name = name
+        self.shared_clients = {}
+        self.subscriber = self
+        self.answer = None
+        self.dropped = []
+
+    def get_name(self):
+        return self.name
+
+    def create_service(self, kind, name, answer):
+        self.answer = answer
+
+    def guarded(self, call):
+        return call
+
+    def drop(self, name, why, done):
+        self.dropped.append(why)
+
+    def says(self):
+        """Return what it answers a peer."""
+        return self.answer(Trigger.Request(), Trigger.Response())
+
+
+class Client:
+    """A client of what a peer has learned.
+
+    Args:
+        says: returns the peer's answer.
+    """
+
+    def __init__(self, says):
+        self.says = says
+
+    def service_is_ready(self):
+        return True
+
+    def call_async(self, request):
+        self.answer = self.says()
+        return self
+
+    def add_done_callback(self, then):
+        then(self)
+
+    def result(self):
+        return self.answer
+
+
+RUN = make_run(
+    load_scenario("env1").with_settings({"steps": 300, "penalty": -100}),
+    {
+        "learner": "factored",
+        "improve": True,
+        "step_timeout": 3.0,
+        "percept_timeout": 1.0,
+    },
+)
+
+
+def learned(robot, change=None):
+    """Return what a robot has learned, packed; changed where `change` says so."""
+    agent = Agent(RUN.rule, RUN.scenario, robot, 0)
+    memory = agent.memory()
+    if change is not None:
+        memory = {**memory, **change(memory)}
+    return pack_tables({robot + 1: memory}, counts=dict.fromkeys(COUNTS, 0))
+
+
+def exchange(name):
+    """Return a robot's part in the exchange, and its node."""
+    node = Asking(name)
+    number = RUN.scenario.names.index(name)
+    return Exchange(node, RUN, lambda: learned(number)), node
+
+
 def response(text, *, success=True):
     return Trigger.Response(success=success, message=text)
 
 
-def test_who_cannot_improve(tmp_path):
-    for wrong, words in (
-        ({"learner": "coop"}, "learner coop keeps no model"),
-        ({"greedy": True}, "a greedy run learns nothing"),
-    ):
-        with ros_context() as context, pytest.raises(SettingError, match=words):
-            run_team(values(tmp_path / "out", **wrong), context=context)
+def in_base64(data):
+    return base64.b64encode(data).decode()
 
 
-def test_nobody_leaves_before_its_peers_have_asked(bench):
-    """Nor before it knows all; and after `step_timeout` in any case."""
-    world = bench.world(learner="factored", improve=True, rate=0.001, step_timeout=60.0)
-    robots = bench.robots()
-    bench.spin_until(lambda: world.lockstep.complete, "first barrier")
-    first, second = (robot.member._exchange for robot in robots)
-    second._learned[1] = second._packed()  # it could answer, but does not ask yet
-    bench.spin_until(lambda: first.over() or 1 in first._learned, "the first knows all")
-    assert not first.over() and not first.over(), "the second has not asked it"
-    bench.spin_until(
-        lambda: second.over() or 0 in second._learned, "the second knows all"
-    )
+def infinite(memory):
+    """Return what no robot can have learned."""
+    return {"q_star": memory["q_star"] * np.inf}
+
+
+def test_a_robot_says_what_it_has_learned_once_it_has_learned_all():
+    mine, node = exchange("robot_1")
+    node.shared_clients[LEARNED.of("robot_2")] = Client(lambda: None)
+    said = node.says()
+    assert (said.success, said.message) == (False, "it is still learning")
+    mine.over()
+    said = node.says()
+    assert said.success and base64.b64decode(said.message) == learned(0)
+
+
+@pytest.mark.parametrize(
+    ("said", "drops"),
+    [
+        (response("nonsense!"), True),
+        (response(in_base64(b"no archive")), True),
+        (response(in_base64(learned(1, infinite))), True),
+        (response("it is still learning", success=False), False),
+        (response(in_base64(learned(1))), False),
+    ],
+    ids=["no base64", "no archive", "cannot be learned", "not yet", "good"],
+)
+def test_only_what_a_robot_can_have_learned_is_used(said, drops):
+    """A stranger, or a peer of another version, may say anything: nobody plans on it."""
+    mine, node = exchange("robot_1")
+    node.shared_clients[LEARNED.of("robot_2")] = Client(lambda: said)
+    mine.over()
+    node.says()  # its peer has asked it
+    assert bool(node.dropped) == drops
+    assert mine.over() == (said.success and not drops), "it knows all"
+
+
+def test_nobody_leaves_before_its_peers_have_asked():
+    """Nor before it knows all."""
+    first, node = exchange("robot_1")
+    second, other = exchange("robot_2")
+    node.shared_clients[LEARNED.of("robot_2")] = Client(other.says)
+    other.shared_clients[LEARNED.of("robot_1")] = Client(node.says)
+    assert not first.over(), "the second one is still learning"
+    assert not second.over(), "it knows all, but nobody has asked it"
+    for _ in range(AGAIN_TICKS):
+        assert not (first.over() and second.over())
     assert first.over() and second.over()
-    alone = Exchange(robots[0], world.run, first._packed)
+
+
+def test_nobody_waits_longer_than_step_timeout():
+    alone, node = exchange("robot_1")
+    node.shared_clients[LEARNED.of("robot_2")] = Client(lambda: None)
     ticks = 0
     while not alone.over():
         ticks += 1
-    assert 0 <= ticks * TICK_SECONDS - world.run.step_timeout <= 2 * TICK_SECONDS
+    assert 0 <= ticks * TICK_SECONDS - RUN.step_timeout <= 2 * TICK_SECONDS

@@ -8,21 +8,14 @@ import sys
 
 import pytest
 import yaml
-from geometry_msgs.msg import PoseStamped
 from rosbags.highlevel import AnyReader
 from teams import tables_in
 
+from sparse_coord_ros.base.errors import RunError
 from sparse_coord_ros.core.runs.history import load_history
 from sparse_coord_ros.core.runs.tables import load_saved, robot_file
 from sparse_coord_ros.protocol.lockstep import timeouts
-
-FAST = {"claim_window": 0.2}
-
-
-def assert_ended_well(process):
-    assert process.exit_code() == 0, process.output
-    assert "Traceback" not in process.output
-    assert "FATAL" not in process.output
+from sparse_coord_ros.ros.nodes import follower, recorder, robot, world_simulator
 
 
 def assert_bag_is_whole(bag):
@@ -38,37 +31,31 @@ def assert_tables(path, number):
     assert (q_star != 0).any()
 
 
-def test_nodes_end_well_on_a_signal(bench, start_node, tmp_path):
-    number = signal.SIGTERM
-    observer = bench.observer()
-    states = observer.listen(PoseStamped, "robot_1/local_state")
-    run = {"scenario": "env1", "out": tmp_path, "recorded": True, "rate": 100.0, **FAST}
-    world = start_node("world_simulator", "world_simulator", **run)
-    recorder = start_node("recorder", "recorder", out=tmp_path / "bag")
-    one, other = (
-        start_node("robot", f"robot_{k}", out=tmp_path, **FAST) for k in (1, 2)
-    )
+def test_who_is_stopped_saves_what_it_has_and_the_others_go_on(
+    bench, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(follower, "STOP_SECONDS", 0.1)
+    out = str(tmp_path)
+    world = bench.world(out=out, recorded=True, rate=100.0)
+    recorder = bench.recorder(tmp_path / "bag")
+    one, other = bench.robots(out=out)
 
     def wait_for_steps(count=5):
-        before = len(states)
-        bench.spin_until(lambda: len(states) >= before + count, "steps go on")
+        then = world.lockstep.world.step + count
+        bench.spin_until(lambda: world.lockstep.world.step >= then, "steps go on")
 
     wait_for_steps(20)
-    recorder.send_signal(number)
-    assert_ended_well(recorder)
+    bench.stop(recorder)
     assert_bag_is_whole(tmp_path / "bag")
     wait_for_steps()
 
-    other.send_signal(number)
-    assert_ended_well(other)
+    bench.stop(other)
     assert_tables(robot_file(tmp_path, "robot_2"), 2)
     wait_for_steps()
 
-    bench.destroy(observer)  # its readers' acknowledgements would be waited for
-    world.send_signal(number)
-    assert_ended_well(world)
+    bench.stop(world)
     assert yaml.safe_load((tmp_path / "summary.yaml").read_text())["transitions"] >= 25
-    assert_ended_well(one)
+    bench.spin_until_done(one)
     assert_tables(robot_file(tmp_path, "robot_1"), 1)
     assert len(tables_in(tmp_path)) == 2
 
@@ -80,8 +67,8 @@ def test_a_world_that_lost_all_robots_says_that_it_waits_and_for_whom(
     world = bench.world(step_timeout=0.2, percept_timeout=0.1)
     robots = bench.robots()
     bench.spin_until(lambda: world.lockstep.world.step > 9, "the run is under way")
-    for robot in robots:
-        bench.destroy(robot)
+    for one in robots:
+        bench.destroy(one)
     said = []
     bench.spin_until(
         lambda: said.append(capfd.readouterr().err) or "(1 s)" in said[-1], "it waits"
@@ -94,18 +81,27 @@ def test_a_world_that_lost_all_robots_says_that_it_waits_and_for_whom(
     assert "going on without" not in text
 
 
-def test_the_team_ends_when_the_world_fails(start_node, tmp_path):
+def test_the_team_ends_when_the_world_fails(bench, tmp_path):
     """One robot never comes: the world gives up, and who waited for it ends too."""
-    robot = start_node("robot", "robot_1", out=tmp_path)
-    recorder = start_node("recorder", "recorder", out=tmp_path / "bag")
-    world = start_node(
-        "world_simulator", "world_simulator", scenario="env1", startup_timeout=3.0
-    )
-    assert world.exit_code() == 2
-    assert "startup_timeout: after 3 s still no node for" in world.output
-    for process in (robot, recorder):
-        assert_ended_well(process)
+    recorder = bench.recorder(tmp_path / "bag")
+    robot = bench.robot("robot_1", out=str(tmp_path))
+    world = bench.world()
+    bench.spin_until(lambda: robot.member and recorder.recording, "they follow the run")
+    world.values["startup_timeout"] = 0.001
+    with pytest.raises(RunError, match="^startup_timeout: .* robot_2"):
+        bench.spin_until(lambda: False)
+    world.finish(interrupted=True)  # as `run_node` does
+    bench.destroy(world)
+    bench.spin_until_done(robot, recorder)
     assert_bag_is_whole(tmp_path / "bag")
+
+
+MAINS = {
+    "world_simulator": (world_simulator.main, ["scenario:=env1"], "run"),
+    "robot": (robot.main, [], "robot/_claim"),
+    "recorder": (recorder.main, ["out:={out}"], "_recording"),
+}
+"""Of each node its executable, its parameters, and a topic that is there when it is."""
 
 
 @pytest.mark.parametrize(
@@ -113,26 +109,15 @@ def test_the_team_ends_when_the_world_fails(start_node, tmp_path):
     [
         ("world_simulator", signal.SIGINT),
         ("robot", signal.SIGTERM),
-        ("recorder", signal.SIGINT),
+        ("recorder", signal.SIGHUP),
     ],
 )
-def test_a_waiting_node_ends_well_on_a_signal(
-    start_node, bench, tmp_path, name, number
-):
-    observer = bench.observer()
-    more = {
-        "world_simulator": {"scenario": "env1"},
-        "recorder": {"out": tmp_path / "bag"},
-    }
-    process = start_node(name, name, **more.get(name, {}))
-    topic = {
-        "world_simulator": "run",
-        "robot": "robot/_claim",
-        "recorder": "_recording",
-    }[name]
-    bench.spin_until(lambda: observer.count(topic), "node is there")
-    process.send_signal(number)
-    assert_ended_well(process)
+def test_a_waiting_node_ends_well_on_a_signal(ended_by, tmp_path, name, number):
+    main, parameters, topic = MAINS[name]
+    given = [one.format(out=tmp_path / "bag") for one in parameters]
+    code, said = ended_by(main, number, topic, *given)
+    assert code == 0
+    assert "Traceback" not in said and "FATAL" not in said
     assert not (tmp_path / "bag").exists()  # no world, no run, no bag
 
 

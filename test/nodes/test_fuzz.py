@@ -16,9 +16,9 @@ from strangers import Visitor, damaged
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.game.world import Action, Reward
 from sparse_coord_ros.core.runs.run_config import make_run
-from sparse_coord_ros.protocol.wire import Account
-from sparse_coord_ros.protocol.wire.status import Said, read_status
-from sparse_coord_ros.ros.nodes import interface
+from sparse_coord_ros.protocol.wire import SelfReport
+from sparse_coord_ros.protocol.wire.status import RunStatus, read_status
+from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.guard import read_claim
 from sparse_coord_ros.ros.nodes.messages import (
     Converter,
@@ -38,21 +38,21 @@ def test_what_random_bytes_bring_about_is_an_exception_or_fits():
     """Every reader of the nodes, on messages with a few bytes changed."""
     chance = random.Random(1)
     convert = Converter(make_run(load_scenario("env1"), {}))
-    values = Said("ab", "learning", 7, 5).values()
+    values = RunStatus("ab", "learning", 7, 5).values()
     texts = {
         convert.unpack_state: convert.pack_state(7, 3),
         convert.unpack_reward: convert.pack_reward(7, Reward(1.0, 0.0, -1.0, 0.0)),
         convert.unpack_action: convert.pack_action(
-            7, Action(2, True, 1, True), Account(1, True)
+            7, Action(2, True, 1, True), SelfReport(1, True)
         ),
-        typed(interface.STATUS, read_status): serialize_message(
+        typed(ros_topics.STATUS, read_status): serialize_message(
             status("a", "learning", values)
         ),
-        typed(interface.CLAIM, read_claim): serialize_message(
+        typed(ros_topics.CLAIM, read_claim): serialize_message(
             Header(frame_id="ab joined")
         ),
         read_run: serialize_message(String(data="format: 1")),
-        typed(interface.TABLES, read_tables_message): serialize_message(
+        typed(ros_topics.TABLES, read_tables_message): serialize_message(
             tables_message(b"npz", 7, "final")
         ),
     }
@@ -61,7 +61,7 @@ def test_what_random_bytes_bring_about_is_an_exception_or_fits():
         for _ in range(400):
             try:
                 said = read(damaged(chance, text))
-            except Exception:  # what `Intake` drops
+            except Exception:  # what `Subscriber` drops
                 dropped += 1
                 continue
             passed += 1

@@ -10,13 +10,15 @@ import time
 import pytest
 from browser import open_tab, wait_for
 from geometry_msgs.msg import Twist
+from patience import PATIENCE_SECONDS
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool, Trigger
 
+from sparse_coord_ros.cli.main import main as sparse_coord
 from sparse_coord_ros.protocol.lockstep.bodies import NO_GOALS, HaltWord
 from sparse_coord_ros.protocol.wire import RunState
-from sparse_coord_ros.ros.nodes import halting, interface
+from sparse_coord_ros.ros.nodes import halting, ros_topics
 from sparse_coord_ros.ros.nodes.body import BodyNode
 from sparse_coord_ros.ros.nodes.driver import DriverNode
 from sparse_coord_ros.ros.nodes.halting import ASK_SECONDS, Halting
@@ -24,6 +26,8 @@ from sparse_coord_ros.ros.nodes.messages import Converter
 from sparse_coord_ros.ros.nodes.watch import WatchNode
 from sparse_coord_ros.show.page.controls import HALT as HALTING
 from sparse_coord_ros.show.page.controls import Control
+
+from .puppet import puppet
 
 ROBOTS = ("robot_1", "robot_2")
 HALT = SetBool.Request(data=True)
@@ -34,27 +38,33 @@ GO_ON = SetBool.Request(data=False)
 def start_driver(bench):
     """Return a function that starts the driver of a robot."""
 
-    def start(robot):
+    def start(robot, place="team"):
         values = {"robot": robot, "speed": 2.0, "turn": 6.0}
-        context = bench.place()[0]
-        return bench.add(
-            DriverNode(context=context, name=f"{robot}_driver", values=values)
-        )
+        context = bench.place(place)[0]
+        node = DriverNode(context=context, name=f"{robot}_driver", values=values)
+        return bench.add(node, place)
 
     return start
 
 
-@pytest.fixture
-def team(bench, tmp_path, start_driver):
-    """Return the world of a team whose bodies drive at their own speed, and its drivers."""
+def team_of(bench, tmp_path, start_driver, places):
+    """Return a world whose bodies drive at their own speed, and its drivers, some elsewhere."""
     out = str(tmp_path / "out")
     more = {"set": ["steps=4000"], "checkpoint": 2, "body_timeout": 1.0}
     world = bench.world(bodies=True, out=out, **more)
     bench.robots(out=out)
-    drivers = {robot: start_driver(robot) for robot in ROBOTS}
+    drivers = {
+        robot: start_driver(robot, places.get(robot, "team")) for robot in ROBOTS
+    }
     bench.add(BodyNode(context=bench.place()[0], values={"body_rate": 30.0}))
     bench.spin_until(lambda: world.lockstep.world.transitions > 2, "under way")
     return world, drivers
+
+
+@pytest.fixture
+def team(bench, tmp_path, start_driver):
+    """Return such a team, all in one place."""
+    return team_of(bench, tmp_path, start_driver, {})
 
 
 def spin_for(bench, seconds):
@@ -78,9 +88,13 @@ def test_one_call_halts_all_and_another_lets_them_go_on(bench, team):
     assert world.doing == RunState.HALTED
     made = world.lockstep.world.transitions
     failed = world.summary()["moves_failed"]
+    stands = [Twist()] * 5  # commands of before may still be under way
+    bench.spin_until(
+        lambda: all(heard[-5:] == stands for heard in commands), "only these come"
+    )
     for heard in commands:
         heard.clear()
-    spin_for(bench, 2.0)  # twice body_timeout
+    spin_for(bench, 1.3)  # longer than body_timeout
     assert world.lockstep.world.transitions == made
     assert world.summary()["moves_failed"] == failed
     for heard in commands:
@@ -105,7 +119,7 @@ def test_a_driver_that_starts_while_all_are_halted_does_not_move(
     bench.destroy(drivers["robot_2"])
     commands = observer.listen(Twist, "robot_2/cmd_vel")
     late = start_driver("robot_2")
-    bench.spin_until(lambda: late._reached_publisher is not None, "it is on duty")
+    bench.spin_until(lambda: late.on_duty, "it is on duty")
     spin_for(bench, 0.5)
     assert late.halted
     assert all(command == Twist() for command in commands)
@@ -147,13 +161,15 @@ def test_a_world_that_comes_back_finds_the_team_halted(bench, team, tmp_path):
     bench.spin_until(lambda: again.lockstep.world.transitions > made + 2, "it goes on")
 
 
-def test_only_a_new_word_of_the_world_counts(bench, start_driver):
+def test_only_a_new_word_of_the_world_counts(bench):
     """What is heard first may have been said long ago; what is repeated says nothing new."""
-    driver = start_driver("robot_1")
+    values = {"robot": "robot_1"}
+    driver = bench.add(puppet(DriverNode)(context=bench.place()[0], values=values))
     observer = bench.observer()
     world = bench.world(bodies=True)
+    convert = Converter(world.run)
     bench.spin_until(lambda: driver.presence is not None, "the run is known")
-    assert observer.call(SetBool, "robot_1_driver/halt", HALT).success
+    assert observer.call(SetBool, "driver/halt", HALT).success
     for word, halted in [
         (HaltWord.GO_ON, True),
         (HaltWord.HALT, True),
@@ -162,9 +178,9 @@ def test_only_a_new_word_of_the_world_counts(bench, start_driver):
         (HaltWord.HALT, True),
         (HaltWord.NOTHING, True),
     ]:
-        driver._on_goals(NO_GOALS._replace(halt=word))
+        goals = NO_GOALS._replace(halt=word)
+        driver.hear("goals", convert.goals_message(goals))
         assert driver.halted == halted, word
-    convert = Converter(world.run)
     for word in HaltWord:
         goals = NO_GOALS._replace(halt=word)
         assert convert.read_goals(convert.goals_message(goals)) == goals
@@ -196,7 +212,7 @@ def test_a_word_that_is_lost_is_said_again_and_the_world_tells_who_has_not_confi
     bench.spin_until(lambda: len(heard) > before + 2, "said again")
     said = dict(zip(heard[-1].name, heard[-1].position, strict=True))
     assert said["halt"] == HaltWord.HALT
-    says = observer.create_publisher(Bool, "robot_1/halted", interface.LATCHED_QOS)
+    says = observer.create_publisher(Bool, "robot_1/halted", ros_topics.LATCHED_QOS)
     says.publish(Bool(data=True))
     bench.spin_until(
         lambda: observer.call(SetBool, "world_simulator/halt", HALT).success,
@@ -206,16 +222,20 @@ def test_a_word_that_is_lost_is_said_again_and_the_world_tells_who_has_not_confi
 
 def test_without_bodies_there_is_nothing_to_halt(bench):
     world = bench.world()
-    bench.spin_until(lambda: world._output is not None, "its services are there")
-    names = [
-        name
-        for name, _ in world.get_service_names_and_types_by_node("world_simulator", "/")
-    ]
-    assert "/world_simulator/pause" in names and "/world_simulator/halt" not in names
+
+    def offered():
+        of_node = world.get_service_names_and_types_by_node
+        return {name for name, _ in of_node("world_simulator", "/")}
+
+    bench.spin_until(
+        lambda: "/world_simulator/pause" in offered(), "its services are there"
+    )
+    assert "/world_simulator/halt" not in offered()
 
 
-def test_from_the_page_which_may_be_closed_then(bench, team):
+def test_from_the_page_which_may_be_closed_then(bench, team, monkeypatch):
     """A wish that is fulfilled is over: the page does not repeat it when others let them go on."""
+    monkeypatch.setattr(halting, "FIND_SECONDS", 0.5)
     world, drivers = team
     page = WatchNode(context=bench.place("observer")[0], values={"port": 0})
     bench.add(page, "observer")
@@ -229,7 +249,7 @@ def test_from_the_page_which_may_be_closed_then(bench, team):
     bench.spin_until(lambda: shown()["said"] == "all robots stand", "all stand")
     assert all(driver.halted for driver in drivers.values())
     bench.spin_until(
-        lambda: not page.controls._halting.asking, "it asks nobody any more"
+        lambda: not page.controls.halting.asking, "it asks nobody any more"
     )
     observer = bench.observer()
     observer.call(SetBool, "world_simulator/halt", GO_ON)
@@ -237,7 +257,7 @@ def test_from_the_page_which_may_be_closed_then(bench, team):
     page.controls.control(Control(HALTING, True))
     bench.spin_until(lambda: shown()["said"] == "all robots stand", "all stand again")
     bench.destroy(page)
-    spin_for(bench, 1.0)
+    spin_for(bench, 0.5)
     assert all(driver.halted for driver in drivers.values()), (
         "nothing goes on by itself"
     )
@@ -259,7 +279,7 @@ def test_the_page_says_who_does_not_answer(bench, team):
     bench.observer().create_service(
         SetBool, "deaf/halt", lambda request, response: response
     )
-    bench.spin_until(lambda: "deaf" in page.controls._halting.asked, "it is found")
+    bench.spin_until(lambda: "deaf" in page.controls.halting.asked, "it is found")
     page.controls.control(Control(HALTING, True))
     silent = "deaf: does not answer, its body may be moving"
     bench.spin_until(
@@ -289,7 +309,7 @@ def test_who_does_not_do_it_is_asked_again_but_not_for_ever(
     bench, obstinate, monkeypatch
 ):
     """Another team's nodes, in a namespace below, are not asked."""
-    monkeypatch.setattr(halting, "AGAIN_SECONDS", 0.05)
+    monkeypatch.setattr(halting, "REPEAT_HALT_SECONDS", 0.05)
     calls = Halting(bench.observer(), "/fleet")
     calls.tick(time.monotonic())
     begun = time.monotonic()
@@ -327,49 +347,55 @@ def processes(start_node, tmp_path):
     return found
 
 
-def test_the_command_says_who_has_not_confirmed(processes, start):
+@pytest.fixture
+def command(bench, capfd, monkeypatch):
+    """Return a function that runs `sparse_coord halt` while a bench is spun, all but one place.
+
+    It ends as soon as all have confirmed; `timeout`: the seconds that it takes where one does not.
+    """
+    monkeypatch.setattr(halting, "FIND_SECONDS", 0.5)
+
+    def halt(*words, but="", timeout=PATIENCE_SECONDS):
+        with bench.spinning(but=but):
+            words = ["--timeout", str(timeout), *words]
+            code = sparse_coord(["halt", "--json", *words])
+        return code, json.loads(capfd.readouterr().out)
+
+    return halt
+
+
+@pytest.mark.filterwarnings("ignore:failed to send response")
+def test_the_command_says_who_has_not_confirmed(bench, tmp_path, start_driver, command):
     """A driver that hangs cannot answer: its body may be moving."""
-
-    def halt(*words):
-        process = start("cli.main", "halt", "--json", *words)
-        code = process.exit_code(60)
-        print(process.output)
-        return code, json.loads(process.output)
-
-    names = {"world_simulator", *(f"{robot}_driver" for robot in ROBOTS)}
-    processes["robot_2_driver"].send_signal(signal.SIGSTOP)
-    code, said = halt("--timeout", "5")
+    world, _ = team_of(bench, tmp_path, start_driver, places={"robot_2": "hangs"})
+    code, said = command(but="hangs", timeout=4)
     assert code == 1 and not said["confirmed"]
-    world = said["nodes"]["world_simulator"]
-    assert not world["done"]
-    assert world["said"].endswith("not yet confirmed by the drivers of robot_2")
-    processes["robot_2_driver"].send_signal(signal.SIGCONT)
-    processes["robot_2_driver"].wait_for("the body of robot_2 stands")
-    code, said = halt()
+    told = said["nodes"]["world_simulator"]
+    assert not told["done"]
+    assert told["said"].endswith("not yet confirmed by the drivers of robot_2")
+    code, said = command()
     assert (code, said["confirmed"], said["world_told"]) == (0, True, True)
-    assert said["nodes"].keys() <= names
-    code, said = halt("--go-on")
+    assert {*said["nodes"]} == {
+        "world_simulator",
+        *(f"{robot}_driver" for robot in ROBOTS),
+    }
+    code, said = command("--go-on")
     assert (code, said["confirmed"]) == (0, True)
-    processes["robot_1_driver"].wait_for("the body of robot_1 may go on")
-    processes["world_simulator"].send_signal(signal.SIGKILL)
-    processes["world_simulator"].exit_code()
-    process = start("cli.main", "halt", "--timeout", "5")
-    assert process.exit_code(60) == 1
-    assert "robot_1_driver: stands\n" in process.output
-    assert "robot_2_driver: stands\n" in process.output
-    assert (
-        "no world has confirmed it: drivers that start later are not told"
-        in process.output
-    )
+    bench.destroy(world)
+    code, said = command(timeout=4)
+    assert (code, said["confirmed"], said["world_told"]) == (1, False, False)
+    answers = {name: one["said"] for name, one in said["nodes"].items()}
+    assert answers == {f"{robot}_driver": "stands" for robot in ROBOTS}
 
 
-def test_where_no_team_is_the_command_ends_with_one_line(start):
-    process = start("cli.main", "halt", "--namespace", "nowhere", "--timeout", "3")
-    assert process.exit_code(60) == 2
-    assert process.output.startswith(
-        "error: no world with bodies and no driver is in namespace /nowhere; "
-    )
-    assert process.output.count("\n") == 1
+def test_where_no_team_is_the_command_ends_with_one_line(
+    own_domain, capfd, monkeypatch
+):
+    monkeypatch.setattr(halting, "ASK_SECONDS", 0.5)
+    assert sparse_coord(["halt", "--namespace", "nowhere"]) == 2
+    [line] = capfd.readouterr().err.splitlines()
+    what = "error: no world with bodies and no driver is in namespace /nowhere; "
+    assert line.startswith(what)
 
 
 @pytest.mark.long

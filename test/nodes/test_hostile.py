@@ -22,8 +22,9 @@ from sparse_coord_ros.core.game.settings import SettingTable
 from sparse_coord_ros.core.learners.agent import Agent
 from sparse_coord_ros.log.bags import open_bag
 from sparse_coord_ros.log.runlog.verify import verify
-from sparse_coord_ros.protocol.wire.status import Said
-from sparse_coord_ros.ros.nodes import interface, spin
+from sparse_coord_ros.protocol.wire.services import ACTIVE_PERCEPTION
+from sparse_coord_ros.protocol.wire.status import RunStatus
+from sparse_coord_ros.ros.nodes import ros_topics, spin
 from sparse_coord_ros.ros.nodes.environment import (
     SECURITY_MARK,
     check_participants,
@@ -31,13 +32,7 @@ from sparse_coord_ros.ros.nodes.environment import (
 )
 from sparse_coord_ros.ros.nodes.messages import status
 from sparse_coord_ros.ros.nodes.parameters import PARAMETERS, ParameterNode
-from sparse_coord_ros.ros.nodes.peers import Peers
-from sparse_coord_ros.ros.nodes.recorder import (
-    LAST_WORDS_SECONDS,
-    TALK_SECONDS,
-    Recorder,
-    Recording,
-)
+from sparse_coord_ros.ros.nodes.recorder import Recorder
 from sparse_coord_ros.ros.nodes.robot import RobotNode
 from sparse_coord_ros.ros.nodes.spin import ending, ros_context, run_node, signals
 from sparse_coord_ros.ros.nodes.team import run_team
@@ -75,7 +70,7 @@ def pose(cell_of, step, cell):
 
 
 def forged(*said):
-    return status("env1", said[1], Said(*said).values())
+    return status("env1", said[1], RunStatus(*said).values())
 
 
 def test_a_team_under_fire_learns_what_it_would_have_learned(
@@ -89,40 +84,40 @@ def test_a_team_under_fire_learns_what_it_would_have_learned(
     bench.spin_until(lambda: world.lockstep.complete, "the first barrier")
     convert = world.topics.convert
     for data in GARBAGE:
-        for topic in (interface.RUN, interface.STATUS, interface.CLOCK):
+        for topic in (ros_topics.RUN, ros_topics.STATUS, ros_topics.CLOCK):
             attacker.say(topic, data)
         for topic in (
-            interface.LOCAL_STATE,
-            interface.REWARD,
-            interface.ACTION,
-            interface.CLAIM,
+            ros_topics.LOCAL_STATE,
+            ros_topics.REWARD,
+            ros_topics.ACTION,
+            ros_topics.CLAIM,
         ):
             attacker.say(topic, data, "robot_1")
-        attacker.say(interface.TABLES, data, "robot_1")
-        attacker.say(interface.MAP, data)
+        attacker.say(ros_topics.TABLES, data, "robot_1")
+        attacker.say(ros_topics.MAP, data)
     for step in (1_000_000, 20):
-        attacker.say(interface.LOCAL_STATE, pose(convert, step, 3), "robot_1")
+        attacker.say(ros_topics.LOCAL_STATE, pose(convert, step, 3), "robot_1")
     late = PoseStamped(header=Header(frame_id="map", stamp=Time(sec=2**31 - 1)))
-    attacker.say(interface.LOCAL_STATE, serialize_message(late), "robot_2")
+    attacker.say(ros_topics.LOCAL_STATE, serialize_message(late), "robot_2")
     late.header.stamp.sec = -5
-    attacker.say(interface.LOCAL_STATE, serialize_message(late), "robot_2")
+    attacker.say(ros_topics.LOCAL_STATE, serialize_message(late), "robot_2")
     for run in ("", "another"):
-        attacker.say(interface.STATUS, forged(run, "finished", 1, 60))
-    attacker.say(interface.STATUS, forged(world.run.id, "finished", 1, 7))
-    attacker.say(interface.RUN, String(data="steps: [1"))
+        attacker.say(ros_topics.STATUS, forged(run, "finished", 1, 60))
+    attacker.say(ros_topics.STATUS, forged(world.run.id, "finished", 1, 7))
+    attacker.say(ros_topics.RUN, String(data="steps: [1"))
     for stamp in (Time(), Time(sec=2**31 - 1)):
         for name in (*NAMES, "world_simulator"):
             attacker.say(
-                interface.CLAIM, Header(frame_id="0 joined", stamp=stamp), name
+                ros_topics.CLAIM, Header(frame_id="0 joined", stamp=stamp), name
             )
     robot = robots[0]
     bench.spin_until(
         lambda: (
             {"robot_1/local_state", "status", "run", "~/_claim"}
-            <= set(robot.intake.dropped)
-            and robots[1].intake.dropped["robot_2/local_state"] >= 2
-            and world.intake.dropped["robot_1/action"] >= len(GARBAGE)
-            and recorder.intake.dropped["clock"] >= 2
+            <= set(robot.subscriber.dropped)
+            and robots[1].subscriber.dropped["robot_2/local_state"] >= 2
+            and world.subscriber.dropped["robot_1/action"] >= len(GARBAGE)
+            and recorder.subscriber.dropped["clock"] >= 2
         ),
         "all has arrived",
     )
@@ -259,8 +254,10 @@ def test_a_node_that_cannot_be_taken_down_ends_with_a_word():
 
 def test_a_second_publisher_of_a_topic_is_named(bench, capfd):
     stranger = bench.observer()
-    stranger.create_publisher(interface.REWARD.type, interface.REWARD.of("robot_2"), 10)
-    guard = bench.world()._guard
+    stranger.create_publisher(
+        ros_topics.REWARD.type, ros_topics.REWARD.of("robot_2"), 10
+    )
+    guard = bench.world().guard
     guard.watch(["/robot_1/reward", "/robot_2/reward"])
 
     def seen():
@@ -281,7 +278,7 @@ def test_a_second_publisher_of_a_topic_is_named(bench, capfd):
 
 @pytest.mark.parametrize("begins", ["before the run", "in the run"])
 def test_a_second_server_of_a_robots_service_changes_nothing(
-    begins, bench, tmp_path, simulate, assert_same_tables, capfd, monkeypatch
+    begins, bench, tmp_path, simulate, assert_same_tables, capfd
 ):
     """It answers with a wrong cell, an old step, a refusal, in turn, and before the robot does."""
     settings = {"steps": 70, "epsilon": "constant:1"}
@@ -297,35 +294,41 @@ def test_a_second_server_of_a_robots_service_changes_nothing(
             response.plan.header.stamp = Time()
         return response
 
-    def answer(peers, request, response, answer=Peers._answer):
-        if peers is robots[1].member._peers:
-            answered.append(request)
-            while asked and len(asked) < len(answered):
-                bench.place("observer")[1].spin_once(timeout_sec=0.01)
-            for place in ("observer", *["team"] * 5):  # the lie is sent, and heard
-                bench.place(place)[1].spin_once(timeout_sec=0.01)
-        return answer(peers, request, response)
+    class Slow(RobotNode):
+        """A robot that answers after the stranger."""
 
-    monkeypatch.setattr(Peers, "_answer", answer)
+        def create_service(self, kind, name, answer, **more):
+            def answer_later(request, response):
+                answered.append(request)
+                while asked and len(asked) < len(answered):
+                    bench.place("observer")[1].spin_once(timeout_sec=0.01)
+                for place in ("observer", *["team"] * 5):  # the lie is sent, and heard
+                    bench.place(place)[1].spin_once(timeout_sec=0.01)
+                return answer(request, response)
+
+            asks = name == ACTIVE_PERCEPTION.of("robot_2")
+            then = answer_later if asks else answer
+            return super().create_service(kind, name, then, **more)
+
     world = bench.world(
         out=str(tmp_path), set=[f"{k}={v}" for k, v in settings.items()]
     )
-    out = {"out": str(tmp_path)}
-    robots = [
-        bench.robot("robot_1", **out),
-        bench.robot("robot_2", place="other", **out),
-    ]
-    percepts = stranger.listen(interface.PERCEPT.type, interface.PERCEPT.of("robot_1"))
+    values = {"out": str(tmp_path), "claim_window": 0.0}
+    slow = Slow(name="robot_2", context=bench.place("other")[0], values=values)
+    robots = [bench.robot("robot_1", out=str(tmp_path)), bench.add(slow, "other")]
+    percepts = stranger.listen(
+        ros_topics.PERCEPT.type, ros_topics.PERCEPT.of("robot_1")
+    )
     if begins == "in the run":
         bench.spin_until(lambda: world.lockstep.world.step > 9, "the run is under way")
     answered.clear()
     stranger.create_service(
-        interface.ACTIVE_PERCEPTION_TYPE, "robot_2/active_perception", lie
+        ros_topics.ACTIVE_PERCEPTION_TYPE, "robot_2/active_perception", lie
     )
 
     def seen():
-        world._guard.look()
-        return world._guard.doubled
+        world.guard.look()
+        return world.guard.doubled
 
     bench.spin_until(seen, "the stranger is seen")
     bench.spin_until_done(world, *robots)
@@ -336,7 +339,9 @@ def test_a_second_server_of_a_robots_service_changes_nothing(
     ]
     bench.spin_until(lambda: len(percepts) >= len(true), "all percepts are heard")
     assert percepts == [world.topics.convert.path(*one) for one in true]
-    assert len(asked) > 6 and robots[0].intake.dropped["robot_2/active_perception"] > 0
+    assert (
+        len(asked) > 6 and robots[0].subscriber.dropped["robot_2/active_perception"] > 0
+    )
     assert world.summary()["services_of_two_servers"] == 1
     [line] = [
         line for line in capfd.readouterr().err.splitlines() if "has 2 servers" in line
@@ -347,20 +352,6 @@ def test_a_second_server_of_a_robots_service_changes_nothing(
     )
 
 
-def test_who_talks_on_keeps_no_recorder():
-    """A stranger on a topic of the team; what comes late in a busy moment still counts."""
-    run = SimpleNamespace(improve=False)
-    recording = SimpleNamespace(
-        heard=0.0, _presence=SimpleNamespace(ended=0.0), run=run
-    )
-    recording._heard_all = lambda: False
-    for now, done in ((LAST_WORDS_SECONDS + 1, False), (TALK_SECONDS + 0.1, True)):
-        recording.heard = now
-        assert Recording.all_done(recording, now) is done
-    recording.heard = 0.0
-    assert Recording.all_done(recording, LAST_WORDS_SECONDS + 1)
-
-
 def test_security_is_refused_where_fast_dds_has_none(tmp_path, monkeypatch):
     library = tmp_path / "lib" / "libfastrtps.so"
     monkeypatch.setattr(sys, "prefix", str(tmp_path))
@@ -369,9 +360,7 @@ def test_security_is_refused_where_fast_dds_has_none(tmp_path, monkeypatch):
     check_security()  # no wheel: a build of the user's own
     library.parent.mkdir()
     library.write_bytes(b"without")
-    with pytest.raises(
-        RunError, match="asks for DDS-Security, but this Fast DDS .* without it"
-    ):
+    with pytest.raises(RunError, match="DDS-Security"):
         check_security()
     library.write_bytes(b"with " + SECURITY_MARK)
     check_security()
@@ -399,9 +388,7 @@ def test_world_and_recorder_may_be_renamed(bench, tmp_path):
 def test_more_processes_than_find_each_other_are_refused(monkeypatch):
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     check_participants(32)
-    with pytest.raises(
-        RunError, match="^34 nodes in processes of their own: .* at most 32 find"
-    ):
+    with pytest.raises(RunError, match="^34 nodes in processes"):
         check_participants(34)
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")
     check_participants(34)

@@ -24,7 +24,7 @@ from sparse_coord_ros.core.learners.tables import memories_equal
 from sparse_coord_ros.core.runs.run_config import run_from_yaml
 from sparse_coord_ros.core.runs.tables import load_saved, robot_file
 from sparse_coord_ros.protocol.wire.status import values_of
-from sparse_coord_ros.ros.nodes import interface
+from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.messages import Converter
 from sparse_coord_ros.show.layouts import foxglove_layout
 
@@ -408,8 +408,8 @@ def test_foxglove_finds_what_its_layout_names(team):
 
 
 def test_a_recorder_gets_what_is_kept_for_late_subscribers():
-    for topic in (interface.RUN, interface.TABLES, interface.ACTION):
-        assert interface.recorder_qos(topic).durability == topic.qos.durability
+    for topic in (ros_topics.RUN, ros_topics.TABLES, ros_topics.ACTION):
+        assert ros_topics.recorder_qos(topic).durability == topic.qos.durability
 
 
 def test_step_makes_one_step_and_holds(bench):

@@ -7,6 +7,7 @@
 
 import importlib.util
 import json
+import re
 import sys
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
@@ -151,25 +152,44 @@ def test_what_is_given_wins_over_the_file_also_where_it_is_the_default(
     )
 
 
-@pytest.mark.parametrize(
-    ("given", "text"),
-    [
-        (
-            {"greedy": "ture"},
-            "argument greedy: value is 'ture', allowed: true or false",
-        ),
-        (
-            {"record": "flase"},
-            "argument record: value is 'flase', allowed: true or false",
-        ),
-        ({"rate": "fast"}, "argument rate: value is 'fast', allowed: 0, or a number"),
-        ({"seed": "1.5"}, "argument seed: value is '1.5', allowed: a whole number"),
-        ({"set": "penaltie=3"}, "unknown setting 'penaltie' .did you mean 'penalty'"),
-    ],
-)
-def test_what_is_misspelt_ends_the_launch(launched, given, text):
-    with pytest.raises(SettingError, match=text):
-        launched(**given)
+TRUE_OR_FALSE = "allowed: true or false"
+OTHER_CLOCK = "argument body_clock: value is true, but the world"
+REFUSED = [
+    ("team", {"greedy": "ture"}, f"argument greedy: value is 'ture', {TRUE_OR_FALSE}"),
+    (
+        "team",
+        {"record": "flase"},
+        f"argument record: value is 'flase', {TRUE_OR_FALSE}",
+    ),
+    (
+        "team",
+        {"rate": "fast"},
+        "argument rate: value is 'fast', allowed: 0, or a number",
+    ),
+    ("team", {"seed": "1.5"}, "argument seed: value is '1.5', allowed: a whole number"),
+    (
+        "team",
+        {"set": "penaltie=3"},
+        "unknown setting 'penaltie' (did you mean 'penalty'",
+    ),
+    ("team", {"clock": "sun"}, "argument clock: value is 'sun', allowed: own or none"),
+    ("bodies", {"clock": "own", "body_clock": "true"}, OTHER_CLOCK),
+    ("lab", {"robots": "tb1"}, "argument robots: 1 names, allowed: 2"),
+    ("practice", {"robots": "tb1"}, "argument robots: 1 names, allowed: 2"),
+    (
+        "practice",
+        {"fault": "fire"},
+        "argument fault: value is 'fire', allowed: none or",
+    ),
+]
+"""Launch file, arguments, and how the launch ends."""
+
+
+@pytest.mark.parametrize(("file", "given", "text"), REFUSED)
+def test_a_bad_argument_ends_the_launch(launched, tmp_path, file, given, text):
+    out = {} if file == "practice" else {"out": str(tmp_path / "run")}
+    with pytest.raises(SettingError, match=re.escape(text)):
+        launched(file, **out, **given)
 
 
 def test_resume_goes_on_where_there_is_a_run_and_begins_one_where_there_is_none(
@@ -178,7 +198,7 @@ def test_resume_goes_on_where_there_is_a_run_and_begins_one_where_there_is_none(
     out = tmp_path / "run"
     assert "resume" not in values(nodes(out=str(out), resume="true")[0])
     out.mkdir()
-    with pytest.raises(RunError, match="or go on with that run: resume:=true"):
+    with pytest.raises(RunError, match="resume:=true"):
         nodes(out=str(out))
     found = nodes(out=str(out), resume="true")
     assert all(values(node)["resume"] for node in found)
@@ -206,10 +226,6 @@ def test_the_clock_follows_the_namespace_or_is_left_to_others(nodes, tmp_path):
     for found in (nodes(out=out, namespace="a", clock="none"), nodes("lab", out=out)):
         assert values(found[0])["clock"] == "none"
         assert found[0]["remappings"] == found[3]["remappings"] == []
-    with pytest.raises(
-        SettingError, match="clock: value is 'sun', allowed: own or none"
-    ):
-        nodes(out=out, clock="sun")
 
 
 @pytest.mark.parametrize(
@@ -234,13 +250,6 @@ def test_simulated_bodies_own_the_clock(
     assert all(
         node["remappings"] == [("/clock", "clock")] * bool(own) for node in found
     )
-
-
-def test_a_clock_has_one_owner(nodes, tmp_path):
-    with pytest.raises(
-        SettingError, match="argument body_clock: value is true, but the world"
-    ):
-        nodes("bodies", out=str(tmp_path / "run"), clock="own", body_clock="true")
 
 
 def test_a_misspelt_argument_name_is_warned_of(
@@ -316,12 +325,6 @@ def test_practice_puts_a_base_at_each_start(nodes):
     }
     [stand_in] = nodes("practice", scenario="env2-4r")
     assert values(stand_in)["bases"] == ["robot_1", "robot_2", "robot_3", "robot_4"]
-    with pytest.raises(SettingError, match="argument robots: 1 names, allowed: 2"):
-        nodes("practice", robots="tb1")
-    with pytest.raises(
-        SettingError, match="argument fault: value is 'fire', allowed: none or"
-    ):
-        nodes("practice", fault="fire")
 
 
 def test_replay_plays_the_bag(nodes):
@@ -364,8 +367,6 @@ def test_a_lab_has_drivers_for_the_namespaces_of_its_robots(nodes, tmp_path):
         True,
         7,
     )
-    with pytest.raises(SettingError, match="argument robots: 1 names, allowed: 2"):
-        nodes("lab", out=str(tmp_path / "run"), robots="tb1")
 
 
 @pytest.mark.parametrize("name", ["team", "bodies", "lab"])
@@ -413,9 +414,7 @@ def test_without_rviz_nothing_starts_and_one_line_says_what_to_do(
 
     launched(out=str(tmp_path / "run"))
     monkeypatch.setattr("sparse_coord_ros.ros.launching.get_package_prefix", find)
-    with pytest.raises(
-        RunError, match="sudo apt install ros-jazzy-rviz2, or leave"
-    ) as raised:
+    with pytest.raises(RunError, match="rviz2") as raised:
         launched(out=str(tmp_path / "run"), rviz="true")
     assert "\n" not in str(raised.value)
 

@@ -4,7 +4,7 @@
 
 import os
 import signal
-from types import SimpleNamespace
+import subprocess
 
 import pytest
 
@@ -56,23 +56,61 @@ def test_a_domain_that_dds_has_not_is_refused(monkeypatch, value):
         live.sole_team()
 
 
-def test_a_world_that_all_robots_have_left_is_ended(tmp_path, monkeypatch, capsys):
+class Started:
+    """Stands for a process of a team.
+
+    Args:
+        ends: whether it has ended by itself.
+    """
+
+    def __init__(self, *, ends):
+        self.returncode = 0 if ends else None
+        self.signals = []
+
+    def poll(self):
+        return self.returncode
+
+    def send_signal(self, number):
+        self.signals.append(number)
+        self.returncode = 0
+
+    def wait(self, seconds):
+        return self.returncode
+
+
+@pytest.fixture
+def started(monkeypatch, tmp_path):
+    """Return a function that runs a team without a recorder, none of whose processes is real."""
+
+    def run(stop, **ends):
+        made = {}
+
+        def start(command, **options):
+            name = command[-1].removeprefix("__node:=")
+            made[name] = Started(ends=ends[name])
+            return made[name]
+
+        monkeypatch.setattr(subprocess, "Popen", start)
+        values = {"scenario": "env1", "out": str(tmp_path / "out"), "record": False}
+        return live.run(values, processes=True, stop=stop), made
+
+    return run
+
+
+def test_a_world_that_all_robots_have_left_is_ended(started, monkeypatch, capsys):
     monkeypatch.setattr(live, "ALONE_SECONDS", 0.0)
-    ended = []
-    monkeypatch.setattr(live, "_end", ended.extend)
-    left, there = (SimpleNamespace(poll=lambda code=code: code) for code in (0, None))
-    processes = {"world_simulator": there, "robot_1": left, "robot_2": left}
-    assert live._wait(processes, tmp_path / "bag", False)
-    assert ended == list(processes.values())
+    summary, made = started(Stop(), world_simulator=False, robot_1=True, robot_2=True)
+    assert summary["interrupted"]
+    assert made["world_simulator"].signals == [signal.SIGINT]
+    assert made["robot_1"].signals == []
     assert "all robots have left" in capsys.readouterr().err
 
 
-def test_a_signal_that_all_processes_heard_is_an_interrupt(tmp_path):
+@pytest.mark.parametrize("signalled", [False, True])
+def test_a_signal_that_all_processes_heard_is_an_interrupt(started, signalled):
     """They may have ended by themselves before anybody looks."""
-    ended = {
-        name: SimpleNamespace(poll=lambda: 0) for name in ("world_simulator", "robot_1")
-    }
     stop = Stop()
-    assert live._wait(ended, tmp_path, stop) is False
-    stop.handle(signal.SIGINT, None)
-    assert live._wait(ended, tmp_path, stop) is True
+    if signalled:
+        stop.handle(signal.SIGINT, None)
+    summary, _ = started(stop, world_simulator=True, robot_1=True, robot_2=True)
+    assert summary["interrupted"] is signalled

@@ -18,11 +18,11 @@ from rclpy.action import ActionClient
 from std_srvs.srv import SetBool
 
 from sparse_coord_ros.cli.main import main as sparse_coord
-from sparse_coord_ros.lab.driving.ground import Ground, Pose
+from sparse_coord_ros.lab.driving.metric_map import MetricMap, Pose
 from sparse_coord_ros.log.runlog.verify import verify
 from sparse_coord_ros.ros.nodes.body import BodyNode
 from sparse_coord_ros.ros.nodes.driver import DriverNode
-from sparse_coord_ros.ros.nodes.nav2_stand_in import TICK_SECONDS
+from sparse_coord_ros.ros.nodes.nav2_stand_in import SIMULATION_SECONDS
 from sparse_coord_ros.ros.nodes.outputs import gather
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(600)]
@@ -130,13 +130,13 @@ class Together:
         self._before = set()
         self._world = world
         self._server = server
-        self._ground = Ground(world.run, 0.0)
-        server.create_timer(TICK_SECONDS, self._look)
+        self._metric_map = MetricMap(world.run, 0.0)
+        server.create_timer(SIMULATION_SECONDS, self._look)
 
     def _look(self):
         doorways = self._world.run.scenario.map.doorways
         places = (base.pose[:2] for base in self._server.bases.values())
-        within = Counter(self._ground.cell(*place) for place in places)
+        within = Counter(self._metric_map.cell(*place) for place in places)
         now = {
             cell for cell, number in within.items() if number > 1 and cell in doorways
         }
@@ -332,7 +332,7 @@ def test_no_goal_is_sent_before_one_of_two_servers_is_gone(
     process = start_driver("robot_2")
     waits = "waiting for a single server: Nav2's action /robot_2/navigate_to_pose has 2 servers, "
     bench.spin_until(lambda: waits + NAMES in process.output, "it says why")
-    bench.spin_until(lambda: driver._reached_publisher is not None, "on duty")
+    bench.spin_until(lambda: driver.on_duty, "on duty")
     assert server.bases["robot_2"].goals == 0 and world.doing == "waiting"
     second.send_signal(signal.SIGINT)
     bench.spin_until(moved(world, 2), "one is left: it goes on")

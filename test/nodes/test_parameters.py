@@ -21,7 +21,14 @@ from rclpy.parameter import parameter_value_to_python
 
 from sparse_coord_ros.base.limits import ASKED
 from sparse_coord_ros.core.game.scenario import SETTINGS
-from sparse_coord_ros.ros.nodes import recorder, robot, team, world_simulator
+from sparse_coord_ros.ros.nodes import (
+    driver,
+    player,
+    recorder,
+    robot,
+    team,
+    world_simulator,
+)
 from sparse_coord_ros.ros.nodes.parameters import (
     PARAMETERS,
     TEAM_PARAMETERS,
@@ -34,8 +41,15 @@ MAINS = {
     "robot": robot.main,
     "recorder": recorder.main,
     "team": team.main,
+    "player": player.main,
+    "driver": driver.main,
 }
-TABLES = {name: {**PARAMETERS, "team": TEAM_PARAMETERS}[name] for name in MAINS}
+"""The executables whose parameters are refused below."""
+
+TABLES = {
+    **{name: PARAMETERS[name] for name in ("world_simulator", "robot", "recorder")},
+    "team": TEAM_PARAMETERS,
+}
 TYPES = {
     bool: ParameterType.PARAMETER_BOOL,
     int: ParameterType.PARAMETER_INTEGER,
@@ -130,62 +144,48 @@ def test_whole_numbers_do_for_numbers(made):
     assert node.get_parameter("rate").type_ == node.get_parameter("step_timeout").type_
 
 
-@pytest.mark.parametrize(
-    ("name", "arguments", "text"),
-    [
-        ("world_simulator", ["seed:=[1, 2]"], "parameter seed: value is [1, 2]"),
-        ("world_simulator", [], "parameter scenario: none is given"),
-        (
-            "world_simulator",
-            ["rate:=0.0001"],
-            "allowed: 0, or a number from 0.001 to 1000000",
-        ),
-        ("world_simulator", ["scenario:=env9"], "scenario 'env9': no such scenario"),
-        (
-            "world_simulator",
-            ["scenario:=env1", "set:=[steps]"],
-            "write it as key=value",
-        ),
-        (
-            "world_simulator",
-            ["scenario:=env1", "learner:=indiv"],
-            "allowed here: coop, noncoop, factored, cq, or",
-        ),
-        (
-            "world_simulator",
-            ["scenario:=env1", "learner:=joint"],
-            "from what all robots see and do",
-        ),
-        (
-            "world_simulator",
-            ["scenario:=env1", "percept_timeout:=5"],
-            "less than step_timeout",
-        ),
-        (
-            "world_simulator",
-            ["scenario:=env1", "penalti:=-3"],
-            "(did you mean 'penalty'?)",
-        ),
-        ("robot", ["claim_window:=61"], "allowed: a number from 0 to 60"),
-        ("recorder", ["executor:=fast"], "parameter executor: value is 'fast'"),
-        ("team", ["record:=2"], "parameter record: value is 2, allowed: true or false"),
-        (
-            "robot",
-            [f"out:={__file__}"],
-            f"{__file__}: cannot be written, as {__file__} is no dir",
-        ),
-        (
-            "recorder",
-            [f"out:={__file__}/a/b"],
-            f"as {__file__} is no directory; choose another",
-        ),
-    ],
-)
-def test_executables_end_with_one_line(capfd, monkeypatch, name, arguments, text):
-    command = [name, "--ros-args"]
-    for argument in arguments:
-        command += ["-p", argument]
-    monkeypatch.setattr(sys, "argv", command)
+WORLD = "world_simulator"
+NONE_GIVEN = "none is given; start the node with --ros-args -p "
+NO_DIRECTORY = f"{__file__}: cannot be written, as {__file__} is no directory; choose"
+REFUSED = [
+    (WORLD, ["seed:=[1, 2]"], "node world_simulator: parameter seed: value is [1, 2]"),
+    (WORLD, [], f"parameter scenario: {NONE_GIVEN}scenario:=NAME"),
+    (WORLD, ["rate:=0.0001"], "value is 0.0001, allowed: 0, or a number from 0.001 to"),
+    (WORLD, ["scenario:=env9"], "scenario 'env9': no such scenario"),
+    (WORLD, ["scenario:=env1", "set:=[steps]"], "write it as key=value"),
+    (WORLD, ["scenario:=env1", "set:=[steps=0]"], "setting steps: value is '0'"),
+    (WORLD, ["scenario:=env1", "learner:=indiv"], "with one robot at a time; allowed"),
+    (WORLD, ["scenario:=env1", "learner:=joint"], "from what all robots see and do;"),
+    (WORLD, ["scenario:=env1", "improve:=true"], "learner coop keeps no model"),
+    (
+        WORLD,
+        ["scenario:=env1", "learner:=factored", "improve:=true", "greedy:=true"],
+        "a greedy run learns nothing",
+    ),
+    (WORLD, ["scenario:=env1", "percept_timeout:=5"], "less than step_timeout"),
+    (WORLD, ["scenario:=env1", "penalti:=-3"], "(did you mean 'penalty'?)"),
+    ("robot", ["claim_window:=61"], "allowed: a number from 0 to 60"),
+    ("robot", [f"out:={__file__}"], NO_DIRECTORY),
+    ("recorder", ["executor:=fast"], "parameter executor: value is 'fast', allowed:"),
+    ("recorder", [f"out:={__file__}/a"], f"as {__file__} is no directory; choose"),
+    ("team", ["record:=2"], "parameter record: value is 2, allowed: true or false"),
+    ("player", [], f"parameter bag: {NONE_GIVEN}bag:=DIRECTORY"),
+    ("player", [f"bag:={Path(__file__).parent}"], "is not a bag"),
+    ("player", ["bag:=x", "rate:=0.0"], "value is 0.0, allowed: a number from 0.01"),
+    ("player", ["bag:=x", "topics:=/map"], "allowed: a list of texts"),
+    ("player", ["bag:=x", "start:=1.0"], "unknown parameter 'start'"),
+    ("driver", [], f"parameter robot: {NONE_GIVEN}robot:=NAME"),
+    ("driver", ["robot:=r", "pose_type:=gps"], "parameter pose_type: value is 'gps'"),
+]
+"""Executable, parameters, and what its one line says of them."""
+
+
+@pytest.mark.parametrize(("name", "parameters", "text"), REFUSED)
+def test_a_bad_parameter_ends_an_executable_with_one_line(
+    capfd, monkeypatch, name, parameters, text
+):
+    words = [word for one in parameters for word in ("-p", one)]
+    monkeypatch.setattr(sys, "argv", [name, "--ros-args", *words])
     assert MAINS[name]() == 2
     out, err = capfd.readouterr()
     assert out == ""
@@ -247,7 +247,7 @@ def test_more_parameters_than_a_request_may_name_get_an_empty_answer(bench, capf
     assert not answer(SetParameters, parameters=many).results
     assert not answer(SetParametersAtomically, parameters=many).result.successful
     assert world.values["rate"] == 0.0 and world.failure is None
-    assert world.intake.dropped.total() == len(world.intake.dropped) == 6
+    assert world.subscriber.dropped.total() == len(world.subscriber.dropped) == 6
     text = "get_parameters: 1,001 parameters in one request, allowed: 1,000; request refused"
     assert text in capfd.readouterr().err
 
@@ -263,28 +263,26 @@ def test_a_request_that_rclpy_cannot_read_ends_no_node(bench, capfd):
         == []
     )
     assert world.failure is None
-    assert world.intake.dropped == {"world_simulator/set_parameters": 1}
+    assert world.subscriber.dropped == {"world_simulator/set_parameters": 1}
     assert "255 is not a valid" in capfd.readouterr().err
 
 
 @pytest.mark.parametrize(
-    ("name", "value", "line"),
+    ("words", "name", "value", "line"),
     [
         (
+            ("robot",),
             "ROS_DOMAIN_ID",
             "233",
-            "ROS_DOMAIN_ID is '233', allowed: a whole number from 0 to 232",
+            "is '233', allowed: a whole number from 0",
         ),
-        ("ROS_DOMAIN_ID", "x", "ROS_DOMAIN_ID is 'x', allowed"),
         (
+            ("sparse_coord", "run", "env1", "--out", "out"),
             "RMW_IMPLEMENTATION",
             "rmw_x",
-            "RMW_IMPLEMENTATION is 'rmw_x', which is not installed",
+            "is 'rmw_x', which is not installed",
         ),
     ],
-)
-@pytest.mark.parametrize(
-    "words", [("robot",), ("sparse_coord", "run", "env1", "--out", "out")]
 )
 def test_a_ros_that_cannot_start_is_one_line(
     python, tmp_path, words, name, value, line
@@ -292,7 +290,8 @@ def test_a_ros_that_cannot_start_is_one_line(
     """The middleware would end the process by itself, with a code of its own."""
     command = ("-m", "sparse_coord_ros.executables", *words)
     done = python(*command, cwd=tmp_path, env={name: value}, code=2)
-    assert done.stderr.startswith(f"error: {line}") and done.stderr.count("\n") == 1
+    assert done.stderr.startswith(f"error: {name} {line}")
+    assert done.stderr.count("\n") == 1
 
 
 def test_all_others_are_fixed(bench):

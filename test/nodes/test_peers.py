@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A peer that fell silent, and a robot that leaves: without any middleware."""
+"""A peer that is asked: silent, behind, doubted; without any middleware."""
 
 from types import SimpleNamespace
 
@@ -10,11 +10,10 @@ from nav_msgs.srv import GetPlan
 
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.runs.run_config import make_run
-from sparse_coord_ros.protocol.lockstep.timeouts import Deadline, WorldPresence
+from sparse_coord_ros.protocol.lockstep.robot_side import Answer
 from sparse_coord_ros.ros.nodes import peers
 from sparse_coord_ros.ros.nodes.messages import Converter
-from sparse_coord_ros.ros.nodes.peers import AT_ONCE, Peer, Peers
-from sparse_coord_ros.ros.nodes.robot import LAST_WORDS_SECONDS, Member
+from sparse_coord_ros.ros.nodes.peers import IMMEDIATE_REPEATS, Peer, Peers
 
 
 class Future:
@@ -37,9 +36,12 @@ class Future:
     def done(self):
         return self.answer is not None
 
-    def come(self):
-        self.answer = GetPlan.Response()
+    def set_result(self, answer):
+        self.answer = answer
         self.look()
+
+    def come(self):
+        self.set_result(GetPlan.Response())
 
     def look(self):
         for callback in self.callbacks:
@@ -47,10 +49,40 @@ class Future:
 
 
 class Node:
-    """Of a node what a peer needs; its own client."""
+    """Of a node what its peers need; its own client, logger and subscriber.
+
+    Attributes:
+        sent: the requests that are open, or were answered.
+        servers: of each service, as the graph shows it.
+        ears: what takes in what is heard, by whose it is.
+        dropped: what did not fit.
+    """
 
     def __init__(self):
         self.sent = []
+        self.servers = 1
+        self.ears = {}
+        self.dropped = []
+        self.shared_clients = {}
+        self.subscriber = self
+
+    def guarded(self, call):
+        return call
+
+    def create_service(self, kind, name, answer):
+        return self
+
+    def count_services(self, name):
+        return self.servers
+
+    def listen(self, topic, then, owner, *, unpack):
+        self.ears[owner] = then
+
+    def drop(self, name, why, done="message dropped"):
+        self.dropped.append(name)
+
+    def get_logger(self):
+        return SimpleNamespace(warning=lambda line: None)
 
     def get_name(self):
         return "robot_1"
@@ -104,7 +136,7 @@ def test_what_was_not_sent_to_a_peer_that_gave_up_is_not_sent_later(node):
 
 def test_an_answer_that_nobody_looked_at_yet_is_not_asked_for_again(node, monkeypatch):
     """It has come, but its callback waits behind the timer that would send the request again."""
-    monkeypatch.setattr(peers, "AGAIN_SECONDS", 0.0)
+    monkeypatch.setattr(peers, "REPEAT_ASK_SECONDS", 0.0)
     heard = []
     peer = Peer(node, node, lambda step, plan: heard.append(step))
     peer.request(PoseStamped(), 7)
@@ -118,123 +150,118 @@ def test_an_answer_that_nobody_looked_at_yet_is_not_asked_for_again(node, monkey
     assert heard == [7] and len(node.sent) == 2
 
 
-@pytest.mark.parametrize(("repeats", "believed"), [(0, True), (9, True), (10, False)])
-def test_a_doubted_peer_is_not_behind_for_ever(repeats, believed):
-    """Who serves its place might say so each time, and first: the request stays open then."""
+class Side:
+    """Of a robot's side of the lock step what its peers need: it asks robot_2."""
+
+    def __init__(self, waiting):
+        self.waiting = waiting
+        self.asking = 1
+        self.answers = []
+        self.expired = 0
+
+    def due(self, cell):
+        return cell
+
+    def answer(self, peer, step, answer):
+        self.answers.append((peer, step, answer))
+
+    def expire(self):
+        self.expired += 1
+
+
+TIMEOUTS = {"percept_timeout": 1.0, "step_timeout": 5.0}
+
+
+@pytest.fixture
+def side():
+    return Side(("percept", 7))
+
+
+@pytest.fixture
+def asked(node, side):
+    """Return robot_1's peers; robot_2's service has two servers, so its answers are doubted."""
+    node.servers = 2
+    run = make_run(load_scenario("env1"), TIMEOUTS)
+    return Peers(node, run, Converter(run), side)
+
+
+def plan(step, *cells):
+    """Return an answer: a peer is in these cells at a step."""
     convert = Converter(make_run(load_scenario("env1"), {}))
-    side = SimpleNamespace(waiting=("percept", 7))
-    peers = SimpleNamespace(_side=side, _convert=convert, _peers={1: SimpleNamespace()})
-    peers._peers[1].repeats = repeats
-    told = []
-    peers._on_answer = lambda *what: told.append(what)
-    behind = convert.path(6, ())
-    assert Peers._fits(peers, 1, 7, behind) is believed
-    assert told == [(1, 7, behind)] * (not believed), (
-        "it is asked again, and that is counted"
-    )
+    return GetPlan.Response(plan=convert.path(step, cells))
 
 
 @pytest.mark.parametrize(
-    ("waiting", "newest", "done"),
-    [
-        (None, 9, True),
-        (("reward", 8), 9, False),
-        (None, 8, False),
-        (("percept", 9), 9, False),
-    ],
+    ("repeats", "answered"),
+    [(0, True), (IMMEDIATE_REPEATS - 1, True), (IMMEDIATE_REPEATS, False)],
 )
-def test_a_robot_leaves_when_all_is_learned(waiting, newest, done):
-    """Not with a reward pending, or before it has the last state: or some seconds later.
-
-    They count from the first time that it hears of the run's end.
-    """
-    presence = WorldPresence("this", 9, 0.0, 0.0)
-    presence.hear("this", "finished", 9, 9, 1.0)
-    presence.hear("this", "finished", 9, 9, 2.0)
-    lockstep = SimpleNamespace(waiting=waiting, newest=(newest, 3))
-    member = SimpleNamespace(
-        joined=True, lockstep=lockstep, _presence=presence, _exchange=None
-    )
-    assert Member.all_done(member, 1.0 + LAST_WORDS_SECONDS) is done
-    assert Member.all_done(member, 1.0 + LAST_WORDS_SECONDS + 0.1)
-
-
-def test_a_robot_that_plans_leaves_when_the_exchange_is_over():
-    presence = WorldPresence("this", 9, 0.0, 0.0)
-    presence.hear("this", "finished", 9, 9, 1.0)
-    lockstep = SimpleNamespace(waiting=None, newest=(9, 3))
-    exchange = SimpleNamespace()
-    member = SimpleNamespace(
-        joined=True, lockstep=lockstep, _presence=presence, _finished=True
-    )
-    member._exchange = exchange
-    for over in (False, True):
-        exchange.over = lambda over=over: over
-        assert Member.all_done(member, 1.1) is over
-
-
-def test_the_deadline_of_what_is_waited_for():
-    """It begins anew with whatever else is waited for; a peer that lets it pass is silent."""
-    done = []
-    lockstep = SimpleNamespace(
-        waiting=("percept", 4), asking=1, expire=lambda: done.append("expired")
-    )
-    peer = SimpleNamespace(gave_up=lambda: done.append("gave up"), heard=0.0)
-    peer.send_what_waits = lambda: None
-    peers = SimpleNamespace(
-        _side=lockstep, _deadline=Deadline(1.0, 5.0), _peers={1: peer}
-    )
-    Peers.keep_the_deadline(peers, 10.0)
-    Peers.keep_the_deadline(peers, 10.9)
-    assert done == []
-    Peers.keep_the_deadline(peers, 11.0)
-    assert done == ["gave up", "expired"]
-    lockstep.waiting = ("reward", 4)
-    lockstep.asking = -1
-    Peers.keep_the_deadline(peers, 11.1)
-    Peers.keep_the_deadline(peers, 12.0)
-    assert done == ["gave up", "expired"]
-    Peers.keep_the_deadline(peers, 12.1)
-    assert done == ["gave up", "expired", "expired"], (
-        "no peer is to blame for a late reward"
-    )
+def test_a_doubted_peer_is_not_behind_for_ever(node, side, asked, repeats, answered):
+    """Who serves its place might say so each time, and first: the request stays open then."""
+    for _ in range(1 + repeats):
+        asked.ask(1, 7, 0)
+    node.sent[-1].set_result(plan(6))
+    assert node.sent[-1].done() is answered
+    assert side.answers == [(1, 7, Answer(6, None))], "it is asked again in any case"
 
 
 @pytest.mark.parametrize(
     ("there", "said", "fits"),
     [
-        ((7, 3), (7, (3,)), True),
-        ((7, 3), (7, (4,)), False),  # a lie
-        ((7, 3), (7, ()), False),
-        ((8, 3), (7, (4,)), True),  # too late to tell
-        ((6, 3), (7, (3,)), False),  # the world is about to say where it is
+        ((7, 3), (7, 3), True),
+        ((7, 3), (7, 4), False),  # a lie
+        ((7, 3), (7,), False),
+        ((8, 3), (7, 4), True),  # too late to tell
+        ((6, 3), (7, 3), False),  # the world is about to say where it is
     ],
 )
-def test_an_answer_of_a_doubted_peer_is_what_the_world_says(there, said, fits):
-    convert = Converter(make_run(load_scenario("env1"), {}))
-    dropped = []
-    again = []
-    side = SimpleNamespace(waiting=("percept", 7), due=lambda cell: cell)
-    intake = SimpleNamespace(drop=lambda *what: dropped.append(what))
-    peer = SimpleNamespace(send_again=lambda: again.append(True))
-    peers = SimpleNamespace(
-        _side=side, _convert=convert, _intake=intake, _peers={1: peer}
-    )
-    peers._places = {1: there}
-    peers._names = convert.names
-    assert Peers._fits(peers, 1, 7, convert.path(*said)) is fits
-    assert bool(dropped) == (not fits and there[0] == 7)
-    assert bool(again) == (there[0] == 6)
+def test_an_answer_of_a_doubted_peer_is_what_the_world_says(
+    node, side, asked, there, said, fits
+):
+    asked.ask(1, 7, 0)
+    node.ears["robot_2"](there)
+    node.sent[-1].set_result(plan(*said))
+    assert node.sent[-1].done() is fits
+    assert len(side.answers) == fits
+    assert bool(node.dropped) == (not fits and there[0] == 7)
+    asked.keep_the_deadline(0.0)
+    assert (len(node.sent) == 2) == (there[0] == 6), "it is asked again at once"
+
+
+def test_the_deadline_of_what_is_waited_for(node, side, asked):
+    """It begins anew with whatever else is waited for; a peer that lets it pass is silent."""
+    assert asked.ask(1, 7, 0)
+    asked.keep_the_deadline(10.0)
+    asked.keep_the_deadline(10.9)
+    assert side.expired == 0
+    asked.keep_the_deadline(11.0)
+    assert side.expired == 1
+    assert not asked.ask(1, 8, 0), "nobody waits for a silent peer"
+    side.waiting = ("reward", 8)
+    side.asking = -1
+    asked.keep_the_deadline(11.1)
+    asked.keep_the_deadline(12.0)
+    assert side.expired == 1
+    asked.keep_the_deadline(12.1)
+    assert side.expired == 2
+
+
+def test_a_late_reward_is_no_peer_s_fault(node, side, asked):
+    side.waiting = ("reward", 7)
+    side.asking = -1
+    for now in (10.0, 11.0):
+        asked.keep_the_deadline(now)
+    assert side.expired == 1
+    assert asked.ask(1, 8, 0)
 
 
 def test_a_peer_is_asked_at_once_at_every_step_though_not_for_ever_at_one(node):
     peer = Peer(node, node, lambda step, plan: None)
-    for step in range(1, 2 * AT_ONCE):
+    for step in range(1, 2 * IMMEDIATE_REPEATS):
         peer.request(PoseStamped(), step)
         assert len(node.sent) == step
     before = len(node.sent)
-    for _ in range(2 * AT_ONCE):
+    for _ in range(2 * IMMEDIATE_REPEATS):
         peer.request(PoseStamped(), step)
-    assert len(node.sent) == before + AT_ONCE - 1
+    assert len(node.sent) == before + IMMEDIATE_REPEATS - 1
     peer.send_what_waits()  # the node's timer
-    assert len(node.sent) == before + AT_ONCE
+    assert len(node.sent) == before + IMMEDIATE_REPEATS

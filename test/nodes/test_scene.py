@@ -15,7 +15,7 @@ from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.game.world import Action
 from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.protocol import wire
-from sparse_coord_ros.protocol.wire import Account
+from sparse_coord_ros.protocol.wire import SelfReport
 from sparse_coord_ros.ros.nodes.messages import Converter
 from sparse_coord_ros.ros.nodes.scene import Scene, ScenePublisher
 from sparse_coord_ros.ros.nodes.transforms import robot_frame
@@ -36,8 +36,8 @@ def markers(scene, cells, actions=None, step=5):
 
 
 def asking(scene, percept, *, perceived=False, step=4, peer=1):
-    account = Account(percept, False)
-    return scene.convert.pack_action(step, Action(0, True, peer, perceived), account)
+    report = SelfReport(percept, False)
+    return scene.convert.pack_action(step, Action(0, True, peer, perceived), report)
 
 
 def test_names_hang_over_the_robots(scene):
@@ -89,7 +89,7 @@ def test_old_questions_go_and_one_to_all_has_a_line_to_each(scene):
     run = make_run(load_scenario("crowd-4r"), {})
     convert = Converter(run)
     said = convert.pack_action(
-        4, Action(0, True, -1, True), Account(wire.PerceptEnd.ANSWERED, False)
+        4, Action(0, True, -1, True), SelfReport(wire.PerceptEnd.ANSWERED, False)
     )
     found = (
         Scene(convert, 5, [0, 1, 2, 3], convert.header(5)).markers({1: said}).markers

@@ -2,23 +2,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """Services, perception and namespaces of teams that are started for one question each."""
 
-import time
-
 import pytest
-from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.srv import GetPlan
 from rclpy.node import Node
-from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 
 from sparse_coord_ros.log.bags import open_bag
 from sparse_coord_ros.log.runlog import verify
 from sparse_coord_ros.protocol.wire import services
+from sparse_coord_ros.ros.nodes import world_simulator
 from sparse_coord_ros.ros.nodes.messages import Converter
-from sparse_coord_ros.ros.nodes.outputs import gather
 from sparse_coord_ros.ros.nodes.spin import ros_context
 from sparse_coord_ros.ros.nodes.team import run_team
 
@@ -180,42 +176,9 @@ def test_diagnostics_of_other_programs_do_not_move_the_time_of_the_log(bench, tm
     assert verify(tmp_path / "bag").same
 
 
-def test_a_world_that_does_not_own_the_clock_leaves_it_to_others(
-    bench, tmp_path, simulate, assert_same_tables
-):
-    """Another's clock runs beside: the log has the run's own, from a topic that is hidden."""
-    observer = bench.observer()
-    out = tmp_path / "out"
-    others = observer.create_publisher(Clock, "/clock", 10)
-    said = observer.listen(DiagnosticArray, "/diagnostics")
-    given = {"set": ["steps=40"], "seed": 7, "out": str(out), "clock": "none"}
-    world = bench.world(rate=100.0, recorded=True, **given)
-    bench.recorder(out / "bag")
-    bench.robots(out=str(out))
-
-    def told():
-        others.publish(Clock(clock=Time(sec=1000 * len(said))))
-        return world.lockstep.world.transitions > 20
-
-    bench.spin_until(told, "the run is under way")
-    assert observer.count("/clock") == 1, "that of the others"
-    bench.spin_until_done()
-    gather(out, world.run.scenario, interrupted=False)
-    assert_same_tables(out, simulate("env1", {"steps": 40}, seed=7))
-    assert {"/clock", "/_clock"} & set(open_bag(out / "bag").topics) == {"/_clock"}
-    assert verify(out / "bag").same
-    headers = [message.header for message in said]
-    assert {header.frame_id for header in headers} == {""}
-    assert all(abs(header.stamp.sec - time.time()) < 300 for header in headers)
-
-
-def test_progress_is_told_every_few_seconds_and_at_the_end(bench, capfd):
-    world = bench.world(set=["steps=60"])
+def test_progress_is_told_every_few_seconds_and_at_the_end(bench, capfd, monkeypatch):
+    monkeypatch.setattr(world_simulator, "REPORT_SECONDS", 0.0)
+    bench.world(set=["steps=60"])
     bench.robots()
-    for count in (10, 20, 30):
-        bench.spin_until(
-            lambda c=count: world.lockstep.world.transitions > c, "under way"
-        )
-        world._report(time.monotonic())
     bench.spin_until_done()
     assert capfd.readouterr().err.count(" of 60 steps, ") == 2

@@ -18,7 +18,7 @@ from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.core.runs.tables import save_team
 from sparse_coord_ros.protocol import wire
 from sparse_coord_ros.protocol.wire import services
-from sparse_coord_ros.ros.nodes import interface
+from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.body import BodyNode
 from sparse_coord_ros.ros.nodes.driver import DriverNode
 from sparse_coord_ros.ros.nodes.follower import Follower
@@ -77,32 +77,30 @@ def announced(kind):
 def say(bench, message):
     """Publish on `run`, latched, to whoever comes; return the node that does."""
     node = bench.observer()
-    node.create_publisher(String, "run", interface.RUN.qos).publish(message)
+    node.create_publisher(String, "run", ros_topics.RUN.qos).publish(message)
     return node
 
 
 @pytest.mark.parametrize("kind", FOREIGN)
-@pytest.mark.parametrize("name", NODES)
-def test_no_waiting_node_imports_what_a_run_names(
-    bench, beside, tmp_path, capfd, name, kind
-):
-    node = bench.add(NODES[name]({"context": bench.place()[0]}, tmp_path))
+def test_no_waiting_node_imports_what_a_run_names(bench, beside, tmp_path, capfd, kind):
+    place = {"context": bench.place()[0]}
+    nodes = {name: bench.add(start(place, tmp_path)) for name, start in NODES.items()}
     say(bench, announced(kind))
     bench.spin_until(
-        lambda: node.intake.dropped["run"] or node.presence, "the run is heard"
+        lambda: all(
+            node.subscriber.dropped["run"] or node.presence for node in nodes.values()
+        ),
+        "all have heard the run",
     )
-    refused = WAITING[name].startswith("refuses")
-    assert refused == (node.run is None) == (node.presence is None)
-    said = [
-        line
-        for line in capfd.readouterr().err.splitlines()
-        if "was not imported" in line
-    ]
-    assert len(said) == refused and all(
-        "allow it: --allow theirs, a" in line for line in said
-    )
+    said = capfd.readouterr().err.splitlines()
+    for name, node in nodes.items():
+        refused = WAITING[name].startswith("refuses")
+        assert refused == (node.run is None) == (node.presence is None), name
+        lines = [line for line in said if f"[{node.get_name()}]: run: " in line]
+        lines = [line for line in lines if "was not imported" in line]
+        assert len(lines) == refused, name
+        assert all("allow it: --allow theirs, a" in line for line in lines)
     assert not beside.exists() and "theirs" not in sys.modules
-    bench.destroy(node)
 
 
 @pytest.mark.parametrize("kind", FOREIGN)
@@ -114,7 +112,7 @@ def test_no_node_of_a_run_under_way_does(bench, beside, tmp_path, monkeypatch, k
         monkeypatch.setattr(follower, "another_run", note)
     early = bench.robot("robot_2")
     stranger = say(bench, announced(kind))
-    bench.spin_until(lambda: early.intake.dropped["run"], "the run is refused")
+    bench.spin_until(lambda: early.subscriber.dropped["run"], "the run is refused")
     bench.destroy(stranger)
     bench.spin_until(
         lambda: not early.get_publishers_info_by_topic("/run"), "it is gone"
@@ -148,7 +146,7 @@ def test_a_robot_reads_no_tables_but_those_it_was_given(bench, tmp_path, capfd):
     told = bench.robot("robot_2", tables=str(tmp_path))
     say(bench, String(data=replace(run, id="theirs", tables=str(tmp_path)).to_yaml()))
     bench.spin_until(
-        lambda: robot.intake.dropped["run"] and told.member, "the run is heard"
+        lambda: robot.subscriber.dropped["run"] and told.member, "the run is heard"
     )
     assert robot.member is None and robot.failure is None
     assert (

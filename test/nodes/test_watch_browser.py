@@ -19,7 +19,7 @@ from sparse_coord_ros.log.runlog import read_run
 from sparse_coord_ros.log.runlog.relearned import Relearned
 from sparse_coord_ros.log.runlog.window import LongLog
 from sparse_coord_ros.show.page import messages
-from sparse_coord_ros.show.page.board import Board
+from sparse_coord_ros.show.page.message_board import MessageBoard
 from sparse_coord_ros.show.page.server import Server
 
 pytestmark = pytest.mark.long
@@ -169,7 +169,7 @@ def test_trails_follow_the_cells_though_frames_are_skipped(tab, start, bag):
 def shown(tab):
     """Return a function that shows frames of a run, made up, and one that gives a frame."""
     scenario = load_scenario("crowd-4r")
-    board = Board()
+    board = MessageBoard()
     number = scenario.map.number
     fields = messages.run_fields(make_run(scenario, {}))
     board.put("run", source="live", title="made up", controls=(), **fields)

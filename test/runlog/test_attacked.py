@@ -17,6 +17,7 @@ from sparse_coord_ros.base.errors import BagError
 from sparse_coord_ros.cli.main import main
 from sparse_coord_ros.log.bags.reader import open_bag
 from sparse_coord_ros.log.runlog import verify
+from sparse_coord_ros.log.runlog.verify import LOST_COPIES
 from sparse_coord_ros.protocol.wire import BAG_FORMAT, TABLES_DEPTH
 
 EVENT = "/robot_2/active_perception/_service_event"
@@ -29,8 +30,12 @@ EPISODES = (
 
 
 def logged(found, words):
-    """Return whether a difference says some words."""
-    return any(words in str(one) for one in found.differences)
+    """Return whether a difference, or a foreign message of a run that differs, has some words."""
+    if not found.differences:
+        return False
+    return any(
+        words in str(one) for one in (*found.differences, *found.log.messages.foreign)
+    )
 
 
 # Stamps before the run.
@@ -100,22 +105,22 @@ def test_lost_copies_are_a_note(good, rewritten, tmp_path, capsys, topic):
     bag = rewritten(good.bag, tmp_path / "bag", change)
     found = verify(bag)
     whole = verify(good.bag)
-    assert found.same and list(found.lost) == [topic] and found.lost[topic] > 1
-    assert topic != "/map" or found.lost[topic] == open_bag(good.bag).counts[topic] - 1
+    [(note, count)] = found.notes.items()
+    assert found.same and note == f"{LOST_COPIES}{topic}" and count > 1
+    assert topic != "/map" or count == open_bag(good.bag).counts[topic] - 1
     for one in ("choices", "updates", "tables"):
         assert getattr(found, one) == getattr(whole, one)
     assert main(["verify", str(bag)]) == 0
-    assert f"{found.lost[topic]} of {topic}\n" in capsys.readouterr().out
+    assert f"{note}: {count}\n" in capsys.readouterr().out
     assert main(["verify", str(bag), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["lost"] == dict(found.lost)
+    assert json.loads(capsys.readouterr().out)["notes"] == {note: count}
 
 
 @pytest.mark.parametrize("topic", EPISODES[1:3])
 def test_a_topic_without_any_message_differs(alter, topic):
     found = alter(lambda messages: [one for one in messages if one.topic != topic])
-    assert (
-        logged(found, "missing, computed one as the episode begins") and not found.lost
-    )
+    assert logged(found, "missing, computed one as the episode begins")
+    assert not found.notes
 
 
 @pytest.mark.parametrize("later", [TABLES_DEPTH, TABLES_DEPTH - 1])
@@ -128,8 +133,9 @@ def test_tables_that_a_recorder_in_arrears_missed(record, rewritten, tmp_path, l
         return [one for one in found if one not in mine[-later - 3 : -later]]
 
     found = verify(rewritten(run.bag, tmp_path / "bag", attach=some))
-    assert dict(found.lost) == ({"/robot_1/tables": 3} if later == TABLES_DEPTH else {})
-    assert found.same == (later == TABLES_DEPTH)
+    lost = later == TABLES_DEPTH
+    assert found.notes == ({f"{LOST_COPIES}/robot_1/tables": 3} if lost else {})
+    assert found.same == lost
 
 
 def without_last_tables(robot):
@@ -148,20 +154,16 @@ def test_a_killed_robot_is_an_open_question(record, rewritten, tmp_path, capsys)
     bag = rewritten(
         stopped.bag, tmp_path / "bag", attach=without_last_tables("robot_2")
     )
-    found = verify(bag)
-    assert found.cannot_tell and found.broke_off
+    [unknown] = verify(bag).unknown
+    assert unknown.why.startswith("robot_2 saved no tables at its end")
     assert main(["verify", str(bag)]) == 3
-    assert (
-        "broke off: robot_2 saved no tables at its end (killed?)"
-        in capsys.readouterr().out
-    )
+    assert f"cannot tell at step {unknown.first}: robot_2" in capsys.readouterr().out
 
 
 def test_a_robot_may_be_killed_after_its_last_action(alter):
     found = alter(attach=without_last_tables("robot_2"))
-    assert found.cannot_tell
-    assert found.broke_off == ("robot_2 saved no tables at its end (killed?)",)
-    assert [one.quantity for one in found.open] == ["tables"]
+    [unknown] = found.unknown
+    assert found.cannot_tell and unknown.why.startswith("robot_2 saved no tables")
 
 
 @pytest.mark.parametrize("lost", [False, True])
@@ -186,10 +188,8 @@ def test_a_killed_world_is_an_open_question(record, rewritten, tmp_path, lost):
     found = verify(rewritten(stopped.bag, tmp_path / "bag", change, attach))
     assert found.cannot_tell, found.differences
     [loss] = found.log.losses
-    assert loss.endswith(
-        "on: the log breaks off, the world does not say how the run ended"
-    )
-    assert not found.open and found.steps > 200
+    assert loss.endswith("the world does not say how the run ended")
+    assert len(found.unknown) == 1 and found.steps > 200
 
 
 # Other forms, answers, status.
@@ -274,5 +274,5 @@ def test_a_robot_that_stops_while_it_repeats_a_request(good, record):
     )
     found = verify(stopped.bag)
     assert stopped.recording.robots[1].counts["repeated"] > 0
-    assert step not in found.log.tracks.actions[1].step
+    assert step not in found.log.messages.actions[1].step
     assert found.same, found.first

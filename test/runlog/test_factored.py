@@ -7,14 +7,14 @@ import struct
 import pytest
 
 from sparse_coord_ros.core.game.rules import UNKNOWN_PARTNERS
-from sparse_coord_ros.core.learners.factored import UNKNOWN
+from sparse_coord_ros.core.learners.rules import NOT_PERCEIVED
 from sparse_coord_ros.core.learners.tables import tables_equal
 from sparse_coord_ros.core.runs.run import learn
 from sparse_coord_ros.log.runlog import read_run, verify
 from sparse_coord_ros.log.runlog.explain import coordinations, explained
 
 EXPLORING = {
-    "steps": 600,
+    "steps": 400,
     "penalty": -60,
     "q_coord_init": 20,
     "epsilon": "constant:0.8",
@@ -64,7 +64,7 @@ def test_explained(logged, robots):
             for peer, place, before, after in one.update[-1]
         }
         if one.perceived is None:
-            assert list(rows) == [(UNKNOWN, UNKNOWN)]
+            assert list(rows) == [(NOT_PERCEIVED, NOT_PERCEIVED)]
             failed += 1
         else:
             assert list(rows) == list(zip(one.peers, one.perceived, strict=True))

@@ -8,9 +8,11 @@ from collections import Counter
 from functools import cache
 from io import BytesIO
 
+import forging
 import numpy as np
 import pytest
 import zstandard
+from forging import Forgery
 from mcap.data_stream import ReadDataStream
 from mcap.records import Chunk
 from mcap.stream_reader import CRCValidationError, breakup_chunk
@@ -24,7 +26,8 @@ from sparse_coord_ros.log.bags import BagWriter, open_bag
 from sparse_coord_ros.log.bags.recover import recover
 from sparse_coord_ros.log.runlog import read_run, verify
 from sparse_coord_ros.log.runlog.explain import coordinations, explained
-from sparse_coord_ros.log.runlog.timeline import Jump, LostSteps, lost
+from sparse_coord_ros.log.runlog.replay import intervals
+from sparse_coord_ros.log.runlog.timeline import Jump, LostSteps, with_jumps
 from sparse_coord_ros.log.runlog.window import LongLog
 
 CHUNK = 20_000
@@ -66,6 +69,11 @@ def flipped(tmp_path):
     return flip
 
 
+def lost_parts(found):
+    """Return the first and last time step of each part that is lost; None: to the end."""
+    return [(one.first, one.last) for one in intervals(found.log) if one.lost]
+
+
 def chunk_at(bag, step, period):
     """Return the place of the chunk in which a time step is."""
     blocks = open_bag(bag).blocks[0]
@@ -84,7 +92,7 @@ def check(run, path, block):
     found = verify(path)
     period = run.run.step_period * 1e9
     assert found.differences == (), found.first
-    assert found.cannot_tell and (found.not_compared or found.open)
+    assert found.cannot_tell
     inside = [m for m in open_bag(run.bag).messages() if block.start_ns < m.log_time_ns]
     inside = [m for m in inside if m.log_time_ns < block.end_ns]
     kept = whole.log.bag.message_count - found.log.bag.message_count
@@ -96,7 +104,7 @@ def check(run, path, block):
         np.count_nonzero(
             (whole.log.step >= first) & (whole.log.step <= (last or 10**9))
         )
-        for first, last in found.not_compared
+        for first, last in lost_parts(found)
     )
     assert found.steps >= whole.steps - open_steps - 1
     return found
@@ -107,7 +115,7 @@ def test_one_bad_chunk_costs_what_follows_up_to_the_next_checkpoint(
     chunked, flipped, place
 ):
     found = check(chunked, *flipped(chunked.bag, place))
-    [(first, last)] = found.not_compared
+    [(first, last)] = lost_parts(found)
     assert (last is None) == (place == -2) or place == -2
     if last is not None:
         tables = {one.step for one in found.log.all_tables}
@@ -127,10 +135,10 @@ def outcome(path):
     """Return messages kept, bytes of each gap, attachments, and `verify`'s verdict in a word."""
     found = verify(path)
     bag = found.log.bag
-    holes = [last is not None for _, last in found.not_compared]
-    verdict = "identical but for steps" if any(holes) else "identical up to a step"
+    holes = [last is not None for _, last in lost_parts(found)]
+    verdict = "cannot tell some steps" if any(holes) else "cannot tell from a step on"
     if not holes:
-        verdict = "identical" if found.same else "cannot tell all"
+        verdict = "identical" if found.same else "cannot tell the run's data"
     assert not found.differences, found.first
     gaps = [(gap.begin, gap.end) for gap in bag.gaps]
     return bag.message_count, gaps, len(bag.attachments), verdict
@@ -225,7 +233,7 @@ def test_the_table_of_damages(chunked, tmp_path, finished):
 @pytest.mark.parametrize("place", (5, 12))
 def test_what_else_an_agent_remembers_goes_on_too(factored, flipped, place):
     found = check(factored, *flipped(factored.bag, place))
-    assert found.not_compared[0][1] is not None and found.updates > 200
+    assert lost_parts(found)[0][1] is not None and found.updates > 200
 
 
 def test_what_is_said(chunked, flipped, capsys):
@@ -236,13 +244,13 @@ def test_what_is_said(chunked, flipped, capsys):
         f"lost: flipped_0.mcap, bytes {block.offset} to {block.offset + block.length} ("
         in out
     )
-    [(first, last)] = verify(path).not_compared
-    assert f"identical but for steps {first} to {last}, which are lost\n" in out
-    assert "differs" not in out
+    [(first, last)] = lost_parts(verify(path))
+    assert f"cannot tell from step {first} to step {last}: " in out
+    assert "differs" not in out and out.endswith("all else is identical\n")
     path, block = flipped(chunked.bag, -1)
     assert main(["verify", str(path)]) == 3
     out = capsys.readouterr().out
-    assert re.search(r"identical up to step \d+; cannot tell from step \d+\n", out)
+    assert re.search(r"cannot tell from step \d+ on: ", out)
 
 
 def test_a_recovered_bag_has_the_same_gap(chunked, flipped):
@@ -251,14 +259,14 @@ def test_a_recovered_bag_has_the_same_gap(chunked, flipped):
     found = verify(recover(path).path)
     assert found.differences == () and found.cannot_tell
     assert found.log.gaps[0] == before.log.gaps[0]
-    assert found.not_compared[0] == before.not_compared[0]
+    assert lost_parts(found)[0] == lost_parts(before)[0]
 
 
 def test_a_difference_elsewhere_still_differs(chunked, rewritten, flipped, tmp_path):
     """Also one behind the gap, in what is computed from the next checkpoint on."""
     log = verify(chunked.bag).log
     period = chunked.run.step_period * 1e9
-    rewarded = log.tracks.rewards[0].step
+    rewarded = log.messages.rewards[0].step
 
     def lower(message):
         message.position[1] -= 1.0
@@ -273,7 +281,7 @@ def test_a_difference_elsewhere_still_differs(chunked, rewritten, flipped, tmp_p
         assert [one.step for one in verify(bag).differences[:1]] == [step]
         path, _ = flipped(bag, chunk_at(bag, 150, period))
         found = verify(path)
-        assert [one.step for one in found.differences[:1]] == [step], found.not_compared
+        assert [one.step for one in found.differences[:1]] == [step], lost_parts(found)
 
 
 def changed_tables(step, how):
@@ -306,12 +314,12 @@ def test_tables_that_nobody_can_go_on_from_are_no_checkpoint(
     chunked, rewritten, flipped, tmp_path, how
 ):
     path, _ = flipped(chunked.bag, 5)
-    step = verify(path).not_compared[0][1] + 1
+    step = lost_parts(verify(path))[0][1] + 1
     change = changed_tables(step, how)
     bag = rewritten(chunked.bag, tmp_path / "bag", attach=change, chunk_size=CHUNK)
     place = chunk_at(bag, verify(path).log.gaps[0].first, chunked.run.step_period * 1e9)
     found = verify(flipped(bag, place)[0])
-    assert found.not_compared[0][1] > step
+    assert lost_parts(found)[0][1] > step
     assert found.differences == ()
 
 
@@ -328,7 +336,7 @@ def test_tables_of_a_step_that_nobody_was_at_are_no_checkpoint(
 
     bag = rewritten(chunked.bag, tmp_path / "bag", attach=attach, chunk_size=CHUNK)
     found = verify(flipped(bag, -2)[0])
-    assert found.differences == () and found.not_compared[-1][1] is None
+    assert found.differences == () and lost_parts(found)[-1][1] is None
 
 
 def test_a_count_of_the_world_that_goes_back_is_no_checkpoint(
@@ -337,12 +345,12 @@ def test_a_count_of_the_world_that_goes_back_is_no_checkpoint(
     """Who hides an action and its reward before the next status takes one from its count."""
     period = chunked.run.step_period * 1e9
     path, _ = flipped(chunked.bag, 5)
-    [(_, last)] = verify(path).not_compared
+    [(_, last)] = lost_parts(verify(path))
     lost_at = verify(path).log.gaps[0].first
     log = verify(chunked.bag).log
-    both = np.intersect1d(*(track.step for track in log.tracks.rewards))
+    both = np.intersect1d(*(track.step for track in log.messages.rewards))
     step = int(both[both > last][0])
-    assert step <= min(one.step for one in log.tracks.statuses if one.step > last)
+    assert step <= min(one.step for one in log.messages.statuses if one.step > last)
 
     def change(messages):
         hidden = [
@@ -352,7 +360,7 @@ def test_a_count_of_the_world_that_goes_back_is_no_checkpoint(
 
     bag = rewritten(chunked.bag, tmp_path / "bag", change, chunk_size=CHUNK)
     found = verify(flipped(bag, chunk_at(bag, lost_at, period))[0])
-    assert found.not_compared[0][1] > last
+    assert lost_parts(found)[0][1] > last
 
 
 def test_a_lost_attachment_costs_no_time_step(chunked, tmp_path):
@@ -365,14 +373,15 @@ def test_a_lost_attachment_costs_no_time_step(chunked, tmp_path):
     found = verify(path)
     whole = verify(chunked.bag)
     assert found.differences == () and found.cannot_tell
-    assert not found.not_compared and found.log.gaps == []
-    assert [one.quantity for one in found.open] == ["tables"]
+    assert not lost_parts(found) and found.log.gaps == []
+    [unknown] = found.unknown
+    assert unknown.first == unknown.last and "tables of robot_1" in unknown.why
     assert (found.steps, found.updates) == (whole.steps, whole.updates)
     assert found.tables == whole.tables - 1
 
 
 def test_an_undamaged_log_whose_numbers_jump_differs(chunked, rewritten, tmp_path):
-    number = len(verify(chunked.bag).log.tracks.rewards[0].step) // 2
+    number = len(verify(chunked.bag).log.messages.rewards[0].step) // 2
     bag = rewritten(chunked.bag, tmp_path / "bag", gap=("/robot_1/reward", number))
     assert any("number" in one.logged for one in verify(bag).differences)
 
@@ -381,15 +390,13 @@ def test_each_coordinate_is_explained_as_far_as_it_is_known(chunked, flipped, ca
     path, _ = flipped(chunked.bag, 5)
     log = read_run(path)
     whole = read_run(chunked.bag)
-    present = [
-        step for step in coordinations(log, 1) if list(explained(log, 1, [step]))
-    ]
-    [(first, last), *_] = verify(path).not_compared
+    [(first, last), *_] = lost_parts(verify(path))
+    steps = coordinations(log, 1)
+    due_at = {one.step: one for one in explained(whole, 1, steps)}
     seen = set()
-    for step in present:
-        [told] = explained(log, 1, [step])
-        [due] = explained(whole, 1, [step])
-        lost_then = first <= step <= last
+    for told in explained(log, 1, steps):
+        due = due_at[told.step]
+        lost_then = first <= told.step <= last
         seen.add(lost_then)
         assert (told.q_values == ()) == lost_then and told.agrees
         if lost_then:
@@ -397,12 +404,12 @@ def test_each_coordinate_is_explained_as_far_as_it_is_known(chunked, flipped, ca
         else:
             assert (told.q_values, told.update) == (due.q_values, due.update)
     assert seen == {False, True}
-    step = next(step for step in present if first <= step <= last)
+    step = next(step for step in steps if first <= step <= last)
     assert main(["explain", str(path), "--step", str(step), "--robot", "robot_2"]) == 0
     out = capsys.readouterr().out
     assert (
         out.startswith("lost: flipped_0.mcap, bytes ")
-        and "what it learned, is lost as" in out
+        and "its update are unknown" in out
     )
 
 
@@ -432,13 +439,58 @@ def test_a_part_of_a_bag_has_no_gap_before_it(chunked, flipped):
     long.bag.close()
 
 
-def test_where_numbers_say_that_a_gap_is():
-    """The topic that speaks most often knows it best."""
-    clock = Jump("/clock", 100, 200, None)
-    rare = Jump("/robot_1/percept", 20, 700, None)
-    assert lost([rare, clock], 10, []) == [LostSteps(11, 19)]
-    late = Jump("/robot_1/reward", 90, 210, None)
-    assert lost([rare, late, clock], 10, []) == [LostSteps(11, 19)]
-    two = [clock, Jump("/clock", 500, 560, None)]
-    assert lost(two, 10, [LostSteps(12, 18)]) == [LostSteps(12, 18), LostSteps(51, 55)]
-    assert lost([Jump("/clock", 50, 60, None)], 10, []) == [LostSteps(6, 6)]
+def lost_states(first, how=""):
+    return Forgery("lost", ("/robot_1/local_state", first, first + 3), how)
+
+
+def verified_without(good, folder, *done):
+    bag = forging.forged(forging.read(good.bag), done)
+    return verify(forging.write(bag, folder / "bag"))
+
+
+def test_what_a_recorder_missed_while_it_stood_still(good, tmp_path):
+    found = verified_without(good, tmp_path, lost_states(100, "named"))
+    [unknown] = found.unknown
+    assert found.cannot_tell and unknown.last is None
+    assert 100 <= unknown.first <= 104 and "stood still for 9.0 s" in unknown.why
+
+
+def test_what_is_missing_before_the_recorder_stood_still_differs(good, tmp_path):
+    done = lost_states(50), lost_states(100, "named")
+    found = verified_without(good, tmp_path, *done)
+    assert found.first[:4] == (50, "robot_1", "local_state", "missing")
+
+
+def jump(topic, before, after):
+    return Jump(topic, before, after, None)
+
+
+@pytest.mark.parametrize(
+    ("known", "jumps", "found"),
+    [
+        ([], [jump("/percept", 20, 700), jump("/clock", 100, 200)], [(11, 19)]),
+        (
+            [],
+            [
+                jump("/percept", 20, 700),
+                jump("/reward", 90, 210),
+                jump("/clock", 100, 200),
+            ],
+            [(11, 19)],
+        ),
+        (
+            [(12, 18)],
+            [jump("/clock", 100, 200), jump("/clock", 500, 560)],
+            [(12, 18), (51, 55)],
+        ),
+        ([], [jump("/clock", 50, 60)], [(6, 6)]),
+        ([(30, 40)], [jump("/clock", 340, 460)], [(30, 40)]),
+        ([(30, 40)], [jump("/clock", 350, 460)], [(30, 40), (36, 45)]),
+        ([(30, 40)], [jump("/clock", 200, 360)], [(30, 40)]),
+        ([(30, 40)], [jump("/clock", 200, 350)], [(30, 40), (21, 34)]),
+    ],
+)
+def test_where_numbers_say_that_a_gap_is(known, jumps, found):
+    """The narrowest jump shows the gap best; time steps of 10 ns."""
+    gaps = [LostSteps(*one) for one in known]
+    assert with_jumps(gaps, jumps, 10) == [LostSteps(*one) for one in found]

@@ -150,11 +150,13 @@ def test_a_history_counts_whole_transitions_only(run):
     )
     arrays = vars(log)
     rows = {name: a[kept] for name, a in arrays.items() if isinstance(a, np.ndarray)}
-    assert log.but(**rows).history().length[0] == length - 4
+    assert log.with_changes(**rows).history().length[0] == length - 4
     row, k = np.argwhere(log.asked & ~np.isnan(log.reward[..., -1]))[0]
     rewards = log.rewards.copy()
     rewards[row, k] = np.nan  # the world went on without the robot
-    assert log.but(rewards=rewards).history().asks.sum() == whole.asks.sum() - 1
+    assert (
+        log.with_changes(rewards=rewards).history().asks.sum() == whole.asks.sum() - 1
+    )
 
 
 def test_a_history_without_penalty_has_its_miscoordinations(record):

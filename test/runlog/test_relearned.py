@@ -16,8 +16,8 @@ from sparse_coord_ros.log.runlog.window import LongLog
     params=["coop", "factored", Traces()], ids=["coop", "factored", "traces"]
 )
 def bag(record, request):
-    settings = {"steps": 1500, "perception": "probability:0.6", "max_steps": 60}
-    values = {"checkpoint": 400, "learner": request.param}
+    settings = {"steps": 800, "perception": "probability:0.6", "max_steps": 40}
+    values = {"checkpoint": 250, "learner": request.param}
     return record(settings=settings, values=values).bag
 
 
@@ -46,7 +46,7 @@ def check(bag, count):
 
 def test_tables_of_any_step_are_those_of_train_stopped_there(bag, monkeypatch):
     monkeypatch.setattr(relearned, "AT_ONCE", 150)
-    check(bag, 10)
+    check(bag, 6)
 
 
 @pytest.mark.long

@@ -13,16 +13,17 @@ from sparse_coord_ros.log.bags import BagWriter
 from sparse_coord_ros.log.bags.metadata import ROLLED_BACK
 from sparse_coord_ros.log.bags.reader import open_bag
 from sparse_coord_ros.log.bags.recover import continued
-from sparse_coord_ros.log.runlog import verify
+from sparse_coord_ros.log.runlog import read_run, verify
 from sparse_coord_ros.log.runlog.attached import read_tables
 from sparse_coord_ros.log.runlog.dialogue import Request, heard, times_asked_again
+from sparse_coord_ros.log.runlog.difference import MISSING
 from sparse_coord_ros.log.runlog.percepts import check_percepts
-from sparse_coord_ros.log.runlog.replay import Stretch
-from sparse_coord_ros.log.runlog.timeline import Rollback, holds
-from sparse_coord_ros.log.runlog.tracks import _stale, _under_way
+from sparse_coord_ros.log.runlog.replay import Interval, trajectory_of
+from sparse_coord_ros.log.runlog.run_messages import asked_before, may_be_asked_before
+from sparse_coord_ros.log.runlog.timeline import MARGIN, Rollback, superseded
 from sparse_coord_ros.protocol.wire import RunState
 from sparse_coord_ros.protocol.wire.events import EventKind
-from sparse_coord_ros.protocol.wire.status import Said
+from sparse_coord_ros.protocol.wire.status import RunStatus
 from sparse_coord_ros.ros.nodes.messages import status
 
 AT = 120
@@ -75,8 +76,8 @@ def test_a_recorder_that_comes_back_after_the_run_names_the_gap(restarted, at):
     assert found.cannot_tell
     (gap,) = found.log.gaps
     assert at - 5 <= gap.first <= at + 1
-    assert gap.last == found.log.tracks.statuses[-1].step
-    assert found.not_compared == ((max(0, gap.first - 5), None),)
+    assert gap.last == found.log.messages.statuses[-1].step
+    assert [one[:2] for one in found.unknown] == [(max(0, gap.first - MARGIN), None)]
 
 
 def test_a_recorder_that_comes_back_may_hear_a_robot_later_than_the_world(
@@ -99,7 +100,7 @@ def test_a_recorder_that_comes_back_may_hear_a_robot_later_than_the_world(
     assert gap.first <= AT + 1
     assert AT + 10 <= gap.last + 1 <= AT + 12
     first = restarted(deaf(AT + 10, AT + 20)).differences[0]
-    assert str(first).startswith(f"step {AT + 10}, robot_2, action: logged missing")
+    assert first[:4] == (AT + 10, "robot_2", "action", MISSING)
 
 
 @pytest.mark.parametrize("later", [0, 1])
@@ -125,11 +126,10 @@ def test_a_recorder_that_comes_back_as_the_team_goes_back(record, tmp_path, miss
     step = min(round(ns / period) for ns in times if ns > 50 * period)
     found = verify(rolled_back(run, tmp_path / "bag", step, after=25, missed=missed))
     gaps = [(step, step + missed - 1)] if missed else []
-    assert found.log.tracks.gaps == gaps
+    assert found.log.messages.gaps == gaps
     assert found.differences == ()
-    assert [
-        first < gap[0] for (first, _), gap in zip(found.not_compared, gaps, strict=True)
-    ] == ([True] * len(gaps))
+    assert len(found.unknown) == len(gaps)
+    assert all(one.first < gap[0] for one, gap in zip(found.unknown, gaps, strict=True))
 
 
 def test_a_map_that_comes_again_is_known(restarted, good):
@@ -146,7 +146,7 @@ def test_a_map_that_comes_again_is_known(restarted, good):
 
 
 def test_a_world_that_is_yet_to_go_back_does_not_know_the_step(restarted, good):
-    said = Said("", RunState.RESUMING, 1, 0, 0, "start")
+    said = RunStatus("", RunState.RESUMING, 1, 0, 0, "start")
     said = status("env1", said.state, said.values())
     messages = list(open_bag(good.bag).messages())
     cut = AT * good.run.step_period * 1e9
@@ -161,11 +161,11 @@ def test_a_world_that_is_yet_to_go_back_does_not_know_the_step(restarted, good):
 def test_an_answer_to_a_question_of_before_a_roll_back():
     """Of the last steps before it, or of the checkpoint, by who has gone back already."""
     back = Rollback(1, step=56, first=56, until=76)
-    assert [step for step in range(50, 80) if _under_way(step, back)] == [
+    assert [step for step in range(50, 80) if may_be_asked_before(step, back)] == [
         *range(50, 57),
         *range(75, 80),
     ]
-    assert not _under_way(56, None)
+    assert not may_be_asked_before(56, None)
 
 
 def test_a_question_of_before_a_roll_back_that_its_peer_answers_from_behind_it():
@@ -175,26 +175,17 @@ def test_a_question_of_before_a_roll_back_that_its_peer_answers_from_behind_it()
         Request(0, 1, step, (0.5, 0.5), answer=(at, None))
         for step, at in ((56, 56), (57, 56), (58, 56), (58, 57))
     ]
-    assert [_stale(one, back) for one in asked] == [False, False, True, False]
-    assert not any(_stale(one, None) for one in asked)
-    assert not _stale(Request(0, 1, 70, (0.5, 0.5)), back)
+    assert [asked_before(one, back) for one in asked] == [False, False, True, False]
+    assert not any(asked_before(one, None) for one in asked)
+    assert not asked_before(Request(0, 1, 70, (0.5, 0.5)), back)
 
 
 def test_what_goes_back_supersedes():
     """What earlier files say from its first time step on, and its own file from before it."""
     back = Rollback(1, step=50, first=52, until=76)
-    assert [step for step in range(48, 54) if holds(0, step, [back])] == [
-        48,
-        49,
-        50,
-        51,
-    ]
-    assert [step for step in range(48, 54) if holds(1, step, [back])] == [
-        50,
-        51,
-        52,
-        53,
-    ]
+    steps = range(48, 54)
+    assert [one for one in steps if superseded(0, one, [back])] == [52, 53]
+    assert [one for one in steps if superseded(1, one, [back])] == [48, 49]
 
 
 def request(sent, returned, peer=1, step=9, answer=9):
@@ -255,10 +246,37 @@ def test_a_busy_robot_acts_on_the_answer_that_had_come(good):
     later = max(request.wall_ns.get(EventKind.RETURNED, 0) for request in log.requests)
     wall = {kind: later + 1 + kind for kind in range(4)}
 
+    trajectories = [trajectory_of(log, k, Interval()) for k in range(2)]
+
     def odd(answer):
         again = replace(one, wall_ns=wall, answer=answer, said=answer)
-        return check_percepts(log.but(requests=(*log.requests, again)), Stretch())
+        changed = log.with_changes(requests=(*log.requests, again))
+        return check_percepts(changed, trajectories)
 
     assert odd((one.step + 1, None)) == []
     assert odd(one.answer) == []
     assert odd((one.step, None)) != [], "a refusal that its peer cannot have given"
+
+
+def with_request(log, changes):
+    """Return the differences of a log in which the first refused request is changed."""
+    requests = list(log.requests)
+    refused = [one.answer == (one.step, None) for one in requests]
+    place = refused.index(True)
+    requests[place] = replace(requests[place], **changes(requests[place]))
+    trajectories = [trajectory_of(log, k, Interval()) for k in range(2)]
+    return check_percepts(log.with_changes(requests=tuple(requests)), trajectories)
+
+
+def test_a_peer_that_was_a_step_further_refuses(good):
+    def further(one):
+        return {"answer": (one.step + 1, None), "said": (one.step + 1, None)}
+
+    assert with_request(read_run(good.bag), further) == []
+
+
+def test_a_robot_asks_from_where_it_is(good):
+    """Even where all four events of a request say the same."""
+    log = read_run(good.bag)
+    [found] = with_request(log, lambda one: {"position": (0.25, 0.25)})
+    assert found.quantity.startswith("dialogue") and "(0.25, 0.25)" in found.logged

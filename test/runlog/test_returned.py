@@ -12,7 +12,12 @@ from sparse_coord_ros.log.bags import BagWriter, QoS
 from sparse_coord_ros.log.bags.reader import open_bag
 from sparse_coord_ros.log.runlog import verify
 from sparse_coord_ros.protocol.wire import RunState
-from sparse_coord_ros.protocol.wire.status import ROLL_CALL, Order, Progress, Said
+from sparse_coord_ros.protocol.wire.status import (
+    NO_ROLLBACK,
+    Order,
+    Progress,
+    RunStatus,
+)
 from sparse_coord_ros.ros.nodes.messages import status
 
 AT = 120
@@ -20,7 +25,7 @@ AT = 120
 FIRST = Progress("one", 0, 0)
 ALONE = Progress("another", 40, 39, (40, 0), resumed=True)
 OBEYED = ALONE._replace(obeyed="order")
-CALL = Said("", RunState.RESUMING, 1, 0, order=Order("order", ROLL_CALL, 40))
+CALL = RunStatus("", RunState.RESUMING, 1, 0, order=Order("order", NO_ROLLBACK, 40))
 
 
 @pytest.fixture
@@ -82,55 +87,71 @@ def returned(good, tmp_path):
 
 
 def test_a_robot_that_went_on_alone_is_an_open_question(returned, tmp_path, capsys):
-    found = returned(ALONE, other="robot_2")
-    assert found.cannot_tell
-    assert [one.robot for one in found.open] == ["robot_2"]
+    [unknown] = returned(ALONE, other="robot_2").unknown
+    assert unknown[:2] == (AT, None) and unknown.why.startswith("robot_2 came back")
     assert main(["verify", str(tmp_path / "bag")]) == 3
-    told = f"robot_2 came back at step {AT} with what it had learned until step 40, and went on"
+    told = f"cannot tell from step {AT} on: robot_2 came back "
     assert told in capsys.readouterr().out
 
 
 def test_a_robot_that_comes_back_twice(returned):
-    """What differs after the first time is open too; its checkpoint's tables come again."""
+    """The log cannot tell from the first time on; its checkpoint's tables come again."""
     first, second = (
         ALONE._replace(life=life, step=0) for life in ("another", "a third")
     )
     found = returned(
         first, second, other="robot_2", which=1, again="tables/robot_2_0.npz"
     )
-    assert found.cannot_tell and len(found.broke_off) == 2
-    assert [(one.step, one.logged) for one in found.open][:1] == [(0, "twice")]
-    assert found.open[1].step == 150
+    assert found.cannot_tell
+    assert [one[:2] for one in found.unknown] == [(AT, None)]
 
 
-def test_who_obeys_a_roll_call_does_not_go_back(returned):
-    found = returned(ALONE, OBEYED, other="robot_2", call=True)
-    assert found.cannot_tell and [one.robot for one in found.open] == ["robot_2"]
+def test_an_order_without_rollback_moves_no_robot_back(returned):
+    assert returned(ALONE, OBEYED, other="robot_2", call=True).cannot_tell
 
 
 def test_what_follows_from_a_world_that_came_back_alone_is_open(returned, good):
     gone = "/robot_1/local_state", round(AT * good.run.step_period * 1e9)
     found = returned(other="robot_2", call=True, without=gone)
-    assert [(one.step, one.quantity) for one in found.open] == [(AT, "local_state")]
-    assert found.broke_off[0].startswith("the world came back at step 0")
+    [unknown] = found.unknown
+    assert unknown[:2] == (0, None) and unknown.why.startswith("the world came back")
+
+
+def test_what_differs_before_a_robot_came_back_differs(returned, good):
+    gone = "/robot_1/local_state", round((AT - 1) * good.run.step_period * 1e9)
+    found = returned(ALONE, other="robot_2", without=gone)
+    assert [one[:3] for one in found.differences] == [
+        (AT - 1, "robot_1", "local_state")
+    ]
+    assert [one.first for one in found.unknown] == [AT]
+
+
+def test_what_differs_as_a_robot_comes_back_is_unknown(returned, good):
+    gone = "/robot_1/local_state", round(AT * good.run.step_period * 1e9)
+    assert returned(ALONE, other="robot_2", without=gone).cannot_tell
+
+
+def test_what_follows_from_a_robot_that_came_back_is_not_told_apart(returned):
+    """Another robot's tables may follow from it, too: `verify` does not find out."""
+    assert returned(ALONE, other="robot_1").cannot_tell
 
 
 @pytest.mark.parametrize(
     ("said", "other"),
     [
-        ((ALONE,), "robot_1"),
         ((ALONE, OBEYED), "robot_2"),
         ((FIRST,), "robot_2"),
+        ((ALONE._replace(resumed=False),), "robot_2"),
         ((), "robot_2"),
     ],
     ids=[
-        "another robot",
         "it went back with the team",
         "the same process",
+        "another process that began anew",
         "nobody came back",
     ],
 )
 def test_other_differences_are_none_of_its(returned, said, other):
     found = returned(*said, other=other)
     assert [one.robot for one in found.differences] == [other]
-    assert not found.broke_off
+    assert not found.unknown

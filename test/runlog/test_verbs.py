@@ -11,7 +11,7 @@ from sparse_coord_ros.cli.main import main
 from sparse_coord_ros.core.game.actions import ACTIONS
 from sparse_coord_ros.core.game.world import Reward
 from sparse_coord_ros.log.bags.reader import open_bag
-from sparse_coord_ros.log.runlog import read_run
+from sparse_coord_ros.log.runlog import Difference, Unknown, read_run
 from sparse_coord_ros.log.runlog.explain import coordinations, explained
 from sparse_coord_ros.protocol.wire.messages import REWARD_FORM
 from sparse_coord_ros.ros.nodes.messages import Converter
@@ -44,6 +44,26 @@ def changed(good, rewritten, tmp_path):
         return messages
 
     return rewritten(good.bag, tmp_path / "bag", change)
+
+
+@pytest.mark.parametrize(
+    ("found", "words"),
+    [
+        (
+            Difference(3, "robot_1", "reward", "1", "2"),
+            "step 3, robot_1, reward: logged 1, computed 2",
+        ),
+        (
+            Difference(None, None, "topic run", "twice", "once"),
+            "topic run: logged twice, computed once",
+        ),
+        (Unknown(4, None, "why"), "from step 4 on: why"),
+        (Unknown(4, 9, "why"), "from step 4 to step 9: why"),
+        (Unknown(4, 4, "why"), "at step 4: why"),
+    ],
+)
+def test_what_is_found_in_words(found, words):
+    assert str(found) == words
 
 
 def test_verify_identical(sparse_coord, good):

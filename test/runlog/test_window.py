@@ -58,8 +58,8 @@ def test_of_several_files_what_was_superseded_is_left_out(record, tmp_path):
     due = read_run(run.bag)
     log = LongLog(directory)
     read = read_run(directory)
-    assert len(log.bag.files) == 2 and read.tracks.rollbacks and not read.problems
-    assert read.tracks.statuses == due.tracks.statuses
+    assert len(log.bag.files) == 2 and read.messages.rollbacks and not read.problems
+    assert read.messages.statuses == due.messages.statuses
     assert (
         log.last_step == due.step[-1]
         and log.table_steps() == LongLog(run.bag).table_steps()
@@ -77,7 +77,7 @@ def test_of_several_files_what_was_superseded_is_left_out(record, tmp_path):
 
 @pytest.mark.parametrize("size", [1, 20_000, 10**9])
 def test_the_history_stretch_by_stretch_is_that_of_the_log(bag, monkeypatch, size):
-    monkeypatch.setattr(window, "STRETCH_BYTES", size)
+    monkeypatch.setattr(window, "BYTES_AT_ONCE", size)
     whole = read_run(bag)
     log = LongLog(bag)
     parts = list(log.episodes())
@@ -128,7 +128,7 @@ def test_the_whole_log_as_far_as_some_topics_tell(bag):
     for name in ("step", "cells", "action", "asked", "perceived", "reward", "numbers"):
         assert getattr(found, name).tobytes() == getattr(due, name).tobytes(), name
     assert found.history().same_bits(due.history())
-    assert found.tracks.statuses == due.tracks.statuses and not found.requests
+    assert found.messages.statuses == due.messages.statuses and not found.requests
     assert tables_equal(list(found.tables.values()), list(due.tables.values()))
     log.bag.close()
 

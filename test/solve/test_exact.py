@@ -181,18 +181,10 @@ def test_a_very_long_horizon_ends_when_nothing_changes():
     )
 
 
-def test_larger_teams_are_refused():
-    scenario = load_scenario("env2-4r")
-    with pytest.raises(
-        SettingError, match="env2-4r has 4 robots, allowed: 1 or 2; .* by trials"
-    ):
-        evaluate_exact(scenario, walking(scenario))
-
-
 def test_tables_that_do_not_fit_are_refused():
     with pytest.raises(
         TablesError,
-        match="robot 1 of scenario env1 .* cannot have learned that .q_star is",
+        match="robot 1 of scenario env1 .*q_star",
     ):
         evaluate_exact(load_scenario("env1"), walking(load_scenario("isr")))
 
@@ -245,7 +237,8 @@ def test_means_of_a_batch_are_the_exact_ones_and_plain_python_s(
         {"steps": 3000, "penalty": -100, **settings}
     )
     scenario = learner_of(learner).with_defaults(scenario)
-    [run] = run_batch(scenario, learner, [7], trials=2, engine="numba", jobs=1)
+    how = {"engine": "numba", "jobs": 1, "history": True}
+    [run] = run_batch(scenario, learner, [7], trials=2, **how)
     found = evaluate_exact(scenario, run.tables, learner=learner)
     means = run.exact
     assert tuple(means.reward) == found.robots
@@ -284,9 +277,7 @@ def test_cells_that_nobody_comes_to_do_not_count(monkeypatch):
     assert same.stays[:, : small.map.number[1, 5] + 1].tolist() == found.stays.tolist()
     monkeypatch.setattr(exact, "MOST_STATES", 81)
     assert evaluate_exact(hall, asks[1]).to_dict() == found.to_dict()
-    with pytest.raises(
-        SettingError, match="has 900 joint states, allowed: up to 81; leave out"
-    ):
+    with pytest.raises(SettingError, match="900 joint states"):
         evaluate_exact(hall, [Agent(Coop(), hall, k, 0).tables for k in range(2)])
 
 

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import sparse_coord_ros as sc
-from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.solve.joint_mdp import JointMDP, joint_mdp
 from sparse_coord_ros.core.solve.optimum import joint_optimum
@@ -29,13 +28,6 @@ def test_value_iteration_finds_the_optimum(settings):
         )
     assert values[mdp.start] == pytest.approx(joint_optimum(scenario).value, abs=1e-9)
     assert values[mdp.goal] == pytest.approx(200.0)
-
-
-def test_what_is_too_large_is_refused():
-    with pytest.raises(
-        SettingError, match="joint states, allowed for a joint MDP: up to 100,000"
-    ):
-        joint_mdp(load_scenario("env2-4r"))
 
 
 def test_in_the_api():

@@ -30,7 +30,7 @@ def test_a_small_study_is_computed_kept_and_written(tmp_path, monkeypatch, capsy
     given = {"penalty": -100, "steps": 400}
 
     def table(found):
-        result = found(make_condition("env1", "factored", given))
+        result = found(make_condition("env1", "coop", given))
         return [{"failed": f"{failed_share(result):.2f}"}]
 
     study = Study("small", (2, 2), 5, table)

@@ -21,9 +21,9 @@ from rclpy.publisher import Publisher
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.game.world import Action, Reward
 from sparse_coord_ros.core.runs.run_config import make_run
-from sparse_coord_ros.protocol.wire import Account, services
+from sparse_coord_ros.protocol.wire import SelfReport, services
 from sparse_coord_ros.protocol.wire.messages import CLOCK_FORM
-from sparse_coord_ros.ros.nodes import interface
+from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.environment import one_host
 from sparse_coord_ros.ros.nodes.messages import Converter
 from sparse_coord_ros.ros.nodes.spin import ros_context, spin_nodes
@@ -34,13 +34,13 @@ CONVERT = Converter(make_run(load_scenario("env1"), {}))
 
 
 def listen(
-    node: Node, topic: interface.RosTopic, robot: str, then: Callable[[bytes], None]
+    node: Node, topic: ros_topics.RosTopic, robot: str, then: Callable[[bytes], None]
 ) -> None:
     """Subscribe to a robot's topic; messages are handed on as bytes."""
     node.create_subscription(topic.type, topic.of(robot), then, topic.qos, raw=True)
 
 
-def publisher(node: Node, topic: interface.RosTopic, robot: str = "") -> Publisher:
+def publisher(node: Node, topic: ros_topics.RosTopic, robot: str = "") -> Publisher:
     """Return a publisher of a robot's topic, or of one that all share."""
     return node.create_publisher(
         topic.type, topic.of(robot) if robot else topic.name, topic.qos
@@ -59,14 +59,14 @@ class BareWorld(Node):
         reward = CONVERT.pack_reward(1, Reward(0, 0, 0, 0))
         state = CONVERT.pack_state(1, 0)
         self._messages = [
-            (publisher(self, interface.CLOCK), CLOCK_FORM.layout.pack(1, 0))
+            (publisher(self, ros_topics.CLOCK), CLOCK_FORM.layout.pack(1, 0))
         ]
         for robot in ROBOTS:
-            self._messages.append((publisher(self, interface.REWARD, robot), reward))
+            self._messages.append((publisher(self, ros_topics.REWARD, robot), reward))
             self._messages.append(
-                (publisher(self, interface.LOCAL_STATE, robot), state)
+                (publisher(self, ros_topics.LOCAL_STATE, robot), state)
             )
-            listen(self, interface.ACTION, robot, self._on_action)
+            listen(self, ros_topics.ACTION, robot, self._on_action)
         self.create_timer(0.02, self._start)
 
     @property
@@ -76,7 +76,7 @@ class BareWorld(Node):
 
     def _start(self) -> None:
         actions = [
-            self.count_publishers(interface.ACTION.of(robot)) for robot in ROBOTS
+            self.count_publishers(ros_topics.ACTION.of(robot)) for robot in ROBOTS
         ]
         listeners = [one.get_subscription_count() for one, _ in self._messages[1:]]
         if not self.started and all(actions) and all(listeners):
@@ -107,9 +107,9 @@ class BareRobot(Node):
         super().__init__(name, context=context)
         self._count = 0
         self._action = CONVERT.pack_action(
-            1, Action(0, False, -1, False), Account(0, False)
+            1, Action(0, False, -1, False), SelfReport(0, False)
         )
-        self._publisher = publisher(self, interface.ACTION, name)
+        self._publisher = publisher(self, ros_topics.ACTION, name)
         self._path = CONVERT.path(1, (0,))
         self.create_service(
             GetPlan, services.ACTIVE_PERCEPTION.of(name), self._on_asked
@@ -121,8 +121,8 @@ class BareRobot(Node):
     def _start(self) -> None:
         if self._client.service_is_ready() and self._publisher.get_subscription_count():
             self.destroy_timer(self._timer)
-            listen(self, interface.REWARD, self.get_name(), lambda data: None)
-            listen(self, interface.LOCAL_STATE, self.get_name(), self._on_state)
+            listen(self, ros_topics.REWARD, self.get_name(), lambda data: None)
+            listen(self, ros_topics.LOCAL_STATE, self.get_name(), self._on_state)
 
     def _on_state(self, data: bytes) -> None:
         self._count += 1
@@ -182,7 +182,7 @@ def main() -> int:
 
 
 def _stdin_closed() -> bool:
-    """Whether the starter has closed standard input: the world is done."""
+    """Return whether the starter has closed standard input: the world is done."""
     return bool(select.select([sys.stdin], [], [], 0)[0])
 
 

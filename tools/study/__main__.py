@@ -60,7 +60,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def computing(out: Path, by: Computing) -> Callable[[Condition, Plan], ConditionResult]:
-    """Return what computes conditions, where they are not there yet.
+    """Return a function that computes the missing conditions.
 
     Args:
         out: the results directory.

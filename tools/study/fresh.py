@@ -14,7 +14,7 @@ from pathlib import Path
 
 from sparse_coord_ros.base.files import write_whole
 from sparse_coord_ros.core.game.scenario import Scenario, load_scenario
-from sparse_coord_ros.core.game.unseen import KINDS, VERSION
+from sparse_coord_ros.core.game.unseen import KINDS, VERSIONS
 from sparse_coord_ros.core.solve.asking_search import find_asking_team
 from sparse_coord_ros.core.solve.optimum import joint_optimum
 from sparse_coord_ros.core.solve.reference import shortest_path_reference
@@ -90,9 +90,9 @@ def _chosen(robots: int, kept: Path) -> dict[str, float]:
 def _with_conflict(kind: str, robots: int) -> Iterator[tuple[str, float]]:
     """Yield the buildings of a kind that have a conflict, and what the best known team earns."""
     for seed in count(FIRST):
-        scenario = load_scenario(f"{VERSION}-{kind}-{robots}r-{seed}").with_settings(
-            LONG
-        )
+        scenario = load_scenario(
+            f"{VERSIONS[0]}-{kind}-{robots}r-{seed}"
+        ).with_settings(LONG)
         low = shortest_path_reference(scenario).reward + CONFLICT
         if robots == 2 and joint_optimum(scenario).value <= low:
             continue

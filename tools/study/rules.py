@@ -34,5 +34,5 @@ class NoRightOfWay(Factored):
 
     @staticmethod
     def counts(mind, task, peer, cell, peer_cell):
-        """Return that each correction counts."""
+        """Return 1: each correction counts."""
         return True

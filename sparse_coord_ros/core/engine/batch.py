@@ -127,7 +127,7 @@ def run_batches(
 
 
 def _is_found_elsewhere(batch: Batch) -> bool:
-    """Whether other processes find the learner and the perception model: not of a notebook."""
+    """Return whether other processes find learner and perception model: not of a notebook."""
     learner = path_of(type(batch.learner)) is not None
     return learner and is_found_elsewhere(batch.scenario.perception)
 
@@ -166,7 +166,7 @@ def _runs_of(
 
 
 def uses_numba(engine: str, learner: Learner | None = None) -> bool:
-    """Whether an engine setting means numba on this machine, and for a learner if one is named.
+    """Return whether an engine setting means numba here, for a learner if one is named.
 
     Raises:
         SettingError: there is no such engine; or numba is asked for, and not installed or no help
@@ -254,13 +254,13 @@ def prepare(
 
 
 def is_prepared(*, learner: str | Learner = "coop", history: bool = False) -> bool:
-    """Whether the loops for a learner need no compiling: they are, in this process or on disk."""
+    """Return whether a learner's loops are compiled, in this process or on disk."""
     key = _loops_key(learner, history)
     return is_compiled(*key) or is_kept(*key)
 
 
 def is_loaded(*, learner: str | Learner = "coop", history: bool = False) -> bool:
-    """Whether the loops for a learner are ready in this process."""
+    """Return whether the loops for a learner are ready in this process."""
     return is_compiled(*_loops_key(learner, history))
 
 

@@ -7,7 +7,7 @@ After learning each robot says once what it knows: where its moves led and how o
 and a climb of the *team's* value in it, from the policies learned, by changes of what one robot
 does in one cell. Of two robots the value is exact, and the climb is that of
 `core.solve.asking_search`; of more it is that of trials with the same draws. The paper has no such
-exchange, and this is planning, on a learned model: what nobody has felt does not exist in it.
+exchange, and this is planning, on a learned model: doorways that no robot has felt are not in it.
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -25,12 +25,13 @@ from sparse_coord_ros.core.game.links import UP
 from sparse_coord_ros.core.game.miscoordination import NOWHERE
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.game.specs import Spec
-from sparse_coord_ros.core.learners.factored import UNKNOWN, key_of, states_of
+from sparse_coord_ros.core.learners.factored import key_of, states_of
 from sparse_coord_ros.core.learners.learner import Learner
 from sparse_coord_ros.core.learners.memory import check_memory
 from sparse_coord_ros.core.learners.mind import Memory, learned_rows, memory_of, row_of
 from sparse_coord_ros.core.learners.policy import asks_surely
 from sparse_coord_ros.core.learners.registry import check_improvable
+from sparse_coord_ros.core.learners.rules import NOT_PERCEIVED
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs.run import Team
 from sparse_coord_ros.core.runs.run_config import RUN_FILE, RunConfig, create_output
@@ -47,8 +48,8 @@ IMPROVED = "improved"
 LEAD = 1.0
 """How much more than any other the action is worth that an improved table says."""
 
-TRIALS = 2000
-LOOKED_AT = 200
+PLAN_TRIALS = 2000
+FIRST_TRIALS = 200
 """Trials by which more robots are judged; trials after which most changes are given up."""
 
 GAIN_ERRORS = 2.0
@@ -64,7 +65,7 @@ class Improvement:
             they are so low that greedy reading gives the improved policy.
         before: what the learned team is worth on the learned model, averaged over the robots.
         value: what the improved one is worth there.
-        doorways: cells where somebody has felt r^C; the plan knows no others.
+        doorways: cells where a robot has felt r^C; the plan knows no others.
     """
 
     tables: tuple[Tables, ...]
@@ -79,7 +80,7 @@ class LearnedMap(GridMap):
 
     Attributes:
         lead: where a successful move leads; the cell itself where none ever led out of it.
-        felt: cells where somebody has felt r^C.
+        felt: cells where a robot has felt r^C.
     """
 
     lead: np.ndarray
@@ -99,7 +100,7 @@ class LearnedMap(GridMap):
 def improve(
     scenario: Scenario, learner: Learner, memories: Sequence[Memory]
 ) -> Improvement:
-    """Return what the robots make of what they have learned; the same bits for each of them.
+    """Return the team's plan from its knowledge; the same bits for each robot.
 
     Of the scenario it takes what a robot knows before it learns: starts and goals, discount, cost
     of asking, the percept model; of the map nothing but where cells lie.
@@ -145,19 +146,14 @@ def learned_scenario(
 ) -> Scenario:
     """Return the game as the team knows it; arguments as of `improve`.
 
-    Where a move leads says the robot that made it most often. Moves succeed as often as those did
-    that ever led anywhere; the others are walls. r^C is for each robot what it felt, on average.
+    r^C is for each robot what it felt, on average. Where the robots know their map (`prior: map`)
+    the moves are those of the map.
     """
-    cells = np.arange(len(scenario.map.cells))
-    tried = np.array([memory["updates"][:, :PRIMITIVES] for memory in memories]).sum(
-        axis=0
-    )
-    moved, successor, door = (
-        np.array([memory[name] for memory in memories])
-        for name in ("moved", "successor", "door")
-    )
-    most = moved.argmax(axis=0)[None]
-    leads = moved.any(axis=0)
+    lead, success = _learned_moves(memories)
+    if scenario.prior == "map":
+        lead = scenario.map.next_cell
+        success = scenario.known_success
+    door = np.array([memory["door"] for memory in memories])
     felt = door.sum(axis=1) / np.maximum(1, (door != 0.0).sum(axis=1))
     paid = felt / (learner.weights(scenario).common or 1.0)
     same = {field.name: getattr(scenario.map, field.name) for field in fields(GridMap)}
@@ -165,15 +161,31 @@ def learned_scenario(
         scenario,
         map=LearnedMap(
             **same,
-            lead=np.where(
-                leads, np.take_along_axis(successor, most, 0)[0], cells[:, None]
-            ),
+            lead=lead,
             felt=frozenset(np.flatnonzero(door.any(axis=0)).tolist()),
         ),
-        move_success=float(moved.sum() / max(1, tried[leads].sum())),
+        move_success=success,
         penalty=-1.0,
         common_reward=Spec("each", tuple((-paid).tolist())),
     )
+
+
+def _learned_moves(memories: Sequence[Memory]) -> tuple[np.ndarray, float]:
+    """Return where moves lead, (cells, moves), and how often they succeed, as robots learned it.
+
+    The robot that made a move most often says where it leads. Moves succeed as often as those did
+    that ever led anywhere; the others are walls.
+    """
+    updates = np.array([memory["updates"] for memory in memories])
+    tried = updates[:, :, :PRIMITIVES].sum(axis=0)
+    moved = np.array([memory["moved"] for memory in memories])
+    successor = np.array([memory["successor"] for memory in memories])
+    most = moved.argmax(axis=0)[None]
+    leads = moved.any(axis=0)
+    there = np.take_along_axis(successor, most, 0)[0]
+    cells = np.arange(len(tried))
+    success = float(moved.sum() / max(1, tried[leads].sum()))
+    return np.where(leads, there, cells[:, None]), success
 
 
 def _of_a_pair(
@@ -197,7 +209,7 @@ def _of_a_pair(
         after: dict[tuple[int, int, int], int] = {}
         for x in np.flatnonzero(team.asks[k]).tolist():
             after |= {(x, 1 - k, z): team.seen[k, x, z] for z in cells}
-            after[x, UNKNOWN, UNKNOWN] = team.moves[k, x]
+            after[x, NOT_PERCEIVED, NOT_PERCEIVED] = team.moves[k, x]
         improved.append(_acting(learned, learner, memory, star, after))
     return before, value, improved
 
@@ -215,35 +227,67 @@ def _by_trials(
 def one_at_a_time(
     learned: Scenario, learner: Learner, memories: Sequence[Memory]
 ) -> list[Memory]:
-    """Return what robots remember that take turns, on shortest ways.
+    """Return the memories of robots that take turns, each on its shortest path.
 
-    Doorways side by side are a passage. Who is before one on its way asks, and makes way if it
-    perceives a peer inside, or one of lower number before it.
+    Doorways side by side are a passage. A robot whose next move enters a passage asks first, and
+    makes way if it perceives a peer inside, or a peer of lower number in front of it.
     """
     passage = passages(learned)
+    routes = _on_routes(learned, [()] * len(memories))
+    return [
+        _taking_turns(learned, learner, k, memory, routes[k], passage)
+        for k, memory in enumerate(memories)
+    ]
+
+
+def _taking_turns(
+    learned: Scenario,
+    learner: Learner,
+    k: int,
+    memory: Memory,
+    u: np.ndarray,
+    passage: np.ndarray,
+) -> Memory:
+    """Return the memory of one robot of `one_at_a_time`.
+
+    Args:
+        learned: the game as the team knows it.
+        learner: who learned.
+        k: the robot, from 0.
+        memory: what it remembers.
+        u: its U on the shortest path, [cell, move].
+        passage: the passage of each cell, or `NOWHERE`.
+    """
+    goal = learned.robots[k].goal
     ahead = passage[learned.map.next_cell]
-    goals = [robot.goal for robot in learned.robots]
-    starts = []
-    for k, u in enumerate(_on_routes(learned, [()] * len(memories))):
-        star = np.column_stack([u, u.max(axis=1) - LEAD])
-        after: dict[tuple[int, int, int], int] = {}
-        for x, move in enumerate(u.argmax(axis=1).tolist()):
-            entered = ahead[x, move]
-            if x == goals[k] or entered in (NOWHERE, passage[x]):
-                continue
-            star[x] = preferring(star[x], COORDINATE)
-            waits = int(np.where(ahead[x] == entered, -np.inf, u[x]).argmax())
-            inside = passage == entered
-            before = (ahead == entered).any(axis=1)
-            for j in range(len(goals)):
-                first = inside | before & (j < k)
-                first[goals[j]] = False
-                after |= {
-                    (x, j, z): waits for z in np.flatnonzero(first).tolist() if j != k
-                }
-        alone = {**memories[k], "u": u, **rows_as_learned({}, len(u), len(goals))}
-        starts.append(_acting(learned, learner, alone, star, after))
-    return starts
+    star = np.column_stack([u, u.max(axis=1) - LEAD])
+    after: dict[tuple[int, int, int], int] = {}
+    for x, move in enumerate(u.argmax(axis=1).tolist()):
+        entered = ahead[x, move]
+        if x == goal or entered in (NOWHERE, passage[x]):
+            continue
+        star[x] = preferring(star[x], COORDINATE)
+        staying_out = np.where(ahead[x] == entered, -np.inf, u[x])
+        makes_way = int(staying_out.argmax())
+        for peer, cell in _going_first(learned, k, passage, entered):
+            after[x, peer, cell] = makes_way
+    blank = rows_as_learned({}, len(u), len(learned.robots))
+    return _acting(learned, learner, {**memory, "u": u, **blank}, star, after)
+
+
+def _going_first(
+    learned: Scenario, k: int, passage: np.ndarray, entered: int
+) -> Iterator[tuple[int, int]]:
+    """Yield the peers and their cells for which robot k makes way at a passage."""
+    inside = passage == entered
+    in_front = (passage[learned.map.next_cell] == entered).any(axis=1)
+    for peer, robot in enumerate(learned.robots):
+        if peer == k:
+            continue
+        first = inside | in_front if peer < k else inside.copy()
+        first[robot.goal] = False
+        for cell in np.flatnonzero(first).tolist():
+            yield peer, cell
 
 
 def _climb(
@@ -252,22 +296,19 @@ def _climb(
     """Climb by trials with the same draws; as `_of_a_pair`."""
     team = Team(learned, learner, compiled=has_numba())
     minds = team.initial(memories)
-    best = team.play(minds, 0, TRIALS, paired=True)
+    best = team.play(minds, 0, PLAN_TRIALS, paired=True)
     before = float(best.reward.mean())
     better = True
     while better:
         better = False
         for change in _changes(learned, team, minds, best.stays):
-            old = [list(row) for row, _ in change]
-            for row, new in change:
-                row[:] = new
+            undo = _made(change)
             found = _better(team, minds, best)
-            if found is not None:
+            if found is None:
+                _made(undo)
+            else:
                 best = found
                 better = True
-                continue
-            for (row, _), value in zip(change, old, strict=True):
-                row[:] = value
     improved = []
     for k in range(len(memories)):
         memory = memory_of(team.mind(minds, k))
@@ -279,26 +320,32 @@ def _climb(
 
 def _better(team: Team, minds: Any, best: Trials) -> Trials | None:
     """Return trials of what the robots would do now, where that is better; else None."""
-    few = team.play(minds, 0, LOOKED_AT, paired=True)
-    if few.reward.mean() <= best.reward[:LOOKED_AT].mean():
+    few = team.play(minds, 0, FIRST_TRIALS, paired=True)
+    if few.reward.mean() <= best.reward[:FIRST_TRIALS].mean():
         return None
-    found = team.play(minds, 0, TRIALS, paired=True)
+    found = team.play(minds, 0, PLAN_TRIALS, paired=True)
     gain = (found.reward - best.reward).mean(axis=1)
-    return found if gain.mean() > GAIN_ERRORS * gain.std() / TRIALS**0.5 else None
+    return found if gain.mean() > GAIN_ERRORS * gain.std() / PLAN_TRIALS**0.5 else None
 
 
 Change = list[tuple[Any, np.ndarray]]
-"""Rows of minds, lists or arrays, and what to write to them."""
+"""Rows of the robots' minds, lists or arrays, and the values to write to each."""
+
+
+def _made(change: Change) -> Change:
+    """Write the values of a change; return the change that undoes it."""
+    undo = [(row, np.array(row)) for row, _ in change]
+    for row, values in change:
+        row[:] = values
+    return undo
 
 
 def _changes(
     learned: Scenario, team: Team, minds: Any, stays: np.ndarray
 ) -> Iterator[Change]:
-    """Yield changes of what one robot does.
+    """Yield changes of what one robot does: routes, then actions, then corrections.
 
-    First another route: U of a robot alone that keeps out of one doorway, or of none. Then in one
-    cell another action. Then, where it asks, another move, or no correction, for one peer's cell
-    if that is in the way.
+    Each is made from what the minds hold when it is asked for, with all changes that were kept.
 
     Args:
         learned: the game as the team knows it.
@@ -307,19 +354,21 @@ def _changes(
         stays: steps that each robot acts in each cell, shape (robots, cells).
     """
     each = [team.mind(minds, k) for k in range(len(stays))]
-    for avoided in ((), *((doorway,) for doorway in sorted(learned.map.doorways))):
-        routes = _on_routes(learned, [avoided] * len(each))
-        for mind, route in zip(each, routes, strict=True):
-            yield _other_route(mind, route)
-    lead = learned.map.next_cell
-    for k, x in np.argwhere(stays > 0).tolist():
-        row = each[k].q_star[x]
-        for action in range(len(ACTIONS)):
-            waits_for_ever = action < PRIMITIVES and lead[x, action] == x
-            if action != np.argmax(row) and not waits_for_ever:
-                yield [(row, preferring(np.array(row), action))]
+    yield from _other_routes(learned, each)
     for k, mind in enumerate(each):
-        yield from _corrections(mind, stays[k], len(each))
+        yield from _other_actions(learned, mind, stays[k])
+    for k, mind in enumerate(each):
+        yield from _other_corrections(mind, stays[k], len(each))
+
+
+def _other_routes(learned: Scenario, minds: Sequence[Any]) -> Iterator[Change]:
+    """Yield another route of one robot: U of a robot alone that avoids one doorway, or none."""
+    avoided: list[tuple[int, ...]] = [()]
+    avoided += [(doorway,) for doorway in sorted(learned.map.doorways)]
+    for cells in avoided:
+        routes = _on_routes(learned, [cells] * len(minds))
+        for mind, route in zip(minds, routes, strict=True):
+            yield _other_route(mind, route)
 
 
 def _other_route(mind: Any, route: np.ndarray) -> Change:
@@ -343,14 +392,28 @@ def _on_routes(learned: Scenario, avoided: Sequence[Collection[int]]) -> np.ndar
     return routes
 
 
-def _corrections(mind: Any, stays: np.ndarray, robots: int) -> Iterator[Change]:
+def _other_actions(learned: Scenario, mind: Any, stays: np.ndarray) -> Iterator[Change]:
+    """Yield another action of one robot in one cell where it acts."""
+    lead = learned.map.next_cell
+    for x in np.flatnonzero(stays > 0).tolist():
+        row = mind.q_star[x]
+        for action in range(len(ACTIONS)):
+            waits_for_ever = action < PRIMITIVES and lead[x, action] == x
+            if action != np.argmax(row) and not waits_for_ever:
+                yield [(row, preferring(np.array(row), action))]
+
+
+def _other_corrections(mind: Any, stays: np.ndarray, robots: int) -> Iterator[Change]:
+    """Yield no correction, or another move, for one cell of a peer that is in the way.
+
+    In the robot's own cell it acts and asks.
+    """
     keys = learned_rows(mind.rho).keys
-    for key, (x, peer, _) in zip(
-        keys.tolist(), states_of(keys, len(stays), robots), strict=True
-    ):
+    states = states_of(keys, len(stays), robots)
+    for key, (x, peer, _) in zip(keys.tolist(), states, strict=True):
         row = mind.rho.values[row_of(mind.rho, key)]
         u = np.array(mind.u[x])
-        in_the_way = peer != UNKNOWN and row[u.argmax()] < 0.0
+        in_the_way = peer != NOT_PERCEIVED and row[u.argmax()] < 0.0
         if in_the_way and stays[x] and asks_surely(mind.q_star[x]):
             yield [(row, np.zeros(PRIMITIVES))]
             for move in range(PRIMITIVES):
@@ -371,7 +434,7 @@ def _acting(
     star: np.ndarray,
     after: Mapping[tuple[int, int, int], int],
 ) -> Memory:
-    """Return what a robot remembers that acts by other values.
+    """Return a memory that acts by other values.
 
     Args:
         scenario: the game.
@@ -428,5 +491,5 @@ def _with_values(
 
 
 def _cost(scenario: Scenario, learner: Learner) -> float:
-    """Return what asking costs, as the learner weighs it."""
+    """Return the cost of asking, weighed by the learner."""
     return learner.weights(scenario).ask_cost * scenario.ask_cost

@@ -17,8 +17,8 @@ from typing import Protocol
 from sparse_coord_ros.base.errors import SettingError, check_function
 from sparse_coord_ros.base.files import path_argument
 from sparse_coord_ros.core.engine import batch
-from sparse_coord_ros.core.engine.checkpoint import Checkpoint, load_checkpoint
 from sparse_coord_ros.core.engine.trained import Training
+from sparse_coord_ros.core.engine.training_checkpoint import Checkpoint, load_checkpoint
 from sparse_coord_ros.core.game.scenario import Scenario, ScenarioLike, loaded
 from sparse_coord_ros.core.game.settings import Setting
 from sparse_coord_ros.core.learners.learner import Learner
@@ -29,7 +29,7 @@ from sparse_coord_ros.core.learners.registry import (
 )
 from sparse_coord_ros.core.runs.evaluation import Evaluation, Progress, silent, summary
 from sparse_coord_ros.core.runs.forms import check_own_memory
-from sparse_coord_ros.core.runs.run import Glimpse, LearningRun, Team
+from sparse_coord_ros.core.runs.run import LearningRun, Team, TeamTransition
 from sparse_coord_ros.core.runs.run_config import RUN_SETTINGS
 
 EVERY = Setting(
@@ -61,17 +61,19 @@ class Watcher(Protocol):
     It is asked once more before the last transition.
 
     Attributes:
-        wants_glimpse: whether it wants a transition to be made and shown when it looks next.
+        wants_transition: the watcher wants to see one single transition at the next look.
     """
 
-    wants_glimpse: bool
+    wants_transition: bool
 
-    def look(self, learning: LearningRun, glimpse: Glimpse | None) -> int | None:
+    def look(
+        self, learning: LearningRun, transition: TeamTransition | None
+    ) -> int | None:
         """Look at a run between two transitions.
 
         Args:
             learning: the run.
-            glimpse: the transition that it has just made, where it could be made apart.
+            transition: the transition just made, where it could be made singly; else None.
 
         Returns:
             After how many transitions to look again at the latest; 0: hold, and look again at
@@ -98,7 +100,7 @@ def engine_for(scenario: Scenario, learner: str | Learner, engine: str = "auto")
 
 
 def worth_compiling(scenario: Scenario, learner: Learner) -> bool:
-    """Whether plain Python takes longer for a run than numba takes to begin."""
+    """Return whether plain Python takes longer for a run than numba takes to begin."""
     kept = batch.is_prepared(learner=learner, history=True)
     needed = WORTH_LOADING if kept else WORTH_COMPILING
     return scenario.steps * len(scenario.robots) >= needed
@@ -209,7 +211,6 @@ class _RunUnderWay:
 
     def _learn(self, until: int, caught: list[int]) -> None:
         learning = self.learning
-        every = self.evaluate_every
         budget = learning.scenario.steps
         part = FIRST_PART
         saved = time.monotonic()
@@ -217,25 +218,38 @@ class _RunUnderWay:
         while learning.done < until and not caught:
             wanted = self._look(until)
             if wanted == 0 and learning.done < until:
-                continue
-            target = min(until, learning.done + min(part, wanted or part))
-            if self.watcher is not None and learning.done < until - 1:
-                target = min(target, until - 1)
-            if every:
-                target = min(target, (learning.done // every + 1) * every)
+                continue  # the watcher holds the run
+            target = self._target(until, min(part, wanted or part))
             began = time.monotonic()
             learning.advance(target)
             took = time.monotonic() - began
-            if wanted is None and took < PART_SECONDS[0]:
-                part *= 2
-            elif took > PART_SECONDS[1]:
-                part = max(1, part // 2)
-            if every and (target == budget or target % every == 0):
-                self.evaluations.append((target, summary(learning.play(self.trials))))
+            part = _next_part(part, took, may_grow=wanted is None)
+            self._evaluate_where_due(target)
             self.progress(learning.done, budget)
             if time.monotonic() - saved >= SAVE_SECONDS:
                 self._save()
                 saved = time.monotonic()
+
+    def _target(self, until: int, most: int) -> int:
+        """Return the number of transitions to learn up to, with at most `most` new ones.
+
+        A watcher looks once more before the last transition. No evaluation is passed over.
+        """
+        done = self.learning.done
+        every = self.evaluate_every
+        target = min(until, done + most)
+        if self.watcher is not None and done < until - 1:
+            target = min(target, until - 1)
+        if every:
+            target = min(target, (done // every + 1) * every)
+        return target
+
+    def _evaluate_where_due(self, done: int) -> None:
+        """Play trials after each `evaluate_every` transitions, and at the end of the budget."""
+        every = self.evaluate_every
+        over = done == self.learning.scenario.steps
+        if every and (over or done % every == 0):
+            self.evaluations.append((done, summary(self.learning.play(self.trials))))
 
     def _look(self, until: int) -> int | None:
         """Let the watcher look; return what it returns."""
@@ -246,8 +260,10 @@ class _RunUnderWay:
             return None
         following = learning.done + 1
         apart = following == until or not every or following % every != 0
-        glimpse = learning.glimpse() if apart and watcher.wants_glimpse else None
-        return watcher.look(learning, glimpse)
+        transition = (
+            learning.make_transition() if apart and watcher.wants_transition else None
+        )
+        return watcher.look(learning, transition)
 
     def _save(self) -> None:
         """Write the checkpoint, where one is wanted."""
@@ -256,6 +272,15 @@ class _RunUnderWay:
             found = tuple(self.evaluations), self.evaluate_every, self.trials
             saved = Checkpoint(run.state(), *found)
             saved.save(self.checkpoint, run.scenario, run.learner, run.seed)
+
+
+def _next_part(part: int, took: float, *, may_grow: bool) -> int:
+    """Return how many transitions to make at once, after `part` took so many seconds."""
+    if took > PART_SECONDS[1]:
+        return max(1, part // 2)
+    if took < PART_SECONDS[0] and may_grow:
+        return 2 * part
+    return part
 
 
 @contextmanager

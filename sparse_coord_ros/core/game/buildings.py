@@ -17,13 +17,13 @@ from sparse_coord_ros.core.game.unseen import Cell, generated, unseen
 CORRIDOR = 2
 """Rows of a corridor: wide enough to pass one another."""
 
-BESIDE = 0.5
+DOORWAY_BESIDE = 0.5
 """Probability of a doorway between two rooms side by side."""
 
 TRIAL = 5
 """A trial lasts at least so many times as long as the longest of the shortest paths."""
 
-MOST = 60, 20
+MOST = 53, 20
 """Robots of a building; rooms in a row, rows, and cells along the side of a room."""
 
 
@@ -73,34 +73,57 @@ def _made(b: _Building) -> dict[str, Any]:
     Every robot starts in a room and has its goal in another; no two share a start or a goal.
     """
     draw = random.Random(f"building {b.rooms} {b.rows} {b.size} {b.robots} {b.seed}")
+    grid, rooms = _plan(b, draw)
+    pairs = _starts_and_goals(b, rooms, draw)
+    said = f"rooms {b.rooms}, rows {b.rows}, size {b.size}, robots {b.robots}, seed {b.seed}"
+    name = f"building-{b.rooms}x{b.rows}x{b.size}-{b.seed}"
+    steps = TRIAL * _longest_path(grid, pairs)
+    longer = {"horizon": steps, "max_steps": steps} if steps > 100 else {}
+    return generated(name, said, grid, pairs, **longer)
+
+
+def _plan(b: _Building, draw: random.Random) -> tuple[list[str], list[list[Cell]]]:
+    """Return the lines of the map, and the cells of each room."""
     grid: list[str] = []
-    rooms: list[list[Cell]] = []  # the cells of each room
+    rooms: list[list[Cell]] = []
     for row in range(b.rows):
         if row:
-            width = b.rooms * (b.size + 1) - 1
-            grid.append(_wall(b, draw))
-            grid += [FREE * width] * CORRIDOR
-            grid.append(_wall(b, draw))
+            grid += _corridor(b, draw)
         top = len(grid)
-        beside = [_beside(b, draw) for _ in range(b.rooms - 1)]
-        for line in range(b.size):
-            ends = [DOORWAY if line == door else WALL for door in beside] + [""]
-            grid.append("".join(FREE * b.size + end for end in ends))
+        grid += _row_of_rooms(b, draw)
         for room in range(b.rooms):
             left = room * (b.size + 1)
-            places = [(top + i, left + j) for i in range(b.size) for j in range(b.size)]
-            rooms.append(places)
-    pairs = _starts_and_goals(b, rooms, draw)
+            cells = [(top + i, left + j) for i in range(b.size) for j in range(b.size)]
+            rooms.append(cells)
+    return grid, rooms
+
+
+def _corridor(b: _Building, draw: random.Random) -> list[str]:
+    """Return the lines of a corridor between two rows of rooms, with both walls."""
+    width = b.rooms * (b.size + 1) - 1
+    above = _wall(b, draw)
+    below = _wall(b, draw)
+    return [above, *[FREE * width] * CORRIDOR, below]
+
+
+def _row_of_rooms(b: _Building, draw: random.Random) -> list[str]:
+    """Return the lines of a row of rooms, with the doorways between them."""
+    doors = [_beside(b, draw) for _ in range(b.rooms - 1)]
+    lines = []
+    for line in range(b.size):
+        between = [DOORWAY if line == door else WALL for door in doors]
+        lines.append("".join(FREE * b.size + end for end in [*between, ""]))
+    return lines
+
+
+def _longest_path(grid: list[str], pairs: list[tuple[Cell, Cell]]) -> int:
+    """Return the length of the longest of the robots' shortest paths."""
     plan = GridMap("", tuple(grid))
-    ways = [
-        (plan.distances_to(plan.number[goal]), plan.number[start])
-        for start, goal in pairs
-    ]
-    lasting = TRIAL * max(int(moves[start]) for moves, start in ways)
-    said = f"rooms {b.rooms}, rows {b.rows}, size {b.size}, robots {b.robots}, seed {b.seed}"
-    longer = {"horizon": lasting, "max_steps": lasting} if lasting > 100 else {}
-    name = f"building-{b.rooms}x{b.rows}x{b.size}-{b.seed}"
-    return generated(name, said, grid, pairs, **longer)
+    lengths = []
+    for start, goal in pairs:
+        moves = plan.distances_to(plan.number[goal])
+        lengths.append(int(moves[plan.number[start]]))
+    return max(lengths)
 
 
 def _wall(building: _Building, draw: random.Random) -> str:
@@ -114,7 +137,7 @@ def _wall(building: _Building, draw: random.Random) -> str:
 
 def _beside(building: _Building, draw: random.Random) -> int:
     """Return the line of the doorway between two rooms side by side, -1: there is none."""
-    wanted = draw.random() < BESIDE or building.rows == 1
+    wanted = draw.random() < DOORWAY_BESIDE or building.rows == 1
     line = draw.randrange(building.size)
     return line if wanted else -1
 

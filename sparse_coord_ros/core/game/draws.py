@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sparse_coord_ros.base.compiling import compiled_as, inlined, inner
-from sparse_coord_ros.core.game.links import DOWN_DRAW, UP, link_of
+from sparse_coord_ros.core.game.links import DOWN_DRAW, link_of
 from sparse_coord_ros.core.game.pcg64 import (
     MOST,
     jump_table,
@@ -20,8 +20,9 @@ from sparse_coord_ros.core.game.pcg64 import (
     source_of,
     uniform,
 )
-from sparse_coord_ros.core.game.perception import percept_probabilities
+from sparse_coord_ros.core.game.perception import sight_of
 from sparse_coord_ros.core.game.scenario import Scenario
+from sparse_coord_ros.core.game.sight import is_drawn
 from sparse_coord_ros.core.game.streams import DRAWS, LEARNING, PERCEPT, Stream
 
 WIDTHS = tuple(DRAWS.values())
@@ -35,13 +36,13 @@ class Links(NamedTuple):
     """When robots get no answer, as arrays.
 
     Attributes:
-        fails: whether percepts can fail.
+        drawn: whether percepts that get through need draws.
         down: when each robot's link is down, [k, time step modulo its length]; no columns where
             links have no pattern.
         dead_from: the time step from which all links are down.
     """
 
-    fails: bool
+    drawn: bool
     down: np.ndarray
     dead_from: int
 
@@ -50,9 +51,8 @@ def links_of(scenario: Scenario, seed: int, phase: int) -> Links:
     """Return when robots of a run get no answer."""
     team = len(scenario.robots)
     links = [link_of(scenario.link, seed, k, phase) for k in range(team)]
-    percept = percept_probabilities(scenario.perception, scenario.map)
-    fails = bool(team == 1 or (percept < 1.0).any() or scenario.link != UP)
-    return Links(fails, np.array([link.pattern for link in links]), links[0].dead_from)
+    needed = is_drawn(sight_of(scenario.perception, scenario.map))
+    return Links(needed, np.array([link.pattern for link in links]), links[0].dead_from)
 
 
 class PlainDraws:
@@ -161,4 +161,4 @@ def percept_draw(draws: Any, k: int, step: int) -> float:
     period = links.down.shape[1]
     if step >= links.dead_from or (period > 0 and links.down[k, step % period]):
         return DOWN_DRAW
-    return drawn(draws, PERCEPT, k, step, 0) if links.fails else 0.0
+    return drawn(draws, PERCEPT, k, step, 0) if links.drawn else 0.0

@@ -85,6 +85,20 @@ class GridMap:
         return r, c
 
     @cached_property
+    def squares(self) -> np.ndarray:
+        """Shape (cells,), int64: the square of each free cell, row * columns + column."""
+        r, c = self._places
+        squares: np.ndarray = r * self.shape[1] + c
+        return squares
+
+    @cached_property
+    def free(self) -> np.ndarray:
+        """Shape (squares,), bool: whether a square is free."""
+        free = np.zeros(self.shape[0] * self.shape[1], dtype=np.bool_)
+        free[self.squares] = True
+        return free
+
+    @cached_property
     def number(self) -> dict[tuple[int, int], int]:
         """The cell number of each free (row, column)."""
         return {position: cell for cell, position in enumerate(self.cells)}
@@ -180,16 +194,21 @@ def moves_to(lead: np.ndarray, goal: int, avoided: Collection[int] = ()) -> np.n
     Returns:
         Shape (cells,), int64.
     """
-    far = np.full(len(lead), UNREACHABLE, dtype=np.int64)
-    front = np.zeros(len(lead), dtype=np.bool_)
-    moves = 0
-    front[goal] = True
-    while front.any():
-        far[front] = moves
-        front[list(avoided)] = False
-        front = front[lead].any(axis=1) & (far == UNREACHABLE)
-        moves += 1
-    return far
+    origins: list[list[int]] = [[] for _ in lead]
+    for x, row in enumerate(lead.tolist()):
+        for y in row:
+            origins[y].append(x)
+    for x in avoided:
+        origins[x] = []
+    far = [UNREACHABLE] * len(lead)
+    far[goal] = 0
+    reached = [goal]
+    for y in reached:  # it grows
+        for x in origins[y]:
+            if far[x] == UNREACHABLE:
+                far[x] = far[y] + 1
+                reached.append(x)
+    return np.array(far, dtype=np.int64)
 
 
 def regions(lead: np.ndarray) -> np.ndarray:

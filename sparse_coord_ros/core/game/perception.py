@@ -2,10 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Active-perception models: whether the percept of COORDINATE succeeds (paper, Section 3.2).
 
-"Whether or not it actually succeeds is environment-dependent." A model is a matrix of success
-probabilities over the asker's and the asked robot's cells; the percept succeeds when the draw of
-(asker, step) lies below the entry. A model is a function of the map and its numbers, registered
-under a name; one of the user's own may also be named as `module:function`.
+"Whether or not it actually succeeds is environment-dependent." A model gives a probability for the
+cells of the robot that asks and of the robot that it asks; the percept succeeds when the draw of
+(asker, step) lies below it. A model is a function of the map and its numbers, registered under a
+name; one of the user's own may also be named as `module:function`. Those of this package return a
+`Sight`, which computes the probability of a pair when asked, those of the user's own a matrix.
 """
 
 import inspect
@@ -20,6 +21,7 @@ import numpy as np
 
 from sparse_coord_ros.base.compiling import inner
 from sparse_coord_ros.base.errors import SettingError, in_short
+from sparse_coord_ros.core.game import sight
 from sparse_coord_ros.core.game.grid import GridMap
 from sparse_coord_ros.core.game.plugins import (
     Registry,
@@ -28,15 +30,17 @@ from sparse_coord_ros.core.game.plugins import (
     is_shipped,
     path_of,
 )
+from sparse_coord_ros.core.game.sight import Sight
 from sparse_coord_ros.core.game.specs import Form, Number, Spec, SpecFamily
 
 MOST_PERCEPTS = 2**29
-"""Pairs of cells for which there can be probabilities: those of 23,170 cells, 4 GiB."""
+"""Pairs of cells of a table of probabilities: those of 23,170 cells, 4 GiB."""
 
-PerceptionModel = Callable[..., np.ndarray]
-"""Takes the map and the numbers of its spec; returns what `percept_probabilities` does. Its
-attribute `numbers`, a tuple of `Number`, says their names and ranges; without one, its parameters
-after the map are numbers without bounds."""
+PerceptionModel = Callable[..., np.ndarray | Sight]
+"""Takes the map and the numbers of its spec; returns the probabilities of percepts, shape
+(cells, cells), first index the asker's cell, second the asked robot's. Its attribute `numbers`, a
+tuple of `Number`, says their names and ranges; without one, its parameters after the map are
+numbers without bounds."""
 
 MARK = "is_perception_model"
 """Attribute of functions that may be called as a model by their module and name; no other is."""
@@ -113,13 +117,12 @@ def named_model(model: PerceptionModel) -> str:
     name = next(
         one for one in itertools.chain([own], numbered) if one not in MODELS.names
     )
-    MODELS.register(name, model)
-    _HERE_ALONE.add(name)
+    _HERE_ALONE[name] = MODELS.register(name, model)
     return name
 
 
-_HERE_ALONE: set[str] = set()
-"""Names of models that no other process can find."""
+_HERE_ALONE: dict[str, PerceptionModel] = {}
+"""Models that no other process can find, by the names that they had first."""
 
 
 def _lies_at(model: PerceptionModel, path: str) -> bool:
@@ -132,7 +135,8 @@ def _lies_at(model: PerceptionModel, path: str) -> bool:
 
 def check_found_elsewhere(model: Spec) -> None:
     """Raise `SettingError` where no other process can find a model, nor a later call."""
-    if model.kind in _HERE_ALONE:
+    known = MODELS.registered.get(model.kind)
+    if known is not None and known is _HERE_ALONE.get(model.kind):
         raise SettingError(
             f"perception model {model.kind!r}: other processes, and later calls, cannot find this "
             "function; define it in a module (a file)"
@@ -212,45 +216,51 @@ PERCEPTION = PerceptionFamily("perception")
 """The perception models that a scenario can name."""
 
 
-def check_percepts(grid: GridMap) -> None:
-    """Raise `SettingError` where a map has more pairs of cells than probabilities fit."""
-    cells = len(grid.cells)
-    if cells**2 > MOST_PERCEPTS:
-        raise SettingError(
-            f"map {grid.name} has {cells} cells, allowed in learning: at most "
-            f"{math.isqrt(MOST_PERCEPTS)} (perception has a probability for each pair of them); "
-            "take larger cells (import-map --cell) or a part of the map"
-        )
-
-
-def percept_probabilities(model: Spec, grid: GridMap) -> np.ndarray:
-    """Return the success probability of a percept.
+def sight_of(model: Spec, grid: GridMap) -> Sight:
+    """Return how likely percepts succeed on a map.
 
     Args:
         model: one of the kinds of `PERCEPTION`.
         grid: the map.
 
-    Returns:
-        Shape (cells, cells), float64 in [0, 1]: first index the asker's cell, second the asked
-        robot's cell.
-
     Raises:
-        SettingError: the map is too large, or a model of the user's own returns something else.
+        SettingError: a model of the user's own returns something else than probabilities, or the
+            map is too large for it.
         PluginError: it fails.
     """
-    check_percepts(grid)
+    function = MODELS.find(model.kind)
     name = f"perception model {model.kind!r}"
-    with failing_as(name, f"it looked at map {grid.name}"):
-        found = MODELS.find(model.kind)(grid, *model.numbers)
     cells = len(grid.cells)
+    if not is_shipped(function):
+        check_pairs(grid, f"with {name}, a table of all pairs", MOST_PERCEPTS)
+    with failing_as(name, f"it looked at map {grid.name}"):
+        found = function(grid, *model.numbers)
+    if isinstance(found, Sight):
+        return found
     with suppress(TypeError, ValueError):
         matrix = np.ascontiguousarray(found, dtype=np.float64)
         if matrix.shape == (cells, cells) and ((matrix >= 0) & (matrix <= 1)).all():
-            return matrix
+            return sight.tabled(grid, matrix)
     raise SettingError(
         f"{name}: returned {' '.join(in_short(found).split())}, allowed: probabilities from 0 to "
         f"1, shape ({cells}, {cells}): the asker's cell, then the asked robot's"
     )
+
+
+def check_pairs(grid: GridMap, what: str, most: int) -> None:
+    """Raise `SettingError` where a map is too large for what needs all pairs of its cells.
+
+    Args:
+        grid: the map.
+        what: what needs them.
+        most: pairs that there can be.
+    """
+    cells = len(grid.cells)
+    if cells**2 > most:
+        raise SettingError(
+            f"map {grid.name} has {cells} cells, allowed {what}: at most {math.isqrt(most)}; "
+            "take larger cells (import-map --cell) or a part of the map"
+        )
 
 
 @inner
@@ -259,7 +269,7 @@ def succeeds(draw: Any, probability: Any) -> Any:
 
     Args:
         draw: the asker's draw of the time step, from `core.game.percepts.Percepts`.
-        probability: that of the two robots' cells, from `percept_probabilities`.
+        probability: that of the two robots' cells, from `sight.probability`.
     """
     return draw < probability
 
@@ -285,69 +295,29 @@ def drawn_peer(number: int, robots: int, draw: float) -> int:
     return peer + 1 if peer >= number else peer
 
 
-def _probability(grid: GridMap, p: float) -> np.ndarray:
+def _probability(grid: GridMap, p: float) -> Sight:
     """Succeed with the same probability everywhere."""
-    return np.full((len(grid.cells), len(grid.cells)), p)
+    return sight.constant(grid, p)
 
 
-def _range(grid: GridMap, reach: float) -> np.ndarray:
+def _range(grid: GridMap, reach: float) -> Sight:
     """Succeed within so many cells, measured straight between the cells' centres."""
-    centres = np.array(grid.cells, dtype=float)
-    gap = centres[:, None, :] - centres[None, :, :]
-    return np.asarray(np.hypot(gap[..., 0], gap[..., 1]) <= reach, dtype=float)
+    return sight.within(grid, reach)
 
 
-def _line_of_sight(grid: GridMap) -> np.ndarray:
+def _line_of_sight(grid: GridMap) -> Sight:
     """Succeed where the straight line between the cells' centres crosses no wall."""
-    cells = grid.cells
-    seen = np.zeros((len(cells), len(cells)))
-    for x, here in enumerate(cells):
-        for y in range(x, len(cells)):
-            seen[x, y] = seen[y, x] = _sees(grid, here, cells[y])
-    return seen
+    return sight.line_of_sight(grid)
 
 
-def _sees(grid: GridMap, here: tuple[int, int], there: tuple[int, int]) -> bool:
-    """Walk the line in exact integer steps through every cell whose inside it crosses.
-
-    A line through a corner point of four cells passes when one of the two cells beside the
-    corner is free.
-    """
-    (r, c) = here
-    (end_r, end_c) = there
-    rows = abs(end_r - r)
-    columns = abs(end_c - c)
-    step_r = 1 if end_r > r else -1
-    step_c = 1 if end_c > c else -1
-    # Twice the (signed) distance to the next row border against that to the next column border.
-    error = columns - rows
-    while (r, c) != (end_r, end_c):
-        if error == 0:
-            beside = ((r + step_r, c), (r, c + step_c))
-            if not any(cell in grid.number for cell in beside):
-                return False
-            r = r + step_r
-            c = c + step_c
-            error += 2 * (columns - rows)
-        elif error > 0:
-            c += step_c
-            error -= 2 * rows
-        else:
-            r += step_r
-            error += 2 * columns
-        if (r, c) not in grid.number:
-            return False
-    return True
-
-
-def _always(grid: GridMap) -> np.ndarray:
+def _always(grid: GridMap) -> Sight:
     """Succeed."""
-    return _probability(grid, 1.0)
+    return sight.constant(grid, 1.0)
 
 
-def _never(grid: GridMap) -> np.ndarray:
+def _never(grid: GridMap) -> Sight:
     """Fail."""
-    return _probability(grid, 0.0)
+    return sight.constant(grid, 0.0)
 
 
 setattr(_probability, "numbers", (Number("p", 0.0, 1.0),))  # noqa: B010 - mypy

@@ -4,26 +4,18 @@
 
 import functools
 
-import numpy as np
-
 from sparse_coord_ros.core.game.links import DOWN_DRAW, UP, link_of
-from sparse_coord_ros.core.game.perception import percept_probabilities, succeeds
+from sparse_coord_ros.core.game.perception import sight_of, succeeds
 from sparse_coord_ros.core.game.scenario import Scenario
+from sparse_coord_ros.core.game.sight import Sight, probability
 from sparse_coord_ros.core.game.specs import Spec
 from sparse_coord_ros.core.game.streams import LEARNING, PERCEPT, Stream
 
 
-def ruled_out(scenario: Scenario) -> np.ndarray:
-    """Return where a peer cannot be when a percept fails: [own cell, peer's cell].
-
-    That is where it would surely have been perceived. A percept that fails though it would
-    have succeeded wherever the peer is says nothing.
-    """
-    certain: np.ndarray = (
-        percept_probabilities(scenario.perception, scenario.map) == 1.0
-    )
-    certain &= (scenario.link == UP) & ~certain.all(axis=1, keepdims=True)
-    return certain
+def sight_in(scenario: Scenario) -> Sight:
+    """Return how likely the percepts of a scenario succeed."""
+    sight = sight_of(scenario.perception, scenario.map)
+    return sight._replace(tells=scenario.link == UP)
 
 
 NEVER_PERCEIVING = (Spec("never"), Spec("probability", (0.0,)))
@@ -54,7 +46,7 @@ class Percepts:
                 link_of(scenario.link, seed, k, phase),
             )
         )
-        self._probabilities = percept_probabilities(scenario.perception, scenario.map)
+        self._sight = sight_of(scenario.perception, scenario.map)
 
     def draw(self, step: int, asker: int) -> float:
         """Return the draw of a robot's percept: `DOWN_DRAW` while its link is down."""
@@ -63,4 +55,5 @@ class Percepts:
 
     def sees(self, step: int, asker: int, here: int, there: int) -> bool:
         """Whether a robot in cell `here` perceives a robot in cell `there` at a time step."""
-        return bool(succeeds(self.draw(step, asker), self._probabilities[here, there]))
+        chance = probability(self._sight, here, there)
+        return bool(succeeds(self.draw(step, asker), chance))

@@ -152,6 +152,15 @@ class Registry(Generic[T]):
         """What is registered in this process, by name."""
         return dict(self._known)
 
+    @contextmanager
+    def temporary(self) -> Iterator[None]:
+        """Forget at the end what is registered in between."""
+        before = self.registered
+        try:
+            yield
+        finally:
+            self._known = dict(before)
+
     @property
     def usage(self) -> str:
         """What names are allowed, in words."""

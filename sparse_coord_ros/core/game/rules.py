@@ -18,12 +18,10 @@ from sparse_coord_ros.core.game.miscoordination import (
     meeting_places,
     together,
 )
-from sparse_coord_ros.core.game.perception import (
-    drawn_peer,
-    percept_probabilities,
-    succeeds,
-)
+from sparse_coord_ros.core.game.perception import drawn_peer, succeeds
+from sparse_coord_ros.core.game.percepts import sight_in
 from sparse_coord_ros.core.game.scenario import Scenario
+from sparse_coord_ros.core.game.sight import BLIND, Sight, probability
 from sparse_coord_ros.core.game.streams import MOTION, PEER, POLICY, START
 
 EPISODE_GAP = 2
@@ -41,7 +39,7 @@ class Problem(NamedTuple):
         goals: goal cell [k].
         next_cell: where a move leads [x][move].
         places: meeting place of each cell, as of `core.game.miscoordination` [x].
-        percept: probability that a percept succeeds, always an array [x, cell of the peer].
+        sight: how likely percepts succeed, always of arrays.
         all_peers: whether COORDINATE perceives every peer (footnote 3), or one drawn at random.
         penalties: r^C of a miscoordination [k].
         start_cells: cells where an exploring start can be [k][number].
@@ -57,7 +55,7 @@ class Problem(NamedTuple):
     goals: Any
     next_cell: Any
     places: Any
-    percept: np.ndarray
+    sight: Sight
     all_peers: bool
     penalties: Any
     start_cells: Any
@@ -95,9 +93,6 @@ def problem_of(scenario: Scenario, *, plain: bool, percepts: bool = True) -> Pro
     grid = scenario.map
     robots = scenario.robots
     free = [grid.leading_to(robot.goal) for robot in robots]
-    percept = np.zeros((0, 0))
-    if percepts:
-        percept = percept_probabilities(scenario.perception, grid)
     start_cells = np.zeros((len(robots), max(map(len, free))), dtype=INDEX)
     for k, choices in enumerate(free):
         start_cells[k, : len(choices)] = choices
@@ -106,7 +101,7 @@ def problem_of(scenario: Scenario, *, plain: bool, percepts: bool = True) -> Pro
         goals=np.array([robot.goal for robot in robots], dtype=INDEX),
         next_cell=np.ascontiguousarray(grid.next_cell, dtype=INDEX),
         places=meeting_places(scenario),
-        percept=percept,
+        sight=sight_in(scenario) if percepts else BLIND,
         all_peers=scenario.peers == "all",
         penalties=np.array(scenario.penalties),
         start_cells=start_cells,
@@ -156,7 +151,8 @@ def perceive(problem: Problem, draws: Any, k: int, step: int, cells: Any) -> int
     team = len(cells)
     if team == 2:
         if succeeds(
-            percept_draw(draws, k, step), problem.percept[cells[k], cells[1 - k]]
+            percept_draw(draws, k, step),
+            probability(problem.sight, cells[k], cells[1 - k]),
         ):
             return 2 - k
         return 0
@@ -170,7 +166,7 @@ def perceive(problem: Problem, draws: Any, k: int, step: int, cells: Any) -> int
     seen = 0
     for j in range(first, end):
         if j != k:
-            if not succeeds(draw, problem.percept[cells[k], cells[j]]):
+            if not succeeds(draw, probability(problem.sight, cells[k], cells[j])):
                 return 0
             seen |= 1 << j
     return seen

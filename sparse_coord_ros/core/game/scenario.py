@@ -51,6 +51,20 @@ CREDIT = SpecFamily(
 )
 """How much a robot weighs r^C while it learns."""
 
+PRIOR = ("none", "map")
+"""What a robot knows of its own way before it learns: nothing, or its values alone on the map."""
+
+STAND_OFF = SpecFamily(
+    "stand_off",
+    Form("wait", "a robot acts as its values say"),
+    Form(
+        "leave",
+        "with probability p it leaves, if that is worth all but this share of its best move",
+        (Number("p", 0.0, 1.0), Number("share", 0.0, 1.0)),
+    ),
+)
+"""What a robot does that asked twice in a row, was answered, and saw that no robot moved."""
+
 PEERS = ("one", "all")
 """Whom COORDINATE perceives: a peer drawn at random, or every other robot (paper, footnote 3)."""
 
@@ -72,6 +86,7 @@ DIALOGUE_SETTINGS = ("perception", "link", "peers")
 PROTOCOL = (
     *("steps", "max_steps", "starts", "step_size", "epsilon"),
     *("q_star_init", "q_coord_init", "goal_value", "credit", "referee"),
+    *("prior", "prior_success", "stand_off"),
 )
 """The settings that say how robots learn; the others say what they play."""
 
@@ -161,6 +176,23 @@ class Scenario:
     q_coord_init: float = setting(
         200.0, "initial value of Q^C", low=-LARGEST, high=LARGEST
     )
+    prior: str = setting(
+        "none",
+        "what robots know of their own way before they learn: nothing, or the values of a robot "
+        "alone on the map",
+        choices=PRIOR,
+    )
+    prior_success: float = setting(
+        0.0,
+        "probability that a move succeeds with which prior=map counts; 0: move_success",
+        low=0,
+        high=1,
+    )
+    stand_off: Spec = setting(
+        "wait",
+        "what a robot does when two questions in a row say that no robot moved",
+        STAND_OFF,
+    )
     goal_value: float = setting(
         200.0,
         "value of being at the goal while learning: 200 = absorbing goal that pays 10 a step for "
@@ -180,6 +212,26 @@ class Scenario:
                 f"factor{'s' * (factors != 1)}, scenario {self.name} has {team} robots and needs "
                 f"{team}; give each robot one, in the scenario's order"
             )
+
+        if self.prior == "map":
+            self._check_initial_values()
+
+    def _check_initial_values(self) -> None:
+        """Raise `SettingError` where an initial value was chosen beside `prior: map`."""
+        defaults = SETTINGS.defaults()
+        for name in ("q_star_init", "q_coord_init"):
+            value = getattr(self, name)
+            if value != defaults[name]:
+                raise SettingError(
+                    f"setting {name}: value is {value:g}, allowed with prior=map: "
+                    f"{defaults[name]:g}, which has no meaning there, as values begin at those "
+                    f"of a robot alone; leave {name} out, or set prior=none"
+                )
+
+    @property
+    def known_success(self) -> float:
+        """The probability that a move succeeds, as a robot counts that knows its map."""
+        return self.prior_success or self.move_success
 
     @property
     def label(self) -> str:
@@ -302,6 +354,9 @@ def is_sparse(cells: int, agents: int) -> bool:
     """
     return agents > 2 or dense_nbytes(cells, 2) > LARGEST_DENSE
 
+
+LARGEST_TEAM = 53
+"""Most robots: a reward names those in a miscoordination by the sum of 2^k, a float64."""
 
 RESERVED_NAMES = ("world_simulator", "recorder", "team")
 PAPER_LEARNERS = ("indiv", "noncoop", "coop")
@@ -437,6 +492,11 @@ def _robots(value: object, grid: GridMap, where: str) -> tuple[Robot, ...]:
         raise ScenarioError(
             f"{where}: field 'robots' {problem}; write one line a robot under it, its name first, "
             "e.g. robot_1: {start: 1, goal: 2}"
+        )
+    if len(value) > LARGEST_TEAM:
+        raise ScenarioError(
+            f"{where}: field 'robots' has {len(value)} robots, allowed: up to {LARGEST_TEAM}; "
+            "leave some out"
         )
     robots = []
     for name, entry in value.items():

@@ -13,10 +13,11 @@ LEARNING = 0
 EVALUATION = 1
 """Phases of a run: the same seed gives independent draws in each."""
 
-POLICY, MOTION, PERCEPT, START, REPLAY, BLIND = range(6)
-"""Roles of a stream; REPLAY: the factored learner's, BLIND: of those that explore as they ask."""
+POLICY, MOTION, PERCEPT, START, REPLAY, BLIND, LEAVE = range(7)
+"""Roles of a stream; REPLAY: the factored learner's, BLIND: of those that explore as they ask,
+LEAVE: of those that leave a stand-off."""
 
-DRAWS = {POLICY: 5, MOTION: 1, PERCEPT: 1, START: 2, REPLAY: 1, BLIND: 2}
+DRAWS = {POLICY: 5, MOTION: 1, PERCEPT: 1, START: 2, REPLAY: 1, BLIND: 2, LEAVE: 1}
 """Draws a time step owns, by role."""
 
 EXPLORE, EXPLORED_ACTION, TIE, PRIMITIVE_TIE, PEER = range(5)

@@ -3,21 +3,22 @@
 """Buildings that no search has seen: families of generated scenarios, each named by its numbers.
 
 `unseen1-door-2r-3` is version 1, kind `door`, two robots, seed 3: the same building everywhere,
-and for ever. Even seeds are for tuning, odd ones for the last test. `core.solve.shipped` has those
-in which robots are in one another's way, with what they are measured against.
+and for ever. Of version 1 even seeds are for tuning, odd ones for validation. Version 2 is for the
+last test. `core.solve.shipped` has those in which robots are in one another's way, with what they
+are measured against.
 """
 
 import random
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
 from typing import Any, NamedTuple
 
 from sparse_coord_ros.core.game.grid import DOORWAY, FREE, WALL
 
-VERSION = "unseen1"
+VERSIONS = ("unseen1", "unseen2")
 TEAMS = (2, 4, 8)
-BESIDE = 0.3
+EXTRA_DOORWAY = 0.3
 """Probability of a doorway between two rooms that are connected already."""
 
 Cell = tuple[int, int]
@@ -69,7 +70,9 @@ def unseen(name: str) -> dict[str, Any] | None:
     """Return the building of that name as `generated` does; None: no such name."""
     kinds = "|".join(KINDS)
     teams = "|".join(map(str, TEAMS))
-    found = re.fullmatch(f"{VERSION}-({kinds})-({teams})r-(0|[1-9][0-9]{{0,8}})", name)
+    versions = "|".join(VERSIONS)
+    seed = "(0|[1-9][0-9]{0,8})"
+    found = re.fullmatch(f"(?:{versions})-({kinds})-({teams})r-{seed}", name)
     if found is None:
         return None
     kind = found[1]
@@ -80,9 +83,16 @@ def unseen(name: str) -> dict[str, Any] | None:
     return generated(name, name, map("".join, plan.grid), pairs, penalty=-100)
 
 
-def is_tuning(name: str) -> bool:
-    """Whether a building is for tuning: its seed is even. The others are for the last test."""
-    return int(name.rpartition("-")[2]) % 2 == 0
+SPLITS = ("tuning", "validation", "test")
+"""What unseen buildings are for: to choose rules and numbers by, to look whether these hold
+elsewhere, and for closing figures, once."""
+
+
+def split_of(name: str) -> str:
+    """Return which of the `SPLITS` an unseen building is in, by its name."""
+    if name.startswith(VERSIONS[1]):
+        return "test"
+    return "tuning" if int(name.rpartition("-")[2]) % 2 == 0 else "validation"
 
 
 def team_of(name: str) -> int:
@@ -153,28 +163,41 @@ def _rooms(draw: random.Random, large: bool) -> Building:
     grid = _blank(sum(heights) + high - 1, sum(widths) + wide - 1)
     tops = [sum(heights[:i]) + i for i in range(high)]
     lefts = [sum(widths[:j]) + j for j in range(wide)]
-    parts = [
-        _carve(grid, tops[i], lefts[j], heights[i], widths[j])
-        for i in range(high)
-        for j in range(wide)
-    ]
-    walls = [(n, n + 1) for n in range(high * wide) if (n + 1) % wide]
-    walls += [(n, n + wide) for n in range((high - 1) * wide)]
-    draw.shuffle(walls)
-    joined = list(range(high * wide))
-    for one, other in walls:
-        beside = draw.random() < BESIDE
-        free = joined[one] != joined[other]
-        along = draw.randrange(1000)
-        if not (free or beside):
-            continue
-        joined = [joined[one] if n == joined[other] else n for n in joined]
+    parts = []
+    for i in range(high):
+        for j in range(wide):
+            parts.append(_carve(grid, tops[i], lefts[j], heights[i], widths[j]))
+    for one, other, along in _joined_rooms(draw, high, wide):
         i, j = divmod(one, wide)
         if other == one + 1:
             grid[tops[i] + along % heights[i]][lefts[j] + widths[j]] = DOORWAY
         else:
             grid[tops[i] + heights[i]][lefts[j] + along % widths[j]] = DOORWAY
     return Building(grid, parts)
+
+
+def _joined_rooms(
+    draw: random.Random, high: int, wide: int
+) -> Iterator[tuple[int, int, int]]:
+    """Yield the neighbouring rooms with a doorway, and the doorway's place along their wall.
+
+    The rooms are numbered row by row. A wall between rooms that are not connected yet gets a
+    doorway, any other one with probability `EXTRA_DOORWAY`.
+    """
+    rooms = range(high * wide)
+    walls = [(room, room + 1) for room in rooms if (room + 1) % wide]
+    walls += [(room, room + wide) for room in range((high - 1) * wide)]
+    draw.shuffle(walls)
+    connected = list(rooms)  # rooms of the same number are connected
+    for one, other in walls:
+        extra = draw.random() < EXTRA_DOORWAY
+        along = draw.randrange(1000)
+        new = connected[one]
+        old = connected[other]
+        if new == old and not extra:
+            continue
+        connected = [new if number == old else number for number in connected]
+        yield one, other, along
 
 
 def _loop(draw: random.Random, large: bool) -> Building:

@@ -26,14 +26,11 @@ from sparse_coord_ros.core.learners import rules
 from sparse_coord_ros.core.learners.learner import Learner
 from sparse_coord_ros.core.learners.mind import Memory, as_lists, memory_of
 from sparse_coord_ros.core.learners.policy import choose, choose_move
-from sparse_coord_ros.core.learners.rules import Transition
+from sparse_coord_ros.core.learners.rules import NOT_PERCEIVED, Transition
 from sparse_coord_ros.core.learners.tables import Tables
 
 NOBODY = -1
 """In place of a peer: the robot asked none, or several."""
-
-UNKNOWN = -1
-"""In place of a peer's cell."""
 
 
 class Decision(NamedTuple):
@@ -293,7 +290,7 @@ class Agent:
         self, cell: int, peers: tuple[int, ...], perceived: tuple[int, ...] | None
     ) -> tuple[int, list[int]]:
         """Return the peers that are perceived, the sum of 2^j, and the cells that are known."""
-        cells = [UNKNOWN] * self.task.robots
+        cells = [NOT_PERCEIVED] * self.task.robots
         cells[self.number] = cell
         seen = 0
         if perceived is not None:

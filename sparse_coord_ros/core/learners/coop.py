@@ -13,7 +13,9 @@ import numpy as np
 from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.core.game.actions import ACTIONS, PRIMITIVES
 from sparse_coord_ros.core.game.scenario import Scenario
+from sparse_coord_ros.core.game.world import RewardWeights
 from sparse_coord_ros.core.learners.learner import Learner
+from sparse_coord_ros.core.learners.lone import known_q_star
 from sparse_coord_ros.core.learners.mind import Rows, empty_rows, read
 from sparse_coord_ros.core.learners.rules import (
     Task,
@@ -53,6 +55,7 @@ class Coop(Learner):
 
     def check(self, scenario: Scenario) -> None:
         """Raise `SettingError` where joint states are more than can be numbered."""
+        super().check(scenario)
         cells = len(scenario.map.cells)
         if cells**scenario.perceived >= MOST_JOINT_STATES:
             raise SettingError(
@@ -71,6 +74,15 @@ class Coop(Learner):
             updates=np.zeros((cells, len(ACTIONS)), dtype=np.int32),
             q_coord=empty_rows(cells**scenario.perceived, first),
         )
+
+    @staticmethod
+    def informed(
+        mind: Mind, scenario: Scenario, robot: int, weights: RewardWeights
+    ) -> Mind:
+        """Return the tables of a robot that knows its map: rows of Q^C begin there, too."""
+        q_star = known_q_star(scenario, robot, weights, mind.q_star)
+        q_coord = empty_rows(mind.q_coord.most, q_star[:, :PRIMITIVES])
+        return mind._replace(q_star=q_star, q_coord=q_coord)
 
     @staticmethod
     def asking_values(

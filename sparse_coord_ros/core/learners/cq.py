@@ -23,7 +23,7 @@ import numpy as np
 
 from sparse_coord_ros.base.compiling import inner
 from sparse_coord_ros.base.errors import SettingError
-from sparse_coord_ros.core.game.actions import COORDINATE, PRIMITIVES
+from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.game.world import RewardWeights
 from sparse_coord_ros.core.learners.coop import Coop
@@ -63,6 +63,7 @@ class CQ(Learner):
     name = "cq"
     title = "CQ-learning"
     summary = "CQ-learning: asks in cells that it marks (De Hauwere et al., 2010)"
+    needs_map = True
 
     class Mind(NamedTuple):
         """What a robot has learned.
@@ -80,7 +81,8 @@ class CQ(Learner):
         samples: Any
 
     def check(self, scenario: Scenario) -> None:
-        """Raise `SettingError` unless COORDINATE perceives one peer, and the map is small."""
+        """Raise `SettingError` unless it knows the map, which is small, and perceives one peer."""
+        super().check(scenario)
         if scenario.perceived > 2:
             what = (
                 f"setting peers: value is 'all', allowed with learner {self.label}: one"
@@ -107,15 +109,25 @@ class CQ(Learner):
 
     @staticmethod
     def initial(scenario: Scenario, robot: int) -> Mind:
-        """Return Q* of a robot alone; no cell is marked."""
-        lone = lone_values(scenario, robot)
-        cells = len(lone)
-        q_star = np.column_stack([lone, lone.max(axis=1) - MARK])
+        """Return tables of which nothing is known; no cell is marked."""
+        cells = len(scenario.map.cells)
+        q_star = np.zeros((cells, len(ACTIONS)))
         return CQ.Mind(
             q_star=q_star,
             updates=np.zeros(q_star.shape, dtype=np.int32),
-            q_coord=empty_rows(cells * cells, lone),
+            q_coord=empty_rows(cells * cells, np.zeros((1, PRIMITIVES))),
             samples=np.zeros((cells, PRIMITIVES + cells, 3)),
+        )
+
+    @staticmethod
+    def informed(
+        mind: Mind, scenario: Scenario, robot: int, weights: RewardWeights
+    ) -> Mind:
+        """Return the tables of a robot that knows its map: Q* of a robot alone."""
+        alone = lone_values(scenario, robot, weight=weights.individual)
+        return mind._replace(
+            q_star=np.column_stack([alone, alone.max(axis=1) - MARK]),
+            q_coord=empty_rows(mind.q_coord.most, alone),
         )
 
     asking_values = staticmethod(Coop.asking_values)

@@ -18,15 +18,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.base.archive import MOST_UPDATES, check_range
 from sparse_coord_ros.base.compiling import inlined, inner, of_learner
 from sparse_coord_ros.base.errors import SettingError
+from sparse_coord_ros.base.npz import MOST_UPDATES, check_range
 from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE, PRIMITIVES
-from sparse_coord_ros.core.game.percepts import ruled_out
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.game.settings import LARGEST_WHOLE
+from sparse_coord_ros.core.game.sight import is_ruled_out
 from sparse_coord_ros.core.game.specs import Spec
+from sparse_coord_ros.core.game.world import RewardWeights
 from sparse_coord_ros.core.learners.learner import Learner
+from sparse_coord_ros.core.learners.lone import known_q_star
 from sparse_coord_ros.core.learners.mind import (
     NO_ROW,
     Memory,
@@ -36,10 +38,13 @@ from sparse_coord_ros.core.learners.mind import (
     place,
 )
 from sparse_coord_ros.core.learners.rules import (
+    MAP_SAMPLES,
+    NOT_PERCEIVED,
     Task,
     Transition,
     Values,
     greatest,
+    map_samples,
     step_size,
 )
 
@@ -47,8 +52,14 @@ MOST_CREDIT = 8
 """How often r^C counts at most by default: of sixteen robots that count it for all, some never
 move."""
 
-UNKNOWN = -1
-"""In place of a peer's cell: the percept failed."""
+GOLDEN = 0.6180339887498949
+"""Golden section: its multiples, modulo 1, spread one draw evenly over the moves to replay."""
+
+LEAVE = Spec("leave", (0.5, 0.25))
+"""How robots of a team of more than two leave a stand-off, unless another way was chosen."""
+
+LEAST_WORTH = 0.36
+"""The least value of a cell in a team of more than two, as a share of a lone robot's."""
 
 
 class Factored(Learner):
@@ -59,6 +70,7 @@ class Factored(Learner):
     summary = "Algorithm 1 with Q^C as an individual part and sparse corrections"
     draws = True
     partners = True
+    rules_out = True
     defaults = MappingProxyType(
         {
             "epsilon": "linear:0.3:0.02:0.8",
@@ -68,7 +80,8 @@ class Factored(Learner):
             "step_size": "floored:0.6:0.1:0.01",
         }
     )
-    values = ("q_star", "value", "u", "r_bar", "w", "rho")
+    leaves = True
+    values = ("q_star", "value", "u", "alone", "r_bar", "w", "rho")
     scratch = ("correction", "found", "there", "blame")
 
     class Mind(NamedTuple):
@@ -87,9 +100,12 @@ class Factored(Learner):
             moved: how often a move led out of its cell [x][b].
             successor: where it led the last time that it did [x][b].
             last: of the last step with COORDINATE: the step after it, the move and all robots'
-                cells, the peers' `UNKNOWN` where the percept failed.
+                cells, the peers' `NOT_PERCEIVED` where the percept failed.
             tried: the moves that were tried, x * moves + b, in the order of their first time.
             used: how many they are [0].
+            alone: U of a robot that is alone in the world [x][b].
+            asked: of the last question that was answered: the step after it, and all robots'
+                cells then.
             correction: space for Q^C(x, z, .) - U(x, .) [b].
             found: space for the rows that it adds up to [robot].
             there: space for what the second of two questions is worth where each move leads [b].
@@ -110,6 +126,8 @@ class Factored(Learner):
         last: Any
         tried: Any
         used: Any
+        alone: Any
+        asked: Any
         correction: Any
         found: Any
         there: Any
@@ -118,19 +136,26 @@ class Factored(Learner):
     # A team.
 
     def with_defaults(self, scenario: Scenario) -> Scenario:
-        """As of `Learner`; with more than two robots, `referee` is on unless it was chosen.
+        """As of `Learner`; three more settings have a default that depends on the team.
 
-        With more than `MOST_CREDIT` robots r^C counts so often.
+        With more than two robots `referee` is on, and robots leave stand-offs if percepts do not
+        depend on where the robots are. With more than `MOST_CREDIT` robots r^C counts so often.
         """
         chosen = super().with_defaults(scenario)
-        if len(scenario.robots) > 2 and "referee" not in scenario.given:
+        given = scenario.given
+        team = len(scenario.robots)
+        if team > 2 and "referee" not in given:
             chosen = replace(chosen, referee=True)
-        if len(scenario.robots) > MOST_CREDIT and "credit" not in scenario.given:
+        anywhere = scenario.perception.kind in ("always", "probability")
+        if team > 2 and anywhere and "stand_off" not in given:
+            chosen = replace(chosen, stand_off=LEAVE)
+        if team > MOST_CREDIT and "credit" not in given:
             chosen = replace(chosen, credit=Spec("weight", (float(MOST_CREDIT),)))
         return chosen
 
     def check(self, scenario: Scenario) -> None:
         """Raise `SettingError` unless COORDINATE perceives every peer."""
+        super().check(scenario)
         if len(scenario.robots) > 2 and scenario.peers != "all":
             raise SettingError(
                 f"setting peers: value is {scenario.peers!r}, allowed with learner factored and "
@@ -148,26 +173,24 @@ class Factored(Learner):
         keys = memory["rho_keys"][memory["rho_values"].any(axis=1)]
         return np.bincount(states_of(keys, cells, robots)[:, 0], minlength=cells)
 
-    def ruled_out(self, scenario: Scenario) -> np.ndarray:
-        """As of `Learner`: the learner looks at it."""
-        return ruled_out(scenario)
-
     def check_memory(self, scenario: Scenario, robot: int, memory: Memory) -> None:
         """Check where moves led and how often, where r^C was felt, and the last question."""
         cells = len(scenario.map.cells)
         felt = self.weights(scenario).common * scenario.penalties[robot]
         if not np.isin(memory["door"], [0.0, felt]).all():
             raise ValueError(f"door has an r^C that is neither 0 nor {felt:g}")
-        if not np.array_equal(memory["value"], memory["q_star"].max(axis=1)):
+        if not np.array_equal(memory["value"], _least(scenario, memory)):
             raise ValueError("value is not the maximum of q_star")
         made = memory["updates"][:, :PRIMITIVES]
-        for name in ("commons", "moved"):
+        modelled = made + map_samples(scenario)
+        for name, most in (("commons", made), ("moved", modelled)):
             check_range(memory[name], 0, MOST_UPDATES, name)
-            if (memory[name] > made).any():
+            if (memory[name] > most).any():
                 raise ValueError(f"{name} counts a move more often than it was tried")
         check_range(memory["used"], 0, len(memory["tried"]) + 1, "used")
         used = int(memory["used"][0])
-        known = np.array_equal(np.sort(memory["tried"][:used]), np.flatnonzero(made))
+        tried = np.sort(memory["tried"][:used])
+        known = np.array_equal(tried, np.flatnonzero(modelled))
         if not known or memory["tried"][used:].any():
             raise ValueError("tried are not the moves that were counted")
         successor = memory["successor"]
@@ -181,6 +204,8 @@ class Factored(Learner):
                 "successor is not another cell just where a move led out of its own"
             )
         _check_last(memory["last"], robot, cells)
+        check_range(memory["asked"], 0, LARGEST_WHOLE, "asked")
+        check_range(memory["asked"][1:], 0, cells, "asked")
 
     # One robot.
 
@@ -209,11 +234,38 @@ class Factored(Learner):
             last=np.zeros(2 + team, dtype=np.int64),
             tried=np.zeros(cells * PRIMITIVES, dtype=np.int64),
             used=np.zeros(1, dtype=np.int64),
+            alone=np.zeros(moves),
+            asked=np.zeros(1 + team, dtype=np.int64),
             correction=np.zeros(PRIMITIVES),
             found=np.zeros(team, dtype=np.int64),
             there=np.zeros(PRIMITIVES),
             blame=np.zeros((PRIMITIVES, team)),
         )
+
+    @staticmethod
+    def informed(
+        mind: Mind, scenario: Scenario, robot: int, weights: RewardWeights
+    ) -> Mind:
+        """Return the factors of a robot that knows its map: U, and where moves lead how often."""
+        q_star = known_q_star(scenario, robot, weights, mind.q_star)
+        alone = q_star[:, :PRIMITIVES]
+        lead = scenario.map.next_cell
+        leads = lead != np.arange(len(lead))[:, None]
+        return mind._replace(
+            q_star=q_star,
+            value=q_star.max(axis=1),
+            u=alone,
+            alone=alone,
+            moved=leads * round(scenario.known_success * MAP_SAMPLES),
+            successor=np.where(leads, lead, 0),
+            tried=np.arange(lead.size),
+            used=np.array([lead.size]),
+        )
+
+    @staticmethod
+    def begin_episode(mind: Mind, task: Task) -> None:
+        """Forget the last question: no step has number 0."""
+        mind.asked[0] = 0
 
     @staticmethod
     def asking_values(
@@ -228,6 +280,34 @@ class Factored(Learner):
     def explores(mind: Mind, task: Task, seen: int) -> bool:
         """Return whether the percept failed: only then the move is explored."""
         return seen == 0
+
+    @staticmethod
+    def stands_off(
+        mind: Mind, task: Task, step: int, cell: int, seen: int, cells: Any, move: int
+    ) -> bool:
+        """Return whether the robot asked in the last step, too, and saw no robot move since.
+
+        If so, and if its best move leads nowhere, values alone would let it stand for ever.
+        """
+        if seen == 0:
+            return False
+        again = mind.asked[0] == step
+        for robot in range(task.robots):
+            again = again and mind.asked[1 + robot] == cells[robot]
+            mind.asked[1 + robot] = cells[robot]
+        mind.asked[0] = step + 1
+        return again and mind.moved[cell][move] == 0
+
+    @staticmethod
+    def way_out(mind: Mind, task: Task, cell: int, values: Any, move: int) -> int:
+        """Return the best move that leads away, if it is worth nearly as much as the best."""
+        found = move
+        for b in range(PRIMITIVES):
+            if mind.moved[cell][b] > 0 and (found == move or values[b] > values[found]):
+                found = b
+        if values[found] < (1.0 - task.leaving_share) * values[move]:
+            return move
+        return found
 
     @staticmethod
     def learn(mind: Mind, task: Task, now: Transition) -> None:
@@ -264,11 +344,13 @@ class Factored(Learner):
             look_ahead(mind, task, now, first, b)
         correct(mind, task, first, now.seen, now.cells)
         here = surplus(mind, task, first)
+        if here > 0.0:
+            here /= max(1, in_the_way(mind, task, first))
         failed = False
         for peer in range(task.robots):
             if peer != task.number:
                 peer_cell = last[2 + peer]
-                if peer_cell == UNKNOWN:
+                if peer_cell == NOT_PERCEIVED:
                     failed = True
                 else:
                     key = rho_key(first, peer, peer_cell, task.cells, task.robots)
@@ -279,30 +361,39 @@ class Factored(Learner):
 
     @staticmethod
     def replay(mind: Mind, task: Task, now: Transition) -> None:
-        """Set U of a move that was tried to what the own model says of it (Dyna)."""
-        pair = mind.tried[int(now.draw * mind.used[0])]
-        x = pair // PRIMITIVES
-        b = pair % PRIMITIVES
-        s = mind.successor[x][b]
-        share = mind.moved[x][b] / mind.updates[x][b]
-        if s == task.goal:
-            there = task.goal_reward + task.discount * task.goal_value
-        else:
-            there = task.discount * mind.value[s]
-        here = task.discount * mind.value[x]
-        mind.u[x][b] = share * there + (1.0 - share) * here
-        refresh(mind, task, x)
+        """Set U of moves to what the own model says of them (Dyna).
+
+        They are drawn among the moves that were tried. A robot that knows its map replays all
+        moves of the cell.
+        """
+        for number in range(task.replays):
+            draw = (now.draw + number * GOLDEN) % 1.0
+            pair = mind.tried[int(draw * mind.used[0])]
+            x = pair // PRIMITIVES
+            if task.map_samples > 0:
+                plan_cell(mind, task, x)
+            else:
+                plan_move(mind, task, x, pair % PRIMITIVES)
+            refresh(mind, task, x)
+
+
+def _least(scenario: Scenario, memory: Memory) -> np.ndarray:
+    """Return what `worth` says of each cell, (cells,)."""
+    best: np.ndarray = memory["q_star"].max(axis=1)
+    if len(scenario.robots) > 2:
+        best = np.maximum(best, LEAST_WORTH * memory["alone"].max(axis=1))
+    return best
 
 
 def _check_last(last: np.ndarray, robot: int, cells: int) -> None:
     """Check what is kept of the last step with COORDINATE."""
     step, move, *_ = last
     peers = np.delete(last[2:], robot)
-    failed = bool(np.all(peers == UNKNOWN))
+    failed = bool(np.all(peers == NOT_PERCEIVED))
     check_range(step, 0, LARGEST_WHOLE, "last")
     check_range(move, 0, PRIMITIVES, "last")
     check_range(last[2 + robot], 0, cells, "last")
-    check_range(peers, UNKNOWN if failed else 0, cells, "last")
+    check_range(peers, NOT_PERCEIVED if failed else 0, cells, "last")
 
 
 @of_learner
@@ -350,15 +441,15 @@ def states_of(keys: np.ndarray, cells: int, robots: int) -> np.ndarray:
         robots: how many there are.
 
     Returns:
-        The own cell, the peer (from 0) and its cell; twice `UNKNOWN` for a failed percept.
+        The own cell, the peer (from 0) and its cell; twice `NOT_PERCEIVED` for a failed percept.
     """
     seen = keys < failed_key(0, cells, robots)
     own, rest = np.divmod(keys, robots * cells)
     peer, place = np.divmod(rest, cells)
     columns = [
         np.where(seen, own, keys - failed_key(0, cells, robots)),
-        np.where(seen, peer, UNKNOWN),
-        np.where(seen, place, UNKNOWN),
+        np.where(seen, peer, NOT_PERCEIVED),
+        np.where(seen, place, NOT_PERCEIVED),
     ]
     return np.stack(columns, axis=1)
 
@@ -366,7 +457,7 @@ def states_of(keys: np.ndarray, cells: int, robots: int) -> np.ndarray:
 def key_of(state: tuple[int, int, int], cells: int, robots: int) -> int:
     """Return the key of a row of rho that `states_of` says."""
     cell, peer, place = state
-    if peer == UNKNOWN:
+    if peer == NOT_PERCEIVED:
         return failed_key(cell, cells, robots)
     return rho_key(cell, peer, place, cells, robots)
 
@@ -374,7 +465,7 @@ def key_of(state: tuple[int, int, int], cells: int, robots: int) -> int:
 def corrections_of(
     mind: Any, task: Task, cell: int, perceived: Mapping[int, int] | None, move: int
 ) -> dict[tuple[int, int], float]:
-    """Return rho of a move, by (peer, its cell); by twice `UNKNOWN` if the percept failed.
+    """Return rho of a move, by (peer, its cell); by twice `NOT_PERCEIVED` if the percept failed.
 
     Args:
         mind: what the robot remembers, as lists.
@@ -383,7 +474,7 @@ def corrections_of(
         perceived: the cells of the peers, by peer; None: the percept failed.
         move: the primitive action.
     """
-    keys = {(UNKNOWN, UNKNOWN): failed_key(cell, task.cells, task.robots)}
+    keys = {(NOT_PERCEIVED, NOT_PERCEIVED): failed_key(cell, task.cells, task.robots)}
     if perceived is not None:
         keys = {
             (peer, place): rho_key(cell, peer, place, task.cells, task.robots)
@@ -405,7 +496,19 @@ def refresh(mind: Any, task: Task, cell: int) -> None:
     for b in range(PRIMITIVES):
         q_star[b] = u[b] + r_bar[b]
     q_star[COORDINATE] = greatest(u, PRIMITIVES) - task.ask_cost + mind.w[cell]
-    mind.value[cell] = greatest(q_star, len(ACTIONS))
+    mind.value[cell] = worth(mind, task, cell)
+
+
+@inlined
+def worth(mind: Any, task: Task, cell: int) -> float:
+    """Return max_b Q*(cell, b); in a larger team at least a share of what a lone robot has.
+
+    There r^C counts so often that the values of a room could fall to 0, and stay there.
+    """
+    best = greatest(mind.q_star[cell], len(ACTIONS))
+    if task.robots > 2:
+        return max(best, LEAST_WORTH * greatest(mind.alone[cell], PRIMITIVES))
+    return best
 
 
 @inlined
@@ -470,7 +573,7 @@ def learn_move(mind: Any, task: Task, now: Transition) -> None:
     common = now.common if now.partners != 0 else 0.0
     count = mind.updates[x][b] + 1
     mind.updates[x][b] = count
-    if count == 1:
+    if count == 1 and task.map_samples == 0:
         mind.tried[mind.used[0]] = x * PRIMITIVES + b
         mind.used[0] += 1
     if y != x:
@@ -479,8 +582,12 @@ def learn_move(mind: Any, task: Task, now: Transition) -> None:
     if common != 0.0:
         mind.door[y] = common
     after = task.goal_value if y == task.goal else mind.value[y]
-    alpha = step_size(task, count, now.floor)
-    mind.u[x][b] = toward(mind.u[x][b], alpha, now.individual + task.discount * after)
+    if task.map_samples > 0:
+        plan_cell(mind, task, x)
+    else:
+        alpha = step_size(task, count, now.floor)
+        target = now.individual + task.discount * after
+        mind.u[x][b] = toward(mind.u[x][b], alpha, target)
     if now.action != COORDINATE:
         count = mind.commons[x][b] + 1
         mind.commons[x][b] = count
@@ -489,12 +596,36 @@ def learn_move(mind: Any, task: Task, now: Transition) -> None:
 
 
 @inlined
+def plan_cell(mind: Any, task: Task, x: int) -> None:
+    """Set U of all moves in a cell to what the model says of them."""
+    for b in range(PRIMITIVES):
+        plan_move(mind, task, x, b)
+
+
+@inlined
+def plan_move(mind: Any, task: Task, x: int, b: int) -> None:
+    """Set U of a move, and what it is worth to a robot alone, to what the model says of it."""
+    s = mind.successor[x][b]
+    share = mind.moved[x][b] / (mind.updates[x][b] + task.map_samples)
+    arrival = task.goal_reward + task.discount * task.goal_value
+    there = arrival if s == task.goal else task.discount * mind.value[s]
+    here = task.discount * mind.value[x]
+    mind.u[x][b] = share * there + (1.0 - share) * here
+    if task.robots > 2:
+        there = arrival
+        if s != task.goal:
+            there = task.discount * greatest(mind.alone[s], PRIMITIVES)
+        here = task.discount * greatest(mind.alone[x], PRIMITIVES)
+        mind.alone[x][b] = share * there + (1.0 - share) * here
+
+
+@inlined
 def learn_asking(mind: Any, task: Task, now: Transition) -> None:
     """Learn from COORDINATE: rho of what was perceived, and what percepts are worth."""
     x = now.cell
     common = now.common if now.partners != 0 else 0.0
     if now.seen == 0:
-        if task.ruled_out[x, x]:
+        if is_ruled_out(task.sight, x, x):
             common = now.felt if now.partners != 0 else 0.0
         key = failed_key(x, task.cells, task.robots)
         learn_rho(mind, task, now, place(mind.rho, key), now.move, common)
@@ -540,7 +671,7 @@ def note_question(mind: Any, task: Task, now: Transition) -> None:
     mind.last[1] = now.move
     for robot in range(task.robots):
         known = robot == task.number or now.seen != 0
-        mind.last[2 + robot] = now.cells[robot] if known else UNKNOWN
+        mind.last[2 + robot] = now.cells[robot] if known else NOT_PERCEIVED
 
 
 # Looking back.
@@ -585,6 +716,25 @@ def look_ahead(mind: Any, task: Task, now: Transition, first: int, b: int) -> No
 
 
 @inlined
+def in_the_way(mind: Any, task: Task, first: int) -> int:
+    """Return how many peers were in the way at the first of two questions.
+
+    Waiting for them brings one surplus, which they share: if each were credited with all of it,
+    r_bar would say that waiting pays without asking, too.
+    """
+    count = 0
+    best = best_move(mind.u[first])
+    for peer in range(task.robots):
+        peer_cell = mind.last[2 + peer]
+        if peer != task.number and peer_cell != NOT_PERCEIVED:
+            key = rho_key(first, peer, peer_cell, task.cells, task.robots)
+            row = find(mind.rho, key)
+            if row != NO_ROW and mind.rho.values[row][best] < 0.0:
+                count += 1
+    return count
+
+
+@inlined
 def learn_first(
     mind: Any,
     task: Task,
@@ -615,9 +765,10 @@ def learn_first(
     updates = mind.rho.updates[row]
     owed = here if rho[best_move(mind.u[first])] < 0.0 else 0.0
     for b in range(PRIMITIVES):
-        if mind.updates[first][b] == 0:
+        made = mind.updates[first][b] + task.map_samples
+        if made == 0:
             continue
-        share = mind.moved[first][b] / mind.updates[first][b]
+        share = mind.moved[first][b] / made
         s = mind.successor[first][b]
         brought = (1.0 - share) * owed
         brought += share * mind.there[b] * share_of(mind, task, peers, b)
@@ -669,4 +820,4 @@ def is_met(task: Task, now: Transition, peers: int, cell: int) -> bool:
 @inlined
 def is_empty(task: Task, now: Transition, cell: int) -> bool:
     """Return whether a failed percept says that a cell is empty: of one peer alone."""
-    return bool(task.robots == 2 and task.ruled_out[now.cell, cell])
+    return task.robots == 2 and is_ruled_out(task.sight, now.cell, cell)

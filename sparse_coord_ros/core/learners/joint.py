@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sparse_coord_ros.base.errors import SettingError
-from sparse_coord_ros.core.game.actions import COORDINATE, PRIMITIVES
+from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.core.game.links import UP
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.game.world import RewardWeights
@@ -45,6 +45,7 @@ class Joint(Learner):
     title = "Joint-state Q"
     summary = "Q-learning of two robots over the joint state, which they always see"
     sees_all = True
+    needs_map = True
     scratch = ("price", "row")
     given = ("price",)
 
@@ -66,7 +67,8 @@ class Joint(Learner):
         row: Any
 
     def check(self, scenario: Scenario) -> None:
-        """Raise `SettingError` unless there are two robots that can always see each other."""
+        """Raise `SettingError` unless two robots know their map and can always see each other."""
+        super().check(scenario)
         sees = scenario.perception.kind == "always" and scenario.link == UP
         if len(scenario.robots) != 2 or scenario.sparse or not sees:
             raise SettingError(
@@ -81,15 +83,28 @@ class Joint(Learner):
 
     @staticmethod
     def initial(scenario: Scenario, robot: int) -> Mind:
-        """Return the values of a lone robot that asks everywhere."""
-        lone = lone_values(scenario, robot, scenario.ask_cost)
-        q_star = np.column_stack([lone, lone.max(axis=1) + MARK])
+        """Return tables of which nothing is known."""
+        cells = len(scenario.map.cells)
+        q_star = np.zeros((cells, len(ACTIONS)))
         return Joint.Mind(
             q_star=q_star,
             updates=np.zeros(q_star.shape, dtype=np.int32),
-            q_coord=empty_rows(len(lone) * len(lone), lone),
+            q_coord=empty_rows(cells * cells, np.zeros((1, PRIMITIVES))),
             price=np.array([scenario.ask_cost]),
             row=np.zeros(PRIMITIVES),
+        )
+
+    @staticmethod
+    def informed(
+        mind: Mind, scenario: Scenario, robot: int, weights: RewardWeights
+    ) -> Mind:
+        """Return the tables of a robot that knows its map: values of one that asks everywhere."""
+        alone = lone_values(
+            scenario, robot, scenario.ask_cost, weight=weights.individual
+        )
+        return mind._replace(
+            q_star=np.column_stack([alone, alone.max(axis=1) + MARK]),
+            q_coord=empty_rows(mind.q_coord.most, alone),
         )
 
     asking_values = staticmethod(Coop.asking_values)

@@ -21,11 +21,20 @@ import numpy as np
 from sparse_coord_ros.base.compiling import inner
 from sparse_coord_ros.base.errors import SettingError, in_short
 from sparse_coord_ros.core.game.actions import ACTIONS, PRIMITIVES
+from sparse_coord_ros.core.game.percepts import sight_in
 from sparse_coord_ros.core.game.plugins import failing_as, is_shipped, path_of
 from sparse_coord_ros.core.game.scenario import Scenario
+from sparse_coord_ros.core.game.sight import BLIND
 from sparse_coord_ros.core.game.world import RewardWeights
+from sparse_coord_ros.core.learners.lone import known_q_star
 from sparse_coord_ros.core.learners.mind import Memory, mind_class
-from sparse_coord_ros.core.learners.rules import Task, Transition
+from sparse_coord_ros.core.learners.rules import (
+    Task,
+    Transition,
+    leaving_of,
+    map_samples,
+    replays_of,
+)
 
 Made = Callable[[Scenario, int], np.ndarray]
 """Makes an array of a mind before learning, of a scenario and a robot (from 0)."""
@@ -79,10 +88,6 @@ CHECKS: Mapping[str, Callable[[str, Any], Any]] = {
 """The methods of a learner of one's own that are checked."""
 
 
-NOWHERE_RULED_OUT = np.zeros((0, 0), dtype=np.bool_)
-"""Of learners that do not ask where a peer cannot be."""
-
-
 class Learner:
     """One learner: its names, what it needs, and how its robots choose and learn.
 
@@ -98,6 +103,9 @@ class Learner:
         draws: whether it wants a random number in each step (`Transition.draw`).
         partners: whether it wants to know with whom a robot was in a miscoordination
             (`Transition.partners`), where the scenario has a referee.
+        rules_out: whether it asks where a peer cannot be when a percept fails (`Task.sight`).
+        needs_map: whether it always begins with the values of robots alone: `prior` is `map`.
+        leaves: whether it can leave a stand-off (setting `stand_off`).
         defaults: values of scenario settings where neither the scenario nor the user chose one;
             `run.yaml` says each value that held.
         Mind: the named tuple of what a robot remembers; `initial` fills it.
@@ -116,6 +124,9 @@ class Learner:
     sees_all: bool = False
     draws: bool = False
     partners: bool = False
+    rules_out: bool = False
+    needs_map: bool = False
+    leaves: bool = False
     defaults: Mapping[str, object] = MappingProxyType({})
     Mind: type[Any]
     memory: Mapping[str, Made] = MappingProxyType({})
@@ -173,6 +184,22 @@ class Learner:
         raise NotImplementedError
 
     @staticmethod
+    def informed(
+        mind: Any, scenario: Scenario, robot: int, weights: RewardWeights
+    ) -> Any:
+        """Return the mind, before learning, of a robot that knows its map (`prior: map`).
+
+        Unless changed Q* begins at the values of a robot alone.
+
+        Args:
+            mind: what `initial` returned.
+            scenario: the problem.
+            robot: the robot, from 0.
+            weights: how much each part of a reward counts.
+        """
+        return mind._replace(q_star=known_q_star(scenario, robot, weights, mind.q_star))
+
+    @staticmethod
     def begin_episode(mind: Any, task: Task) -> None:
         """Begin an episode."""
 
@@ -196,6 +223,36 @@ class Learner:
     def explores(mind: Any, task: Task, seen: int) -> bool:
         """Return whether the move after COORDINATE is explored, too: in the paper never."""
         return False
+
+    @staticmethod
+    def stands_off(
+        mind: Any, task: Task, step: int, cell: int, seen: int, cells: Any, move: int
+    ) -> bool:
+        """Return whether the robot is in a stand-off that it may leave, in the paper never.
+
+        Args:
+            mind: what the robot remembers.
+            task: what it knows of its task.
+            step: the time step t, in which it asks.
+            cell: X_k(t).
+            seen: the peers that are perceived, the sum of 2^j; 0: the percept failed.
+            cells: the cells of all robots; those of peers that are not seen mean nothing.
+            move: the best move.
+        """
+        return False
+
+    @staticmethod
+    def way_out(mind: Any, task: Task, cell: int, values: Any, move: int) -> int:
+        """Return the move by which the robot leaves a stand-off.
+
+        Args:
+            mind: what the robot remembers.
+            task: what it knows of its task.
+            cell: X_k(t).
+            values: of the moves, as of `asking_values`.
+            move: the best move.
+        """
+        return move
 
     @staticmethod
     def bootstrap(mind: Any, task: Task, cell: int, now: Transition) -> float:
@@ -253,13 +310,26 @@ class Learner:
         Raises:
             SettingError: a default is no setting, or has a bad value.
         """
-        values = {k: v for k, v in self.defaults.items() if k not in scenario.given}
+        defaults = dict(self.defaults)
+        if self.needs_map:
+            defaults["prior"] = "map"
+        values = {k: v for k, v in defaults.items() if k not in scenario.given}
         if not values:
             return scenario
         return replace(scenario.with_settings(values), given=scenario.given)
 
     def check(self, scenario: Scenario) -> None:
         """Raise `SettingError` where it cannot learn a scenario; called before a run begins."""
+        if self.needs_map and scenario.prior != "map":
+            raise SettingError(
+                f"setting prior: value is {scenario.prior!r}, allowed with learner {self.label}: "
+                "map, as it begins with the values of robots alone; leave prior out"
+            )
+        if scenario.stand_off.kind != "wait" and not self.leaves:
+            raise SettingError(
+                f"setting stand_off: value is {str(scenario.stand_off)!r}, allowed with learner "
+                f"{self.label}: wait; leave stand_off out, or use learner factored"
+            )
 
     def check_memory(self, scenario: Scenario, robot: int, memory: Memory) -> None:
         """Raise `ValueError` unless a robot (from 0) can have learned that.
@@ -305,12 +375,12 @@ class Learner:
             ask_cost=weights.ask_cost * scenario.ask_cost,
             credit=weights.common,
             step_sizes=step_sizes,
-            ruled_out=self.ruled_out(scenario),
+            sight=sight_in(scenario) if self.rules_out else BLIND,
+            map_samples=map_samples(scenario),
+            replays=replays_of(scenario),
+            leaving=leaving_of(scenario)[0],
+            leaving_share=leaving_of(scenario)[1],
         )
-
-    def ruled_out(self, scenario: Scenario) -> np.ndarray:
-        """Return `Task.ruled_out`, for learners that look at it; else an array of no cells."""
-        return NOWHERE_RULED_OUT
 
     def minds(self, scenario: Scenario) -> list[Any]:
         """Return the minds of all robots before learning, as arrays, with their own memory."""
@@ -320,6 +390,10 @@ class Learner:
         """Return a robot's mind (from 0) before learning, as arrays, with its own memory."""
         with self.blamed("making what a robot remembers"):
             base = type(self).initial(scenario, robot)
+            if scenario.prior == "map":
+                base = type(self).informed(
+                    base, scenario, robot, self.weights(scenario)
+                )
             more = {
                 name: np.asarray(make(scenario, robot))
                 for name, make in self.own_memory.items()

@@ -1,36 +1,73 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The values of a robot that is alone in the world: what it could know from its map."""
+"""Values of a robot that is alone in the world: what it can know from its map (`prior: map`)."""
 
 import numpy as np
 
+from sparse_coord_ros.core.game.actions import COORDINATE, PRIMITIVES
 from sparse_coord_ros.core.game.scenario import Scenario
+from sparse_coord_ros.core.game.world import RewardWeights
 
 
-def lone_values(scenario: Scenario, robot: int, price: float = 0.0) -> np.ndarray:
+def lone_values(
+    scenario: Scenario, robot: int, price: float = 0.0, weight: float = 1.0
+) -> np.ndarray:
     """Return Q* of a robot (from 0) with no other robot in its world, shape (cells, 4), float64.
 
-    Value iteration on its own model, from below, until no bit changes.
+    Value iteration on the map, from below, until no bit changes. The value of a cell follows from
+    those of cells nearer to the goal, so the cells are settled in the order of their distance.
+    (Rounding keeps the order of numbers. So from below every order of updates that goes on until
+    nothing changes ends at the same bits.)
 
     Args:
-        scenario: the problem.
+        scenario: the problem; moves succeed with the probability `known_success`.
         robot: the robot, from 0.
         price: what it pays in every step until it arrives. That is as if it paid for ever and got
             it all back at the goal.
+        weight: how much r^I counts.
     """
+    lead = scenario.map.next_cell
     goal = scenario.robots[robot].goal
-    success = scenario.move_success
+    success = scenario.known_success
     for_ever = price / (1.0 - scenario.discount)
-    arrival = scenario.goal_reward + scenario.discount * (
+    arrival = weight * scenario.goal_reward + scenario.discount * (
         scenario.goal_value + for_ever
     )
-    value = np.zeros(len(scenario.map.cells))
+    value = np.zeros(len(lead))
+
+    def backed_up(cells: np.ndarray) -> np.ndarray:
+        """Return the values of the moves in some cells by those of all cells, (n, 4)."""
+        there = scenario.discount * value[lead[cells]]
+        there[lead[cells] == goal] = arrival
+        here = scenario.discount * value[cells]
+        here[cells == goal] = arrival
+        moves: np.ndarray = success * there + (1.0 - success) * here[:, None]
+        return moves
+
+    everywhere = np.arange(len(lead))
+    distances = scenario.map.distances_to(goal)
+    by_distance = np.argsort(distances, kind="stable")
+    levels = np.split(by_distance, np.flatnonzero(np.diff(distances[by_distance])) + 1)
     while True:
-        after = scenario.discount * value
-        after[goal] = arrival
-        q: np.ndarray = (
-            success * after[scenario.map.next_cell] + (1.0 - success) * after[:, None]
-        )
-        if np.array_equal(q.max(axis=1), value):
-            return q - for_ever
-        value = q.max(axis=1)
+        for cells in levels:
+            settled = False
+            while not settled:
+                best = backed_up(cells).max(axis=1)
+                settled = np.array_equal(best, value[cells])
+                value[cells] = best
+        moves = backed_up(everywhere)
+        if np.array_equal(moves.max(axis=1), value):
+            return moves - for_ever
+
+
+def known_q_star(
+    scenario: Scenario, robot: int, weights: RewardWeights, begun: np.ndarray
+) -> np.ndarray:
+    """Return Q* of a robot (from 0) that knows its map, before it learns, (cells, 5), float64.
+
+    Asking is worth the best move less its cost; NaN where it is NaN in `begun`.
+    """
+    alone = lone_values(scenario, robot, weight=weights.individual)
+    asking = alone.max(axis=1) - weights.ask_cost * scenario.ask_cost
+    asking[np.isnan(begun[:, COORDINATE])] = np.nan
+    return np.column_stack([alone[:, :PRIMITIVES], asking])

@@ -4,13 +4,13 @@
 
 import numpy as np
 
-from sparse_coord_ros.base.archive import (
+from sparse_coord_ros.base.errors import TablesError
+from sparse_coord_ros.base.npz import (
     MOST_UPDATES,
     check_finite,
     check_range,
     member,
 )
-from sparse_coord_ros.base.errors import TablesError
 from sparse_coord_ros.core.game.actions import ACTIONS, PRIMITIVES
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.learners.learner import Learner

@@ -25,6 +25,10 @@ FREE = -1
 DENSE_ROWS = 2**19
 """Keys up to which the compiled loops keep a row for each: 16 MiB a robot."""
 
+DENSE_ZERO_ROWS = 2**21
+"""The same where rows begin with 0, which take memory only when they are written to: at most
+96 MiB a robot, less than a hashed table with half of the rows."""
+
 
 class Rows(NamedTuple):
     """A table with a row [move] for each key that was met, such as Q^C with its joint states.
@@ -270,10 +274,8 @@ def _stacked_rows(
     first = np.stack([rows.first for rows in tables])
     table = tables[0]
     team = len(tables)
-    if table.most <= DENSE_ROWS:
-        values = np.zeros(
-            (team, table.most, PRIMITIVES)
-        )  # no memory until it is written to
+    if table.most <= (DENSE_ROWS if first.any() else DENSE_ZERO_ROWS):
+        values = np.zeros((team, table.most, PRIMITIVES))
         if first.any():
             values[:] = np.repeat(first, table.most // first.shape[1], axis=1)
         keys = used = None

@@ -13,6 +13,7 @@ from sparse_coord_ros.core.game.streams import (
     BLIND_EXPLORE,
     EXPLORE,
     EXPLORED_ACTION,
+    LEAVE,
     POLICY,
     PRIMITIVE_TIE,
     TIE,
@@ -23,6 +24,8 @@ from sparse_coord_ros.core.learners.rules import (
     asking_values,
     explores,
     greatest,
+    stands_off,
+    way_out,
 )
 
 
@@ -107,7 +110,11 @@ def choose_move(
         if drawn(draws, BLIND, k, step, BLIND_EXPLORE) < epsilon:
             return int(drawn(draws, BLIND, k, step, BLIND_ACTION) * PRIMITIVES)
     asking_values(mind, task, cell, seen, cells, values)
-    return greedy_action(values, PRIMITIVES, draws, k, step, PRIMITIVE_TIE)
+    move = greedy_action(values, PRIMITIVES, draws, k, step, PRIMITIVE_TIE)
+    if task.leaving > 0.0 and stands_off(mind, task, step, cell, seen, cells, move):
+        if drawn(draws, LEAVE, k, step, 0) < task.leaving:
+            return way_out(mind, task, cell, values, move)
+    return move
 
 
 @inner

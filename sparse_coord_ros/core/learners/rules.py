@@ -14,10 +14,16 @@ import numpy as np
 
 from sparse_coord_ros.base.compiling import flag_of_learner, inlined, inner, of_learner
 from sparse_coord_ros.core.game.actions import PRIMITIVES
+from sparse_coord_ros.core.game.scenario import Scenario
+from sparse_coord_ros.core.game.sight import Sight
 from sparse_coord_ros.core.learners.mind import Rows, place
 
 Values: TypeAlias = Sequence[float] | np.ndarray
 """A row of a table: the values of the actions, in their order."""
+
+
+NOT_PERCEIVED = -1
+"""In place of a peer's cell, or of a peer: the percept failed."""
 
 
 class Task(NamedTuple):
@@ -35,8 +41,11 @@ class Task(NamedTuple):
         ask_cost: the cost of asking, weighed.
         credit: how often r^C counts.
         step_sizes: the step size of the n-th update of an entry, without the floor [n].
-        ruled_out: where a peer cannot be when a percept fails, shape (cells, cells), bool: the own
-            cell, the peer's; of learners that do not look at it shape (0, 0).
+        sight: how likely percepts succeed; of learners that do not look at it `BLIND`.
+        map_samples: for how many samples of each move the map counts; 0: the map is not known.
+        replays: how many moves a learner with a model replays in each step.
+        leaving: probability of leaving a stand-off.
+        leaving_share: the share of its best move's value that a robot gives up to leave.
     """
 
     number: int
@@ -50,7 +59,11 @@ class Task(NamedTuple):
     ask_cost: float
     credit: float
     step_sizes: Any
-    ruled_out: Any
+    sight: Sight
+    map_samples: int
+    replays: int
+    leaving: float
+    leaving_share: float
 
 
 class Transition(NamedTuple):
@@ -95,6 +108,37 @@ class Transition(NamedTuple):
     draw: float
 
 
+MAP_SAMPLES = 20
+"""For how many samples of each move the map counts in a robot's model of where moves lead."""
+
+
+def map_samples(scenario: Scenario) -> int:
+    """Return `Task.map_samples`."""
+    return MAP_SAMPLES if scenario.prior == "map" else 0
+
+
+REPLAYS = 8
+"""Replays of each step where the map is known, or large."""
+
+LARGE_MAP = 1000
+"""Cells from which on one replay of each step is too little to bring values over a long way."""
+
+
+def replays_of(scenario: Scenario) -> int:
+    """Return `Task.replays`."""
+    if scenario.prior == "map" or len(scenario.map.cells) >= LARGE_MAP:
+        return REPLAYS
+    return 1
+
+
+def leaving_of(scenario: Scenario) -> tuple[float, float]:
+    """Return `Task.leaving` and `Task.leaving_share`."""
+    if scenario.stand_off.kind == "wait":
+        return 0.0, 0.0
+    leaving, share = scenario.stand_off.numbers
+    return leaving, share
+
+
 # What makes a learner.
 
 
@@ -113,6 +157,20 @@ def asking_values(
 @of_learner
 def explores(mind: Any, task: Task, seen: int) -> bool:
     """Return whether the move after COORDINATE is explored as any other."""
+    raise NotImplementedError
+
+
+@of_learner
+def stands_off(
+    mind: Any, task: Task, step: int, cell: int, seen: int, cells: Any, move: int
+) -> bool:
+    """Return whether the robot is in a stand-off that it may leave."""
+    raise NotImplementedError
+
+
+@of_learner
+def way_out(mind: Any, task: Task, cell: int, values: Any, move: int) -> int:
+    """Return the move by which the robot leaves a stand-off."""
     raise NotImplementedError
 
 

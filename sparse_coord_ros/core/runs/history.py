@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.base import archive
+from sparse_coord_ros.base import npz
 from sparse_coord_ros.base.dataframes import data_frame
 from sparse_coord_ros.base.errors import RunError, retold
 from sparse_coord_ros.base.files import write_whole
@@ -155,7 +155,7 @@ class History(NamedTuple):
 
     def save(self, directory: Path) -> None:
         """Write `history.npz`, whole or not at all."""
-        write_whole(directory / HISTORY_FILE, archive.pack(self._asdict()))
+        write_whole(directory / HISTORY_FILE, npz.pack(self._asdict()))
 
 
 def blank_history(episodes: int, robots: int) -> History:
@@ -182,7 +182,7 @@ def load_history(directory: Path) -> History:
     path = directory / HISTORY_FILE
     how: Any = {"error": RunError, "remedy": "use a file that run or train wrote"}
     data = read_file(path, ARRAYS, **how)
-    arrays = archive.unpack(data, where=str(path), what="a learning history", **how)
+    arrays = npz.unpack(data, where=str(path), what="a learning history", **how)
     with retold(RunError, ValueError, f"{path}", f"; {how['remedy']}"):
         return history_from(arrays)
 
@@ -193,11 +193,11 @@ def history_from(arrays: Mapping[str, np.ndarray], prefix: str = "") -> History:
     Raises:
         ValueError: one is missing, or has another type or shape than it must have.
     """
-    present = archive.member(arrays, f"{prefix}present", np.bool_, None, None)
+    present = npz.member(arrays, f"{prefix}present", np.bool_, None, None)
     blank = blank_history(0, 0)._asdict().items()
     return History(
         *(
-            archive.member(arrays, prefix + name, one.dtype, *present.shape[: one.ndim])
+            npz.member(arrays, prefix + name, one.dtype, *present.shape[: one.ndim])
             for name, one in blank
         )
     )

@@ -10,8 +10,6 @@ import functools
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from sparse_coord_ros.base.compiling import compiled_as, inlined, inner, jit
 from sparse_coord_ros.core.game.actions import COORDINATE
 from sparse_coord_ros.core.game.draws import drawn
@@ -65,7 +63,7 @@ class Rule(NamedTuple):
             count while learning [3].
         goal_value: value of being at the goal while learning.
         step_sizes: the step size of the n-th update of an entry, without the floor [n].
-        ruled_out: as of `Task`.
+        map_samples, replays, leaving, leaving_share: as of `Task`.
         tasks: in plain Python the tasks of the robots.
     """
 
@@ -79,7 +77,10 @@ class Rule(NamedTuple):
     weights: Any
     goal_value: float
     step_sizes: Any
-    ruled_out: np.ndarray
+    map_samples: int
+    replays: int
+    leaving: float
+    leaving_share: float
     tasks: Any
 
 
@@ -98,7 +99,11 @@ def made_task(rule: Rule, k: int) -> Task:
         rule.weights[2] * problem.ask_cost,
         rule.weights[1],
         rule.step_sizes,
-        rule.ruled_out,
+        problem.sight,
+        rule.map_samples,
+        rule.replays,
+        rule.leaving,
+        rule.leaving_share,
     )
 
 

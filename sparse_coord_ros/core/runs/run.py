@@ -41,6 +41,11 @@ from sparse_coord_ros.core.learners.mind import (
     with_room,
 )
 from sparse_coord_ros.core.learners.registry import learner_of
+from sparse_coord_ros.core.learners.rules import (
+    leaving_of,
+    map_samples,
+    replays_of,
+)
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs import loop
 from sparse_coord_ros.core.runs.history import History, blank_history, concatenated
@@ -72,7 +77,7 @@ class LearningState(NamedTuple):
     histories: tuple[History, ...]
 
 
-class Glimpse(NamedTuple):
+class TeamTransition(NamedTuple):
     """One transition of K robots, for those who watch them.
 
     Attributes:
@@ -131,6 +136,7 @@ class Team:
         self.compiled = compiled
         self.loops = loop.compiled(learner.Mind.learner) if compiled else loop.PLAIN
         self._stop = np.zeros(1, dtype=np.bool_) if stop is None else stop
+        self._minds = learner.minds(scenario)
         sizes = step_sizes(scenario.step_size, scenario.steps)
         everyone = np.arange(len(scenario.robots), dtype=INDEX)
         rule = loop.Rule(
@@ -144,7 +150,10 @@ class Team:
             weights=np.array(learner.weights(scenario)),
             goal_value=scenario.goal_value,
             step_sizes=sizes.by_count,
-            ruled_out=learner.ruled_out(scenario),
+            map_samples=map_samples(scenario),
+            replays=replays_of(scenario),
+            leaving=leaving_of(scenario)[0],
+            leaving_share=leaving_of(scenario)[1],
             tasks=None,
         )
         groups = groups_of(scenario, learner)
@@ -178,12 +187,12 @@ class Team:
 
     def initial(self, memories: Sequence[Memory] = ()) -> Any:
         """Return what robots know that remember this; nothing: before learning."""
-        minds = self.learner.minds(self.scenario)
         if self.compiled:
-            return stacked(minds, BLOCK_STEPS, memories)
-        known = memories or (None,) * len(minds)
+            return stacked(self._minds, BLOCK_STEPS, memories)
+        known = memories or (None,) * len(self._minds)
         return [
-            as_lists(mind, memory) for mind, memory in zip(minds, known, strict=True)
+            as_lists(mind, memory)
+            for mind, memory in zip(self._minds, known, strict=True)
         ]
 
     def state(
@@ -242,6 +251,7 @@ class Team:
             streams.START: bool(np.any(rule.exploring)),
             streams.REPLAY: learning and self.learner.draws,
             streams.BLIND: learning and self.learner.asks,
+            streams.LEAVE: rule.leaving > 0.0,
         }
 
     def play(
@@ -402,7 +412,7 @@ class LearningRun:
             self._records[number] = record_of(self._history(number), compiled=True)
         clock[loop.END] = clock[STEP] + BLOCK_STEPS
 
-    def glimpse(self) -> Glimpse:
+    def make_transition(self) -> TeamTransition:
         """Let every group of robots make one transition, and return it."""
         positions = [_position(state.game) for state in self._states]
         self.advance(self.done + 1)
@@ -419,7 +429,7 @@ class LearningRun:
                 rows.append((cell, action, int(state.game.cells[k])))
             met |= bool(miscoordination(state.rule.problem, state.game.cells, members))
         cells, actions, after = zip(*rows, strict=True)
-        return Glimpse(positions[0].step, cells, actions, after, met)
+        return TeamTransition(positions[0].step, cells, actions, after, met)
 
     def _action(self, state: loop.State, k: int, step: int) -> Action:
         """Return what a robot did at the time step that was made last."""

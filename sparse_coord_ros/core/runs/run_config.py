@@ -23,14 +23,13 @@ from sparse_coord_ros.base.errors import (
     check_format,
     did_you_mean,
 )
-from sparse_coord_ros.base.limits import SCENARIO, read_text
+from sparse_coord_ros.base.limits import CELLS, SCENARIO, read_text
 from sparse_coord_ros.base.version import __version__
 from sparse_coord_ros.base.yaml_text import parse_yaml, to_yaml
-from sparse_coord_ros.core.game.grid import RESOLUTIONS
+from sparse_coord_ros.core.game.grid import RESOLUTIONS, GridMap
 from sparse_coord_ros.core.game.perception import (
     MODELS,
     check_found_elsewhere,
-    check_percepts,
 )
 from sparse_coord_ros.core.game.scenario import Scenario, scenario_from_dict
 from sparse_coord_ros.core.game.settings import setting, settings_of
@@ -48,7 +47,7 @@ SCENARIO_FILE = "scenario.yaml"
 MAP_FILE = "map.txt"
 """The files that say what a run is: in its directory the first, in its bag all."""
 
-FORMAT = 2
+RUN_FORMAT = 2
 """Number of the format of `run.yaml`, its field `format`. Format 1 did not say `bodies`."""
 
 OWN_CLOCK = "own"
@@ -246,7 +245,7 @@ class RunConfig:
             SettingError: its perception model is a function that nobody else can find.
         """
         check_found_elsewhere(self.scenario.perception)
-        data: dict[str, Any] = {"id": self.id, "format": FORMAT}
+        data: dict[str, Any] = {"id": self.id, "format": RUN_FORMAT}
         data |= {f.name: getattr(self, f.name) for f in fields(self)}
         data["scenario"] = self.scenario.to_dict()
         data["versions"] = dict(self.versions)
@@ -295,10 +294,20 @@ def make_run(scenario: Scenario, values: Mapping[str, object]) -> RunConfig:
     check_own_memory(learner)
     if settings.get("improve"):
         check_improvable(scenario, learner)
-    check_percepts(scenario.map)
+    _check_size(scenario.map)
     run = RunConfig(scenario=scenario, versions=versions(), **settings)
     run.check_code()
     return run
+
+
+def _check_size(grid: GridMap) -> None:
+    """Raise `SettingError` where a map is too large to learn on."""
+    cells = len(grid.cells)
+    if cells > CELLS:
+        raise SettingError(
+            f"map {grid.name} has {cells:,} cells, allowed in learning: at most {CELLS:,}; take "
+            "larger cells (import-map --cell) or a part of the map"
+        )
 
 
 def versions() -> dict[str, str]:
@@ -336,7 +345,7 @@ def run_from_yaml(text: str, *, where: str) -> RunConfig:
         SettingError: a bad value.
     """
     data = parse_yaml(text, where=where)
-    check_format(data.pop("format", None), FORMAT, where, RunError)
+    check_format(data.pop("format", None), RUN_FORMAT, where, RunError)
     known = [f.name for f in fields(RunConfig)]
     wrong = [
         f"unknown field {n!r}{did_you_mean(str(n), known)}"

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What robots have learned as bytes and on disk: `tables.npz` of a team, one file a robot apart.
 
-The container is that of `archive`. Of robot k (from 1) there is each field of its learner's mind
+The container is that of `base.npz`. Of robot k (from 1) there is each field of its learner's mind
 (`core.learners.mind`) as an array `<field>_k`: `q_star_k`, shape (cells, actions), columns north,
 south, east, west, COORDINATE; `updates_k`, how often each entry was updated; and so on. A table of
 rows such as Q^C is three arrays: `q_coord_keys_k`, shape (rows,), ascending, `q_coord_values_k`
@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.base import archive
+from sparse_coord_ros.base import npz
 from sparse_coord_ros.base.errors import TablesError, retold
 from sparse_coord_ros.base.files import write_whole
 from sparse_coord_ros.base.limits import ARRAYS, Limit, read_file
@@ -54,7 +54,7 @@ def pack_tables(
         memories: what each robot remembers.
         counts: numbers to store beside them, as arrays `count_<name>`.
     """
-    return archive.pack(saved_arrays(memories, counts=counts))
+    return npz.pack(saved_arrays(memories, counts=counts))
 
 
 def saved_arrays(
@@ -92,10 +92,10 @@ def unpack_saved(
         TablesError: not a tables file, or a robot is not in it; `where` says where they are from.
     """
     how: Any = {"what": "tables", "remedy": REMEDY, "error": TablesError}
-    arrays = archive.unpack(data, where=where, limit=limit, **how)
+    arrays = npz.unpack(data, where=where, limit=limit, **how)
     with retold(TablesError, ValueError, where, f"; {REMEDY}"):
         counts = {
-            name.removeprefix(COUNT): int(archive.member(arrays, name, np.int64))
+            name.removeprefix(COUNT): int(npz.member(arrays, name, np.int64))
             for name in arrays
             if name.startswith(COUNT)
         }
@@ -116,7 +116,7 @@ def memory_from(arrays: Mapping[str, np.ndarray], number: int) -> dict[str, np.n
     }
     if "q_star" not in memory:
         raise ValueError(f"has no q_star{ending}")
-    archive.member(memory, "q_star", np.float64, None, len(ACTIONS))
+    npz.member(memory, "q_star", np.float64, None, len(ACTIONS))
     return memory
 
 

@@ -21,10 +21,10 @@ OPTIONS = ASK_AS_NOW + 1
 where the percept fails; `ASK_AS_NOW`: ask, with the present move there."""
 
 MOST_SWEEPS = 20_000
-NEGLIGIBLE = 1e-9
-"""A value is known to within this; an improvement is larger than `BETTER`."""
+ACCURACY = 1e-9
+"""A value is known to within this; an improvement is larger than `LEAST_GAIN`."""
 
-BETTER = 1e-7
+LEAST_GAIN = 1e-7
 
 OUTSIDE_SWEEPS = 1
 """Sweeps over the joint states where a team does not get: from above, they stay bounds. More take
@@ -112,7 +112,7 @@ def can_do(
     z: int,
     outcome: int,
 ) -> bool:
-    """Whether robot k in cell x, the peer in z, may end a step by that move (or staying)."""
+    """Return whether robot k in cell x, the peer in z, may end a step by this outcome."""
     if outcome == STAY:
         return True
     if x == game.goals[k]:
@@ -187,7 +187,7 @@ def outcome(
     unseen: int,
     number: int,
 ) -> tuple[int, float]:
-    """Return where a step leads, and how likely, by one of three outcomes.
+    """Return the cell and the probability of one of a step's three outcomes.
 
     The outcomes: the robot perceives its peer and its move `seen` succeeds; it does not, and its
     move `unseen` succeeds; it stays in x.
@@ -209,7 +209,7 @@ def expected(
     seen: tuple[int, int],
     unseen: tuple[int, int],
 ) -> tuple[float, float]:
-    """Return what a joint step brings, without what staying in (x, y) brings later.
+    """Return the value of a joint step, without that of staying in (x, y).
 
     Args:
         game: the game.
@@ -246,7 +246,7 @@ def expected(
 
 @inner
 def asks_at(game: WeightedGame, policy: AskingPolicies, k: int, x: int) -> bool:
-    """Whether robot k asks in cell x."""
+    """Return whether robot k asks in cell x."""
     return bool(policy.asks[k, x] and x != game.goals[k])
 
 
@@ -341,7 +341,7 @@ def sweep(
             new = best_at(game, policy, free, value, x, y)
             change = max(change, abs(new - value[x, y]))
             value[x, y] = new
-        if change * ratio < NEGLIGIBLE or value[x0, y0] + change * ratio < target:
+        if change * ratio < ACCURACY or value[x0, y0] + change * ratio < target:
             break
     return float(value[x0, y0])
 
@@ -389,12 +389,12 @@ def promising(
     k: int,
     x: int,
 ) -> bool:
-    """Whether a new choice of robot k in cell x beats the team's value for some peer's cell.
+    """Return whether a new choice of robot k in cell x is better for some peer's cell.
 
     If a step of it, before all goes on as it was, is better nowhere, the new team is not better.
     """
     cells = game.lead.shape[0]
-    enough = 0.5 * BETTER * (1.0 - game.discount)
+    enough = 0.5 * LEAST_GAIN * (1.0 - game.discount)
     for z in range(cells):
         a, b = (x, z) if k == 0 else (z, x)
         if space.inside[a * cells + b]:
@@ -459,8 +459,8 @@ def climb(
         policy.asks[k, x] = asks
         if promising(game, policy, free, space, k, x):
             copy(space.value, space.kept)
-            found = solve(game, policy, free, space, best + BETTER)
-            if found > best + BETTER:
+            found = solve(game, policy, free, space, best + LEAST_GAIN)
+            if found > best + LEAST_GAIN:
                 best = found
                 failed = 0
                 surround(game, policy, free, space)

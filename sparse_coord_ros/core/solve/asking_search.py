@@ -30,9 +30,10 @@ from sparse_coord_ros.base.version import __version__
 from sparse_coord_ros.core.game.actions import ACTIONS, MOVES, PRIMITIVES
 from sparse_coord_ros.core.game.links import check_up
 from sparse_coord_ros.core.game.miscoordination import meeting_places, together
-from sparse_coord_ros.core.game.perception import percept_probabilities
+from sparse_coord_ros.core.game.perception import check_pairs, sight_of
 from sparse_coord_ros.core.game.scenario import Scenario, ScenarioLike, loaded
 from sparse_coord_ros.core.game.settings import Setting
+from sparse_coord_ros.core.game.sight import probabilities_between
 from sparse_coord_ros.core.runs.run_config import RUN_SETTINGS
 from sparse_coord_ros.core.solve import asking_loops
 from sparse_coord_ros.core.solve.asking_loops import (
@@ -44,7 +45,7 @@ from sparse_coord_ros.core.solve.asking_loops import (
 from sparse_coord_ros.core.solve.optimum import worth_alone
 from sparse_coord_ros.core.solve.shipped import AskingTeam, RobotPolicy, game_digest
 
-FORMAT = 1
+SEARCH_FORMAT = 1
 WARNING = "a lower bound: the search may have missed a better team"
 
 RESTARTS = Setting("restarts", int, 20, "restarts of the search", low=1, high=1_000_000)
@@ -57,6 +58,9 @@ PATIENCE = 10
 
 MOST_SHAKEN = 3
 """Choices that a shake changes at most."""
+
+MOST_STATES = 2**24
+"""Joint states of a search, which takes a hundred bytes for each: those of 4,096 cells, 1.6 GB."""
 
 SAME_VALUE = 1e-5
 """Restarts whose values differ by less ended at the same one."""
@@ -104,13 +108,13 @@ def find_asking_team(
     seed = RUN_SETTINGS["seed"].parse(seed)
     file = None if file is None else path_argument("file", file)
     check_function("progress", progress)
-    game = _game(scenario)
+    game = game_of(scenario)
     both = np.ones(2, dtype=np.bool_)
     values, best = _kept(file, scenario, seed)
-    found = None if best is None else _from_texts(scenario, best)
+    found = None if best is None else policies_of(scenario, best)
     for i in range(len(values), restarts):
         policy, value = _restart(game, both, [seed, i])
-        if found is None or value > max(values) + asking_loops.BETTER:
+        if found is None or value > max(values) + asking_loops.LEAST_GAIN:
             found = policy
         values.append(value)
         if file is not None:
@@ -143,12 +147,16 @@ def check_two_robots(scenario: Scenario) -> None:
         )
 
 
-def _game(scenario: Scenario, weights: Sequence[float] = (0.5, 0.5)) -> WeightedGame:
-    """Return the game; the weights say how much each robot's reward counts."""
+def game_of(scenario: Scenario, weights: Sequence[float] = (0.5, 0.5)) -> WeightedGame:
+    """Return the game of two robots; the weights say how much each one's reward counts."""
     grid = scenario.map
     cells = len(grid.cells)
-    check_up(scenario.link, "search for the best asking team")
-    percept = percept_probabilities(scenario.perception, grid)
+    what = "search for the best asking team"
+    check_up(scenario.link, what)
+    check_pairs(grid, f"in the {what}", MOST_STATES)
+    percept = probabilities_between(
+        sight_of(scenario.perception, grid), np.arange(cells)
+    )
     places = meeting_places(scenario)
     paid = sum(w * p for w, p in zip(weights, scenario.penalties, strict=True))
     toll = np.where(together(places[:, None], places[None, :]), paid, 0.0)
@@ -174,7 +182,8 @@ def _game(scenario: Scenario, weights: Sequence[float] = (0.5, 0.5)) -> Weighted
     )
 
 
-def _space(game: WeightedGame) -> Workspace:
+def workspace_of(game: WeightedGame) -> Workspace:
+    """Return what the loops write to in this game, empty."""
     cells = len(game.lead)
     return Workspace(
         value=np.zeros((cells, cells)),
@@ -203,7 +212,7 @@ def _restart(
         fixed: what those do whose choices are not searched.
     """
     rng = np.random.default_rng(seed)
-    begun = _random(game, rng)
+    begun = random_policies(game, rng)
     if fixed is not None:
         for mine, theirs in zip(begun, fixed, strict=True):
             mine[~free] = theirs[~free]
@@ -215,7 +224,7 @@ def _climbed(
 ) -> tuple[AskingPolicies, float]:
     """Climb from a team, which is changed, and again from where shakes lead; as `_restart`."""
     loops = asking_loops.compiled()
-    space = _space(game)
+    space = workspace_of(game)
     trials = np.arange(2 * len(game.lead) * OPTIONS)
     top = loops.climb(game, best, free, space, rng.permutation(trials))
     vain = 0
@@ -224,7 +233,7 @@ def _climbed(
         loops.visit(game, best, space)
         policy = _shaken(game, best, space.visited & free[:, None], rng)
         value = loops.climb(game, policy, free, space, rng.permutation(trials))
-        if value > top + asking_loops.BETTER:
+        if value > top + asking_loops.LEAST_GAIN:
             best = policy
             top = value
             vain = 0
@@ -240,9 +249,11 @@ def climbed(
         Its value before and after; what it does then, in every joint state; and whether a robot
         acts in a cell, shape (2, cells).
     """
-    game = _game(scenario)
+    game = game_of(scenario)
     nobody = np.zeros(2, dtype=np.bool_)
-    before = asking_loops.compiled().solve(game, team, nobody, _space(game), -np.inf)
+    before = asking_loops.compiled().solve(
+        game, team, nobody, workspace_of(game), -np.inf
+    )
     found, value = _climbed(game, ~nobody, _copy(team), np.random.default_rng(0))
     return before, value, *_everywhere(game, found)
 
@@ -251,7 +262,7 @@ def _copy(team: AskingPolicies) -> AskingPolicies:
     return AskingPolicies(*(array.copy() for array in team))
 
 
-def _random(game: WeightedGame, rng: np.random.Generator) -> AskingPolicies:
+def random_policies(game: WeightedGame, rng: np.random.Generator) -> AskingPolicies:
     """Return a team on random routes that asks in random cells."""
     lead = game.lead[:, :PRIMITIVES]
     cells = len(lead)
@@ -299,7 +310,7 @@ def _everywhere(
     """
     loops = asking_loops.compiled()
     new = _copy(policy)
-    space = _space(game)
+    space = workspace_of(game)
     both = np.ones(2, dtype=np.bool_)
     loops.solve(game, new, both, space, -np.inf)
     loops.visit(game, new, space)
@@ -325,7 +336,8 @@ def _texts(
     return robot(0), robot(1)
 
 
-def _from_texts(scenario: Scenario, robots: Sequence[RobotPolicy]) -> AskingPolicies:
+def policies_of(scenario: Scenario, robots: Sequence[RobotPolicy]) -> AskingPolicies:
+    """Return the policies that texts say, as arrays."""
     cells = len(scenario.map.cells)
     policy = AskingPolicies(
         np.array(
@@ -347,15 +359,17 @@ def _gain(
     """Return the most that robot k was found to gain for itself, the other staying as it is."""
     loops = asking_loops.compiled()
     alone = np.arange(2) == k
-    game = _game(scenario, alone)
-    fixed = _from_texts(scenario, robots)
-    now = loops.solve(game, fixed, np.zeros(2, dtype=np.bool_), _space(game), -np.inf)
+    game = game_of(scenario, alone)
+    fixed = policies_of(scenario, robots)
+    now = loops.solve(
+        game, fixed, np.zeros(2, dtype=np.bool_), workspace_of(game), -np.inf
+    )
     trials = np.arange(2 * len(scenario.map.cells) * OPTIONS)
     own = _copy(fixed)
-    best = loops.climb(game, own, alone, _space(game), trials)
+    best = loops.climb(game, own, alone, workspace_of(game), trials)
     for i in range(DEVIATIONS):
         best = max(best, _restart(game, alone, [seed, k, i], fixed)[1])
-    return best - now if best > now + asking_loops.BETTER else 0.0
+    return best - now if best > now + asking_loops.LEAST_GAIN else 0.0
 
 
 def _kept(
@@ -369,12 +383,12 @@ def _kept(
         data = json.loads(text)
         values = [float(value) for value in data["values"]]
         best = [RobotPolicy(str(r["moves"]), dict(r["asks"])) for r in data["robots"]]
-        check_format(data["format"], FORMAT, str(file), ResultsError)
+        check_format(data["format"], SEARCH_FORMAT, str(file), ResultsError)
         said = (data["game"], data["seed"])
-        fits = _from_texts(scenario, best).moves.shape == (2, len(scenario.map.cells))
+        fits = policies_of(scenario, best).moves.shape == (2, len(scenario.map.cells))
     except (ValueError, LookupError, TypeError, AttributeError):
         raise ResultsError(
-            f"{file}: is no search for the best asking team; give another file"
+            f"{file}: holds no search for the best asking team; give another file"
         ) from None
     if said != (game_digest(scenario), seed) or not values or not fits:
         what = f"{file}: is the search of another game or seed (seed {data['seed']})"
@@ -392,7 +406,7 @@ def _keep(
     robots: Sequence[RobotPolicy],
 ) -> None:
     data: dict[str, Any] = {
-        "format": FORMAT,
+        "format": SEARCH_FORMAT,
         "scenario": scenario.name,
         "game": game_digest(scenario),
         "seed": seed,
@@ -405,15 +419,15 @@ def _keep(
 def _acting(
     scenario: Scenario, robots: Sequence[RobotPolicy]
 ) -> tuple[AskingPolicies, np.ndarray, list[dict[int, list[int]]]]:
-    """Return what a team does where it gets to.
+    """Return a team's choices in the states that it gets to.
 
     Returns:
         Its choices; whether a robot acts in a cell, shape (2, cells); and of each robot, the
         peer's cells that it can perceive in each cell where it asks.
     """
-    team = _from_texts(scenario, robots)
-    game = _game(scenario)
-    space = _space(game)
+    team = policies_of(scenario, robots)
+    game = game_of(scenario)
+    space = workspace_of(game)
     cells = len(scenario.map.cells)
     asking_loops.visit(game, team, space)
     seen: list[dict[int, list[int]]] = [{}, {}]
@@ -429,34 +443,53 @@ def _acting(
 
 
 def in_words(scenario: Scenario, robots: Sequence[RobotPolicy]) -> list[str]:
-    """Return what the team does, a line for each way and each cell to ask in.
+    """Return the team's behaviour in words: a line for each route and each cell to ask in.
 
-    Cells that a robot gets to only because it stepped aside follow its way.
+    After a robot's route come the cells that it gets to only by stepping aside.
     """
     policy, visited, seen = _acting(scenario, robots)
     lines = []
     for k, robot in enumerate(scenario.robots):
-        peer = scenario.robots[1 - k].name
-        usual = policy.moves[k].copy()
-        for x, others in seen[k].items():
-            usual[x] = np.bincount(
-                policy.seen[k, x, others], minlength=PRIMITIVES
-            ).argmax()
+        usual = _usual_moves(policy, k, seen[k])
         way = _way(scenario, robot.start, robot.goal, usual)
         lines.append(f"{robot.name}: {_route(scenario, way, usual, robot.goal)}")
+        for x, peer_cells in sorted(seen[k].items()):
+            lines.append(_asking(scenario, policy, k, x, peer_cells, int(usual[x])))
         aside = [x for x in np.flatnonzero(visited[k]).tolist() if x not in way]
-        for x, others in sorted(seen[k].items()):
-            text = f"  asks in {_place(scenario, x)}: {ACTIONS[usual[x]]}"
-            for move in range(PRIMITIVES):
-                where = [z for z in others if policy.seen[k, x, z] == move]
-                if move != usual[x] and where:
-                    cells = ", ".join(_place(scenario, z) for z in where)
-                    text += f"; {ACTIONS[move]} where {peer} is in {cells}"
-            lines.append(text)
         if aside:
             moves = [f"{_place(scenario, x)} {ACTIONS[usual[x]]}" for x in aside]
             lines.append(f"  off its way: {', '.join(moves)}")
     return lines
+
+
+def _usual_moves(
+    policy: AskingPolicies, k: int, seen: dict[int, list[int]]
+) -> np.ndarray:
+    """Return robot k's move in each cell: its most frequent one where it asks."""
+    usual: np.ndarray = policy.moves[k].copy()
+    for x, peer_cells in seen.items():
+        moves = policy.seen[k, x, peer_cells]
+        usual[x] = np.bincount(moves, minlength=PRIMITIVES).argmax()
+    return usual
+
+
+def _asking(
+    scenario: Scenario,
+    policy: AskingPolicies,
+    k: int,
+    x: int,
+    peer_cells: list[int],
+    usual: int,
+) -> str:
+    """Return robot k's moves after asking in cell x, in words: the usual one first."""
+    peer = scenario.robots[1 - k].name
+    text = f"  asks in {_place(scenario, x)}: {ACTIONS[usual]}"
+    for move in range(PRIMITIVES):
+        where = [z for z in peer_cells if policy.seen[k, x, z] == move]
+        if move != usual and where:
+            places = ", ".join(_place(scenario, z) for z in where)
+            text += f"; {ACTIONS[move]} where {peer} is in {places}"
+    return text
 
 
 def _way(scenario: Scenario, start: int, goal: int, moves: np.ndarray) -> list[int]:

@@ -19,8 +19,9 @@ from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.core.game.actions import COORDINATE, OUTCOMES, PRIMITIVES, STAY
 from sparse_coord_ros.core.game.links import check_up
 from sparse_coord_ros.core.game.miscoordination import meeting_places, together
-from sparse_coord_ros.core.game.perception import percept_probabilities
+from sparse_coord_ros.core.game.perception import sight_of
 from sparse_coord_ros.core.game.scenario import Scenario
+from sparse_coord_ros.core.game.sight import probabilities_between
 from sparse_coord_ros.core.learners.learner import Learner
 from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.learners.tables import Tables
@@ -31,6 +32,7 @@ from sparse_coord_ros.core.solve.exact_loops import (
     CONFLICTS,
     QUANTITIES,
     REWARD,
+    Distribution,
     Pair,
     Sums,
     compiled,
@@ -166,12 +168,22 @@ def evaluate_best(
 
 
 def check_exact(scenario: Scenario) -> None:
-    """Raise `SettingError` where the team is too large for exact evaluation."""
+    """Raise `SettingError` where the team is too large, or acts by what it remembers."""
     team = len(scenario.robots)
     if team > MOST_ROBOTS:
         raise SettingError(
             f"exact evaluation: scenario {scenario.name} has {team} robots, allowed: 1 or "
             f"{MOST_ROBOTS}; larger teams are evaluated by trials, leave out 'exact'"
+        )
+    _check_memoryless(scenario)
+
+
+def _check_memoryless(scenario: Scenario) -> None:
+    """Raise `SettingError` where robots act by more than where they are and what they perceive."""
+    if scenario.stand_off.kind != "wait":
+        raise SettingError(
+            f"exact evaluation: setting stand_off is {str(scenario.stand_off)!r}, allowed: wait, "
+            "as the others act by what they perceived a step before; leave out 'exact' for trials"
         )
 
 
@@ -243,6 +255,7 @@ def _robots(
 ) -> list[Greedy]:
     """Return the robots as greedy ones that act on tables, which fit."""
     check_up(scenario.link, "exact evaluation")
+    _check_memoryless(scenario)
     found = []
     for k, one in enumerate(tables):
         acting = one
@@ -302,10 +315,8 @@ def _pair(scenario: Scenario, robots: Sequence[Greedy], own: np.ndarray) -> Pair
     """Return the two robots on the cells `own`, ascending, which they do not leave."""
     cells = len(own)
     alone = len(robots) == 1
-    percepts = percept_probabilities(scenario.perception, scenario.map)[
-        np.ix_(own, own)
-    ]
-    if alone:  # it has nobody to ask: its percepts fail
+    percepts = probabilities_between(sight_of(scenario.perception, scenario.map), own)
+    if alone:  # it has no peer to ask: its percepts fail
         percepts = np.zeros_like(percepts)
     asking = np.array([one.asks[own] for one in robots])
     moves = np.array([_moves(one, own, percepts) for one in robots])
@@ -321,7 +332,7 @@ def _pair(scenario: Scenario, robots: Sequence[Greedy], own: np.ndarray) -> Pair
         asking = np.repeat(asking, 2, axis=0)
         moves = np.repeat(moves, 2, axis=0)
         meets = np.zeros_like(meets)
-    # Where a move leads out of the cells, nobody makes it.
+    # No robot makes a move that leads out of the cells.
     lead = np.minimum(np.searchsorted(own, scenario.map.next_cell[own]), cells - 1)
     either = moves.sum(axis=1)
     asked = np.empty((2, cells, cells, OUTCOMES))
@@ -345,13 +356,19 @@ def _pair(scenario: Scenario, robots: Sequence[Greedy], own: np.ndarray) -> Pair
 
 
 def _carried(pair: Pair, *, spreads: bool, most: float = np.inf) -> Sums | None:
-    """Return what a trial brings, its squares only where `spreads` asks for them.
+    """Return the sums of a trial, with squares only if `spreads`.
 
     None: steps have more than `most` outcomes in all.
     """
     cells = len(pair.lead)
-    likely = np.zeros((2, cells**2))
-    places = np.zeros((2, cells**2), dtype=np.int64)
+    now, later = (
+        Distribution(
+            likely=np.zeros(cells**2),
+            states=np.zeros(cells**2, dtype=np.int64),
+            size=np.zeros(1, dtype=np.int64),
+        )
+        for _ in range(2)
+    )
     sums = Sums(
         robots=np.zeros((3, 2)),
         team=np.zeros(2),
@@ -361,11 +378,11 @@ def _carried(pair: Pair, *, spreads: bool, most: float = np.inf) -> Sums | None:
         brought=np.zeros((2, QUANTITIES)),
         so_far=np.zeros((2, cells**2 if spreads else 0, QUANTITIES)),
     )
-    return sums if compiled()(pair, *likely, *places, sums, most) else None
+    return sums if compiled()(pair, now, later, sums, most) else None
 
 
 def _moves(robot: Greedy, own: np.ndarray, percepts: np.ndarray) -> np.ndarray:
-    """Return how likely a robot makes each move, (2, own cell, peer's cell, moves).
+    """Return the probability of each move of a robot, (2, own cell, peer's cell, moves).
 
     Without asking, and together with asking; the sum over both and the moves is 1.
     """

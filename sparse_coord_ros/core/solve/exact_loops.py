@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.base.compiling import has_numba, inner, jit
+from sparse_coord_ros.base.compiling import has_numba, inlined, inner, jit
 from sparse_coord_ros.core.game.actions import OUTCOMES, STAY
 
 
@@ -85,79 +85,118 @@ class Sums(NamedTuple):
     so_far: np.ndarray
 
 
+class Distribution(NamedTuple):
+    """The joint states that are possible at a time step, and how likely each of them is.
+
+    Attributes:
+        likely: probability of each joint state, 0 where it is not possible; (cells^2,).
+        states: the joint states that are possible, at the beginning of the array; (cells^2,).
+        size: how many are possible; (1,).
+    """
+
+    likely: np.ndarray
+    states: np.ndarray
+    size: np.ndarray
+
+
 def carry(
-    pair: Pair,
-    likely: np.ndarray,
-    later: np.ndarray,
-    here: np.ndarray,
-    there: np.ndarray,
-    sums: Sums,
-    most: float,
+    pair: Pair, now: Distribution, later: Distribution, sums: Sums, most: float
 ) -> bool:
     """Add up what a trial brings on average; False: steps have more outcomes than `most`.
 
     Args:
         pair: the two robots.
-        likely: space for the probabilities of the joint states, 0; (cells^2,).
-        later: as `likely`.
-        here: space for the joint states that are possible; (cells^2,).
-        there: as `here`.
+        now: an empty distribution, which is used.
+        later: another one.
         sums: filled.
         most: outcomes of steps after which to give up.
     """
     cells = len(pair.lead)
-    one = pair.goals[0]
-    other = pair.goals[1]
-    home = one * cells + other
+    home = pair.goals[0] * cells + pair.goals[1]
     squared = sums.so_far.shape[1] > 0
-    here[0] = pair.starts[0] * cells + pair.starts[1]
-    likely[here[0]] = 1.0
-    count = 1
+    add(now, pair.starts[0] * cells + pair.starts[1], 1.0)
     factor = 1.0
-    followed = 0
+    outcomes = 0
     for t in range(pair.horizon):
-        found = 0
-        if followed > most:
+        if outcomes > most:
             return False
-        for i in range(count):
-            state = here[i]
-            p = likely[state]
-            likely[state] = 0.0
-            x = state // cells
-            z = state % cells
-            acts(pair, sums, 0, x, p, factor)
-            acts(pair, sums, 1, z, p, factor)
-            for a in range(OUTCOMES):
-                first = p * outcome(pair, 0, x, z, a)
-                if first == 0.0:
-                    continue
-                for b in range(OUTCOMES):
-                    q = first * outcome(pair, 1, z, x, b)
-                    if q == 0.0:
-                        continue
-                    followed += 1
-                    y = pair.lead[x, a]
-                    w = pair.lead[z, b]
-                    target = y * cells + w
-                    pay(pair, sums, x, z, y, w, factor * q, q)
-                    if squared:
-                        bring(pair, sums.brought, 0, x, z, y, w, a, factor)
-                        bring(pair, sums.brought, 1, z, x, w, y, b, factor)
-                        pass_on(sums, t % 2, state, target, q, q / p)
-                    if target != home:
-                        if later[target] == 0.0:
-                            there[found] = target
-                            found += 1
-                        later[target] += q
+        for i in range(now.size[0]):
+            state = now.states[i]
+            p = now.likely[state]
+            now.likely[state] = 0.0
+            acts(pair, sums, 0, state // cells, p, factor)
+            acts(pair, sums, 1, state % cells, p, factor)
+            outcomes += follow(
+                pair, sums, later, home, squared, state, p, factor, t % 2
+            )
             if squared:
                 sums.so_far[t % 2, state] = 0.0
-        likely, later = later, likely
-        here, there = there, here
-        count = found
+        now.size[0] = 0
+        now, later = later, now
         factor *= pair.discount
         if squared:
             sums.so_far[(t + 1) % 2, home] = 0.0
     return True
+
+
+@inlined
+def follow(
+    pair: Pair,
+    sums: Sums,
+    later: Distribution,
+    home: int,
+    squared: bool,
+    state: int,
+    p: float,
+    factor: float,
+    now: int,
+) -> int:
+    """Add up what the step from a joint state brings; return how many outcomes it has.
+
+    Args:
+        pair: the two robots.
+        sums: added to.
+        later: the distribution after the step, added to.
+        home: the joint state in which both have arrived: a trial ends there.
+        squared: whether squares are wanted.
+        state: the joint state.
+        p: its probability.
+        factor: what a reward of this step counts.
+        now: the row of `sums.so_far` that is before the step.
+    """
+    cells = len(pair.lead)
+    x = state // cells
+    z = state % cells
+    outcomes = 0
+    for a in range(OUTCOMES):
+        first = p * outcome(pair, 0, x, z, a)
+        if first == 0.0:
+            continue
+        for b in range(OUTCOMES):
+            q = first * outcome(pair, 1, z, x, b)
+            if q == 0.0:
+                continue
+            outcomes += 1
+            y = pair.lead[x, a]
+            w = pair.lead[z, b]
+            target = y * cells + w
+            pay(pair, sums, x, z, y, w, factor * q, q)
+            if squared:
+                bring(pair, sums.brought, 0, x, z, y, w, a, factor)
+                bring(pair, sums.brought, 1, z, x, w, y, b, factor)
+                pass_on(sums, now, state, target, q, q / p)
+            if target != home:
+                add(later, target, q)
+    return outcomes
+
+
+@inlined
+def add(distribution: Distribution, state: int, p: float) -> None:
+    """Add to the probability of a joint state."""
+    if distribution.likely[state] == 0.0:
+        distribution.states[distribution.size[0]] = state
+        distribution.size[0] += 1
+    distribution.likely[state] += p
 
 
 @inner
@@ -174,7 +213,7 @@ def acts(pair: Pair, sums: Sums, k: int, x: int, p: float, factor: float) -> Non
 
 @inner
 def outcome(pair: Pair, k: int, x: int, z: int, outcome: int) -> float:
-    """Return how likely robot k's step from x, its peer in z, is one move, or that it stays."""
+    """Return the probability that robot k's step from x, its peer in z, has this outcome."""
     arrived = x == pair.goals[k]
     if outcome != STAY:
         return 0.0 if arrived else pair.success * pair.moves[k, x, z, outcome]

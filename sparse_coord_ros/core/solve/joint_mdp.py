@@ -16,7 +16,7 @@ import numpy as np
 from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.core.game.actions import PRIMITIVES
 from sparse_coord_ros.core.game.scenario import ScenarioLike, loaded
-from sparse_coord_ros.core.solve.optimum import LARGEST, payment, successors
+from sparse_coord_ros.core.solve.optimum import MOST_JOINT_STATES, payment, successors
 
 
 @dataclass(frozen=True)
@@ -64,10 +64,11 @@ def joint_mdp(scenario: ScenarioLike) -> JointMDP:
     cells = len(scenario.map.cells)
     team = range(len(scenario.robots))
     states = cells ** len(team)
-    if states > LARGEST:
-        more = f"allowed for a joint MDP: up to {LARGEST:,}; choose fewer robots or a smaller map"
+    if states > MOST_JOINT_STATES:
+        allowed = f"allowed for a joint MDP: up to {MOST_JOINT_STATES:,}"
         raise SettingError(
-            f"scenario {scenario.name}: has {states:,} joint states, {more}"
+            f"scenario {scenario.name}: has {states:,} joint states, {allowed}; choose fewer "
+            "robots or a smaller map"
         )
     p = scenario.move_success
     stays = sparse.identity(

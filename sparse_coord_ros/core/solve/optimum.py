@@ -15,7 +15,7 @@ import numpy as np
 from sparse_coord_ros.core.game.miscoordination import meeting_places, miscoordinated
 from sparse_coord_ros.core.game.scenario import Scenario, ScenarioLike, loaded
 
-LARGEST = 100_000
+MOST_JOINT_STATES = 100_000
 """Largest number of joint states that is solved exactly."""
 
 TOLERANCE = 1e-11
@@ -50,7 +50,7 @@ def joint_optimum(scenario: ScenarioLike) -> Optimum:
     cells = len(scenario.map.cells)
     team = len(scenario.robots)
     states = cells**team
-    if states > LARGEST:
+    if states > MOST_JOINT_STATES:
         return Optimum(independent_bound(scenario), False, states)
     leads = [successors(scenario, k) for k in range(team)]
     paid = payment(scenario)
@@ -62,12 +62,13 @@ def joint_optimum(scenario: ScenarioLike) -> Optimum:
         np.concatenate([paid.ravel(), *map(np.ravel, leads)]).tobytes()
     )
     key = starts, goals, numbers, paid.shape, arrays.digest()
-    if key not in _solved:
-        _solved[key] = _solve(scenario, leads, paid)
-    return Optimum(_solved[key], True, states)
+    if key not in SOLVED:
+        SOLVED[key] = _solve(scenario, leads, paid)
+    return Optimum(SOLVED[key], True, states)
 
 
-_solved: dict[Hashable, float] = {}
+SOLVED: dict[Hashable, float] = {}
+"""The optimum of each game that this process has solved, by what the optimum depends on."""
 
 
 def _solve(scenario: Scenario, leads: Sequence[np.ndarray], paid: np.ndarray) -> float:
@@ -93,7 +94,7 @@ def _worth(
             worth = np.stack(
                 [p * worth.take(to, 2 * k) + (1.0 - p) * worth for to in lead]
             )
-        # All have arrived: the trial is over, and nobody pays where they stand in one doorway.
+        # All have arrived: the trial is over, and robots in one doorway do not pay.
         worth[every + goal] = scenario.goal_reward / (1.0 - scenario.discount)
         best = worth.max(axis=tuple(range(len(leads))))
         if np.abs(best - value).max() <= TOLERANCE * max(1.0, np.abs(best).max()):
@@ -102,7 +103,7 @@ def _worth(
 
 
 def independent_bound(scenario: Scenario) -> float:
-    """Return what the robots would be worth without penalties: no policy can be worth more.
+    """Return the team's value without penalties, an upper bound for all policies.
 
     Each robot is alone on a shortest path.
     """
@@ -115,7 +116,7 @@ def independent_bound(scenario: Scenario) -> float:
 def worth_alone(
     scenario: Scenario, far: np.ndarray, *, moved: bool = False
 ) -> np.ndarray:
-    """Return what a robot alone in the world is worth, so many moves from its goal.
+    """Return the value of a robot alone in the world, by the moves to its goal.
 
     The time to goal T is negative binomial, and the goal pays goal_reward / (1 - gamma) *
     gamma^(T-1). At the goal, and where no way leads to it, that is 0.

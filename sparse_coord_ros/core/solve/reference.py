@@ -21,7 +21,7 @@ from sparse_coord_ros.core.game.miscoordination import (
 from sparse_coord_ros.core.game.scenario import Robot, Scenario, ScenarioLike, loaded
 from sparse_coord_ros.core.solve.optimum import independent_bound
 
-NEGLIGIBLE = 1e-16
+NEGLIGIBLE_PROBABILITY = 1e-16
 """Probability (discounted, where the horizon is over) of what is left out at the end."""
 
 
@@ -45,7 +45,7 @@ class Reference:
 def shortest_path_reference(
     scenario: ScenarioLike, *, keep_right: bool = False
 ) -> Reference:
-    """Return the exact worth of fixed shortest paths that mind nobody (paper, Section 4).
+    """Return the exact value of fixed shortest paths, with no coordination (paper, Section 4).
 
     It is what Indiv. tends to. `reward` (total discounted) and `time_to_goal` (steps) are means
     over the robots, `miscoordinations` is that of a trial.
@@ -94,7 +94,7 @@ def _miscoordination_probability(scenario: Scenario, keep_right: bool) -> np.nda
         rest = float(place[moving].sum())
         if steps >= scenario.horizon:
             rest *= scenario.discount**steps / (1.0 - scenario.discount)
-        if rest <= NEGLIGIBLE:
+        if rest <= NEGLIGIBLE_PROBABILITY:
             break
         all_arrived.append(place[numbers, goals].prod())
         moved = zip(place, shares, strict=True)

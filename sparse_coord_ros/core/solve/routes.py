@@ -30,10 +30,10 @@ SEARCHED = 400
 JUDGED = 10_000
 """Other trials, by which the best plan is judged."""
 
-AT_ONCE = 1000
+TRIALS_AT_ONCE = 1000
 """Trials played at once: their draws are held in memory."""
 
-BETTER = 0.01
+LEAST_GAIN = 0.01
 """A change is kept that is better by more."""
 
 
@@ -124,14 +124,14 @@ def route_plan(scenario: Scenario, *, restarts: int = 4, seed: int = 0) -> Route
         draws = rng.random((SEARCHED, scenario.horizon, team))
         order = rng.permutation(team).tolist() if restart else range(team)
         ways = Ways(tuple(order), (frozenset(),) * team)
-        best = float(_play(scenario, ways, draws).mean())
+        best = float(rewards_of(scenario, ways, draws).mean())
         better = True
         while better:
             better = False
             changed = list(ways.changes(doorways))
             for number in rng.permutation(len(changed)).tolist():
-                worth = float(_play(scenario, changed[number], draws).mean())
-                if worth > best + BETTER:
+                worth = float(rewards_of(scenario, changed[number], draws).mean())
+                if worth > best + LEAST_GAIN:
                     best = worth
                     ways = changed[number]
                     better = True
@@ -140,9 +140,10 @@ def route_plan(scenario: Scenario, *, restarts: int = 4, seed: int = 0) -> Route
     _, ways = max(found, key=lambda one: one[0])
     rng = np.random.default_rng([seed, restarts])
     fresh = (
-        rng.random((AT_ONCE, scenario.horizon, team)) for _ in range(JUDGED // AT_ONCE)
+        rng.random((TRIALS_AT_ONCE, scenario.horizon, team))
+        for _ in range(JUDGED // TRIALS_AT_ONCE)
     )
-    means = np.concatenate([_play(scenario, ways, draws) for draws in fresh])
+    means = np.concatenate([rewards_of(scenario, ways, draws) for draws in fresh])
     return RoutePlan(
         value=float(means.mean()),
         standard_error=float(means.std(ddof=1) / len(means) ** 0.5),
@@ -152,8 +153,14 @@ def route_plan(scenario: Scenario, *, restarts: int = 4, seed: int = 0) -> Route
     )
 
 
-def _play(scenario: Scenario, ways: Ways, draws: np.ndarray) -> np.ndarray:
-    """Play trials; return the team's mean reward in each."""
+def rewards_of(scenario: Scenario, ways: Ways, draws: np.ndarray) -> np.ndarray:
+    """Play trials of a plan; return the team's mean reward in each.
+
+    Args:
+        scenario: the problem.
+        ways: the plan.
+        draws: random numbers in [0, 1); (trials, steps, robots).
+    """
     grid = scenario.map
     places = meeting_places(scenario)
     routed = Routed(
@@ -175,7 +182,7 @@ def _play(scenario: Scenario, ways: Ways, draws: np.ndarray) -> np.ndarray:
 
 
 def alone(scenario: Scenario, avoided: Sequence[Collection[int]]) -> np.ndarray:
-    """Return what robots alone are worth at the end of a step in each cell: (robots, cells).
+    """Return the values of robots alone after a step to each cell: (robots, cells).
 
     Args:
         scenario: the problem.
@@ -206,7 +213,7 @@ def passages(scenario: Scenario) -> np.ndarray:
 
 @inner
 def meeting(x: int, y: int, p: float, here: int, there: int, q: float) -> float:
-    """Return how likely two robots end a step at one place.
+    """Return the probability that two robots end a step at one place.
 
     Args:
         x: the place of the one.

@@ -41,7 +41,7 @@ GAME_SETTINGS = (
     "conflict",
     "perception",
 )
-"""What a team's value depends on besides map and robots; not how anybody learns."""
+"""What a team's value depends on besides map and robots, without the learning protocol."""
 
 
 @dataclass(frozen=True)
@@ -155,7 +155,7 @@ def unseen_buildings() -> tuple[str, ...]:
 
 
 def shipped_routes(scenario: Scenario) -> RoutePlan | None:
-    """Return what the route planner found for the very same game, or None."""
+    """Return the route planner's plan for the very same game, or None."""
     routes = _shipped(UNSEEN, "buildings").get(game_digest(scenario), {}).get("routes")
     if routes is None:
         return None
@@ -180,7 +180,7 @@ def known_best(scenario: Scenario) -> float | None:
 
 @cache
 def _shipped(file: str, key: str) -> dict[str, dict[str, Any]]:
-    """Return what a shipped file lists, by the digest of the game."""
+    """Return the entries of a shipped file, by the digest of the game."""
     return {data["game"]: data for data in shipped_json(file).get(key, {}).values()}
 
 

@@ -60,7 +60,7 @@ class LastWord(NamedTuple):
 def last_word(
     scenario: Scenario, learner: Learner, found: Evaluation | ExactEvaluation
 ) -> LastWord:
-    """Return what a team earns, beside robots that ignore each other and the best team known.
+    """Return the verdict: a team beside robots that ignore each other and the best team known.
 
     Robots that ignore each other take fixed shortest paths and never ask. The gap is what the
     best team known earns more than they. A team has learned to coordinate if its robots ask and
@@ -126,7 +126,7 @@ def last_word(
 
 
 def _advice(scenario: Scenario, learner: Learner) -> str:
-    """Return what helps a team that does not coordinate.
+    """Return advice for a team that does not coordinate.
 
     More steps help Factored only: others settle on not asking (docs/design.md).
     """

@@ -4,8 +4,8 @@
 
 import math
 
-from sparse_coord_ros.lab.driving.ground import Ground, Pose
-from sparse_coord_ros.lab.driving.mover import SLACK, Look, Mover
+from sparse_coord_ros.lab.driving.metric_map import MetricMap, Pose
+from sparse_coord_ros.lab.driving.mover import SLACK, GoalState, Mover
 from sparse_coord_ros.lab.driving.steering import STOP, Command, Limits, distance, steer
 from sparse_coord_ros.protocol.lockstep.bodies import Goals, Reached
 
@@ -20,13 +20,13 @@ class Driver(Mover):
     the cell that it is in counts. After goals and poses, ask what is `next`.
 
     Args:
-        ground: the floor.
+        metric_map: the floor.
         limits: what the body may do.
         robot: whose body, from 0.
     """
 
-    def __init__(self, ground: Ground, limits: Limits, robot: int) -> None:
-        super().__init__(ground, robot)
+    def __init__(self, metric_map: MetricMap, limits: Limits, robot: int) -> None:
+        super().__init__(metric_map, robot)
         self._limits = limits
         self._way: list[tuple[float, float]] = []
         self._answered = math.nan
@@ -45,50 +45,50 @@ class Driver(Mover):
         self._answered = math.nan
 
     def next(self) -> tuple[Command | None, Reached | None]:
-        """Return what the body is to do now, and how its goal ended if it has.
+        """Return the command for the body now, and the end of its goal if it has ended.
 
         None for both where there is nothing to do, or nothing new was seen since. Where the same
         pose comes again and again, the last answer was lost, and is given again.
         """
-        look = self._look()
+        state = self._goal_state()
         if self._goal is None:
             return None, self._ended if self._unheard else None
-        if look is None or not self._newer(look):
+        if state is None or not self._newer(state):
             return None, None  # a newer pose is to come
-        if look.goals.place:
-            return None, self._placed(look)
-        if look.stamp == self._answered and not self._unheard:
+        if state.goals.place:
+            return None, self._placed(state)
+        if state.stamp == self._answered and not self._unheard:
             return None, None
-        self._answered = look.stamp
-        return self._steered(look)
+        self._answered = state.stamp
+        return self._steered(state)
 
-    def _steered(self, look: Look) -> tuple[Command, Reached | None]:
+    def _steered(self, state: GoalState) -> tuple[Command, Reached | None]:
         """Steer to the next place of the way; stop where it ends, or when time is over."""
         if self._began is None:
-            self._began = look.stamp
-        self._way = way = self._way or self._find_way(look)
-        pose = look.pose
+            self._began = state.stamp
+        self._way = way = self._way or self._find_way(state)
+        pose = state.pose
         near = self._limits.near
         while len(way) > 1 and distance(pose, way[0]) <= near:
             way.pop(0)
         if distance(pose, way[0]) <= near:
-            return STOP, self._end(look, there=True)
-        if look.stamp - self._began >= self._limits.seconds - SLACK:
-            return STOP, self._end(look, there=False)
+            return STOP, self._end(state, there=True)
+        if state.stamp - self._began >= self._limits.seconds - SLACK:
+            return STOP, self._end(state, there=False)
         return steer(pose, way[0], self._limits), None
 
-    def _find_way(self, look: Look) -> list[tuple[float, float]]:
+    def _find_way(self, state: GoalState) -> list[tuple[float, float]]:
         """Return the places to pass, the goal last: through free cells, wherever the body is."""
-        ground = self._ground
+        metric_map = self._metric_map
         robot = self._robot
-        (_, goal, pose, _, target) = look
-        here = ground.cell(pose.x, pose.y)
+        (_, goal, pose, _, target) = state
+        here = metric_map.cell(pose.x, pose.y)
         if here is None or here == goal.end:
             return [target]
-        grid = ground.grid
+        grid = metric_map.grid
         if goal.end in grid.next_cell[here].tolist():
-            place = ground.place(robot, here)
-            astray = _off_line(pose, place, target) > ASTRAY * ground.side
+            place = metric_map.place(robot, here)
+            astray = _off_line(pose, place, target) > ASTRAY * metric_map.side
             return [place, target] if astray else [target]
         ways = grid.distances_to(goal.end)
         if ways[here] < 0:
@@ -98,7 +98,7 @@ class Driver(Mover):
             cells.append(
                 min(grid.next_cell[cells[-1]].tolist(), key=lambda x: int(ways[x]))
             )
-        return [ground.place(robot, cell) for cell in cells]
+        return [metric_map.place(robot, cell) for cell in cells]
 
 
 def _off_line(

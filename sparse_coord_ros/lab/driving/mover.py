@@ -5,7 +5,7 @@
 import math
 from typing import NamedTuple
 
-from sparse_coord_ros.lab.driving.ground import Ground, Pose
+from sparse_coord_ros.lab.driving.metric_map import MetricMap, Pose
 from sparse_coord_ros.lab.driving.steering import distance
 from sparse_coord_ros.protocol.lockstep.bodies import (
     NO_CELL,
@@ -30,7 +30,7 @@ REPEATS = 4
 simulator was started again."""
 
 
-class Look(NamedTuple):
+class GoalState(NamedTuple):
     """What a goal is judged by.
 
     Attributes:
@@ -54,7 +54,7 @@ class Mover:
     drifted.
 
     Args:
-        ground: the floor.
+        metric_map: the floor.
         robot: whose body, from 0.
 
     Attributes:
@@ -62,8 +62,8 @@ class Mover:
         heard: the time of the last pose that came, whatever it was; NaN: none has come.
     """
 
-    def __init__(self, ground: Ground, robot: int) -> None:
-        self._ground = ground
+    def __init__(self, metric_map: MetricMap, robot: int) -> None:
+        self._metric_map = metric_map
         self._robot = robot
         self._goals = NO_GOALS
         self._goal: BodyGoal | None = None
@@ -114,22 +114,22 @@ class Mover:
         self._stamp = seconds
         self.pose = pose
 
-    def _look(self) -> Look | None:
-        """Return what the goal is judged by; None: there is no goal, or no pose."""
+    def _goal_state(self) -> GoalState | None:
+        """Return the state of the goal; None: there is no goal, or no pose."""
         if self._goal is None or self.pose is None:
             return None
-        target = self._ground.place(self._robot, self._goal.end)
-        return Look(self._goals, self._goal, self.pose, self._stamp, target)
+        target = self._metric_map.place(self._robot, self._goal.end)
+        return GoalState(self._goals, self._goal, self.pose, self._stamp, target)
 
-    def _newer(self, look: Look) -> bool:
-        """Whether the pose is newer than those that the goals knew of.
+    def _newer(self, state: GoalState) -> bool:
+        """Return whether the pose is newer than those that the goals knew of.
 
         A goal may overtake poses that were published before it. So a pose that is much older than
         the goal does not show by itself that the clock of the poses began anew.
         """
         if self._repeats >= REPEATS:
             return True
-        older = look.goals.since - look.stamp
+        older = state.goals.since - state.stamp
         if older < -SLACK:
             self._other_clock = False
             return True
@@ -137,18 +137,20 @@ class Mover:
             self._other_clock = True
         return self._other_clock and older > BACK
 
-    def _placed(self, look: Look) -> Reached | None:
+    def _placed(self, state: GoalState) -> Reached | None:
         """Say that the body is where it was to be put; None while it is not."""
-        close = distance(look.pose, look.target) <= self._ground.side / 2
-        there = close or self._ground.inside(look.goal.end, look.pose.x, look.pose.y)
-        return self._end(look, there=True) if there else None
+        close = distance(state.pose, state.target) <= self._metric_map.side / 2
+        there = close or self._metric_map.inside(
+            state.goal.end, state.pose.x, state.pose.y
+        )
+        return self._end(state, there=True) if there else None
 
-    def _end(self, look: Look, *, there: bool) -> Reached:
-        cell = self._ground.cell(look.pose.x, look.pose.y)
-        took = 0.0 if self._began is None else round(look.stamp - self._began, 9)
+    def _end(self, state: GoalState, *, there: bool) -> Reached:
+        cell = self._metric_map.cell(state.pose.x, state.pose.y)
+        took = 0.0 if self._began is None else round(state.stamp - self._began, 9)
         where = NO_CELL if cell is None else cell
         self._goal = None
         self._ended = Reached(
-            self._robot, look.goals.number, where, there, took, look.stamp
+            self._robot, state.goals.number, where, there, took, state.stamp
         )
         return self._ended

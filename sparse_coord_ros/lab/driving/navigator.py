@@ -12,8 +12,8 @@ from collections import Counter
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
-from sparse_coord_ros.lab.driving.ground import Ground, Pose
-from sparse_coord_ros.lab.driving.mover import Look, Mover
+from sparse_coord_ros.lab.driving.metric_map import MetricMap, Pose
+from sparse_coord_ros.lab.driving.mover import GoalState, Mover
 from sparse_coord_ros.lab.driving.steering import distance
 from sparse_coord_ros.protocol.lockstep.bodies import Reached
 
@@ -88,7 +88,7 @@ class Navigator(Mover):
     now and then, ask what is `next`.
 
     Args:
-        ground: the floor.
+        metric_map: the floor.
         limits: what is asked of the server.
         robot: whose body, from 0.
         port: how the server is reached.
@@ -99,9 +99,9 @@ class Navigator(Mover):
     """
 
     def __init__(
-        self, ground: Ground, limits: NavLimits, robot: int, port: NavPort
+        self, metric_map: MetricMap, limits: NavLimits, robot: int, port: NavPort
     ) -> None:
-        super().__init__(ground, robot)
+        super().__init__(metric_map, robot)
         self._limits = limits
         self._port = port
         self._sent: _Sent | None = None
@@ -132,7 +132,7 @@ class Navigator(Mover):
             now: the time.
             kind: what it counts as.
             why: what is said of it.
-            blind: nobody knows where the body is, until the next pose.
+            blind: the pose of the body is not known until the next one comes.
         """
         self._blind |= blind
         self._leave(now)
@@ -206,69 +206,78 @@ class Navigator(Mover):
     def next(self, now: float) -> Reached | None:
         """Do what is to be done now; return how the goal ended if it has."""
         self._watch(now)
+        self._take_new_goals(now)
+        if self.held:
+            self._taken = now  # a move's time does not pass while nothing may be driven
+        busy_with_old = self._sent is not None and self._sent.goals != self._number
+        if self.held or self._goal is None or busy_with_old:
+            self._leave(now)
+            return None
+        state = self._goal_state()
+        if state is None or not self._believes(state, now):
+            return None
+        if self._began is None:
+            self._began = state.stamp
+        reached = self._arrives(state)
+        if reached is not None:
+            self.counts["arrived"] += 1
+            self._leave(now)
+            return reached
+        self._give_up_in_time(state, now)
+        if self._over is not None:
+            return self._settles(state, *self._over, now)
+        self._send(state, now)
+        return None
+
+    def _take_new_goals(self, now: float) -> None:
+        """Begin with the goals that were taken last, where they are new."""
         if self._goals.number != self._number:
             self._number = self._goals.number
             self._taken = now
             self._again = now
             self._tries = 0
             self._over = None
-        if self.held:
-            self._taken = now  # a move's time does not pass while nothing may be driven
-        if (
-            self.held
-            or self._goal is None
-            or (self._sent and self._sent.goals != self._number)
-        ):
-            self._leave(now)
-            return None
-        look = self._look()
+
+    def _believes(self, state: GoalState, now: float) -> bool:
+        """Return whether the pose can be judged by: it is newer than the goal, or long due."""
         late = now - self._taken >= SETTLE_SECONDS
-        if look is None or self._blind or not (late or self._newer(look)):
-            return None
-        if self._began is None:
-            self._began = look.stamp
-        reached = self._arrives(look)
-        if reached is not None:
-            self.counts["arrived"] += 1
-            self._leave(now)
-            return reached
+        return not self._blind and (late or self._newer(state))
+
+    def _give_up_in_time(self, state: GoalState, now: float) -> None:
+        """Give a move up that has lasted too long."""
         limit = self._limits.seconds
-        if not look.goals.place and now - self._taken >= limit:
+        if not state.goals.place and now - self._taken >= limit:
             why = f"the move was not made within {limit:g} s (step_seconds)"
             self.give_up(now, "out of time", why)
-        if self._over is not None:
-            return self._settles(look, *self._over, now)
-        self._send(look, now)
-        return None
 
-    def _arrives(self, look: Look) -> Reached | None:
-        """Return that the body is where it was to go, whatever the server says; else None."""
-        if look.goals.place:
-            return self._placed(look)
-        near = distance(look.pose, look.target) <= self._limits.near
-        return self._end(look, there=True) if near else None
+    def _arrives(self, state: GoalState) -> Reached | None:
+        """Return the end of the goal if the body is there, regardless of the server; else None."""
+        if state.goals.place:
+            return self._placed(state)
+        near = distance(state.pose, state.target) <= self._limits.near
+        return self._end(state, there=True) if near else None
 
     def _settles(
-        self, look: Look, since: float, before: float, now: float
+        self, state: GoalState, since: float, before: float, now: float
     ) -> Reached | None:
-        """Return where a move that is over has ended, once the server and a newer pose say so.
+        """Return the end of a move that is over, once the server and a newer pose confirm it.
 
         Args:
-            look: what is known.
+            state: what is known.
             since: when the move was over.
             before: the newest pose's stamp then.
             now: the time.
         """
-        unseen = look.stamp == before and now - since < SETTLE_SECONDS
+        unseen = state.stamp == before and now - since < SETTLE_SECONDS
         if self._sent is not None or unseen:
             return None
-        there = self._ground.inside(look.goal.end, look.pose.x, look.pose.y)
+        there = self._metric_map.inside(state.goal.end, state.pose.x, state.pose.y)
         self.counts["arrived" if there else "not there"] += 1
-        return self._end(look, there=there)
+        return self._end(state, there=there)
 
-    def _send(self, look: Look, now: float) -> None:
+    def _send(self, state: GoalState, now: float) -> None:
         """Send the goal where the server has none, unless it is to wait."""
-        goals, _, pose, _, (x, y) = look
+        goals, _, pose, _, (x, y) = state
         if (
             self._sent is None
             and now >= self._again

@@ -5,7 +5,7 @@
 import math
 from typing import NamedTuple
 
-from sparse_coord_ros.lab.driving.ground import Pose
+from sparse_coord_ros.lab.driving.metric_map import Pose
 
 TURN_FIRST = 0.5
 """Radians off the bearing from which the body turns on the spot; nearer, it drives faster."""
@@ -18,7 +18,7 @@ CRAWL = 0.1
 """Least share of the speed with which the last bit of a way is driven."""
 
 SPARE = 2.0
-"""How many times the time for half a turn and a cell a move may take, unless somebody says."""
+"""How many times the time for half a turn and a cell a move may take, unless it is set."""
 
 
 class Limits(NamedTuple):
@@ -52,7 +52,7 @@ SLOWING_SECONDS = 3.0
 
 
 def move_seconds(side: float, speed: float, turn: float) -> float:
-    """Return how long a move may take unless somebody says, in seconds."""
+    """Return the default time limit of a move, in seconds."""
     return SPARE * (side / speed + math.pi / turn) + SLOWING_SECONDS
 
 
@@ -62,7 +62,7 @@ def distance(pose: Pose, place: tuple[float, float]) -> float:
 
 
 def steer(pose: Pose, place: tuple[float, float], limits: Limits) -> Command:
-    """Return what a body is to do next to come to a place: turn, then drive and correct."""
+    """Return the next command for a body to reach a place: turn, then drive and correct."""
     bearing = math.atan2(place[1] - pose.y, place[0] - pose.x)
     off = math.remainder(bearing - pose.yaw, math.tau)
     turn = max(-limits.turn, min(limits.turn, TURN_GAIN * off))

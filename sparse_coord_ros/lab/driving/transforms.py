@@ -5,9 +5,9 @@
 import math
 from typing import NamedTuple
 
-from sparse_coord_ros.lab.driving.ground import Pose
+from sparse_coord_ros.lab.driving.metric_map import Pose
 
-DEEPEST = 100
+LONGEST_CHAIN = 100
 """Most frames between two; a chain that is longer goes round in a circle."""
 
 
@@ -50,7 +50,7 @@ class Tree:
         self.way = []
         here = Pose(0.0, 0.0, 0.0)
         newest = None
-        for _ in range(DEEPEST):
+        for _ in range(LONGEST_CHAIN):
             if frame == parent:
                 return None if newest is None else (newest, here)
             self.way.append(frame)
@@ -65,7 +65,7 @@ class Tree:
 
 
 def parent_of(pose: Pose, here: Pose) -> Pose:
-    """Return where a frame is in which a body is at `here`, if it is at `pose` itself."""
+    """Return the pose of the frame in which a body at `pose` is at `here`."""
     turn = math.remainder(pose.yaw - here.yaw, math.tau)
     x, y, _ = _within(Pose(0.0, 0.0, turn), here)
     return Pose(pose.x - x, pose.y - y, turn)

@@ -18,9 +18,14 @@ from sparse_coord_ros.core.game.streams import EVALUATION
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs.evaluation import greedy_team
 from sparse_coord_ros.core.runs.run_config import RUN_SETTINGS, RunConfig
-from sparse_coord_ros.lab.driving.arena import ELSEWHERE, IN_DOORWAY, Arena, Noise
+from sparse_coord_ros.lab.driving.body_simulator import (
+    ELSEWHERE,
+    IN_DOORWAY,
+    BodySimulator,
+    Noise,
+)
 from sparse_coord_ros.lab.driving.driver import Driver
-from sparse_coord_ros.lab.driving.ground import Ground
+from sparse_coord_ros.lab.driving.metric_map import MetricMap
 from sparse_coord_ros.lab.driving.steering import Limits, move_seconds
 from sparse_coord_ros.protocol.lockstep.bodies import BodiesSide, BodyWorld, Goals
 
@@ -38,7 +43,7 @@ DRIVE_SETTINGS = SettingTable(_ALL.values())
 
 
 def limits_of(values: dict, side: float) -> Limits:
-    """Return what a body may do.
+    """Return the limits of a body.
 
     Args:
         values: `DRIVER_SETTINGS`.
@@ -50,11 +55,13 @@ def limits_of(values: dict, side: float) -> Limits:
     return Limits(values["speed"], values["turn"], values["near"] * side, seconds)
 
 
-def arena_of(run: RunConfig, values: dict, seed: int) -> Arena:
+def simulator_of(run: RunConfig, values: dict, seed: int) -> BodySimulator:
     """Return the bodies of a run's team; `values`: `BODY_SETTINGS`, `seed`: of their noise."""
     noise = Noise(values["wheel_noise"], values["pose_noise"])
-    ground = Ground(run, values["radius"])
-    return Arena(ground, len(run.scenario.robots), seed, noise, values["period"])
+    metric_map = MetricMap(run, values["radius"])
+    return BodySimulator(
+        metric_map, len(run.scenario.robots), seed, noise, values["period"]
+    )
 
 
 class Moment(NamedTuple):
@@ -71,7 +78,7 @@ class Moment(NamedTuple):
     places: tuple[tuple[float, float], ...]
 
 
-class Floor:
+class DrivenTeam:
     """World, drivers and bodies in one process.
 
     Args:
@@ -82,7 +89,7 @@ class Floor:
 
     Attributes:
         bodies: who sends the bodies.
-        arena: where they are.
+        simulator: where they are.
         drivers: one a robot.
         moves: how many moves bodies were sent on.
         followed: the episode whose path is kept; None: none.
@@ -93,11 +100,11 @@ class Floor:
         self, run: RunConfig, values: dict, seed: int, world: BodyWorld
     ) -> None:
         self.bodies = BodiesSide(world, self.send)
-        self.arena = arena_of(run, values, seed)
-        ground = self.arena.ground
-        limits = limits_of(values, ground.side)
+        self.simulator = simulator_of(run, values, seed)
+        metric_map = self.simulator.metric_map
+        limits = limits_of(values, metric_map.side)
         self.drivers = [
-            Driver(ground, limits, k) for k in range(len(self.arena.bodies))
+            Driver(metric_map, limits, k) for k in range(len(self.simulator.bodies))
         ]
         self.moves = 0
         self.followed: int | None = None
@@ -113,7 +120,7 @@ class Floor:
         """Let the bodies drive until all are there."""
         while self._goals:
             goals = self._goals.pop(0)
-            if self.arena.send(goals):
+            if self.simulator.send(goals):
                 self._look()
             for driver in self.drivers:
                 driver.take(goals)
@@ -126,21 +133,23 @@ class Floor:
         for k, driver in enumerate(self.drivers):
             command, reached = driver.next()
             if reached is not None:
-                ticked = self.arena.reached(k, reached.number)
+                ticked = self.simulator.reached(k, reached.number)
                 self.bodies.reached(reached)
             else:
-                ticked = command is not None and self.arena.told(k, command)
+                ticked = command is not None and self.simulator.told(k, command)
             if ticked:
                 self._look()
                 if self.followed is not None:
-                    places = tuple(body.pose[:2] for body in self.arena.bodies)
-                    self.path.append(Moment(self.followed, self.arena.seconds, places))
+                    places = tuple(body.pose[:2] for body in self.simulator.bodies)
+                    self.path.append(
+                        Moment(self.followed, self.simulator.seconds, places)
+                    )
             did |= command is not None or reached is not None
         return did
 
     def _look(self) -> None:
-        for body, driver in zip(self.arena.bodies, self.drivers, strict=True):
-            driver.sees(self.arena.seconds, body.seen())
+        for body, driver in zip(self.simulator.bodies, self.drivers, strict=True):
+            driver.sees(self.simulator.seconds, body.seen())
 
 
 @dataclass
@@ -148,7 +157,7 @@ class Drive:
     """What came of driven episodes; E episodes of K robots.
 
     Attributes:
-        floor: what happened in all episodes together.
+        team: what happened in all episodes together.
         steps: time steps of each episode, shape (E,).
         seconds: simulated seconds of each episode, shape (E,).
         arrived: whether each robot arrived within the horizon, shape (E, K).
@@ -159,7 +168,7 @@ class Drive:
         drift: metres between odometry and body at each episode's end, shape (E, K).
     """
 
-    floor: Floor
+    team: DrivenTeam
     steps: np.ndarray
     seconds: np.ndarray
     arrived: np.ndarray
@@ -200,14 +209,14 @@ def drive(
     horizon = scenario.horizon
     slips = values["slips"]
     world = BodyWorld(scenario, seed, slips=slips, phase=EVALUATION, max_steps=horizon)
-    floor = Floor(run, values, seed, world)
-    arena = floor.arena
-    sent = floor.bodies
+    driven_team = DrivenTeam(run, values, seed, world)
+    simulator = driven_team.simulator
+    sent = driven_team.bodies
     found: list[tuple[Any, ...]] = []
     for episode in range(episodes):
         world.begin_episode()
-        floor.followed = episode if episode < followed else None
-        touched = len(arena.touches)
+        driven_team.followed = episode if episode < followed else None
+        touched = len(simulator.touches)
         before = sent.seconds
         times = np.full(len(tables), horizon)
         asks = np.zeros(len(tables), dtype=np.int64)
@@ -215,7 +224,7 @@ def drive(
         while not world.episode_over:
             actions = team.act(world)
             while not sent.made(actions):
-                floor.drive()
+                driven_team.drive()
             outcome = world.advance(actions)
             steps += 1
             miscoordinations += outcome.miscoordination
@@ -223,13 +232,15 @@ def drive(
             times[list(outcome.arrived)] = steps
         seconds = sent.seconds - before
         arrived = list(world.arrived)
-        places = [touch.where for touch in arena.touches[touched:]]
+        places = [touch.where for touch in simulator.touches[touched:]]
         touches = places.count(IN_DOORWAY), places.count(ELSEWHERE)
-        drift = [math.dist(body.pose[:2], body.odometry[:2]) for body in arena.bodies]
+        drift = [
+            math.dist(body.pose[:2], body.odometry[:2]) for body in simulator.bodies
+        ]
         found.append(
             (steps, seconds, arrived, times, miscoordinations, *touches, asks, drift)
         )
         progress(episode + 1)
     return Drive(
-        floor, *map(np.array, zip(*found, strict=True))
+        driven_team, *map(np.array, zip(*found, strict=True))
     )  # in the order of its fields

@@ -72,7 +72,7 @@ class Space:
 
 
 def space_of(plan: FloorPlan, radius: float, speck: float = SPECK) -> Space:
-    """Return where the centre of a robot may be.
+    """Return the space for the centre of a robot.
 
     Args:
         plan: the floor plan.
@@ -111,7 +111,7 @@ def without_specks(pixels: np.ndarray, size: int) -> np.ndarray:
 
 
 def grown(pixels: np.ndarray, radius: float) -> np.ndarray:
-    """Return which pixels lie within a radius (in pixels) of a set one: a dilation by a disc.
+    """Return the pixels within a radius (in pixels) of a set one: a dilation by a disc.
 
     Both pictures have the shape (rows, columns), bool.
     """
@@ -132,7 +132,7 @@ def _neighbours(array: np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _apart(free: np.ndarray, past: np.ndarray, axis: int) -> np.ndarray:
-    """Return which pairs of free neighbours have something between them, by what came before."""
+    """Return the pairs of free neighbours with an obstacle between them."""
     (first, second) = _neighbours(free, axis)
     (before, after) = _neighbours(past, axis)
     return np.asarray(first & second & (before != after))
@@ -285,7 +285,7 @@ def two_wide(free: np.ndarray, longest: int = 2) -> list[tuple[int, int]]:
 
 
 def _leads_on(free: np.ndarray, row: int, column: int, run: tuple[int, int]) -> bool:
-    """Whether `CRUMB` cells can be reached from the end of a run without going through it.
+    """Return whether `CRUMB` cells can be reached from the end of a run without going through it.
 
     Args:
         free: the grid's free cells, shape (rows, columns), bool.

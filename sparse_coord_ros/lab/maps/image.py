@@ -60,9 +60,9 @@ LEVEL = 1e-6
 SHARPEST = 4096
 """Pixels along the longer side of a picture into which one can zoom."""
 
-UNKNOWN = 200
-FREE = 255
-OCCUPIED = 0
+UNKNOWN_SHADE = 200
+FREE_SHADE = 255
+OCCUPIED_SHADE = 0
 """Shades of grey."""
 
 
@@ -270,9 +270,9 @@ def write_floor_plan(
 
 def grey(plan: FloorPlan) -> np.ndarray:
     """Return a floor plan as a grey picture, shape (rows, columns), uint8, top row first."""
-    shade = np.full(plan.free.shape, UNKNOWN, dtype=np.uint8)
-    shade[plan.free] = FREE
-    shade[plan.occupied] = OCCUPIED
+    shade = np.full(plan.free.shape, UNKNOWN_SHADE, dtype=np.uint8)
+    shade[plan.free] = FREE_SHADE
+    shade[plan.occupied] = OCCUPIED_SHADE
     return shade
 
 

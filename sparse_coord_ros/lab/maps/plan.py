@@ -314,7 +314,7 @@ def suggested_settings(
     Args:
         grid: the map.
         pairs: start and goal cell of each robot.
-        given: settings that somebody chose; they stay.
+        given: the user's settings; they stay.
     """
     values = {**SETTINGS.defaults(), **SETTINGS.parse(dict(given))}
     p = values["move_success"]
@@ -330,7 +330,7 @@ def suggested_settings(
     value = values["goal_reward"] / (1.0 - float(discount))
     found["goal_value"] = found["q_coord_init"] = round(value, 3)
     found["q_star_init"] = round(FIRST_GUESS * value, 3)
-    needed = max(_steps_for(way, p) for way in ways)
+    needed = max(steps_for(way, p) for way in ways)
     most = SETTINGS["steps"].high
     found["steps"] = int(min(most, max(20_000, _round_up(needed, 10_000))))
     if found["steps"] == most:
@@ -339,7 +339,7 @@ def suggested_settings(
     return {k: v for k, v in found.items() if k not in given and v != default[k]}
 
 
-def _steps_for(way: np.ndarray, p: float) -> float:
+def steps_for(way: np.ndarray, p: float) -> float:
     """Return steps in which each cell's every move is tried some times over, on the way to a goal.
 
     Args:
@@ -362,7 +362,7 @@ def scenario_of(
     Args:
         imported: the map.
         robots: start and goal of each robot, in metres.
-        given: settings that somebody chose.
+        given: the user's settings.
 
     Returns:
         The scenario; the settings that were suggested; what is legal but odd, one line each.
@@ -404,7 +404,7 @@ def _oddities(scenario: Scenario) -> Iterator[str]:
     if len({robot.start for robot in robots}) < len(robots):
         yield "two robots start in the same cell: that is no conflict, but hardly possible"
     if len({robot.goal for robot in robots}) < len(robots):
-        yield "two robots have the same goal: they would stand in each other"
+        yield "two robots have the same goal: they would stand in one place"
     for robot in robots:
         goal = f"the goal of {robot.name} is"
         if robot.goal in grid.doorways:
@@ -417,7 +417,7 @@ def _oddities(scenario: Scenario) -> Iterator[str]:
                 f"{goal} {moves} cells away, and takes {steps:.0f} steps in the mean: more than "
                 f"the horizon of {scenario.horizon}"
             )
-        needed = max(needed, _steps_for(way, scenario.move_success))
+        needed = max(needed, steps_for(way, scenario.move_success))
     if len(robots) > 1 and grid.doorways and needless(scenario):
         yield (
             "nothing to coordinate: on shortest paths robots hardly ever come to a doorway at the "

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What is in one MCAP file, finished or not, and which parts of it cannot be read."""
+"""Reads one MCAP file, finished or not; finds the parts that cannot be read."""
 
 import struct
 import zlib
@@ -50,10 +50,10 @@ OWN_LIBRARY = "sparse_coord_ros "
 
 CUT_OFF = "the file ends here, without an end: it was cut off"
 SEARCHED = 1 << 24
-"""Bytes of records that are tried, beside the file's size, in searching where it goes on."""
+"""Bytes of records that a search tries at most, beside the file's size."""
 SEARCH = 1 << 12
 TRIED = 1 << 11
-"""What a search, and each place in it where a record may begin, cost beside."""
+"""The cost of a search, and of each place in it where a record may begin, in such bytes."""
 
 TOGETHER = 1 << 20
 """Bytes that are looked at in one go."""
@@ -125,16 +125,16 @@ class Attachment:
 
 
 class BagFile:
-    """What is in one file.
+    """The content of one MCAP file.
 
-    A file that is not checked is only looked through, record by record: milliseconds for a bag of
-    a million steps. What its chunks hold is checked when it is read. It stays open, so that it may
-    be renamed or removed meanwhile, and `extend` takes in what it has grown by.
+    A file that is not checked is only walked through, record by record: milliseconds for a bag of
+    a million steps. The content of a chunk is checked when it is read. The file stays open, so
+    that it may be renamed or removed meanwhile, and `extend` reads on when it has grown.
 
-    Framing decides what is lost to damage. A bad record is stepped over by its length where
-    another one follows. Elsewhere the next record is searched that is whole and right: its kind,
-    length and checksum, and what follows it. The end of a file that is not checked may be a record
-    that is being written: that is no gap.
+    After damage, a bad record is stepped over by its length if another record follows it.
+    Otherwise the next record is searched that is whole and right: its kind, length and checksum,
+    and the record after it. The end of a file that is not checked may be a record that is being
+    written: that is no gap.
 
     Args:
         path: the file.
@@ -175,7 +175,7 @@ class BagFile:
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
         self._known = np.zeros(1 << 16, dtype=bool)
-        # Who writes one checksum writes all, so that a zeroed one does not pass for none.
+        # A writer of one checksum writes all, so that a zeroed one does not pass for none.
         self._own = self._crcs = self._altered = False
         self._end: tuple[RecordPlace, int] | None = None  # and the checksum of the data
         self._tried = self._contents = 0
@@ -194,38 +194,39 @@ class BagFile:
 
     @property
     def gaps(self) -> list[Gap]:
-        """What cannot be read, as far as that is known; first what `recover` has left out."""
+        """The gaps that are known so far; first those that `recover` has left out."""
+        found = []
+        if self.recovered is not None:
+            found += from_note(self.recovered.get("gaps", ""))
         offsets = [block.offset for block in self.blocks]
-        found = (
-            [] if self.recovered is None else from_note(self.recovered.get("gaps", ""))
-        )
         for begin, end, why in self._lost:
             at = bisect_left(offsets, begin)
-            before = [block.end_ns for block in self.blocks[:at][-1:]]
-            behind = [block.start_ns for block in self.blocks[at : at + 1]]
-            if before > behind and behind:  # what two chunks hold may overlap in time
-                before, behind = behind, before
-            times = next(iter(before), None), next(iter(behind), None)
-            found.append(Gap(begin, end, why, *times, self.path.name))
+            first_ns = self.blocks[at - 1].end_ns if at else None
+            last_ns = self.blocks[at].start_ns if at < len(offsets) else None
+            if first_ns is not None and last_ns is not None:
+                # The messages of two chunks may overlap in time.
+                first_ns, last_ns = sorted([first_ns, last_ns])
+            found.append(Gap(begin, end, why, first_ns, last_ns, self.path.name))
         return found
 
     @property
     def damage(self) -> str | None:
-        """The first gap, or what is wrong with its end: place and one sentence; None: nothing."""
-        return (
-            f"byte {self._lost[0][0]}: {self._lost[0][2]}" if self._lost else self._flaw
-        )
+        """The first gap, or a damaged end of the file: place and one sentence; None: neither."""
+        if not self._lost:
+            return self._flaw
+        begin, _, why = self._lost[0]
+        return f"byte {begin}: {why}"
 
     @property
     def whole(self) -> bool:
-        """Whether all that was recorded was read; what is wrong is only in the summary."""
+        """Whether every record of the data was read; the summary may be damaged."""
         return not self._lost and not self._altered
 
     @property
     def recovered(self) -> Mapping[str, str] | None:
-        """What `recover` noted when it made this file of a broken one; None if it did not.
+        """The note of `recover`, if it made this file of a damaged one; else None.
 
-        Its key `gaps` says what of the original is lost, see `gaps.from_note`.
+        Its key `gaps` holds the gaps of the original, see `gaps.from_note`.
         """
         return dict(reversed(self.metadata)).get(RECOVERED_RECORD)
 
@@ -235,32 +236,37 @@ class BagFile:
         return dict(reversed(self.metadata)).get(CONTINUED_RECORD)
 
     def extend(self) -> bool:
-        """Go on to where the file ends now; return whether there was anything new."""
+        """Read on to the present end of the file; return whether there was anything new."""
         before = self.readable_bytes
         size = self._source.size
         if size == self.size:
             return False
         self.size = size
         self.finished = _has_end(self._source, size)
-        while self._end is None and (begin := self.readable_bytes) < self.size:
-            try:
-                record = self._source.record(begin, self.size)
-                self._take(record)
-                stop = begin
-                end = record.end
-            except Damage as damage:
-                found = self._behind(begin)
-                if (
-                    found is None
-                    and isinstance(damage, Cut)
-                    and self._grows
-                    and not self.finished
-                ):
-                    break  # the rest of a record that is being written comes later
-                stop, end = found or (self.size, self.size)
-                self._lose(begin, stop, damage.problem)
-            self.readable_bytes = end if self._end is None else stop
+        while self._end is None and self.readable_bytes < self.size:
+            if not self._step():
+                break
         return self.readable_bytes != before
+
+    def _step(self) -> bool:
+        """Take the next record, or note a damaged part; return False at a record being written."""
+        begin = self.readable_bytes
+        try:
+            record = self._source.record(begin, self.size)
+            self._take(record)
+        except Damage as damage:
+            found = self._after_damage(begin)
+            being_written = self._grows and not self.finished
+            if found is None and isinstance(damage, Cut) and being_written:
+                return False
+            stop, end = found or (self.size, self.size)
+            self._lose(begin, stop, damage.problem)
+        else:
+            stop = begin
+            end = record.end
+        # The end of the data is not part of them.
+        self.readable_bytes = end if self._end is None else stop
+        return True
 
     def close(self) -> None:
         """Close the file; a second call does nothing."""
@@ -295,11 +301,9 @@ class BagFile:
                 elif self._checked:
                     raise self._changed(damage) from damage
                 else:
-                    self._lose(
-                        group[0].offset,
-                        group[0].offset + group[0].length,
-                        damage.problem,
-                    )
+                    [block] = group
+                    end = block.offset + block.length
+                    self._lose(block.offset, end, damage.problem)
             else:
                 yield part
 
@@ -307,7 +311,7 @@ class BagFile:
         return BagError(f"{self.path} has changed while it was read: {damage}")
 
     def _lose(self, begin: int, end: int, why: str) -> None:
-        """Note that bytes cannot be read; what lies side by side is one gap."""
+        """Note that bytes cannot be read; neighbouring gaps become one."""
         lost = self._lost
         blocks = self.blocks
         if not lost and self.finished:
@@ -326,33 +330,48 @@ class BagFile:
             end = lost.pop(at)[1]
         lost.insert(at, (begin, end, why))
 
-    def _behind(self, begin: int) -> tuple[int, int] | None:
-        """Return where a damage ends, and where the walk goes on; None: there is no record."""
-        most = SEARCHED + self.size
+    def _after_damage(self, begin: int) -> tuple[int, int] | None:
+        """Return the end of a damaged part, and where reading goes on; None: no record follows.
+
+        A bad record of the right length is stepped over. Otherwise the next whole record is
+        searched.
+        """
         self._tried += TRIED
         with suppress(Damage):
             record = self._source.head(begin, self.size)
-            if record.end <= self.size and self._framed(record) and self._tried < most:
+            fits = record.end <= self.size and self._framed(record)
+            if fits and self._tried < SEARCHED + self.size:
                 return record.end, record.end
-            if record.opcode == Opcode.CHUNK and self._block(record):
-                return None  # the file ends within it
+            if record.opcode == Opcode.CHUNK:
+                self._block(record)  # raises Damage where its fields do not fit into it
+                return None  # a chunk that the end of the file cuts off
+        return self._next_whole_record(begin + 1)
+
+    def _next_whole_record(self, begin: int) -> tuple[int, int] | None:
+        """Take the next record that is whole and right; return its place and its end.
+
+        Returns:
+            None where there is no such record, or a forged file makes the search too long.
+        """
         self._tried += SEARCH
-        for place in self._source.places(begin + 1, self.size):
-            if self._tried > most:
-                break  # somebody has made it so
+        for place in self._source.places(begin, self.size):
+            if self._tried > SEARCHED + self.size:
+                return None
             self._tried += TRIED
             with suppress(Damage):
                 record = self._source.record(place, self.size)
-                if self._framed(record):
-                    self._tried += record.length
-                    if record.opcode == Opcode.CHUNK:
-                        self._part([self._block(record)[0]])
-                    self._take(record)
-                    return place, record.end
+                if not self._framed(record):
+                    continue
+                self._tried += record.length
+                if record.opcode == Opcode.CHUNK:
+                    block, _ = self._block(record)
+                    self._part([block])
+                self._take(record)
+                return place, record.end
         return None
 
     def _framed(self, record: RecordPlace) -> bool:
-        """Whether a record's length is right: its own fields say so, or another one follows."""
+        """Return whether a record's length fits its own fields, or another record follows."""
         with suppress(Damage):
             if record.opcode == Opcode.CHUNK:
                 return self._block(record) is not None
@@ -395,7 +414,7 @@ class BagFile:
         return part
 
     def _belongs(self, record: RecordPlace) -> bool:
-        """Whether a record of this kind may be at its place."""
+        """Return whether a record of this kind may be at its place."""
         foreign = record.opcode >= 0x80 or record.opcode in _BARE
         known = not self._own if foreign else record.opcode in _OTHERS
         return known and (record.opcode == Opcode.HEADER) == (
@@ -426,9 +445,7 @@ class BagFile:
                 self._take_chunk(record)
             case Opcode.ATTACHMENT:
                 self._take_attachment(record)
-            case (
-                Opcode.MESSAGE_INDEX
-            ):  # nobody reads it, but its length tells it from damage
+            case Opcode.MESSAGE_INDEX:  # unused, but its length tells it from damage
                 size = int.from_bytes(self._source.read(record.body + 2, 4), "little")
                 if size != record.length - 6:
                     raise Damage(
@@ -521,7 +538,7 @@ class BagFile:
             self._flaw = str(damage)
 
     def _check_summary(self, offset: int) -> None:
-        """Check the end of a file; only the channels in it are of interest, as nobody seeks."""
+        """Check the end of a file; only its channels are used."""
         crc = 0
         read = self._source.read
         definitions = []
@@ -595,7 +612,7 @@ class BagFile:
 
 
 def _has_end(source: Source, size: int) -> bool:
-    """Whether a file ends as its recorder's `close` leaves it."""
+    """Return whether a file has the end that `BagWriter.close` writes."""
     tail = len(_FOOTER) + 20 + len(MAGIC)
     with suppress(Damage):  # it is shorter
         data = source.read(size - tail, tail)

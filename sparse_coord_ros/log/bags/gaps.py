@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Parts of a bag that cannot be read: named, in words, and noted in what is recovered."""
+"""Gaps of a bag: parts that cannot be read, in words and as a note in a recovered bag."""
 
 import json
 from collections.abc import Iterable, Sequence
@@ -14,20 +14,20 @@ SHOWN = 20
 
 
 class Gap(NamedTuple):
-    """A part of a bag that cannot be read; all outside of the gaps is read.
+    """A part of a bag that cannot be read; everything outside of the gaps is read.
 
-    What is lost was logged between the neighbours of the gap. A message may come a little late,
-    so what is lost may lie a few time steps outside of these times.
+    The lost messages were logged between the neighbours of the gap. As a message may come late,
+    their time steps may lie a few steps outside of these times.
 
     Attributes:
-        begin, end: its bytes in the file, without `end`. The same where nobody knows how many are
-            gone: the file was cut off, or is missing (then both are 0).
-        why: what is wrong there, one sentence.
-        first_ns: the latest log time of what was read before it; None: nothing was.
-        last_ns: the earliest log time of what was read behind it; None: nothing was.
-        file: name of the file that it is in, or that is missing.
-        place: the number of that file in `Bag.files`; of a missing one, of the file behind it.
-        recovered: whether `recover` has left it out already: its bytes are those of the original.
+        begin, end: its bytes in the file, without `end`. They are equal where the number of lost
+            bytes is unknown: the file was cut off, or is missing (then both are 0).
+        why: the reason, one sentence.
+        first_ns: the latest log time before the gap; None: there is no message.
+        last_ns: the earliest log time after the gap; None: there is no message.
+        file: name of the damaged file, or of the missing one.
+        place: the number of that file in `Bag.files`; of a missing one, of the file after it.
+        recovered: whether `recover` has already left it out: its bytes are those of the original.
     """
 
     begin: int
@@ -41,7 +41,7 @@ class Gap(NamedTuple):
 
     @property
     def text(self) -> str:
-        """The gap in words: where, when by the log's time, and why."""
+        """The gap in words: its place, its log times, its reason."""
         where = self.file
         if self.end:
             of = f"bytes {self.begin} to {self.end}"
@@ -58,7 +58,7 @@ class Gap(NamedTuple):
 
 
 def gap_lines(gaps: Sequence[Gap]) -> list[str]:
-    """Return gaps in words, one a line; of very many how many more there are."""
+    """Return gaps in words, one a line; only the number of those after the first ones."""
     more = len(gaps) - SHOWN
     lines = [f"lost: {gap.text}" for gap in gaps[:SHOWN]]
     return [*lines, f"and {more} more gaps (all: info --json)"] if more > 0 else lines
@@ -70,7 +70,7 @@ def to_note(gaps: Iterable[Gap]) -> str:
 
 
 def from_note(text: str) -> list[Gap]:
-    """Return the gaps that `recover` has noted; a text that is no such note tells of none."""
+    """Return the gaps in a note of `recover`; none where the text is no such note."""
     try:
         told = json.loads(text) if len(text) <= METADATA.bytes else []
         return [_noted(*one) for one in told]

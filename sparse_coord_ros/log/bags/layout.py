@@ -21,20 +21,20 @@ from sparse_coord_ros.base.files import (
 from sparse_coord_ros.base.limits import open_regular
 
 failing = partial(retold, BagError, OSError)
-"""What the system refuses is a BagError."""
+"""Turns an OSError into a BagError."""
 
 
 class OutputFile:
     """A new file, as an output stream of `mcap.writer.Writer`.
 
-    Unbuffered: what is written is with the operating system, and survives the process. The first
-    failure is final; the file then ends with the last whole record. Until it is closed the file
-    is locked, so that nobody recovers what is still being recorded.
+    It is unbuffered: written bytes are with the operating system, and survive the process. The
+    first failure is final; the file then ends with the last whole record. Until it is closed the
+    file is locked, so that `recover` refuses it.
 
     Attributes:
         path: the file; its name ends with `.partial` until `finish`, which puts it elsewhere where
             its directory was deleted.
-        refusal: why the file takes nothing more, or None while it does.
+        refusal: why the file takes no more bytes; None while it does.
     """
 
     def __init__(self, path: Path) -> None:

@@ -6,6 +6,7 @@ The same information goes into the MCAP file itself as the metadata record `rosb
 bag file without its directory is still understood.
 """
 
+import functools
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,24 +23,24 @@ from sparse_coord_ros.log.bags.topics import BagTopic, QoS
 METADATA_FILE = "metadata.yaml"
 METADATA_RECORD = "rosbag2"
 RECOVERED_RECORD = "recovered"
-"""Name of the metadata record that `recover` leaves in what it made of a broken bag."""
+"""Name of the metadata record of a file that `recover` made of a damaged one."""
 CONTINUED_RECORD = "continued"
 """Name of the metadata record of every file of a bag but the first: `why` it begins (see
-`SPLIT`, `RESTARTED`, `ROLLED_BACK`); of one that takes the run back `step`, the checkpoint, and
-`first`, the time step of the first local state after it."""
+`SPLIT`, `RESTARTED`, `ROLLED_BACK`); after a return to a checkpoint also `step`, the checkpoint,
+and `first`, the time step of the first local state after it."""
 STALLED_RECORD = "stalled"
-"""Name of the metadata record of a recorder that stood still for a while: `step`, the time step
-from which on messages may have been lost, and for how many `seconds` it stood still."""
+"""Name of the metadata record of a recorder that stood still: `step`, the time step from which on
+messages may be lost, and `seconds`, the length of the pause."""
 SPLIT = "split"
 RESTARTED = "restarted"
 ROLLED_BACK = "rolled_back"
-"""Why a file begins: the one before was big or long enough; its recorder had ended; the run went
-back to a checkpoint, and what the files before say from there on is superseded."""
+"""Why a file begins: the one before was big or long enough; the recorder was started again; the
+run went back to a checkpoint, and later messages of the files before are superseded."""
 
 
 @dataclass(frozen=True)
 class FileSummary:
-    """What `metadata.yaml` says about one of the bag's files.
+    """The entry of one of the bag's files in `metadata.yaml`.
 
     Attributes:
         name: its name in the bag's directory.
@@ -92,7 +93,8 @@ def yaml_text(value: Any) -> str:
     )
 
 
-def offered_qos_profiles(profiles: Iterable[QoS]) -> str:
+@functools.lru_cache
+def offered_qos_profiles(profiles: tuple[QoS, ...]) -> str:
     """Return the profiles as the YAML text of a channel's `offered_qos_profiles`.
 
     Args:
@@ -107,7 +109,7 @@ def offered_qos_profiles(profiles: Iterable[QoS]) -> str:
 def bag_information(
     files: Sequence[FileSummary], topics: Iterable[BagTopic]
 ) -> dict[str, Any]:
-    """Return what rosbag2 stores about a bag, keys in rosbag2's order.
+    """Return rosbag2's description of a bag, keys in rosbag2's order.
 
     Chunks are compressed inside the MCAP file, of which rosbag2 knows nothing: its compression
     fields, meant for whole files or single messages, stay empty.
@@ -168,7 +170,7 @@ def metadata_yaml(information: Mapping[str, Any]) -> str:
 
 
 def told_files(directory: Path) -> list[str]:
-    """Return which files `metadata.yaml`, or one that `recover` has kept, says that a bag has."""
+    """Return the files of a bag by `metadata.yaml`, and by one that `recover` has kept."""
     told = map(read_information, directory.glob(f"{METADATA_FILE}*"))
     lists = [
         names
@@ -179,7 +181,7 @@ def told_files(directory: Path) -> list[str]:
 
 
 def read_information(path: Path) -> Mapping[str, Any]:
-    """Return what a `metadata.yaml` says; nothing where it is missing or cannot be read."""
+    """Return the content of a `metadata.yaml`; empty where it is missing or unreadable."""
     try:
         text = read_text(path, METADATA, SparseCoordError, "")
         found = parse_yaml(text, where="", limit=METADATA).get(

@@ -13,7 +13,7 @@ from sparse_coord_ros.log.bags.reader import Message
 from sparse_coord_ros.protocol.wire.frame import SECOND
 
 BURST = 100
-"""Messages of one call of `play`, so that whoever calls can attend to other things."""
+"""Most messages of one call of `play`, so that the caller can do other things in between."""
 
 
 @dataclass(eq=False)
@@ -21,7 +21,7 @@ class Playback:
     """Publishes messages at absolute deadlines, so that delays do not add up.
 
     Args:
-        playlist: what to play.
+        playlist: the messages to play.
         publish: called with each message.
         now_ns: a monotonic clock.
         on_time: called with the log time reached, before each message of that time.
@@ -33,7 +33,7 @@ class Playback:
         paused: whether time stands still.
         done: whether the end was reached while playing.
         published: number of messages published.
-        late_ns: how late a message that was due at a time went out, at most; None: none was.
+        late_ns: the longest delay of a published message; None: none was published.
     """
 
     playlist: Playlist
@@ -96,11 +96,11 @@ class Playback:
         return True
 
     def play(self) -> int | None:
-        """Publish what is due, `BURST` messages at most.
+        """Publish the messages that are due, `BURST` at most.
 
         Returns:
-            Nanoseconds until there is something to do, 0 for at once; None where nothing is until
-            `pause` or `seek` are called.
+            Nanoseconds until the next message is due, 0 for at once; None: no message is due
+            before a call of `pause` or `seek`.
         """
         if self.paused or self.done:
             return None

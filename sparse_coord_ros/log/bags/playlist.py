@@ -126,7 +126,7 @@ class Playlist:
         return message
 
     def _find(self, wanted: int, also: Collection[int] = ()) -> Message:
-        """Take the message of a place out of what waits, or read on up to it."""
+        """Return the message of a place: a kept one, or after reading on up to it."""
         if wanted in self._waiting:
             return self._waiting.pop(wanted)
         for place, message in self._stream:

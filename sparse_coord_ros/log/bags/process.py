@@ -23,15 +23,15 @@ SEND_BYTES = 1 << 22
 """Wanted buffer between the processes (the system may give less), for the writer's pauses."""
 
 PATIENCE_SECONDS = 30
-"""A writer that takes or says nothing for so long has failed (its disk hangs)."""
+"""A writer that takes no message and gives no answer for so long has failed (its disk hangs)."""
 
 
 class BagProcess:
-    """As `BagWriter`, whose methods it has, but the work is done by a child process.
+    """A `BagWriter` in a child process, with the same methods.
 
-    What a killed run has handed over is written: the child notices the end of its input, writes
-    what it has and leaves the bag unfinished. Messages wait in this process until there are
-    `BATCH` of them or `flush` is called; a failure is raised by a later call than its cause.
+    When the run is killed, the messages that it has handed over are written: the child notices
+    the end of its input, writes them and leaves the bag unfinished. Messages wait in this process
+    until there are `BATCH` of them or `flush` is called. A failure is raised by a later call.
 
     Args:
         directory: the bag's directory.
@@ -129,7 +129,7 @@ class BagProcess:
         self._send("write_all", batch)
 
     def _call(self, method: str, *arguments: Any) -> Any:
-        """Let the child do something and return its answer."""
+        """Call a method of the child's writer and return its answer."""
         if self._batch:
             self._hand_over()
         self._send(method, *arguments)
@@ -139,7 +139,7 @@ class BagProcess:
                 return value
 
     def _send(self, method: str, *arguments: Any) -> None:
-        """Take in what the child has answered until now, and let it do something."""
+        """Take the child's answers up to now, and send it a call."""
         if self._refusal is not None:
             raise BagError(self._refusal)
         try:
@@ -177,7 +177,7 @@ class BagProcess:
         raise BagError(self._refusal)
 
     def _end(self) -> None:
-        """Take leave of the child; kill it where it hangs."""
+        """Wait for the child's end; kill it if it hangs."""
         self._connection.close()
         try:
             self._process.wait(PATIENCE_SECONDS)

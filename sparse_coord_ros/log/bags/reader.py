@@ -44,7 +44,7 @@ class Message(NamedTuple):
 
 
 class Bag:
-    """What is in a bag: in one file, or in several one after the other.
+    """The content of a bag: of one file, or of several one after the other.
 
     Args:
         files: its files in their order.
@@ -92,9 +92,9 @@ class Bag:
 
     @property
     def gaps(self) -> tuple[Gap, ...]:
-        """What of it cannot be read, as far as that is known, file by file.
+        """The gaps that are known so far, file by file.
 
-        Of a bag that is not checked more may be found when messages are read.
+        In a bag that is not checked, reading messages may find more.
         """
         inside = [
             gap._replace(place=n)
@@ -117,29 +117,31 @@ class Bag:
 
     @property
     def damage(self) -> str | None:
-        """What is missing, or where the first damage is and what is wrong there; None: nothing is.
+        """The first missing file, or the first damage with its place; None: there is neither.
 
-        A bag that is unfinished is not damaged by that alone.
+        An unfinished bag is not damaged by that alone.
         """
-        found = [f"{gap.file} {gap.why}" for gap in self.missing]
+        for gap in self.missing:
+            return f"{gap.file} {gap.why}"
         for file in self.files:
-            where = f"{file.path.name}: " * (len(self.files) > 1)
-            found += [] if file.damage is None else [f"{where}{file.damage}"]
-        return found[0] if found else None
+            if file.damage is not None:
+                several = len(self.files) > 1
+                return f"{file.path.name}: {file.damage}" if several else file.damage
+        return None
 
     @property
     def whole(self) -> bool:
-        """Whether all that was recorded was read, though the end of a file be damaged."""
+        """Whether every record of the data was read; the end of a file may be damaged."""
         return not self.missing and all(file.whole for file in self.files)
 
     @property
     def lost_bytes(self) -> int:
-        """Bytes in gaps of its files, as they are."""
+        """Number of bytes in gaps, without those that `recover` has left out."""
         return sum(gap.end - gap.begin for gap in self.gaps if not gap.recovered)
 
     @property
     def topics(self) -> dict[str, BagTopic]:
-        """Its topics by name."""
+        """The topics by name."""
         found: dict[str, BagTopic] = {}
         for file in self.files:
             for topic in file.topics.values():
@@ -148,10 +150,10 @@ class Bag:
 
     @property
     def clock(self) -> str | None:
-        """The topic that holds its clock, however it is called; None: there is none.
+        """The topic of the clock, whatever its name; None: there is none.
 
-        It is known by its type. Of several it is the one of the usual name, else the one that says
-        most.
+        Its type tells it. Of several, it is the one with the usual name, else the one with most
+        messages.
         """
         topics = self.topics
         counts = self.counts
@@ -233,11 +235,11 @@ class Bag:
 
     @property
     def recovered(self) -> Mapping[str, str] | None:
-        """What `recover` noted when it made the last file of a broken one; None if it did not."""
+        """The note of `recover`, if it made the last file of a damaged one; else None."""
         return self.files[-1].recovered
 
     def between(self, first_ns: int, last_ns: int) -> "Bag":
-        """Return the blocks that have messages of some log times, as a bag of their own."""
+        """Return the blocks with messages of some log times, as a bag."""
 
         def inside(block: Block) -> bool:
             return block.end_ns >= first_ns and block.start_ns <= last_ns
@@ -249,7 +251,7 @@ class Bag:
         )
 
     def extend(self) -> bool:
-        """Take in what the last file has grown by; return whether there was anything."""
+        """Read on in the last file if it has grown; return whether there was anything new."""
         return self.files[-1].extend()
 
     def close(self) -> None:
@@ -332,7 +334,7 @@ def open_bag(path: Path, *, checked: bool = True) -> Bag:
 
 
 def _missing(files: Sequence[Path]) -> Iterator[Gap]:
-    """Yield the files of a bag that its names or `metadata.yaml` tell of, but are not there."""
+    """Yield the missing files of a bag, by the numbers of the others and `metadata.yaml`."""
     stem, last = stem_and_number(files[-1])
     told = [stem_and_number(Path(name))[1] for name in told_files(files[0].parent)]
     numbers = [
@@ -373,10 +375,7 @@ def bag_files(path: Path) -> list[Path]:
 
 
 def stem_and_number(file: Path) -> tuple[str, int]:
-    """Return what the names of a bag's files begin with, and the number in that of one of them.
-
-    They are `bag` and 0 where the name says nothing.
-    """
+    """Return the stem and the number in a file's name; `bag` and 0 where it has none."""
     match = _NUMBERED.fullmatch(file.name)
     if match is not None:
         return match[1], int(match[2])

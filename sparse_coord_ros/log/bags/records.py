@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""MCAP records out of bytes that may be damaged: whole and right, or `Damage` with the place."""
+"""Reads MCAP records from bytes that may be damaged; raises `Damage` with the place."""
 
 import os
 import re
@@ -28,9 +28,9 @@ from sparse_coord_ros.protocol.wire.cdr import rows_at
 
 MAGIC = b"\x89MCAP0\r\n"
 HEAD = struct.Struct("<BQ")
-"""What every record begins with: opcode and length of the body."""
+"""The head of every record: opcode and length of the body."""
 MESSAGE = struct.Struct("<HIQQ")
-"""What a message's body begins with: channel, sequence, log time, publish time."""
+"""The head of a message's body: channel, sequence, log time, publish time."""
 MESSAGE_HEAD = np.dtype(
     [
         ("opcode", "u1"),
@@ -53,10 +53,10 @@ _WINDOW = 1 << 12
 
 
 class Damage(Exception):  # noqa: N818
-    """The bytes at an offset are not what they should be; its text is one sentence."""
+    """Damaged bytes at an offset; its text is one sentence."""
 
     def __init__(self, offset: int, problem: str) -> None:
-        """Take the offset in the file and what is wrong there."""
+        """Take the offset in the file and the problem."""
         super().__init__(f"byte {offset}: {problem}")
         self.problem = problem
 
@@ -90,10 +90,10 @@ class RecordPlace(NamedTuple):
 
 
 class Source:
-    """An open MCAP file, of which nothing is read that is not there.
+    """An open MCAP file; reading beyond its end raises Damage.
 
     Attributes:
-        close: closes it; else it is closed when nobody has it any more.
+        close: closes it; it is also closed when it is deleted.
 
     Raises:
         BagError: there is no such file, or it does not begin as MCAP.
@@ -124,7 +124,7 @@ class Source:
         return data
 
     def head(self, offset: int, size: int) -> RecordPlace:
-        """Return the record at an offset, of which a file of `size` bytes may hold a part only.
+        """Return the place of the record at an offset; its body may end beyond `size` bytes.
 
         Raises:
             Damage: its length is implausible, or its head cannot be read.
@@ -218,7 +218,7 @@ def check_crc(
 
 
 def chunk_content(chunk: Chunk, offset: int, *, crc_required: bool) -> bytes:
-    """Return a chunk's records, decompressed; raises Damage, never takes more than it says."""
+    """Return a chunk's records, decompressed up to the size that it states; raises Damage."""
     size = chunk.uncompressed_size
     if size > CHUNK.bytes:
         raise Damage(offset, f"a chunk of {size} bytes, allowed: {CHUNK.bytes}")
@@ -262,7 +262,7 @@ LENGTH = struct.Struct("<Q")
 def message_heads(
     content: bytes, starts: np.ndarray, offset: int
 ) -> tuple[np.ndarray, np.ndarray, list[tuple[int, int, int]]]:
-    """Return where messages are in what chunks hold, their heads, and what else is there.
+    """Return the messages and the other records in the content of chunks.
 
     Args:
         content: the content of one or more chunks.

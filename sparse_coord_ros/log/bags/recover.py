@@ -41,14 +41,14 @@ _DRAFT = ".recovering"
 
 @dataclass(frozen=True)
 class Recovery:
-    """What `recover` did.
+    """The result of `recover`.
 
     Attributes:
         path: the bag's directory.
-        bag: what was read of the original; all of it is in the whole bag. `bag.whole` says
-            whether everything that was in the original's data was restored.
-        kept: the original file where it is now (of several the first); None if it is in use as
-            it was.
+        bag: the original as far as it was read; the recovered bag holds all of that. `bag.whole`
+            says whether the original had no gap.
+        kept: the path of the kept original (of several files the first); None: no file was
+            replaced.
         changed: whether anything was written or renamed.
     """
 
@@ -61,20 +61,20 @@ class Recovery:
 def recover(path: Path) -> Recovery:
     """Make a bag whole: everything outside of its gaps, indexed, with `metadata.yaml`.
 
-    A bag is mended in place, file by file: the finished one is `<name>_0.mcap`, the original is
-    kept as `<file>.damaged`. A whole bag is left as it is; a missing `metadata.yaml` is written.
-    What is made of an unfinished or damaged file says so itself (`Bag.recovered`), for good.
+    The files are replaced one by one: the finished file is `<name>_0.mcap`, the original is kept
+    as `<file>.damaged`. A whole bag is left as it is; a missing `metadata.yaml` is written. A file
+    that replaces an unfinished or damaged one says so (`Bag.recovered`).
 
     Args:
         path: as of `open_bag`; a file stands for the bag in its directory.
 
     Raises:
         BagError: nothing can be read, the bag is still being recorded, or the result cannot be
-            written; whatever was recorded is there still.
+            written; the recorded files are still there.
     """
     path = Path(path)
     if path.is_file():
-        BagFile(path, checked=False).close()  # what is no bag's file raises
+        BagFile(path, checked=False).close()  # raises for a file that is no bag's
         path = path.parent
     files = bag_files(path)
     with contextlib.ExitStack() as held:
@@ -85,17 +85,17 @@ def recover(path: Path) -> Recovery:
             why = f": {bag.damage}" if bag.damage else ""
             raise BagError(f"{files[0]} holds nothing to recover{why}")
         with failing(f"cannot recover {files[0]}", "; make room"):
-            return _mended(bag, files[0].parent)
+            return _finished(bag, files[0].parent)
 
 
 def continued(directory: Path) -> Bag | None:
-    """Make a bag whole that a recorder is to continue, and return it.
+    """Recover a bag that a recorder is to continue, and return it.
 
     Returns:
-        None where there is no bag, or nothing in it: what there is was moved aside.
+        None where there is no bag, or an empty one, which is moved aside.
 
     Raises:
-        BagError: it is being recorded, or cannot be read or mended.
+        BagError: it is being recorded, or cannot be read or recovered.
     """
     if not directory.is_dir():
         return None
@@ -126,39 +126,55 @@ def _holds_anything(file: Path) -> bool:
     return False
 
 
-def _mended(bag: Bag, directory: Path) -> Recovery:
-    metadata = directory / METADATA_FILE
+def _finished(bag: Bag, directory: Path) -> Recovery:
+    """Finish each file of a bag, and write `metadata.yaml` where it is missing or wrong."""
     kept: list[Path] = []
     renamed = False
-    for place, one in enumerate(bag.files):
-        stem, number = stem_and_number(one.path)
-        file = one.path
-        finished = directory / f"{stem}_{number}.mcap"
-        if not one.finished or one.damage is not None:
+    for place, file in enumerate(bag.files):
+        if not file.finished or file.damage is not None:
             gaps = [gap for gap in bag.gaps if gap.place == place and gap.end]
-            with _draft(Bag([one]), gaps, directory / _DRAFT) as draft:
-                kept.append(_keep(file))
-                os.replace(draft / finished.name, finished)
-                if file != finished:
-                    file.unlink(missing_ok=True)  # it is there as `kept`
-        elif file.name.endswith(PARTIAL):
-            file.rename(file.with_name(file.name.removesuffix(PARTIAL)))
+            kept.append(_replace_by_whole(file, gaps, directory))
+        elif file.path.name.endswith(PARTIAL):
+            whole = file.path.name.removesuffix(PARTIAL)
+            file.path.rename(file.path.with_name(whole))
             renamed = True
-    mended = open_bag(directory)
-    said = read_information(metadata)
-    names = [file.path.name for file in mended.files]
-    told = said.get("relative_file_paths"), said.get("message_count")
-    described = told == (names, mended.message_count)
-    if not described:
-        if metadata.exists():
-            _keep(metadata)
-        summaries = [file.summary for file in mended.files]
-        write_text(
-            metadata, metadata_yaml(bag_information(summaries, mended.topics.values()))
-        )
+    described = _describe(open_bag(directory), directory / METADATA_FILE)
     sync_directory(directory)
-    changed = bool(kept) or renamed or not described
+    changed = bool(kept) or renamed or described
     return Recovery(directory, bag, kept[0] if kept else None, changed)
+
+
+def _replace_by_whole(file: BagFile, gaps: Sequence[Gap], directory: Path) -> Path:
+    """Write a finished file in the place of another one, and return the kept original.
+
+    Args:
+        file: the unfinished or damaged file.
+        gaps: the parts of it that cannot be read.
+        directory: that of the bag.
+    """
+    stem, number = stem_and_number(file.path)
+    finished = directory / f"{stem}_{number}.mcap"
+    with _draft(Bag([file]), gaps, directory / _DRAFT) as draft:
+        kept = _keep(file.path)
+        os.replace(draft / finished.name, finished)
+        if file.path != finished:
+            file.path.unlink(missing_ok=True)  # it is there as `kept`
+    return kept
+
+
+def _describe(bag: Bag, metadata: Path) -> bool:
+    """Write `metadata.yaml` if it does not describe a bag; return whether it was written."""
+    known = read_information(metadata)
+    names = [file.path.name for file in bag.files]
+    same_files = known.get("relative_file_paths") == names
+    if same_files and known.get("message_count") == bag.message_count:
+        return False
+    if metadata.exists():
+        _keep(metadata)
+    summaries = [file.summary for file in bag.files]
+    information = bag_information(summaries, bag.topics.values())
+    write_text(metadata, metadata_yaml(information))
+    return True
 
 
 @contextlib.contextmanager

@@ -66,10 +66,10 @@ def schema_text(type_name: str) -> str:
 
 
 def stored_name(type_name: str) -> str:
-    """Return what a bag calls a type, so that readers find its definition.
+    """Return a type's name in a bag, so that readers find its definition.
 
-    Services are no messages to rosbags and mcap_ros2: they decode no type of `srv`, whatever its
-    definition. A service's event is stored as a message, its fields and bytes are the same.
+    rosbags and mcap_ros2 decode no type of `srv`, whatever its definition. A service's event is
+    stored as a message; its fields and bytes are the same.
 
     Args:
         type_name: `package/msg/Type`, or `package/srv/Service_Event`.
@@ -78,7 +78,7 @@ def stored_name(type_name: str) -> str:
 
 
 def ros_name(stored: str, topic: str) -> str:
-    """Return what ROS calls a type that a bag calls as of `stored_name`.
+    """Return the ROS name of a type with a name as of `stored_name`.
 
     Args:
         stored: the bag's name of the type.

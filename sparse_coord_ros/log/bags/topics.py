@@ -1,9 +1,9 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a bag says about a topic: its type, and the quality of service that is offered.
+"""The topics of a bag: type and offered quality of service.
 
-A player offers what the recording says: without `transient_local` in the bag a replayed `map` is
-no longer latched.
+A player offers the recorded quality of service: without `transient_local` in the bag a replayed
+`map` is not latched.
 """
 
 import functools
@@ -79,7 +79,7 @@ def _profile(entry: dict[str, Any]) -> QoS:
         value = entry.get(name)
         if isinstance(value, int) and 1 <= value <= len(allowed):
             value = allowed[value - 1]
-        # Else it is what rosbag2 calls unknown, system_default or best_available.
+        # Other values are rosbag2's unknown, system_default and best_available.
         values[name] = value if value in allowed else getattr(QoS, name)
     return QoS(**values)
 
@@ -110,7 +110,7 @@ class BagTopic(NamedTuple):
 
 
 def topic_of(channel: Channel, schemas: dict[int, Schema], offset: int) -> BagTopic:
-    """Return what a channel record and its schema say.
+    """Return the topic of a channel record and its schema.
 
     Args:
         channel: the record.

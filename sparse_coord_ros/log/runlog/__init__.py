@@ -2,19 +2,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """The log of a run without ROS.
 
-- As arrays: `log` (all of it) and `window` (any stretch of a long one), from the messages topic by
-  topic (`tracks`, by `columns` and `decode`), the service events (`dialogue`), the attached tables
-  (`attached`), over all files of a bag (`timeline`), of one run (`bag_run`).
-- Verified: `verify`, of the world (`game_check`), each robot (`agents`), `percepts`. What differs
-  is a `difference`.
+- Read: `columns` and `decode` decode a bag's messages; `run_messages` sorts them by topic and time
+  step, with the service events (`dialogue`), the attached tables (`attached`), the time line of
+  several files (`timeline`) and the run (`bag_run`). `log` has the run as arrays, `window` a part
+  of a long one.
+- Replayed: `replay` says which intervals between gaps can be computed again, and lets an agent
+  follow a robot's actions in one. `relearned` has the tables of any time step.
+- Verified: `verify`, by `game_check` (the world), `agents`, `percepts` and `improved` (plans). The
+  results are in the words of `difference`.
 - Explained: `explain`, each COORDINATE.
-
-`replay` says which stretches between gaps can be computed again and what one robot did in one, and
-lets its agent do it again.
 """
 
 from sparse_coord_ros.log.runlog.attached import RecordedTables
-from sparse_coord_ros.log.runlog.difference import Difference
+from sparse_coord_ros.log.runlog.difference import Difference, Unknown
 from sparse_coord_ros.log.runlog.log import RunLog, read_run
 from sparse_coord_ros.log.runlog.verify import Verification, verify
 
@@ -22,6 +22,7 @@ __all__ = [
     "Difference",
     "RecordedTables",
     "RunLog",
+    "Unknown",
     "Verification",
     "read_run",
     "verify",

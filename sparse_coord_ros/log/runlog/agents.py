@@ -4,6 +4,7 @@
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,14 +18,15 @@ from sparse_coord_ros.log.runlog.difference import (
     MISSING,
     NOTHING_TO_LEARN,
     Difference,
+    Unknown,
     first_entry,
 )
 from sparse_coord_ros.log.runlog.log import RunLog
 from sparse_coord_ros.log.runlog.replay import (
+    Interval,
     Replay,
-    Stretch,
+    Trajectory,
     fresh_agent,
-    trajectory_of,
 )
 from sparse_coord_ros.protocol import wire
 from sparse_coord_ros.protocol.wire.messages import action_numbers
@@ -32,28 +34,43 @@ from sparse_coord_ros.protocol.wire.occupancy import OCCUPIED, OccupancyData
 
 
 def first_memory(log: RunLog, k: int) -> tuple[Memory | None, Difference | None]:
-    """Return what a robot began with, and in what the log says otherwise.
+    """Return a robot's memory at the run's beginning, and how the log's tables differ from it.
 
-    The tables are None where the log ought to hold them and does not.
+    The memory is None where the log should hold it and does not.
     """
     run = log.run
-    recorded = next(
-        (one for one in log.all_tables if (one.robot, one.step) == (k, 0)), None
-    )
+    first = [one for one in log.all_tables if (one.robot, one.step) == (k, 0)]
     if run.tables or run.greedy:
-        return (None if recorded is None else recorded.tables.memory), None
+        return (first[0].tables.memory if first else None), None
     fresh = memory_of(run.rule.mind(run.scenario, k))
-    if recorded is None:
+    if not first:
         return fresh, None
     due = saved_arrays({k + 1: fresh})
-    odd = first_entry({name: recorded.arrays.get(name) for name in due}, due, k)
-    return fresh, None if odd is None else log.tracks.odd(0, k, *_of_tables(odd))
+    logged = {name: first[0].arrays.get(name) for name in due}
+    entry = first_entry(logged, due, k)
+    if entry is None:
+        return fresh, None
+    return fresh, log.messages.difference(0, k, *_of_tables(entry))
 
 
-def _of_tables(odd: tuple[str, str, str]) -> tuple[str, str, str]:
-    """Return what differs in an array as what differs in tables."""
-    name, logged, computed = odd
+def _of_tables(entry: tuple[str, str, str]) -> tuple[str, str, str]:
+    """Return a difference of arrays as one of tables: quantity, logged, computed."""
+    name, logged, computed = entry
     return f"{wire.TABLES.name} {name}", logged, computed
+
+
+class Published(NamedTuple):
+    """Tables or a coordination map in the log: what a robot had learned before a time step.
+
+    Attributes:
+        step: the time step.
+        tables: the tables; None: it is a map.
+        grid: the data of the map; None: there are tables, or the robot has no such state.
+    """
+
+    step: int
+    tables: RecordedTables | None = None
+    grid: bytes | None = None
 
 
 class AgentCheck:
@@ -62,218 +79,227 @@ class AgentCheck:
     Args:
         log: the log.
         k: the robot's number.
-        stretch: the time steps to check.
+        interval: the time steps to check.
+        trajectory: the robot's actions in the log.
 
     Attributes:
-        name: the robot's.
-        trajectory: what the log says that it did.
+        name: the robot's name.
         recorded: its recorded tables.
-        agent: the agent, as far as it was fed, after `differences`; None where it is not known.
-        end: the newest time step that the world told it.
-        state: the world's last state; None where the log breaks off, or says none.
-        choices, updates, compared: actions, updates and tables that agree, after `differences`.
+        agent: the agent as far as it was fed, after `check`; None where it is unknown.
+        end: the time step of the robot's last state in the log.
+        state: the world's last state; None where the log breaks off, or holds no status.
+        choices, updates, compared: actions, updates and tables that agree, after `check`.
+        lost_copies: tables that may be lost, after `check`; later ones agree.
     """
 
-    def __init__(self, log: RunLog, k: int, stretch: Stretch) -> None:
+    def __init__(
+        self, log: RunLog, k: int, interval: Interval, trajectory: Trajectory
+    ) -> None:
         self.log = log
         self.k = k
-        self.stretch = stretch
+        self.interval = interval
+        self.trajectory = trajectory
         self.name = log.names[k]
-        self.trajectory = trajectory_of(log, k, stretch)
-        self.choices = self.updates = self.compared = 0
-        self.agent: Agent | None = None
         self.recorded = [entry for entry in log.all_tables if entry.robot == k]
-        statuses = log.tracks.statuses
-        self.state = statuses[-1].state if stretch.last is None and statuses else None
+        statuses = log.messages.statuses
+        self.state = statuses[-1].state if interval.last is None and statuses else None
+        self.end = int(log.messages.states[k].step.max(initial=0))
+        self.agent: Agent | None = None
+        self.choices = 0
+        self.updates = 0
+        self.compared = 0
+        self.lost_copies = 0
         self._grids = OccupancyData(log.frame)
         self._goal = log.run.scenario.robots[k].goal
-        self.end = int(log.tracks.states[k].step.max(initial=0))
 
     @property
     def unlearned(self) -> int:
-        """Transitions that the world made with it and that it has not learned from."""
+        """Transitions of the world from which the robot has not learned."""
+        if self.log.run.greedy:
+            return 0
         rewarded = ~np.isnan(self.log.reward[self.trajectory.row, self.k, 0])
-        done = (rewarded & ~self.trajectory.learned)[: self.choices]
-        return 0 if self.log.run.greedy else int(done.sum())
+        unlearned = rewarded & ~self.trajectory.learned
+        return int(unlearned[: self.choices].sum())
 
     @property
     def last_counts(self) -> Mapping[str, int] | None:
-        """The numbers beside its tables at its end; None: the log does not hold these tables."""
+        """The counts beside the tables of its end; None: the log does not hold these tables."""
         acted = int(self.trajectory.step.max(initial=0))
-        last = max(self.recorded, key=lambda entry: entry.step, default=None)
+        last = max(self.recorded, key=_step, default=None)
         if last is None or last.step <= acted:
             return None
         return {**last.counts, "step": self.end}
 
-    def differences(self) -> list[Difference]:
-        """Return the first thing that an agent would have done otherwise, and what is missing."""
-        found = [*self._missing_tables()]
-        begun, odd = first_memory(self.log, self.k)
-        if odd is not None:
-            return [*found, odd]
-        if begun is None:  # that there are none is among the missing
+    def check(self) -> list[Difference | Unknown]:
+        """Return missing tables, and the first action or tables that are not the agent's."""
+        found = list(self._missing_tables())
+        begun, difference = first_memory(self.log, self.k)
+        if difference is not None:
+            return [*found, difference]
+        if begun is None:  # the tables that it began with are among the missing ones
             return found
-        self.agent = fresh_agent(self.log, self.k, begun, self.stretch)
+        self.agent = fresh_agent(self.log, self.k, begun, self.interval)
         replay = Replay(self.log, self.trajectory, self.agent)
-        found += self._first(replay)
+        difference = self._first_difference(replay)
+        if difference is not None:
+            found.append(difference)
         self.choices = replay.reached
         if not self.log.run.greedy:
             self.updates = int(self.trajectory.learned[: self.choices].sum())
         return found
 
-    def _first(self, replay: Replay) -> list[Difference]:
-        """Return the first action, table or map that the agent has not; at most one."""
-        false = self._false_account()
-        end = self._actions() if false is None else min(false, self._actions())
-        for step, shown in self._stops():
-            to = int(np.searchsorted(self.trajectory.step, step))
-            if to > end or not replay.advance(to):
+    def _first_difference(self, replay: Replay) -> Difference | None:
+        """Return the first action, tables or map that are not the agent's."""
+        end = self._actions()
+        false_claim = self._false_claim()
+        if false_claim is not None:
+            end = min(end, false_claim)
+        for published in self._published():
+            place = int(np.searchsorted(self.trajectory.step, published.step))
+            if place > end or not replay.advance(place):
                 break
-            odd = self._compare(step, shown, replay.agent, to)
-            if odd is not None:
-                return [self.log.tracks.odd(step, self.k, *odd)]
+            words = self._compare(published, replay.agent, place)
+            if words is not None:
+                return self.log.messages.difference(published.step, self.k, *words)
         replay.advance(end)
         if replay.other is not None:
-            return [self._other_action(replay.reached, replay.other)]
-        if false == end:
-            return [self._said_of_learning(false)]
-        return []
+            return self._other_action(replay.reached, replay.other)
+        if false_claim is not None and false_claim == end:
+            return self._claim_of_learning(false_claim)
+        return None
 
     def _actions(self) -> int:
-        """Return how many actions the stretch has."""
-        last = self.stretch.last
+        """Return how many actions the interval has."""
         steps = self.trajectory.step
-        return (
-            len(steps)
-            if last is None
-            else int(np.searchsorted(steps, last, side="right"))
-        )
+        if self.interval.last is None:
+            return len(steps)
+        return int(np.searchsorted(steps, self.interval.last, side="right"))
 
-    def _able(self) -> np.ndarray:
-        """Return with which actions the robot can say that it has learned from the one before."""
-        told_before = self.stretch.start is not None
+    # Actions.
+
+    def _could_learn(self) -> np.ndarray:
+        """Return for each action whether the robot could learn from the one before it."""
+        told_before = self.interval.start is not None
         told = np.concatenate([[told_before], self.trajectory.told])[:-1]
         return told & (not self.log.run.greedy)
 
-    def _false_account(self) -> int | None:
-        """Return the first action that says of learning what cannot be; None: there is none."""
-        said = self.log.has_learned[self.trajectory.row, self.k]
-        no = (said == 0.0) & ~np.signbit(said)
-        yes = (said == 1.0) & self._able()
+    def _false_claim(self) -> int | None:
+        """Return the first action whose number `learned` is impossible; None: there is none."""
+        logged = self.log.has_learned[self.trajectory.row, self.k]
+        no = (logged == 0.0) & ~np.signbit(logged)
+        yes = (logged == 1.0) & self._could_learn()
         false = np.flatnonzero(~(no | yes))
         return int(false[0]) if len(false) else None
 
-    def _said_of_learning(self, place: int) -> Difference:
-        """Return that an action says of learning what cannot be."""
-        said = self.log.has_learned[self.trajectory.row[place], self.k]
-        allowed = "0 or 1" if self._able()[place] else NOTHING_TO_LEARN
-        words = wire.ACTION.name, f"learned={said:g}", allowed
-        return self.log.tracks.odd(int(self.trajectory.step[place]), self.k, *words)
+    def _claim_of_learning(self, place: int) -> Difference:
+        """Return that an action's number `learned` is impossible."""
+        logged = self.log.has_learned[self.trajectory.row[place], self.k]
+        allowed = "0 or 1" if self._could_learn()[place] else NOTHING_TO_LEARN
+        words = wire.ACTION.name, f"learned={logged:g}", allowed
+        step = int(self.trajectory.step[place])
+        return self.log.messages.difference(step, self.k, *words)
 
     def _other_action(self, place: int, computed: Action) -> Difference:
-        """Return in what an action is another one than the agent's."""
+        """Return that an action is not the agent's."""
         logged = self.log.numbers[self.trajectory.row[place], self.k]
-        words = said_otherwise(logged, action_numbers(computed))
+        words = different_numbers(logged, action_numbers(computed))
         step = int(self.trajectory.step[place])
-        return self.log.tracks.odd(step, self.k, wire.ACTION.name, *words)
+        return self.log.messages.difference(step, self.k, wire.ACTION.name, *words)
 
-    def _stops(self) -> list[tuple[int, RecordedTables | bytes | None]]:
-        """Return time steps with what the log shows there of what was learned before.
+    # Tables and coordination maps.
 
-        That is tables, then the data of coordination maps; None where the robot has no such state.
-        """
-        steps, rows = self.log.tracks.coordination_maps[self.k]
-        known = (steps == 0) | np.isin(steps, self.log.tracks.states[self.k].step)
-        maps = zip(steps.tolist(), rows["data"], known.tolist(), strict=True)
-        stops: list[tuple[int, RecordedTables | bytes | None]]
-        stops = [(entry.step, entry) for entry in self.recorded]
-        stops += [
-            (step, data.tobytes() if there else None) for step, data, there in maps
-        ]
-        return sorted(
-            (s for s in stops if self.stretch.holds(s[0])), key=lambda stop: stop[0]
-        )
+    def _published(self) -> list[Published]:
+        """Return the tables and coordination maps of the interval, in the order of time."""
+        found = [Published(entry.step, tables=entry) for entry in self.recorded]
+        states = self.log.messages.states[self.k].step
+        steps, rows = self.log.messages.coordination_maps[self.k]
+        known = (steps == 0) | np.isin(steps, states)
+        for place, step in enumerate(steps.tolist()):
+            grid = rows["data"][place].tobytes() if known[place] else None
+            found.append(Published(step, grid=grid))
+        mine = [one for one in found if self.interval.holds(one.step)]
+        return sorted(mine, key=_step)
 
     def _compare(
-        self, step: int, shown: RecordedTables | bytes | None, agent: Agent, to: int
+        self, published: Published, agent: Agent, place: int
     ) -> tuple[str, str, str] | None:
-        """Return (quantity, logged, computed) where what the log shows is not what is due.
+        """Return (quantity, logged, computed) where tables or a map are not the agent's.
 
         Args:
-            step: the time step.
-            shown: what the log shows, as of `_stops`.
+            published: the tables or the map.
             agent: the agent at that time step.
-            to: the first of its actions from that time step on.
+            place: the first of its actions from that time step on.
         """
-        if not isinstance(shown, RecordedTables):
-            return self._compare_map(shown, np.array(agent.mind.q_star))
-        if step > self.end:
+        entry = published.tables
+        if entry is None:
+            return self._compare_map(published.grid, np.array(agent.mind.q_star))
+        if entry.step > self.end:
             return wire.TABLES.name, "there", f"the log ends at step {self.end}"
         self.compared += 1
-        number = self.k + 1
-        counts = {
-            name: shown.counts.get(name, 0) for name in wire.COUNTS
-        }  # they have bounds
-        due = saved_arrays({number: agent.memory()}, counts=counts)
-        odd = first_entry(shown.arrays, due, self.k)
-        return self._compare_counts(shown, to) if odd is None else _of_tables(odd)
+        # The counts have bounds, and are compared by themselves.
+        counts = {name: entry.counts.get(name, 0) for name in wire.COUNTS}
+        due = saved_arrays({self.k + 1: agent.memory()}, counts=counts)
+        words = first_entry(entry.arrays, due, self.k)
+        if words is not None:
+            return _of_tables(words)
+        return self._compare_counts(entry, place)
 
     def _compare_map(
-        self, shown: bytes | None, q_star: np.ndarray
+        self, logged: bytes | None, q_star: np.ndarray
     ) -> tuple[str, str, str] | None:
-        """Return where a coordination map shows other cells than those where the agent asks."""
+        """Return where a coordination map has other cells than those where the agent asks."""
         due = self._grids.coordination(q_star)
-        if shown == due:
+        if logged == due:
             return None
-        logged = "there" if shown is None else self._cells(shown)
         computed = self._cells(due)
-        logged += ", with other values elsewhere" * (logged == computed)
-        return wire.COORDINATION_MAP.name, logged, computed
+        if logged is None:
+            return wire.COORDINATION_MAP.name, "there", computed
+        words = self._cells(logged)
+        if words == computed:
+            words += ", with other values elsewhere"
+        return wire.COORDINATION_MAP.name, words, computed
+
+    def _cells(self, data: bytes) -> str:
+        marked = np.frombuffer(data, dtype=np.int8)[self._grids.places] == OCCUPIED
+        return f"COORDINATE in cells {np.flatnonzero(marked).tolist()}"
 
     def _compare_counts(
-        self, entry: RecordedTables, to: int
+        self, entry: RecordedTables, place: int
     ) -> tuple[str, str, str] | None:
-        """Return a number beside the tables that cannot be."""
-        # Of the last tables: what was asked at their very step may have ended.
+        """Return (quantity, logged, computed) of a count beside tables that is impossible."""
+        words = self._impossible_count(entry, place, place)
+        # A robot may save its last tables after it has acted at their very time step.
         steps = self.trajectory.step
-        there = to < len(steps) and steps[to] == entry.step
-        ends = [to, to + 1] if entry is self.recorded[-1] and there else [to]
-        odd = [self._odd_count(entry, to, end) for end in ends]
-        return None if None in odd else odd[-1]
+        acted = place < len(steps) and steps[place] == entry.step
+        if words is not None and acted and entry is self.recorded[-1]:
+            words = self._impossible_count(entry, place, place + 1)
+        return words
 
-    def _odd_count(
-        self, entry: RecordedTables, to: int, end: int
+    def _impossible_count(
+        self, entry: RecordedTables, place: int, end: int
     ) -> tuple[str, str, str] | None:
-        """Return (quantity, logged, computed) of the first number that cannot be."""
-        log = self.log
-        trajectory = self.trajectory
-        ended = log.ended[trajectory.row[:end], self.k]
-        base = Counter(self.stretch.counts(self.k))
-        due = {
-            end.words: base[end.words] + int((ended == end).sum())
-            for end in wire.PerceptEnd
-        }
-        learned = int(trajectory.learned[:to].sum())
-        all_mine = [
-            r
-            for r in log.requests
-            if r.asker == self.k and r.step >= self.stretch.first
-        ]
-        mine = [r for r in all_mine if r.step < entry.step + end - to]
-        # What was sent again as no answer came is the same request.
-        mine = [r for r in heard(mine) if r.answer is not None]
-        again = base["repeated"] + times_asked_again(mine)
-        # A robot that stops while it asks has repeated without an action that follows.
-        asked = [
-            r for r in all_mine if r.step < entry.step + (entry is self.recorded[-1])
-        ]
-        later = sum(r.answer is not None and r.answer[0] < r.step for r in asked)
-        bounds = {
-            name: (due[name], due[name]) for name in ("answered", "refused", "late")
-        }
-        bounds["learned"] = (base["learned"] + learned,) * 2
-        bounds["dropped"] = (base["dropped"], base["dropped"] + to - learned)
-        bounds["repeated"] = (again, base["repeated"] + later)
+        """Return (quantity, logged, computed) of the first count that is impossible.
+
+        Args:
+            entry: the tables.
+            place: the first of the robot's actions that it has not learned from.
+            end: the first action whose percept is not counted.
+        """
+        before = Counter(self.interval.counts(self.k))
+        ended = self.log.ended[self.trajectory.row[:end], self.k]
+        bounds: dict[str, tuple[int, int]] = {}
+        for way in (
+            wire.PerceptEnd.ANSWERED,
+            wire.PerceptEnd.REFUSED,
+            wire.PerceptEnd.LATE,
+        ):
+            count = before[way.words] + int((ended == way).sum())
+            bounds[way.words] = count, count
+        learned = int(self.trajectory.learned[:place].sum())
+        bounds["learned"] = (before["learned"] + learned,) * 2
+        bounds["dropped"] = before["dropped"], before["dropped"] + place - learned
+        low, high = self._times_repeated(entry, end - place)
+        bounds["repeated"] = before["repeated"] + low, before["repeated"] + high
         for name, (low, high) in bounds.items():
             logged = entry.counts.get(name)
             if logged is None or not low <= logged <= high:
@@ -281,51 +307,105 @@ class AgentCheck:
                 return f"{wire.TABLES.name} count {name}", f"{logged}", allowed
         return None
 
-    def _missing_tables(self) -> Iterator[Difference]:
-        """Yield the tables that ought to be in the log and are not."""
-        log = self.log
-        run = self.log.run
-        states = log.tracks.states[self.k].step
+    def _times_repeated(self, entry: RecordedTables, more: int) -> tuple[int, int]:
+        """Return how often the robot repeated a request before tables: at least, at most.
+
+        Args:
+            entry: the tables.
+            more: how many actions from their time step on count.
+        """
+        mine = [
+            one
+            for one in self.log.requests
+            if one.asker == self.k and one.step >= self.interval.first
+        ]
+        # A request that was sent again because no answer came is the same request.
+        before = heard([one for one in mine if one.step < entry.step + more])
+        least = times_asked_again([one for one in before if one.answer is not None])
+        # A robot that was stopped while it asked has repeated without an action that follows.
+        last = entry is self.recorded[-1]
+        most = sum(
+            one.answer is not None and one.answer[0] < one.step
+            for one in mine
+            if one.step < entry.step + last
+        )
+        return least, most
+
+    # Missing tables.
+
+    def _missing_tables(self) -> Iterator[Difference | Unknown]:
+        """Yield the tables that are not in the log and should be."""
         steps = {entry.step for entry in self.recorded}
-        due = [0]
-        if run.checkpoint and len(states):
-            rows = np.searchsorted(log.step, states)
-            # Acting on a state, or resting at the goal, a robot has worked it off.
-            handled = (log.move[rows, self.k] >= 0) | (
-                log.cells[rows, self.k] == self._goal
-            )
-            crossed = states[:-1] // run.checkpoint < states[1:] // run.checkpoint
-            due += states[1:][crossed & handled[1:]].tolist()
-        # A robot's last tables are of a state that it has acted on, or of one after it: it may
-        # have missed those that came when it was stopped.
+        name = wire.TABLES.name
+        unreadable = {
+            one.step
+            for one in self.log.problems
+            if (one.robot, one.quantity) == (self.name, name)
+        }
+        until = self.interval.last
+        if until is not None:
+            until = min(until, max(steps, default=0))
+        for step in [*self._due_checkpoints(), *self._due_at_the_end(steps)]:
+            if step in steps or step in unreadable:
+                continue
+            if until is None or step <= until:
+                yield from self._missing(step)
+
+    def _due_checkpoints(self) -> list[int]:
+        """Return the time steps of the robot's start and its checkpoints."""
+        log = self.log
+        every = log.run.checkpoint
+        states = log.messages.states[self.k].step
+        if not every or not len(states):
+            return [0]
+        rows = np.searchsorted(log.step, states)
+        # A robot has worked off a state when it acts on it, or rests at the goal.
+        acted = log.move[rows, self.k] >= 0
+        rests = log.cells[rows, self.k] == self._goal
+        crossed = states[:-1] // every < states[1:] // every
+        due = crossed & (acted | rests)[1:]
+        return [0, *states[1:][due].tolist()]
+
+    def _due_at_the_end(self, steps: set[int]) -> list[int]:
+        """Return the time step of the robot's last tables, if later than those in the log.
+
+        The robot may have missed the last states, so its last tables may be of its last action's
+        time step or any later one.
+        """
         acted = int(self.trajectory.step.max(initial=0))
         newest = max((step for step in steps if step <= self.end), default=0)
         if self.state in wire.OVER and newest < acted:
-            due.append(self.end)
-        mine = (self.name, wire.TABLES.name)
-        unreadable = {
-            one.step for one in log.problems if (one.robot, one.quantity) == mine
-        }
-        for step in due:
-            last = self.stretch.last
-            beyond = last is not None and step > min(last, max(steps, default=0))
-            if step not in steps and step not in unreadable and not beyond:
-                yield self.missing_tables(step)
+            return [self.end]
+        return []
 
-    def missing_tables(self, step: int) -> Difference:
-        """Return that its tables of a time step are missing."""
-        due = wire.tables_attachment(self.name, step)
-        return self.log.tracks.odd(step, self.k, wire.TABLES.name, MISSING, due)
+    def _missing(self, step: int) -> Iterator[Difference | Unknown]:
+        """Yield that the tables of a time step are missing; lost copies are counted."""
+        later = sum(entry.step > step for entry in self.recorded)
+        if step == self.end:
+            why = f"{self.name} saved no tables at its end (killed?)"
+            yield Unknown(step, step, why)
+        elif step and later >= wire.TABLES_DEPTH:
+            # ROS keeps only the last ones for a slow recorder. All later ones hold what was
+            # learned before.
+            self.lost_copies += 1
+        elif self.log.messages.incomplete:
+            yield Unknown(step, step, f"the tables of {self.name} are not in the log")
+        else:
+            due = wire.tables_attachment(self.name, step)
+            yield self.log.messages.difference(
+                step, self.k, wire.TABLES.name, MISSING, due
+            )
 
-    def _cells(self, data: bytes) -> str:
-        shown = np.frombuffer(data, dtype=np.int8)[self._grids.places] == OCCUPIED
-        return f"COORDINATE in cells {np.flatnonzero(shown).tolist()}"
+
+def _step(one: Published | RecordedTables) -> int:
+    return one.step
 
 
-def said_otherwise(logged: np.ndarray, computed: Sequence[float]) -> tuple[str, str]:
-    """Return in which of its numbers an action differs, as (logged, computed)."""
+def different_numbers(logged: np.ndarray, computed: Sequence[float]) -> tuple[str, str]:
+    """Return the numbers of an action that differ, as words: logged, computed."""
     pairs = zip(wire.ACTION_LABELS, logged.tolist(), computed, strict=False)
-    odd = [
-        (f"{name}={a:g}", f"{name}={b:g}") for name, a, b in pairs if repr(a) != repr(b)
-    ]
-    return " ".join(a for a, _ in odd), " ".join(b for _, b in odd)
+    found = [(name, a, b) for name, a, b in pairs if repr(a) != repr(b)]
+    return (
+        " ".join(f"{name}={a:g}" for name, a, _ in found),
+        " ".join(f"{name}={b:g}" for name, _, b in found),
+    )

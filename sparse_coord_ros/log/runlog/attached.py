@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What robots have learned, and the plans that they made of it, as a bag has them attached."""
+"""The tables and plans of robots that are attached to a bag."""
 
 import hashlib
 import re
@@ -16,8 +16,8 @@ from sparse_coord_ros.core.runs.tables import tables_of, unpack_saved
 from sparse_coord_ros.log.bags.contents import Attachment
 from sparse_coord_ros.log.bags.metadata import RESTARTED
 from sparse_coord_ros.log.bags.reader import Bag
-from sparse_coord_ros.log.runlog.difference import Difference
-from sparse_coord_ros.log.runlog.timeline import Rollback, holds
+from sparse_coord_ros.log.runlog.difference import TWICE, Difference
+from sparse_coord_ros.log.runlog.timeline import Rollback, superseded
 from sparse_coord_ros.protocol import wire
 
 TABLES = wire.TABLES.name
@@ -36,10 +36,10 @@ class RecordedTables(NamedTuple):
 
     Attributes:
         robot: its number from 0.
-        step: everything is learned that happened before this time step.
-        tables: what it had learned.
+        step: the robot had learned from everything before this time step.
+        tables: the tables.
         counts: the numbers stored beside them.
-        arrays: all that is attached, by name; empty where these are no recorded ones.
+        arrays: all attached arrays, by name; empty where the tables are computed ones.
     """
 
     robot: int
@@ -52,10 +52,11 @@ class RecordedTables(NamedTuple):
 def attached_tables(
     bag: Bag, run: RunConfig, backs: Sequence[Rollback]
 ) -> Iterator[tuple[int, Attachment, tuple[int, int] | None]]:
-    """Yield the attachments that are called like tables, but those that a roll-back superseded.
+    """Yield the attachments with a name of tables, without those that a roll-back superseded.
 
-    Each with the place of its file before it, and (robot from 0, time step) after it; None where
-    they are of no robot.
+    Yields:
+        The place of the file in the bag, the attachment, and (robot from 0, time step); None
+        where it is of no robot.
     """
     robots = run.scenario.names
     for place, file in enumerate(bag.files):
@@ -63,18 +64,18 @@ def attached_tables(
             match = NAME.fullmatch(attachment.name)
             if match is not None and match[1] in robots:
                 step = int(match[2])
-                if holds(place, step, backs):
+                if not superseded(place, step, backs):
                     yield place, attachment, (robots.index(match[1]), step)
             elif attachment.name.startswith(wire.TABLES_FOLDER):
                 yield place, attachment, None
 
 
 class RecordedPlan(NamedTuple):
-    """The tables that a robot made of what all had learned, as a bag has them.
+    """The plan that a robot made of all robots' tables.
 
     Attributes:
         robot: its number from 0.
-        arrays: all that is attached, by name.
+        arrays: all attached arrays, by name.
     """
 
     robot: int
@@ -84,9 +85,9 @@ class RecordedPlan(NamedTuple):
 def read_tables(
     bag: Bag, run: RunConfig, backs: Sequence[Rollback] = ()
 ) -> tuple[list[RecordedTables], list[Difference]]:
-    """Return the attachments tables/<robot>_<step>.npz, and what is odd about them.
+    """Return the attachments tables/<robot>_<step>.npz, and their problems.
 
-    Those that a roll-back superseded are left out; those from its checkpoint on come again.
+    Those that a roll-back superseded are left out. Those from its checkpoint on may come again.
     """
     found: list[RecordedTables] = []
     problems: list[Difference] = []
@@ -112,17 +113,16 @@ def read_tables(
                 Difference(step, robot, TABLES, str(error), "readable tables")
             )
             continue
-        said = saved.counts.get("step")
-        if said != step:
-            problems.append(
-                Difference(step, robot, TABLES, f"of step {said}", f"of {step}")
-            )
+        saved_step = saved.counts.get("step")
+        if saved_step != step:
+            words = f"of step {saved_step}", f"of {step}"
+            problems.append(Difference(step, robot, TABLES, *words))
         found.append(RecordedTables(k, step, tables, saved.counts, saved.arrays))
     return found, problems
 
 
 def read_plans(bag: Bag, run: RunConfig) -> tuple[list[RecordedPlan], list[Difference]]:
-    """Return the attachments improved/<robot>.npz, and what is odd about them."""
+    """Return the attachments improved/<robot>.npz, and their problems."""
     robots = run.scenario.names
     found: list[RecordedPlan] = []
     problems: list[Difference] = []
@@ -158,7 +158,7 @@ def _of_no_robot(attachment: Attachment) -> Difference:
 
 
 class _Copies:
-    """Tells attachments that come a second time, with the same name and content.
+    """Finds attachments that come a second time, with the same name and content.
 
     Args:
         bag: the bag.
@@ -169,9 +169,9 @@ class _Copies:
         self._last_file: dict[tuple[str, bytes], int] = {}
 
     def of(self, in_file: int, attachment: Attachment) -> list[tuple[str, str]] | None:
-        """Return what is odd about a copy, as (logged, computed); None: it is the first one.
+        """Return the problems of a copy, as (logged, computed); None: it is the first one.
 
-        To a recorder that was started again robots say their last ones again.
+        A recorder that was started again gets the robots' last tables again.
 
         Args:
             in_file: the place of its file in the bag.
@@ -183,4 +183,6 @@ class _Copies:
         if before is None:
             return None
         why = (self._bag.files[in_file].continued or {}).get("why")
-        return [] if why == RESTARTED and before != in_file else [("twice", "once")]
+        if why == RESTARTED and before != in_file:
+            return []
+        return [(TWICE, "once")]

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Which run a bag is of, and whether all places of the bag that say so agree."""
+"""The run of a bag, and whether all places of the bag that hold it agree."""
 
 from collections.abc import Iterator
 from contextlib import suppress
@@ -12,24 +12,24 @@ from sparse_coord_ros.core.runs.run_config import RUN_FILE, RUN_RECORD, RunConfi
 from sparse_coord_ros.log.bags.contents import Attachment
 from sparse_coord_ros.log.bags.reader import Bag
 from sparse_coord_ros.log.runlog.decode import Decoder
-from sparse_coord_ros.log.runlog.difference import MISSING, Difference
+from sparse_coord_ros.log.runlog.difference import MISSING, TWICE, Difference
 from sparse_coord_ros.protocol.wire import RUN
 
 REMEDY = "give the bag that 'sparse_coord run' or the recorder wrote"
 
 
 class BagRun(NamedTuple):
-    """Which run a bag is of.
+    """The run of a bag.
 
     Attributes:
         run: the run.
-        prefix: what the names of its topics begin with.
-        said: the text on the topic `run`; None: there is no message.
+        prefix: the beginning of the names of its topics.
+        text: the text on the topic `run`; None: there is no message.
     """
 
     run: RunConfig
     prefix: str
-    said: str | None
+    text: str | None
 
 
 def find_run(bag: Bag) -> BagRun:
@@ -66,14 +66,14 @@ def find_run(bag: Bag) -> BagRun:
 
 
 def check_bag_run(bag: Bag, source: BagRun) -> Iterator[Difference]:
-    """Yield in what the bag's places say another run.
+    """Yield the places of a bag that hold another run, or none.
 
     Args:
         bag: the bag.
         source: its run.
     """
     run = source.run
-    said = source.said
+    said = source.text
     announced = [
         count for name, count in bag.counts.items() if name.endswith(f"/{RUN.name}")
     ]
@@ -86,22 +86,24 @@ def check_bag_run(bag: Bag, source: BagRun) -> Iterator[Difference]:
         yield from _once(f"attachment {name}", len(attached), "of the run")
         for found in attached[:1]:
             if found != text and (name != RUN_FILE or said is not None):
-                yield _odd(f"attachment {name}", *_first_line(found, text))
+                yield _difference(f"attachment {name}", *_first_line(found, text))
     yield from _once(f"metadata {RUN_RECORD}", len(records), "scenario, seed, learner")
-    due = run.record()  # what a later version adds is not compared
+    due = run.record()  # keys that a later version adds are not compared
     for record in records:
         for key in sorted(due):
             if record.get(key) != due[key]:
                 logged = repr(record[key]) if key in record else MISSING
-                yield _odd(f"metadata {key}", logged, repr(due[key]))
+                yield _difference(f"metadata {key}", logged, repr(due[key]))
 
 
 def _once(where: str, count: int, due: str) -> Iterator[Difference]:
-    if count != 1:
-        yield _odd(where, *(("twice", "once") if count else (MISSING, due)))
+    if count == 0:
+        yield _difference(where, MISSING, due)
+    elif count > 1:
+        yield _difference(where, TWICE, "once")
 
 
-def _odd(quantity: str, logged: str, computed: str) -> Difference:
+def _difference(quantity: str, logged: str, computed: str) -> Difference:
     return Difference(None, None, quantity, logged, computed)
 
 

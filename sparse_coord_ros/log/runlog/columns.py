@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A bag's messages as columns: topic by topic, decoded many at a time."""
 
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -18,9 +18,11 @@ from sparse_coord_ros.protocol.wire.frame import SECOND
 from sparse_coord_ros.protocol.wire.messages import MessageForm
 
 READABLE = "readable"
-COMPLETE = "one that says all"
-"""What a message ought to be. One that is not readable is none of the run's; one that lacks
-something, but names the run, or is as long as the run's, may be one that was changed."""
+"""Computed value of a message that cannot be decoded, or has another length than the run's. No
+node of the run sends such a message."""
+COMPLETE = "one with all values"
+"""Computed value of a message that lacks a value, but names the run or has the length of the
+run's: it may be a changed one."""
 
 OFTEN = {
     wire.CLOCK,
@@ -30,19 +32,20 @@ OFTEN = {
     wire.PERCEPT,
     wire.SERVICE_EVENTS,
 }
-"""Topics that may say something at every time step: what is replaced there would be missed."""
+"""Topics that may have a message at every time step. A message that replaces one of the run's
+there leaves that one missing."""
 
 ANY = -1
-"""In place of the number that is due first: only a part of the bag is read."""
+"""The first sequence number may be any: only a part of the bag is read."""
 
 Reading = MessageForm | Callable[[Any], Any]
-"""How a topic's messages become rows, or what object is made of a decoded one."""
+"""How messages become rows: many at once by a form, or each decoded one by a function."""
 
 Forms = Mapping[str, tuple[wire.Topic, Reading]]
 """A run's topics by their full names, and how their messages are read."""
 
 Only = Collection[wire.Topic] | None
-"""Topics of which no more than some are read; None: all."""
+"""The topics to read; None: all."""
 
 _STAMP = np.dtype([("encapsulation", "V4"), ("sec", "<i4"), ("nanosec", "<u4")])
 
@@ -52,25 +55,25 @@ class Columns:
 
     Args:
         bag: the bag.
-        forms: the run's topics by their full names, and how their messages are read; other topics'
-            messages are only counted and timed.
-        only: of these topics no more than some are read; None: all.
+        forms: the run's topics by their full names, and how their messages are read. Of other
+            topics only numbers and times are checked.
+        only: the topics to read; None: all of them.
         period: nanoseconds of a time step.
-        begins: by the place of a file in the bag the time at which its recorder begins to count
-            anew.
+        begins: by a file's place in the bag, the log time at which its recorder begins anew.
 
     Attributes:
-        rows: by topic, in the order of the file, of each file of the bag; shape (messages,).
-        problems: messages out of number or time, or unreadable.
-        suspects: messages that no node of the run says.
-        jumps: where numbers are missing.
+        rows: of each file of the bag, the rows by topic, in the order of the file; shape
+            (messages,).
+        problems: messages with a wrong number or time, and changed ones.
+        foreign: messages that no node of the run sends.
+        jumps: jumps in the sequence numbers.
     """
 
     def __init__(
         self, bag: Bag, forms: Forms, only: Only, period: int, begins: Mapping[int, int]
     ) -> None:
         self.problems: list[Difference] = []
-        self.suspects: list[Difference] = []
+        self.foreign: list[Difference] = []
         self.jumps: list[Jump] = []
         self._decode = Decoder(bag.topics)
         self._period = period
@@ -102,7 +105,7 @@ class Columns:
             )
 
     def _part(self, part: Part) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
-        """Yield topics with the heads of their messages and where these begin."""
+        """Yield each topic of a part with its messages' heads and the places where they begin."""
         heads = part.heads
         numbers = self._number[heads["channel"]]
         self._check_times(part, numbers)
@@ -118,97 +121,135 @@ class Columns:
     def _rows(
         self, name: str, content: bytes, heads: np.ndarray, begins: np.ndarray
     ) -> np.ndarray:
-        """Return the rows of a topic's messages that can be read, note the others."""
-        (topic, form) = self._forms[name]
+        """Return the rows of a topic's readable messages; note the others."""
+        _, form = self._forms[name]
         sizes = heads["length"].astype(np.int64) - MESSAGE.size
         if isinstance(form, MessageForm):
             rows, fits = form.rows(content, begins, sizes)
-            why = "has another form than the run's"
-            altered = np.isin(sizes, [layout.size for layout, _ in form.layouts])
-            due_of = np.where(altered, COMPLETE, READABLE).tolist()
-            odd = {
-                place: (why, due_of[place]) for place in np.flatnonzero(~fits).tolist()
-            }
+            if fits.all():
+                return rows
+            known_sizes = [layout.size for layout, _ in form.layouts]
+            for place in np.flatnonzero(~fits).tolist():
+                due = COMPLETE if sizes[place] in known_sizes else READABLE
+                why = "has another form than the run's"
+                self._note_unread(name, int(heads["log_ns"][place]), why, due)
+            return np.asarray(rows[fits])
+        found = []
+        for place, begin in enumerate(begins.tolist()):
+            due = READABLE
+            try:
+                message = self._decode(name, content[begin : begin + int(sizes[place])])
+                due = COMPLETE
+                found.append(form(message))
+            except (AttributeError, ValueError) as error:
+                self._note_unread(name, int(heads["log_ns"][place]), str(error), due)
+        return as_objects(found)
+
+    def _note_unread(self, name: str, log_ns: int, why: str, due: str) -> None:
+        """Note a message that cannot be read."""
+        topic, _ = self._forms[name]
+        step = log_ns // self._period
+        logged = f"a message that {why}"
+        difference = Difference(step, None, f"topic {name}", logged, due)
+        if due == READABLE or topic in OFTEN:
+            self.foreign.append(difference)
         else:
-            rows = np.empty(len(heads), dtype=object)
-            odd = {}
-            ends = (begins + sizes).tolist()
-            for place, (begin, end) in enumerate(
-                zip(begins.tolist(), ends, strict=True)
-            ):
-                due = READABLE
-                try:
-                    message = self._decode(name, content[begin:end])
-                    due = COMPLETE
-                    rows[place] = form(message)
-                except (AttributeError, ValueError) as error:
-                    odd[place] = str(error), due
-        for place, (why, due) in odd.items():
-            step = int(heads["log_ns"][place]) // self._period
-            found = (
-                self.suspects if due == READABLE or topic in OFTEN else self.problems
-            )
-            found.append(
-                Difference(step, None, f"topic {name}", f"a message that {why}", due)
-            )
-        return np.delete(rows, list(odd))
+            self.problems.append(difference)
 
     def _check_numbers(self, name: str, heads: np.ndarray) -> None:
-        """Every message has the next number of its topic."""
-        said = heads["sequence"].astype(np.int64)
+        """Check that each message has the next number of its topic."""
+        numbers = heads["sequence"].astype(np.int64)
         times = heads["log_ns"].astype(np.int64)
         due_first, newest = self._due[name]
-        due = np.concatenate([[due_first], said[:-1] + 1])
-        for place in np.flatnonzero(said != due).tolist():
+        due = np.concatenate([[due_first], numbers[:-1] + 1])
+        for place in np.flatnonzero(numbers != due).tolist():
             at = int(times[place])
             before = int(times[place - 1]) if place else newest
-            logged = f"number {said[place]} after {due[place] - 1}"
-            odd = Difference(
+            logged = f"number {numbers[place]} after {due[place] - 1}"
+            found = Difference(
                 at // self._period, None, f"topic {name}", logged, "the next one"
             )
-            if said[place] < due[place]:
-                self.problems.append(odd)
+            if numbers[place] < due[place]:
+                self.problems.append(found)
             elif due[place] != ANY:
-                self.jumps.append(Jump(name, before, at, odd))
-        self._due[name] = int(said[-1]) + 1, int(times[-1])
+                self.jumps.append(Jump(name, before, at, found))
+        self._due[name] = int(numbers[-1]) + 1, int(times[-1])
 
-    def _check_times(self, part: Part, numbers: np.ndarray) -> None:
-        """A message that begins with a stamp is logged then, any other at the newest before.
+    def _check_times(self, part: Part, topics: np.ndarray) -> None:
+        """Check the log times of a part's messages.
 
-        So is one whose stamp is not of the run's time.
+        A message that begins with a stamp is logged at its stamp. Any other message, and one
+        whose stamp is no time of the run, is logged at the newest stamp before.
+
+        Args:
+            part: the part.
+            topics: number of each message's topic, shape (messages,).
         """
-        if not len(numbers):
+        if not len(topics):
             return
         logged = part.heads["log_ns"].astype(np.int64)
         published = part.heads["publish_ns"].astype(np.int64)
-        stamped = self._stamped[numbers]
-        due = logged.copy()
-        sizes = part.heads["length"].astype(np.int64) - MESSAGE.size
-        readable = stamped & (sizes >= _STAMP.itemsize)  # of others their form says so
-        rows = rows_at(part.content, part.begins[readable], _STAMP)
-        due[readable] = rows["sec"].astype(np.int64) * SECOND + rows["nanosec"]
-        moved = np.where(stamped & (logged == due), logged, 0)
-        newest = np.maximum(np.maximum.accumulate(moved), self._now)
-        now = ~stamped | ((logged == newest) & ((due < 0) | (due > newest)))
-        due[now] = newest[now]
+        stamped = self._stamped[topics]
+        stamps = self._stamps(part, stamped)
+        advances = stamped & (logged == stamps)
+        newest = np.maximum.accumulate(np.where(advances, logged, 0))
+        newest = np.maximum(newest, self._now)
         self._now = int(newest[-1])
-        for place in np.flatnonzero((logged != due) | (published != logged)).tolist():
-            at, expected, said = (
-                int(column[place]) for column in (logged, due, published)
+        # A foreign stamp, before the run or ahead of it, does not move the time.
+        foreign = (logged == newest) & ((stamps < 0) | (stamps > newest))
+        due = np.where(stamped & ~foreign, stamps, newest)
+        wrong = (logged != due) | (published != logged)
+        for place in np.flatnonzero(wrong).tolist():
+            self._note_time(
+                self._topics[topics[place]],
+                int(logged[place]),
+                int(due[place]),
+                int(published[place]),
+                at_due=bool(stamped[place]) and due[place] >= 0,
             )
-            step = (
-                expected if stamped[place] and expected >= 0 else at
-            ) // self._period
-            what = f"{LOG_TIME} of {self._topics[numbers[place]]}"
-            odd = [(f"{at} ns", f"{expected} ns")] if at != expected else []
-            odd += (
-                [(f"publish time {said} ns", f"{at} ns, as logged")]
-                if said != at
-                else []
-            )
-            self.problems += [Difference(step, None, what, *words) for words in odd]
+
+    def _stamps(self, part: Part, stamped: np.ndarray) -> np.ndarray:
+        """Return the stamps of messages in nanoseconds; log times where there is none."""
+        stamps = part.heads["log_ns"].astype(np.int64)
+        sizes = part.heads["length"].astype(np.int64) - MESSAGE.size
+        readable = stamped & (sizes >= _STAMP.itemsize)  # `_rows` names the others
+        rows = rows_at(part.content, part.begins[readable], _STAMP)
+        stamps[readable] = rows["sec"].astype(np.int64) * SECOND + rows["nanosec"]
+        return stamps
+
+    def _note_time(
+        self, topic: str, logged: int, due: int, published: int, *, at_due: bool
+    ) -> None:
+        """Note a message with a wrong log time or publish time.
+
+        Args:
+            topic: its topic.
+            logged: its log time.
+            due: the log time that it should have.
+            published: its publish time.
+            at_due: whether it belongs to the time step of `due`, not of `logged`.
+        """
+        step = (due if at_due else logged) // self._period
+        what = f"{LOG_TIME} of {topic}"
+        if logged != due:
+            found = Difference(step, None, what, f"{logged} ns", f"{due} ns")
+            self.problems.append(found)
+        if published != logged:
+            said = f"publish time {published} ns"
+            found = Difference(step, None, what, said, f"{logged} ns, as logged")
+            self.problems.append(found)
 
 
 def no_rows(form: Reading) -> np.ndarray:
-    """Return an array of rows without any, shape (0,)."""
-    return np.empty(0, form.columns if isinstance(form, MessageForm) else object)
+    """Return an array of a form's rows with no row, shape (0,)."""
+    if isinstance(form, MessageForm):
+        return np.empty(0, form.columns)
+    return as_objects([])
+
+
+def as_objects(found: Sequence[Any]) -> np.ndarray:
+    """Return an array of objects, shape (n,)."""
+    rows = np.empty(len(found), dtype=object)
+    for place, one in enumerate(found):
+        rows[place] = one
+    return rows

@@ -9,7 +9,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.log.runlog.difference import DIALOGUE, NO_REQUEST, Difference
+from sparse_coord_ros.log.runlog.difference import (
+    DIALOGUE,
+    NO_REQUEST,
+    TWICE,
+    Difference,
+)
 from sparse_coord_ros.log.runlog.timeline import steps_of
 from sparse_coord_ros.protocol.wire.events import QUESTIONS, EventKind
 from sparse_coord_ros.protocol.wire.frame import SECOND
@@ -17,17 +22,18 @@ from sparse_coord_ros.protocol.wire.frame import SECOND
 
 @dataclass(slots=True)
 class Request:
-    """One request of a dialogue and what came of it.
+    """One request of a dialogue, with its answer.
 
     Attributes:
         asker: number of the asking robot.
         peer: number of the asked robot.
         step: the time step of the request.
-        position: where the asker said it is, in metres.
+        position: the asker's position as it says, in metres.
         wall_ns: wall clock of the four events by kind; those that were not recorded are missing.
-        answer: (step, position) of the response; position None: refused. None: no response.
-        said: the response by the peer's own account (kind ANSWERED), as `answer`.
-        returned: wall clock and answer of each response that came, in the order of the log.
+        answer: (step, position) of the received response; position None: refused. None: no
+            response was received.
+        said: the response that the peer sent (kind ANSWERED), as `answer`.
+        returned: wall clock and answer of each received response, in the order of the log.
     """
 
     asker: int
@@ -55,37 +61,42 @@ class Request:
         step: int,
         where: tuple[float, float] | None,
     ) -> list[tuple[str, str]]:
-        """Take in one of its events; return what is odd about it, as (logged, computed)."""
+        """Take in one of its events; return its problems, as (logged, computed)."""
         if kind == EventKind.RETURNED:
             self.returned.append((wall_ns, (step, where)))
             return []
-        odd = [("twice", "once")] if kind in self.wall_ns else []
+        problems = []
+        if kind in self.wall_ns:
+            problems.append((TWICE, "once"))
         self.wall_ns.setdefault(kind, wall_ns)
         if kind in QUESTIONS and where != self.position:
-            odd.append((f"from {where}", f"from {self.position}"))
+            problems.append((f"from {where}", f"from {self.position}"))
         if kind == EventKind.ANSWERED:
             self.said = (step, where)
-        return odd
+        return problems
 
     def choose(self) -> list[tuple[Any, ...]]:
-        """Take the peer's own among the responses for the answer; return the others."""
+        """Take the response that the peer sent as the answer, else the last; return the others."""
         if not self.returned:
             return []
-        *others, chosen = sorted(self.returned, key=lambda one: one[1] == self.said)
+        own = [one for one in self.returned if one[1] == self.said]
+        chosen = (own or self.returned)[-1]
         self.wall_ns[EventKind.RETURNED], self.answer = chosen
+        others = list(self.returned)
+        others.remove(chosen)
         return [answer for _, answer in others]
 
 
 def sent_ns(request: Request) -> int:
-    """Return when a request was sent, by the wall clock; 0 where that is not recorded."""
+    """Return the wall clock at which a request was sent; 0 where that is not recorded."""
     return request.wall_ns.get(EventKind.SENT, 0)
 
 
 def heard(requests: Sequence[Request]) -> list[Request]:
-    """Return the requests but those that the asker had given up when their answer came.
+    """Return the requests without those that the asker had given up when the answer came.
 
-    A robot that gets no answer for a while asks again, and then listens only to the newer request:
-    of a peer that stood still all answers come, but one of them counts.
+    A robot that gets no answer for a while asks again, and then waits for the newer answer only. A
+    peer that stood still answers all requests, and one answer counts.
 
     Args:
         requests: some of one asker's.
@@ -105,34 +116,35 @@ def heard(requests: Sequence[Request]) -> list[Request]:
 
 
 def times_asked_again(requests: Sequence[Request]) -> int:
-    """Return how often a robot must have asked again as its peer was a step behind.
+    """Return how often a robot must have asked again because its peer was a step behind.
 
-    Where it asked again for another reason, as it was too busy to look at an answer that had come,
-    two answers of the very step are there, and it did not wait for its peer.
+    A robot that was too busy to look at an answer asks again as well. Then the log holds two
+    answers of the very time step, and the robot did not wait for its peer.
 
     Args:
         requests: the answered ones of `heard`.
     """
-    places: set[tuple[int, int]] = set()
+    later: set[tuple[int, int]] = set()  # peer and time step of requests sent later
     again = 0
     for request in requests:
-        place = request.peer, request.step
+        key = request.peer, request.step
         behind = request.answer is not None and request.answer[0] < request.step
-        again += behind and place in places
-        places.add(place)
+        if behind and key in later:
+            again += 1
+        later.add(key)
     return again
 
 
 def put_together(
     events: Sequence[np.ndarray], names: Sequence[str], period: int
 ) -> tuple[list[Request], list[Difference], list[Difference]]:
-    """Return the robots' requests in order of time step, what is odd, and responses of others.
+    """Return the robots' requests in the order of time steps, problems, and foreign responses.
 
-    Of two servers of a robot's service each responds; what the robot itself sent is the answer.
+    If a robot's service has two servers, both respond; the robot's own response is the answer.
 
-    A client tells of a request and its answer under one identity, the service under another; the
-    two meet in (asker, step, number of the request). What persons asked is left out. Each of them
-    tells its events in the order of its clock.
+    The events of a client and of a service have different identities. Both hold (asker, step,
+    number of the request). Requests by persons are left out. Each writer sends its events in the
+    order of its clock.
 
     Args:
         events: those of each asked robot, of type `EVENT`, in the order of the log.
@@ -161,13 +173,13 @@ class _Event(NamedTuple):
 
     @property
     def place(self) -> tuple[float, float]:
-        """Where the asker is, or the asked robot."""
+        """The position of the asker, or of the asked robot."""
         x, y = self.xy.tolist()
         return x, y
 
     @property
     def said(self) -> tuple[float, float] | None:
-        """The same; None where the asked robot refuses to say it."""
+        """The same; None where the asked robot refuses to answer."""
         return self.place if self.is_request or self.seen else None
 
 
@@ -180,7 +192,7 @@ class _Dialogue:
 
     Attributes:
         requests: by (time step, asker, peer, number of the request).
-        problems: what is odd.
+        problems: what is wrong with the events.
     """
 
     def __init__(self, names: Sequence[str], period: int) -> None:
@@ -193,10 +205,9 @@ class _Dialogue:
         """Take in the events of the requests to one robot, in the order of the log."""
         asked: dict[tuple[bool, bytes, int], Request | None] = {}
         newest: dict[bytes | None, int] = {}
+        steps = steps_of(rows, self._period).tolist()
         events = map(_Event._make, rows.tolist())
-        for step, event in zip(
-            steps_of(rows, self._period).tolist(), events, strict=True
-        ):
+        for step, event in zip(steps, events, strict=True):
             of_client = event.kind in (EventKind.SENT, EventKind.RETURNED)
             key = of_client, event.client, event.number
             if event.is_request:
@@ -206,11 +217,12 @@ class _Dialogue:
                 self._note(step, peer, f"{DIALOGUE} {words}", NO_REQUEST, "with it")
                 continue
             request = asked[key]
-            if request is not None:  # else a person asked
-                writer = event.client if of_client else None
-                before = newest.get(writer, 0)
-                newest[writer] = max(before, event.wall_ns)
-                self._said(request, step, event, before)
+            if request is None:  # a person asked
+                continue
+            writer = event.client if of_client else None
+            before = newest.get(writer, 0)
+            newest[writer] = max(before, event.wall_ns)
+            self._take_event(request, step, event, before)
 
     def _asked(self, peer: int, step: int, event: "_Event") -> Request | None:
         """Return the request that an event is of; None: a person's."""
@@ -221,7 +233,9 @@ class _Dialogue:
             key, Request(event.asker, peer, step, event.place)
         )
 
-    def _said(self, request: Request, step: int, event: "_Event", newest: int) -> None:
+    def _take_event(
+        self, request: Request, step: int, event: "_Event", newest: int
+    ) -> None:
         """Take in an event of a robot's request.
 
         Args:
@@ -232,14 +246,14 @@ class _Dialogue:
         """
         kind = EventKind(event.kind)
         due = step * self._period
-        odd = request.take(kind, event.wall_ns, step, event.said)
+        problems = request.take(kind, event.wall_ns, step, event.said)
         if event.ns != due:
-            odd.append((f"stamp {event.ns} ns", f"{due} ns"))
+            problems.append((f"stamp {event.ns} ns", f"{due} ns"))
         if newest > event.wall_ns:
             younger = f"{newest - event.wall_ns} ns younger"
-            odd.append((f"after one that is {younger}", "before it"))
+            problems.append((f"after one that is {younger}", "before it"))
         what = f"{DIALOGUE} with {self._names[request.peer]}, {kind.words}"
-        for words in odd:
+        for words in problems:
             self._note(request.step, request.asker, what, *words)
 
     def _note(self, step: int, robot: int, *words: str) -> None:
@@ -249,7 +263,7 @@ class _Dialogue:
 def _other_answers(
     requests: Sequence[Request], names: Sequence[str]
 ) -> Iterator[Difference]:
-    """Choose the answer of each request; yield the responses that are none."""
+    """Choose the answer of each request; yield the other responses."""
     for one in requests:
         what = f"{DIALOGUE} with {names[one.peer]}, {EventKind.RETURNED.words}"
         for other in one.choose():

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""How a log departs from what was computed: one named tuple for whatever may differ."""
+"""What `verify` finds: where a log differs from the computation, and where it cannot tell."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -10,13 +10,17 @@ import numpy as np
 from sparse_coord_ros.protocol import wire
 
 MISSING = "missing"
+"""Logged value of a message or an attachment that is not in the log."""
 NO_REQUEST = "without its request"
-"""What is logged of something that is not in the log, and of an answer to such a request."""
+"""Logged value of an answer whose request is not in the log."""
 NOTHING_TO_LEARN = "0: there was nothing to learn from"
-"""What is due of `learned` where the log holds no reward, or no state, of the action before."""
+"""Computed value of `learned` where the log lacks the reward or the state of the action before."""
+TWICE = "twice"
+"""Logged value of a message or an attachment that should be there once."""
 DIALOGUE = "dialogue"
+"""Quantity: question and answer of a percept."""
 LOG_TIME = "log_time"
-"""Quantities that are no topic's."""
+"""Quantity: the time at which a message was logged."""
 QUANTITIES = (
     wire.LOCAL_STATE.name,
     wire.MAP.name,
@@ -29,18 +33,18 @@ QUANTITIES = (
     wire.REWARD.name,
     LOG_TIME,
 )
-"""What comes within a time step, in its order; everything else comes before."""
+"""The quantities of a time step, in the order of its course; all other quantities come before."""
 
 
 class Difference(NamedTuple):
-    """One thing in which a log differs from the computation.
+    """One quantity of which the log holds another value than the computation.
 
     Attributes:
-        step: the time step, or None where it belongs to none.
-        robot: the robot's name, or None.
-        quantity: what differs, e.g. "reward"; after a space what about it, e.g. "tables q_star".
-        logged: what the log says.
-        computed: what it ought to say.
+        step: the time step; None: the quantity belongs to the whole run.
+        robot: the robot's name; None: the quantity belongs to the world or the run.
+        quantity: a topic, e.g. "reward"; after a space a part of it, e.g. "tables q_star".
+        logged: the value in the log.
+        computed: the value that it should have.
     """
 
     step: int | None
@@ -58,16 +62,40 @@ class Difference(NamedTuple):
 
     @property
     def missing(self) -> bool:
-        """Whether it shows that something is not in the log."""
-        gone = self.logged.endswith((MISSING, NO_REQUEST))
-        return gone or self.computed == NOTHING_TO_LEARN
+        """Whether a message that is not in the log explains the difference."""
+        not_there = self.logged.endswith((MISSING, NO_REQUEST))
+        return not_there or self.computed == NOTHING_TO_LEARN
 
     @property
     def rank(self) -> tuple[int, int]:
-        """Sorts differences in the order of time: step, then the course of a step."""
-        kind = self.quantity.split()[0]
-        within = 1 + QUANTITIES.index(kind) if kind in QUANTITIES else 0
-        return (-1 if self.step is None else self.step, within)
+        """A key that sorts differences by time step, then by the course of a step."""
+        step = -1 if self.step is None else self.step
+        topic = self.quantity.split()[0]
+        if topic not in QUANTITIES:
+            return step, 0
+        return step, 1 + QUANTITIES.index(topic)
+
+
+class Unknown(NamedTuple):
+    """A part of a run that cannot be verified.
+
+    Attributes:
+        first: its first time step; 0: from the run's beginning.
+        last: its last time step; None: up to the run's end.
+        why: the reason, as a sentence.
+    """
+
+    first: int
+    last: int | None
+    why: str
+
+    def __str__(self) -> str:
+        """Return one line."""
+        if self.last is None:
+            return f"from step {self.first} on: {self.why}"
+        if self.last == self.first:
+            return f"at step {self.first}: {self.why}"
+        return f"from step {self.first} to step {self.last}: {self.why}"
 
 
 def first_entry(
@@ -75,20 +103,21 @@ def first_entry(
     computed: Mapping[str, np.ndarray],
     robot: int,
 ) -> tuple[str, str, str] | None:
-    """Return the first thing in which a robot's arrays differ, bit for bit.
+    """Return the first entry in which a robot's arrays differ, bit for bit.
 
     Args:
         logged: the arrays of an attachment.
-        computed: what they ought to be.
+        computed: the arrays that it should hold.
         robot: its number from 0, which the names hold from 1.
 
     Returns:
-        The array, with the entry, and what is logged and computed; None: all are equal.
+        The array with the entry, the logged value, the computed value; None: all are equal.
     """
     for name in (*computed, *logged):
-        odd = _first_bits(logged.get(name), computed.get(name))
-        if odd is not None:
-            return f"{name.replace(f'_{robot + 1}', '', 1)}{odd[0]}", odd[1], odd[2]
+        found = _first_bits(logged.get(name), computed.get(name))
+        if found is not None:
+            entry, value, due = found
+            return f"{name.replace(f'_{robot + 1}', '', 1)}{entry}", value, due
     return None
 
 
@@ -102,13 +131,14 @@ def _first_bits(
         return "", _kind(logged), _kind(computed)
     if logged.tobytes() == computed.tobytes():
         return None
-    bits = f"V{computed.itemsize}"
-    ours, theirs = (
-        np.asarray(array, order="C").view(bits) for array in (logged, computed)
-    )
-    entry = np.argwhere(ours != theirs)[0].tolist()
-    value, due = (repr(array[tuple(entry)].item()) for array in (logged, computed))
-    return f"{entry}" if entry else "", value, due
+    entry = tuple(np.argwhere(_bits(logged) != _bits(computed))[0].tolist())
+    value = repr(logged[entry].item())
+    due = repr(computed[entry].item())
+    return f"{list(entry)}" if entry else "", value, due
+
+
+def _bits(array: np.ndarray) -> np.ndarray:
+    return np.asarray(array, order="C").view(f"V{array.itemsize}")
 
 
 def _kind(array: np.ndarray | None) -> str:

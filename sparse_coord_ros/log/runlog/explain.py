@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Each COORDINATE traced: who asked whom, what was answered, and what was learned from it."""
+"""Explains each COORDINATE: the question, the answer, the move, and the update of the tables."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
@@ -8,8 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE, PRIMITIVES
-from sparse_coord_ros.core.learners.factored import UNKNOWN, Factored, corrections_of
+from sparse_coord_ros.core.learners.factored import Factored, corrections_of
 from sparse_coord_ros.core.learners.mind import memory_of
+from sparse_coord_ros.core.learners.rules import NOT_PERCEIVED
 from sparse_coord_ros.core.runs.run_config import RunConfig
 from sparse_coord_ros.log.runlog.agents import first_memory
 from sparse_coord_ros.log.runlog.dialogue import Request
@@ -19,21 +20,21 @@ from sparse_coord_ros.log.runlog.replay import (
     Replay,
     Trajectory,
     fresh_agent,
-    stretches,
+    intervals,
     trajectory_of,
 )
 
 
 class Update(NamedTuple):
-    """What a robot has learned from a transition.
+    """A robot's update from a transition.
 
     Attributes:
-        next_cell: where its action led.
+        next_cell: the cell after its action.
         reward: R_k(t).
         star: entry (cell, action) of Q*, its value before and after.
         coord: entry (own cell, perceived cells, move) of Q^C, before and after; or None.
-        corrections: of a learner that learns in factors: the peer (from 0) and its cell, and rho
-            of the move there before and after; both `UNKNOWN` for failed percepts.
+        corrections: of a factored learner: the peer (from 0) and its cell, and rho of the move
+            there before and after; peer and cell are `NOT_PERCEIVED` for failed percepts.
     """
 
     next_cell: int
@@ -48,19 +49,20 @@ class Coordination(NamedTuple):
 
     Attributes:
         step: the time step.
-        robot: the robot's number; cell: where it was.
-        peers: whom it had to ask.
-        requests: what it asked, in order, with the answers and the wall clock.
-        outcome: how the percept ended, in the words of `wire.PerceptEnd`.
-        perceived: the cells that it perceived, or None.
+        robot: the robot's number.
+        cell: the robot's cell.
+        peers: the peers that it had to ask.
+        requests: its requests, in order, with the answers and the wall clock.
+        outcome: the end of the percept, in the words of `wire.PerceptEnd`.
+        perceived: the cells that it perceived; None: the percept failed.
         move: the primitive action that COORDINATE became.
-        q_values: the four values that the action was chosen by, before learning: of Q^C at the
-            joint state where it perceived, else of Q* at its cell; empty, and nothing computed,
-            where the robot shows nothing of what it learns, the learner's code may not be
-            imported, or what it had learned is lost.
-        update: what it learned from it; None where it did not (left out, or the log ends).
-        agrees: whether computing it again gives the logged action.
-        doubt: why the numbers may be others than the robot had; None where they are not.
+        q_values: the four values by which it chose the move: of Q^C at the joint state, after a
+            failed percept of Q* at its cell; empty where they cannot be computed: the robot
+            publishes nothing that it learns, the learner's code may not be imported, or the
+            tables are lost.
+        update: the update from it; None where there was none (left out, or the log ends).
+        agrees: whether the agent chooses the logged action.
+        doubt: why the robot may have had other values; None: it had these.
     """
 
     step: int
@@ -83,10 +85,10 @@ def coordinations(log: RunLog, robot: int) -> list[int]:
 
 
 def explained(log: RunLog, robot: int, steps: Sequence[int]) -> Iterator[Coordination]:
-    """Yield what came of a robot's COORDINATE at time steps, where it chose that.
+    """Yield a robot's COORDINATE of each time step at which it chose that.
 
-    The tables before and after are computed again as `verify` does: from the start of the log, or
-    from the checkpoint after a gap; the log is followed once for all.
+    The tables before and after are computed as in `verify`: from the start of the log, or from
+    the checkpoint after a gap. The log is followed once for all time steps.
 
     Args:
         log: the log.
@@ -94,7 +96,7 @@ def explained(log: RunLog, robot: int, steps: Sequence[int]) -> Iterator[Coordin
         steps: the time steps, ascending.
     """
     begun = None
-    doubt = log.hides(robot)
+    doubt = log.why_not_computed(robot)
     if doubt is None and log.run.known_rule is not None:
         begun, odd = first_memory(log, robot)
         doubt = None if odd is None else f"{odd}"
@@ -103,7 +105,7 @@ def explained(log: RunLog, robot: int, steps: Sequence[int]) -> Iterator[Coordin
                 f"the log does not hold the tables that {log.names[robot]} began with"
             )
             begun = memory_of(log.run.rule.mind(log.run.scenario, robot))
-    for part in stretches(log):
+    for part in intervals(log):
         mine = [step for step in steps if part.holds(step)]
         if not mine:
             continue
@@ -111,9 +113,7 @@ def explained(log: RunLog, robot: int, steps: Sequence[int]) -> Iterator[Coordin
         replay = None
         why = doubt
         if part.lost:
-            why = (
-                "by which values, and what it learned, is lost as a part of the log is"
-            )
+            why = "its values and its update are unknown, as a part of the log is lost"
         elif begun is not None:
             replay = Replay(log, trajectory, fresh_agent(log, robot, begun, part))
         for step in mine:
@@ -130,7 +130,7 @@ def explained(log: RunLog, robot: int, steps: Sequence[int]) -> Iterator[Coordin
 def _logged(
     log: RunLog, robot: int, trajectory: Trajectory, place: int
 ) -> Coordination:
-    """Return what the log says of an action that is COORDINATE."""
+    """Return a COORDINATE as the log holds it, without values and update."""
     step = int(trajectory.step[place])
     row = trajectory.row[place]
     asked = tuple(r for r in log.requests if (r.asker, r.step) == (robot, step))
@@ -145,7 +145,7 @@ def _logged(
 def _replayed(
     log: RunLog, one: Coordination, trajectory: Trajectory, replay: Replay, place: int
 ) -> Coordination:
-    """Replay a robot up to its COORDINATE and over it; return also what it went by and learned."""
+    """Replay a robot up to its COORDINATE and over it; return it with values and update."""
     agent = replay.agent
     cell = one.cell
     perceived = one.perceived
@@ -184,7 +184,7 @@ def _replayed(
 
 
 def cell_in_words(run: RunConfig, cell: int | None) -> str:
-    """Return a cell's number, row and column; None: it is not known."""
+    """Return a cell's number, row and column; None: it is unknown."""
     if cell is None:
         return "an unknown cell"
     row, column = run.scenario.map.cells[cell]
@@ -192,18 +192,18 @@ def cell_in_words(run: RunConfig, cell: int | None) -> str:
 
 
 def choice_in_words(run: RunConfig, robot: int, cell: int | None) -> str:
-    """Return which robot (from 0) chooses COORDINATE, and where."""
+    """Return the sentence that a robot (from 0) chooses COORDINATE in a cell."""
     return f"{run.scenario.robots[robot].name} in {cell_in_words(run, cell)} chooses COORDINATE"
 
 
 def move_in_words(
     run: RunConfig, cell: int | None, perceived: Sequence[int] | None, move: int
 ) -> str:
-    """Return which move COORDINATE became, and by which row of the tables.
+    """Return the move that COORDINATE became, and the row of the tables that decided.
 
     Args:
         run: the run.
-        cell: where the robot was; None: that, or its tables, are not known.
+        cell: the robot's cell; None: the cell, or its tables, are unknown.
         perceived: the cells of the peers that it perceived; None: the percept failed.
         move: the primitive action.
     """
@@ -223,18 +223,18 @@ def row_in_words(values: Iterable[float]) -> str:
 
 
 def reward_in_words(run: RunConfig, reward: float, next_cell: int | None) -> str:
-    """Return what a robot got, and where its move led."""
+    """Return a robot's reward and its next cell."""
     return f"reward {reward:g}, to {cell_in_words(run, next_cell)}"
 
 
 def in_words(log: RunLog, one: Coordination) -> Iterator[str]:
-    """Yield the lines that tell of a COORDINATE: question, answer, move, what was learned."""
+    """Yield the lines of a COORDINATE: question, answer, move, update."""
     run = log.run
     yield f"step {one.step}: {choice_in_words(run, one.robot, one.cell)}"
     if one.doubt is not None and one.q_values:
         yield f"  (the numbers may be wrong: {one.doubt}; see 'sparse_coord verify')"
     if not one.requests:
-        peers = ", ".join(log.names[peer] for peer in one.peers) or "nobody"
+        peers = ", ".join(log.names[peer] for peer in one.peers) or "no peer"
         yield f"  was to ask {peers}; no request is in the log"
     for request in one.requests:
         yield f"  asks {log.names[request.peer]}: {_answer(log, one, request)}"
@@ -242,7 +242,7 @@ def in_words(log: RunLog, one: Coordination) -> Iterator[str]:
         yield f"  perceives {', '.join(cell_in_words(run, cell) for cell in one.perceived)}"
     else:
         yield f"  perceives nothing ({one.outcome})"
-    of_ours = None if log.hides(one.robot) else one.cell
+    of_ours = None if log.why_not_computed(one.robot) else one.cell
     moves = move_in_words(run, of_ours, one.perceived, one.move)
     if not one.q_values:
         yield f"  {moves}" + ("" if one.doubt is None else f"; {one.doubt}")
@@ -277,7 +277,7 @@ def _answer(log: RunLog, one: Coordination, request: Request) -> str:
 def _learned(log: RunLog, one: Coordination) -> Iterator[str]:
     update = one.update
     if update is None:
-        yield "  learns nothing from it: no reward came in time, or the next action was another"
+        yield "  learns nothing from it: no reward came in time, or its next action is unknown"
         return
     yield f"  {reward_in_words(log.run, update.reward, update.next_cell)}"
     if log.run.greedy:
@@ -290,5 +290,9 @@ def _learned(log: RunLog, one: Coordination) -> Iterator[str]:
         (*state, action), before, after = changed
         yield f"  {table}[{', '.join(map(str, state))}; {ACTIONS[action]}] {before!r} -> {after!r}"
     for peer, place, before, after in update.corrections:
-        where = "failed percept" if peer == UNKNOWN else f"{log.names[peer]} in {place}"
+        where = (
+            "failed percept"
+            if peer == NOT_PERCEIVED
+            else f"{log.names[peer]} in {place}"
+        )
         yield f"  correction rho[{one.cell}; {where}; {ACTIONS[one.move]}] {before!r} -> {after!r}"

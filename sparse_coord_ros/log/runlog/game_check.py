@@ -1,14 +1,17 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The world once more, from the seed and the logged actions: `World` makes each step again.
+"""Whether the world's messages are those of a world that makes the logged actions.
 
-Where robots have bodies these make the moves, and nobody can compute where they get: the states
-are taken as they are logged, and all that follows from them is compared.
+`World` makes each step again from the seed and the logged actions. Robots' bodies cannot be
+computed: where robots have them, the logged states are taken, and everything that follows from
+them is compared.
 
-And what comes more than once: map and markers with each episode, messages again after a silence.
+Map and markers at each episode's start, and messages that are repeated after a silence, are
+checked too.
 """
 
-from collections import Counter
+import struct
+from collections import Counter, deque
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -17,79 +20,107 @@ from sparse_coord_ros.core.game.rules import EPISODE_GAP
 from sparse_coord_ros.core.game.world import Action, World
 from sparse_coord_ros.core.learners.agent import NOBODY
 from sparse_coord_ros.log.bags.metadata import SPLIT
-from sparse_coord_ros.log.runlog.difference import MISSING, Difference
+from sparse_coord_ros.log.runlog.difference import (
+    MISSING,
+    TWICE,
+    Difference,
+    Unknown,
+)
 from sparse_coord_ros.log.runlog.log import NONE, RunLog, cell_numbers
-from sparse_coord_ros.log.runlog.replay import Stretch
-from sparse_coord_ros.log.runlog.tracks import THE_CLOCK
+from sparse_coord_ros.log.runlog.replay import Interval, Start
+from sparse_coord_ros.log.runlog.run_messages import THE_CLOCK
 from sparse_coord_ros.protocol import wire
 from sparse_coord_ros.protocol.lockstep.bodies import BodyWorld
+from sparse_coord_ros.protocol.wire.status import RunStatus
 
 
 class WorldCheck:
-    """A world that makes the logged steps, as long as it comes to the logged states and rewards.
+    """Compares the world's messages with those of a world that makes the logged steps.
 
-    The log says who acted: the world rewards exactly those. The others that had not arrived were
-    left out; the status says how many.
+    The log holds which robots acted: the world rewards exactly those. The others that had not
+    arrived were left out; the status says how many.
 
     Args:
         log: the log.
-        stretch: the time steps to check; with the last one also the run's end.
+        interval: the time steps to check; with the last one also the run's end.
 
     Attributes:
-        world: the world, in the last time step that was computed.
+        world: the world, at the last time step that was computed.
         transitions: steps of the world that agree.
-        left_out: number of (robot, step) that the world made without the robot's action; also
-            those before the stretch.
+        left_out: number of (robot, step) that the world made without the robot's action, those
+            before the interval included.
         resets: episodes that began early: by a reset, or as no robot was left to wait for.
         starts: the first time steps of the episodes.
         went_on: whether the time step before was a transition.
-        reasons: why the episode can have begun.
+        reasons: the possible reasons why the episode began.
         first: the first difference in states, rewards, clock or status; None: there is none.
+        lost_copies: copies of map, markers and coordination maps that may be lost, by topic,
+            after `check`.
     """
 
-    def __init__(self, log: RunLog, stretch: Stretch) -> None:
+    def __init__(self, log: RunLog, interval: Interval) -> None:
+        messages = log.messages
         self.log = log
-        self.stretch = stretch
-        self.odd = log.tracks.odd
+        self.interval = interval
+        self.difference = messages.difference
         self.centres = np.array(log.frame.centres)
-        run = log.run
-        self.world = World(run.scenario, run.seed)
-        if run.bodies:
-            self.world = BodyWorld(run.scenario, run.seed, slips=run.slips)
+        self.world = World(log.run.scenario, log.run.seed)
+        if log.run.bodies:
+            self.world = BodyWorld(log.run.scenario, log.run.seed, slips=log.run.slips)
         self.robots = range(len(log.names))
-        tracks = log.tracks
-        # Steps that only actions or percepts speak of are not the world's.
-        of_world = (*tracks.states, *tracks.rewards, tracks.clock)
-        steps = np.unique(np.concatenate([track.step for track in of_world])).tolist()
-        self.steps = [step for step in steps if stretch.holds(step)]
-        self.clock = set(tracks.clock.step.tolist())
-        self.rewarded = [set(track.step.tolist()) for track in tracks.rewards]
-        self.acted = [set(track.step.tolist()) for track in tracks.actions]
+        self.steps = self._steps_of_world()
+        self.clock = set(messages.clock.step.tolist())
+        self.rewarded = [set(series.step.tolist()) for series in messages.rewards]
+        self.acted = [set(series.step.tolist()) for series in messages.actions]
         known = set(self.steps)
-        self.statuses = [status for status in tracks.statuses if status.step in known]
+        self.statuses = deque(one for one in messages.statuses if one.step in known)
         self.move = log.move.tolist()
         self.asked = log.asked.tolist()
         self.parts = len(wire.REWARD.labels) + bool(log.run.scenario.referee)
-        self.transitions = self.left_out = self.resets = 0
+        self._centre_bytes = [centre.tobytes() for centre in self.centres]
+        self._position_bytes = _bytes_of_robots(log.position)
+        self._reward_bytes = _bytes_of_robots(log.rewards[..., : self.parts])
+        self._packed = struct.Struct(f"={self.parts}d").pack
+        self.transitions = 0
+        self.left_out = 0
+        self.resets = 0
+        self.lost_copies: Counter[str] = Counter()
         self.starts: list[int] = []
         self.went_on = False
         self.reasons: tuple[str, ...] = (wire.Began.START,)
-        if stretch.start is not None:
-            position, self.left_out, _ = stretch.start
-            self.world.go_on_from(position)
-            self.reasons = tuple(wire.Began)
-            if position.under_way:
-                self.starts = [position.episode_start]
-                self.went_on = True
+        if interval.start is not None:
+            self._go_on_from(interval.start)
         self.first = next(self._made_again(), None)
 
-    def differences(self) -> list[Difference]:
-        """Return in what states, rewards, clock, status, map, markers and repeats differ."""
+    def _steps_of_world(self) -> list[int]:
+        """Return the time steps of the world; those of actions or percepts alone are none."""
+        messages = self.log.messages
+        of_world = (*messages.states, *messages.rewards, messages.clock)
+        steps = np.unique(np.concatenate([series.step for series in of_world]))
+        return [step for step in steps.tolist() if self.interval.holds(step)]
+
+    def _go_on_from(self, start: Start) -> None:
+        """Go on from a checkpoint."""
+        self.left_out = start.left_out
+        self.world.go_on_from(start.position)
+        self.reasons = tuple(wire.Began)
+        if start.position.under_way:
+            self.starts = [start.position.episode_start]
+            self.went_on = True
+
+    def check(self) -> list[Difference | Unknown]:
+        """Return the differences in states, rewards, clock, status, map, markers and repeats."""
         first = [] if self.first is None else [self.first]
-        return [*first, *self._maps(), *self._markers(), *self._repeats()]
+        return [
+            *first,
+            *self._missing_copies(),
+            *self._maps_too_many(),
+            *self._markers(),
+            *self._repeats(),
+        ]
 
     def _made_again(self) -> Iterator[Difference]:
-        """Make the steps, and yield what differs; what comes after that makes no sense."""
+        """Make the steps, and yield the differences; only the first one means anything."""
         for step in self.steps:
             yield from self._arrive(step)
             if step not in self.clock:
@@ -99,51 +130,70 @@ class WorldCheck:
             self.went_on = any(step in steps for steps in self.rewarded)
             if self.went_on:
                 yield from self._transition(step)
-        if self.stretch.last is None:
+        if self.interval.last is None:
             yield from self._end()
 
     def _arrive(self, step: int) -> Iterator[Difference]:
         """Come to a time step of the log: the next one, or that of a new episode."""
         world = self.world
         due = world.step
-        if self.starts and not self.went_on:
+        new_episode = bool(self.starts) and not self.went_on
+        if new_episode:
             if world.transitions == world.scenario.steps:
                 yield Difference(
                     step, None, wire.LOCAL_STATE.name, "there", "the run is over"
                 )
             if step == due + 1:
-                acted = [k for k in self.robots if due in self.acted[k]]
-                what = (acted[0], wire.REWARD.name) if acted else (0, wire.ACTION.name)
-                also = "it acted and " if acted else ""
-                yield self.odd(due, *what, MISSING, f"one: {also}the world went on")
+                yield self._missing_transition(due)
             due += EPISODE_GAP
         if step != due:
-            yield self.odd(due, 0, wire.LOCAL_STATE.name, MISSING, "a state")
-        if self.starts and not self.went_on:
-            self.reasons = (wire.Began.RESET, wire.Began.NOBODY_LEFT)
-            if world.episode_over:
-                self.reasons = (
-                    wire.Began.ARRIVED if all(world.arrived) else wire.Began.STEPS,
-                )
+            yield self.difference(due, 0, wire.LOCAL_STATE.name, MISSING, "a state")
+        if new_episode:
             self.resets += not world.episode_over
+            self.reasons = self._reasons()
             world.begin_episode()
         if not self.went_on:
             self.starts.append(step)
 
+    def _missing_transition(self, step: int) -> Difference:
+        """Return that the world went on, though the log holds no reward of a time step."""
+        for k in self.robots:
+            if step in self.acted[k]:
+                due = "one: it acted and the world went on"
+                return self.difference(step, k, wire.REWARD.name, MISSING, due)
+        due = "one: the world went on"
+        return self.difference(step, 0, wire.ACTION.name, MISSING, due)
+
+    def _reasons(self) -> tuple[str, ...]:
+        """Return the possible reasons for the end of the world's episode."""
+        if not self.world.episode_over:
+            return wire.Began.RESET, wire.Began.NOBODY_LEFT
+        if all(self.world.arrived):
+            return (wire.Began.ARRIVED,)
+        return (wire.Began.STEPS,)
+
     def _states(self, step: int) -> Iterator[Difference]:
+        """Compare the robots' states with the world's."""
         log = self.log
-        row = self.log.row_of.get(step)
+        row = log.row_of.get(step)
         for k, cell in enumerate(self.world.cells):
-            track = log.tracks.states[k]
-            due = self.centres[cell]
-            if row is None or not _says(
-                log.position[row, k], due, track.others.get(step, ())
-            ):
-                logged = (
-                    self._place(log.position[row, k]) if step in track.step else MISSING
-                )
-                yield self.odd(step, k, wire.LOCAL_STATE.name, logged, self._place(due))
+            if row is None:
+                words = wire.LOCAL_STATE.name, MISSING, self._place(self.centres[cell])
+                yield self.difference(step, k, *words)
+            elif self._position_bytes[k][row] != self._centre_bytes[cell]:
+                yield from self._other_state(step, k, cell)
             log.cells[row, k] = cell
+
+    def _other_state(self, step: int, k: int, cell: int) -> Iterator[Difference]:
+        """Yield that a state is not the world's, unless another message of the step is."""
+        series = self.log.messages.states[k]
+        logged = self.log.position[self.log.row_of[step], k]
+        due = self.centres[cell]
+        if _take_right(logged, due, series.others.get(step, ())):
+            return
+        place = self._place(logged) if step in series.step else MISSING
+        words = wire.LOCAL_STATE.name, place, self._place(due)
+        yield self.difference(step, k, *words)
 
     def _place(self, where: np.ndarray) -> str:
         x, y = where.tolist()
@@ -151,29 +201,36 @@ class WorldCheck:
         return f"{'no free cell' if cell is None else f'cell {cell}'} ({x!r}, {y!r})"
 
     def _statuses(self, step: int) -> Iterator[Difference]:
-        """Compare what the world says of itself with what was counted."""
-        odd: list[tuple[str, Difference]] = []
+        """Compare the statuses up to a time step with the world's counts."""
         right: set[str] = set()
+        wrong: list[tuple[str, Difference]] = []
         while self.statuses and self.statuses[0].step <= step:
-            status = self.statuses.pop(0)
-            if status.transitions != self.world.transitions:
-                words = f"{status.transitions} transitions", f"{self.world.transitions}"
-            elif status.left_out != self.left_out:
-                words = f"{status.left_out} robots' steps left out", f"{self.left_out}"
-            elif status.began not in self.reasons:
-                words = f"episode began: {status.began}", " or ".join(self.reasons)
-            else:
+            status = self.statuses.popleft()
+            words = self._wrong_count(status)
+            if words is None:
                 right.add(status.state)
-                continue
-            odd.append(
-                (status.state, self.odd(status.step, None, wire.STATUS.name, *words))
-            )
-        # Where the world was right about this step in the same state, a stranger may have spoken.
-        self.log.tracks.suspects += [one for state, one in odd if state in right]
-        yield from (one for state, one in odd if state not in right)
+            else:
+                found = self.difference(status.step, None, wire.STATUS.name, *words)
+                wrong.append((status.state, found))
+        for state, found in wrong:
+            # Beside a right status of the same state, a wrong one may be a stranger's.
+            if state in right:
+                self.log.messages.foreign.append(found)
+            else:
+                yield found
+
+    def _wrong_count(self, status: RunStatus) -> tuple[str, str] | None:
+        """Return the first wrong count of a status, as (logged, computed)."""
+        if status.transitions != self.world.transitions:
+            return f"{status.transitions} transitions", f"{self.world.transitions}"
+        if status.left_out != self.left_out:
+            return f"{status.left_out} robots' steps left out", f"{self.left_out}"
+        if status.began not in self.reasons:
+            return f"episode began: {status.began}", " or ".join(self.reasons)
+        return None
 
     def _transition(self, step: int) -> Iterator[Difference]:
-        """Let the world make a transition with the actions of whom the log rewards."""
+        """Let the world make a transition with the actions of the robots that the log rewards."""
         world = self.world
         row = self.log.row_of[step]
         rewarded = [k for k in self.robots if step in self.rewarded[k]]
@@ -189,107 +246,152 @@ class WorldCheck:
             yield from self._bodies(world, step)
         outcome = world.advance(actions)
         for k in rewarded:
-            said = self.log.rewards[row, k, : self.parts]
-            due = np.array(outcome.rewards[k][: self.parts], dtype=np.float64)
-            if not _says(said, due, self.log.tracks.rewards[k].others.get(step, ())):
-                parts = _parts(said.tolist()), _parts(due.tolist())
-                yield self.odd(step, k, wire.REWARD.name, *parts)
+            due = outcome.rewards[k][: self.parts]
+            if self._reward_bytes[k][row] != self._packed(*due):
+                yield from self._other_reward(step, k, due)
         self.transitions += 1
         self.left_out += len(left)
 
+    def _other_reward(
+        self, step: int, k: int, due: Sequence[float]
+    ) -> Iterator[Difference]:
+        """Yield that a reward is not the world's, unless another message of the step is."""
+        logged = self.log.rewards[self.log.row_of[step], k, : self.parts]
+        others = self.log.messages.rewards[k].others.get(step, ())
+        if not _take_right(logged, np.array(due, dtype=np.float64), others):
+            words = wire.REWARD.name, _parts(logged.tolist()), _parts(due)
+            yield self.difference(step, k, *words)
+
     def _bodies(self, world: BodyWorld, step: int) -> Iterator[Difference]:
-        """Let the bodies be where the next states say; yield which of these are missing."""
+        """Put the bodies where the next states are; yield the states that are missing."""
         after = self.log.row_of.get(step + 1)
         for k in self.robots:
             cell = NONE if after is None else int(self.log.cells[after, k])
             if cell == NONE:
-                yield self.odd(step + 1, k, wire.LOCAL_STATE.name, MISSING, "a state")
+                yield self.difference(
+                    step + 1, k, wire.LOCAL_STATE.name, MISSING, "a state"
+                )
             world.there[k] = cell
 
     def _rewarded(self, step: int, k: int) -> Iterator[Difference]:
-        """Yield why a robot cannot have been rewarded in a time step."""
+        """Yield why a robot's reward of a time step is impossible."""
         row = self.log.row_of[step]
         world = self.world
         over = world.episode_over or world.transitions == world.scenario.steps
         if over or world.arrived[k]:
             logged = f"{tuple(self.log.rewards[row, k, : self.parts].tolist())}"
             computed = "none" if over else "none: it has arrived"
-            yield self.odd(step, k, wire.REWARD.name, logged, computed)
+            yield self.difference(step, k, wire.REWARD.name, logged, computed)
         elif step not in self.acted[k]:
-            yield self.odd(
+            yield self.difference(
                 step, k, wire.ACTION.name, MISSING, "one, for it is rewarded"
             )
         elif self.move[row][k] == NONE:
             logged = f"(east, north) {tuple(self.log.numbers[row, k, :2].tolist())}"
-            yield self.odd(step, k, wire.ACTION.name, logged, "an action")
+            yield self.difference(step, k, wire.ACTION.name, logged, "an action")
 
     def _left_out(self, step: int, left: Sequence[int]) -> Iterator[Difference]:
-        """Yield whose reward or action is missing, as the world says that it left out fewer."""
-        if self.statuses and self.left_out + len(left) > self.statuses[0].left_out:
-            acted = [k for k in left if step in self.acted[k]]
-            quantity = wire.REWARD.name if acted else wire.ACTION.name
-            due = "one, for the world does not say that it left the robot out"
-            yield self.odd(step, (acted or left)[0], quantity, MISSING, due)
+        """Yield a missing reward or action: the world's status says that it left out fewer."""
+        if not self.statuses:
+            return
+        if self.left_out + len(left) <= self.statuses[0].left_out:
+            return
+        due = "one, for the world does not say that it left the robot out"
+        acted = [k for k in left if step in self.acted[k]]
+        if acted:
+            yield self.difference(step, acted[0], wire.REWARD.name, MISSING, due)
+        else:
+            yield self.difference(step, left[0], wire.ACTION.name, MISSING, due)
 
     def _end(self) -> Iterator[Difference]:
-        """The log must say how the run ended, and end there."""
+        """Check that the log says how the run ended, and ends there."""
         world = self.world
         status = (self.world.step, None, wire.STATUS.name)
         left = world.scenario.steps - world.transitions
-        end = next(reversed(self.log.tracks.statuses), None)
+        end = next(reversed(self.log.messages.statuses), None)
         if self.went_on or (world.episode_over and left):
             due = world.step + (0 if self.went_on else EPISODE_GAP)
-            yield self.odd(due, 0, wire.LOCAL_STATE.name, MISSING, "a state")
+            yield self.difference(due, 0, wire.LOCAL_STATE.name, MISSING, "a state")
         elif end is None or end.state not in wire.OVER:
             logged = MISSING if end is None else repr(end.state)
-            yield self.odd(*status, logged, "the end of the run")
+            yield self.difference(*status, logged, "the end of the run")
         elif end.step != world.step:
-            yield self.odd(*status, f"step {end.step}", "the last step")
+            yield self.difference(*status, f"step {end.step}", "the last step")
         elif (end.state == wire.RunState.FINISHED) != (left == 0):
-            yield self.odd(*status, repr(end.state), f"{left} steps of the budget left")
-
-    def _maps(self) -> Iterator[Difference]:
-        """Yield what is missing of what is shown as an episode begins, and maps too many."""
-        log = self.log
-        last = self.stretch.last
-        maps = self.log.tracks.maps
-        of_robots = enumerate(log.tracks.coordination_maps)
-        shown: list[tuple[int | None, wire.Topic, np.ndarray]] = [
-            (None, wire.MAP, maps)
-        ]
-        shown += [
-            (k, wire.COORDINATION_MAP, at)
-            for k, (at, _) in of_robots
-            if not log.hides(k)
-        ]
-        if log.run.markers_tell_steps:
-            shown.append((None, wire.MARKERS, log.tracks.markers[0]))
-        for k, topic, steps in shown:
-            # Where a gap follows, only those before the last one that was shown.
-            until = np.inf if last is None else min(last, steps.max(initial=0))
-            for step in sorted(set(self.starts) - set(steps.tolist())):
-                if step <= until and (k is None or step in self.acted[k]):
-                    yield self.odd(
-                        step, k, topic.name, MISSING, "one as the episode begins"
-                    )
-        # A recorder that was started again gets the last one a second time.
-        again = sum(
-            (file.continued or {}).get("why", SPLIT) != SPLIT for file in log.bag.files
-        )
-        for step in maps[1:][np.diff(maps) == 0].tolist()[again:]:
-            yield Difference(step, None, wire.MAP.name, "twice", "once")
-        until = self.world.step if last is None else min(self.world.step, last)
-        for step in maps[~np.isin(maps, [0, *self.starts]) & (maps <= until)].tolist():
-            yield Difference(
-                step, None, wire.MAP.name, "there", "none: no episode begins"
+            yield self.difference(
+                *status, repr(end.state), f"{left} steps of the budget left"
             )
 
+    def _missing_copies(self) -> Iterator[Difference | Unknown]:
+        """Yield the maps, markers and coordination maps that are missing at an episode's start."""
+        messages = self.log.messages
+        yield from self._missing_of(wire.MAP, None, messages.maps)
+        if self.log.run.markers_tell_steps:
+            yield from self._missing_of(wire.MARKERS, None, messages.markers[0])
+        for k, (steps, _) in enumerate(messages.coordination_maps):
+            if self.log.why_not_computed(k) is None:
+                yield from self._missing_of(wire.COORDINATION_MAP, k, steps)
+
+    def _missing_of(
+        self, topic: wire.Topic, k: int | None, steps: np.ndarray
+    ) -> Iterator[Difference | Unknown]:
+        """Yield the episode starts without a message of a topic; lost copies are counted.
+
+        ROS keeps only the last message of these topics for a slow recorder. So a missing copy is
+        lost if the topic has others, and no stranger's message is there in its place.
+        """
+        name = self.log.messages.topic(topic, k)
+        has_others = self.log.bag.counts.get(name, 0) > 0
+        until = self.interval.last
+        if until is not None:  # a gap follows: only those before the last copy
+            until = min(until, int(steps.max(initial=0)))
+        for step in sorted(set(self.starts) - set(steps.tolist())):
+            if until is not None and step > until:
+                continue
+            if k is not None and step not in self.acted[k]:
+                continue
+            if has_others and not self._foreign_near(step, name, topic):
+                self.lost_copies[name] += 1
+            elif self.log.messages.incomplete:
+                yield Unknown(step, step, f"a message of {name} is not in the log")
+            else:
+                words = topic.name, MISSING, "one as the episode begins"
+                yield self.difference(step, k, *words)
+
+    def _foreign_near(self, step: int, name: str, topic: wire.Topic) -> bool:
+        """Return whether a stranger's message of a topic is near a time step."""
+        quantities = (f"topic {name}", f"{topic.name} stamp")
+        return any(
+            one.step is not None
+            and one.quantity in quantities
+            and abs(one.step - step) <= EPISODE_GAP
+            for one in self.log.messages.foreign
+        )
+
+    def _maps_too_many(self) -> Iterator[Difference]:
+        """Yield maps that come twice, and those of a time step at which no episode begins."""
+        maps = self.log.messages.maps
+        # A recorder that was started again gets the last map a second time.
+        restarts = sum(
+            (file.continued or {}).get("why", SPLIT) != SPLIT
+            for file in self.log.bag.files
+        )
+        twice = maps[1:][np.diff(maps) == 0].tolist()
+        for step in twice[restarts:]:
+            yield Difference(step, None, wire.MAP.name, TWICE, "once")
+        until = self.world.step
+        if self.interval.last is not None:
+            until = min(until, self.interval.last)
+        beside = ~np.isin(maps, [0, *self.starts]) & (maps <= until)
+        for step in maps[beside].tolist():
+            words = wire.MAP.name, "there", "none: no episode begins"
+            yield Difference(step, None, *words)
+
     def _markers(self) -> Iterator[Difference]:
-        """Yield where markers show robots elsewhere than they are."""
+        """Yield markers that show robots in other cells than their states."""
         log = self.log
-        for step, (_, places) in zip(
-            *map(np.ndarray.tolist, log.tracks.markers), strict=True
-        ):
+        steps, rows = log.messages.markers
+        for step, (_, places) in zip(steps.tolist(), rows.tolist(), strict=True):
             row = log.row_of.get(step)
             if row is None:
                 continue
@@ -300,41 +402,59 @@ class WorldCheck:
                 yield Difference(step, None, wire.MARKERS.name, logged, computed)
 
     def _repeats(self) -> Iterator[Difference]:
-        """Yield what came twice without a reason.
+        """Yield repeated messages that have no reason.
 
         The world repeats state and last reward together, to a robot whose action it misses; only
         then the robot repeats its action. A percept is never repeated. A world that went back to
         a checkpoint has no reward to repeat before its next step.
         """
-        returned = {one.step for one in self.log.tracks.rollbacks}
+        returned = {one.step for one in self.log.messages.rollbacks}
         for k in self.robots:
-            again = [Counter(track.repeats.tolist()) for track in self.log.tracks.of(k)]
-            states, rewards, actions, percepts = again
-            for step in sorted(
-                {*states, *actions, *percepts, *(step + 1 for step in rewards)}
-            ):
-                due = states[step] if step - 1 in self.rewarded[k] else 0
+            states, rewards, actions, percepts = (
+                Counter(series.repeats.tolist())
+                for series in self.log.messages.of_robot(k)
+            )
+            after_rewards = {step + 1 for step in rewards}
+            for step in sorted({*states, *actions, *percepts, *after_rewards}):
+                before = step - 1
+                due = states[step] if before in self.rewarded[k] else 0
                 if step in percepts:
-                    yield self.odd(step, k, wire.PERCEPT.name, "twice", "once")
+                    yield self.difference(step, k, wire.PERCEPT.name, TWICE, "once")
                 if actions[step] > states[step]:
-                    yield self.odd(
-                        step, k, wire.ACTION.name, "twice", "once, as its state"
-                    )
-                if rewards[step - 1] > due:
-                    yield self.odd(step - 1, k, wire.REWARD.name, "twice", "once")
-                elif rewards[step - 1] < due and step not in returned:
-                    yield self.odd(
-                        step, k, wire.LOCAL_STATE.name, "twice", "once, as its reward"
-                    )
+                    words = wire.ACTION.name, TWICE, "once, as its state"
+                    yield self.difference(step, k, *words)
+                if rewards[before] > due:
+                    yield self.difference(before, k, wire.REWARD.name, TWICE, "once")
+                elif rewards[before] < due and step not in returned:
+                    words = wire.LOCAL_STATE.name, TWICE, "once, as its reward"
+                    yield self.difference(step, k, *words)
 
 
-def _says(said: np.ndarray, due: np.ndarray, others: Sequence[np.ndarray]) -> bool:
-    """Whether what the log says is what is due; if another message says so, it is that."""
+def _bytes_of_robots(numbers: np.ndarray) -> list[list[bytes]]:
+    """Return numbers, shape (T, K, n), as the bytes of each robot's n numbers: [robot][row]."""
+    size = numbers.shape[2] * numbers.itemsize
+    found = []
+    for k in range(numbers.shape[1]):
+        data = numbers[:, k].tobytes()
+        found.append([data[at : at + size] for at in range(0, len(data), size)])
+    return found
+
+
+def _take_right(
+    logged: np.ndarray, due: np.ndarray, others: Sequence[np.ndarray]
+) -> bool:
+    """Put the computed numbers into the log if another message of the time step holds them.
+
+    Returns:
+        Whether one does.
+    """
     if any(other[1].tobytes() == due.tobytes() for other in others):
-        said[:] = due
-    return said.tobytes() == due.tobytes()
+        logged[:] = due
+        return True
+    return False
 
 
 def _parts(numbers: Sequence[float]) -> str:
     labels = (*wire.REWARD.labels, wire.PARTNERS)
-    return " ".join(f"{label}={n!r}" for label, n in zip(labels, numbers, strict=False))
+    pairs = zip(labels, map(float, numbers), strict=False)
+    return " ".join(f"{label}={number!r}" for label, number in pairs)

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A recorded run as NumPy arrays over time step and robot."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from copy import copy
 from functools import cached_property
 from pathlib import Path
@@ -17,8 +17,12 @@ from sparse_coord_ros.core.learners.agent import NOBODY
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs.history import History
 from sparse_coord_ros.log.runlog.difference import Difference
+from sparse_coord_ros.log.runlog.run_messages import (
+    RunMessages,
+    Series,
+    read_messages,
+)
 from sparse_coord_ros.log.runlog.timeline import LostSteps, gap_in_words
-from sparse_coord_ros.log.runlog.tracks import Tracks, read_tracks
 from sparse_coord_ros.protocol.wire import ACTION, PERCEPT, REWARD
 from sparse_coord_ros.protocol.wire.frame import MOVE_OF, Frame
 from sparse_coord_ros.protocol.wire.messages import action_from
@@ -30,13 +34,13 @@ NONE = -1
 
 
 class RunLog:
-    """What a bag tells of a run. T recorded time steps, K robots; -1, False or NaN where none.
+    """A recorded run: T recorded time steps, K robots; -1, False or NaN where a value is missing.
 
     Args:
-        tracks: the messages of the bag, or of a part of it.
+        messages: the messages of the bag, or of a part of it.
 
     Attributes:
-        bag: the file's own account: topics, counts, damage.
+        bag: the bag: topics, counts, damage.
         run: the run.
         names: the robots, in the scenario's order.
         step: shape (T,), int64, ascending.
@@ -48,78 +52,108 @@ class RunLog:
         peer: the robot that was asked, from 0; NOBODY (-1) for none or several, shape (T, K).
         asked, perceived: shape (T, K), bool.
         percept: cells that robot k perceived, by the robot seen: shape (T, K, K), int32.
-        rewards: individual, common, ask_cost, total, and with whom a robot was in a
-            miscoordination, as of `core.game.world.Reward`; NaN where nobody says, shape (T, K,
-            5), float64.
-        numbers: the actions' numbers as they were logged, by the labels of `wire.ACTION`:
-            shape (T, K, 7), float64.
-        tables: by (robot's number, time step); of two of a step the later.
+        rewards: individual, common, ask_cost, total, and the partners in a miscoordination, as
+            of `core.game.world.Reward`; NaN where the log does not hold them, shape (T, K, 5),
+            float64.
+        numbers: the actions' numbers as logged, by the labels of `wire.ACTION`: shape (T, K, 7),
+            float64.
+        tables: by (robot's number, time step); of two of a time step the later.
         all_tables: all of them, in the order of the log.
         requests: the dialogue, in the order of time steps.
-        tracks: as given, with whatever was odd about them.
+        messages: the messages as given, with their problems.
         frame: the run's time steps and metres.
     """
 
-    def __init__(self, tracks: Tracks) -> None:
-        self.tracks = tracks
-        self.bag = tracks.bag
-        self.run = tracks.run
-        self.names = tracks.names
-        self.frame = frame = Frame(self.run)
-        self.all_tables = tuple(tracks.tables)
-        self.requests = tuple(tracks.requests)
-        robots = range(len(self.names))
-        steps = [track.step for k in robots for track in tracks.of(k)]
-        self.step = step = np.unique(np.concatenate(steps))
-        self.episode = np.cumsum(np.diff(step, prepend=step[:1]) > 1)
-        shape = (len(step), len(robots))
-        self.position = np.full((*shape, 2), np.nan)
-        self.numbers = numbers = np.full((*shape, len(ACTION.labels)), np.nan)
-        self.rewards = np.full((*shape, len(REWARD.labels) + 1), np.nan)
-        for k in robots:
-            states, rewards, actions, _ = tracks.of(k)
-            self.position[np.searchsorted(step, states.step), k] = states.rows["xy"]
-            said = rewards.rows["numbers"]
-            self.rewards[np.searchsorted(step, rewards.step), k, : said.shape[1]] = said
-            numbers[np.searchsorted(step, actions.step), k] = actions.rows["numbers"]
-        self.cells = cell_numbers(frame, self.position)
-        pairs = map(tuple, numbers[..., :2].reshape(-1, 2).tolist())
-        move = np.array(
-            [MOVE_OF.get(pair, NONE) for pair in pairs], dtype=np.int8
-        ).reshape(shape)
-        self.move = move
-        self.peer = np.full(shape, NOBODY, dtype=np.int16)
-        said = numbers[..., ACTION.column("peer")]
-        move[~np.isfinite(said)] = NONE
-        known = (move != NONE) & (said >= 0) & (said <= len(robots))
-        self.peer[known] = said[known].astype(np.int16) - 1
-        self.asked = (move != NONE) & (numbers[..., ACTION.column("coordinate")] != 0)
-        self.perceived = (move != NONE) & (
-            numbers[..., ACTION.column("perceived")] != 0
+    def __init__(self, messages: RunMessages) -> None:
+        self.messages = messages
+        self.bag = messages.bag
+        self.run = messages.run
+        self.names = messages.names
+        self.frame = Frame(self.run)
+        self.all_tables = tuple(messages.tables)
+        self.requests = tuple(messages.requests)
+        self.step = self._recorded_steps()
+        self.episode = np.cumsum(np.diff(self.step, prepend=self.step[:1]) > 1)
+        self.position = self._filled(messages.states, "xy", 2)
+        self.cells = cell_numbers(self.frame, self.position)
+        self.rewards = self._filled(messages.rewards, "numbers", len(REWARD.labels) + 1)
+        self.numbers = self._filled(messages.actions, "numbers", len(ACTION.labels))
+        self.move = self._moves()
+        self.peer = self._asked_peers()
+        moved = self.move != NONE
+        self.asked = moved & (self._number("coordinate") != 0)
+        self.perceived = moved & (self._number("perceived") != 0)
+        self.action = np.where(self.asked, np.int8(COORDINATE), self.move)
+        self.percept = self._perceived_cells()
+        self._note_malformed_actions()
+
+    def _recorded_steps(self) -> np.ndarray:
+        """Return the time steps of which any robot has a message, ascending."""
+        of_robots = [self.messages.of_robot(k) for k in range(len(self.names))]
+        return np.unique(
+            np.concatenate([one.step for series in of_robots for one in series])
         )
-        self.action = np.where(self.asked, np.int8(COORDINATE), move)
-        for place, k in np.argwhere(
-            (move == NONE) & ~np.isnan(numbers[..., 0])
-        ).tolist():
+
+    def _filled(self, series: Sequence[Series], field: str, width: int) -> np.ndarray:
+        """Return a field of each robot's messages, NaN where none, shape (T, K, width)."""
+        found = np.full((len(self.step), len(self.names), width), np.nan)
+        for k, one in enumerate(series):
+            values = one.rows[field]
+            rows = np.searchsorted(self.step, one.step)
+            found[rows, k, : values.shape[1]] = values
+        return found
+
+    def _number(self, label: str) -> np.ndarray:
+        """Return one of the actions' numbers, shape (T, K)."""
+        return self.numbers[..., ACTION.column(label)]
+
+    def _moves(self) -> np.ndarray:
+        """Return the primitive actions; NONE where the action is malformed or missing."""
+        directions = self.numbers[..., :2].reshape(-1, 2).tolist()
+        moves = [MOVE_OF.get((east, north), NONE) for east, north in directions]
+        found = np.array(moves, dtype=np.int8).reshape(self.cells.shape)
+        found[~np.isfinite(self._number("peer"))] = NONE
+        return found
+
+    def _asked_peers(self) -> np.ndarray:
+        """Return the robots that were asked, NOBODY for none or several."""
+        logged = self._number("peer")
+        found = np.full(self.cells.shape, NOBODY, dtype=np.int16)
+        known = (self.move != NONE) & (logged >= 0) & (logged <= len(self.names))
+        found[known] = logged[known].astype(np.int16) - 1
+        return found
+
+    def _perceived_cells(self) -> np.ndarray:
+        """Return the cells that robots perceived, by the robot seen, shape (T, K, K)."""
+        robots = range(len(self.names))
+        found = np.full((*self.cells.shape, len(robots)), NONE, dtype=np.int32)
+        for k, percepts in enumerate(self.messages.percepts):
+            others = [other for other in robots if other != k]
+            if not others:
+                continue
+            rows = np.searchsorted(self.step, percepts.step)
+            seen = cell_numbers(self.frame, percepts.rows["places"])[:, 1:]
+            peer = self.peer[rows, k]
+            one = peer != NOBODY
+            found[rows[one], k, peer[one]] = seen[one, 0]
+            found[np.ix_(rows[~one], [k], others)] = seen[~one][:, None, :]
+        return found
+
+    def _note_malformed_actions(self) -> None:
+        """Note the actions whose numbers are none of an action."""
+        logged = ~np.isnan(self.numbers[..., 0])
+        for row, k in np.argwhere(logged & (self.move == NONE)).tolist():
             try:
-                action_from(numbers[place, k].tolist())
+                action_from(self.numbers[row, k].tolist())
             except ValueError as error:
                 words = ACTION.name, str(error), "an action"
-                tracks.problems.append(tracks.odd(int(step[place]), k, *words))
-        self.percept = np.full((*shape, len(robots)), NONE, dtype=np.int32)
-        for k in robots:
-            rows = np.searchsorted(step, tracks.percepts[k].step)
-            seen = cell_numbers(frame, tracks.percepts[k].rows["places"])[:, 1:]
-            others = [other for other in robots if other != k]
-            one = self.peer[rows, k] != NOBODY
-            if others:
-                self.percept[rows[one], k, self.peer[rows[one], k]] = seen[one, 0]
-            self.percept[np.ix_(rows[~one], [k], others)] = seen[~one][:, None, :]
+                found = self.messages.difference(int(self.step[row]), k, *words)
+                self.messages.problems.append(found)
 
     def __repr__(self) -> str:
-        """Return what it is, on one line."""
-        who = f"{self.run.scenario.label}; {self.run.learner}, seed {self.run.seed}"
-        return f"<RunLog {who}; {len(self.step):,} steps in {self.bag.path}>"
+        """Return scenario, learner, seed and length on one line."""
+        run = f"{self.run.scenario.label}; {self.run.learner}, seed {self.run.seed}"
+        return f"<RunLog {run}; {len(self.step):,} steps in {self.bag.path}>"
 
     @property
     def reward(self) -> np.ndarray:
@@ -133,68 +167,90 @@ class RunLog:
 
     @property
     def gaps(self) -> list[LostSteps]:
-        """What is not in the log, in order; the last one without an end where it broke off."""
-        tracks = self.tracks
-        found = sorted(tracks.gaps)
-        if not tracks.broken_off:
+        """The gaps, in order; the last one has no end where the log breaks off."""
+        messages = self.messages
+        found = sorted(messages.gaps)
+        if not messages.broken_off:
             return found
-        ends = [t.step.max() for t in (*tracks.states, tracks.clock) if len(t.step)]
-        end = int(min(ends, default=0)) + 1
-        return [*(gap for gap in found if gap.first < end), LostSteps(end, None)]
+        series = [one for one in (*messages.states, messages.clock) if len(one.step)]
+        end = int(min((one.step.max() for one in series), default=0)) + 1
+        before = [gap for gap in found if gap.first < end]
+        return [*before, LostSteps(end, None)]
 
     @property
     def losses(self) -> list[str]:
-        """What of the bag cannot be read, and which time steps are not in the log, one line each.
+        """The unreadable parts of the bag and the gaps in its time steps, one line each.
 
-        What cannot be read may hold no message of any time step.
+        An unreadable part may hold no message of any time step.
         """
         found = [gap_in_words(gap, self.frame.period) for gap in self.bag.gaps]
-        why = "the log breaks off"
-        if self.tracks.untold:
-            why += ", the world does not say how the run ended"
-        for first, last in self.gaps:
-            end = f"on: {why}" if last is None else f"to {last}"
-            found.append(f"time steps {first} {end}")
+        for gap in self.gaps:
+            if gap.last is None:
+                found.append(f"time steps {gap.first} on: {self.why_broken_off}")
+            else:
+                found.append(f"time steps {gap.first} to {gap.last}")
         return found
 
     @property
+    def why_broken_off(self) -> str:
+        """Why the log has no end; empty where it has one."""
+        if not self.messages.broken_off:
+            return ""
+        if self.messages.ended:
+            return "the log breaks off"
+        return "the log breaks off, the world does not say how the run ended"
+
+    @property
     def problems(self) -> tuple[Difference, ...]:
-        """Messages and attachments that could not be read, or are out of order."""
-        return tuple(self.tracks.problems)
+        """Unreadable messages and attachments, and messages out of order."""
+        return tuple(self.messages.problems)
 
     @property
     def ended(self) -> np.ndarray:
         """How percepts ended: numbers of `wire.PerceptEnd`, NaN where none, shape (T, K)."""
-        return self.numbers[..., ACTION.column(PERCEPT.name)]
+        return self._number(PERCEPT.name)
 
     @property
     def has_learned(self) -> np.ndarray:
-        """1 where a robot says that it has learned from its action before, shape (T, K)."""
-        return self.numbers[..., ACTION.column("learned")]
+        """1 where an action says that its robot learned from the one before, shape (T, K)."""
+        return self._number("learned")
 
     @cached_property
     def tables(self) -> Mapping[tuple[int, int], Tables]:
         """The recorded tables by (robot's number, time step)."""
         return {(entry.robot, entry.step): entry.tables for entry in self.all_tables}
 
-    def hides(self, k: int) -> str | None:
-        """Return that a robot says nothing of what it learns, as one's own may; None: it does."""
+    def why_not_computed(self, k: int) -> str | None:
+        """Return why a robot's actions cannot be computed: it publishes nothing that it learns.
+
+        Args:
+            k: the robot's number.
+
+        Returns:
+            The reason as a sentence; None: it publishes tables or coordination maps.
+        """
         recorded = any(entry.robot == k for entry in self.all_tables)
-        if recorded or len(self.tracks.coordination_maps[k][0]):
+        maps, _ = self.messages.coordination_maps[k]
+        if recorded or len(maps):
             return None
-        what = f"{self.names[k]} shows no tables and no coordination maps"
-        return f"{what}: why it acts as it does is not computed (a robot of one's own?)"
+        name = self.names[k]
+        return (
+            f"{name} publishes no tables and no coordination maps: its actions cannot be "
+            "explained (is it a custom learner?)"
+        )
 
     def between(self, first: int, last: int) -> "RunLog":
         """Return the time steps from `first` to `last`, both included."""
         rows = slice(*np.searchsorted(self.step, [first, last + 1]))
-        columns = {
-            n: one[rows] for n, one in vars(self).items() if isinstance(one, np.ndarray)
+        arrays = {
+            name: value[rows]
+            for name, value in vars(self).items()
+            if isinstance(value, np.ndarray)
         }
         requests = tuple(one for one in self.requests if first <= one.step <= last)
-        return self.but(**columns, requests=requests)
+        return self.with_changes(**arrays, requests=requests)
 
-    def but(self, **changes: object) -> "RunLog":
+    def with_changes(self, **changes: object) -> "RunLog":
         """Return the same log with some attributes changed."""
         log = copy(self)
         vars(log).pop("row_of", None)
@@ -238,19 +294,18 @@ class RunLog:
         return data_frame({name: values.ravel() for name, values in columns.items()})
 
     def history(self) -> History:
-        """Return what happened in each learning episode, as far as the log goes.
+        """Return the learning history: each episode as far as the log goes.
 
-        Of an episode that a gap cuts nobody knows how long it was: it is left out.
+        An episode that a gap cuts is left out, as its length is unknown.
         """
         scenario = self.run.scenario
         goals = np.array([robot.goal for robot in scenario.robots])
         rewarded = ~np.isnan(self.reward[..., -1])
         made = rewarded.any(axis=1)
-        made[:-1] &= (
-            np.diff(self.step) == 1
-        )  # else the state after it is not in the log
+        # A transition counts if the log also holds the state after it.
+        made[:-1] &= np.diff(self.step) == 1
         made[-1:] = False
-        for gap in self.tracks.gaps:
+        for gap in self.messages.gaps:
             end = gap.first if gap.last is None else gap.last
             cut = self.episode[(self.step >= gap.first - 1) & (self.step <= end + 1)]
             made &= ~np.isin(self.episode, cut)
@@ -275,14 +330,14 @@ class RunLog:
 
 
 def cell_numbers(frame: Frame, places: np.ndarray) -> np.ndarray:
-    """Return in which cells positions lie.
+    """Return the cells of positions.
 
     Args:
         frame: the run's frame.
         places: in metres, shape (..., 2).
 
     Returns:
-        The cells, `NONE` where there is no free one, int32, shape (...).
+        The cells, `NONE` where a position is in no free cell, int32, shape (...).
     """
     pairs = np.ascontiguousarray(places).view(np.complex128)[..., 0]
     different, which = np.unique(pairs, return_inverse=True)
@@ -294,10 +349,10 @@ def cell_numbers(frame: Frame, places: np.ndarray) -> np.ndarray:
 def read_run(path: Path) -> RunLog:
     """Read a run's log: a bag's directory, an `.mcap` or an `.mcap.partial`.
 
-    Of an unfinished or damaged file, what can be read before the damage.
+    Of an unfinished or damaged file everything outside of its gaps is read.
 
     Raises:
         BagError: nothing can be read, or the bag holds no run, or is of another format.
         RunError, ScenarioError, SettingError: the run in the bag is not one of this version.
     """
-    return RunLog(read_tracks(Path(path)))
+    return RunLog(read_messages(Path(path)))

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a team had learned at any time step: learned again from the recorded checkpoint before."""
+"""A team's tables at any time step: learned again from the recorded checkpoint before it."""
 
 from collections.abc import Callable, Sequence
 from functools import cached_property
@@ -13,27 +13,27 @@ from sparse_coord_ros.core.game.rules import EPISODE_GAP
 from sparse_coord_ros.core.learners.agent import Agent
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.log.runlog.attached import RecordedTables
-from sparse_coord_ros.log.runlog.replay import Replay, Stretch, restored, trajectory_of
+from sparse_coord_ros.log.runlog.replay import Interval, Replay, restored, trajectory_of
 from sparse_coord_ros.log.runlog.window import MOVES, LongLog
 from sparse_coord_ros.protocol import wire
 
 AT_ONCE = 2000
-"""Time steps that are read and learned again at once."""
+"""Number of time steps that are read and learned again together."""
 
 MOST_BYTES = 100_000_000
-"""Of what is kept, about; the oldest of it goes first."""
+"""About the most bytes of kept tables; the oldest ones are dropped first."""
 
 
 TablesThen = dict[int, tuple[int, Tables]]
-"""By robot up to which time step it had learned, and its tables then."""
+"""By robot: the time step up to which it had learned, and its tables then."""
 
 
 class Asked(NamedTuple):
-    """A question, and what came of it.
+    """A question and its percept.
 
     Attributes:
-        robot: who asks, from 0.
-        cell: where it is.
+        robot: the asking robot, from 0.
+        cell: its cell.
         perceived: the cells of the peers that it perceived; None: the percept failed.
     """
 
@@ -43,14 +43,20 @@ class Asked(NamedTuple):
 
 
 class _Part(NamedTuple):
-    """A part of a log as it is learned again: from which step on, each robot's actions' steps."""
+    """A part of a log that is learned again.
+
+    Attributes:
+        first: its first time step.
+        steps: of each robot the time steps of its actions.
+        replays: of each robot.
+    """
 
     first: int
     steps: list[np.ndarray]
     replays: list[Replay]
 
     def advance(self, step: int) -> bool:
-        """Go on to a time step; return whether the robots did what their agents choose."""
+        """Go on to a time step; return whether the agents chose all logged actions."""
         pairs = zip(self.steps, self.replays, strict=True)
         return all(
             [one.advance(int(np.searchsorted(steps, step))) for steps, one in pairs]
@@ -58,7 +64,7 @@ class _Part(NamedTuple):
 
 
 class Relearned:
-    """Answers what a team had learned, and keeps what it has computed for the next question.
+    """Computes a team's tables at any time step, and keeps some for the next call.
 
     Args:
         log: the log.
@@ -71,21 +77,22 @@ class Relearned:
         self._part: _Part | None = None
 
     def _recorded(self, step: int) -> list[RecordedTables]:
-        """Return of each robot that has any the newest recorded tables up to a time step."""
+        """Return each robot's newest recorded tables up to a time step, if it has any."""
         robots = range(len(self._log.run.scenario.robots))
         found = (self._log.tables_before(k, step) for k in robots)
         return [one for one in found if one is not None]
 
     def tables(self, step: int, still: Callable[[], bool] = lambda: True) -> TablesThen:
-        """Return by robot up to which time step it had learned, and its tables then.
+        """Return by robot the time step up to which it had learned, and its tables then.
 
-        That is `step`; where a part of the log is lost or does not tell all, or the learner's code
-        may not be imported, it is the time step of the newest recorded tables. A robot without any
-        is left out. The next call may change these tables.
+        The time step is `step`. Where a part of the log is lost or incomplete, or the learner's
+        code may not be imported, it is that of the newest recorded tables. A robot without any is
+        left out. The next call may change these tables.
 
         Args:
             step: the time step.
-            still: whether that is still wanted; if not, the newest recorded tables will do.
+            still: returns whether the tables are still wanted; if not, the newest recorded tables
+                will do.
 
         Raises:
             BagError, TablesError: the log or its tables cannot be read.
@@ -100,7 +107,7 @@ class Relearned:
         return {one.agent.number: (step, one.agent.tables) for one in part.replays}
 
     def begin(self, step: int) -> int:
-        """Return from which time step on is learned again what leads to a time step."""
+        """Return the time step from which on the tables of another one are learned again."""
         first = self._first(step)
         if first is None:
             return step
@@ -109,7 +116,7 @@ class Relearned:
         )
 
     def _first(self, step: int) -> int | None:
-        """Return the newest time step up to one of which all robots' tables are known."""
+        """Return the newest time step, up to a given one, with known tables of all robots."""
         common = set.intersection(*map(set, self._log.table_steps()))
         return max((at for at in {*common, *self._kept} if at <= step), default=None)
 
@@ -123,7 +130,7 @@ class Relearned:
 
         Args:
             step: the time step.
-            asked: who asked then, and what came of it.
+            asked: the questions then, with their percepts.
             still: as of `tables`.
 
         Returns:
@@ -144,7 +151,7 @@ class Relearned:
         return [tuple(row[:PRIMITIVES]) for row in rows]
 
     def _agents(self, step: int, still: Callable[[], bool]) -> dict[int, Agent]:
-        """Return the robots' agents as they were at a time step; none where that is not known."""
+        """Return the robots' agents as they were at a time step; none where it is unknown."""
         part = self._reached(step, still)
         return (
             {}
@@ -154,7 +161,7 @@ class Relearned:
 
     @cached_property
     def _standing(self) -> dict[int, Agent]:
-        """Agents that go by the tables of a run in which no robot learns."""
+        """Agents with the tables of a run in which no robot learns."""
         run = self._log.run
         return {
             one.robot: Agent(
@@ -185,7 +192,9 @@ class Relearned:
             and part.advance(min(step, part.first + AT_ONCE))
         ):
             if step < part.first + AT_ONCE:
-                if sought and step > part.first:  # who came here may come again
+                if (
+                    sought and step > part.first
+                ):  # this time step may be asked for again
                     self._keep(part, step)
                 self._part = part
                 self._at = step
@@ -194,19 +203,18 @@ class Relearned:
         return None
 
     def _begin(self, saved: Sequence[RecordedTables]) -> _Part | None:
-        """Begin a part; None where some of it is lost, or not said what it takes to go on."""
+        """Begin a part; None where some of it is lost."""
         first = saved[0].step
         wait = self._log.run.scenario.max_steps + EPISODE_GAP
         # The state before the first one says whether an episode begins there.
         log = self._log.read(
             max(0, first - 1), first + AT_ONCE + wait, [*MOVES, wire.PERCEPT]
         )
-        if log.bag.gaps or log.tracks.gaps:
+        if log.bag.gaps or log.messages.gaps:
             return None
-        done = [trajectory_of(log, one.robot, Stretch(first)) for one in saved]
-        for (
-            one
-        ) in done:  # whether it has learned from its very last action no later one says
+        done = [trajectory_of(log, one.robot, Interval(first)) for one in saved]
+        for one in done:
+            # No later action says whether the robot learned from the last one.
             one.learned[-1:] |= one.told[-1:]
         pairs = zip(done, saved, strict=True)
         replays = [
@@ -215,7 +223,7 @@ class Relearned:
         return _Part(first, [one.step for one in done], replays)
 
     def _keep(self, part: _Part, step: int) -> list[RecordedTables]:
-        """Keep and return what the robots remember at a time step that a part has reached."""
+        """Keep and return the robots' tables at a time step that a part has reached."""
         team = [replay.agent for replay in part.replays]
         saved = [RecordedTables(one.number, step, one.tables, {}, {}) for one in team]
         self._kept[step] = saved

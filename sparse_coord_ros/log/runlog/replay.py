@@ -1,16 +1,16 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What of a log can be computed again: stretches, a robot's trajectory in one, and its agent.
+"""Replays a log: intervals between gaps, a robot's trajectory in one, and its agent.
 
-A gap takes away what the robots learned in it. Where the log holds all robots' tables of a later
-time step with their counts of updates, it goes on from these as they are recorded. Where the world
-is then follows from its states and status; random draws belong to time steps.
+What robots learned in a gap is unknown. The computation goes on at the next time step of which
+the log holds all robots' tables with their counts of updates: these are taken as they are
+recorded. The world's position then follows from states and status. Random draws belong to time
+steps.
 """
 
 import struct
 from collections import Counter
 from collections.abc import Mapping
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -27,16 +27,13 @@ from sparse_coord_ros.log.runlog.timeline import MARGIN
 from sparse_coord_ros.protocol.wire import ACTION_LABELS
 from sparse_coord_ros.protocol.wire.messages import action_numbers
 
-UNFIT = (KeyError, ValueError, IndexError, TypeError)
-"""What `restored` may raise where a log is forged, or of another version."""
-
 
 class Start(NamedTuple):
-    """Where a stretch begins that is not the first.
+    """The beginning of an interval after a gap.
 
     Attributes:
-        position: where the world is.
-        left_out: how many robots' steps it had made without them.
+        position: the world's position.
+        left_out: how many robots' steps the world had made without them.
         recorded: each robot's tables.
     """
 
@@ -45,13 +42,14 @@ class Start(NamedTuple):
     recorded: tuple[RecordedTables, ...]
 
 
-class Stretch(NamedTuple):
-    """Time steps of which nothing is missing, or those between two such stretches.
+class Interval(NamedTuple):
+    """Time steps that can be computed again, or those that cannot because of a gap.
 
     Attributes:
-        first, last: its time steps; 0: from the run's beginning, None: to the run's end.
+        first: the first time step; 0: from the run's beginning.
+        last: the last time step; None: up to the run's end.
         start: None at the run's beginning.
-        lost: they are missing, or lie between what is missing and the next checkpoint.
+        lost: they cannot be computed: they lie between a gap and the next checkpoint.
     """
 
     first: int = 0
@@ -60,25 +58,25 @@ class Stretch(NamedTuple):
     lost: bool = False
 
     def holds(self, step: int) -> bool:
-        """Whether a time step is one of it."""
+        """Return whether a time step belongs to it."""
         return self.first <= step and (self.last is None or step <= self.last)
 
     def counts(self, k: int) -> Mapping[str, int]:
-        """Return what stood beside a robot's tables where the stretch begins."""
+        """Return the counts beside a robot's tables at the beginning."""
         return Counter() if self.start is None else self.start.recorded[k].counts
 
 
-def fresh_agent(log: RunLog, k: int, memory: Memory, stretch: Stretch) -> Agent:
-    """Return robot k's agent as it began a stretch.
+def fresh_agent(log: RunLog, k: int, memory: Memory, interval: Interval) -> Agent:
+    """Return robot k's agent at the beginning of an interval.
 
     Args:
         log: the log.
         k: its number.
-        memory: what it began the run with.
-        stretch: the stretch.
+        memory: its memory at the run's beginning.
+        interval: the interval.
     """
-    if stretch.start is not None:
-        return restored(log, stretch.start.recorded[k])
+    if interval.start is not None:
+        return restored(log, interval.start.recorded[k])
     run = log.run
     return Agent(
         run.rule, run.scenario, k, run.seed, memory=memory, learning=not run.greedy
@@ -86,76 +84,131 @@ def fresh_agent(log: RunLog, k: int, memory: Memory, stretch: Stretch) -> Agent:
 
 
 def restored(log: RunLog, recorded: RecordedTables) -> Agent:
-    """Return an agent that goes on with what was recorded."""
-    return fresh_agent(log, recorded.robot, recorded.tables.memory, Stretch())
+    """Return an agent that goes on from recorded tables."""
+    return fresh_agent(log, recorded.robot, recorded.tables.memory, Interval())
 
 
-def stretches(log: RunLog) -> list[Stretch]:
-    """Return the stretches of a log in order, also those that are lost; without gaps it is one."""
-    found = []
-    stretch = Stretch()
+def intervals(log: RunLog) -> list[Interval]:
+    """Return the intervals of a log in order, lost ones included; without gaps there is one."""
+    found: list[Interval] = []
+    open_interval = Interval()
     for gap in log.gaps:
-        if gap.last is not None and gap.last + MARGIN < stretch.first:
+        if gap.last is not None and gap.last + MARGIN < open_interval.first:
             continue
         last = gap.first - 1 - MARGIN
-        if stretch.first <= last:
-            found.append(stretch._replace(last=last))
+        if open_interval.first <= last:
+            found.append(open_interval._replace(last=last))
             begin = last + 1
         else:  # nothing is left between this gap and the one before it
             begin = found.pop().first if found else 0
         after = None if gap.last is None else _after(log, gap.last + MARGIN)
         if after is None:
-            return [*found, Stretch(begin, lost=True)]
-        found.append(Stretch(begin, after.first - 1, lost=True))
-        stretch = after
-    return [*found, stretch]
+            return [*found, Interval(begin, lost=True)]
+        found.append(Interval(begin, after.first - 1, lost=True))
+        open_interval = after
+    return [*found, open_interval]
 
 
-def _after(log: RunLog, step: int) -> Stretch | None:
-    """Return the stretch from the next checkpoint after a time step on; None: there is none."""
+def _after(log: RunLog, step: int) -> Interval | None:
+    """Return the interval from the next checkpoint after a time step on; None: there is none."""
     tables = {(one.robot, one.step): one for one in log.all_tables}
     for at in sorted({at for _, at in tables if at > step}):
         recorded = [tables[k, at] for k in range(len(log.names)) if (k, at) in tables]
         if len(recorded) == len(log.names):
             start = _start(log, at, step, tuple(recorded))
             if start is not None:
-                return Stretch(at, None, start)
+                return Interval(at, None, start)
     return None
 
 
 def _start(
     log: RunLog, at: int, after: int, recorded: tuple[RecordedTables, ...]
 ) -> Start | None:
-    """Return where the world is at a checkpoint; None where the log does not say it.
+    """Return the beginning of an interval at a checkpoint.
 
-    Its states say where the robots are and when the episode began, and the next status how many
-    transitions there have been, no fewer than before the gap.
+    Args:
+        log: the log.
+        at: the time step of the checkpoint.
+        after: the last time step that a gap may touch.
+        recorded: each robot's tables of the checkpoint.
+
+    Returns:
+        None where the log does not hold the world's position then.
     """
-    step = log.step
-    statuses = log.tracks.statuses
-    breaks = np.flatnonzero(np.diff(step[step <= at]) != 1)[-1:].tolist()
-    said = next((one for one in statuses if one.step >= at), None)
-    if at not in step or not breaks or said is None:
+    episode_start = _episode_start(log, at, after)
+    counts = _counts_at(log, at, after)
+    if episode_start is None or counts is None:
         return None
-    before, episode_start = step[breaks[0] : breaks[0] + 2].tolist()
-    if before <= after or episode_start - before != EPISODE_GAP:
-        return None
-    row, end = np.searchsorted(step, [at, said.step]).tolist()
-    cells = log.cells[row]
-    goals = np.array([robot.goal for robot in log.run.scenario.robots])
+    cells = log.cells[log.row_of[at]]
     if NONE in cells:
         return None
-    rewarded = ~np.isnan(log.reward[row:end, :, 0])
-    made = rewarded.any(axis=1)
-    left = (~rewarded & (log.cells[row:end] != goals))[made]
-    transitions = said.transitions - int(made.sum())
-    left_out = said.left_out - int(left.sum())
-    earlier = [one for one in statuses if one.step <= after]
-    if any(transitions < one.transitions or left_out < one.left_out for one in earlier):
-        return None
-    places = tuple(cells.tolist()), tuple((cells == goals).tolist())
-    position = Position(transitions, at, at != episode_start, episode_start, *places)
+    transitions, left_out = counts
+    goals = [robot.goal for robot in log.run.scenario.robots]
+    position = Position(
+        transitions,
+        at,
+        at != episode_start,
+        episode_start,
+        tuple(cells.tolist()),
+        tuple((cells == goals).tolist()),
+    )
     return Start(position, left_out, recorded)
+
+
+def _episode_start(log: RunLog, at: int, after: int) -> int | None:
+    """Return the first time step of the episode of a time step; None: it is unknown.
+
+    Args:
+        log: the log.
+        at: the time step.
+        after: the episode must begin after this time step.
+    """
+    if at not in log.row_of:
+        return None
+    steps = log.step[: log.row_of[at] + 1]
+    breaks = np.flatnonzero(np.diff(steps) != 1)
+    if not len(breaks):
+        return None
+    before, start = steps[breaks[-1] : breaks[-1] + 2].tolist()
+    if before <= after or start - before != EPISODE_GAP:
+        return None
+    return int(start)
+
+
+def _counts_at(log: RunLog, at: int, after: int) -> tuple[int, int] | None:
+    """Return how many transitions the world had made at a time step, and steps without a robot.
+
+    The next status says both, and the log holds the transitions between.
+
+    Args:
+        log: the log.
+        at: the time step.
+        after: counts of a status up to this time step must not be higher.
+
+    Returns:
+        None where the log does not hold them, or contradicts itself.
+    """
+    statuses = log.messages.statuses
+    later = [one for one in statuses if one.step >= at]
+    if not later:
+        return None
+    status = later[0]
+    begin, end = np.searchsorted(log.step, [at, status.step]).tolist()
+    rewarded = ~np.isnan(log.reward[begin:end, :, 0])
+    made = rewarded.any(axis=1)
+    goals = np.array([robot.goal for robot in log.run.scenario.robots])
+    under_way = log.cells[begin:end] != goals
+    left_out = (under_way & ~rewarded)[made]
+    counts = (
+        status.transitions - int(made.sum()),
+        status.left_out - int(left_out.sum()),
+    )
+    for one in statuses:
+        if one.step <= after and (
+            counts[0] < one.transitions or counts[1] < one.left_out
+        ):
+            return None
+    return counts
 
 
 BITS = struct.Struct(f"={len(ACTION_LABELS)}d")
@@ -163,17 +216,18 @@ BITS = struct.Struct(f"={len(ACTION_LABELS)}d")
 
 
 class Trajectory(NamedTuple):
-    """One robot's actions in the log, and what came of them; n actions.
+    """One robot's actions in the log with their outcomes; n actions.
 
     Attributes:
-        row: which time step of the log, shape (n,).
+        row: the row of the time step in the log's arrays, shape (n,).
         step: the time step, shape (n,).
-        cell: where it was, next_cell: where it was a step later; NONE where the log does not say;
-            shape (n,).
-        peers: whom it asks if it chooses COORDINATE, shape (n, number of them).
-        seen: in which cells it perceived them, shape (n, number of them); NONE in all where not.
+        cell, next_cell: the robot's cell then and a step later; NONE where the log does not hold
+            it; shape (n,).
+        peers: the peers that it asks if it chooses COORDINATE, shape (n, number of them).
+        seen: the cells in which it perceived them, shape (n, number of them); NONE in all where
+            it did not.
         told: whether the log holds the reward and both states, shape (n,).
-        learned: whether it has learned from the action, shape (n,).
+        learned: whether the robot learned from the action, shape (n,).
         begins: whether an episode begins with the action, shape (n,).
     """
 
@@ -188,81 +242,110 @@ class Trajectory(NamedTuple):
     begins: np.ndarray
 
     def perceived_at(self, i: int) -> tuple[int, ...] | None:
-        """Return the cells in which it perceived its peers at an action; None where not."""
+        """Return the cells in which it perceived its peers at an action; None: it did not."""
         seen = tuple(self.seen[i].tolist())
         return seen if seen and NONE not in seen else None
 
 
-def trajectory_of(log: RunLog, k: int, stretch: Stretch) -> Trajectory:
-    """Return robot k's trajectory from a time step on, up to what makes no sense.
+def trajectory_of(log: RunLog, k: int, interval: Interval) -> Trajectory:
+    """Return robot k's trajectory from an interval's beginning on.
 
-    Where time steps are lost what makes no sense is left out.
-
-    Whether it has learned from an action its next one says; from the last one the numbers beside
-    the tables.
+    It ends before the first malformed action or missing state. Where time steps are lost these
+    are left out.
     """
-    acted = log.tracks.actions[k].step
-    rows = np.flatnonzero((log.step >= stretch.first) & np.isin(log.step, acted))
-    odd = (log.cells[rows, k] == NONE) | (log.move[rows, k] == NONE)
-    rows = (
-        rows[~odd]
-        if stretch.lost
-        else rows[: int(np.argmax(odd))]
-        if odd.any()
-        else rows
-    )
+    rows = _rows_of_actions(log, k, interval)
     step = log.step[rows]
-    after = np.minimum(rows + 1, len(log.step) - 1)
-    followed = (rows + 1 < len(log.step)) & (log.step[after] == step + 1)
-    next_cell = np.where(followed, log.cells[after, k], NONE)
-    learned = np.zeros(len(rows), dtype=bool)
-    learned[:-1] = log.has_learned[rows, k][1:] == 1.0
-    for entry in log.all_tables:
-        if entry.robot == k and len(step) and entry.step > step[-1]:
-            before = stretch.counts(k).get("learned", 0) + int(learned[:-1].sum())
-            learned[-1] = entry.counts.get("learned", 0) > before
-    whom = partial(asked_peers, log.run.scenario.peers, k, len(log.names))
-    draws = Stream(log.run.seed, k, POLICY)
-    asked = [whom(draws.at(at)[PEER]) for at in step.tolist()]
-    count = len(whom(0.0))
-    peers = np.array(asked, dtype=np.int64).reshape(len(rows), count)
-    percepts = log.tracks.percepts[k]
-    right = percepts.step[percepts.rows["count"] == 1 + count]
-    seen = np.where(
-        np.isin(step, right)[:, None], log.percept[rows[:, None], k, peers], NONE
-    )
-    seen[(seen == NONE).any(axis=1)] = NONE
-    told = (next_cell != NONE) & ~np.isnan(log.reward[rows, k, 0])
-    begins = ~np.isin(step - 1, log.tracks.states[k].step)
-    if stretch.start is not None:
-        begins[step == stretch.first] = (
-            stretch.start.position.episode_start == stretch.first
-        )
+    cell = log.cells[rows, k]
+    next_cell = _next_cells(log, k, rows)
+    peers = _peers_to_ask(log, k, step)
+    rewarded = ~np.isnan(log.reward[rows, k, 0])
+    begins = ~np.isin(step - 1, log.messages.states[k].step)
+    if interval.start is not None:
+        at_start = interval.start.position.episode_start == interval.first
+        begins[step == interval.first] = at_start
     return Trajectory(
         row=rows,
         step=step,
-        cell=log.cells[rows, k],
+        cell=cell,
         next_cell=next_cell,
         peers=peers,
-        seen=seen,
-        told=told,
-        learned=learned,
+        seen=_seen_cells(log, k, rows, peers),
+        told=(next_cell != NONE) & rewarded,
+        learned=_learned(log, k, rows, interval),
         begins=begins,
     )
 
 
+def _rows_of_actions(log: RunLog, k: int, interval: Interval) -> np.ndarray:
+    """Return the rows of a robot's actions, shape (n,)."""
+    acted = np.isin(log.step, log.messages.actions[k].step)
+    rows = np.flatnonzero(acted & (log.step >= interval.first))
+    malformed = (log.cells[rows, k] == NONE) | (log.move[rows, k] == NONE)
+    if not malformed.any():
+        return rows
+    if interval.lost:
+        return np.asarray(rows[~malformed])
+    return rows[: int(np.argmax(malformed))]
+
+
+def _next_cells(log: RunLog, k: int, rows: np.ndarray) -> np.ndarray:
+    """Return a robot's cells a time step later, shape (n,); NONE where they are not logged."""
+    after = np.minimum(rows + 1, len(log.step) - 1)
+    follows = log.step[after] == log.step[rows] + 1
+    return np.where(follows, log.cells[after, k], NONE)
+
+
+def _learned(log: RunLog, k: int, rows: np.ndarray, interval: Interval) -> np.ndarray:
+    """Return whether a robot learned from each of its actions, shape (n,).
+
+    The next action says it; of the last action the counts beside the tables say it.
+    """
+    learned = np.zeros(len(rows), dtype=bool)
+    if not len(rows):
+        return learned
+    learned[:-1] = log.has_learned[rows[1:], k] == 1.0
+    before = interval.counts(k).get("learned", 0) + int(learned.sum())
+    last_step = log.step[rows[-1]]
+    for entry in log.all_tables:
+        if entry.robot == k and entry.step > last_step:
+            learned[-1] = entry.counts.get("learned", 0) > before
+    return learned
+
+
+def _peers_to_ask(log: RunLog, k: int, step: np.ndarray) -> np.ndarray:
+    """Return the peers that a robot asks if it chooses COORDINATE, shape (n, number of them)."""
+    scenario = log.run.scenario
+    draws = Stream(log.run.seed, k, POLICY)
+    found = [
+        asked_peers(scenario.peers, k, len(log.names), draws.at(at)[PEER])
+        for at in step.tolist()
+    ]
+    count = len(asked_peers(scenario.peers, k, len(log.names), 0.0))
+    return np.array(found, dtype=np.int64).reshape(len(step), count)
+
+
+def _seen_cells(log: RunLog, k: int, rows: np.ndarray, peers: np.ndarray) -> np.ndarray:
+    """Return the cells in which a robot perceived its peers, NONE in all where it did not."""
+    percepts = log.messages.percepts[k]
+    whole = percepts.step[percepts.rows["count"] == 1 + peers.shape[1]]
+    perceived = np.isin(log.step[rows], whole)[:, None]
+    seen = np.where(perceived, log.percept[rows[:, None], k, peers], NONE)
+    seen[(seen == NONE).any(axis=1)] = NONE
+    return seen
+
+
 class Replay:
-    """An agent that is fed one robot's trajectory, as long as it chooses what the robot chose.
+    """An agent that follows a robot's trajectory as long as it chooses the logged actions.
 
     Args:
         log: the log.
-        trajectory: the robot's.
-        agent: the robot's, as it began.
+        trajectory: the robot's trajectory.
+        agent: the robot's agent as it was at the beginning.
 
     Attributes:
-        agent: it has learned from all actions before `reached`, as far as the robot has.
-        reached: the action that is next; it is not yet chosen.
-        other: None, or what the agent chooses at `reached` where the log says another action.
+        agent: it has learned from all actions before `reached` from which the robot learned.
+        reached: the next action, not yet chosen.
+        other: the agent's action at `reached` where the log holds another one; else None.
     """
 
     def __init__(self, log: RunLog, trajectory: Trajectory, agent: Agent) -> None:
@@ -273,7 +356,7 @@ class Replay:
         self._trajectory = trajectory
 
     def advance(self, to: int) -> bool:
-        """Go on to an action; return whether all before it are the logged ones."""
+        """Go on to an action; return whether the agent chose all logged actions before it."""
         if self.reached >= to or self.other is not None:
             return self.other is None
         agent = self.agent
@@ -311,9 +394,11 @@ class Replay:
 
 
 def _rewards(logged: np.ndarray) -> list[Reward]:
-    """Return logged rewards, shape (n, 5), as agents take them."""
+    """Return logged rewards, shape (n, 5), in the form that agents take."""
     partners = logged[:, -1]
-    said = (partners >= 0) & (partners < 2.0**53)  # a forged log may say anything
-    known = np.where(said, partners, UNKNOWN_PARTNERS).astype(np.int64)
+    possible = (partners >= 0) & (
+        partners < 2.0**53
+    )  # a forged log may hold any number
+    known = np.where(possible, partners, UNKNOWN_PARTNERS).astype(np.int64)
     columns = (*logged[:, :-1].T.tolist(), known.tolist())
     return list(map(Reward._make, zip(*columns, strict=True)))

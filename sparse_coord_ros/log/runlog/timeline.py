@@ -1,12 +1,13 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""One time line from the files of a bag: what a roll-back superseded is left out, gaps are named.
+"""The time line of a bag with several files: roll-backs and gaps.
 
 A team that goes back to a checkpoint does some time steps again. The recorder then begins another
-file, which says where the run goes on. What the files before it say of these steps is superseded.
+file, which says where the run goes on. The messages of these steps in the files before are
+superseded: they are left out.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -24,12 +25,12 @@ from sparse_coord_ros.log.runlog.difference import Difference
 
 
 class Rollback(NamedTuple):
-    """Where a file of a bag takes the run back.
+    """A file of a bag that begins with a return of the team to a checkpoint.
 
     Attributes:
-        file: its place in the bag.
-        step: the checkpoint: the robots' tables are of this time step.
-        first: the time step of the first local state after it.
+        file: the file's place in the bag.
+        step: the time step of the checkpoint, and so of the robots' tables.
+        first: the time step of the first local state after the return.
         until: the newest time step of the files before.
     """
 
@@ -40,37 +41,37 @@ class Rollback(NamedTuple):
 
 
 MARGIN = 5
-"""Time steps before and after a gap in which single messages may be missing."""
+"""Time steps before and after a gap in which single messages may be missing as well."""
 
 
 class LostSteps(NamedTuple):
-    """Time steps that are not in the log: from `first` to `last`; None: to the run's end."""
+    """Time steps from `first` to `last` that are not in the log; None: up to the run's end."""
 
     first: int
     last: int | None
 
 
 class Jump(NamedTuple):
-    """Messages of a topic that are not in the file, by their numbers.
+    """A jump in the sequence numbers of a topic: the messages between are not in the file.
 
     Attributes:
-        topic: its name.
-        before, after: log times of its messages before and after them.
-        odd: what that is in a bag of which nothing is lost.
+        topic: the topic's name.
+        before, after: log times of the messages before and after the jump.
+        difference: how `verify` reports the jump in a bag of which nothing is lost.
     """
 
     topic: str
     before: int
     after: int
-    odd: Difference
+    difference: Difference
 
 
 class Stall(NamedTuple):
-    """Where a recorder stood still.
+    """A pause in which a recorder did not run.
 
     Attributes:
         step: the time step from which on messages may be lost.
-        seconds: for how long.
+        seconds: the length of the pause.
     """
 
     step: int
@@ -78,75 +79,88 @@ class Stall(NamedTuple):
 
 
 def stalls(bag: Bag) -> list[Stall]:
-    """Return where the recorder of a bag stood still; records that make no sense are left out."""
-    records = [texts for name, texts in bag.metadata_records if name == STALLED_RECORD]
-    steps = [texts.get("step", "") for texts in records]
-    return [
-        Stall(int(step[:18]), texts.get("seconds", "?"))
-        for step, texts in zip(steps, records, strict=True)
-        if step.isdecimal()
-    ]
+    """Return the pauses of a bag's recorder; malformed records are left out."""
+    found = []
+    for name, texts in bag.metadata_records:
+        step = texts.get("step", "")
+        if name == STALLED_RECORD and step.isdecimal():
+            found.append(Stall(_number(step), texts.get("seconds", "?")))
+    return found
+
+
+def _number(text: str) -> int:
+    """Return a decimal text as a number; a forged one may have any length."""
+    return int(text[:18])
 
 
 def rollbacks(bag: Bag) -> list[Rollback]:
     """Return the roll-backs of a bag, `until` still unknown.
 
-    A record that makes no sense is left out; the log then differs, as steps come twice.
+    Malformed records are left out. The log then differs, as steps come twice.
     """
     found = []
-    for place, file in enumerate(bag.files):
-        said = file.continued or {}
-        texts = said.get("step", ""), said.get("first", "")
-        if (
-            place
-            and said.get("why") == ROLLED_BACK
-            and all(t.isdecimal() for t in texts)
-        ):
-            step, first = (int(text[:18]) for text in texts)
-            if step <= first <= step + EPISODE_GAP or step == 0:
-                found.append(Rollback(place, step, first, 0))
+    for place, file in enumerate(bag.files[1:], start=1):
+        record = file.continued or {}
+        step = record.get("step", "")
+        first = record.get("first", "")
+        if record.get("why") != ROLLED_BACK:
+            continue
+        if not (step.isdecimal() and first.isdecimal()):
+            continue
+        back = Rollback(place, _number(step), _number(first), 0)
+        if back.step == 0 or back.step <= back.first <= back.step + EPISODE_GAP:
+            found.append(back)
     return found
 
 
-def kept(
+def without_superseded(
     files: Sequence[np.ndarray],
     backs: Sequence[Rollback],
     period: int,
     *,
     checkpoints: bool,
 ) -> np.ndarray:
-    """Return the rows of one topic, of which those that a roll-back superseded are left out.
+    """Return the rows of one topic, without those that a roll-back superseded.
 
     Args:
         files: rows with the field `ns`, of each file.
         backs: the roll-backs.
         period: nanoseconds of a time step.
-        checkpoints: the topic also says things of a roll-back's checkpoint, before its first step.
+        checkpoints: the topic also has messages of a roll-back's checkpoint.
     """
     rows = files[0]
-    of_file = {back.file: back for back in backs}
-    for place, more in enumerate(files[1:], start=1):
-        back = of_file.get(place)
+    rollback_of = {back.file: back for back in backs}
+    for place, later in enumerate(files[1:], start=1):
+        back = rollback_of.get(place)
         if back is not None:
-            end = back.first * period
-            rows = rows[rows["ns"] < end]
-            begin = back.step * period if checkpoints else end
-            # Before them lie stragglers: what was under way when the order came.
-            late = np.flatnonzero(np.diff(more["ns"]) < 0)
-            after = int(late[-1]) + 1 if len(late) else 0
-            if after and more["ns"][:after].min() > more["ns"][after]:
-                more = more[after:]
-            more = more[more["ns"] >= begin]
-        rows = np.concatenate([rows, more])
+            first_ns = back.first * period
+            begin_ns = back.step * period if checkpoints else first_ns
+            rows = rows[rows["ns"] < first_ns]
+            later = _without_late(later)
+            later = later[later["ns"] >= begin_ns]
+        rows = np.concatenate([rows, later])
     return rows
 
 
-def holds(place: int, step: int, backs: Sequence[Rollback]) -> bool:
-    """Whether what a file (by its place) says of a time step is not superseded."""
-    before = any(place < back.file and step >= back.first for back in backs)
-    return not before and not any(
-        place == back.file and step < back.step for back in backs
-    )
+def _without_late(rows: np.ndarray) -> np.ndarray:
+    """Leave out the late messages at a file's begin, which were sent before the roll-back."""
+    falls = np.flatnonzero(np.diff(rows["ns"]) < 0)
+    if not len(falls):
+        return rows
+    begin = int(falls[-1]) + 1
+    if rows["ns"][:begin].min() <= rows["ns"][begin]:
+        return rows
+    return rows[begin:]
+
+
+def superseded(place: int, step: int, backs: Sequence[Rollback]) -> bool:
+    """Return whether a roll-back supersedes what a file (by its place) holds of a time step."""
+    for back in backs:
+        if place < back.file and step >= back.first:
+            return True
+        if place == back.file and step < back.step:
+            return True
+    return False
 
 
 def gaps(
@@ -154,76 +168,83 @@ def gaps(
     clocks: Sequence[np.ndarray],
     heard: Sequence[int],
     backs: Sequence[Rollback],
-    said: int,
+    last_status: int,
 ) -> tuple[list[LostSteps], list[Rollback]]:
-    """Return what was not recorded between files, and the roll-backs with their `until`.
+    """Return the gaps between the files of a bag, and the roll-backs with their `until`.
 
-    What a recorder missed that came back is told by the clock, as it numbers messages on.
+    A recorder that came back numbers the clock's messages on, so only their time steps show what
+    it missed.
 
     Args:
         bag: the bag.
         clocks: time steps of the clock, of each file.
-        heard: from which time step on the recorder heard all robots, of each file. One that comes
-            back may hear the world before it hears a robot.
+        heard: the time step from which on the recorder heard all robots, of each file. A recorder
+            that comes back may hear the world before it hears a robot.
         backs: the roll-backs.
-        said: the time step of the world's last status: a recorder that comes back after the run's
-            end hears nothing else.
+        last_status: the time step of the world's last status. A recorder that comes back after
+            the run's end hears only that.
     """
-    of_file: Mapping[int, Rollback] = {back.file: back for back in backs}
-    found = []
-    known = []
-    end = 0
+    rollback_of = {back.file: back for back in backs}
+    found: list[LostSteps] = []
+    known: list[Rollback] = []
+    end = 0  # the newest time step of the files before
     for place, steps in enumerate(clocks):
-        back = of_file.get(place)
+        back = rollback_of.get(place)
         if back is not None:
             known.append(back._replace(until=end))
             end = min(end, back.first - 1)
         why = (bag.files[place].continued or {}).get("why")
-        if place and len(steps) and (why != SPLIT or back is not None):
-            first = int(steps.min()) if back is None else back.first
+        follows = back is not None or why != SPLIT
+        if place and follows and len(steps):
+            begin = int(steps.min())
+            first = begin if back is None else back.first
             if why == RESTARTED:
                 first = max(first, heard[place])
             if first - end > EPISODE_GAP:
                 found.append(LostSteps(end + 1, first - 1))
-            if first < int(
-                steps.min()
-            ):  # of a recorder that came back as the run went back
-                found.append(LostSteps(first, int(steps.min()) - 1))
-        elif why == RESTARTED and place == len(clocks) - 1 and said - end > EPISODE_GAP:
-            found.append(LostSteps(end + 1, said))
+            if first < begin:  # the recorder came back while the team went back
+                found.append(LostSteps(first, begin - 1))
+        elif why == RESTARTED and place == len(clocks) - 1:
+            if last_status - end > EPISODE_GAP:
+                found.append(LostSteps(end + 1, last_status))
         end = max(end, int(steps.max(initial=0)))
     return found, known
 
 
-def lost(
-    jumps: Sequence[Jump], period: int, known: Sequence[LostSteps]
+def with_jumps(
+    known: Sequence[LostSteps], jumps: Sequence[Jump], period: int
 ) -> list[LostSteps]:
-    """Return gaps, those that are known and those of which missing numbers tell.
+    """Return gaps, the known ones and those that jumps in the sequence numbers show.
 
-    The topics of every step say where a gap lies; that one which says something seldom misses
-    messages, too, somewhere around it, tells nothing new.
+    Topics of every step show a gap exactly, so the narrowest jump is taken first. A wider jump
+    around a gap that is already known, as of a topic with few messages, is left out.
 
     Args:
+        known: gaps.
         jumps: those of the topics of every step.
         period: nanoseconds of a time step.
-        known: gaps.
     """
     found = list(known)
-    for jump in sorted(jumps, key=lambda one: abs(one.after - one.before)):
-        ends = sorted((jump.before // period, jump.after // period))
-        first = ends[0] + 1
-        last = max(ends[0] + 1, ends[1] - 1)
-        low = first - MARGIN
-        high = last + MARGIN
-        if not any(
-            low <= gap.first and (gap.last or gap.first) <= high for gap in found
-        ):
+    for jump in sorted(jumps, key=_width):
+        before, after = sorted((jump.before // period, jump.after // period))
+        first = before + 1
+        last = max(first, after - 1)
+        if not any(_near(gap, first, last) for gap in found):
             found.append(LostSteps(first, last))
     return found
 
 
+def _width(jump: Jump) -> int:
+    return abs(jump.after - jump.before)
+
+
+def _near(gap: LostSteps, first: int, last: int) -> bool:
+    end = gap.last or gap.first
+    return first - MARGIN <= gap.first and end <= last + MARGIN
+
+
 def gap_in_words(gap: Gap, period: int) -> str:
-    """Return which part of a bag cannot be read and why, and about which time steps that are."""
+    """Return a gap of a bag in words, with its reason and about which time steps it holds."""
     first = "the beginning" if gap.first_ns is None else gap.first_ns // period
     last = "the end" if gap.last_ns is None else gap.last_ns // period
     return f"{gap.text}; about time steps {first} to {last}"

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Any stretch of a long log, read by itself; the learning history of a log, stretch by stretch."""
+"""A part of a long log, read by itself; the learning history of a log, part by part."""
 
 from collections.abc import Collection, Iterator
 from pathlib import Path
@@ -17,19 +17,19 @@ from sparse_coord_ros.log.bags.reader import Bag, open_bag
 from sparse_coord_ros.log.runlog.attached import RecordedTables, attached_tables
 from sparse_coord_ros.log.runlog.bag_run import find_run
 from sparse_coord_ros.log.runlog.log import RunLog
+from sparse_coord_ros.log.runlog.run_messages import RunMessages
 from sparse_coord_ros.log.runlog.timeline import gap_in_words, rollbacks
-from sparse_coord_ros.log.runlog.tracks import Tracks
 from sparse_coord_ros.protocol import wire
 from sparse_coord_ros.protocol.wire.frame import Frame
 
 MOVES = (wire.LOCAL_STATE, wire.REWARD, wire.ACTION)
-"""What the history is computed from."""
+"""The topics from which the history is computed."""
 
 STEPS_AROUND = 500
-"""Time steps before and after one that are read to show it."""
+"""Number of time steps before and after a given one that are read to show it."""
 
-STRETCH_BYTES = 500_000
-"""Bytes of the file of which the history is computed at once."""
+BYTES_AT_ONCE = 500_000
+"""Number of bytes of the file from which a part of the history is computed."""
 
 
 class Questions(NamedTuple):
@@ -37,8 +37,8 @@ class Questions(NamedTuple):
 
     Attributes:
         step: the time step, shape (n,), int64.
-        robot: who asks, from 0, shape (n,), int64.
-        cell: where it is, shape (n,), int64.
+        robot: the asking robot, from 0, shape (n,), int64.
+        cell: its cell, shape (n,), int64.
     """
 
     step: np.ndarray
@@ -57,15 +57,15 @@ def questions_in(log: RunLog, first: int, last: int) -> Questions:
 
 
 class Episodes(NamedTuple):
-    """What a stretch of a log brought to the learning history.
+    """The episodes of a part of a log.
 
     Attributes:
         history: its episodes.
         questions: its questions, those of the last episode included.
-        read_to: up to which time step these two go.
-        log: its time steps, but those of a last episode that may go on.
-        last_step: up to which time step that is.
-        open_step: where the last episode begins if it may go on, so that it has to be read again;
+        read_to: the last time step of these two.
+        log: its time steps, without those of a last episode that may go on.
+        last_step: the last time step of `log`.
+        open_step: the first time step of a last episode that may go on, and has to be read again;
             None: all are whole.
     """
 
@@ -78,16 +78,15 @@ class Episodes(NamedTuple):
 
 
 class LongLog:
-    """A bag of any length, of which only what is asked for is read.
+    """A bag of any length, of which parts are read.
 
-    What a roll-back has superseded is left out.
-    What cannot be read is left out: `losses` names it, once reading has come there.
+    Superseded messages are left out. So are gaps: `losses` names those that reading has reached.
 
     Args:
         path: as of `read_run`.
 
     Attributes:
-        bag: what is where in the file.
+        bag: the bag, with the places of its messages.
         run: the run.
         period: nanoseconds a time step.
 
@@ -109,7 +108,7 @@ class LongLog:
 
     @property
     def blocks(self) -> list[Block]:
-        """Where in the files the messages are, up to what a roll-back has superseded."""
+        """The places of the messages in the files, without superseded ones."""
         found = []
         for place, blocks in enumerate(self.bag.blocks):
             firsts = [back.first for back in self._backs if back.file > place]
@@ -127,19 +126,19 @@ class LongLog:
 
     @property
     def losses(self) -> list[str]:
-        """What cannot be read, as far as reading has come there, one line each."""
+        """The gaps that reading has reached, one line each."""
         return [gap_in_words(gap, self.period) for gap in self.bag.gaps]
 
     def read(
         self, first: int, last: int, only: Collection[wire.Topic] | None = None
     ) -> RunLog:
-        """Return the time steps from `first` to `last`, as far as some topics tell; None: all."""
+        """Return the time steps from `first` to `last`, of some topics; None: of all."""
         bag = self.bag.between(first * self.period, last * self.period)
-        return RunLog(Tracks(bag, self._source, only)).between(first, last)
+        return RunLog(RunMessages(bag, self._source, only)).between(first, last)
 
     def whole(self, only: Collection[wire.Topic]) -> RunLog:
-        """Return all time steps and tables, as far as some topics tell of them, read once."""
-        tracks = Tracks(Bag(self.bag.files), self._source, only)
+        """Return all time steps of some topics, and all tables, read once."""
+        tracks = RunMessages(Bag(self.bag.files), self._source, only)
         tracks.add_tables()
         return RunLog(tracks)
 
@@ -151,11 +150,11 @@ class LongLog:
     def episodes(
         self, begin: int = 0, also: Collection[wire.Topic] = ()
     ) -> Iterator[Episodes]:
-        """Yield the learning history from a time step on, stretch by stretch, as far as there is.
+        """Yield the learning history from a time step on, part by part.
 
         Args:
-            begin: the time step at which an episode begins; 0: the log.
-            also: what else to read than what the history is computed from.
+            begin: the first time step of an episode; 0: that of the log.
+            also: further topics to read.
         """
         finished = self.bag.finished
         size = 0
@@ -165,7 +164,7 @@ class LongLog:
             size = size + place.length
             last_ns = max(last_ns, place.end_ns)
             whole = number == len(places)
-            if size < STRETCH_BYTES and not whole:
+            if size < BYTES_AT_ONCE and not whole:
                 continue
             last = last_ns // self.period
             log = self.read(begin, last, (*MOVES, *also))
@@ -175,7 +174,7 @@ class LongLog:
             open_step = None
             read_to = last
             if not whole and history.episodes < 2:
-                size = -3 * STRETCH_BYTES  # an episode may be longer
+                size = -3 * BYTES_AT_ONCE  # an episode may be longer
                 continue
             if not whole:
                 end = int(history.first_step[-1])

@@ -7,7 +7,7 @@
 all have said where they are, the world makes the step. A body that does not get there has stayed.
 
 At an episode's begin bodies are to be at the episode's first cells. A simulator puts them there;
-real ones are brought there by whoever can, and the world waits.
+people or programs bring real ones there, and the world waits.
 """
 
 from collections.abc import Callable, Sequence
@@ -136,7 +136,7 @@ class BodiesSide:
     Attributes:
         placing: whether bodies are waited for at the cells in which the episode begins or goes on.
         failed: moves that did not get there.
-        lost: of these, moves after which the body was in no cell, or nobody knew where.
+        lost: of these, moves after which the body was in no cell, or its pose was not known.
         seconds: how long the steps took, in all, by the clock of the poses.
     """
 

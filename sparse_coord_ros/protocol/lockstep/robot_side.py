@@ -16,7 +16,7 @@ from sparse_coord_ros.core.game.world import Action, Reward
 from sparse_coord_ros.core.learners.agent import Agent, Choice, Decision
 from sparse_coord_ros.core.learners.mind import Memory
 from sparse_coord_ros.core.runs.run_config import RunConfig
-from sparse_coord_ros.protocol.wire import COUNTS, Account, PerceptEnd
+from sparse_coord_ros.protocol.wire import COUNTS, PerceptEnd, SelfReport
 
 NO_STEP = 0
 """The step of a request by a person, who does not know the time step."""
@@ -33,7 +33,7 @@ class RobotPort(Protocol):
     def ask(self, peer: int, step: int, cell: int) -> None:
         """Request the peer's local state of a time step; `cell` is the asker's own."""
 
-    def act(self, step: int, action: Action, account: Account) -> None:
+    def act(self, step: int, action: Action, report: SelfReport) -> None:
         """Publish the action that answers the local state of a time step."""
 
     def percept(self, step: int, cell: int, perceived: tuple[int, ...] | None) -> None:
@@ -108,7 +108,7 @@ class RobotSide:
         self._states: deque[tuple[int, int]] = deque()
         self._reward: Reward | None = None
         self._choice: Choice | None = None  # whose outcome is still to come
-        self._account = Account(
+        self._self_report = SelfReport(
             PerceptEnd.DID_NOT_ASK, False
         )  # what was said beside it
         self._asked: Decision | None = (
@@ -193,7 +193,7 @@ class RobotSide:
             self._go_on()
 
     def due(self, there: int) -> int | None:
-        """Return what a peer in a cell answers to the question under way: its cell, or nothing."""
+        """Return the answer due from a peer in a cell to the question under way."""
         sees = self._percepts.sees(self._handled, self.agent.number, self._cell, there)
         return there if sees else None
 
@@ -214,23 +214,23 @@ class RobotSide:
         return Answer(own_step, own_cell if seen else None)
 
     def snapshot(self) -> RobotState:
-        """Return where the robot is: a copy, of the time step `handled`.
+        """Return the robot's state, a copy, at the time step `handled`.
 
         An agent learns only when it works off a state, so this may be asked for at any time.
         """
         # What it has chosen at this step, it will choose again.
         chosen = self._asked is not None or self._choice is not None
         asks = self._asks_before if chosen else self.asks.values()
-        told = self._learned_last if self._choice is None else self._account.learned
+        told = self._learned_last if self._choice is None else self._self_report.learned
         place = self.handled, self._cell, self.transitions, self._episode_start
         return RobotState(
             *place, told, (*asks, self.learned, self.dropped), self.agent.memory()
         )
 
-    def account_of(self, step: int) -> Account | None:
-        """Return what the robot said of itself at a time step; None: it is over, or to come."""
+    def self_report_of(self, step: int) -> SelfReport | None:
+        """Return the robot's self-report of a time step; None: it is over, or to come."""
         return (
-            self._account
+            self._self_report
             if self._choice is not None and step == self._handled
             else None
         )
@@ -298,12 +298,12 @@ class RobotSide:
     def _repeat(self, step: int, cell: int) -> None:
         """The world says a state again because it misses the action: say it, or choose it now."""
         if self._choice is not None and self._handled == step:
-            self._port.act(step, self._choice.action, self._account)
+            self._port.act(step, self._choice.action, self._self_report)
         elif self._asked is None and self._handled == step and cell != self.agent.goal:
             self._choose()
 
     def _rests(self, step: int, cell: int) -> bool:
-        """Whether no action is due: arrived, end of the episode, or end of the run."""
+        """Return whether no action is due: arrived, end of the episode, or end of the run."""
         ended = self.transitions >= self._budget
         return (
             ended
@@ -333,9 +333,9 @@ class RobotSide:
         if ended in (PerceptEnd.ANSWERED, PerceptEnd.REFUSED, PerceptEnd.LATE):
             self.asks[ended.words] += 1
         action = self.agent.act(step, cell, decision, perceived)
-        account = self._account = Account(ended, self._learned_last)
+        report = self._self_report = SelfReport(ended, self._learned_last)
         self._learned_last = False
         self._choice = Choice(self._cell, decision, action, perceived)
         if action.asked:
             self._port.percept(step, cell, perceived)
-        self._port.act(step, action, account)
+        self._port.act(step, action, report)

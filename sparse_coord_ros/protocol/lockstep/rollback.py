@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""How a team goes back to its last common checkpoint, as state machines without ROS.
+"""Rollback of a team to its last common checkpoint, as state machines without ROS.
 
 Every robot says which checkpoints it has. The world chooses the newest that all have, itself
 included, goes back to it and orders everybody to do so. It goes on when all have obeyed, or when a
@@ -14,10 +14,10 @@ from collections.abc import Callable
 
 from sparse_coord_ros.core.game.rules import EPISODE_GAP
 from sparse_coord_ros.core.learners.agent import Agent
-from sparse_coord_ros.protocol.lockstep.checkpoints import Store
+from sparse_coord_ros.protocol.lockstep.node_checkpoints import CheckpointStore
 from sparse_coord_ros.protocol.lockstep.robot_side import RobotSide
 from sparse_coord_ros.protocol.lockstep.world_side import WorldSide
-from sparse_coord_ros.protocol.wire.status import NO_ORDER, ROLL_CALL, Order, Progress
+from sparse_coord_ros.protocol.wire.status import NO_ORDER, NO_ROLLBACK, Order, Progress
 
 
 class WorldRollback:
@@ -37,7 +37,7 @@ class WorldRollback:
         waiting: the robots that have yet to obey.
     """
 
-    def __init__(self, side: WorldSide, store: Store, robots: int) -> None:
+    def __init__(self, side: WorldSide, store: CheckpointStore, robots: int) -> None:
         self.order = Order()
         self.events = Counter(store.counted())
         self._side = side
@@ -52,7 +52,7 @@ class WorldRollback:
         new = before is not None and before.life != said.life
         if new and self._side.world.transitions:
             self.events["returned_robots" if said.resumed else "replaced_robots"] += 1
-        able = self.order.step in (ROLL_CALL, *said.checkpoints)
+        able = self.order.step in (NO_ROLLBACK, *said.checkpoints)
         if said.obeyed == self.order.name or not able:
             self.waiting.discard(robot)
         elif new:
@@ -84,7 +84,7 @@ class WorldRollback:
             return False
         self._side.go_on_from(self._store.load(max(steps)))
         self.waiting = set(range(len(self.said)))
-        step = max(steps) if together else ROLL_CALL
+        step = max(steps) if together else NO_ROLLBACK
         self.order = Order(uuid.uuid4().hex, step, self._side.world.step)
         self.events["taken_back"] += together
         return True
@@ -97,11 +97,11 @@ class WorldRollback:
         """
         if not self._side.held or (self.waiting and not anyway):
             return False
-        if self.order.step == ROLL_CALL:
+        if self.order.step == NO_ROLLBACK:
             said = [one for one in self.said if one is not None]
             step = max(one.step for one in said) + 1 + EPISODE_GAP
             self._side.begin_at(step, max(one.transitions for one in said))
-        if not self.waiting or self.order.step == ROLL_CALL:
+        if not self.waiting or self.order.step == NO_ROLLBACK:
             self.order = Order()
         self._side.start()
         return True
@@ -121,7 +121,7 @@ class RobotRollback:
     def __init__(
         self,
         side: RobotSide,
-        store: Store,
+        store: CheckpointStore,
         fresh: Callable[[], Agent],
         life: str,
         resumed: bool,
@@ -158,7 +158,7 @@ class RobotRollback:
         """
         if order.name in (NO_ORDER, self._obeyed):
             return False
-        if order.step != ROLL_CALL:
+        if order.step != NO_ROLLBACK:
             if order.step not in self._store.steps():
                 return False
             self._side.go_on_from(self._fresh(), self._store.load(order.step))
@@ -166,7 +166,7 @@ class RobotRollback:
         return True
 
     def progress(self) -> Progress:
-        """Return what to say to the world: on joining, after saving, after `obey`."""
+        """Return the robot's progress for the world: on joining, after saving, after `obey`."""
         at = (self._side.handled, self._side.transitions)
         steps = tuple(self._store.steps())
         return Progress(self._life, *at, steps, self._obeyed, self._resumed)

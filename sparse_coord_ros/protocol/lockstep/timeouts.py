@@ -1,9 +1,9 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a robot or a recorder knows of the world of its run: whether it is there, and its end.
+"""Timeouts of world, robots and recorder: silence, reminders, deadlines, presence of the world.
 
 The world says its status every second, with the identity of its run. What another world says, or
-somebody who forges it, does not count. Times are seconds of any clock that never goes back.
+one that forges it, does not count. Times are seconds of any clock that never goes back.
 """
 
 from sparse_coord_ros.protocol.wire import RunState
@@ -39,7 +39,7 @@ class Silence:
         self.since = self._stands_since = now
 
     def tick(self, now: float) -> None:
-        """Note that this process lives; where it stood still itself, nobody was silent."""
+        """Note that this process lives; where it stood still itself, no robot was silent."""
         if now - self._ticked > REPEAT_SECONDS:
             self.since = now
         self._ticked = now
@@ -53,7 +53,7 @@ class Silence:
         return now - self._stands_since
 
     def repeats(self, now: float) -> bool:
-        """Whether it is time to say everything again; it is then said."""
+        """Return whether it is time to say everything again; it is then said."""
         due = now - self._repeated >= REPEAT_SECONDS
         if due:
             self._repeated = now
@@ -68,7 +68,7 @@ class Reminder:
         self._said = 0.0
 
     def due(self, now: float) -> float:
-        """Return how many seconds the waiting has lasted where it is time to say so, else 0."""
+        """Return the seconds of waiting so far if it is time to say so, else 0."""
         if self._since is None:
             self._since = self._said = now
         if now - self._said < REMIND_SECONDS:
@@ -179,7 +179,7 @@ class WorldPresence:
         return now - self._heard
 
     def given_up(self, now: float) -> str:
-        """Return why the world is not waited for any more, or an empty text."""
+        """Return the reason not to wait for the world any more, or an empty text."""
         silent = self.silent(now)
         if self._other and silent >= SILENT_SECONDS:
             return f"no word from the world for {silent:.0f} s, and another one has begun a run"

@@ -12,7 +12,7 @@ from typing import NamedTuple, Protocol
 from sparse_coord_ros.core.game.game import Game, ResumableGame
 from sparse_coord_ros.core.game.world import Action, Position, Reward, World
 from sparse_coord_ros.core.runs.history import History, HistoryRecorder
-from sparse_coord_ros.core.runs.run import Glimpse
+from sparse_coord_ros.core.runs.run import TeamTransition
 from sparse_coord_ros.core.runs.run_config import RunConfig
 from sparse_coord_ros.protocol.wire import Began
 
@@ -42,7 +42,7 @@ class WorldState(NamedTuple):
         counts: `episode` and `miscoordinations` of the game, `timeouts`, `left_out`, `stale`,
             `lost`.
         began: why the episode began.
-        absent: robots that nobody waits for.
+        absent: robots that the world does not wait for.
         history: the episodes.
     """
 
@@ -70,7 +70,7 @@ class WorldSide:
         began: why the episode began: one of the reasons of `wire`.
         stale: actions that came too late, or twice.
         lost: transitions that count as made and are no part of the history.
-        absent: robots that missed a deadline and have not acted since; nobody waits for them.
+        absent: robots that missed a deadline and have not acted since: not waited for.
         history: gathers the episodes.
         watcher: None, or called after each transition with it.
         held: after `go_on_from` and until `start`: what robots do is of the time taken back.
@@ -84,7 +84,7 @@ class WorldSide:
         self.began: str = Began.START
         self.absent: set[int] = set()
         self.history = HistoryRecorder(len(run.scenario.robots))
-        self.watcher: Callable[[Glimpse], None] | None = None
+        self.watcher: Callable[[TeamTransition], None] | None = None
         self.held = False
         self._begins = True
         self._port = port
@@ -151,7 +151,7 @@ class WorldSide:
         self._publish_states()
 
     def snapshot(self, step: int | None = None) -> WorldState | None:
-        """Return where the world is; None: its game cannot be resumed.
+        """Return the world's state; None: its game cannot be resumed.
 
         Args:
             step: the time step under which the robots save; the present one where None.
@@ -212,7 +212,7 @@ class WorldSide:
         if self.watcher is not None:
             after = tuple(self.world.cells)
             said = self.actions, after, outcome.miscoordination, outcome.rewards
-            self.watcher(Glimpse(step, before, *said))
+            self.watcher(TeamTransition(step, before, *said))
         self._begin_step()
         for k in acted:
             self._rewards[k] = (step, outcome.rewards[k])

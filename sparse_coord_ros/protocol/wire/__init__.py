@@ -3,7 +3,7 @@
 """The vocabulary of the wire, without ROS: topics, services, labels and states, each said once.
 
 `TOPICS` is the table of all messages: whose each is, its type, the labels of its numbers, how it
-is delivered and recorded. `messages.py` packs and reads by it, `ros/nodes/interface.py` binds it
+is delivered and recorded. `messages.py` packs and reads by it, `ros/nodes/ros_topics.py` binds it
 to message classes and QoS profiles; the recorder and the log follow it. Topic names are relative:
 a team's to its namespace, a robot's to its own name; what ROS shares among all nodes is absolute.
 What is of no use to people begins with an underscore: `ros2 topic list` hides it.
@@ -52,7 +52,7 @@ class Topic:
         type_name: the message's type, such as `std_msgs/msg/String`.
         owner: whose it is.
         delivery: how it is published.
-        tapped: published as packed bytes, and handed to a recorder in the same process: what
+        packed: published as packed bytes, and handed to a recorder in the same process: what
             each time step and episode says.
         recorded: it is written into a bag as it is.
         labels: of a sensor_msgs/JointState: what its numbers are called. A reader looks numbers
@@ -64,7 +64,7 @@ class Topic:
     type_name: str
     owner: Owner
     delivery: Delivery
-    tapped: bool = False
+    packed: bool = False
     recorded: bool = True
     labels: tuple[str, ...] = ()
     limit: Limit = limits.MESSAGE
@@ -79,7 +79,7 @@ class Topic:
         return self.type_name in (_CLOCK, _POSE, _NUMBERS, _GRID, _PATH, _ODOMETRY)
 
     def column(self, label: str) -> int:
-        """Return which of the numbers has a label."""
+        """Return the index of a label among the numbers."""
         return self.labels.index(label)
 
 
@@ -117,13 +117,13 @@ class PerceptEnd(IntEnum):
 
     @classmethod
     def untold(cls, *, perceived: bool, peers: int) -> "PerceptEnd":
-        """Return how a percept ended of which nobody says it: in one process none is late."""
+        """Return the outcome of a percept without a deadline: in one process no answer is late."""
         return (
             cls.ANSWERED if perceived else cls.REFUSED if peers else cls.NOBODY_TO_ASK
         )
 
 
-class Account(NamedTuple):
+class SelfReport(NamedTuple):
     """What a robot says of itself in its `action`, beside the action: the fields are labels there.
 
     Attributes:
@@ -136,7 +136,7 @@ class Account(NamedTuple):
 
 
 ACTION_LABELS = ("east", "north", "coordinate", "peer", "perceived")
-"""Of an `action`: what the action's own numbers are called; after them comes the account."""
+"""Of an `action`: what the action's own numbers are called; after them comes the `SelfReport`."""
 
 PARTNERS = "partners"
 """A label more of `reward` where the world has a `referee`: the sum of 2^(j-1) of the robots j
@@ -161,14 +161,14 @@ _PARAMETERS = "rcl_interfaces/msg/ParameterEvent"
 
 RUN = Topic("run", _STRING, TEAM, _LATCHED, limit=limits.SCENARIO)
 STATUS = Topic("status", _STATUS, TEAM, _LATCHED)
-CLOCK = Topic("clock", _CLOCK, TEAM, _STEP, tapped=True)
+CLOCK = Topic("clock", _CLOCK, TEAM, _STEP, packed=True)
 """Outside any namespace that is /clock, which nodes with `use_sim_time` follow. Of a run whose
 `clock` is none it is called `HIDDEN_CLOCK`: the log needs it, and /clock is others'."""
 
 HIDDEN_CLOCK = "_clock"
 
-MAP = Topic("map", _GRID, TEAM, _LATCHED, tapped=True, limit=limits.PICTURE)
-MARKERS = Topic("markers", _MARKERS, TEAM, _LATCHED, tapped=True, limit=limits.PICTURE)
+MAP = Topic("map", _GRID, TEAM, _LATCHED, packed=True, limit=limits.PICTURE)
+MARKERS = Topic("markers", _MARKERS, TEAM, _LATCHED, packed=True, limit=limits.PICTURE)
 SCENE = Topic("scene", _MARKERS, TEAM, _LATCHED, limit=limits.PICTURE)
 """For people only: names of robots, who asks whom, how full doorways are."""
 
@@ -176,17 +176,17 @@ DIAGNOSTICS = Topic("/diagnostics", _REPORT, TEAM, _EVENT, limit=limits.PICTURE)
 """Absolute, as REP 107 has it, so that an aggregator hears every team; drivers and other teams
 publish here too. The stamps are of the wall clock, in no frame."""
 
-LOCAL_STATE = Topic("local_state", _POSE, ROBOT, _STEP, tapped=True)
+LOCAL_STATE = Topic("local_state", _POSE, ROBOT, _STEP, packed=True)
 REWARD_LABELS = ("individual", "common", "ask_cost", "total")
-REWARD = Topic("reward", _NUMBERS, ROBOT, _STEP, tapped=True, labels=REWARD_LABELS)
+REWARD = Topic("reward", _NUMBERS, ROBOT, _STEP, packed=True, labels=REWARD_LABELS)
 ACTION = Topic(
     *("action", _NUMBERS, ROBOT, _STEP),
-    tapped=True,
-    labels=(*ACTION_LABELS, *Account._fields),
+    packed=True,
+    labels=(*ACTION_LABELS, *SelfReport._fields),
 )
 PERCEPT = Topic("percept", _PATH, ROBOT, _STEP)
 COORDINATION_MAP = Topic(
-    *("coordination_map", _GRID, ROBOT, _LATCHED), tapped=True, limit=limits.PICTURE
+    *("coordination_map", _GRID, ROBOT, _LATCHED), packed=True, limit=limits.PICTURE
 )
 PROGRESS = Topic("_progress", _STATUS, ROBOT, _LATCHED)
 """What a robot says of its checkpoints, and the recorder of the orders that it has seen."""
@@ -195,7 +195,7 @@ TABLES = Topic("tables", _BYTES, ROBOT, _TABLES, recorded=False, limit=limits.TA
 """Of a robot, as the bytes of an .npz file; the recorder attaches them to the bag."""
 
 CLAIM = Topic("_claim", "std_msgs/msg/Header", NODE, _LATCHED)
-"""Of the world and of every robot: `frame_id` is what the node is called by nobody else, and its
+"""Of the world and of every robot: `frame_id` is an identity of the node's own, and its
 `ClaimRank`. The stamp (wall clock, since when) is for people only."""
 
 _EVENTS = (
@@ -248,12 +248,12 @@ PLANS_FOLDER = "improved/"
 
 
 def tables_attachment(robot: str, step: int | str) -> str:
-    """Return what a robot's tables of a time step are called as an attachment of a bag."""
+    """Return the attachment's name of a robot's tables of a time step."""
     return f"{TABLES_FOLDER}{robot}_{step}.npz"
 
 
 def improved_attachment(robot: str) -> str:
-    """Return what a robot's plan is called as an attachment: its improved tables."""
+    """Return the attachment's name of a robot's improved tables."""
     return f"{PLANS_FOLDER}{robot}.npz"
 
 
@@ -307,7 +307,7 @@ OVER = (RunState.FINISHED, RunState.STOPPED)
 class Began(StrEnum):
     """Why an episode began, as `status` says it.
 
-    The run's first; all had arrived; `max_steps` were used up; somebody asked for it; nobody was
+    The run's first; all had arrived; `max_steps` were used up; a user asked for it; no robot was
     left to wait for.
     """
 
@@ -319,7 +319,7 @@ class Began(StrEnum):
 
 
 class ClaimRank(IntEnum):
-    """How far a node of a name has come; whoever has come further keeps the name.
+    """How far a node of a name has come; the node that has come further keeps the name.
 
     It looks whether the name is taken; it has the name; it takes part in a run.
     """

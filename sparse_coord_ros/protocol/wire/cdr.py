@@ -147,7 +147,7 @@ class Layout:
 
 
 def _struct_code(kind: np.dtype) -> str:
-    """Return how `struct` calls a NumPy type."""
+    """Return the format of `struct` for a NumPy type."""
     base = kind.base
     count = int(np.prod(kind.shape))
     if base.itemsize == 1 or base.kind == "V":
@@ -157,7 +157,7 @@ def _struct_code(kind: np.dtype) -> str:
 
 
 def rows_at(content: bytes, places: np.ndarray, kind: np.dtype) -> np.ndarray:
-    """Return what lies at some places of bytes, an array of a structured type: (places,)."""
+    """Return the values at some places of bytes, an array of a structured type: (places,)."""
     if not len(places):
         return np.empty(0, dtype=kind)
     count = len(content) - kind.itemsize + 1

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Time steps and cells as the seconds and metres that messages speak of, and back.
 
-The nodes and whoever reads their log use this same object, so that both mean the same.
+The nodes and the readers of their log share this object, so that both mean the same.
 """
 
 from math import isfinite

@@ -4,7 +4,7 @@
 
 A `MessageForm` says how the messages of a topic look as bytes, and what rows they make. The nodes
 pack and read single messages by it (`Messages`), the log many at once, by columns.
-An error's text says what such a message does, such as "labels no number total".
+An error's text says what such a message does, such as "has no number labelled total".
 """
 
 import struct
@@ -118,7 +118,7 @@ def nanoseconds(time: Any) -> int:
     """Return a decoded time in nanoseconds; ValueError where it is none."""
     if not 0 <= time.nanosec < SECOND:
         raise ValueError(
-            f"is stamped {time.sec} s {time.nanosec} ns, which is no time of the run"
+            f"is stamped {time.sec} s {time.nanosec} ns, outside of the run"
         )
     return int(time.sec) * SECOND + int(time.nanosec)
 
@@ -156,7 +156,7 @@ def labelled(labels: Sequence[str]) -> MessageForm:
         ns, said = read_labelled(message)
         missing = [label for label in labels if label not in said]
         if missing:
-            raise ValueError(f"labels no number {', '.join(missing)}")
+            raise ValueError(f"has no number labelled {', '.join(missing)}")
         return ns, [said[label] for label in labels]
 
     numbers = Free("numbers", f"({count},)<f8")
@@ -301,7 +301,7 @@ def markers_form(frame: Frame, scenario: Scenario) -> MessageForm:
 
 
 def action_numbers(action: Action) -> tuple[float, ...]:
-    """Return the numbers of an `action` up to the account; peers count from 1, 0 is none."""
+    """Return the numbers of an `action` up to the self-report; peers count from 1, 0 is none."""
     east, north = EAST_NORTH[action.move]
     return (
         east,
@@ -313,7 +313,7 @@ def action_numbers(action: Action) -> tuple[float, ...]:
 
 
 def action_from(numbers: Sequence[float]) -> Action:
-    """Return the action that the numbers of an `action` say; the account is left out.
+    """Return the action that the numbers of an `action` say; the self-report is left out.
 
     Raises:
         ValueError: (east, north) is no primitive action, or peer is no number.
@@ -329,8 +329,8 @@ def action_from(numbers: Sequence[float]) -> Action:
     return Action(move, bool(asked), int(peer) - 1, bool(perceived))
 
 
-ACCOUNT_KINDS = tuple(get_type_hints(wire.Account).values())
-"""The types of an account's numbers."""
+SELF_REPORT_TYPES = tuple(get_type_hints(wire.SelfReport).values())
+"""The types of a self-report's numbers."""
 
 
 FLAGS = (0.0, 1.0)
@@ -375,9 +375,7 @@ class Messages(Frame):
             ValueError: it lies before the run's beginning, or is no time.
         """
         if sec < 0 or not 0 <= nanosec < SECOND:
-            raise ValueError(
-                f"is stamped {sec} s {nanosec} ns, which is no time of the run"
-            )
+            raise ValueError(f"is stamped {sec} s {nanosec} ns, outside of the run")
         return self.step(sec, nanosec)
 
     def pack_clock(self, step: int) -> bytes:
@@ -422,10 +420,10 @@ class Messages(Frame):
         reward = Reward(individual, common, cost, total, *map(int, partners))
         return self.checked_step(sec, nanosec), reward
 
-    def pack_action(self, step: int, action: Action, account: wire.Account) -> bytes:
+    def pack_action(self, step: int, action: Action, report: wire.SelfReport) -> bytes:
         """Return an action as CDR of sensor_msgs/JointState; peers count from 1, 0 is none."""
         return ACTION_FORM.layout.pack(
-            *self.stamp(step), *action_numbers(action), *account
+            *self.stamp(step), *action_numbers(action), *report
         )
 
     def unpack_action(self, data: bytes) -> tuple[int, Action]:
@@ -438,14 +436,14 @@ class Messages(Frame):
         step, action, _ = self._action(data)
         return step, action
 
-    def unpack_account(self, data: bytes) -> tuple[int, Action, wire.Account]:
+    def unpack_self_report(self, data: bytes) -> tuple[int, Action, wire.SelfReport]:
         """Return (step, action, what the robot says of itself); errors as of `unpack_action`."""
         step, action, numbers = self._action(data)
-        said = numbers[-len(ACCOUNT_KINDS) :]
+        said = numbers[-len(SELF_REPORT_TYPES) :]
         if not all(map(isfinite, said)):
             raise ValueError(f"says {', '.join(map(str, said))} of itself: not finite")
-        kinds = zip(ACCOUNT_KINDS, said, strict=True)
-        return step, action, wire.Account(*(kind(number) for kind, number in kinds))
+        kinds = zip(SELF_REPORT_TYPES, said, strict=True)
+        return step, action, wire.SelfReport(*(kind(number) for kind, number in kinds))
 
     def _action(self, data: bytes) -> tuple[int, Action, Sequence[float]]:
         sec, nanosec, *numbers = self._read(wire.ACTION, ACTION_FORM, data)
@@ -461,7 +459,7 @@ class Messages(Frame):
         return self._grid.pack(*self.stamp(step), self._grids.map)
 
     def pack_coordination_map(self, step: int, q_star: np.ndarray) -> bytes:
-        """Return where a robot chooses COORDINATE as CDR of nav_msgs/OccupancyGrid.
+        """Return the cells where a robot asks as CDR of nav_msgs/OccupancyGrid.
 
         It is 100 there, 0 elsewhere, -1 in walls.
         """

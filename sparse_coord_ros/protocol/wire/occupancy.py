@@ -33,7 +33,7 @@ class OccupancyData:
         )
 
     def coordination(self, q_star: np.ndarray) -> bytes:
-        """Return where a greedy robot with this Q* asks, as `asks_surely` says."""
+        """Return the cells where a greedy robot with this Q* asks, by `asks_surely`."""
         asks = asks_surely(q_star.T)
         self._grid[self.places] = np.where(asks, OCCUPIED, EMPTY)
         return self._grid.tobytes()

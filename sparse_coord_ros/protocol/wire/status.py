@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 NO_ORDER = ""
 """In place of the name of an order: none stands."""
 
-ROLL_CALL = -1
-"""In place of a checkpoint's step: who is asked says where it is, and goes on."""
+NO_ROLLBACK = -1
+"""In place of a checkpoint's step: robots publish their progress, and go on where they are."""
 
 FURTHEST_STEP = 2**25
 """No run comes further: it has 10^7 transitions at most, and two time steps between episodes."""
@@ -22,7 +22,7 @@ class Order(NamedTuple):
 
     Attributes:
         name: a new one for each order; `NO_ORDER`: no order stands.
-        step: the checkpoint to go back to, or `ROLL_CALL`.
+        step: the checkpoint to go back to, or `NO_ROLLBACK`.
         first: the time step of the first local state after it.
     """
 
@@ -31,7 +31,7 @@ class Order(NamedTuple):
     first: int = 0
 
 
-class Said(NamedTuple):
+class RunStatus(NamedTuple):
     """What `status` says.
 
     Attributes:
@@ -66,18 +66,18 @@ def values_of(message: Any, *needed: str) -> dict[str, str]:
     values = {value.key: value.value for value in message.values}
     missing = [name for name in needed if name not in values]
     if missing:
-        raise ValueError(f"calls no value {missing[0]!r}")
+        raise ValueError(f"has no value {missing[0]!r}")
     return values
 
 
-def read_status(message: Any) -> Said:
-    """Return what the world says on `status`.
+def read_status(message: Any) -> RunStatus:
+    """Return the status of the run in a message on `status`.
 
     Raises:
         ValueError: a value is missing, or no number.
     """
     values = values_of(message, "step", "transitions", "left_out", "began")
-    step, transitions, left_out = (int(values[name]) for name in Said._fields[2:5])
+    step, transitions, left_out = (int(values[name]) for name in RunStatus._fields[2:5])
     if step < 0 or transitions < 0:
         raise ValueError(f"says step {step} with {transitions} transitions")
     name, *steps = values.get("rollback", "").split() or [NO_ORDER]
@@ -86,7 +86,9 @@ def read_status(message: Any) -> Said:
     order = Order(name, *map(int, steps))
     began = values["began"]
     run = values.get("run", "")
-    return Said(run, str(message.message), step, transitions, left_out, began, order)
+    return RunStatus(
+        run, str(message.message), step, transitions, left_out, began, order
+    )
 
 
 class Progress(NamedTuple):
@@ -120,7 +122,7 @@ class Progress(NamedTuple):
 
 
 def read_progress(message: Any) -> Progress:
-    """Return what a robot says of its checkpoints.
+    """Return the progress of a robot in its message.
 
     Raises:
         ValueError: it is malformed.
@@ -133,7 +135,7 @@ def read_progress(message: Any) -> Progress:
         0 <= number <= FURTHEST_STEP for number in (step, transitions, *checkpoints)
     ):
         raise ValueError(
-            f"says step {step} with {transitions} transitions: no run comes there"
+            f"says step {step} with {transitions} transitions, more than a run can have"
         )
     resumed = values["resumed"] == "1"
     return Progress(

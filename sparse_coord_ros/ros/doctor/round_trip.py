@@ -30,7 +30,7 @@ START_SECONDS = 20.0
 GRACE_SECONDS = 5.0
 """How long a process may take to leave: one that is killed leaves files in shared memory."""
 
-TRIED = "rmw_fastrtps_cpp"
+TESTED_MIDDLEWARE = "rmw_fastrtps_cpp"
 """The middleware that this package is tested with."""
 
 TRANSPORTS = "FASTDDS_BUILTIN_TRANSPORTS"
@@ -39,7 +39,7 @@ OTHER_WAYS: tuple[tuple[str, str, str], ...] = (
     (TRANSPORTS, "UDPv4", "shared memory does not work between processes here"),
     (RANGE, "LOCALHOST", "multicast does not work here, or discovery is turned off"),
 )
-"""What to try where nobody answers, and what it means where that helps."""
+"""What to try without an answer, and the cause if that helps."""
 
 SUSPECTS = ("RMW_IMPLEMENTATION", SECURITY, "ROS_DISCOVERY_SERVER", PROFILES)
 """Variables that keep ROS from starting, or nodes apart, where they are wrong."""
@@ -54,8 +54,12 @@ def findings() -> Iterator[Finding]:
         yield Finding(HINT, "ROS 2", text, remedy)
         return
     if "rmw" in said:
-        known = said["rmw"] == TRIED
-        remedy = "" if known else f"export RMW_IMPLEMENTATION={TRIED}, which was tested"
+        known = said["rmw"] == TESTED_MIDDLEWARE
+        remedy = (
+            ""
+            if known
+            else f"export RMW_IMPLEMENTATION={TESTED_MIDDLEWARE}, which was tested"
+        )
         yield Finding(
             FINE if known else HINT, "ROS 2", f"rclpy with {said['rmw']}", remedy
         )

@@ -15,21 +15,25 @@ from rclpy.publisher import Publisher
 from std_msgs.msg import Header
 
 from sparse_coord_ros.core.runs.run_config import RunConfig
-from sparse_coord_ros.lab.driving.arena import ELSEWHERE, IN_DOORWAY, Arena
+from sparse_coord_ros.lab.driving.body_simulator import (
+    ELSEWHERE,
+    IN_DOORWAY,
+    BodySimulator,
+)
 from sparse_coord_ros.lab.driving.steering import Command
 from sparse_coord_ros.lab.driving.transforms import parent_of
-from sparse_coord_ros.lab.driving.trials import arena_of
+from sparse_coord_ros.lab.driving.trials import simulator_of
 from sparse_coord_ros.protocol.lockstep.bodies import BEGIN, Goals, Reached
 from sparse_coord_ros.protocol.wire import MAP_FRAME
 from sparse_coord_ros.protocol.wire.frame import SECOND
 from sparse_coord_ros.protocol.wire.messages import CLOCK_FORM
-from sparse_coord_ros.ros.nodes import interface, transforms
+from sparse_coord_ros.ros.nodes import ros_topics, transforms
 from sparse_coord_ros.ros.nodes.follower import Follower
 from sparse_coord_ros.ros.nodes.messages import Converter
 from sparse_coord_ros.ros.nodes.parameters import PARAMETERS, Place
 from sparse_coord_ros.ros.nodes.spin import run_node
 
-AGAIN_SECONDS = 0.5
+REPEAT_POSES_SECONDS = 0.5
 """After this silence poses are published again: a driver that has just come has none."""
 
 FASTEST = 1000.0
@@ -46,13 +50,13 @@ class BodyNode(Follower):
         place: where the node is made, and with what: see `Place`.
 
     Attributes:
-        arena: the bodies, once a run has begun.
+        simulator: the bodies, once a run has begun.
 
     Raises:
         SparseCoordError: a bad parameter, a body that does not fit its cells.
     """
 
-    arena: Arena
+    simulator: BodySimulator
 
     def __init__(self, **place: Unpack[Place]) -> None:
         super().__init__("body", PARAMETERS["body"], **place)
@@ -60,32 +64,36 @@ class BodyNode(Follower):
         self._paths: list[list[float]] = []
         self._time_publisher: Publisher | None = None
         if self.values["body_clock"]:
-            self._time_publisher = self.announce(interface.CLOCK)
+            self._time_publisher = self.announce(ros_topics.CLOCK)
 
     def begin(self, run: RunConfig) -> None:
         """Put the bodies at the scenario's starts."""
         convert = Converter(run)
         names = convert.names
-        self.arena = arena_of(run, self.values, run.seed)
-        self.arena.put({k: robot.start for k, robot in enumerate(run.scenario.robots)})
+        self.simulator = simulator_of(run, self.values, run.seed)
+        self.simulator.put(
+            {k: robot.start for k, robot in enumerate(run.scenario.robots)}
+        )
         self._report = self.reporter("bodies")
-        self._pose_publishers = [self.announce(interface.POSE, name) for name in names]
+        self._pose_publishers = [self.announce(ros_topics.POSE, name) for name in names]
         self._odometry_publishers = [
-            self.announce(interface.ODOMETRY, name) for name in names
+            self.announce(ros_topics.ODOMETRY, name) for name in names
         ]
         frames = (transforms.ODOM, transforms.BASE)
         self._frames = [
             [transforms.robot_frame(self, name, f) for f in frames] for name in names
         ]
         self._transforms = transforms.TransformPublisher(self)
-        self.intake.listen(
-            interface.BODY_GOALS, self._on_goals, read=convert.read_goals
+        self.subscriber.listen(
+            ros_topics.BODY_GOALS, self._on_goals, read=convert.read_goals
         )
         for k, name in enumerate(names):
             take = functools.partial(self._on_command, k)
-            self.intake.listen(interface.CMD_VEL, take, name, read=read_command)
+            self.subscriber.listen(ros_topics.CMD_VEL, take, name, read=read_command)
             report = functools.partial(convert.read_reached, k)
-            self.intake.listen(interface.REACHED, self._on_reached, name, read=report)
+            self.subscriber.listen(
+                ros_topics.REACHED, self._on_reached, name, read=report
+            )
         if self.values["body_rate"] > 0:
             self.create_timer(
                 self.values["period"] / self.values["body_rate"], self._on_time
@@ -94,42 +102,42 @@ class BodyNode(Follower):
 
     def _on_goals(self, goals: Goals) -> None:
         if self.values["body_rate"] == 0:
-            if self.arena.send(goals):
+            if self.simulator.send(goals):
                 self._say(look=True)
         elif goals.place:
-            self.arena.put({goal.robot: goal.end for goal in goals.bodies})
+            self.simulator.put({goal.robot: goal.end for goal in goals.bodies})
 
     def _on_command(self, robot: int, command: Command) -> None:
         if self.values["body_rate"] > 0:
-            self.arena.bodies[robot].command = command
-        elif self.arena.told(robot, command):
+            self.simulator.bodies[robot].command = command
+        elif self.simulator.told(robot, command):
             self._say(look=True)
 
     def _on_reached(self, reached: Reached) -> None:
-        if self.values["body_rate"] == 0 and self.arena.reached(
+        if self.values["body_rate"] == 0 and self.simulator.reached(
             reached.robot, reached.number
         ):
             self._say(look=True)
 
     def _on_time(self) -> None:
-        self.arena.tick()
+        self.simulator.tick()
         self._say(look=True)
 
     def _say(self, *, look: bool) -> None:
         """Publish where the bodies are; `look`: they are looked at anew, else as last time."""
-        arena = self.arena
+        simulator = self.simulator
         self._said = time.monotonic()
         if look:
-            self._looks = [body.seen() for body in arena.bodies]
+            self._looks = [body.seen() for body in simulator.bodies]
             if self.values["paths"] and len(self._paths) < MOST_MOMENTS:
-                places = [number for body in arena.bodies for number in body.pose]
-                self._paths.append([arena.seconds, *places])
-        sec, nanosec = divmod(round(arena.seconds * SECOND), SECOND)
+                places = [number for body in simulator.bodies for number in body.pose]
+                self._paths.append([simulator.seconds, *places])
+        sec, nanosec = divmod(round(simulator.seconds * SECOND), SECOND)
         stamp = Time(sec=sec, nanosec=nanosec)
         if self._time_publisher is not None:
             self._time_publisher.publish(CLOCK_FORM.layout.pack(sec, nanosec))
-        for k, body in enumerate(arena.bodies):
-            if not look and k not in arena.waits_for:
+        for k, body in enumerate(simulator.bodies):
+            if not look and k not in simulator.waits_for:
                 continue  # its driver would take it for unheard, and say too much
             odom, base = self._frames[k]
             header, within = (
@@ -150,8 +158,8 @@ class BodyNode(Follower):
             self._pose_publishers[k].publish(seen)
 
     def go_on(self, now: float) -> None:
-        """Say again where the bodies are, where nobody drives."""
-        if now - self._said >= AGAIN_SECONDS and self.values["body_rate"] == 0:
+        """Publish the bodies' poses again while no body drives."""
+        if now - self._said >= REPEAT_POSES_SECONDS and self.values["body_rate"] == 0:
             self._say(look=False)
 
     def report(self) -> None:
@@ -160,13 +168,13 @@ class BodyNode(Follower):
 
     def summary(self) -> dict[str, Any]:
         """Return what happened, as plain data."""
-        arena = self.arena
-        where = Counter(touch.where for touch in self.arena.touches)
+        simulator = self.simulator
+        where = Counter(touch.where for touch in self.simulator.touches)
         return {
-            "seconds": round(arena.seconds - BEGIN, 3),
+            "seconds": round(simulator.seconds - BEGIN, 3),
             "touches_in_doorways": where[IN_DOORWAY],
             "touches_elsewhere": where[ELSEWHERE],
-            "bumps": arena.bumps,
+            "bumps": simulator.bumps,
         }
 
     def finish(self, *, interrupted: bool) -> None:
@@ -177,12 +185,12 @@ class BodyNode(Follower):
         self.get_logger().info(f"bodies: {said}")
         if self.values["paths"]:
             rows = np.array(self._paths)
-            places = rows[:, 1:].reshape(len(rows), len(self.arena.bodies), 3)
+            places = rows[:, 1:].reshape(len(rows), len(self.simulator.bodies), 3)
             np.savez_compressed(self.values["paths"], seconds=rows[:, 0], poses=places)
 
 
 def read_command(message: Twist) -> Command:
-    """Return what a body is told to do.
+    """Return the command for a body.
 
     Raises:
         ValueError: a speed is no number, or beyond what any body does.

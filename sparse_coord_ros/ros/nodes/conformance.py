@@ -28,16 +28,16 @@ from sparse_coord_ros.core.game.world import Action, Reward, World
 from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.protocol.lockstep.timeouts import REPEAT_SECONDS
 from sparse_coord_ros.protocol.lockstep.world_side import WorldSide, WorldState
-from sparse_coord_ros.protocol.wire import WORLD, Account, PerceptEnd, RunState
+from sparse_coord_ros.protocol.wire import WORLD, PerceptEnd, RunState, SelfReport
 from sparse_coord_ros.protocol.wire.services import ACTIVE_PERCEPTION
 from sparse_coord_ros.protocol.wire.status import (
-    ROLL_CALL,
+    NO_ROLLBACK,
     Order,
     Progress,
-    Said,
+    RunStatus,
     read_progress,
 )
-from sparse_coord_ros.ros.nodes import interface
+from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.messages import robot_number, status
 from sparse_coord_ros.ros.nodes.parameters import PARAMETERS, ParameterNode
 from sparse_coord_ros.ros.nodes.spin import Stop, make_executor, ros_context
@@ -99,18 +99,18 @@ class Note:
 
     states: int = 0
     due: bool = False
-    said: list[tuple[int, Action, Account]] = field(default_factory=list)
+    said: list[tuple[int, Action, SelfReport]] = field(default_factory=list)
     questions: int = 0
     poses: int = 0
 
 
-class Stage(WorldTopics):
+class ScriptedWorld(WorldTopics):
     """The world and the peers of a robot under test, which do what a script says.
 
     Args:
         robot: the robot's name; empty: the scenario's first.
         scenario: the scenario's name or file.
-        executor: runs the stage's node; a robot of the same process too.
+        executor: runs the node of this world; a robot of the same process too.
         ended: returns what the robot's process has left behind: "", once it is gone.
         checkpoints: whether the robot has to keep checkpoints; else it may keep none.
         place: where the node is made.
@@ -154,15 +154,15 @@ class Stage(WorldTopics):
         self.node.create_timer(
             STATUS_SECONDS, lambda: self.say(self.doing, self.side, self.order)
         )
-        listen = self.node.intake.listen
-        action = interface.ACTION
-        read = self.convert.unpack_account
+        listen = self.node.subscriber.listen
+        action = ros_topics.ACTION
+        read = self.convert.unpack_self_report
         self.actions = [
             listen(action, self._on_action, name, unpack=read) for name in self.names
         ]
-        listen(interface.PERCEPT, self._on_percept, self.name)
+        listen(ros_topics.PERCEPT, self._on_percept, self.name)
         tell = partial(setattr, self, "progress")
-        listen(interface.PROGRESS, tell, self.name, read=read_progress)
+        listen(ros_topics.PROGRESS, tell, self.name, read=read_progress)
         self._client = self.node.create_client(GetPlan, ACTIVE_PERCEPTION.of(self.name))
         for number, name in enumerate(self.names):
             if number != self.k:
@@ -195,7 +195,7 @@ class Stage(WorldTopics):
         """Keep where the world is."""
         self.kept[step] = self.side.snapshot(step)
 
-    def _on_action(self, said: tuple[int, Action, Account]) -> None:
+    def _on_action(self, said: tuple[int, Action, SelfReport]) -> None:
         self.notes[said[0]].said.append(said)
 
     def _on_percept(self, message: Any) -> None:
@@ -233,7 +233,7 @@ class Stage(WorldTopics):
     def quiet(self) -> None:
         """Wait for what should not come, then judge what the robot did at each time step."""
         self.wait(lambda: False, QUIET_SECONDS)
-        for topic in self.node.intake.dropped:
+        for topic in self.node.subscriber.dropped:
             self.expect(
                 "action",
                 False,
@@ -248,10 +248,10 @@ class Stage(WorldTopics):
         poses = note.poses
         asked = any(action.asked for _, action, _ in said)
         if said:
-            _, action, account = said[0]
+            _, action, report = said[0]
             answered = asked and questions > 1 and step % 3 != 0
-            ended = (account.percept != PerceptEnd.DID_NOT_ASK) == asked
-            told = f"coordinate={asked:d} perceived={action.perceived:d} percept={account.percept}"
+            ended = (report.percept != PerceptEnd.DID_NOT_ASK) == asked
+            told = f"coordinate={asked:d} perceived={action.perceived:d} percept={report.percept}"
             right = action.perceived == answered and ended
             self.expect(
                 "action", right, f"step {step}: {told} after {questions} questions"
@@ -280,7 +280,7 @@ class Stage(WorldTopics):
                 "percept", poses == due, f"step {step}: {poses} poses, not {due}"
             )
 
-    def answer(self, step: int) -> tuple[int, Action, Account] | None:
+    def answer(self, step: int) -> tuple[int, Action, SelfReport] | None:
         """Return the robot's first action of a time step; None: it does not come in time.
 
         As the world does, say everything again meanwhile.
@@ -309,7 +309,7 @@ class Stage(WorldTopics):
         """How many steps the episode is old."""
         return self.world.step - self.world.position().episode_start
 
-    def turn(self, what: str = "acts") -> Account:
+    def turn(self, what: str = "acts") -> SelfReport:
         """Make a time step; return what the robot said of itself at it.
 
         Raises:
@@ -351,7 +351,7 @@ class Stage(WorldTopics):
             self.turn(what)
 
     def lacks(self) -> str:
-        """Return what the robot lacks for the world to begin."""
+        """Return the missing topic or service of the robot that the world waits for."""
         return next((one for one in self.missing() if one.split()[0] == self.name), "")
 
     def begins(self, what: str) -> None:
@@ -412,14 +412,14 @@ class Stage(WorldTopics):
 
     def hears_another_run(self, what: str) -> None:
         """Publish run and status of another run, with an order and its end."""
-        order = Order("of_another_run", ROLL_CALL, 1)
-        values = Said(
+        order = Order("of_another_run", NO_ROLLBACK, 1)
+        values = RunStatus(
             "another", RunState.FINISHED, self.world.step, 100, order=order
         ).values()
         another = replace(self.run, id="another").to_yaml()
         publishers = (
-            self.node.announce(interface.RUN),
-            self.node.announce(interface.STATUS),
+            self.node.announce(ros_topics.RUN),
+            self.node.announce(ros_topics.STATUS),
         )
         publishers[0].publish(String(data=another))
         publishers[1].publish(status("x", RunState.FINISHED, values))
@@ -433,9 +433,9 @@ class Stage(WorldTopics):
         )
         self.turn(what)
 
-    def calls_the_roll(self, what: str) -> None:
+    def asks_for_progress(self, what: str) -> None:
         """Ask where the robot is, and begin an episode after that."""
-        self._order(what, ROLL_CALL, self.side.snapshot())
+        self._order(what, NO_ROLLBACK, self.side.snapshot())
 
     def orders_back(self, what: str) -> None:
         """Order the robot back to its newest checkpoint that the world has too."""
@@ -461,7 +461,7 @@ class Stage(WorldTopics):
         self.expect(
             what, done, f"no progress that has obeyed the order {tuple(self.order)}"
         )
-        if step == ROLL_CALL:
+        if step == NO_ROLLBACK:
             self.side.begin_at(
                 self.world.step + 1 + EPISODE_GAP, self.world.transitions
             )
@@ -493,53 +493,69 @@ BACK = "going-back"
 END = "the-end-of-a-run"
 """Where obligations stand in docs/interface.md."""
 
-OBLIGATIONS: dict[str, tuple[str, str, Callable[[Stage, str], None] | None]] = {
+OBLIGATIONS: dict[str, tuple[str, str, Callable[[ScriptedWorld, str], None] | None]] = {
     "begins": (
         BEGIN,
         "hears its topics, publishes its own, and says its progress",
-        Stage.begins,
+        ScriptedWorld.begins,
     ),
     "acts": (
         STEP,
         "answers each state with an action of its step, in time",
-        Stage.goes_on,
+        ScriptedWorld.goes_on,
     ),
     "action": (STEP, "its actions can be read, and say nothing that cannot be", None),
     "repeats": (
         STEP,
         "says its action as often as a state is said in time",
-        Stage.says_again,
+        ScriptedWorld.says_again,
     ),
     "reward": (
         STEP,
         "acts, and has not learned, where a reward is lost",
-        Stage.loses_a_reward,
+        ScriptedWorld.loses_a_reward,
     ),
     "left out": (
         STEP,
         "answers the newest state if left out before",
-        Stage.goes_on_without,
+        ScriptedWorld.goes_on_without,
     ),
     "rests": (
         STEP,
         "says nothing at its goal or in an episode's last state",
-        Stage.ends_episode,
+        ScriptedWorld.ends_episode,
     ),
     "answers": (ASKING, "tells its step, and its pose to who is at that step", None),
     "asks": (ASKING, "asks only where it says COORDINATE", None),
     "asks again": (ASKING, "asks a peer again that is not there yet", None),
     "percept": (ASKING, "publishes whom it perceived with each COORDINATE", None),
-    "stranger": (END, "takes no notice of another run", Stage.hears_another_run),
-    "roll call": (BACK, "says where it is when it is asked to", Stage.calls_the_roll),
-    "goes back": (BACK, "goes back to a checkpoint that it named", Stage.orders_back),
-    "ends": (END, "is silent after the run, and leaves nothing behind", Stage.ends),
+    "stranger": (
+        END,
+        "takes no notice of another run",
+        ScriptedWorld.hears_another_run,
+    ),
+    "progress": (
+        BACK,
+        "says where it is when it is asked to",
+        ScriptedWorld.asks_for_progress,
+    ),
+    "goes back": (
+        BACK,
+        "goes back to a checkpoint that it named",
+        ScriptedWorld.orders_back,
+    ),
+    "ends": (
+        END,
+        "is silent after the run, and leaves nothing behind",
+        ScriptedWorld.ends,
+    ),
 }
 """What a robot is obliged to: where that stands, what it is, and what puts it to the test, in this
 order (None: all the rest does)."""
 
 
 def left(child: subprocess.Popen[bytes]) -> str:
-    """Return what is left of the robot's session, or how it ended; "": nothing, and well."""
+    """Return an error if the robot's session still runs or ended badly, else an empty text."""
     if child.poll() is None:
         return "its process runs on after the run"
     with suppress(ProcessLookupError):
@@ -565,7 +581,7 @@ def judge(
         robot: its name; empty: that of the scenario's first robot.
         scenario: the scenario's name or file.
         namespace: of the robot.
-        checkpoints: as of `Stage`.
+        checkpoints: as of `ScriptedWorld`.
 
     Raises:
         SparseCoordError: the scenario has no such robot.
@@ -577,13 +593,13 @@ def judge(
         try:
             place = {"context": context, "namespace": namespace}
             ended = partial(left, child)
-            stage = Stage(
+            scripted = ScriptedWorld(
                 robot, scenario, executor, ended, checkpoints=checkpoints, **place
             )
-            executor.add_node(stage.node)
-            stage.play()
-            stage.node.destroy_node()
-            return list(stage.judged())
+            executor.add_node(scripted.node)
+            scripted.play()
+            scripted.node.destroy_node()
+            return list(scripted.judged())
         finally:
             executor.shutdown()
             with suppress(ProcessLookupError):

@@ -7,10 +7,10 @@ from typing import Any
 from geometry_msgs.msg import TwistStamped
 
 from sparse_coord_ros.lab.driving.driver import Driver
-from sparse_coord_ros.lab.driving.ground import Ground
+from sparse_coord_ros.lab.driving.metric_map import MetricMap
 from sparse_coord_ros.lab.driving.steering import STOP, Command
 from sparse_coord_ros.lab.driving.trials import limits_of
-from sparse_coord_ros.ros.nodes import interface
+from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.mover import MoverNode
 from sparse_coord_ros.ros.nodes.spin import run_node, wait_for_readers
 
@@ -28,15 +28,17 @@ class DriverNode(MoverNode):
     def set_up(self) -> None:
         """Offer commands, too."""
         super().set_up()
-        topic = interface.CMD_VEL
+        topic = ros_topics.CMD_VEL
         self._type: Any = TwistStamped if self.values["stamped"] else topic.type
         self._cmd_vel = self.create_publisher(
             self._type, topic.of(self.robot), topic.qos
         )
 
-    def make(self, ground: Ground, number: int) -> Driver:
-        """Return what steers the body."""
-        self.driver = Driver(ground, limits_of(self.values, ground.side), number)
+    def make(self, metric_map: MetricMap, number: int) -> Driver:
+        """Return the state machine that steers the body."""
+        self.driver = Driver(
+            metric_map, limits_of(self.values, metric_map.side), number
+        )
         return self.driver
 
     def drive(self) -> None:
@@ -57,7 +59,7 @@ class DriverNode(MoverNode):
         self._cmd_vel.publish(message)
 
     def missing(self) -> str:
-        """Return that nobody hears the commands, where that is so."""
+        """Return the text of a missing subscriber of the commands, else an empty text."""
         heard = self._cmd_vel.get_subscription_count() > 0
         return "" if heard else f"a body that hears {self._cmd_vel.topic_name}"
 

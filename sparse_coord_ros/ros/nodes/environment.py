@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the middleware is told before ROS starts."""
+"""Environment variables of the middleware: checked and set before ROS starts."""
 
 import os
 import re
@@ -81,8 +81,8 @@ def repair_promptly() -> None:
 
     On a busy machine its shared memory drops messages, and networks lose frames. In a run of a
     few seconds they would come after the end, or after they were overwritten. Profiles that the
-    user has chosen stay, and other middlewares take no notice. Those that lie in the current
-    directory nobody has chosen: Fast DDS would take them, and they may name any file to write.
+    user has chosen stay, and other middlewares take no notice. Profiles in the current directory
+    are skipped: Fast DDS would take them unasked, and they may name any file to write.
     """
     os.environ["SKIP_DEFAULT_XML_FILE"] = "1"
     os.environ.setdefault(PROFILES, _profiles("fastdds.xml"))

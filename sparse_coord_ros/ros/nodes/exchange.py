@@ -26,7 +26,7 @@ AGAIN_TICKS = 25
 class Exchange:
     """A robot's part in it.
 
-    Nobody leaves before all peers have asked, and nobody waits for longer than `step_timeout`,
+    A robot stays until all peers have asked, and waits no longer than `step_timeout`,
     counted in ticks of its own: a process that is busy hears nothing.
 
     Args:
@@ -68,7 +68,7 @@ class Exchange:
         return all_know_all or self._ticks * TICK_SECONDS > self._run.step_timeout
 
     def plan(self) -> Improvement | None:
-        """Return what follows from what all have learned; None: not all have said it."""
+        """Return the plan from the knowledge of all robots; None: some have not answered."""
         silent = [name for k, name in enumerate(self._names) if k not in self._learned]
         if silent:
             self._node.get_logger().warning(
@@ -111,7 +111,7 @@ class Exchange:
             [saved] = unpack_saved(data, [k + 1], where=service, limit=TABLES)
             check_memory(run.scenario, run.rule, k, saved.memory)
         except (TablesError, ValueError) as error:
-            self._node.intake.drop(
+            self._node.subscriber.drop(
                 service, in_short(str(error)), "the answer is not used"
             )
         else:
@@ -120,7 +120,7 @@ class Exchange:
 
 @lru_cache(maxsize=1)
 def planned(run: str, packed: tuple[bytes, ...]) -> Improvement:
-    """Return what a team makes of what it has learned; once for the robots of one process.
+    """Return the plan of a team; it is computed once for the robots of one process.
 
     Args:
         run: the text of `run.yaml`.

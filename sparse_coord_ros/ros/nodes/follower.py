@@ -13,8 +13,8 @@ from sparse_coord_ros.protocol.lockstep.timeouts import (
     Reminder,
     WorldPresence,
 )
-from sparse_coord_ros.protocol.wire.status import Said, read_status
-from sparse_coord_ros.ros.nodes import interface
+from sparse_coord_ros.protocol.wire.status import RunStatus, read_status
+from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.messages import read_run, run_announced
 from sparse_coord_ros.ros.nodes.outputs import check_place
 from sparse_coord_ros.ros.nodes.parameters import ParameterNode, Place
@@ -55,13 +55,13 @@ class Follower(ParameterNode):
         super().__init__(name, table, **place)
         self.part: Any = self
         self.run: RunConfig | None = None
-        self.status: Said | None = None
+        self.status: RunStatus | None = None
         self.presence: WorldPresence | None = None
         self._missing = Reminder()
         self._reported = time.monotonic()
         self._stopping: float | None = None
-        self.intake.listen(interface.RUN, self._on_run, unpack=self._read_run)
-        self.intake.listen(interface.STATUS, self._on_status, read=read_status)
+        self.subscriber.listen(ros_topics.RUN, self._on_run, unpack=self._read_run)
+        self.subscriber.listen(ros_topics.STATUS, self._on_status, read=read_status)
         self.create_timer(self.tick_seconds, self._tick)
 
     def set_up(self) -> None:
@@ -69,7 +69,7 @@ class Follower(ParameterNode):
         check_place(self.values.get("out", ""))
 
     def may_begin(self, now: float) -> bool:
-        """Whether the node is ready for a run; asked with every tick until it begins."""
+        """Return whether the node is ready for a run; asked with every tick until it begins."""
         return True
 
     def wait(self) -> None:
@@ -78,7 +78,7 @@ class Follower(ParameterNode):
         Raises:
             RunError: no world simulator has announced one within `startup_timeout`.
         """
-        topic = self.resolve_topic_name(interface.RUN.name)
+        topic = self.resolve_topic_name(ros_topics.RUN.name)
         limit = self.values["startup_timeout"]
         self.remind(self.reminder, f"a world simulator on {topic}")
         if 0 < limit < time.monotonic() - self.born:
@@ -94,7 +94,7 @@ class Follower(ParameterNode):
     def begin(self, run: RunConfig) -> None:
         """Begin with a run."""
 
-    def world_said(self, said: Said) -> None:
+    def world_said(self, said: RunStatus) -> None:
         """Take in a status of the run's world, also the last one before the node began."""
 
     def go_on(self, now: float) -> None:
@@ -104,15 +104,15 @@ class Follower(ParameterNode):
         """Say how it goes; called every second."""
 
     def all_done(self, now: float) -> bool:
-        """Whether nothing is left to do after the run's end."""
+        """Return whether nothing is left to do after the run's end."""
         return True
 
     def another_run(self, data: bytes) -> RunConfig | None:
         """Return the run of another world that is announced; None: the node stays with its own."""
         assert self.presence is not None
         self.presence.another_run()
-        self.intake.drop(
-            interface.RUN.name,
+        self.subscriber.drop(
+            ros_topics.RUN.name,
             "another world simulator has begun a run",
             "this node stays with the run that it is in, and ends when the world of that is gone",
         )
@@ -124,7 +124,7 @@ class Follower(ParameterNode):
         self.done = True
 
     def may_stop(self) -> bool:
-        """Whether all is done up to the step at which the world stopped, or it does not stop."""
+        """Return whether all is done up to the world's last step, or the world goes on."""
         now = time.monotonic()
         self._stopping = self._stopping or now
         if self.presence is None or self.done:
@@ -149,14 +149,14 @@ class Follower(ParameterNode):
     def _on_run(self, run: RunConfig | None) -> None:
         self.run = run or self.run
 
-    def _on_status(self, said: Said) -> None:
+    def _on_status(self, said: RunStatus) -> None:
         self.status = said
         if self.presence is None:
             return
         try:
             self.presence.hear(*said[:4], time.monotonic())
         except ValueError as error:
-            self.intake.drop(interface.STATUS.name, error)
+            self.subscriber.drop(ros_topics.STATUS.name, error)
         else:
             self.part.world_said(said)
 

@@ -1,11 +1,11 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What one node alone should have: its name, its services, and the topics that only it publishes.
+"""Guards against second owners of a node's name, services and topics.
 
 Of two nodes of one name one ends. Each says on its latched topic `~/_claim` who it is and how far
 it has come: starting, holding the name, taking part in a run. Discovery may take seconds, so this
 is never settled for good: whenever two learn of each other, the one behind ends; of two that are
-equally far, the one with the higher identity. Nobody's clock matters, and a node that takes part
+equally far, the one with the higher identity. No clock matters, and a node that takes part
 in a run never leaves it for another.
 
 A topic or service may have a second owner of another name, which claims nothing. rclpy does not
@@ -26,37 +26,37 @@ from rclpy.node import Node
 
 from sparse_coord_ros.base.errors import NameTakenError
 from sparse_coord_ros.protocol.wire import ClaimRank
-from sparse_coord_ros.ros.nodes.interface import CLAIM, CLAIMS_QOS
 from sparse_coord_ros.ros.nodes.parameters import ParameterNode
+from sparse_coord_ros.ros.nodes.ros_topics import CLAIM, CLAIMS_QOS
 
 ANSWERS = "rr{}Reply"
 """What the DDS middlewares of ROS 2 call the topic of a service's answers."""
 
-UNKNOWN = "NODE_NAME_UNKNOWN"
+UNKNOWN_NODE = "NODE_NAME_UNKNOWN"
 """Part of what rcl calls a node that it has only half discovered."""
 
 
 def in_words(names: Sequence[str], who: str) -> str:
-    """Return what to do where a topic or service has several publishers or servers (`who`)."""
+    """Return advice for a topic or service with several publishers or servers (`who`)."""
     said = f"{len(names)} {who}, {', '.join(names)}; it should have one"
     return f"{said}: stop the others (a node that was killed is forgotten after 20 s)"
 
 
 class Claim(NamedTuple):
-    """What a node says of itself: what nobody else is called, and how far it has come."""
+    """A node's claim to its name: an identity of its own, and how far it has come."""
 
     id: str
     rank: ClaimRank
 
     def yields_to(self, other: "Claim") -> bool:
-        """Whether this node ends because of another one of its name."""
+        """Return whether this node ends because of another one of its name."""
         if self.rank == ClaimRank.JOINED:
             return False
         return (other.rank, self.id) > (self.rank, other.id)
 
 
 def read_claim(header: Any) -> Claim:
-    """Return what a claim says.
+    """Return the claim in a message.
 
     Raises:
         ValueError: it is no claim.
@@ -80,7 +80,7 @@ def owners(node: Node, name: str, *, service: bool) -> list[str]:
     """
     topic = ANSWERS.format(name) if service else name
     infos = node.get_publishers_info_by_topic(topic, no_mangle=service)
-    if any(UNKNOWN in info.node_name for info in infos):
+    if any(UNKNOWN_NODE in info.node_name for info in infos):
         return []
     return sorted(
         f"{info.node_namespace.rstrip('/')}/{info.node_name}" for info in infos
@@ -106,12 +106,14 @@ class Guard:
         self._warned = False
         self._topics: list[str] = []
         self._services: list[str] = []
-        node.intake.listen(CLAIM, self._on_claim, "~", read=read_claim, qos=CLAIMS_QOS)
+        node.subscriber.listen(
+            CLAIM, self._on_claim, "~", read=read_claim, qos=CLAIMS_QOS
+        )
         self._publisher = node.create_publisher(CLAIM.type, CLAIM.of("~"), CLAIM.qos)
         self._say()
 
     def holds(self, now: float) -> bool:
-        """Whether the node has its name: nobody who had it before has been heard in time."""
+        """Return whether the node has its name: no earlier owner has been heard in time."""
         if now - self._node.born < self._node.values["claim_window"]:
             return False
         self._rise(ClaimRank.HOLDING)

@@ -15,17 +15,17 @@ from std_srvs.srv import SetBool
 
 from sparse_coord_ros.protocol.wire import RUN, services
 
-LOOK_SECONDS = 0.25
+DISCOVERY_SECONDS = 0.25
 """Between two looks at who offers the service."""
 
-AGAIN_SECONDS = 0.4
+REPEAT_HALT_SECONDS = 0.4
 """Until a node that has not done it is asked again."""
 
 FIND_SECONDS = 2.0
 """How long nodes are looked for in any case: discovery takes its time."""
 
 ASK_SECONDS = 20.0
-"""How long nodes are asked at most; somebody else may want the opposite later. A node that was
+"""How long nodes are asked at most; another user may want the opposite later. A node that was
 killed is in the graph for so long."""
 
 
@@ -108,14 +108,14 @@ class Halting:
 
     def tick(self, now: float) -> None:
         """Do what is due; to be called several times a second."""
-        if now - self._looked >= LOOK_SECONDS:
+        if now - self._looked >= DISCOVERY_SECONDS:
             self._looked = now
             self._look()
         if not self.asking:
             return
         for one in self.asked.values():
             one.take_answer()
-            due = not one.done and now - one.since >= AGAIN_SECONDS
+            due = not one.done and now - one.since >= REPEAT_HALT_SECONDS
             if due and one.client.service_is_ready():
                 one.ask(self.hold, now)
         asked_for = now - self._since
@@ -129,7 +129,7 @@ class Halting:
         return sorted(name for name, one in self.asked.items() if not one.done)
 
     def in_words(self, name: str) -> str:
-        """Return what a node has answered."""
+        """Return a node's answer in words."""
         silent = (
             "does not answer, its body may be moving"
             if self.hold

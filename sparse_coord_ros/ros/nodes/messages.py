@@ -31,7 +31,7 @@ from sparse_coord_ros.protocol.wire import (
     RUN,
 )
 from sparse_coord_ros.protocol.wire.messages import Messages, read_labelled
-from sparse_coord_ros.ros.nodes.interface import bind
+from sparse_coord_ros.ros.nodes.ros_topics import bind
 
 TEXT = 8
 """Where the text of a std_msgs/String begins in its bytes."""
@@ -65,7 +65,7 @@ class Converter(Messages):
         return Path(header=self.header(step), poses=poses)
 
     def goals_message(self, goals: Goals) -> JointState:
-        """Return what bodies are told as a message."""
+        """Return the goals of bodies as a message."""
         labels = list(BODY_GOALS.labels)
         numbers = [
             float(goals.number),
@@ -79,7 +79,7 @@ class Converter(Messages):
         return JointState(header=self.header(goals.step), name=labels, position=numbers)
 
     def read_goals(self, message: JointState) -> Goals:
-        """Return what bodies are told.
+        """Return the goals of bodies.
 
         Raises:
             ValueError: it is malformed, or of other robots or cells.

@@ -22,16 +22,23 @@ from std_msgs.msg import Bool
 
 from sparse_coord_ros.base.errors import SettingError, needed
 from sparse_coord_ros.core.runs.run_config import RunConfig
-from sparse_coord_ros.lab.driving.ground import Ground, Pose
+from sparse_coord_ros.lab.driving.metric_map import MetricMap, Pose
 from sparse_coord_ros.lab.driving.mover import Mover
-from sparse_coord_ros.lab.driving.transforms import Tree, yaw_of
+from sparse_coord_ros.lab.driving.transforms import yaw_of
 from sparse_coord_ros.protocol.lockstep.bodies import Goals, HaltWord, Reached
 from sparse_coord_ros.protocol.wire import services
-from sparse_coord_ros.ros.nodes import interface
+from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.follower import Follower
 from sparse_coord_ros.ros.nodes.messages import Converter, robot_number
 from sparse_coord_ros.ros.nodes.parameters import FROM_TF, PARAMETERS, Place
-from sparse_coord_ros.ros.nodes.transforms import BASE, TF, TF_STATIC, robot_frame
+from sparse_coord_ros.ros.nodes.transforms import (
+    BASE,
+    TF,
+    TF_STATIC,
+    HeardTransforms,
+    robot_frame,
+    seconds_of,
+)
 
 POSES_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 """Of poses and odometry of real robots: hears publishers of any reliability."""
@@ -91,16 +98,15 @@ class MoverNode(Follower, LifecycleNodeMixin):
         self._seen = 0.0
         self._stopped = self._leaving = False
         self._reached_publisher: Any = None
-        self._tree = Tree()
-        self._halted_publisher = self.announce(interface.HALTED, self.robot)
+        self._halted_publisher = self.announce(ros_topics.HALTED, self.robot)
         self._halted_publisher.publish(Bool(data=False))
         self.offer(services.HALT, self._on_halt)
         if self.values["autostart"]:
             self.trigger_configure()
             self.trigger_activate()
 
-    def make(self, ground: Ground, number: int) -> Mover:
-        """Return what moves the body of a robot."""
+    def make(self, metric_map: MetricMap, number: int) -> Mover:
+        """Return the state machine that moves the body of a robot."""
         raise NotImplementedError
 
     def drive(self) -> None:
@@ -108,11 +114,11 @@ class MoverNode(Follower, LifecycleNodeMixin):
         raise NotImplementedError
 
     def missing(self) -> str:
-        """Return what the node waits for, beside poses, before it reports for duty."""
+        """Return the text of something that the node lacks, beside poses, or an empty text."""
         raise NotImplementedError
 
     def halt(self, why: str = "") -> None:
-        """Let the body stand; `why`: nobody knows where it is."""
+        """Let the body stand; `why`: its pose is not known."""
         raise NotImplementedError
 
     def stands(self) -> bool:
@@ -124,6 +130,11 @@ class MoverNode(Follower, LifecycleNodeMixin):
         self.active = False
         self.halt()
         return True
+
+    @property
+    def on_duty(self) -> bool:
+        """Whether the node has reported for duty: the world waits for that."""
+        return self._reached_publisher is not None
 
     @property
     def may_drive(self) -> bool:
@@ -142,41 +153,30 @@ class MoverNode(Follower, LifecycleNodeMixin):
     def begin(self, run: RunConfig) -> None:
         """Begin with a run: hear goals and poses."""
         number = robot_number(run, self.robot, "give parameter robot one of them")
-        self._mover = self.make(Ground(run, self.values["radius"]), number)
+        self._mover = self.make(MetricMap(run, self.values["radius"]), number)
         self._convert = Converter(run)
-        self.intake.listen(
-            interface.BODY_GOALS, self._on_goals, read=self._convert.read_goals
+        self.subscriber.listen(
+            ros_topics.BODY_GOALS, self._on_goals, read=self._convert.read_goals
         )
         pose_type = self.values["pose_type"]
         if pose_type == FROM_TF:
             self._hear_transforms()
         else:
             kind, inside = TYPES[pose_type]
-            topic = replace(interface.POSE, type=kind)
+            topic = replace(ros_topics.POSE, type=kind)
             read = functools.partial(self._read_pose, inside)
             qos = topic.qos if pose_type == "pose" else POSES_QOS
-            self.intake.listen(topic, self._see, self.robot, read=read, qos=qos)
+            self.subscriber.listen(topic, self._see, self.robot, read=read, qos=qos)
 
     def _hear_transforms(self) -> None:
         remedy = "install it, or take a topic of poses"
         with needed("parameter pose_type: tf needs the package tf2_msgs", remedy):
             from tf2_msgs.msg import TFMessage
-        topic = replace(interface.POSE, type=TFMessage)
+        topic = replace(ros_topics.POSE, type=TFMessage)
+        heard = HeardTransforms(self.values["map_frame"], self.base_frame)
         for name, qos in ((TF, TF_QOS), (TF_STATIC, STATIC_QOS)):
-            read = functools.partial(self._read_transforms, qos is STATIC_QOS)
-            self.intake.listen(topic, self._see, name=name, read=read, qos=qos)
-
-    def _read_transforms(self, static: bool, message: Any) -> tuple[float, Pose] | None:
-        """Return when the body was where; None: it says nothing of that, or not enough."""
-        for one in message.transforms:
-            place = one.transform.translation
-            turn = one.transform.rotation
-            pose = Pose(place.x, place.y, yaw_of(turn.x, turn.y, turn.z, turn.w))
-            seconds = None if static else _seconds(one.header)
-            self._tree.hear(one.header.frame_id, one.child_frame_id, pose, seconds)
-        found = self._tree.find(self.values["map_frame"], self.base_frame)
-        heard = {one.child_frame_id.lstrip("/") for one in message.transforms}
-        return found if heard.intersection(self._tree.way) else None
+            read = functools.partial(heard.read, static=qos is STATIC_QOS)
+            self.subscriber.listen(topic, self._see, name=name, read=read, qos=qos)
 
     @property
     def base_frame(self) -> str:
@@ -194,7 +194,7 @@ class MoverNode(Follower, LifecycleNodeMixin):
         pose = inside(message)
         turn = pose.orientation
         yaw = yaw_of(turn.x, turn.y, turn.z, turn.w)
-        return _seconds(message.header), Pose(pose.position.x, pose.position.y, yaw)
+        return seconds_of(message.header), Pose(pose.position.x, pose.position.y, yaw)
 
     def _see(self, seen: tuple[float, Pose] | None) -> None:
         if seen is None or self._mover is None:
@@ -218,7 +218,7 @@ class MoverNode(Follower, LifecycleNodeMixin):
 
     def report_reached(self, reached: Reached) -> None:
         """Publish how a goal ended."""
-        if self._reached_publisher is not None:
+        if self.on_duty:
             self._reached_publisher.publish(
                 self._convert.reached_message(self._step, reached)
             )
@@ -232,14 +232,14 @@ class MoverNode(Follower, LifecycleNodeMixin):
             self.halt()
         if not self.active or self._mover is None:
             return
-        if self._reached_publisher is None:
+        if not self.on_duty:
             missing = (
                 f"poses of {self.robot}" if self._mover.pose is None else self.missing()
             )
             if missing:
                 self.remind(self.reminder, missing)
             else:  # the world waits for this publisher
-                self._reached_publisher = self.announce(interface.REACHED, self.robot)
+                self._reached_publisher = self.announce(ros_topics.REACHED, self.robot)
             return
         limit = self.values["pose_timeout"]
         if self._mover.busy and 0 < limit < now - self._seen and not self._stopped:
@@ -249,7 +249,7 @@ class MoverNode(Follower, LifecycleNodeMixin):
             )
 
     def all_done(self, now: float) -> bool:
-        """Whether the body stands, after the run's end."""
+        """Return whether the body stands, after the run's end."""
         return self.settled()
 
     def lost(self, why: str) -> None:
@@ -332,11 +332,3 @@ class MoverNode(Follower, LifecycleNodeMixin):
         """Let the body stand, and end."""
         self.lost("shut down")
         return DONE
-
-
-def _seconds(header: Any) -> float:
-    """Return a header's time; the steady clock's where it has none."""
-    stamp = header.stamp
-    if stamp.sec == 0 and stamp.nanosec == 0:
-        return time.monotonic()
-    return float(stamp.sec) + stamp.nanosec * 1e-9

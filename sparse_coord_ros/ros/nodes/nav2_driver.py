@@ -3,10 +3,11 @@
 """The nav2_driver node: a robot's moves as goals of Nav2's action NavigateToPose.
 
 The action is to have one server. Goals go to all that there are, and two would steer one base; so
-before its first goal the node waits until the second one is gone, and ends where it stays. One
-that appears later is reported: to stop halfway would help nobody. (rclpy's EventsExecutor ends
-the process with a segmentation fault when several servers answer, its SingleThreadedExecutor takes
-no notice; so that one is the default.)
+before its first goal the node waits until it has seen a single one for a while, as discovery finds
+one server before the other. It ends where a second one stays. One that appears later is reported:
+to stop halfway would not help. (rclpy's EventsExecutor ends the process with a segmentation
+fault when several servers answer, its SingleThreadedExecutor takes no notice; so that one is the
+default.)
 """
 
 import functools
@@ -20,7 +21,7 @@ from rclpy.action.client import ClientGoalHandle
 from rclpy.task import Future
 
 from sparse_coord_ros.base.errors import RunError, needed
-from sparse_coord_ros.lab.driving.ground import Ground, Pose
+from sparse_coord_ros.lab.driving.metric_map import MetricMap, Pose
 from sparse_coord_ros.lab.driving.navigator import ANSWER_SECONDS, Navigator, NavLimits
 from sparse_coord_ros.ros.nodes.guard import in_words, owners
 from sparse_coord_ros.ros.nodes.mover import MoverNode
@@ -39,7 +40,10 @@ HALT_SECONDS = 1.0
 TWO_SERVERS_SECONDS = 25.0
 """How long a second server is waited for to go: a killed one is in the graph for 20 s."""
 
-REPORT_SECONDS = 10.0
+SINGLE_SECONDS = 2.0
+"""How long there must have been a single server: discovery may find a second one later."""
+
+WARNING_SECONDS = 10.0
 """Between two warnings of a second server that appeared later."""
 
 
@@ -72,26 +76,27 @@ class Nav2DriverNode(MoverNode):
         )
         self._name = self.resolve_service_name(action)
         self._handles: dict[int, ClientGoalHandle] = {}
+        self._single_since: float | None = None
         self._doubled_since: float | None = None
         self._cleared: tuple[float, Future] | None = None
         self._ending: tuple[float, Future] | None = None
         self._halting: tuple[float, Future] | None = None
 
-    def make(self, ground: Ground, number: int) -> Navigator:
-        """Return what decides on goals."""
+    def make(self, metric_map: MetricMap, number: int) -> Navigator:
+        """Return the state machine that decides on goals."""
         values = self.values
-        side = ground.side
+        side = metric_map.side
         near = values["near"] * side
         detour = values["detour"] * side
         seconds = values["step_seconds"]
         silence = values["feedback_timeout"]
         limits = NavLimits(near, seconds, silence, detour, values["bring"])
-        self.navigator = Navigator(ground, limits, number, self)
+        self.navigator = Navigator(metric_map, limits, number, self)
         return self.navigator
 
     def drive(self) -> None:
         """Let the navigator do what is due, and report where the goal is over."""
-        self.navigator.held = not self.may_drive or self._reached_publisher is None
+        self.navigator.held = not (self.may_drive and self.on_duty)
         reached = self.navigator.next(self._now())
         if reached is not None:
             self.report_reached(reached)
@@ -104,25 +109,24 @@ class Nav2DriverNode(MoverNode):
     def report(self) -> None:
         """Say where Nav2's action has a second server by now; called every second."""
         servers = self._servers()
-        if self._reached_publisher is not None and len(servers) > 1:
+        if self.on_duty and len(servers) > 1:
             text = f"Nav2's action {self._name} has {in_words(servers, 'servers')}"
-            self.get_logger().warning(text, throttle_duration_sec=REPORT_SECONDS)
+            self.get_logger().warning(text, throttle_duration_sec=WARNING_SECONDS)
 
     def _servers(self) -> list[str]:
         """Return the names of the nodes that serve Nav2's action: each publishes its status."""
         return owners(self, f"{self._name}/_action/status", service=False)
 
     def missing(self) -> str:
-        """Return that Nav2 is not there, is there twice, or may still drive for another client.
+        """Return a text if Nav2 is missing, runs twice, or may still drive for another client.
 
         Raises:
             RunError: it has been there twice for so long that both must be alive.
         """
         servers = self._servers()
-        if not servers or not self._client.server_is_ready():
-            self._cleared = None
-            return f"Nav2's action {self._name}"
         now = time.monotonic()
+        if len(servers) != 1 or not self._client.server_is_ready():
+            self._single_since = self._cleared = None
         if len(servers) > 1:
             self._doubled_since = self._doubled_since or now
             what = f"Nav2's action {self._name} has {in_words(servers, 'servers')}"
@@ -130,6 +134,11 @@ class Nav2DriverNode(MoverNode):
                 raise RunError(f"node {self.get_name()}: {what}")
             return f"a single server: {what}"
         self._doubled_since = None
+        if not servers or not self._client.server_is_ready():
+            return f"Nav2's action {self._name}"
+        self._single_since = self._single_since or now
+        if now - self._single_since < SINGLE_SECONDS:
+            return f"a second server of Nav2's action {self._name} to show, if any"
         if self._cleared is None:
             self._cleared = now, self.cancel_all()
         since, answer = self._cleared
@@ -144,7 +153,7 @@ class Nav2DriverNode(MoverNode):
             self.drive()
 
     def set_halted(self, halted: bool, by: str) -> None:
-        """Cancel all goals that Nav2 has, whoever sent them; anew, when it is asked for anew."""
+        """Cancel all goals that Nav2 has, of any client; ask again at each call."""
         super().set_halted(halted, by)
         now = time.monotonic()
         if not halted:

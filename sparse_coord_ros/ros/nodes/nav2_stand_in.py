@@ -20,7 +20,7 @@ from rclpy.task import Future
 from std_msgs.msg import Header
 
 from sparse_coord_ros.base.errors import SettingError, needed
-from sparse_coord_ros.lab.driving.ground import Pose
+from sparse_coord_ros.lab.driving.metric_map import Pose
 from sparse_coord_ros.lab.driving.transforms import yaw_of
 from sparse_coord_ros.protocol.wire import MAP_FRAME
 from sparse_coord_ros.ros.nodes.parameters import PARAMETERS, ParameterNode, Place
@@ -33,7 +33,7 @@ from sparse_coord_ros.ros.nodes.transforms import (
     transform,
 )
 
-TICK_SECONDS = 0.02
+SIMULATION_SECONDS = 0.02
 
 LATE_SECONDS = 3.0
 """After how long a goal is accepted too late: a nav2_driver has given it up by then."""
@@ -58,7 +58,7 @@ TAKE_AWAY = "take_away"
 STUCK = "stuck"
 """What becomes of a goal. The base gets there; it is aborted at once; rejected; accepted much too
 late; never answered; accepted, and nothing is said of it; the way left is 50 m; it is said to be
-reached, and is not; it ends as if somebody else had cancelled it; nothing moves."""
+reached, and is not; it ends as if another client had cancelled it; nothing moves."""
 
 
 class Base:
@@ -77,7 +77,7 @@ class Base:
         active: the goal that is driven; None: none is.
         fault: what becomes of that.
         ended: how the goals ended, one after the other.
-        lost: whether nobody says where it is.
+        lost: whether its pose is not published.
     """
 
     def __init__(
@@ -184,7 +184,7 @@ class Base:
         handle.publish_feedback(feedback)
         if self.fault in (DETOUR, STUCK):
             return
-        step = self.speed * TICK_SECONDS
+        step = self.speed * SIMULATION_SECONDS
         if left > step:
             heading = math.atan2(y - self.pose.y, x - self.pose.x)
             ahead = step * math.cos(heading), step * math.sin(heading)
@@ -235,7 +235,7 @@ class Nav2StandIn(ParameterNode):
         places = places or [(0.0, 0.0)] * len(names)
         pairs = zip(names, places, strict=True)
         self.bases = {name: Base(self, name, where) for name, where in pairs}
-        self.create_timer(TICK_SECONDS, self._tick)
+        self.create_timer(SIMULATION_SECONDS, self._tick)
         self.get_logger().info(f"in place of Nav2: {', '.join(names)}")
 
     def set_up(self) -> None:

@@ -14,8 +14,8 @@ from sparse_coord_ros.base.errors import BagError, RunError, os_error_text
 from sparse_coord_ros.base.files import rescue, take_lock, write_whole
 from sparse_coord_ros.base.limits import SCENARIO, read_text
 from sparse_coord_ros.base.yaml_text import to_yaml, yaml_value
-from sparse_coord_ros.core.engine.checkpoint import CHECKPOINT_FILE
 from sparse_coord_ros.core.engine.improve import IMPROVED
+from sparse_coord_ros.core.engine.training_checkpoint import CHECKPOINT_FILE
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.learners.memory import taught
 from sparse_coord_ros.core.learners.mind import Memory
@@ -28,10 +28,10 @@ from sparse_coord_ros.core.runs.tables import (
     robot_file,
     save_team,
 )
-from sparse_coord_ros.protocol.lockstep.checkpoints import (
+from sparse_coord_ros.protocol.lockstep.node_checkpoints import (
     CHECKPOINTS,
     Checkpoints,
-    Store,
+    CheckpointStore,
 )
 from sparse_coord_ros.protocol.lockstep.robot_side import ASKS, RobotState
 from sparse_coord_ros.protocol.lockstep.world_side import WorldState
@@ -166,21 +166,21 @@ class Output:
         self._text = run.to_yaml()
         self._out = Path(node.values["out"]) if node.values["out"] else None
         self._counted: Counter[str] = Counter()
-        self.store = Store()
+        self.store = CheckpointStore()
         if self._out is not None:
             self._open(self._out, () if node.values["resume"] else own)
             self.store = checkpoints = Checkpoints(self._out, name, run)
             node.at_end.callback(checkpoints.close)
             checkpoints.steps()
             if node.values["resume"]:
-                node.intake.earlier = self.store.counted().get(DROPPED, 0)
+                node.subscriber.earlier = self.store.counted().get(DROPPED, 0)
             for line in checkpoints.broken:
                 node.get_logger().warning(line)
         elif node.values["resume"]:
             raise RunError(NO_OUTPUT)
 
     def _open(self, out: Path, own: Sequence[str]) -> None:
-        """Make or join the directory: `run.yaml` is written by whoever comes first."""
+        """Make or join the directory: the first node to come writes `run.yaml`."""
         out.mkdir(parents=True, exist_ok=True)
         held = [name for name in own if (out / name).exists()]
         if not held:
@@ -216,7 +216,7 @@ class Output:
 
     def count(self, events: Mapping[str, int]) -> None:
         """Save what was counted of the run's faults and of messages dropped, where that is new."""
-        now = +Counter({**events, DROPPED: self.node.intake.total})
+        now = +Counter({**events, DROPPED: self.node.subscriber.total})
         if now != self._counted:
             self._counted = now
             with suppress(OSError):  # the next checkpoint says so
@@ -262,7 +262,7 @@ class Output:
         return out
 
     def _joins(self, place: Path) -> bool:
-        """Whether a node of this run, and of this user, made a directory; an OSError passes."""
+        """Return whether this user's node of this run made a directory; an OSError passes."""
         found = place.lstat()
         if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid():
             return False

@@ -57,16 +57,20 @@ from sparse_coord_ros.protocol.lockstep.timeouts import Reminder
 from sparse_coord_ros.protocol.wire import RECORDER, WORLD
 from sparse_coord_ros.protocol.wire.frame import SECOND
 from sparse_coord_ros.protocol.wire.services import Service
-from sparse_coord_ros.ros.nodes.intake import Intake
-from sparse_coord_ros.ros.nodes.interface import (
+from sparse_coord_ros.ros.nodes.direct_recording import (
+    DirectRecording,
+    DirectTopic,
+    PackedPublisher,
+)
+from sparse_coord_ros.ros.nodes.messages import status
+from sparse_coord_ros.ros.nodes.ros_topics import (
     DIAGNOSTICS,
     RUN,
     RosTopic,
     message_class,
 )
-from sparse_coord_ros.ros.nodes.interface import RECORDING as RECORDING_TOPIC
-from sparse_coord_ros.ros.nodes.messages import status
-from sparse_coord_ros.ros.nodes.tap import Line, PackedPublisher, Tap
+from sparse_coord_ros.ros.nodes.ros_topics import RECORDING as RECORDING_TOPIC
+from sparse_coord_ros.ros.nodes.subscriber import Subscriber
 from sparse_coord_ros.show.page.controls import PAGE_SETTINGS
 
 RCLError = rclpy_implementation.RCLError
@@ -125,14 +129,14 @@ class Place(TypedDict, total=False):
         context: the ROS context.
         namespace: the team's namespace.
         values: parameters given by the program; None: those of the command line count.
-        tap: the way to a recorder in the same process; None: a recorder subscribes as others do.
+        direct: the direct way to a recorder in the same process; None: a recorder subscribes.
         shared_clients: those of the robots of this process, by service.
     """
 
     context: Context
     namespace: str
     values: Mapping[str, Any] | None
-    tap: Tap | None
+    direct: DirectRecording | None
     shared_clients: dict[str, Client]
 
 
@@ -147,10 +151,10 @@ class ParameterNode(Node):
     Attributes:
         changeable: parameters that can be set while the node runs; all others are read once.
         values: every parameter, typed.
-        intake: its subscriptions.
+        subscriber: its subscriptions.
         full_name: its name with its namespace, as diagnostics say it: `team_a/robot_1`.
         born: when the node began, by the monotonic clock.
-        tap: the way to a recorder in the same process; None: there is none.
+        direct: the way to a recorder in the same process; None: there is none.
         shared_clients: those of the robots of this process, by service; others make their own.
         reminder: when to say what the node waits for.
         failure: why the node must stop, or None.
@@ -185,9 +189,9 @@ class ParameterNode(Node):
         self.done = False
         self.at_end = ExitStack()
         self._table = table
-        self.tap = place.get("tap")
+        self.direct = place.get("direct")
         self.shared_clients = place.get("shared_clients", {})
-        self.intake = Intake(self)
+        self.subscriber = Subscriber(self)
         try:
             self.values = self._declare()
             self.set_up()
@@ -205,7 +209,7 @@ class ParameterNode(Node):
         """Check the values, and open what the node needs; where that fails, no node is left."""
 
     def fail(self, error: SparseCoordError) -> None:
-        """Stop the node because of bad input: whoever spins it raises the error."""
+        """Stop the node because of bad input; the loop that spins it raises the error."""
         self.failure = self.failure or error
 
     def guarded(
@@ -223,7 +227,7 @@ class ParameterNode(Node):
                 return callback(*args)
             except Exception as error:
                 if drops:
-                    self.intake.drop(drops, error, "request refused")
+                    self.subscriber.drop(drops, error, "request refused")
                 else:
                     self.fail(failure_of(error))
                 return args[-1] if args else None
@@ -282,24 +286,26 @@ class ParameterNode(Node):
         """
 
     def may_stop(self) -> bool:
-        """Whether the node can end now that a signal has come; asked until it can."""
+        """Return whether the node can end now that a signal has come; asked until it can."""
         return True
 
     def announce(self, topic: RosTopic, owner: str = "") -> Publisher:
         """Return a new publisher of a topic of the team, or of a robot's or node's own."""
-        how: Any = {"publisher_class": PackedPublisher} if topic.tapped else {}
+        how: Any = {"publisher_class": PackedPublisher} if topic.packed else {}
         publisher = self.create_publisher(topic.type, topic.of(owner), topic.qos, **how)
         if isinstance(publisher, PackedPublisher):
             publisher.send = publisher.handle.publish_raw
-            publisher.line = (
-                Line() if self.tap is None else self.tap.line(publisher.topic_name)
+            publisher.direct = (
+                DirectTopic()
+                if self.direct is None
+                else self.direct.topic(publisher.topic_name)
             )
         return publisher
 
     def reporter(self, part: str) -> Callable[..., None]:
-        """Return what publishes diagnostics of a part of this node, called as `messages.status`.
+        """Return a function that publishes a part's diagnostics, called as `messages.status`.
 
-        They are stamped with the wall clock, whoever owns /clock, and in no frame.
+        They are stamped with the wall clock, not with /clock, and have no frame.
         """
         publish = self.announce(DIAGNOSTICS).publish
         name = f"{self.full_name}: {part}"
@@ -315,7 +321,7 @@ class ParameterNode(Node):
         return report
 
     def names_of(self, role: str) -> Counter[str]:
-        """Return what the nodes of a role are called, each with its number of nodes.
+        """Return the names of the nodes of a role, each with its number of nodes.
 
         A robot's role is its name.
         """
@@ -327,25 +333,25 @@ class ParameterNode(Node):
         )
 
     def heard_by(self, publisher: Publisher, role: str) -> bool:
-        """Whether a node of a role subscribes to a topic of this node.
+        """Return whether a node of a role subscribes to a topic of this node.
 
         Bystanders (`ros2 topic echo`, RViz) do not count.
         """
-        if role == RECORDER and self.tap is not None:
-            if self.tap.closed:
+        if role == RECORDER and self.direct is not None:
+            if self.direct.closed:
                 return True
             if isinstance(publisher, PackedPublisher):
-                return publisher.line.write is not None
+                return publisher.direct.write is not None
         return publisher.get_subscription_count() > 0 and self.is_heard(
             publisher.topic_name, role
         )
 
     def is_heard(self, topic: str, role: str) -> bool:
-        """Whether a node of a role subscribes to a topic; also a recorder here that gave up.
+        """Return whether a node of a role subscribes; true for a recorder here that gave up.
 
         Of one name all do: a killed node is in the graph for 20 s, beside the one that came back.
         """
-        if role == RECORDER and self.tap is not None and self.tap.closed:
+        if role == RECORDER and self.direct is not None and self.direct.closed:
             return True
         infos = self.get_subscriptions_info_by_topic(self.resolve_topic_name(topic))
         ears = Counter(info.node_name for info in infos)

@@ -28,16 +28,16 @@ from sparse_coord_ros.core.runs.run_config import RunConfig
 from sparse_coord_ros.protocol.lockstep.robot_side import Answer, RobotSide
 from sparse_coord_ros.protocol.lockstep.timeouts import Deadline
 from sparse_coord_ros.protocol.wire.services import ACTIVE_PERCEPTION
-from sparse_coord_ros.ros.nodes import interface
-from sparse_coord_ros.ros.nodes.interface import ACTIVE_PERCEPTION_TYPE, STEP_QOS
+from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.messages import Converter
 from sparse_coord_ros.ros.nodes.parameters import ParameterNode
+from sparse_coord_ros.ros.nodes.ros_topics import ACTIVE_PERCEPTION_TYPE, STEP_QOS
 
-AT_ONCE = 10
+IMMEDIATE_REPEATS = 10
 """How often a peer that is a step behind is asked again at once; after that with each tick."""
 
 
-AGAIN_SECONDS = 0.5
+REPEAT_ASK_SECONDS = 0.5
 """After so long without an answer the request is sent again."""
 
 
@@ -79,7 +79,7 @@ class Peer:
         self.heard = self._sent = 0.0
 
     def ready(self) -> bool:
-        """Whether the peer's service has been there."""
+        """Return whether the peer's service has been there."""
         self._seen = self._seen or self._client.service_is_ready()
         return self._seen
 
@@ -93,7 +93,7 @@ class Peer:
         self._request.start = pose
         self.repeats = self.repeats + 1 if step == self._step else 0
         self._step = self._unsent = step
-        if self.repeats < AT_ONCE:
+        if self.repeats < IMMEDIATE_REPEATS:
             self.send_what_waits()
         return not self._silent
 
@@ -106,7 +106,7 @@ class Peer:
         """
         now = time.monotonic()
         missing = self._open is not None and not self._open.done()
-        if missing and now - self._sent >= AGAIN_SECONDS and not self._silent:
+        if missing and now - self._sent >= REPEAT_ASK_SECONDS and not self._silent:
             self._unsent = self._step
         if self._unsent is None or not self.ready():
             return
@@ -177,7 +177,7 @@ class Peers:
         self, node: ParameterNode, run: RunConfig, convert: Converter, side: RobotSide
     ) -> None:
         self._node = node
-        self._intake = node.intake
+        self._subscriber = node.subscriber
         self._convert = convert
         self._side = side
         self._names = convert.names
@@ -202,11 +202,11 @@ class Peers:
                     ACTIVE_PERCEPTION_TYPE, service
                 )
                 _introspect(node, node.shared_clients[service])
-            answered = node.guarded(partial(self._on_answer, k))
+            answered = node.guarded(partial(self.on_answer, k))
             self._peers[k] = Peer(node, node.shared_clients[service], answered)
 
     def ready(self) -> bool:
-        """Whether every peer's service has been there."""
+        """Return whether every peer's service has been there."""
         for peer in self._peers:
             self._look_for_another_server(peer)
         return all(peer.ready() for peer in self._peers.values())
@@ -217,7 +217,7 @@ class Peers:
         return self._peers[peer].request(self._convert.pose(step, cell), step)
 
     def _look_for_another_server(self, peer: int) -> None:
-        """Doubt a peer's answers from now on where somebody else offers its service too."""
+        """Doubt a peer's answers from now on if another node offers its service too."""
         name = self._names[peer]
         one = self._peers[peer]
         if (
@@ -227,8 +227,8 @@ class Peers:
             return
         one.fits = self._node.guarded(partial(self._fits, peer))
         then = partial(self._places.__setitem__, peer)
-        self._intake.listen(
-            interface.LOCAL_STATE, then, name, unpack=self._convert.unpack_state
+        self._subscriber.listen(
+            ros_topics.LOCAL_STATE, then, name, unpack=self._convert.unpack_state
         )
         self._node.get_logger().warning(
             f"{ACTIVE_PERCEPTION.of(name)} has two servers: answers that do not fit where {name} "
@@ -236,17 +236,17 @@ class Peers:
         )
 
     def _fits(self, peer: int, step: int, plan: Path) -> bool:
-        """Whether an answer is what a peer answers that is where the world says."""
+        """Return whether an answer is what a peer answers that is where the world says."""
         said = plan.header.stamp
         now = self._convert.header(step).stamp
         if self._side.waiting != ("percept", step):
             return True  # it is too late
         if (said.sec, said.nanosec) < (now.sec, now.nanosec):
             one = self._peers[peer]
-            if one.repeats < AT_ONCE:
+            if one.repeats < IMMEDIATE_REPEATS:
                 return True
             one.heard = time.monotonic()
-            self._on_answer(
+            self.on_answer(
                 peer, step, plan
             )  # it is asked again, and may still answer this one
             return False
@@ -261,7 +261,7 @@ class Peers:
         )
         if not fits:
             service = ACTIVE_PERCEPTION.of(self._names[peer])
-            self._intake.drop(
+            self._subscriber.drop(
                 service, "the answer does not fit where the peer is", "dropped"
             )
         return fits
@@ -295,7 +295,7 @@ class Peers:
             if step and asker not in self._names:
                 raise ValueError(f"asker {asker!r} is no robot of the scenario")
         except ValueError as error:
-            self._intake.drop(self._service, error)
+            self._subscriber.drop(self._service, error)
             answer = Answer(self._side.newest[0], None)
         else:
             number = self._names.index(asker) if asker in self._names else 0
@@ -305,7 +305,8 @@ class Peers:
         response.plan = self._convert.path(answer.step, (answer.cell,))
         return response
 
-    def _on_answer(self, peer: int, request_step: int, plan: Path) -> None:
+    def on_answer(self, peer: int, request_step: int, plan: Path) -> None:
+        """Take in a peer's answer to the request of a time step, whoever gave it."""
         cell = None
         try:
             step = self._convert.checked_step(
@@ -319,6 +320,6 @@ class Peers:
                         f"position ({position.x:g}, {position.y:g}) is no free cell"
                     )
         except ValueError as error:
-            self._intake.drop(ACTIVE_PERCEPTION.of(self._names[peer]), error)
+            self._subscriber.drop(ACTIVE_PERCEPTION.of(self._names[peer]), error)
         else:
             self._side.answer(peer, request_step, Answer(step, cell))

@@ -17,7 +17,7 @@ from sparse_coord_ros.protocol.wire import services
 from sparse_coord_ros.protocol.wire.frame import SECOND
 from sparse_coord_ros.ros.nodes.parameters import PARAMETERS, ParameterNode, Place
 from sparse_coord_ros.ros.nodes.player_keys import Keyboard
-from sparse_coord_ros.ros.nodes.player_topics import Stage
+from sparse_coord_ros.ros.nodes.player_topics import PlayedTopics
 from sparse_coord_ros.ros.nodes.spin import run_node, wait_for_readers
 
 KEYS_SECONDS = 0.05
@@ -43,7 +43,8 @@ class Player(ParameterNode):
             names in any namespace.
 
     Attributes:
-        stage: what it publishes on.
+        played: the topics that it publishes.
+        begun: whether it has gone to where playing begins.
         done: whether the end of the bag was reached, or the user quits.
 
     Raises:
@@ -53,7 +54,7 @@ class Player(ParameterNode):
     changeable = ("rate", "position")
 
     def __init__(self, *, keyboard: bool = False, **place: Unpack[Place]) -> None:
-        self._begun = False
+        self.begun = False
         super().__init__("player", PARAMETERS["player"], **place)
         self.offer(services.PAUSE, self._pause)
         self.offer(services.STEP, self._step)
@@ -75,9 +76,9 @@ class Player(ParameterNode):
                 "parameter bag: none is given; start the node with --ros-args -p bag:=DIRECTORY"
             )
         patterns = [text for text in values["topics"] if text]
-        stage = self.stage = Stage(self, Path(values["bag"]), patterns)
-        playlist = Playlist(stage.bag, stage.publishers, stage.kept)
-        self._start_ns = stage.bag.start_ns
+        played = self.played = PlayedTopics(self, Path(values["bag"]), patterns)
+        playlist = Playlist(played.bag, played.publishers, played.kept)
+        self._start_ns = played.bag.start_ns
         self._seconds = (playlist.end_ns - self._start_ns) / SECOND
         last = replace(self._table["position"], high=self._seconds)
         self._table = SettingTable([*self._table.values(), last])
@@ -87,23 +88,23 @@ class Player(ParameterNode):
             "loop": values["loop"],
             "paused": values["start_paused"],
         }
-        publish = stage.publish
+        publish = played.publish
         now = time.monotonic_ns
-        self._playback = Playback(playlist, publish, now, on_time=stage.tell, **how)
+        self._playback = Playback(playlist, publish, now, on_time=played.tell, **how)
         self.get_logger().info(
-            f"{stage.bag.path}: {len(playlist)} messages on {len(stage.publishers)} topics, "
+            f"{played.bag.path}: {len(playlist)} messages on {len(played.publishers)} topics, "
             f"{playlist.step_count} time steps, {self._seconds:g} s"
         )
 
     @property
     def _position(self) -> float:
         """Seconds from the bag's first message to the log time that is reached."""
-        if not self._begun:
+        if not self.begun:
             return self.values["position"]
         return (self._playback.position_ns - self._start_ns) / SECOND
 
     def _tick(self) -> None:
-        if not self._begun:
+        if not self.begun:
             self._begin()
         wait_ns = self._playback.play()
         if wait_ns is None:
@@ -115,11 +116,11 @@ class Player(ParameterNode):
 
     def _begin(self) -> None:
         """Go to where playing begins, once the subscribers had time to come."""
-        self._begun = True
-        if self.count_publishers(self.stage.clock_name) > 1:
+        self.begun = True
+        if self.count_publishers(self.played.clock_name) > 1:
             raise RunError(
-                f"another node publishes {self.stage.clock_name}: a live run or another player is "
-                "there, which this one would disturb; use another ROS_DOMAIN_ID"
+                f"another node publishes {self.played.clock_name}: a live run or another player "
+                "is there, which this one would disturb; use another ROS_DOMAIN_ID"
             )
         self._seek(self.values["position"])
 
@@ -130,7 +131,7 @@ class Player(ParameterNode):
 
     def _wake(self) -> None:
         """Let the timer look at once at what is to be done."""
-        if self._begun:
+        if self.begun:
             self._timer.timer_period_ns = 1
             self._timer.reset()
 
@@ -143,7 +144,7 @@ class Player(ParameterNode):
         """Show the next time step; return whether there was one, and a text."""
         self._playback.pause(True)
         before = self._playback.published
-        if not self._begun:
+        if not self.begun:
             self._begin()
         elif not self._playback.step():
             return False, f"the bag has ended at {self._position:.3f} s; {REMEDY}"
@@ -162,7 +163,7 @@ class Player(ParameterNode):
         for parameter in parameters:
             if parameter.name == "rate":
                 self._playback.set_rate(self.values["rate"])
-            elif parameter.name == "position" and self._begun:
+            elif parameter.name == "position" and self.begun:
                 self._seek(self.values["position"])
         self._wake()
 
@@ -201,7 +202,7 @@ class Player(ParameterNode):
             f"{self._playback.published} messages published{kept}"
         )
         if self._playback.done:
-            wait_for_readers(self.stage.publishers.values())
+            wait_for_readers(self.played.publishers.values())
 
 
 def main() -> int:

@@ -18,13 +18,13 @@ from sparse_coord_ros.log.bags.topics import latched
 from sparse_coord_ros.protocol import wire
 from sparse_coord_ros.protocol.wire.frame import SECOND
 from sparse_coord_ros.protocol.wire.messages import CLOCK_FORM
-from sparse_coord_ros.ros.nodes import interface
+from sparse_coord_ros.ros.nodes import ros_topics
 
 ROS_OWN = (wire.ROSOUT.name, wire.PARAMETER_EVENTS.name)
 """Topics that every node has itself."""
 
 
-class Stage:
+class PlayedTopics:
     """The publishers of a bag's topics, and of a clock where the bag has none.
 
     Warns of what cannot be played.
@@ -53,7 +53,7 @@ class Stage:
             warn(f"{bag.path}: {bag.damage}; {played} is played")
         elif not bag.finished:
             warn(
-                f"{bag.path} was never closed by its recorder: what there is of it is played"
+                f"{bag.path} was never closed by its recorder: its messages so far are played"
             )
         self.publishers: dict[str, Publisher] = {}
         skipped = []
@@ -79,7 +79,7 @@ class Stage:
             name: publisher.publish for name, publisher in self.publishers.items()
         }
         own = bag.clock
-        clock = interface.CLOCK
+        clock = ros_topics.CLOCK
         self.clock_name = node.resolve_topic_name(clock.name) if own is None else own
         self.clock: Publisher | None = None
         if own not in self.publishers or not bag.counts[own]:
@@ -118,7 +118,7 @@ def chosen_topics(bag: Bag, patterns: Sequence[str]) -> list[str]:
         SettingError: a pattern fits no topic.
     """
     chosen = set() if bag.clock is None else {bag.clock}
-    claims = {name for name in bag.topics if name.endswith(f"/{interface.CLAIM.name}")}
+    claims = {name for name in bag.topics if name.endswith(f"/{ros_topics.CLAIM.name}")}
     withheld = claims | set(ROS_OWN)
     for pattern in patterns or ["*"]:
         full = pattern if pattern.startswith(("/", "*")) else f"/{pattern}"
@@ -141,7 +141,7 @@ def class_of(topic: BagTopic) -> type:
     """
     name = ros_name(topic.type_name, topic.name)
     try:
-        found: type = interface.message_class(name)
+        found: type = ros_topics.message_class(name)
     except (ImportError, AttributeError, ValueError):
         raise ValueError(f"type {name} is not installed") from None
     if topic.type_hash and type_hash(name) not in ("", topic.type_hash):

@@ -33,12 +33,12 @@ from sparse_coord_ros.protocol.wire.frame import SECOND
 from sparse_coord_ros.protocol.wire.messages import STAMPED
 from sparse_coord_ros.protocol.wire.status import (
     NO_ORDER,
-    ROLL_CALL,
+    NO_ROLLBACK,
     Order,
     Progress,
-    Said,
+    RunStatus,
 )
-from sparse_coord_ros.ros.nodes import interface
+from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.follower import Follower
 from sparse_coord_ros.ros.nodes.messages import Converter, read_tables_message, status
 from sparse_coord_ros.ros.nodes.parameters import PARAMETERS, Place
@@ -46,12 +46,12 @@ from sparse_coord_ros.ros.nodes.spin import run_node
 
 QUIET_SECONDS = 0.3
 """After the run's end, the bag is closed when nothing has come for so long."""
-LAST_WORDS_SECONDS = 6.0
+LAST_MESSAGES_SECONDS = 6.0
 """After the run's end, how long the bag is kept open for last words that may be to come."""
 PLANNING_SECONDS = 600.0
 """The same where robots plan on what they have learned before they say their last words."""
 TALK_SECONDS = 20.0
-"""After the run's end, how long somebody who goes on talking keeps the bag open."""
+"""After the run's end, how long a node that goes on publishing keeps the bag open."""
 KEPT_FREE = 32
 """MiB of the disk that a recording leaves free, so that tables can still be saved."""
 LAG_STEPS = 1000
@@ -91,7 +91,7 @@ class Recording:
         self.run = run
         self.bag = bag
         self._report = node.reporter("bag")
-        self._progress = node.announce(interface.PROGRESS, RECORDER)
+        self._progress = node.announce(ros_topics.PROGRESS, RECORDER)
         self.convert = Converter(run)
         self.now_ns = self.said_ns = 0
         self.heard = self._flushed = time.monotonic()
@@ -113,7 +113,7 @@ class Recording:
         for name, text in bag_files(self.run, run_text).items():
             kind = "text/plain" if name == MAP_FILE else "application/yaml"
             bag.attach(name, text.encode(), kind)
-        channel = self._channel(interface.RUN, interface.RUN.name)
+        channel = self._channel(ros_topics.RUN, ros_topics.RUN.name)
         bag.write(channel, serialize_message(String(data=run_text)), 0, 0)
 
     def _later(self, at: int, name: str) -> int:
@@ -122,7 +122,7 @@ class Recording:
         if at < 0 or at > max(now, self.said_ns) + self._near_ns:
             said = f"stamp {at // SECOND} s {at % SECOND} ns"
             why = f"{said} is not of the run's time {now / SECOND:g} s"
-            self._node.intake.drop(name, why, "message recorded at the run's time")
+            self._node.subscriber.drop(name, why, "message recorded at the run's time")
             return now
         self.now_ns = at
         self._steps += 1
@@ -150,7 +150,7 @@ class Recording:
         if order.name == self.obeyed:
             return
         self.obeyed = order.name
-        if order.step != ROLL_CALL:
+        if order.step != NO_ROLLBACK:
             self.bag.begin_file(why_of(order))
             self.now_ns = self.said_ns = (order.first - 1) * self.convert.period
             self._tables.clear()
@@ -175,11 +175,11 @@ class Recording:
     def listen(self) -> None:
         """Listen to the run's team."""
         node = self._node
-        of_team, of_node, of_robot = map(interface.recorded, (TEAM, NODE, ROBOT))
+        of_team, of_node, of_robot = map(ros_topics.recorded, (TEAM, NODE, ROBOT))
         for topic in of_team:
-            if topic is interface.CLOCK:
-                topic = interface.clock_of(self.run)
-            if topic is not interface.RUN:
+            if topic is ros_topics.CLOCK:
+                topic = ros_topics.clock_of(self.run)
+            if topic is not ros_topics.RUN:
                 self._record(topic, "")
         for name in node.names_of(WORLD) or {WORLD}:
             for topic in of_node:
@@ -188,19 +188,19 @@ class Recording:
             for topic in (*of_robot, *of_node):
                 self._record(topic, robot.name)
             attach = partial(self.attach_tables, robot.name)
-            tables = interface.TABLES
-            qos = interface.recorder_qos(interface.TABLES)
-            node.intake.listen(
+            tables = ros_topics.TABLES
+            qos = ros_topics.recorder_qos(ros_topics.TABLES)
+            node.subscriber.listen(
                 tables, attach, robot.name, read=read_tables_message, qos=qos
             )
 
-    def _channel(self, topic: interface.RosTopic, name: str) -> int:
+    def _channel(self, topic: ros_topics.RosTopic, name: str) -> int:
         """Register a topic and return its channel in the bag."""
         full_name = self._node.resolve_topic_name(name)
         qos = QoS(durability=topic.qos.durability.name.lower(), depth=topic.qos.depth)
         return self.bag.add_topic(full_name, topic.type_name, qos)
 
-    def _record(self, topic: interface.RosTopic, owner: str) -> None:
+    def _record(self, topic: ros_topics.RosTopic, owner: str) -> None:
         """Write down a topic, at the time that its messages say, or at the world's."""
         node = self._node
         name = topic.of(owner)
@@ -213,7 +213,7 @@ class Recording:
             try:
                 sec, nanosec = unpack_stamp(data)
             except struct.error as error:
-                node.intake.drop(name, error)
+                node.subscriber.drop(name, error)
                 return
             at = sec * SECOND + nanosec
             if not 0 <= at <= self.now_ns:
@@ -225,13 +225,13 @@ class Recording:
             write_down(channel, data, self.now_ns, self.now_ns)
 
         write = stamped if topic.stamped else other
-        if node.tap is not None and topic.tapped:
-            node.tap.line(node.resolve_topic_name(name)).write = node.guarded(write)
+        if node.direct is not None and topic.packed:
+            node.direct.topic(node.resolve_topic_name(name)).write = node.guarded(write)
         else:
-            shared = topic.name == interface.DIAGNOSTICS.name
-            qos = interface.recorder_qos(topic)
+            shared = topic.name == ros_topics.DIAGNOSTICS.name
+            qos = ros_topics.recorder_qos(topic)
             unpack = self._of_this_namespace if shared else bytes
-            node.intake.listen(
+            node.subscriber.listen(
                 topic, lambda data: data and write(data), owner, unpack=unpack, qos=qos
             )
 
@@ -246,7 +246,7 @@ class Recording:
 
     # What a follower of a run does.
 
-    def world_said(self, said: Said) -> None:
+    def world_said(self, said: RunStatus) -> None:
         """Go back where the world says so; take in its time."""
         if said.order.name:
             self.go_back(said.order)
@@ -284,33 +284,33 @@ class Recording:
         )
 
     def _finds_robots(self) -> bool:
-        """Whether all robots are in the graph: they know then that this recorder listens.
+        """Return whether all robots are in the graph: they know then that this recorder listens.
 
         A robot cannot tell by itself as long as a killed recorder is in its graph.
         """
-        names = map(interface.ACTION.of, self.run.scenario.names)
-        return self._node.tap is not None or all(
+        names = map(ros_topics.ACTION.of, self.run.scenario.names)
+        return self._node.direct is not None or all(
             map(self._node.count_publishers, names)
         )
 
     def all_done(self, now: float) -> bool:
-        """Whether nothing comes any more, and nobody is left whose last words are to come."""
+        """Return whether the bag can be closed: no messages come, and none are due."""
         waited = now - self._presence.ended
         quiet = now - self.heard >= QUIET_SECONDS or waited > TALK_SECONDS
-        limit = PLANNING_SECONDS if self.run.improve else LAST_WORDS_SECONDS
+        limit = PLANNING_SECONDS if self.run.improve else LAST_MESSAGES_SECONDS
         return quiet and (waited > limit or self._heard_all())
 
     def _heard_all(self) -> bool:
-        """Whether nobody is left whose last words are still to come.
+        """Return whether the last messages of all nodes have come.
 
         Nodes leave when all that they said has arrived. Those in this process stay until the
         recorder has ended; their last words are the robots' tables.
         """
         node = self._node
         names = self.run.scenario.names
-        tables = interface.TABLES.of
-        if node.tap is None:
-            speakers = [*map(tables, names), interface.STATUS.name]
+        tables = ros_topics.TABLES.of
+        if node.direct is None:
+            speakers = [*map(tables, names), ros_topics.STATUS.name]
         else:
             speakers = [tables(name) for name in names if name not in self.final]
         return not any(
@@ -324,13 +324,13 @@ class Recording:
                 "messages": self.bag.message_count,
                 "bytes": self.bag.bytes_written,
             }
-            values["messages_dropped"] = self._node.intake.total
+            values["messages_dropped"] = self._node.subscriber.total
             self._report("recording", values)
 
 
 def why_of(order: Order) -> dict[str, str]:
-    """Return what a file says that begins with an order, or without one."""
-    if not order.name or order.step == ROLL_CALL:
+    """Return the metadata of a bag file that begins with an order, or without one."""
+    if not order.name or order.step == NO_ROLLBACK:
         return {"why": RESTARTED}
     return {"why": ROLLED_BACK, "step": str(order.step), "first": str(order.first)}
 
@@ -339,8 +339,8 @@ class Recorder(Follower):
     """Writes down every topic of the team and the service events, as they are.
 
     Args:
-        place: where the node is made, and with what: see `Place`. With a tap the recorder writes
-            by another process, and an error of the recording does not stop the others.
+        place: where the node is made, and with what: see `Place`. With `direct` another process
+            writes the bag, and an error of the recording does not stop the other nodes.
 
     Attributes:
         directory: of the bag.
@@ -362,8 +362,8 @@ class Recorder(Follower):
             what = f"output directory {self.directory}: exists already, nothing is overwritten"
             raise RunError(f"{what}; choose another one for parameter 'out'")
         self.error: BagError | None = None
-        self._recording_publisher = self.announce(interface.RECORDING)
-        topic = self.resolve_topic_name(interface.RUN.name)
+        self._recording_publisher = self.announce(ros_topics.RECORDING)
+        topic = self.resolve_topic_name(ros_topics.RUN.name)
         where = self.directory.absolute()
         self.get_logger().info(
             f"will record to {where}; waiting for a world simulator on {topic}"
@@ -372,7 +372,7 @@ class Recorder(Follower):
     def fail(self, error: SparseCoordError) -> None:
         """Stop; beside nodes in the same process, let them go on where only the bag is broken."""
         if (
-            self.tap is None
+            self.direct is None
             or self.recording is None
             or not isinstance(error, BagError)
         ):
@@ -380,7 +380,7 @@ class Recorder(Follower):
         elif self.error is None:
             self.error = error
             self.done = True
-            self.tap.close()
+            self.direct.close()
             self.get_logger().error(f"{error}; the run goes on unrecorded")
 
     def may_begin(self, now: float) -> bool:
@@ -413,7 +413,9 @@ class Recorder(Follower):
         order = Order() if self.status is None else self.status.order
         if earlier is not None:
             options |= {"earlier": earlier, "why": why_of(order)}
-        bag = (BagWriter if self.tap is None else BagProcess)(self.directory, **options)
+        bag = (BagWriter if self.direct is None else BagProcess)(
+            self.directory, **options
+        )
         self.at_end.enter_context(
             contextlib.suppress(BagError)
         )  # a broken one stays unfinished
@@ -435,7 +437,9 @@ class Recorder(Follower):
     def may_stop(self) -> bool:
         """As of every follower, but not for ever where others go on talking."""
         now = time.monotonic()
-        return super().may_stop() or now - (self._stopping or now) > LAST_WORDS_SECONDS
+        return (
+            super().may_stop() or now - (self._stopping or now) > LAST_MESSAGES_SECONDS
+        )
 
     def finish(self, *, interrupted: bool) -> None:
         """Close the bag and say what is in it."""
@@ -445,7 +449,7 @@ class Recorder(Follower):
         try:
             bag.close()
         except BagError as error:
-            if self.tap is None:
+            if self.direct is None:
                 self.fail(error)
                 raise
             self.error = error

@@ -13,11 +13,11 @@ from sparse_coord_ros.protocol.lockstep.world_side import WorldSide
 from sparse_coord_ros.protocol.wire import RECORDER
 from sparse_coord_ros.protocol.wire.status import (
     NO_ORDER,
-    ROLL_CALL,
+    NO_ROLLBACK,
     Progress,
     read_progress,
 )
-from sparse_coord_ros.ros.nodes import interface
+from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.outputs import Output
 from sparse_coord_ros.ros.nodes.parameters import ROLL_BACK
 
@@ -51,16 +51,16 @@ class Returning(WorldRollback):
         self._since = 0.0
         for robot, name in enumerate(self._names):
             then = functools.partial(self._on_progress, robot)
-            node.intake.listen(interface.PROGRESS, then, name, read=read_progress)
+            node.subscriber.listen(ros_topics.PROGRESS, then, name, read=read_progress)
         if run.recorded:
-            node.intake.listen(
-                interface.PROGRESS, self._on_recorder, RECORDER, read=read_progress
+            node.subscriber.listen(
+                ros_topics.PROGRESS, self._on_recorder, RECORDER, read=read_progress
             )
 
     @property
     def calling(self) -> bool:
         """Whether the team waits for all to say where they are, before it goes on there."""
-        return self._side.held and self.order.step == ROLL_CALL
+        return self._side.held and self.order.step == NO_ROLLBACK
 
     def resume(self) -> list[str]:
         """Where a run is resumed, order from where; return whose checkpoints are not known yet.

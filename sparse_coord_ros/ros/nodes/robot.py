@@ -18,12 +18,12 @@ from sparse_coord_ros.core.learners.agent import Agent
 from sparse_coord_ros.core.runs.run_config import RUN_FILE, RunConfig
 from sparse_coord_ros.core.runs.tables import TEAM_FILE, pack_tables, robot_file
 from sparse_coord_ros.protocol import wire
-from sparse_coord_ros.protocol.lockstep.gate import StepGate
 from sparse_coord_ros.protocol.lockstep.robot_side import NO_STEP, RobotSide
 from sparse_coord_ros.protocol.lockstep.rollback import RobotRollback
-from sparse_coord_ros.protocol.wire import RECORDER, WORLD, Account, services
-from sparse_coord_ros.protocol.wire.status import ROLL_CALL, Said
-from sparse_coord_ros.ros.nodes import interface
+from sparse_coord_ros.protocol.lockstep.step_filter import StepFilter
+from sparse_coord_ros.protocol.wire import RECORDER, WORLD, SelfReport, services
+from sparse_coord_ros.protocol.wire.status import NO_ROLLBACK, RunStatus
+from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.exchange import Exchange
 from sparse_coord_ros.ros.nodes.follower import Follower
 from sparse_coord_ros.ros.nodes.guard import Guard
@@ -38,7 +38,7 @@ from sparse_coord_ros.ros.nodes.parameters import PARAMETERS, Place
 from sparse_coord_ros.ros.nodes.peers import Peers
 from sparse_coord_ros.ros.nodes.spin import run_node, wait_for_readers
 
-LAST_WORDS_SECONDS = 2.0
+LAST_REWARD_SECONDS = 2.0
 """How long a robot waits for its last reward after the run's end."""
 
 PEER_PATIENCE_SECONDS = 2.0
@@ -56,6 +56,8 @@ class Member:
         output: where it saves.
         lockstep: the robot's side of the lock step, with its agent.
         joined: whether the robot listens to the world.
+        peers: asks its peers, and answers them.
+        exchange: tells the peers what was learned; None: the run does not improve on it.
 
     Raises:
         SparseCoordError: the scenario has no such robot, or the tables to begin with do not fit.
@@ -74,11 +76,11 @@ class Member:
         self._convert = Converter(run)
         own = [robot_file(Path(), self._name).name, TEAM_FILE]
         self.output = Output(node, self._name, run, own)
-        self._action = node.announce(interface.ACTION, self._name)
-        self._percept = node.announce(interface.PERCEPT, self._name)
-        self._map_publisher = node.announce(interface.COORDINATION_MAP, self._name)
-        self._tables = node.announce(interface.TABLES, self._name)
-        self._progress = node.announce(interface.PROGRESS, self._name)
+        self._action = node.announce(ros_topics.ACTION, self._name)
+        self._percept = node.announce(ros_topics.PERCEPT, self._name)
+        self._map_publisher = node.announce(ros_topics.COORDINATION_MAP, self._name)
+        self._tables = node.announce(ros_topics.TABLES, self._name)
+        self._progress = node.announce(ros_topics.PROGRESS, self._name)
         self._report = node.reporter("agent")
         self.lockstep = RobotSide(run, self._fresh_agent(), self)
         self._unsaid = resumed = node.values["resume"]
@@ -94,13 +96,13 @@ class Member:
                 else "has no checkpoint"
             )
             node.get_logger().info(f"{self._name} {what}")
-        self._gate = StepGate()
+        self._step_filter = StepFilter()
         self._kept = (0, 0)
         self.joined = False
         self._ears: list[Any] = []
         self._ready_since = 0.0
-        self._peers = Peers(node, run, self._convert, self.lockstep)
-        self._exchange = Exchange(node, run, self._packed) if run.improve else None
+        self.peers = Peers(node, run, self._convert, self.lockstep)
+        self.exchange = Exchange(node, run, self._packed) if run.improve else None
         node.offer(services.SAVE, self._on_save)
         self._say_progress()
 
@@ -128,14 +130,14 @@ class Member:
             status(self._name, "progress", self._back.progress().values())
         )
 
-    def world_said(self, said: Said) -> None:
+    def world_said(self, said: RunStatus) -> None:
         """Take in what the world says: an order to go back, and how far it is."""
         order = said.order
         if self._back.obey(order):
-            if order.step != ROLL_CALL:
+            if order.step != NO_ROLLBACK:
                 self._unsaid = False
-                self._gate = StepGate(order.first)
-                self._peers.start_anew()
+                self._step_filter = StepFilter(order.first)
+                self.peers.start_anew()
                 self._node.get_logger().info(
                     f"went back to the checkpoint of step {order.step}"
                 )
@@ -144,14 +146,14 @@ class Member:
                 )
             elif self.joined:
                 self._say_progress()
-        if self._gate.confirmed(said.step):
+        if self._step_filter.confirmed(said.step):
             self.lockstep.state(*self._kept)
 
     # Outgoing: the port of the lock step.
 
-    def act(self, step: int, action: Action, account: Account) -> None:
+    def act(self, step: int, action: Action, report: SelfReport) -> None:
         """Publish the action that answers the local state of a time step."""
-        self._action.publish(self._convert.pack_action(step, action, account))
+        self._action.publish(self._convert.pack_action(step, action, report))
 
     def percept(self, step: int, cell: int, perceived: tuple[int, ...] | None) -> None:
         """Publish what came of COORDINATE."""
@@ -159,7 +161,7 @@ class Member:
 
     def ask(self, peer: int, step: int, cell: int) -> None:
         """Request the peer's local state; a peer that fell silent is not waited for."""
-        if not self._peers.ask(peer, step, cell):
+        if not self.peers.ask(peer, step, cell):
             self.lockstep.expire()
 
     def episode(self, step: int) -> None:
@@ -180,17 +182,17 @@ class Member:
         if not self.joined:  # it went back, and is yet to listen anew
             return
         step, cell = said
-        drop = self._node.intake.drop
-        if not self._gate.passes(step):
+        drop = self._node.subscriber.drop
+        if not self._step_filter.passes(step):
             self._kept = said
             drop(
-                interface.LOCAL_STATE.of(self._name),
-                f"step {step} does not follow {self._gate.newest}, and the world has not said "
-                "that it is so far",
+                ros_topics.LOCAL_STATE.of(self._name),
+                f"step {step} does not follow {self._step_filter.newest}, and the world has not "
+                "said that it is so far",
             )
             return
         if self._presence.sees(step):
-            drop(interface.STATUS.name, "the run was said to be over")
+            drop(ros_topics.STATUS.name, "the run was said to be over")
         if (
             self._unsaid
         ):  # no order to go back has come: it goes on from its own checkpoint
@@ -214,7 +216,7 @@ class Member:
         if not self.joined:
             self._join_when_ready(now)
         elif self._presence.end is None:
-            self._peers.keep_the_deadline(now)
+            self.peers.keep_the_deadline(now)
 
     def _join_when_ready(self, now: float) -> None:
         """Listen to the world once everybody who should hear this robot does.
@@ -226,7 +228,7 @@ class Member:
             self._node.remind(self._node.reminder, missing)
             return
         self._ready_since = self._ready_since or now
-        if now - self._ready_since < PEER_PATIENCE_SECONDS and not self._peers.ready():
+        if now - self._ready_since < PEER_PATIENCE_SECONDS and not self.peers.ready():
             return
         self._listen()
         self._node.guard.join()
@@ -243,7 +245,7 @@ class Member:
             self._node.get_logger().info(
                 f"joined run {run.scenario.name}, seed {run.seed}"
             )
-        listen = self._node.intake.listen
+        listen = self._node.subscriber.listen
         convert = self._convert
 
         def on_reward(said: tuple[int, Reward]) -> None:
@@ -251,10 +253,10 @@ class Member:
 
         self._ears = [
             listen(
-                interface.REWARD, on_reward, self._name, unpack=convert.unpack_reward
+                ros_topics.REWARD, on_reward, self._name, unpack=convert.unpack_reward
             ),
             listen(
-                interface.LOCAL_STATE,
+                ros_topics.LOCAL_STATE,
                 self._on_state,
                 self._name,
                 unpack=convert.unpack_state,
@@ -268,7 +270,7 @@ class Member:
         robots = self.run.scenario.robots
         if not heard_by(self._action, WORLD):
             return "the world simulator to listen to this robot"
-        dialogue = (interface.SERVICE_EVENTS.of(robot.name) for robot in robots)
+        dialogue = (ros_topics.SERVICE_EVENTS.of(robot.name) for robot in robots)
         if self.run.recorded and not (
             all(
                 heard_by(publisher, RECORDER)
@@ -280,17 +282,17 @@ class Member:
         return ""
 
     def all_done(self, now: float) -> bool:
-        """Whether all is learned that happened, or what is missing has had its time to come."""
+        """Return whether all transitions are learned, or the missing messages are overdue."""
         side = self.lockstep
         end = self._presence.end
         ended = self._presence.ended
         heard_all = self.joined and end is not None and side.newest[0] >= end
         if (
             not (heard_all and side.waiting is None)
-            and now - ended <= LAST_WORDS_SECONDS
+            and now - ended <= LAST_REWARD_SECONDS
         ):
             return False
-        return self._exchange is None or not self._finished or self._exchange.over()
+        return self.exchange is None or not self._finished or self.exchange.over()
 
     @property
     def _finished(self) -> bool:
@@ -313,8 +315,8 @@ class Member:
 
     def _improve(self) -> None:
         """Save and publish what the robot makes of what all have learned, or has learned."""
-        assert self._exchange is not None
-        plan = self._exchange.plan()
+        assert self.exchange is not None
+        plan = self.exchange.plan()
         number = self._number
         tables = self.lockstep.agent.tables if plan is None else plan.tables[number]
         packed = pack_tables({number + 1: tables.memory}, counts=self.lockstep.counts)
@@ -343,7 +345,7 @@ class Member:
         path = self._save()
         if path is not None:
             self._node.get_logger().info(f"saved {path}")
-        if self._exchange is not None and self._finished and not interrupted:
+        if self.exchange is not None and self._finished and not interrupted:
             self._improve()
         self.report()
         self._publish_tables(wire.Occasion.FINAL)
@@ -363,7 +365,7 @@ class Member:
             **{f"asks_{how}": count for how, count in self.lockstep.asks.items()},
             "epsilon": f"{self.lockstep.agent.epsilon(step):.4f}",
             "transitions_dropped": self.lockstep.dropped,
-            "messages_dropped": self._node.intake.total,
+            "messages_dropped": self._node.subscriber.total,
         }
         doing = (
             wire.RunState.LEARNING
@@ -408,7 +410,7 @@ class RobotNode(Follower):
         self.guard = Guard(self)
 
     def may_begin(self, now: float) -> bool:
-        """Whether nobody who had the name before has been heard in time."""
+        """Return whether no earlier owner of the name has been heard in time."""
         return self.guard.holds(now)
 
     def check(self, run: RunConfig) -> None:

@@ -16,7 +16,7 @@ from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from sparse_coord_ros.base.palette import DOORWAY_COLOUR, FAILED, OUTCOME_COLOURS, rgb
-from sparse_coord_ros.lab.driving.ground import Pose
+from sparse_coord_ros.lab.driving.metric_map import Pose
 from sparse_coord_ros.protocol.wire import (
     OCCUPANCY,
     QUESTIONS,
@@ -24,7 +24,7 @@ from sparse_coord_ros.protocol.wire import (
     WORDS,
     PerceptEnd,
 )
-from sparse_coord_ros.ros.nodes import interface
+from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.messages import Converter, map_header
 from sparse_coord_ros.ros.nodes.parameters import ParameterNode
 from sparse_coord_ros.ros.nodes.transforms import (
@@ -116,16 +116,14 @@ class Scene:
         return [line, self._text(WORDS, k, f"asks {whom}: {outcome}", -0.4)]
 
     def _read(self, action: bytes) -> tuple[int, str] | None:
-        """Return whom an action asked (from 0, -1: all) and how it ended; None: it did not ask."""
+        """Return the asked peer (from 0, -1: all) and the percept's end; None: it did not ask."""
         try:
-            acted, said, account = self.convert.unpack_account(action)
+            acted, said, report = self.convert.unpack_self_report(action)
         except ValueError:  # the world takes an action, whatever else a robot says
             return None
         if not said.asked or acted < self.step - 1:
             return None
-        end = (
-            PerceptEnd.ANSWERED if said.perceived else PerceptEnd.said(account.percept)
-        )
+        end = PerceptEnd.ANSWERED if said.perceived else PerceptEnd.said(report.percept)
         return said.peer, FAILED if end is None else end.outcome
 
     def _doorway(self, number: int, cell: int, robots: int) -> Marker:
@@ -155,7 +153,7 @@ class ScenePublisher:
         self, node: ParameterNode, convert: Converter, *, frames: bool = True
     ) -> None:
         self._convert = convert
-        self._publisher = node.announce(interface.SCENE)
+        self._publisher = node.announce(ros_topics.SCENE)
         self._last = float("-inf")
         self.actions: dict[int, bytes] = {}
         self._bases = [robot_frame(node, name, BASE) for name in convert.names]

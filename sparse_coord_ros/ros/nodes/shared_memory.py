@@ -4,7 +4,7 @@
 
 Fast DDS keeps a segment for each participant in /dev/shm. A process that ends removes its own;
 SIGKILL leaves them there, half a megabyte each time. A lock file beside each is locked while its
-owner lives, so that the rest can be told apart, whoever started it (`fastdds shm clean` does so
+owner lives, so that leftovers of any program can be recognised (`fastdds shm clean` does so
 too). Ports (50 kB each) stay: the next processes use them again.
 """
 
@@ -47,7 +47,7 @@ def leftovers(folder: Path = FOLDER, *, remove: bool = False) -> list[Path]:
 
 
 def _free(files: list[Path], remove: bool) -> bool:
-    """Whether nobody holds a segment's files; they are removed while their locks are held here."""
+    """Return whether a segment's files are unused; they are removed under their locks."""
     with suppress(OSError), ExitStack() as stack:
         age = time.time() - max(path.lstat().st_mtime for path in files)
         if remove and age < YOUNG_SECONDS:

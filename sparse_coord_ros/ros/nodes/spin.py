@@ -23,7 +23,7 @@ from rclpy.task import Future
 
 from sparse_coord_ros.base import errors
 from sparse_coord_ros.base.signals import STOPPING
-from sparse_coord_ros.ros.nodes import interface
+from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.environment import (
     check_security,
     repair_promptly,
@@ -36,7 +36,7 @@ READERS_SECONDS = 3.5
 """How long the last messages may take: with profiles of the user's own, Fast DDS offers lost ones
 again every three seconds."""
 
-LOOK_SECONDS = 0.01
+POLL_SECONDS = 0.01
 """Between two looks at the condition and at signals; meanwhile the executor goes from callback to
 callback by itself: a call of it for each would cost a tenth of a time step."""
 
@@ -176,7 +176,7 @@ def spin_nodes(
     steady = Clock(clock_type=ClockType.STEADY_TIME)
     # With a timeout alone the EventsExecutor comes back only when no message waits any more.
     timer = nodes[0].create_timer(
-        LOOK_SECONDS, lambda: turn.set_result(None), clock=steady
+        POLL_SECONDS, lambda: turn.set_result(None), clock=steady
     )
     try:
         for node in nodes:
@@ -186,7 +186,7 @@ def spin_nodes(
                 if isinstance(node, ParameterNode) and node.failure is not None:
                     raise node.failure
             turn = Future()
-            executor.spin_until_future_complete(turn, timeout_sec=2 * LOOK_SECONDS)
+            executor.spin_until_future_complete(turn, timeout_sec=2 * POLL_SECONDS)
     finally:
         nodes[0].destroy_timer(timer)
         for node in nodes:
@@ -211,8 +211,8 @@ def say_on_rosout(node: Node, error: errors.SparseCoordError) -> None:
 
     The text of an unexpected exception is its traceback.
     """
-    topic = interface.ROSOUT
-    publisher = node.create_publisher(topic.type, topic.name, interface.LATCHED_QOS)
+    topic = ros_topics.ROSOUT
+    publisher = node.create_publisher(topic.type, topic.name, ros_topics.LATCHED_QOS)
     message = topic.type(
         level=LoggingSeverity.FATAL, name=node.get_logger().name, msg=str(error)
     )
@@ -222,7 +222,7 @@ def say_on_rosout(node: Node, error: errors.SparseCoordError) -> None:
     deadline = time.monotonic() + MATCH_SECONDS
     readers = node.count_subscribers(publisher.topic_name)
     while publisher.get_subscription_count() < readers and time.monotonic() < deadline:
-        time.sleep(LOOK_SECONDS)
+        time.sleep(POLL_SECONDS)
     publisher.publish(message)
     wait_for_readers([publisher])
 
@@ -235,7 +235,7 @@ def ending(
     try:
         yield
     except errors.NameTakenError:
-        raise  # the team is another node's: neither save nor tell anybody
+        raise  # the team is another node's: neither save nor publish the error
     except Exception as error:
         failure = errors.failure_of(error)
         with suppress(Exception):  # the first error is the one to tell
@@ -258,7 +258,7 @@ def exit_code_of(run: Callable[[Stop], None]) -> int:
         run: what to run; it minds the signals that end it.
 
     Returns:
-        0 at its end, 2 after bad input, 1 after an exception that nobody expected, 130 after an
+        0 at its end, 2 after bad input, 1 after an unexpected exception, 130 after an
         impatient second Ctrl-C.
     """
     with signals() as stop:

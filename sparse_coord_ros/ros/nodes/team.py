@@ -13,8 +13,9 @@ from rclpy.context import Context
 from sparse_coord_ros.base.errors import BagError, NameTakenError
 from sparse_coord_ros.core.runs.run_config import RunConfig, create_output
 from sparse_coord_ros.log.bags.reader import BAG_DIRECTORY
-from sparse_coord_ros.protocol.lockstep.checkpoints import check_robots
+from sparse_coord_ros.protocol.lockstep.node_checkpoints import check_robots
 from sparse_coord_ros.protocol.wire import RECORDER, WORLD
+from sparse_coord_ros.ros.nodes.direct_recording import DirectRecording
 from sparse_coord_ros.ros.nodes.outputs import begin_with, gather, resumed_run
 from sparse_coord_ros.ros.nodes.parameters import (
     TEAM_PARAMETERS,
@@ -31,11 +32,10 @@ from sparse_coord_ros.ros.nodes.spin import (
     ros_context,
     spin_nodes,
 )
-from sparse_coord_ros.ros.nodes.tap import Tap
 from sparse_coord_ros.ros.nodes.world_simulator import WorldSimulator
 
 if TYPE_CHECKING:
-    from sparse_coord_ros.show.page.board import Board
+    from sparse_coord_ros.show.page.message_board import MessageBoard
 
 
 def team_run(values: dict[str, Any]) -> RunConfig:
@@ -66,7 +66,7 @@ def run_team(
     context: Context,
     namespace: str = "",
     stop: Callable[[], bool] = lambda: False,
-    page: "Board | None" = None,
+    page: "MessageBoard | None" = None,
 ) -> dict[str, Any]:
     """Run a team until its step budget is used up or `stop` says so.
 
@@ -90,8 +90,12 @@ def run_team(
     out = Path(values["out"] or f"{run.scenario.name}_{datetime.now():%Y%m%d_%H%M%S}")
     if not values["resume"]:
         create_output(out)
-    tap = Tap() if values["record"] else None
-    place: dict[str, Any] = {"context": context, "namespace": namespace, "tap": tap}
+    direct = DirectRecording() if values["record"] else None
+    place: dict[str, Any] = {
+        "context": context,
+        "namespace": namespace,
+        "direct": direct,
+    }
     place["shared_clients"] = {}
     nodes: list[ParameterNode] = []
     recorder = None
@@ -118,54 +122,79 @@ def run_team(
         return gather(out, run.scenario, interrupted=interrupted, recording_error=error)
 
 
+class _TeamEnd:
+    """How a team's nodes end, one kind after the other.
+
+    The world ends first, then the robots when they have learned all that it has done, the page,
+    and the recorder.
+
+    Args:
+        nodes: the nodes.
+        stop: whether the team is to stop before the run's end.
+
+    Attributes:
+        left: the nodes that have not ended, in the order of their ends.
+        failures: the errors so far.
+        stopped: the team was stopped before the run's end.
+    """
+
+    def __init__(
+        self, nodes: Sequence[ParameterNode], stop: Callable[[], bool]
+    ) -> None:
+        self.left = sorted(nodes, key=lambda node: isinstance(node, Recorder))
+        self.failures: list[Exception] = []
+        self.stopped = False
+        self._stop = stop
+
+    def over(self) -> bool:
+        """End the nodes that are done, or may stop; return whether all have ended."""
+        self._end([node for node in self.left if node.done])
+        if self.left and (self._stop() or self.failures):
+            self.stopped = True
+            kind = type(self.left[0])
+            alike = [node for node in self.left if isinstance(node, kind)]
+            if all(node.may_stop() for node in alike):
+                self._end(alike)
+        return not self.left
+
+    def fail(self, error: Exception) -> None:
+        """Note an error, and end the nodes that failed; all nodes where it is of none of them."""
+        self.failures.append(error)
+        failed = [node for node in self.left if node.failure is not None]
+        self._end(failed or self.left[:])
+
+    def _end(self, nodes: Iterable[ParameterNode]) -> None:
+        for node in nodes:
+            self.left.remove(node)
+            try:
+                node.finish(interrupted=not node.done)
+            except Exception as error:  # the others save what they have all the same
+                self.failures.append(error)
+
+
 def _spin(
     nodes: Sequence[ParameterNode],
     kind: str,
     context: Context,
     stop: Callable[[], bool],
 ) -> bool:
-    """Spin until every node is done; return whether they were stopped before.
+    """Spin until every node has ended; return whether they were stopped before the run's end.
 
-    Whatever ends them, each says and saves what it has; the first error is raised then. They stop
-    one kind after the other: the world, the robots when they have learned all that it has done,
-    the page, the recorder. One executor has them all until the last has ended: another would miss
-    what waits in this one.
+    Each node says and saves what it has; the first error is raised then. One executor has all
+    nodes until the last has ended: a new executor would miss the messages that wait in this one.
     """
-    left = sorted(nodes, key=lambda node: isinstance(node, Recorder))
-    failures: list[Exception] = []
-    stopped = False
-
-    def end(some: Iterable[ParameterNode]) -> None:
-        for node in some:
-            left.remove(node)
-            try:
-                node.finish(interrupted=not node.done)
-            except Exception as error:  # the others save what they have all the same
-                failures.append(error)
-
-    def ended() -> bool:
-        nonlocal stopped
-        end([node for node in left if node.done])
-        if left and (stop() or failures):
-            stopped = True
-            alike = [node for node in left if isinstance(node, type(left[0]))]
-            if all(node.may_stop() for node in alike):
-                end(alike)
-        return not left
-
-    while left:
+    end = _TeamEnd(nodes, stop)
+    while end.left:
+        alive = [node for node in nodes if node.failure is None]
         try:
-            spin_nodes(
-                [node for node in nodes if node.failure is None], kind, context, ended
-            )
+            spin_nodes(alive, kind, context, end.over)
         except NameTakenError:
             raise
         except Exception as error:
-            failures.append(error)
-            end([node for node in left if node.failure is not None] or left[:])
-    if failures:
-        raise failures[0]
-    return stopped
+            end.fail(error)
+    if end.failures:
+        raise end.failures[0]
+    return end.stopped
 
 
 def main() -> int:

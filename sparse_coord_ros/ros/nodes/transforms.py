@@ -7,10 +7,11 @@ begin with the team's namespace, or with what the parameter `frame_prefix` says.
 
 Transforms go to `tf` in the team's namespace, as Nav2's launch files have it, not to /tf: a team
 in a namespace has a clock of its own there, and transforms of several clocks in one topic are of
-no use to anybody. Outside any namespace the two are the same.
+of no use. Outside any namespace the two are the same.
 """
 
 import math
+import time
 from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any
@@ -21,7 +22,8 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from std_msgs.msg import Header
 
-from sparse_coord_ros.lab.driving.ground import Pose
+from sparse_coord_ros.lab.driving.metric_map import Pose
+from sparse_coord_ros.lab.driving.transforms import Tree, yaw_of
 from sparse_coord_ros.ros.nodes.parameters import ParameterNode
 
 ODOM = "odom"
@@ -33,7 +35,7 @@ TF_STATIC = "tf_static"
 
 
 def robot_frame(node: ParameterNode, robot: str, frame: str) -> str:
-    """Return what a frame of a robot is called, in the team of a node."""
+    """Return the name of a robot's frame, in the team of a node."""
     prefix = node.values["frame_prefix"] or f"{node.get_namespace()}/"
     return f"{prefix.lstrip('/')}{robot}/{frame}"
 
@@ -49,11 +51,48 @@ def pose_message(pose: Pose) -> PoseMessage:
 
 
 def transform(header: Header, child: str, pose: Pose) -> TransformStamped:
-    """Return where a frame is in that of a header."""
+    """Return the pose of a frame in that of a header."""
     there = Transform(
         translation=Vector3(x=pose.x, y=pose.y), rotation=turned(pose.yaw)
     )
     return TransformStamped(header=header, child_frame_id=child, transform=there)
+
+
+def seconds_of(header: Any) -> float:
+    """Return a header's time; the steady clock's where it has none."""
+    stamp = header.stamp
+    if stamp.sec == 0 and stamp.nanosec == 0:
+        return time.monotonic()
+    return float(stamp.sec) + stamp.nanosec * 1e-9
+
+
+class HeardTransforms:
+    """Tells from transforms where a frame is in another one.
+
+    Args:
+        parent: the frame in which poses are wanted.
+        child: the frame whose poses are wanted.
+    """
+
+    def __init__(self, parent: str, child: str) -> None:
+        self._parent = parent
+        self._child = child
+        self._tree = Tree()
+
+    def read(self, message: Any, *, static: bool) -> tuple[float, Pose] | None:
+        """Take in a TFMessage, and return when the child was where in the parent.
+
+        None: the message has no transform on the way between them, or some are yet to come.
+        """
+        for one in message.transforms:
+            place = one.transform.translation
+            turn = one.transform.rotation
+            pose = Pose(place.x, place.y, yaw_of(turn.x, turn.y, turn.z, turn.w))
+            seconds = None if static else seconds_of(one.header)
+            self._tree.hear(one.header.frame_id, one.child_frame_id, pose, seconds)
+        found = self._tree.find(self._parent, self._child)
+        heard = {one.child_frame_id.lstrip("/") for one in message.transforms}
+        return found if heard.intersection(self._tree.way) else None
 
 
 class TransformPublisher:

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The node `watch`: reads what a team says, and shows it on a page in the browser.
 
-Nobody waits for it. Beside a team in other processes it hears its topics. In the team's own
-process it looks at world and robots themselves: taking every message would slow the team.
+The team never waits for it. It subscribes to the topics of a team in other processes. Inside a
+team's process it reads world and robots directly: taking every message would slow the team.
 """
 
 import contextlib
@@ -25,14 +25,14 @@ from sparse_coord_ros.core.game.miscoordination import meeting_places, miscoordi
 from sparse_coord_ros.core.game.world import FIRST_STEP, Action, Reward, StepOutcome
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs.history import HistoryRecorder
-from sparse_coord_ros.core.runs.run import Glimpse
+from sparse_coord_ros.core.runs.run import TeamTransition
 from sparse_coord_ros.core.runs.run_config import RunConfig
 from sparse_coord_ros.core.runs.tables import tables_of, unpack_saved
 from sparse_coord_ros.protocol import wire
 from sparse_coord_ros.protocol.lockstep.robot_side import RobotSide
-from sparse_coord_ros.protocol.wire import WORLD, Account, PerceptEnd, services
-from sparse_coord_ros.protocol.wire.status import Said
-from sparse_coord_ros.ros.nodes import interface
+from sparse_coord_ros.protocol.wire import WORLD, PerceptEnd, SelfReport, services
+from sparse_coord_ros.protocol.wire.status import RunStatus
+from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.follower import Follower
 from sparse_coord_ros.ros.nodes.halting import Halting
 from sparse_coord_ros.ros.nodes.messages import Converter, read_run, read_tables_message
@@ -53,7 +53,7 @@ from sparse_coord_ros.show.page.live_source import LiveView
 if TYPE_CHECKING:
     from sparse_coord_ros.ros.nodes.robot import RobotNode
     from sparse_coord_ros.ros.nodes.world_simulator import WorldSimulator
-    from sparse_coord_ros.show.page.board import Board
+    from sparse_coord_ros.show.page.message_board import MessageBoard
     from sparse_coord_ros.show.page.server import Server
 
 PAGE_SECONDS = 1 / 20
@@ -66,7 +66,7 @@ LATE_TICKS = 10
 """So long an action, a reward or a state may come after the next time step's. Counted in ticks of
 the node: a process that stood still has what it waits for in its queue."""
 
-MOST_STEPS = 10_000
+MOST_STEPS_HEARD = 10_000
 """Time steps of which a part is remembered at most; a stranger can send any."""
 
 CONTROLS = (PAUSE, STEP, RATE, RESET, HALT)
@@ -81,6 +81,7 @@ class Controls(Controlled):
     Attributes:
         view: says how it went; None: no run is shown.
         rate: the world's rate; None: it is not known.
+        halting: asks the world and the drivers to halt.
     """
 
     def __init__(self, node: Node) -> None:
@@ -93,19 +94,19 @@ class Controls(Controlled):
             STEP: node.create_client(Trigger, services.STEP.of(WORLD)),
             RATE: node.create_client(SetParameters, f"{WORLD}/set_parameters"),
         }
-        self._halting = Halting(node, node.get_namespace())
+        self.halting = Halting(node, node.get_namespace())
 
     def call(self) -> None:
         """Make the calls that are due."""
         for control in self.wishes():
             self._do(control)
-        self._halting.tick(time.monotonic())
+        self.halting.tick(time.monotonic())
         if self.view is not None:
             self._show_halting(self.view)
 
     def _show_halting(self, view: LiveView) -> None:
-        """Show whether there is anybody to halt, and who has not done it yet."""
-        halting = self._halting
+        """Show whether there are nodes to halt, and which of them have not halted yet."""
+        halting = self.halting
         said = ""
         if (halting.asking or halting.hold) and halting.left:
             said = "; ".join(map(halting.in_words, halting.left))
@@ -115,7 +116,7 @@ class Controls(Controlled):
 
     def _do(self, control: Control) -> None:
         if control.name == HALT:
-            self._halting.ask(control.value, time.monotonic())
+            self.halting.ask(control.value, time.monotonic())
             return
         client = self._clients.get(control.name)
         if client is None or self.view is None:
@@ -164,7 +165,7 @@ class InsideWatch(ParameterNode):
 
     def __init__(
         self,
-        board: "Board",
+        board: "MessageBoard",
         world: "WorldSimulator",
         robots: "Sequence[RobotNode]",
         **place: Unpack[Place],
@@ -184,14 +185,14 @@ class InsideWatch(ParameterNode):
         board.source = self._controls
         self.create_timer(PAGE_SECONDS, self._tick)
 
-    def _on_transition(self, seen: Glimpse) -> None:
+    def _on_transition(self, seen: TeamTransition) -> None:
         """Hear of each transition, from the world's side of the lock step."""
         ends: list[PerceptEnd | None] = []
         if any(
             one is not None and one.asked and not one.perceived for one in seen.actions
         ):
             said = [
-                None if one is None else one.account_of(seen.step)
+                None if one is None else one.self_report_of(seen.step)
                 for one in self._sides()
             ]
             ends = [
@@ -267,15 +268,15 @@ class WatchNode(Follower):
         self.server.board.source = self.controls
 
     def set_up(self) -> None:
-        """Serve the page, where nobody does."""
-        from sparse_coord_ros.show.page.board import Board
+        """Serve the page, unless it is served already."""
+        from sparse_coord_ros.show.page.message_board import MessageBoard
         from sparse_coord_ros.show.page.server import Server
 
         if self._shared is not None:
             self.server = self._shared
             return
         self.server = Server(
-            Board(), host=self.values["host"], port=self.values["port"]
+            MessageBoard(), host=self.values["host"], port=self.values["port"]
         )
         self.at_end.callback(self.server.close)
         if self.server.warning:
@@ -287,7 +288,7 @@ class WatchNode(Follower):
         self.controls.call()
         board = self.server.board
         if board.get("notice") is None:
-            where = self.resolve_topic_name(interface.RUN.name)
+            where = self.resolve_topic_name(ros_topics.RUN.name)
             board.put(
                 "notice",
                 text=f"waiting for a team: no world simulator is on {where} yet",
@@ -313,7 +314,7 @@ class WatchNode(Follower):
         self.presence = None
         return run
 
-    def world_said(self, said: Said) -> None:
+    def world_said(self, said: RunStatus) -> None:
         """Show the world's state, and compare what was heard with what it has done."""
         self._transitions = said.transitions
         view = self.team.view
@@ -338,12 +339,12 @@ class WatchNode(Follower):
         view = self.team.view
         over = view.state in (wire.RunState.FINISHED, wire.RunState.STOPPED, "gone")
         silent = self.presence.silent(now) > GONE_SECONDS
-        if silent and not over and not self.count_publishers(interface.STATUS.name):
+        if silent and not over and not self.count_publishers(ros_topics.STATUS.name):
             view.state = "gone"
             view.notice("the world is gone; the page waits for the next team")
 
     def all_done(self, now: float) -> bool:
-        """Whether there is no next team to wait for: there may always be one."""
+        """Return whether there is no next team to wait for: there may always be one."""
         return False
 
     def may_stop(self) -> bool:
@@ -399,32 +400,41 @@ class HeardTeam:
         self._steps: defaultdict[int, _Heard] = defaultdict(_Heard)
         self._newest: int | None = None
         self._last_made: int | None = None
-        self._said: Said | None = None
+        self._said: RunStatus | None = None
         convert = Converter(run)
-        listen = node.intake.listen
+        listen = node.subscriber.listen
         self._subscriptions = []
         for k, robot in enumerate(run.scenario.robots):
             for topic, then, how in (
                 (
-                    interface.LOCAL_STATE,
+                    ros_topics.LOCAL_STATE,
                     self._on_state,
                     {"unpack": convert.unpack_state},
                 ),
-                (interface.ACTION, self._on_action, {"unpack": convert.unpack_account}),
-                (interface.REWARD, self._on_reward, {"unpack": convert.unpack_reward}),
-                (interface.TABLES, self._on_tables, {"read": read_tables_message}),
+                (
+                    ros_topics.ACTION,
+                    self._on_action,
+                    {"unpack": convert.unpack_self_report},
+                ),
+                (ros_topics.REWARD, self._on_reward, {"unpack": convert.unpack_reward}),
+                (ros_topics.TABLES, self._on_tables, {"read": read_tables_message}),
             ):
                 heard = listen(topic, functools.partial(then, k), robot.name, **how)
                 self._subscriptions.append(heard)
+
+    @property
+    def pending(self) -> list[int]:
+        """The time steps of which something was heard and not yet taken in."""
+        return list(self._steps)
 
     def leave(self) -> None:
         """Listen no more."""
         for subscription in self._subscriptions:
             self._node.destroy_subscription(subscription)
 
-    def _on_action(self, k: int, said: tuple[int, Action, Account]) -> None:
-        step, action, account = said
-        self._steps[step].said[k] = action, PerceptEnd.said(account.percept)
+    def _on_action(self, k: int, said: tuple[int, Action, SelfReport]) -> None:
+        step, action, report = said
+        self._steps[step].said[k] = action, PerceptEnd.said(report.percept)
         self.catch_up()
 
     def _on_reward(self, k: int, said: tuple[int, Reward]) -> None:
@@ -448,7 +458,7 @@ class HeardTeam:
         self._steps[step].cells.setdefault(k, cell)
         self.catch_up()
 
-    def compare(self, said: Said) -> None:
+    def compare(self, said: RunStatus) -> None:
         """Compare what was heard with what the world says to have done, as soon as that can be."""
         self._said = said
         self.catch_up()
@@ -464,7 +474,7 @@ class HeardTeam:
         A robot's states come in their order, but its action or reward may come after the next one:
         they are other topics.
         """
-        if len(self._steps) > MOST_STEPS:
+        if len(self._steps) > MOST_STEPS_HEARD:
             self._forget(max(self._steps))
             self._lack(
                 "far more time steps were heard of than belong to a run: begun anew"
@@ -550,12 +560,12 @@ class HeardTeam:
         )
         self.seen += 1
         cells = tuple(here.cells[k] for k in robots)
-        self.view.take(Glimpse(step, cells, actions, after, met, rewards, ends))
+        self.view.take(TeamTransition(step, cells, actions, after, met, rewards, ends))
 
     def _on_tables(self, k: int, said: tuple[bytes, int, str]) -> None:
         data, step, _ = said
-        with contextlib.suppress(Exception):  # anybody can publish anything
-            where = interface.TABLES.name
+        with contextlib.suppress(Exception):  # a stranger can publish anything
+            where = ros_topics.TABLES.name
             [saved] = unpack_saved(data, [k + 1], where=where, limit=TABLES)
             tables = tables_of(
                 self._run.scenario, self._run.known_rule, k, saved.memory

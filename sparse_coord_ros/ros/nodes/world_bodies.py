@@ -4,7 +4,7 @@
 
 Halting: the word of it stands in `goals`, which are latched, so a driver that starts later hears
 it with its first goal. It is said again until every driver has confirmed it on `halted`. A driver
-that says `halted` by itself halts the team: somebody asked it directly, or the world that halted
+that says `halted` by itself halts the team: a user asked it directly, or the world that halted
 it is gone, and this one came in its place.
 """
 
@@ -25,7 +25,7 @@ from sparse_coord_ros.protocol.lockstep.bodies import (
     Reached,
 )
 from sparse_coord_ros.protocol.lockstep.timeouts import REPEAT_SECONDS, Reminder
-from sparse_coord_ros.ros.nodes import interface
+from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.messages import Converter
 from sparse_coord_ros.ros.nodes.parameters import ParameterNode
 
@@ -61,19 +61,19 @@ class WorldBodies:
         self.side = BodiesSide(self.game, self.send)
         self._heard = self._said = 0.0
         self._reminder = Reminder()
-        self._publisher = node.announce(interface.BODY_GOALS)
+        self._publisher = node.announce(ros_topics.BODY_GOALS)
         self._goals = NO_GOALS
         self.halt_word = HaltWord.NOTHING
         self._stands = dict.fromkeys(self._names, False)
         self._subscriptions = []
         for k, name in enumerate(self._names):
             read = functools.partial(self._convert.read_reached, k)
-            heard = node.intake.listen(
-                interface.REACHED, self._on_reached, name, read=read
+            heard = node.subscriber.listen(
+                ros_topics.REACHED, self._on_reached, name, read=read
             )
             self._subscriptions.append(heard)
             on_halted = functools.partial(self._on_halted, name)
-            node.intake.listen(interface.HALTED, on_halted, name)
+            node.subscriber.listen(ros_topics.HALTED, on_halted, name)
 
     def send(self, goals: Goals) -> None:
         """Tell the bodies where to go."""

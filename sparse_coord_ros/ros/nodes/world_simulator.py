@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The world simulator node: local states, rewards and time for a team of robot nodes."""
 
-import functools
 import math
 import time
 import uuid
@@ -73,6 +72,7 @@ class WorldSimulator(ParameterNode):
         lockstep: the world's side of the lock step.
         bodies: the robots' bodies; None: they have none.
         topics: what it publishes.
+        guard: of its name, and of what it alone should have.
         speed: how fast the run goes.
         returning: takes the team back where that is due; it exists once the world has opened.
 
@@ -94,7 +94,7 @@ class WorldSimulator(ParameterNode):
             self.run = replace(run_from_parameters(self.values), id=uuid.uuid4().hex)
         self.show_settings(self.run.scenario)
         self._names = self.run.scenario.names
-        self._guard = Guard(self)
+        self.guard = Guard(self)
         run = self.run
         self.bodies: WorldBodies | None = None
         if run.bodies:
@@ -108,7 +108,7 @@ class WorldSimulator(ParameterNode):
         self._silence = self.topics.silence
         self.topics.hear_actions(self._on_action)
         own = self.topics.own + (self.bodies.own if self.bodies else [])
-        self._guard.watch(
+        self.guard.watch(
             own, map(self.resolve_service_name, self._services_of_robots())
         )
         self.lockstep = WorldSide(self.run, self.topics, game)
@@ -231,7 +231,7 @@ class WorldSimulator(ParameterNode):
         if self.bodies is not None:
             self.bodies.say_halt_again(now)
         if self._output is None:
-            if self._guard.holds(now):
+            if self.guard.holds(now):
                 self._open()
             return
         if not self.speed.begun:
@@ -260,7 +260,7 @@ class WorldSimulator(ParameterNode):
         self._say()
 
     def _missing(self) -> list[str]:
-        """Return whom the team lacks: robots, drivers as commands, the recorder."""
+        """Return the nodes that the team lacks: robots, drivers as commands, the recorder."""
         return self.topics.missing() + (
             [] if self.bodies is None else self.bodies.missing()
         )
@@ -277,7 +277,7 @@ class WorldSimulator(ParameterNode):
                     f"or robot --ros-args -r __node:={self._names[0]}"
                 )
             return
-        self._guard.join()
+        self.guard.join()
         self.reminder.over()
         self._silence.begin(now)
         self.speed.begin(now)
@@ -349,18 +349,19 @@ class WorldSimulator(ParameterNode):
         ):
             if self._rate_timer is not None:
                 self.destroy_timer(self._rate_timer)
-            beat = functools.partial(self._advance_where_due, beat=True)
-            self._rate_timer = self.create_timer(seconds, beat)
+            self._rate_timer = self.create_timer(seconds, self.beat)
 
-    def _advance_where_due(self, *, beat: bool = False) -> None:
-        """Make the step where all is there; with bodies when they are, too, else they are sent.
+    def beat(self) -> None:
+        """It is time for the next step, by the `rate`; it is made as soon as all is there.
 
-        Args:
-            beat: it is time for the next step, where there is a `rate`. Bodies are sent before,
-                and a step that they are late for is made as soon as they are there.
+        Bodies are sent before. A step that they are late for does not wait for another beat.
         """
+        self._beat = True
+        self._advance_where_due()
+
+    def _advance_where_due(self) -> None:
+        """Make the step where all is there; with bodies when they are, too, else they are sent."""
         rated = self.values["rate"] > 0
-        self._beat = self._beat or beat
         waits = self._halted or (self._paused and not self._single)
         if waits or self._stopped or not self.lockstep.complete:
             return
@@ -404,16 +405,16 @@ class WorldSimulator(ParameterNode):
         self.lockstep.history.history().save(out)
 
     def _counts(self) -> dict[str, Any]:
-        """Return what summary and diagnostics count."""
+        """Return the counts of summary and diagnostics."""
         events = self.returning.events
-        events |= self._guard.counts()
+        events |= self.guard.counts()
         return {
             "transitions": self.lockstep.world.transitions,
             "transitions_lost": self.lockstep.lost,
             "miscoordinations": self.lockstep.world.miscoordinations,
             "timeouts": self.lockstep.timeouts,
             **{name: events[name] for name in EVENTS},
-            "messages_dropped": self.intake.total,
+            "messages_dropped": self.subscriber.total,
         }
 
     def summary(self) -> dict[str, Any]:
@@ -430,7 +431,7 @@ class WorldSimulator(ParameterNode):
         }
 
     def _report(self, now: float) -> None:
-        self._guard.look()
+        self.guard.look()
         world = self.lockstep.world
         run = self.run
         rate, moved = self.speed.report(now)

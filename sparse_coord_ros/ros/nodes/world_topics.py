@@ -15,8 +15,8 @@ from sparse_coord_ros.core.runs.run_config import OWN_CLOCK, RunConfig
 from sparse_coord_ros.protocol.lockstep.timeouts import Silence
 from sparse_coord_ros.protocol.lockstep.world_side import WorldSide
 from sparse_coord_ros.protocol.wire import RECORDER
-from sparse_coord_ros.protocol.wire.status import Order, Said
-from sparse_coord_ros.ros.nodes import interface
+from sparse_coord_ros.protocol.wire.status import Order, RunStatus
+from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.messages import Converter, status
 from sparse_coord_ros.ros.nodes.parameters import ParameterNode
 from sparse_coord_ros.ros.nodes.scene import ScenePublisher
@@ -54,27 +54,27 @@ class WorldTopics:
         self.convert = Converter(run)
         self._names = self.convert.names
         self._clock_step = -1
-        self._run_publisher = node.announce(interface.RUN)
-        self._status_publisher = node.announce(interface.STATUS)
-        self.clock = node.announce(interface.clock_of(run))
-        self._map_publisher = node.announce(interface.MAP)
-        self._marker_publisher = node.announce(interface.MARKERS)
+        self._run_publisher = node.announce(ros_topics.RUN)
+        self._status_publisher = node.announce(ros_topics.STATUS)
+        self.clock = node.announce(ros_topics.clock_of(run))
+        self._map_publisher = node.announce(ros_topics.MAP)
+        self._marker_publisher = node.announce(ros_topics.MARKERS)
         # Bodies have transforms of their own.
         self._scene = ScenePublisher(node, self.convert, frames=not run.bodies)
         self.report = node.reporter("run")
         self.states = [
-            node.announce(interface.LOCAL_STATE, name) for name in self._names
+            node.announce(ros_topics.LOCAL_STATE, name) for name in self._names
         ]
-        self.rewards = [node.announce(interface.REWARD, name) for name in self._names]
+        self.rewards = [node.announce(ros_topics.REWARD, name) for name in self._names]
         self.actions: list[Any] = []
 
     def hear_actions(self, then: Callable[[int, tuple[int, Action]], None]) -> None:
         """Call `then` with a robot's number and what its actions say."""
-        listen = self._node.intake.listen
+        listen = self._node.subscriber.listen
         for k, name in enumerate(self._names):
             read = partial(self._read_action, k)
             self.actions.append(
-                listen(interface.ACTION, partial(then, k), name, unpack=read)
+                listen(ros_topics.ACTION, partial(then, k), name, unpack=read)
             )
 
     def _read_action(self, robot: int, data: bytes) -> tuple[int, Action]:
@@ -126,7 +126,7 @@ class WorldTopics:
         return missing
 
     def gone(self, robots: Iterable[int]) -> bool:
-        """Whether nobody publishes the actions of any of these robots."""
+        """Return whether no node publishes the actions of any of these robots."""
         return not any(self.actions[k].get_publisher_count() for k in robots)
 
     @property
@@ -160,7 +160,7 @@ class WorldTopics:
         """Publish the status: what the world does, how far it is, and the order that stands."""
         game = self._game
         counts = game.step, game.transitions, side.left_out
-        values = Said(self._run.id, state, *counts, side.began, order).values()
+        values = RunStatus(self._run.id, state, *counts, side.began, order).values()
         self._status_publisher.publish(status(self._run.scenario.name, state, values))
 
     def show(self, *, scene: bool = True, always: bool = False) -> None:

@@ -23,7 +23,6 @@ from sparse_coord_ros.log.runlog.window import LongLog
 from sparse_coord_ros.protocol.wire import COORDINATION_MAP
 from sparse_coord_ros.show.narrator import Narrator
 from sparse_coord_ros.show.page import controls, messages
-from sparse_coord_ros.show.page.board import Board, Message
 from sparse_coord_ros.show.page.counts import Counts
 from sparse_coord_ros.show.page.key_steps import (
     Highlight,
@@ -32,6 +31,7 @@ from sparse_coord_ros.show.page.key_steps import (
     highlight,
 )
 from sparse_coord_ros.show.page.live_source import ASKED_SO_FAR
+from sparse_coord_ros.show.page.message_board import Message, MessageBoard
 from sparse_coord_ros.show.steps import logged_step, logged_trails, questions_of
 
 BAG_CONTROLS = (
@@ -42,8 +42,8 @@ BAG_CONTROLS = (
     controls.JUMP,
 )
 
-TICK_SECONDS = 1 / 30
-GROWTH_CHECK_SECONDS = 0.5
+FRAME_SECONDS = 1 / 30
+GROWTH_SECONDS = 0.5
 """Time between two checks whether the file has grown."""
 
 FIRST_RATE = 10.0
@@ -93,7 +93,7 @@ class BagSource(controls.Controlled):
     def __init__(
         self,
         path: Path,
-        board: Board,
+        board: MessageBoard,
         *,
         rate: float = FIRST_RATE,
         step: int | None = None,
@@ -229,11 +229,11 @@ class BagSource(controls.Controlled):
         looked = time.monotonic()
         try:
             while True:
-                if self.growing and time.monotonic() - looked >= GROWTH_CHECK_SECONDS:
+                if self.growing and time.monotonic() - looked >= GROWTH_SECONDS:
                     looked = time.monotonic()
                     self.look()
                 self.tick()
-                time.sleep(TICK_SECONDS)
+                time.sleep(FRAME_SECONDS)
         finally:
             self._stop.set()
             for thread in beside:
@@ -430,7 +430,7 @@ class BagSource(controls.Controlled):
     # In threads beside it.
 
     def _learn_along(self) -> None:
-        while not self._stop.wait(TICK_SECONDS):
+        while not self._stop.wait(FRAME_SECONDS):
             self.learn()
 
     def learn(self) -> None:
@@ -514,7 +514,7 @@ class BagSource(controls.Controlled):
                 self.board.put("curves", read=1.0, **messages.curve_fields(history))
                 if not growing:
                     break
-                if self._stop.wait(GROWTH_CHECK_SECONDS):
+                if self._stop.wait(GROWTH_SECONDS):
                     return
             self._tell_learned(read=True)
             self._evaluate()

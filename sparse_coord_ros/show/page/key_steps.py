@@ -50,8 +50,7 @@ class KeySteps:
             [] for _ in run.scenario.robots
         ]
         self._run = run
-        ways = narrator.doorways.ways
-        self._near = (ways >= 0) & (ways <= 1)
+        self._near = narrator.doorways.near
         self._places = OccupancyData(Frame(run)).places
 
     def add(self, part: Episodes) -> None:
@@ -83,7 +82,7 @@ class KeySteps:
     def _add_policy_changes(self, log: RunLog) -> None:
         """Take in since when each robot would ask elsewhere than before."""
         for k, known in enumerate(self.changes):
-            steps, rows = log.tracks.coordination_maps[k]
+            steps, rows = log.messages.coordination_maps[k]
             here = np.isin(steps, log.step)
             for step, data in zip(
                 steps[here].tolist(), rows["data"][here], strict=True
@@ -96,8 +95,9 @@ class KeySteps:
 
     def meetings(self, cells: np.ndarray) -> np.ndarray:
         """Return where two robots are in front of one doorway, or in it; cells (T, K): (T,)."""
-        there = (self._near[:, cells] & (cells >= 0)).sum(axis=2) >= 2
-        found: np.ndarray = there.any(axis=0)
+        found = np.zeros(len(cells), dtype=np.bool_)
+        for near in self._near:
+            found |= np.isin(cells, near).sum(axis=1) >= 2
         return found
 
     def since(self, robot: int, cell: int) -> tuple[int, int | None]:

@@ -9,12 +9,12 @@ from collections.abc import Container, Sequence
 import numpy as np
 
 from sparse_coord_ros.core.runs.history import History
-from sparse_coord_ros.core.runs.run import Glimpse
+from sparse_coord_ros.core.runs.run import TeamTransition
 from sparse_coord_ros.core.runs.run_config import RunConfig
 from sparse_coord_ros.log.runlog import explain
 from sparse_coord_ros.show.narrator import Narrator
 from sparse_coord_ros.show.page import messages
-from sparse_coord_ros.show.page.board import Board, Message
+from sparse_coord_ros.show.page.message_board import Message, MessageBoard
 from sparse_coord_ros.show.policy import row_asking
 from sparse_coord_ros.show.steps import TRAIL, Question, questions_of, trails_of
 
@@ -51,7 +51,7 @@ class LiveView:
     def __init__(
         self,
         run: RunConfig,
-        board: Board,
+        board: MessageBoard,
         *,
         source: str,
         title: str,
@@ -63,12 +63,12 @@ class LiveView:
         robots = len(run.scenario.robots)
         cells = len(run.scenario.map.cells)
         self.asked = [[0] * cells for _ in range(robots)]
-        self.last: Glimpse | None = None
+        self.last: TeamTransition | None = None
         self.newest: messages.TablesThen = {}
         self._passed: deque[tuple[int | None, ...]] = deque(maxlen=TRAIL)
         self._narrator = Narrator(run.scenario)
         self.known: Container[int] = range(robots)
-        self._shown: tuple[Glimpse | None, str, float | None] | None = None
+        self._shown: tuple[TeamTransition | None, str, float | None] | None = None
         self._told: deque[Message] = deque(maxlen=messages.MOST_ENTRIES)
         self._slow = -np.inf
         self._began = 0.0
@@ -98,7 +98,7 @@ class LiveView:
             self._halting = shown
             self.board.put("halting", **shown)
 
-    def take(self, seen: Glimpse) -> None:
+    def take(self, seen: TeamTransition) -> None:
         """Take in a transition; this is called for each one, so it must be fast."""
         if self.last is not None and seen.step != self.last.step + 1:
             self._passed.clear()
@@ -145,7 +145,7 @@ class LiveView:
         if seen is None:
             robots = len(self.asked)
             step, cells = (0, (None,) * robots) if still is None else still
-            seen = Glimpse(step, tuple(cells), (None,) * robots, None, False)
+            seen = TeamTransition(step, tuple(cells), (None,) * robots, None, False)
         trails = trails_of(
             self._passed or [seen.cells], self.run.scenario.map.next_cell
         )
@@ -156,7 +156,7 @@ class LiveView:
         if new:
             self._tell(seen)
 
-    def _tell(self, seen: Glimpse) -> None:
+    def _tell(self, seen: TeamTransition) -> None:
         """Show the questions of a transition in words."""
         rows = {one.asker: self._row(seen, one) for one in questions_of(seen)}
         asks = list(messages.in_words(self.run, seen, self.known, self._narrator, rows))
@@ -164,7 +164,7 @@ class LiveView:
             self._told.extend(asks)
             self.board.put("dialogue", entries=list(self._told))
 
-    def _row(self, seen: Glimpse, question: Question) -> str:
+    def _row(self, seen: TeamTransition, question: Question) -> str:
         """Return what the row of the newest tables holds that decides after a question."""
         asked = messages.asked_of(seen, question)
         if asked is None or asked.robot not in self.newest:

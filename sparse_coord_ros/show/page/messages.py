@@ -18,7 +18,7 @@ from sparse_coord_ros.core.game.actions import ACTIONS, DIRECTIONS
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs.evaluation import MEASURES
 from sparse_coord_ros.core.runs.history import History
-from sparse_coord_ros.core.runs.run import Glimpse
+from sparse_coord_ros.core.runs.run import TeamTransition
 from sparse_coord_ros.core.runs.run_config import RunConfig
 from sparse_coord_ros.core.solve.exact import evaluate_best
 from sparse_coord_ros.core.solve.shipped import yardsticks
@@ -29,7 +29,7 @@ from sparse_coord_ros.log.runlog.relearned import Asked
 from sparse_coord_ros.protocol.wire import PerceptEnd
 from sparse_coord_ros.show.episodes import BUSIEST, played_episode
 from sparse_coord_ros.show.narrator import Narrator
-from sparse_coord_ros.show.page.board import Board, Message
+from sparse_coord_ros.show.page.message_board import Message, MessageBoard
 from sparse_coord_ros.show.policy import entered, policy_of
 from sparse_coord_ros.show.steps import Question, questions_of
 
@@ -39,7 +39,7 @@ POINTS = 240
 MOST_ENTRIES = 40
 """Questions that the page shows."""
 
-VALUE_TRIALS = 300
+PAGE_TRIALS = 300
 """Trials of a team that cannot be evaluated exactly."""
 
 SHAPES = (
@@ -93,7 +93,7 @@ def run_fields(run: RunConfig) -> Message:
     }
 
 
-def frame_fields(seen: Glimpse, trails: Sequence[Sequence[int]]) -> Message:
+def frame_fields(seen: TeamTransition, trails: Sequence[Sequence[int]]) -> Message:
     """Return a time step: the robots' cells, their questions, and their next cells.
 
     Args:
@@ -182,7 +182,7 @@ def curve_fields(history: History) -> Message:
 def evaluation_fields(
     run: RunConfig, tables: Sequence[Tables], step: int | None
 ) -> Message:
-    """Return the evaluation of tables: exact for one or two robots, else by `VALUE_TRIALS` trials.
+    """Return the evaluation of tables: exact for one or two robots, else by `PAGE_TRIALS` trials.
 
     Args:
         run: the run.
@@ -192,7 +192,7 @@ def evaluation_fields(
     Raises:
         TablesError: the tables do not fit the run.
     """
-    result = evaluate_best(run.scenario, tables, trials=VALUE_TRIALS, learner=run.rule)
+    result = evaluate_best(run.scenario, tables, trials=PAGE_TRIALS, learner=run.rule)
     measures = {name: getattr(result, name) for name in MEASURES}
     return {
         "how": result.how,
@@ -208,8 +208,8 @@ def evaluation_fields(
 
 
 def put_end(
-    board: Board, run: RunConfig, tables: Sequence[Tables]
-) -> tuple[Glimpse, ...]:
+    board: MessageBoard, run: RunConfig, tables: Sequence[Tables]
+) -> tuple[TeamTransition, ...]:
     """Show the value of a finished run's tables, and in words what they do in a greedy episode.
 
     Returns:
@@ -241,7 +241,7 @@ def put_end(
     return steps
 
 
-def asked_of(seen: Glimpse, question: Question) -> Asked | None:
+def asked_of(seen: TeamTransition, question: Question) -> Asked | None:
     """Return the question as `explain` takes it; None if the asker's cell is not known."""
     cell = seen.cells[question.asker]
     if cell is None:
@@ -255,7 +255,7 @@ def asked_of(seen: Glimpse, question: Question) -> Asked | None:
 
 def in_words(
     run: RunConfig,
-    seen: Glimpse,
+    seen: TeamTransition,
     known: Container[int],
     narrator: Narrator,
     rows: Mapping[int, str],

@@ -30,8 +30,8 @@ from sparse_coord_ros.base.errors import (
     needed,
 )
 from sparse_coord_ros.core.game.scenario import scenario_names
-from sparse_coord_ros.show.page.board import Board
 from sparse_coord_ros.show.page.controls import HOST, PORT, parse_control
+from sparse_coord_ros.show.page.message_board import MessageBoard
 
 _REMEDY = "pip install aiohttp, or sudo apt install python3-aiohttp"
 with needed("the page needs the Python package aiohttp", _REMEDY):
@@ -100,7 +100,7 @@ class Page:
     """
 
     def __init__(
-        self, *boards: Board, host: str = HOST, index: str = "index.html"
+        self, *boards: MessageBoard, host: str = HOST, index: str = "index.html"
     ) -> None:
         self.boards = boards
         self._index = index
@@ -201,7 +201,7 @@ class Page:
         """How many pages are open."""
         return sum(board.pages for board in self.boards)
 
-    async def _send(self, stream: web.WebSocketResponse, board: Board) -> None:
+    async def _send(self, stream: web.WebSocketResponse, board: MessageBoard) -> None:
         """Send the messages that are new to the page; a slow page misses some.
 
         It looks for that so many times a second. A source that woke it up would pay for that: in
@@ -215,7 +215,7 @@ class Page:
                 seen = version
             await asyncio.sleep(1.0 / FRAMES_A_SECOND)
 
-    def _answer(self, board: Board, text: str | bytes) -> dict[str, Any]:
+    def _answer(self, board: MessageBoard, text: str | bytes) -> dict[str, Any]:
         """Do what a page asks for, and return what to tell it."""
         try:
             return self._done(board, json.loads(text))
@@ -227,7 +227,7 @@ class Page:
                 "text": "a message is a JSON object; this one is none",
             }
 
-    def _done(self, board: Board, data: Any) -> dict[str, Any]:
+    def _done(self, board: MessageBoard, data: Any) -> dict[str, Any]:
         """Do what a page asks for, and return what came of it.
 
         Raises:
@@ -294,7 +294,7 @@ class Server:
 
     def __init__(
         self,
-        *boards: Board,
+        *boards: MessageBoard,
         host: str = HOST,
         port: int = PORT,
         index: str = "index.html",

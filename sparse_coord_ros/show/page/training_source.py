@@ -4,12 +4,11 @@
 
 import time
 
-from sparse_coord_ros.core.runs.run import Glimpse, LearningRun, groups_of
+from sparse_coord_ros.core.runs.run import LearningRun, TeamTransition, groups_of
 from sparse_coord_ros.core.runs.run_config import RunConfig
 from sparse_coord_ros.protocol.wire import RunState
 from sparse_coord_ros.show.page import messages
 from sparse_coord_ros.show.page.bag_source import SHOWN_RATE
-from sparse_coord_ros.show.page.board import Board
 from sparse_coord_ros.show.page.controls import (
     NEXT,
     PAUSE,
@@ -19,6 +18,7 @@ from sparse_coord_ros.show.page.controls import (
     Controlled,
 )
 from sparse_coord_ros.show.page.live_source import LiveView
+from sparse_coord_ros.show.page.message_board import MessageBoard
 from sparse_coord_ros.show.sources import PLAYED_EPISODES, OpenedRun
 
 LOOKS_A_SECOND = 30
@@ -36,18 +36,20 @@ class TrainingView(LiveView, Controlled):
     """
 
     def __init__(
-        self, run: RunConfig, board: Board, *, title: str, last: bool = False
+        self, run: RunConfig, board: MessageBoard, *, title: str, last: bool = False
     ) -> None:
         Controlled.__init__(self)
         controls = TRAINING_CONTROLS[:-1] if last else TRAINING_CONTROLS
         super().__init__(run, board, source="train", title=title, controls=controls)
-        self.wants_glimpse = True
+        self.wants_transition = True
         self._held = self._stepping = False
         self._learning: LearningRun | None = None
         self._rate = 0.0
         self._due = time.monotonic()
 
-    def look(self, learning: LearningRun, glimpse: Glimpse | None) -> int | None:
+    def look(
+        self, learning: LearningRun, transition: TeamTransition | None
+    ) -> int | None:
         """Look at the run; as of `core.engine.training.Watcher`.
 
         The last transition is made apart, so that the last frame shows it.
@@ -55,8 +57,8 @@ class TrainingView(LiveView, Controlled):
         self._learning = learning
         stepping = self._stepping
         self._stepping = False
-        if glimpse is not None:
-            self.take(glimpse)
+        if transition is not None:
+            self.take(transition)
         elif stepping:  # it could not be made apart
             return 1
         for control in self.wishes():
@@ -66,23 +68,23 @@ class TrainingView(LiveView, Controlled):
         if self.slow_due():
             self._show_learned(learning)
         if self._held:
-            self.wants_glimpse = self._stepping
+            self.wants_transition = self._stepping
             if not self._stepping:
                 time.sleep(1 / LOOKS_A_SECOND)
             return 0
         if learning.done == learning.scenario.steps - 1:
-            self.wants_glimpse = True
+            self.wants_transition = True
             return 0
-        self.wants_glimpse = self.board.pages > 0
+        self.wants_transition = self.board.pages > 0
         if not self._rate:
             return None
         now = time.monotonic()
         self._due = max(self._due + 1 / min(self._rate, LOOKS_A_SECOND), now - 0.2)
         if self._due > now:
             time.sleep(self._due - now)
-        self.wants_glimpse = True
-        many = round(self._rate / LOOKS_A_SECOND) - 1  # one is made for the glimpse
-        return max(0 if glimpse is not None else 1, many)
+        self.wants_transition = True
+        many = round(self._rate / LOOKS_A_SECOND) - 1  # one more is made to be shown
+        return max(0 if transition is not None else 1, many)
 
     def _do(self, control: Control) -> None:
         """Do what a page asks for."""
@@ -119,7 +121,7 @@ class TrainedView(LiveView):
         SparseCoordError: as of the parts of `OpenedRun`.
     """
 
-    def __init__(self, shown: OpenedRun, board: Board) -> None:
+    def __init__(self, shown: OpenedRun, board: MessageBoard) -> None:
         run = shown.config
         tables = shown.tables
         super().__init__(run, board, source="train", title=str(shown.path), controls=())

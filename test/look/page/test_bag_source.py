@@ -26,7 +26,6 @@ from sparse_coord_ros.log.runlog.window import LongLog
 from sparse_coord_ros.protocol.wire.occupancy import OccupancyData
 from sparse_coord_ros.show.narrator import Narrator
 from sparse_coord_ros.show.page.bag_source import BagSource, since_in_words
-from sparse_coord_ros.show.page.board import Board
 from sparse_coord_ros.show.page.controls import (
     JUMP,
     LEARNED_EPISODE,
@@ -39,6 +38,7 @@ from sparse_coord_ros.show.page.controls import (
 )
 from sparse_coord_ros.show.page.counts import Counts
 from sparse_coord_ros.show.page.key_steps import KeySteps, LearnedTeam, highlight
+from sparse_coord_ros.show.page.message_board import MessageBoard
 
 
 class Player:
@@ -47,7 +47,7 @@ class Player:
     now = 0.0
 
     def __init__(self, bag, step=0):
-        self.board = Board()
+        self.board = MessageBoard()
         self.source = BagSource(bag, self.board, step=step)
         self.source.tick()
 
@@ -201,7 +201,7 @@ def test_sums_of_many_questions_are_the_questions(bag, monkeypatch):
     monkeypatch.setattr("sparse_coord_ros.show.page.counts.SUM_EVERY", 7)
     log = read_run(bag)
     long = LongLog(bag)
-    monkeypatch.setattr("sparse_coord_ros.log.runlog.window.STRETCH_BYTES", 1)
+    monkeypatch.setattr("sparse_coord_ros.log.runlog.window.BYTES_AT_ONCE", 1)
     counts = Counts(2, len(log.run.scenario.map.cells))
     begin = 0
     for part in long.episodes():
@@ -347,7 +347,7 @@ def test_a_bag_opens_on_what_was_learned(learned):
     line = player.board.get("learned")["lines"][1]
     assert line.startswith(f"robot_{k + 1} learned to ask there at about step ")
     since = int(re.search(r"at about step ([\d,]+)\.$", line)[1].replace(",", ""))
-    steps, rows = log.tracks.coordination_maps[k]
+    steps, rows = log.messages.coordination_maps[k]
     place = OccupancyData(log.frame).places[log.cells[row, k]]
     asks = (
         np.frombuffer(rows["data"].tobytes(), np.int8).reshape(len(steps), -1)[:, place]
@@ -490,9 +490,9 @@ def test_jumps_lead_to_what_matters(learned):
     assert history.arrived[number].all() and not history.miscoordinations[number]
     for step in marks["policy"]:
         k = [
-            np.isin(steps, step).any() for steps, _ in log.tracks.coordination_maps
+            np.isin(steps, step).any() for steps, _ in log.messages.coordination_maps
         ].index(True)
-        assert step in log.tracks.coordination_maps[k][0]
+        assert step in log.messages.coordination_maps[k][0]
     assert set(STEP_KINDS) <= set(marks)
     player.source.log.bag.close()
 
@@ -572,7 +572,7 @@ def test_a_bag_without_a_message_yet(tmp_path, monkeypatch, recorded_now, words)
         lambda path: recorded_now,
     )
     with pytest.raises(BagError, match=words):
-        BagSource(tmp_path, Board())
+        BagSource(tmp_path, MessageBoard())
 
 
 def test_what_is_damaged_unfinished_or_removed(bag, tmp_path):

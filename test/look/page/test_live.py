@@ -10,11 +10,11 @@ import pytest
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.game.world import Action, Reward, StepOutcome
 from sparse_coord_ros.core.runs.history import History, HistoryRecorder, blank_history
-from sparse_coord_ros.core.runs.run import Glimpse
+from sparse_coord_ros.core.runs.run import TeamTransition
 from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.show.page import messages
-from sparse_coord_ros.show.page.board import Board
 from sparse_coord_ros.show.page.live_source import LiveView
+from sparse_coord_ros.show.page.message_board import MessageBoard
 
 
 @pytest.fixture
@@ -24,7 +24,7 @@ def view(monkeypatch):
         monotonic=lambda: made.time, thread_time=lambda: made.worked
     )
     monkeypatch.setattr("sparse_coord_ros.show.page.live_source.time", clock)
-    made = LiveView(run, Board(), source="live", title="", controls=())
+    made = LiveView(run, MessageBoard(), source="live", title="", controls=())
     made.time = 100.0
     made.worked = 0.0
     return made
@@ -33,7 +33,7 @@ def view(monkeypatch):
 def ask(view, step):
     """Let robot 1 ask robot 2 at a time step."""
     actions = (Action(0, True, 1, True), Action(1, False, -1, False))
-    view.take(Glimpse(step, (3, 4), actions, (3, 5), False))
+    view.take(TeamTransition(step, (3, 4), actions, (3, 5), False))
     view.show(transitions=step, episode=0)
 
 
@@ -50,13 +50,15 @@ def test_a_trail_is_of_one_episode_and_leads_from_cell_to_cell(view):
     for step, cells in enumerate(
         [(0, 20), (1, 20), (1, None), (5, 2), (5, 3)], start=4
     ):
-        view.take(Glimpse(step, cells, quiet, cells, False))
+        view.take(TeamTransition(step, cells, quiet, cells, False))
     view.show(transitions=5, episode=0)
     assert view.board.get("frame")["trails"] == [[0, 1, 5], [2, 3]]  # not from 20 on
-    view.take(Glimpse(9, (5, 20), quiet, (5, 20), False))  # a jump, as in a damaged log
+    view.take(
+        TeamTransition(9, (5, 20), quiet, (5, 20), False)
+    )  # a jump, as in a damaged log
     view.show(transitions=6, episode=0)
     assert view.board.get("frame")["trails"] == [[0, 1, 5], [20]]
-    view.take(Glimpse(12, (1, 2), quiet, (1, 2), False))  # another episode
+    view.take(TeamTransition(12, (1, 2), quiet, (1, 2), False))  # another episode
     view.show(transitions=7, episode=1)
     assert view.board.get("frame")["trails"] == [[1], [2]]
 

@@ -25,7 +25,6 @@ from sparse_coord_ros.core.game.scenario import load_scenario, scenario_names
 from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.core.solve.shipped import unseen_buildings, yardsticks
 from sparse_coord_ros.show.page import messages
-from sparse_coord_ros.show.page.board import Board
 from sparse_coord_ros.show.page.controls import (
     HALT,
     NEXT,
@@ -37,6 +36,7 @@ from sparse_coord_ros.show.page.controls import (
     Control,
     parse_control,
 )
+from sparse_coord_ros.show.page.message_board import MessageBoard
 from sparse_coord_ros.show.page.server import (
     LARGEST_MESSAGE,
     MOST_OTHERS,
@@ -62,7 +62,7 @@ class Told:
 
 
 def board():
-    made = Board()
+    made = MessageBoard()
     run = make_run(load_scenario("env1"), {})
     made.put(
         "run", source="bag", title="a bag", controls=ALL, **messages.run_fields(run)
@@ -176,7 +176,7 @@ async def test_other_hosts_and_origins_are_refused(client, page):
 
 
 def test_an_address_for_other_machines_is_called_by_addresses_not_by_foreign_names():
-    page = Page(Board(), host="0.0.0.0")
+    page = Page(MessageBoard(), host="0.0.0.0")
     assert page.allowed("192.168.1.4:8765") and page.allowed("localhost:8765")
     assert page.allowed(socket.gethostname()) and not page.allowed("evil.example:8765")
 

@@ -17,8 +17,8 @@ from sparse_coord_ros.core.learners.tables import tables_equal
 from sparse_coord_ros.core.runs.history import blank_history
 from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.show.page import messages
-from sparse_coord_ros.show.page.board import Board
 from sparse_coord_ros.show.page.controls import PAUSE, RATE, STEP, Control
+from sparse_coord_ros.show.page.message_board import MessageBoard
 from sparse_coord_ros.show.page.training_source import TrainedView, TrainingView
 from sparse_coord_ros.show.sources import in_memory
 
@@ -44,8 +44,8 @@ def test_both_engines_show_the_same_transitions(name, learner, settings):
     for _ in range(60):
         for engine in (plain, compiled):
             engine.advance(engine.done + 2)
-        seen = plain.glimpse()
-        other = compiled.glimpse()
+        seen = plain.make_transition()
+        other = compiled.make_transition()
         assert seen == other and plain.done == compiled.done
         assert all(isinstance(one, Action | None) for one in seen.actions)
     assert np.array_equal(plain.asked, compiled.asked)
@@ -85,7 +85,7 @@ def clock(monkeypatch):
 @pytest.mark.parametrize("every", [0, 50])
 def test_looking_changes_no_bit_and_shows_what_there_is(every, clock):
     problem = scenario()
-    board = Board()
+    board = MessageBoard()
     board.pages += 1
     view = TrainingView(make_run(problem, {}), board, title="")
     view.control(Control(RATE, 100.0))
@@ -130,7 +130,7 @@ def test_the_last_frame_shows_what_was_learned_at_the_end(learner, every, clock)
     """
     for pages in (0, 1):
         problem = scenario(steps=5000)
-        board = Board()
+        board = MessageBoard()
         board.pages = pages
         view = TrainingView(make_run(problem, {"learner": learner}), board, title="")
         done = train(problem, learner, 0, evaluate_every=every, trials=2, watcher=view)
@@ -140,7 +140,7 @@ def test_the_last_frame_shows_what_was_learned_at_the_end(learner, every, clock)
         assert (frame["state"], frame["transitions"]) == ("finished", 5000)
         alone = plain_run(problem, learner, 0)
         alone.advance(4999)
-        assert (frame["step"], frame["cells"]) == alone.glimpse()[:2]
+        assert (frame["step"], frame["cells"]) == alone.make_transition()[:2]
         assert [one["step"] for one in tables] == [None, None]
         for one, own in zip(tables, done.tables, strict=True):
             assert one["q_star"] == messages.plain(own.q_star)
@@ -157,7 +157,7 @@ def test_tables_on_the_way_are_of_the_time_step_that_is_reached(clock, monkeypat
     monkeypatch.setattr(training, "FIRST_PART", 100)
     monkeypatch.setattr(training, "PART_SECONDS", (0.0, 100.0))
     problem = scenario(steps=3000)
-    board = Board()
+    board = MessageBoard()
     view = TrainingView(make_run(problem, {}), board, title="")
     found = []
 
@@ -179,7 +179,7 @@ def test_tables_on_the_way_are_of_the_time_step_that_is_reached(clock, monkeypat
 
 def test_a_run_that_is_stopped_is_not_said_to_learn(tmp_path, clock, monkeypatch):
     """The page of `import-map` shows on what was learned so far."""
-    board = Board()
+    board = MessageBoard()
     board.pages = 1
     command = f"train env1 --steps 100000 --engine python --out {tmp_path / 'run'}"
     options = make_parser("train").parse_args(command.split())
@@ -197,18 +197,18 @@ def interrupted(look):
     """Return a look at a run that is interrupted at the fifth time."""
     times = []
 
-    def looked(view, learning, glimpse):
+    def looked(view, learning, transition):
         times.append(learning.done)
         if len(times) == 5:
             raise KeyboardInterrupt
-        return look(view, learning, glimpse)
+        return look(view, learning, transition)
 
     return looked
 
 
 def test_holding_and_stepping(clock):
     problem = scenario(steps=40)
-    board = Board()
+    board = MessageBoard()
     view = TrainingView(make_run(problem, {}), board, title="")
     view.control(Control(PAUSE, True))
     held = []
@@ -232,7 +232,7 @@ def test_holding_and_stepping(clock):
 def test_the_last_step_is_made_though_it_cannot_be_shown_apart(clock):
     problem = scenario(steps=1)
     for command in (Control(STEP, 1), Control(RATE, 5.0)):
-        view = TrainingView(make_run(problem, {}), Board(), title="")
+        view = TrainingView(make_run(problem, {}), MessageBoard(), title="")
         view.control(command)
         assert train(problem, "coop", 0, engine="python", watcher=view).transitions == 1
 
@@ -242,7 +242,7 @@ def test_the_last_step_is_made_though_it_cannot_be_shown_apart(clock):
     [(0.0, " past the doorway. Answer: "), (-99.0, "arrive no robot asks another")],
 )
 def test_a_run_without_a_bag_is_shown_by_a_greedy_episode(asking, said, clock):
-    board = Board()
+    board = MessageBoard()
     run = make_run(scenario(), {})
     tables = walking(run.scenario, asking)
     view = TrainedView(in_memory(run, tables, blank_history(0, 2)), board)

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Checkpoints as bytes: what somebody needs to go on with a run, as one .npz file.
 
-Arrays beside those of `archive`: `run`, a digest of what the run computes, and whatever the
+Arrays beside those of `base.npz`: `run`, a digest of what the run computes, and whatever the
 caller adds. A file of another run is refused.
 
 For robot k from 1 there is what it remembers, as in `core.runs.tables`. Of G games: `transitions`,
@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from sparse_coord_ros.base import archive
+from sparse_coord_ros.base import npz
 from sparse_coord_ros.base.errors import RunError
 from sparse_coord_ros.base.limits import ARRAYS, read_file
 from sparse_coord_ros.core.game.scenario import Scenario
@@ -35,7 +35,7 @@ def pack(run: str, arrays: Mapping[str, np.ndarray]) -> bytes:
         run: a digest of what the run computes.
         arrays: what its owner needs to go on.
     """
-    return archive.pack({**arrays, "run": np.array(run)}, compressed=False)
+    return npz.pack({**arrays, "run": np.array(run)}, compressed=False)
 
 
 def broken(path: Path, problem: object) -> BrokenCheckpointError:
@@ -60,7 +60,7 @@ def read(path: Path, run: str, *, said: str) -> dict[str, np.ndarray]:
     remedy = "begin the run anew"
     data = read_file(path, ARRAYS, BrokenCheckpointError, remedy)
     how: Any = {"error": RunError, "damaged": BrokenCheckpointError, "remedy": remedy}
-    arrays = archive.unpack(data, where=str(path), what="a checkpoint", **how)
+    arrays = npz.unpack(data, where=str(path), what="a checkpoint", **how)
     found = str(arrays.pop("run", ""))
     if found != run:
         raise RunError(
@@ -90,7 +90,7 @@ def positions_from(
     cells = len(scenario.map.cells)
     like = position_arrays([before_episode(0, 0, robots)] * games)
     fields = [
-        archive.member(
+        npz.member(
             arrays,
             name,
             one.dtype,

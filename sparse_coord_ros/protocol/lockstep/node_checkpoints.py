@@ -20,7 +20,7 @@ from sparse_coord_ros.base.errors import RunError, TablesError
 from sparse_coord_ros.base.files import PARTIAL, HeldError, hold, write_whole
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.learners.memory import check_memory
-from sparse_coord_ros.core.runs import checkpoint
+from sparse_coord_ros.core.runs import checkpoint_bytes
 from sparse_coord_ros.core.runs.history import history_from
 from sparse_coord_ros.core.runs.run_config import RunConfig
 from sparse_coord_ros.core.runs.tables import memory_from, saved_arrays
@@ -42,7 +42,7 @@ KEPT_COMMON = 2
 """How many of its newest files a node keeps, and how many of those that all nodes here have."""
 
 
-class Store:
+class CheckpointStore:
     """Where a node's checkpoints are: nowhere. `Checkpoints` has them on disk."""
 
     def steps(self) -> list[int]:
@@ -57,14 +57,14 @@ class Store:
         """Save where the node is."""
 
     def counted(self) -> dict[str, int]:
-        """Return what `count` saved last."""
+        """Return the counts that `count` saved last."""
         return {}
 
     def count(self, events: Mapping[str, int]) -> None:
         """Save what was counted so far."""
 
 
-class Checkpoints(Store):
+class Checkpoints(CheckpointStore):
     """One node's checkpoints on disk.
 
     Args:
@@ -123,7 +123,7 @@ class Checkpoints(Store):
             try:
                 self.load(step)
                 self._readable.add(step)
-            except checkpoint.BrokenCheckpointError as error:
+            except checkpoint_bytes.BrokenCheckpointError as error:
                 line = str(error).replace(
                     "begin the run anew", "an earlier one is used"
                 )
@@ -139,7 +139,7 @@ class Checkpoints(Store):
         self._prune()
 
     def counted(self) -> dict[str, int]:
-        """Return what `count` saved last.
+        """Return the counts that `count` saved last.
 
         Raises:
             RunError: it is of another run, or in another format.
@@ -147,7 +147,7 @@ class Checkpoints(Store):
         try:
             counts = self._read(EVENTS) if self._path(EVENTS).exists() else {}
             return {name: int(array) for name, array in counts.items()}
-        except (checkpoint.BrokenCheckpointError, TypeError, ValueError) as error:
+        except (checkpoint_bytes.BrokenCheckpointError, TypeError, ValueError) as error:
             self.broken.append(
                 f"{self._path(EVENTS)}: what was counted is lost ({error})"
             )
@@ -158,7 +158,7 @@ class Checkpoints(Store):
         self._write(EVENTS, {name: np.array(number) for name, number in events.items()})
 
     def load(self, step: int) -> Any:
-        """Return where the node was: a `WorldState` or a `RobotState`; None: at the beginning.
+        """Return a saved `WorldState` or `RobotState`; None: the beginning of the run.
 
         Raises:
             RunError: there is no such checkpoint, it is broken or of another run.
@@ -169,14 +169,14 @@ class Checkpoints(Store):
         try:
             return self._state(step, arrays)
         except (KeyError, ValueError, IndexError, TypeError, TablesError) as error:
-            raise checkpoint.broken(self._path(step), error) from None
+            raise checkpoint_bytes.broken(self._path(step), error) from None
 
     def _arrays(self, state: WorldState | RobotState) -> dict[str, np.ndarray]:
         """Return a state as named arrays; its step is in the file's name."""
         fields = state._asdict()
         del fields["step"]
         if isinstance(state, WorldState):
-            arrays = checkpoint.position_arrays([fields.pop("position")])
+            arrays = checkpoint_bytes.position_arrays([fields.pop("position")])
             history = fields.pop("history")._asdict()
             arrays |= {f"history_{name}": array for name, array in history.items()}
         else:
@@ -187,14 +187,14 @@ class Checkpoints(Store):
     def _state(
         self, step: int, arrays: Mapping[str, np.ndarray]
     ) -> WorldState | RobotState:
-        """Return what `_arrays` took apart."""
+        """Return the state that `_arrays` took apart."""
         kind: type[WorldState] | type[RobotState] = RobotState
         fields: dict[str, Any] = {"step": step}
         if self._node == WORLD:
             kind = WorldState
-            fields["position"] = checkpoint.positions_from(arrays, self._run.scenario)[
-                0
-            ]
+            fields["position"] = checkpoint_bytes.positions_from(
+                arrays, self._run.scenario
+            )[0]
             fields["history"] = history_from(arrays, "history_")
         else:
             scenario = self._run.scenario
@@ -221,16 +221,18 @@ class Checkpoints(Store):
     def _write(self, what: int | str, arrays: Mapping[str, np.ndarray]) -> None:
         path = self._path(what)
         named = {**arrays, "name": np.array(path.stem)}
-        write_whole(path, checkpoint.pack(self._run.digest, named), sync=what != EVENTS)
+        write_whole(
+            path, checkpoint_bytes.pack(self._run.digest, named), sync=what != EVENTS
+        )
 
     def _read(self, what: int | str) -> dict[str, np.ndarray]:
         path = self._path(what)
         run = self._run
         said = f"{run.scenario.name}, learner {run.learner}, seed {run.seed}"
-        arrays = checkpoint.read(path, run.digest, said=said)
+        arrays = checkpoint_bytes.read(path, run.digest, said=said)
         name = str(arrays.pop("name", ""))
         if name != path.stem:
-            raise checkpoint.broken(path, f"it is that of {name}")
+            raise checkpoint_bytes.broken(path, f"it is that of {name}")
         return arrays
 
 
@@ -243,7 +245,7 @@ def steps_of(folder: Path, node: str) -> list[int]:
 
 
 def robots_elsewhere(out: Path, scenario: Scenario) -> list[str]:
-    """Return which robots of a run that has come on in a directory never had anything there."""
+    """Return the robots of a resumed run that never saved anything in its directory."""
     folder = out / CHECKPOINTS
     names = scenario.names
     begun = any(steps_of(folder, name) for name in (WORLD, *names))

@@ -4,22 +4,22 @@
 
 from types import SimpleNamespace
 
-from sparse_coord_ros.ros.nodes.intake import Intake
+from sparse_coord_ros.ros.nodes.subscriber import Subscriber
 
 
 def test_a_message_that_does_not_fit_is_said_once_a_topic_and_counted():
     lines = []
     logger = SimpleNamespace(warning=lines.append)
-    intake = Intake(SimpleNamespace(get_logger=lambda: logger))
-    intake.earlier = 4
+    subscriber = Subscriber(SimpleNamespace(get_logger=lambda: logger))
+    subscriber.earlier = 4
     for _ in range(3):
-        intake.drop("/a", "has two\nlines")
-    intake.drop("/b", ValueError("is none"), "the answer is not used")
+        subscriber.drop("/a", "has two\nlines")
+    subscriber.drop("/b", ValueError("is none"), "the answer is not used")
     assert lines == [
         "/a: has two lines; message dropped; further ones of this topic are only counted "
         "(diagnostics)",
         "/b: is none; the answer is not used; further ones of this topic are only counted "
         "(diagnostics)",
     ]
-    assert intake.dropped == {"/a": 3, "/b": 1}
-    assert intake.total == 8
+    assert subscriber.dropped == {"/a": 3, "/b": 1}
+    assert subscriber.total == 8

@@ -32,7 +32,7 @@ class Pose(NamedTuple):
     yaw: float
 
 
-class Ground:
+class MetricMap:
     """A run's map in metres.
 
     Free cells other than doorways may hold several robots; the grid says nothing of where in the
@@ -112,11 +112,11 @@ class Ground:
         return near if far[near] <= self.side else None
 
     def inside(self, cell: int, x: float, y: float) -> bool:
-        """Whether a place lies in the square of a free cell."""
+        """Return whether a place lies in the square of a free cell."""
         return self._frame.cell(x, y) == cell
 
     def blocked(self, x: float, y: float) -> bool:
-        """Whether a body there would touch a wall, or the space outside the map."""
+        """Return whether a body there would touch a wall, or the space outside the map."""
         left, low = self._frame.origin
         rows, columns = self.grid.shape
         side = self.side
@@ -140,7 +140,7 @@ class Ground:
         return False
 
     def in_doorway(self, x: float, y: float) -> bool:
-        """Whether a place lies in a doorway."""
+        """Return whether a place lies in a doorway."""
         return self._frame.cell(x, y) in self.grid.doorways
 
     @cached_property

@@ -1,12 +1,12 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""`checkpoint.npz`: a learning run that was broken off, for either engine to go on with.
+"""`checkpoint.npz`: an interrupted learning run, which either engine can continue.
 
-It has the positions of G groups of robots that learn together (one; K for a learner that learns
-`alone`), what each robot remembers, `history_g_...`: the fields of `core.runs.history.History` of
-group g from 1, and `evaluations`, the text of their evaluations as JSON (`core.runs.checkpoint`
-has the container). The compiled loops trust the numbers, so a file that does not fit its digest is
-refused.
+It holds the positions of G groups of robots that learn together (one group; K groups for a
+learner that learns `alone`), each robot's memory, the fields of `core.runs.history.History` of
+group g from 1 as `history_g_...`, and the evaluations as JSON in `evaluations`. The container is
+that of `core.runs.checkpoint_bytes`. The compiled loops trust the numbers, so a file that does not
+fit its digest is refused.
 """
 
 import hashlib
@@ -17,15 +17,15 @@ from pathlib import Path
 
 import numpy as np
 
-from sparse_coord_ros.base import archive
+from sparse_coord_ros.base import npz
 from sparse_coord_ros.base.errors import RunError, TablesError
 from sparse_coord_ros.base.files import write_whole
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.learners.learner import Learner
 from sparse_coord_ros.core.learners.memory import check_memory
 from sparse_coord_ros.core.learners.mind import Memory
-from sparse_coord_ros.core.runs import checkpoint
-from sparse_coord_ros.core.runs.checkpoint import position_arrays, positions_from
+from sparse_coord_ros.core.runs import checkpoint_bytes
+from sparse_coord_ros.core.runs.checkpoint_bytes import position_arrays, positions_from
 from sparse_coord_ros.core.runs.evaluation import Evaluation, Measure
 from sparse_coord_ros.core.runs.history import history_from
 from sparse_coord_ros.core.runs.run import LearningState, groups_of
@@ -65,7 +65,9 @@ class Checkpoint:
             arrays |= {
                 f"history_{g}_{name}": a for name, a in history._asdict().items()
             }
-        write_whole(path, checkpoint.pack(run_digest(scenario, learner, seed), arrays))
+        write_whole(
+            path, checkpoint_bytes.pack(run_digest(scenario, learner, seed), arrays)
+        )
 
 
 def load_checkpoint(
@@ -80,7 +82,7 @@ def load_checkpoint(
         remedy = "only a run that was interrupted can be resumed"
         raise RunError(f"{path}: there is no such file; {remedy}")
     said = f"learner {learner.label}, seed {seed}"
-    arrays = checkpoint.read(path, run_digest(scenario, learner, seed), said=said)
+    arrays = checkpoint_bytes.read(path, run_digest(scenario, learner, seed), said=said)
     robots = len(scenario.robots)
     groups = len(groups_of(scenario, learner))
     try:
@@ -96,7 +98,7 @@ def load_checkpoint(
         every, trials, found = json.loads(str(arrays["evaluations"]))
         evaluations = tuple((step, _evaluation(**data)) for step, data in found)
     except (KeyError, ValueError, IndexError, TypeError, TablesError) as error:
-        raise checkpoint.broken(path, error) from None
+        raise checkpoint_bytes.broken(path, error) from None
     return Checkpoint(state, evaluations, every, trials)
 
 
@@ -111,9 +113,9 @@ def _check_counts(memory: Memory, made: int) -> None:
 
     Compiled loops look step sizes up by these counts, and do not check.
     """
-    archive.check_range(memory["updates"], 0, made + 1, "updates")
+    npz.check_range(memory["updates"], 0, made + 1, "updates")
     if "q_coord_updates" in memory:
-        archive.check_range(memory["q_coord_updates"], 0, made + 1, "q_coord_updates")
+        npz.check_range(memory["q_coord_updates"], 0, made + 1, "q_coord_updates")
 
 
 def _evaluation(

@@ -4,7 +4,7 @@
 
 Beside the arrays it has `format`, three texts: the number of the format of all three; the version
 of the software that wrote it; the SHA-256 of names, dtypes, shapes and bytes of all other arrays,
-in the order of the names. So whoever has read a file can trust what is in it.
+in the order of the names. So the reader of a file can trust its contents.
 """
 
 import hashlib
@@ -21,7 +21,7 @@ from sparse_coord_ros.base.errors import SparseCoordError, check_format, in_shor
 from sparse_coord_ros.base.limits import ARRAYS, Limit
 from sparse_coord_ros.base.version import __version__
 
-FORMAT = 2
+NPZ_FORMAT = 2
 """Number of the format. It changes where the arrays of any of these files change."""
 
 ENTRY = b"PK\x01\x02"
@@ -31,7 +31,7 @@ MOST_ARRAYS = 2**16
 MOST_UPDATES = 2**31
 """The compiled loops count in 32 bits."""
 
-LARGEST = 1e30
+LARGEST_VALUE = 1e30
 """No value that is learned is further from 0: what a scenario pays has limits, far below."""
 
 HEADERS: Mapping[tuple[int, int], Any] = {
@@ -43,7 +43,7 @@ HEADERS: Mapping[tuple[int, int], Any] = {
 def pack(arrays: Mapping[str, Any], *, compressed: bool = True) -> bytes:
     """Return named arrays as bytes; equal arrays give equal bytes."""
     whole: dict[str, Any] = {name: np.asarray(array) for name, array in arrays.items()}
-    head = np.array([str(FORMAT), __version__, _digest(whole)])
+    head = np.array([str(NPZ_FORMAT), __version__, _digest(whole)])
     file = io.BytesIO()
     (np.savez_compressed if compressed else np.savez)(file, format=head, **whole)
     return file.getvalue()
@@ -82,7 +82,7 @@ def unpack(
             raise ValueError("it has no array 'format'")
         head = arrays.pop("format").ravel()[:3].tolist()
         number = int(head[0])
-        if number == FORMAT and head[2] != _digest(arrays):
+        if number == NPZ_FORMAT and head[2] != _digest(arrays):
             raise ValueError("its contents do not fit its digest")
     except (
         Exception
@@ -92,7 +92,7 @@ def unpack(
         ]  # no advice to trust it
         told = f"{where}: cannot be read as {what} ({problem}); {remedy}"
         raise (damaged or error)(told) from None
-    check_format(number, FORMAT, where, error)
+    check_format(number, NPZ_FORMAT, where, error)
     return arrays
 
 
@@ -168,10 +168,10 @@ def check_range(array: np.ndarray, low: int, high: int, name: str) -> None:
 
 
 def check_finite(array: np.ndarray, name: str) -> None:
-    """Raise `ValueError` unless all numbers are finite, and up to `LARGEST`."""
-    if not np.all(np.abs(array) <= LARGEST):
+    """Raise `ValueError` unless all numbers are finite, and up to `LARGEST_VALUE`."""
+    if not np.all(np.abs(array) <= LARGEST_VALUE):
         raise ValueError(
-            f"{name} has numbers that are not finite, or beyond {LARGEST:g}"
+            f"{name} has numbers that are not finite, or beyond {LARGEST_VALUE:g}"
         )
 
 

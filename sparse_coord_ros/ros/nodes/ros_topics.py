@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The vocabulary of `wire`, bound to message classes and QoS profiles.
+"""The topics of `wire` for rclpy: bound to message classes and QoS profiles.
 
 Names are relative (except /diagnostics and what ROS itself makes absolute), so a whole
 team moves into a namespace together. A robot's topics lie under its name.
@@ -20,18 +20,18 @@ from sparse_coord_ros.protocol.wire import Delivery, services
 STEP_DEPTH = 10_000
 
 
-KEPT = DurabilityPolicy.TRANSIENT_LOCAL
-
-PROFILES = {
+QOS_PROFILES = {
     Delivery.STEP: QoSProfile(depth=STEP_DEPTH),
     Delivery.EVENT: QoSProfile(depth=10),
-    Delivery.LATCHED: QoSProfile(depth=1, durability=KEPT),
-    Delivery.TABLES: QoSProfile(depth=wire.TABLES_DEPTH, durability=KEPT),
+    Delivery.LATCHED: QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL),
+    Delivery.TABLES: QoSProfile(
+        depth=wire.TABLES_DEPTH, durability=DurabilityPolicy.TRANSIENT_LOCAL
+    ),
 }
 """How each is offered, always reliably (rclpy's default). The lock step needs a depth of 2; the
 rest is for a recorder that lags."""
-STEP_QOS = PROFILES[Delivery.STEP]
-LATCHED_QOS = PROFILES[Delivery.LATCHED]
+STEP_QOS = QOS_PROFILES[Delivery.STEP]
+LATCHED_QOS = QOS_PROFILES[Delivery.LATCHED]
 
 
 def message_class(type_name: str) -> Any:
@@ -59,12 +59,12 @@ class RosTopic(wire.Topic):
 def bind(topic: wire.Topic) -> RosTopic:
     """Return a topic of the vocabulary with its message class and QoS profile."""
     kind = message_class(topic.type_name)
-    qos = PROFILES[topic.delivery]
+    qos = QOS_PROFILES[topic.delivery]
     return RosTopic(**vars(topic), type=kind, qos=qos)
 
 
 def __getattr__(name: str) -> RosTopic:
-    """Return a topic of `wire`, bound: `interface.RUN` is `wire.RUN` for rclpy."""
+    """Return a topic of `wire`, bound: `ros_topics.RUN` is `wire.RUN` for rclpy."""
     topic = getattr(wire, name, None)
     if not isinstance(topic, wire.Topic):
         raise AttributeError(
@@ -74,7 +74,7 @@ def __getattr__(name: str) -> RosTopic:
 
 
 def clock_of(run: RunConfig) -> RosTopic:
-    """Return the topic of a run's clock: it is hidden where /clock is somebody else's."""
+    """Return the topic of a run's clock: it is hidden where another node owns /clock."""
     hidden = run.clock == NO_CLOCK
     return bind(replace(wire.CLOCK, name=wire.HIDDEN_CLOCK) if hidden else wire.CLOCK)
 
@@ -87,11 +87,11 @@ def recorded(owner: wire.Owner) -> tuple[RosTopic, ...]:
 
 
 def recorder_qos(topic: RosTopic) -> QoSProfile:
-    """Return what the recorder asks for: nothing is overwritten before it is written down."""
+    """Return the recorder's QoS profile, deep enough for a recorder that lags."""
     return QoSProfile(depth=STEP_DEPTH, durability=topic.qos.durability)
 
 
-CLAIMS_QOS = QoSProfile(depth=100, durability=KEPT)
+CLAIMS_QOS = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """For reading claims: with a depth of 1, one's own would push out that of another node."""
 
 ACTIVE_PERCEPTION_TYPE = message_class(services.ACTIVE_PERCEPTION.type_name)

@@ -1,9 +1,9 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Which time steps can be those of the world: a single strange stamp must not make anybody deaf.
+"""Which time steps can be those of the world: a wrong stamp must not deafen a robot.
 
-The world's steps grow by one, and by a little more where an episode begins. Whoever was cut off
-sees them jump. A jump is believed once the world itself has said, on `status`, that it is so far.
+The world's steps grow by one, and by a little more where an episode begins. A robot that was cut
+off sees them jump. It believes a jump once the world's `status` has named a step so far ahead.
 """
 
 from sparse_coord_ros.core.game.rules import EPISODE_GAP
@@ -12,7 +12,7 @@ NEAR = EPISODE_GAP + 1
 """How far the next step may lie ahead: that of a transition, and an episode's start after it."""
 
 
-class StepGate:
+class StepFilter:
     """Lets time steps pass in the order in which the world makes them.
 
     Args:
@@ -36,7 +36,7 @@ class StepGate:
         if step <= self.newest + NEAR or step <= self.said + NEAR:
             if step > self.newest:
                 self.newest = step
-            self._first = 0  # the world is here, whoever said otherwise
+            self._first = 0  # the world is here
             return True
         if not self._last < step <= self._last + NEAR or self._first == 0:
             self._first = step

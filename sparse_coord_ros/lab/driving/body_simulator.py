@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sparse_coord_ros.core.game.streams import bit_generator
-from sparse_coord_ros.lab.driving.ground import Ground, Pose
+from sparse_coord_ros.lab.driving.metric_map import MetricMap, Pose
 from sparse_coord_ros.lab.driving.steering import STOP, Command
 from sparse_coord_ros.protocol.lockstep.bodies import BEGIN, Goals
 
@@ -67,7 +67,7 @@ class Body:
     """A differential drive.
 
     Args:
-        ground: the floor.
+        metric_map: the floor.
         noise: how unsure it is.
         seed: the run's seed.
         robot: its number, from 0.
@@ -79,13 +79,15 @@ class Body:
         bumps: how often it drove against a wall.
     """
 
-    def __init__(self, ground: Ground, noise: Noise, seed: int, robot: int) -> None:
-        self._ground = ground
+    def __init__(
+        self, metric_map: MetricMap, noise: Noise, seed: int, robot: int
+    ) -> None:
+        self._metric_map = metric_map
         self._noise = noise
         draws = (bit_generator(seed, robot, role, BODIES) for role in (WHEELS, SENSORS))
         self._wheels, self._sensors = map(np.random.Generator, draws)
         self._bias = 1.0 + BIAS * noise.wheels * self._wheels.standard_normal(2)
-        self._track = TRACK * ground.radius
+        self._track = TRACK * metric_map.radius
         self._against = False
         self.pose = self.odometry = Pose(0.0, 0.0, 0.0)
         self.command = STOP
@@ -116,7 +118,7 @@ class Body:
             (self.pose.x, wanted.y),
             self.pose[:2],
         ):
-            if not self._ground.blocked(x, y):
+            if not self._metric_map.blocked(x, y):
                 break
         against = (x, y) != wanted[:2]
         self.bumps += against and not self._against
@@ -130,7 +132,7 @@ class Body:
 
 
 def _arc(pose: Pose, ahead: float, turn: float, seconds: float) -> Pose:
-    """Return where a body is after driving an arc."""
+    """Return the pose of a body after driving an arc."""
     angle = turn * seconds
     yaw = math.remainder(pose.yaw + angle, math.tau)
     middle = pose.yaw + angle / 2
@@ -144,16 +146,16 @@ def _arc(pose: Pose, ahead: float, turn: float, seconds: float) -> Pose:
     )
 
 
-class Arena:
+class BodySimulator:
     """The bodies of a team.
 
     In step with the drivers, time passes by a tick with all goals, and then whenever each body
     that is under way has been told what to do next; it stands still otherwise. So what happens
-    depends on the seed alone, not on how long anybody takes. Else time passes whenever `tick` is
+    depends on the seed alone, not on how long the nodes take. Else time passes whenever `tick` is
     called, as on a real floor.
 
     Args:
-        ground: the floor.
+        metric_map: the floor.
         count: how many there are.
         seed: the run's seed.
         noise: how unsure they are.
@@ -166,11 +168,11 @@ class Arena:
     """
 
     def __init__(
-        self, ground: Ground, count: int, seed: int, noise: Noise, period: float
+        self, metric_map: MetricMap, count: int, seed: int, noise: Noise, period: float
     ) -> None:
-        self.ground = ground
+        self.metric_map = metric_map
         self.period = period
-        self.bodies = [Body(ground, noise, seed, k) for k in range(count)]
+        self.bodies = [Body(metric_map, noise, seed, k) for k in range(count)]
         self.ticks = self._number = 0
         self.touches: list[Touch] = []
         self._under_way: set[int] = set()
@@ -190,7 +192,7 @@ class Arena:
     def put(self, cells: Mapping[int, int]) -> None:
         """Put bodies into cells."""
         for robot, cell in cells.items():
-            self.bodies[robot].put(*self.ground.place(robot, cell))
+            self.bodies[robot].put(*self.metric_map.place(robot, cell))
         self._touching = set(self._touching_now())
 
     def send(self, goals: Goals) -> bool:
@@ -213,7 +215,7 @@ class Arena:
 
     @property
     def waits_for(self) -> set[int]:
-        """The robots whose drivers are to say something next; all, where nobody is under way."""
+        """The robots whose drivers are to command or report next; all while no body drives."""
         return self._under_way - self._told.keys() or set(range(len(self.bodies)))
 
     def reached(self, robot: int, number: int) -> bool:
@@ -252,7 +254,9 @@ class Arena:
         now = set(self._touching_now())
         for pair in sorted(now - self._touching):
             (x, y), (x2, y2) = (self.bodies[k].pose[:2] for k in pair)
-            inside = self.ground.in_doorway(x, y) or self.ground.in_doorway(x2, y2)
+            inside = self.metric_map.in_doorway(x, y) or self.metric_map.in_doorway(
+                x2, y2
+            )
             where = IN_DOORWAY if inside else ELSEWHERE
             self.touches.append(
                 Touch(self.seconds, pair, where, ((x + x2) / 2, (y + y2) / 2))
@@ -260,7 +264,7 @@ class Arena:
         self._touching = now
 
     def _touching_now(self) -> list[tuple[int, int]]:
-        reach = 2 * self.ground.radius
+        reach = 2 * self.metric_map.radius
         places = enumerate(body.pose[:2] for body in self.bodies)
         pairs = itertools.combinations(places, 2)
         return [

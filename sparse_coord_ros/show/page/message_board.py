@@ -15,7 +15,7 @@ from sparse_coord_ros.show.page.controls import Controlled
 Message = dict[str, Any]
 
 
-class Board:
+class MessageBoard:
     """The newest message of each type.
 
     Attributes:

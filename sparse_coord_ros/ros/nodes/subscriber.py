@@ -1,9 +1,9 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where bytes from the network become messages, or are dropped.
+"""Subscriptions: bytes from the network become messages, or are dropped.
 
-Anybody can publish anything on any topic. What cannot be decoded, or does not fit the run, is
-dropped, counted by its topic, and said once a topic; it never ends a node.
+Any node can publish anything on any topic. A message that cannot be decoded, or does not fit the
+run, is dropped and counted by its topic, with one warning a topic; it never ends a node.
 """
 
 from collections import Counter
@@ -15,10 +15,10 @@ from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 
 from sparse_coord_ros.base.limits import too_large
-from sparse_coord_ros.ros.nodes.interface import RosTopic
+from sparse_coord_ros.ros.nodes.ros_topics import RosTopic
 
 
-class Intake:
+class Subscriber:
     """A node's subscriptions.
 
     Args:

@@ -1,0 +1,227 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""How likely a robot in one cell perceives a robot in another: computed for a pair when asked.
+
+What is kept grows with the map, not with its pairs of cells. Only a model of the user's own is a
+table of all pairs. The functions run in plain Python and in compiled loops.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sparse_coord_ros.base.compiling import inlined, inner
+from sparse_coord_ros.core.game.grid import GridMap
+
+CONSTANT, RANGE, LINE_OF_SIGHT, TABLE = range(4)
+"""Kinds of `Sight`."""
+
+NOT_LOOKED, YES, NO = range(3)
+"""Entries of `Sight.everywhere`."""
+
+
+class Sight(NamedTuple):
+    """A perception model on a map; x is the cell of the robot that asks, z its peer's.
+
+    Attributes:
+        kind: CONSTANT, RANGE, LINE_OF_SIGHT or TABLE.
+        constant: of CONSTANT the probability.
+        reach: of RANGE the greatest squared distance, in cells.
+        columns: of the map.
+        squares: of RANGE and LINE_OF_SIGHT the square of each cell, row * columns + column [x].
+        free: of LINE_OF_SIGHT whether a square is free [square].
+        table: of TABLE the probabilities [x, z].
+        tells: whether a percept that fails tells where the peer is not. It does not where answers
+            also get lost for other reasons.
+        everywhere: whether a percept surely succeeds wherever the peer is [x], or `NOT_LOOKED`;
+            filled in when it is first asked.
+    """
+
+    kind: int
+    constant: float
+    reach: int
+    columns: int
+    squares: np.ndarray
+    free: np.ndarray
+    table: np.ndarray
+    tells: bool
+    everywhere: np.ndarray
+
+
+BLIND = Sight(
+    kind=CONSTANT,
+    constant=0.0,
+    reach=0,
+    columns=1,
+    squares=np.zeros(0, dtype=np.int64),
+    free=np.zeros(0, dtype=np.bool_),
+    table=np.zeros((0, 0)),
+    tells=False,
+    everywhere=np.zeros(0, dtype=np.int8),
+)
+"""That of percepts that never succeed, and of robots that do not ask where a peer cannot be."""
+
+
+# Models.
+
+
+def constant(grid: GridMap, probability: float) -> Sight:
+    """Return the model of a probability that is the same everywhere."""
+    return _on(grid, CONSTANT, constant=float(probability))
+
+
+def within(grid: GridMap, distance: float) -> Sight:
+    """Return the model that succeeds up to a distance in cells, between the cells' centres."""
+    reach = 0
+    longest = np.hypot(*grid.shape)
+    if distance >= longest:
+        reach = sum(side**2 for side in grid.shape)
+    else:
+        # The greatest whole number whose square root is not above the distance.
+        reach = int(distance**2) + 1
+        while reach and np.sqrt(reach) > distance:
+            reach -= 1
+    return _on(grid, RANGE, reach=reach, squares=grid.squares)
+
+
+def line_of_sight(grid: GridMap) -> Sight:
+    """Return the model that succeeds where no wall is between the cells' centres."""
+    return _on(grid, LINE_OF_SIGHT, squares=grid.squares, free=grid.free)
+
+
+def tabled(grid: GridMap, table: np.ndarray) -> Sight:
+    """Return the model of a table, shape (cells, cells), float64."""
+    return _on(grid, TABLE, table=table)
+
+
+def _on(grid: GridMap, kind: int, **more: Any) -> Sight:
+    everywhere = np.full(len(grid.cells), NOT_LOOKED, dtype=np.int8)
+    return BLIND._replace(
+        kind=kind, columns=grid.shape[1], everywhere=everywhere, **more
+    )
+
+
+# Pairs of cells.
+
+
+@inlined
+def probability(sight: Sight, x: int, z: int) -> float:
+    """Return the probability that a percept succeeds."""
+    if sight.kind == CONSTANT:
+        return sight.constant
+    return _by_place(sight, x, z)
+
+
+@inner
+def _by_place(sight: Sight, x: int, z: int) -> float:
+    """As `probability`, of models that look at the cells."""
+    if sight.kind == TABLE:
+        found: float = sight.table[x, z]
+        return found
+    here = int(sight.squares[x])
+    there = int(sight.squares[z])
+    if sight.kind == LINE_OF_SIGHT:
+        return 1.0 if is_in_sight(sight.free, sight.columns, here, there) else 0.0
+    rows = there // sight.columns - here // sight.columns
+    columns = there % sight.columns - here % sight.columns
+    return 1.0 if is_near(rows, columns, sight.reach) else 0.0
+
+
+@inner
+def is_near(rows: Any, columns: Any, reach: int) -> Any:
+    """Return whether cells so many rows and columns apart are within reach: numbers or arrays."""
+    return rows * rows + columns * columns <= reach
+
+
+@inner
+def is_in_sight(free: Any, columns: int, here: int, there: int) -> bool:
+    """Return whether the straight line between two squares' centres crosses no wall.
+
+    It walks in exact integer steps through every square whose inside the line crosses. A line
+    through a corner point of four squares passes when one of the two beside the corner is free.
+    """
+    rows_apart = there // columns - here // columns
+    columns_apart = there % columns - here % columns
+    down = columns if rows_apart > 0 else -columns
+    right = 1 if columns_apart > 0 else -1
+    rows = abs(rows_apart)
+    sides = abs(columns_apart)
+    # Twice the (signed) distance to the next row border against that to the next column border.
+    error = sides - rows
+    square = here
+    while square != there:
+        if error == 0:
+            if not (free[square + down] or free[square + right]):
+                return False
+            square += down + right
+            error += 2 * (sides - rows)
+        elif error > 0:
+            square += right
+            error -= 2 * rows
+        else:
+            square += down
+            error += 2 * sides
+        if not free[square]:
+            return False
+    return True
+
+
+@inner
+def is_ruled_out(sight: Sight, x: int, z: int) -> bool:
+    """Return whether a percept that fails says that the peer is not there.
+
+    That is so where it would surely have been perceived. A percept that fails though it would
+    have succeeded wherever the peer is says nothing.
+    """
+    if not sight.tells or probability(sight, x, z) < 1.0:
+        return False
+    if sight.everywhere[x] == NOT_LOOKED:
+        sight.everywhere[x] = _looked_around(sight, x)
+    return bool(sight.everywhere[x] == NO)
+
+
+@inner
+def _looked_around(sight: Sight, x: int) -> int:
+    """Return what `Sight.everywhere` says of a cell."""
+    for z in range(len(sight.everywhere)):
+        if probability(sight, x, z) < 1.0:
+            return NO
+    return YES
+
+
+# All pairs.
+
+
+def probabilities_between(sight: Sight, cells: np.ndarray) -> np.ndarray:
+    """Return the probabilities between some cells, shape (n, n), float64: the asker's first.
+
+    Args:
+        sight: the model.
+        cells: numbers of cells, shape (n,).
+    """
+    n = len(cells)
+    if sight.kind == CONSTANT:
+        return np.full((n, n), sight.constant)
+    if sight.kind == TABLE:
+        found: np.ndarray = sight.table[np.ix_(cells, cells)]
+        return found
+    squares = sight.squares[cells]
+    if sight.kind == RANGE:
+        r, c = np.divmod(squares, sight.columns)
+        near = is_near(r[:, None] - r, c[:, None] - c, sight.reach)
+        return np.asarray(near, dtype=np.float64)
+    found = np.eye(n)
+    places = squares.tolist()
+    free = sight.free.tolist()
+    for x in range(n):
+        for z in range(x):
+            seen = is_in_sight(free, sight.columns, places[x], places[z])
+            found[x, z] = found[z, x] = seen
+    return found
+
+
+def is_drawn(sight: Sight) -> bool:
+    """Return whether there are probabilities between 0 and 1, so that percepts need draws."""
+    if sight.kind == CONSTANT:
+        return 0.0 < sight.constant < 1.0
+    return bool(((sight.table > 0.0) & (sight.table < 1.0)).any())

@@ -1,0 +1,125 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A robot in its run: how it listens anew where the team goes back, and when it leaves."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import pytest
+from std_msgs.msg import String
+
+from sparse_coord_ros.core.game.actions import COORDINATE
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.game.world import Reward
+from sparse_coord_ros.core.runs.run_config import make_run
+from sparse_coord_ros.protocol.wire import RunState
+from sparse_coord_ros.protocol.wire.status import Order, RunStatus
+from sparse_coord_ros.ros.nodes import robot, ros_topics
+from sparse_coord_ros.ros.nodes.messages import Converter, status
+from sparse_coord_ros.ros.nodes.robot import LAST_REWARD_SECONDS, RobotNode
+from sparse_coord_ros.ros.nodes.spin import ros_context
+
+from .puppet import puppet
+
+END = 3
+"""The time step at which the run ends."""
+
+STATES = ros_topics.LOCAL_STATE.of("robot_1")
+
+
+@pytest.fixture
+def begun(own_domain, tmp_path, monkeypatch):
+    """Return a function that starts robot_1, which joins a run at once; and its run."""
+    monkeypatch.setattr(robot, "PEER_PATIENCE_SECONDS", 0.0)
+    with ros_context() as context:
+        nodes = []
+
+        def begin(**run):
+            values = {"claim_window": 0.0, "out": str(tmp_path)}
+            node = puppet(RobotNode)(name="robot_1", context=context, values=values)
+            nodes.append(node)
+            node.heard_by = lambda publisher, role: True
+            scenario = load_scenario("env1").with_settings(
+                {"steps": END, "epsilon": "constant:0"}
+            )
+            config = replace(make_run(scenario, run), id="this run")
+            node.hear("run", String(data=config.to_yaml()))
+            for _ in range(3):
+                node.tick()
+            assert node.member.joined
+            return node
+
+        yield begin
+        for node in nodes:
+            node.destroy_node()
+
+
+def say(node, state, step, transitions, order=None):
+    """Let the world say its status."""
+    said = RunStatus("this run", state, step, transitions, order=order or Order())
+    node.hear("status", status("env1", said.state, said.values()))
+
+
+def walk(side, *, rewarded, until):
+    """Let a robot see its states until a time step, and the rewards of some steps."""
+    for step in range(1, until + 1):
+        side.state(step, step)
+        if step in rewarded:
+            side.reward(step, Reward(0.0, 0.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("rewarded", "until", "asks", "done"),
+    [
+        ((1, 2), END, False, True),
+        ((1,), END, False, False),
+        ((1,), END - 1, False, False),
+        ((1, 2), END, True, False),
+    ],
+    ids=["all is learned", "a reward is due", "the last state is due", "it asks"],
+)
+def test_a_robot_leaves_when_all_is_learned_or_some_seconds_later(
+    begun, rewarded, until, asks, done
+):
+    """They count from the first time that it hears of the run's end."""
+    node = begun()
+    side = node.member.lockstep
+    for row in side.agent.mind.q_star:
+        row[COORDINATE] = -1e6
+    side.agent.mind.q_star[END][COORDINATE] = 1e6 if asks else -1e6
+    walk(side, rewarded=rewarded, until=until)
+    say(node, RunState.STOPPED, END, END - 1)
+    ended = node.presence.ended
+    say(node, RunState.STOPPED, END, END - 1)
+    assert node.presence.ended == ended
+    assert node.member.all_done(ended + LAST_REWARD_SECONDS) is done
+    assert node.member.all_done(ended + LAST_REWARD_SECONDS + 0.1)
+
+
+def test_a_robot_that_plans_leaves_when_the_exchange_is_over(begun):
+    node = begun(learner="factored", improve=True)
+    walk(node.member.lockstep, rewarded=(1, 2), until=END)
+    say(node, RunState.FINISHED, END, END)
+    for over in (False, True):
+        node.member.exchange = SimpleNamespace(over=lambda over=over: over)
+        assert node.member.all_done(node.presence.ended) is over
+
+
+def test_who_goes_back_listens_anew(begun):
+    """What was under way to it is of the time that is taken back, under the same step numbers."""
+    node = begun()
+    state = Converter(node.run).pose(1, 3)
+    [before] = listening(node)
+    say(node, RunState.LEARNING, 1, 0, Order("order", 0, 1))
+    node.hear(STATES, state)
+    assert (node.member.joined, node.member.lockstep.newest[0]) == (False, 0)
+    node.tick()
+    [after] = listening(node)
+    assert node.member.joined and after is not before
+    node.hear(STATES, state)
+    assert node.member.lockstep.newest == (1, 3)
+
+
+def listening(node):
+    """Return the node's subscriptions to its local state."""
+    return [one for one in node.subscriptions if one.topic == STATES]
