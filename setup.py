@@ -92,6 +92,7 @@ setup(
             "pytest",
             "pytest-timeout",
             "pettingzoo>=1.24",
+            "playwright",
             "pytest-xdist",
             "rosbags",
             "pymcap-cli",

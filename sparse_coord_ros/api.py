@@ -239,10 +239,10 @@ class SavedRun:
 def _in_html(run: "Training | SavedRun") -> str:
     """Return a run as notebooks show it."""
     from sparse_coord_ros.show.figures import in_html
-    from sparse_coord_ros.show.sources import in_memory, open_shown
+    from sparse_coord_ros.show.sources import in_memory, open_run
 
     if isinstance(run, SavedRun):
-        return in_html(repr(run), open_shown(run.directory))
+        return in_html(repr(run), open_run(run.directory))
     config = run_config.make_run(
         run.scenario, {"seed": run.seed, "learner": run.learner}
     )

@@ -46,12 +46,12 @@ def execute(options: argparse.Namespace) -> None:
             logged_episode,
             played_episode,
         )
-        from sparse_coord_ros.show.sources import open_shown
+        from sparse_coord_ros.show.sources import open_run
         from sparse_coord_ros.show.steps import questions_of
 
         wanted = episode_number(options.episode)
         say = note
-        shown = open_shown(options.source, say)
+        shown = open_run(options.source, say)
         scenario = shown.config.scenario
         if options.greedy or shown.bag is None:
             say("playing greedy episodes on the learned tables")

@@ -33,7 +33,7 @@ OPTIONS = (
     Option(
         "--split",
         SPLITS,
-        "buildings to choose rules by, or those for closing figures alone",
+        "buildings to choose rules by, to check them by, or for closing figures alone",
     ),
     Option(
         "--robots N...", int, "sizes of teams", {"choices": TEAMS, "default": TEAMS}

@@ -39,14 +39,14 @@ def execute(options: argparse.Namespace) -> None:
     with pictures.drawing():
         from sparse_coord_ros.show import figures
         from sparse_coord_ros.show.results import results_figure
-        from sparse_coord_ros.show.sources import is_results, open_shown
+        from sparse_coord_ros.show.sources import is_results, open_run
         from sparse_coord_ros.studies.report.charts import rendered
 
         say = note
         if len(options.sources) == 1 and is_results(options.sources[0]):
             what, figure = results_figure(options.sources[0], options.what, say)
         else:
-            runs = [open_shown(path, say) for path in options.sources]
+            runs = [open_run(path, say) for path in options.sources]
             whats = figures.parse_whats(options.what, runs)
             what = ",".join(whats)
             figure = figures.runs_figure(runs, whats)

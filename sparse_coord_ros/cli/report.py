@@ -34,7 +34,7 @@ def execute(options: argparse.Namespace) -> None:
     """Run the verb."""
     pictures.check_out(options.out, KINDS)
     with pictures.drawing():
-        from sparse_coord_ros.show.sources import is_results, open_shown
+        from sparse_coord_ros.show.sources import is_results, open_run
 
         if is_results(options.source):
             if options.no_baselines:
@@ -47,6 +47,6 @@ def execute(options: argparse.Namespace) -> None:
         else:
             from sparse_coord_ros.show.report import run_report
 
-            shown = open_shown(options.source, note)
+            shown = open_run(options.source, note)
             page = run_report(shown, baselines=not options.no_baselines)
     pictures.write(options, page)

@@ -12,12 +12,9 @@ from sparse_coord_ros.cli.options import JSON, SEED, Option, format_table, note,
 from sparse_coord_ros.core.runs.evaluation import summary
 from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.studies.catalogue import NAMES
-from sparse_coord_ros.studies.runner import (
-    ExperimentResults,
-    parse_targets,
-    run_experiment,
-)
+from sparse_coord_ros.studies.runner import ExperimentResults, run_experiment
 from sparse_coord_ros.studies.store import RUN_TRIALS, RUNS, Plan
+from sparse_coord_ros.studies.targets import parse_targets
 
 EXAMPLE = (
     "sparse_coord reproduce table1 table2 --out results\n"

@@ -45,12 +45,12 @@ def execute(options: argparse.Namespace) -> int | None:
     from sparse_coord_ros.show.page.bag_source import BagSource
     from sparse_coord_ros.show.page.message_board import MessageBoard
     from sparse_coord_ros.show.page.training_source import TrainedView
-    from sparse_coord_ros.show.sources import open_shown
+    from sparse_coord_ros.show.sources import open_run
 
     first, *others = (
         BagSource(path, MessageBoard(), rate=options.rate, step=options.step)
-        if open_shown(path).bag
-        else TrainedView(open_shown(path), MessageBoard())
+        if open_run(path).bag
+        else TrainedView(open_run(path), MessageBoard())
         for path in options.bags
     )
     boards = [one.board for one in (first, *others)]

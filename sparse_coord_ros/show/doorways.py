@@ -12,11 +12,11 @@ import numpy as np
 
 from sparse_coord_ros.core.game.grid import GridMap, moves_to, regions
 
-FAR = 2**29
-"""In place of a number of moves: there is no way. The sum of two is an int32, too."""
+NO_WAY = 2**29
+"""Number of moves where there is no way. The sum of two such numbers is still an int32."""
 
 KEPT_BYTES = 20_000_000
-"""Of moves between cells, which are kept for the next question."""
+"""Memory for distances between cells that are kept for the next question."""
 
 
 class Doorways:
@@ -27,8 +27,8 @@ class Doorways:
 
     Attributes:
         count: how many doorways there are.
-        of: the doorway of each cell, by its number from 0; -1: none; shape (cells,).
-        room: the room of each cell, likewise.
+        of: number of the doorway of each cell, from 0; -1 outside of doorways; shape (cells,).
+        room: number of the room of each cell, from 0; -1 inside of doorways; shape (cells,).
         near: of each doorway the cells at most one move away, its own included, ascending.
     """
 
@@ -53,7 +53,7 @@ class Doorways:
         self._around = lru_cache(kept)(self._moves_around)
 
     def _parts(self, of: np.ndarray) -> np.ndarray:
-        """Return to which connected part of a set of cells each cell belongs; -1: to none."""
+        """Return the number of the connected part of a set around each cell; -1 outside of it."""
         lead = self._grid.next_cell
         stays = ~of[lead] | ~of[:, None]
         own = np.arange(len(lead))[:, None]
@@ -63,13 +63,13 @@ class Doorways:
         return parts
 
     def _moves_to(self, cell: int) -> np.ndarray:
-        """Return the moves between a cell and each cell, or `FAR`: shape (cells,)."""
+        """Return the moves between a cell and each cell, or `NO_WAY`: shape (cells,)."""
         moves = self._grid.distances_to(cell)
-        return np.where(moves < 0, FAR, moves).astype(np.int32)
+        return np.where(moves < 0, NO_WAY, moves).astype(np.int32)
 
     def away(self, cell: int) -> np.ndarray:
-        """Return the moves from a cell to each doorway, or `FAR`: shape (doorways,), int64."""
-        found = np.full(self.count, FAR, dtype=np.int64)
+        """Return the moves from a cell to each doorway, or `NO_WAY`: shape (doorways,), int64."""
+        found = np.full(self.count, NO_WAY, dtype=np.int64)
         np.minimum.at(found, self._part_of, self.moves_to(cell)[self._cells])
         return found
 
@@ -88,18 +88,18 @@ class Doorways:
         """
         there = self._part_of == door
         passed = self.moves_to(cell)[self._cells[there]] + moves[self._cells[there]]
-        return bool(passed.min() == moves[cell] < FAR)
+        return bool(passed.min() == moves[cell] < NO_WAY)
 
     def on_the_way(self, cell: int, moves: np.ndarray) -> np.ndarray:
-        """Return the moves from a cell to each doorway that is on a shortest way; others: `FAR`.
+        """Return the moves from a cell to each doorway on a shortest way; `NO_WAY` for the others.
 
         Args:
             cell: where the ways begin.
             moves: from each cell to their end, as of `moves_to`.
         """
         to = self.moves_to(cell)[self._cells]
-        passed = (to + moves[self._cells] == moves[cell]) & (moves[cell] < FAR)
-        found = np.full(self.count, FAR, dtype=np.int64)
+        passed = (to + moves[self._cells] == moves[cell]) & (moves[cell] < NO_WAY)
+        found = np.full(self.count, NO_WAY, dtype=np.int64)
         np.minimum.at(found, self._part_of[passed], to[passed])
         return found
 
@@ -109,7 +109,7 @@ class Doorways:
         return np.asarray(own + self.moves_to(other)[self._cells])
 
     def side(self, door: int, cell: int, other: int) -> str:
-        """Return on which side of a doorway another cell is; empty: on none for sure.
+        """Return the side of a doorway that another cell is on; empty where that is not clear.
 
         Args:
             door: the doorway.

@@ -23,7 +23,7 @@ from sparse_coord_ros.core.game.actions import DIRECTIONS
 from sparse_coord_ros.core.learners.factored import Factored
 from sparse_coord_ros.log.runlog.log import RunLog
 from sparse_coord_ros.show.policy import policy_of
-from sparse_coord_ros.show.sources import PLAYED_EPISODES, Shown
+from sparse_coord_ros.show.sources import PLAYED_EPISODES, OpenedRun
 from sparse_coord_ros.show.steps import ended
 from sparse_coord_ros.studies.report.charts import embedded
 from sparse_coord_ros.studies.report.map_pictures import COLOUR_MAP, draw_map
@@ -31,7 +31,7 @@ from sparse_coord_ros.studies.report.map_pictures import COLOUR_MAP, draw_map
 LINE_WIDTH = 11.0
 """Inches that a line of panels may take."""
 
-LEAST_WIDTH = 4.0
+LEAST_FIGURE_WIDTH = 4.0
 """Inches of the narrowest figure."""
 
 CURVE = (2.75, 2.5)
@@ -39,7 +39,7 @@ CURVE = (2.75, 2.5)
 
 POLICY_MAP = 3.4
 SHADED_MAP = 2.8
-SMALLEST_CELL = 0.3
+SMALLEST_FIGURE_CELL = 0.3
 """Inches of the longer side of a small map, and of a cell of a large one."""
 
 SCALE_WIDTH = 0.8
@@ -109,7 +109,7 @@ def literal(text: str) -> str:
     return text.replace("$", r"\$")
 
 
-def runs_figure(runs: Sequence[Shown], whats: Sequence[str]) -> Figure:
+def runs_figure(runs: Sequence[OpenedRun], whats: Sequence[str]) -> Figure:
     """Draw runs side by side.
 
     Args:
@@ -121,7 +121,7 @@ def runs_figure(runs: Sequence[Shown], whats: Sequence[str]) -> Figure:
     """
     lines = _balanced([group for what in whats for group in _groups(what, runs)])
     heights = [max(panel.height for panel in line) for line in lines]
-    width = max(LEAST_WIDTH, *map(_width, lines))
+    width = max(LEAST_FIGURE_WIDTH, *map(_width, lines))
     figure = Figure(figsize=(width, sum(heights)), layout="constrained")
     parts = figure.subfigures(len(lines), 1, height_ratios=heights, squeeze=False)[:, 0]
     for part, line in zip(parts, lines, strict=True):
@@ -145,7 +145,7 @@ def _draw_line(part: SubFigure, line: Sequence[Panel], width: float) -> None:
     right.set_axis_off()
 
 
-def available(shown: Shown) -> list[str]:
+def available(shown: OpenedRun) -> list[str]:
     """Return what can be drawn of a run: of `WHATS`."""
     learned = shown.has("tables")
     asking = learned and shown.asks
@@ -159,7 +159,7 @@ def available(shown: Shown) -> list[str]:
     return [what for what, is_there in there.items() if is_there]
 
 
-def names_of(runs: Sequence[Shown]) -> list[str]:
+def names_of(runs: Sequence[OpenedRun]) -> list[str]:
     """Return what to call runs: by the scenario if there is one only, else by name or path."""
     if len(runs) == 1:
         return [literal(runs[0].config.scenario.name)]
@@ -171,7 +171,7 @@ def names_of(runs: Sequence[Shown]) -> list[str]:
     )
 
 
-def parse_whats(text: str | None, runs: Sequence[Shown]) -> list[str]:
+def parse_whats(text: str | None, runs: Sequence[OpenedRun]) -> list[str]:
     """Return what to draw: names between commas; where None, all that there is of every run.
 
     Raises:
@@ -196,7 +196,7 @@ def parse_whats(text: str | None, runs: Sequence[Shown]) -> list[str]:
     return whats
 
 
-def _groups(what: str, runs: Sequence[Shown]) -> Iterator[list[Panel]]:
+def _groups(what: str, runs: Sequence[OpenedRun]) -> Iterator[list[Panel]]:
     """Yield the panels of one thing to be drawn, in groups that share a line where they fit.
 
     Curves show all runs in one panel; of maps there is a group a run.
@@ -261,18 +261,18 @@ def _width(line: Iterable[Panel]) -> float:
 
 
 def _map_panel(
-    shown: Shown, longest: float, draw: Callable[[Axes], None], below: float = 0.0
+    shown: OpenedRun, longest: float, draw: Callable[[Axes], None], below: float = 0.0
 ) -> Panel:
     rows, columns = shown.config.scenario.map.shape
-    cell = max(SMALLEST_CELL, longest / max(rows, columns))
+    cell = max(SMALLEST_FIGURE_CELL, longest / max(rows, columns))
     return Panel(max(2.8, columns * cell + 0.3), rows * cell + 0.6 + below, draw)
 
 
-def _names(shown: Shown) -> list[str]:
+def _names(shown: OpenedRun) -> list[str]:
     return [literal(robot.name) for robot in shown.config.scenario.robots]
 
 
-def _policy(shown: Shown, label: str) -> Iterator[Panel]:
+def _policy(shown: OpenedRun, label: str) -> Iterator[Panel]:
     names = _names(shown)
     groups = {name: range(k, k + 1) for k, name in enumerate(names)}
     if len(names) <= 2:
@@ -284,7 +284,7 @@ def _policy(shown: Shown, label: str) -> Iterator[Panel]:
 
 
 def _draw_policy(
-    shown: Shown, robots: Sequence[int], title: str, axes: Axes, *, key: bool = True
+    shown: OpenedRun, robots: Sequence[int], title: str, axes: Axes, *, key: bool = True
 ) -> None:
     """Draw robots' greedy moves as arrows and where they ask as rings.
 
@@ -323,7 +323,7 @@ def _draw_policy(
         _policy_key(shown, robots if len(robots) > 1 else (), axes)
 
 
-def _policy_key(shown: Shown, robots: Sequence[int], axes: Axes) -> None:
+def _policy_key(shown: OpenedRun, robots: Sequence[int], axes: Axes) -> None:
     handles: list[Artist] = []
     for place, k in enumerate(robots):
         face = "white" if place % 2 else robot_colour(k)
@@ -348,7 +348,7 @@ def _policy_key(shown: Shown, robots: Sequence[int], axes: Axes) -> None:
 
 
 def _shaded(
-    shown: Shown,
+    shown: OpenedRun,
     label: str,
     values: np.ndarray,
     titles: Sequence[str],
@@ -370,7 +370,12 @@ def _shaded(
 
 
 def _draw_shades(
-    shown: Shown, title: str, dark: np.ndarray, norm: Normalize, bar: str, axes: Axes
+    shown: OpenedRun,
+    title: str,
+    dark: np.ndarray,
+    norm: Normalize,
+    bar: str,
+    axes: Axes,
 ) -> None:
     draw_map(axes, shown.config.scenario, dark, label_height=0.2)
     axes.set_title(title, fontsize=8)
@@ -380,13 +385,13 @@ def _draw_shades(
         axes.figure.colorbar(ScalarMappable(norm, COLOUR_MAP), cax=beside, label=bar)
 
 
-def _asked_by_cell(shown: Shown) -> np.ndarray:
+def _asked_by_cell(shown: OpenedRun) -> np.ndarray:
     """Return COORDINATE in a greedy episode, shape (maps, cells): a map a robot, or one of all."""
     asked: np.ndarray = shown.trials.asked / PLAYED_EPISODES
     return asked if len(asked) <= 2 else asked.sum(axis=0, keepdims=True)
 
 
-def _asks(shown: Shown, label: str, most: float) -> Iterator[Panel]:
+def _asks(shown: OpenedRun, label: str, most: float) -> Iterator[Panel]:
     asked = _asked_by_cell(shown)
     names = _names(shown)
     titles = [f"{len(names)} robots ask {asked.sum():.2f} times"]
@@ -398,7 +403,7 @@ def _asks(shown: Shown, label: str, most: float) -> Iterator[Panel]:
     return _shaded(shown, label, asked, titles, "COORDINATE in a greedy episode", most)
 
 
-def _sparsity(shown: Shown, label: str) -> Iterator[Panel]:
+def _sparsity(shown: OpenedRun, label: str) -> Iterator[Panel]:
     rule = shown.config.rule
     scenario = shown.config.scenario
     learned = [rule.learned_rows(scenario, one.memory) for one in shown.tables]
@@ -425,23 +430,23 @@ def _sparsity(shown: Shown, label: str) -> Iterator[Panel]:
 
 
 def _draw_curve(
-    runs: Sequence[Shown], labels: Sequence[str], name: str, axes: Axes
+    runs: Sequence[OpenedRun], labels: Sequence[str], name: str, axes: Axes
 ) -> None:
     """Draw a learning curve: each episode as a dot (of a single run), and running means.
 
     Of a single run reward and asks have a line a robot.
     """
-    lines: list[tuple[Shown, int | None]] = [(shown, None) for shown in runs]
+    lines: list[tuple[OpenedRun, int | None]] = [(shown, None) for shown in runs]
     if len(runs) == 1:
         if name in ("reward", "asks") and len(_names(runs[0])) > 1:
             labels = _names(runs[0])
             lines = [(runs[0], k) for k in range(1, len(labels) + 1)]
         else:
             labels = [f"mean of {_window(runs[0])} episodes"]
-            points = _thinned(*runs[0].history.curve(name))
+            points = thinned(*runs[0].history.curve(name))
             axes.plot(*points, ".", color="0.72", markersize=3, label="one episode")
     for number, (shown, robot) in enumerate(lines):
-        points = _thinned(*shown.history.curve(name, _window(shown), robot=robot))
+        points = thinned(*shown.history.curve(name, _window(shown), robot=robot))
         style = LINES[number % len(LINES)]
         colour = robot_colour(number)
         axes.plot(
@@ -454,18 +459,19 @@ def _draw_curve(
     axes.legend(fontsize=6, ncols=2 if len(lines) > 4 else 1)
 
 
-def _window(shown: Shown) -> int:
+def _window(shown: OpenedRun) -> int:
     """Return the episodes of a running mean."""
     return max(1, min(50, shown.history.episodes // 10))
 
 
-def _thinned(steps: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def thinned(steps: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return at most `MOST_POINTS` points of a curve, evenly chosen, both ends among them."""
     count = min(len(steps), MOST_POINTS)
     kept = np.linspace(0, len(steps) - 1, count).astype(np.int64)
     return steps[kept], values[kept]
 
 
-def _percepts(shown: Shown, label: str) -> Iterator[Panel]:
+def _percepts(shown: OpenedRun, label: str) -> Iterator[Panel]:
     yield Panel(*CURVE, partial(_draw_percepts, shown.log, label), stretches=True)
 
 
@@ -493,7 +499,7 @@ def _draw_percepts(log: RunLog, label: str, axes: Axes) -> None:
     axes.legend(fontsize=7)
 
 
-def in_html(head: str, shown: Shown) -> str:
+def in_html(head: str, shown: OpenedRun) -> str:
     """Return a line, and below it the pictures of a run, side by side: those that it has."""
     parts = [
         f"<p>{html.escape(head)}</p>",

@@ -22,12 +22,12 @@ from sparse_coord_ros.show.steps import Question, questions_of
 from sparse_coord_ros.studies.report.map_pictures import draw_map
 
 DPI = 100
-LONGEST_SIDE = 7.2
+LONGEST_FILM_SIDE = 7.2
 LARGEST_CELL = 0.72
-SMALLEST_CELL = 0.24
+SMALLEST_FILM_CELL = 0.24
 """Inches: of the map's longer side, if its cells then keep a size within the other two."""
 
-LEAST_WIDTH = 3.6
+LEAST_FILM_WIDTH = 3.6
 """Inches that the words below the map need."""
 
 SENTENCES = 3
@@ -37,7 +37,7 @@ MOST_STEPS = 300
 """Steps that a film shows."""
 
 SMOOTH_STEPS = 60
-"""Up to so many steps robots glide; in longer films they jump."""
+"""Robots glide in films of at most this many steps; in longer ones they jump."""
 
 OUTCOME_LINES = {"answered": "-", "refused": (0, (4, 2)), "failed": (0, (1, 2))}
 TALK = 1.6
@@ -61,14 +61,14 @@ def film(
     """
     shown = min(len(episode.steps), MOST_STEPS)
     glide = (0.35, 0.7) if shown <= SMOOTH_STEPS else ()
-    stage = _Stage(scenario, episode, title)
+    pictures = EpisodePictures(scenario, episode, title)
     images = []
     lasting = []
     for step in range(shown):
         if questions_of(episode.steps[step]):
-            images.append(stage.shoot(step, 0.0, speaking=True))
+            images.append(pictures.at(step, 0.0, speaking=True))
             lasting.append(TALK)
-        images += [stage.shoot(step, moved) for moved in (*glide, 1.0)]
+        images += [pictures.at(step, moved) for moved in (*glide, 1.0)]
         lasting += [*[0.15] * len(glide), 0.7 if glide else 1.0]
     durations = [max(20, round(100 * lasts / rate) * 10) for lasts in lasting]
     durations[-1] += round(1000 * HOLD / rate)
@@ -80,8 +80,17 @@ def film(
     return file.getvalue()
 
 
-class _Stage:
-    """The map, drawn once, and what moves on it, drawn anew for every frame."""
+class EpisodePictures:
+    """Pictures of an episode: the map is drawn once, the robots anew for each picture.
+
+    Args:
+        scenario: the problem.
+        episode: the episode.
+        title: stands above the map.
+
+    Attributes:
+        caption: the text below the map.
+    """
 
     def __init__(self, scenario: Scenario, episode: Episode, title: str) -> None:
         self._scenario = scenario
@@ -89,12 +98,12 @@ class _Stage:
         self._names = [robot.name for robot in scenario.robots]
         steps = episode.steps
         rows, columns = scenario.map.shape
-        cell = min(LARGEST_CELL, LONGEST_SIDE / max(rows, columns))
-        self._cell = cell = max(SMALLEST_CELL, cell)
+        cell = min(LARGEST_CELL, LONGEST_FILM_SIDE / max(rows, columns))
+        self._cell = cell = max(SMALLEST_FILM_CELL, cell)
         self._spoken = min(SENTENCES, max(len(questions_of(one)) for one in steps))
         above = 0.32
         below = 0.34 + 0.2 * self._spoken
-        width = max(LEAST_WIDTH, columns * cell + 0.2)
+        width = max(LEAST_FILM_WIDTH, columns * cell + 0.2)
         height = rows * cell + above + below
         self._figure = figure = Figure(figsize=(width, height), dpi=DPI)
         canvas: Any = FigureCanvasAgg(figure)
@@ -115,20 +124,26 @@ class _Stage:
         self._axes.set_title(title, fontsize=10, parse_math=False)
         self._canvas.draw()
         self._empty = self._canvas.copy_from_bbox(figure.bbox)
-        self._words = figure.text(
+        self.caption = figure.text(
             0.01, (below - 0.1) / height, "", fontsize=9, va="top"
         )
-        self._words.set_parse_math(False)
+        self.caption.set_parse_math(False)
         self._places = np.array([*scenario.map.cells, (np.nan, np.nan)])[:, ::-1] + 0.5
         cells = [
             *(one.cells for one in steps),
             steps[-1].after or (None,) * len(self._names),
         ]
         self._cells = np.nan_to_num(np.array(cells, dtype=float), nan=-1).astype(int)
-        self._palette = _palette()
+        self._palette = film_palette()
 
-    def shoot(self, step: int, moved: float, *, speaking: bool = False) -> Image.Image:
-        """Return a picture: so much of a time step is over."""
+    def at(self, step: int, moved: float, *, speaking: bool = False) -> Image.Image:
+        """Return the picture of a moment.
+
+        Args:
+            step: the time step, from 0.
+            moved: the share of it that is over.
+            speaking: whether its questions are shown.
+        """
         places = (1 - moved) * self._standing(step) + moved * self._standing(step + 1)
         self._canvas.restore_region(self._empty)
         over = moved == 1.0
@@ -141,7 +156,7 @@ class _Stage:
         self._put(self._robots(places, {ask.asker for ask in asks}))
         self._put(sign for ask in asks for sign in self._sign(ask, places))
         self._say(step + over, asks, together)
-        self._figure.draw_artist(self._words)
+        self._figure.draw_artist(self.caption)
         image = Image.frombuffer(
             "RGBA",
             self._canvas.get_width_height(),
@@ -209,7 +224,7 @@ class _Stage:
 
     @staticmethod
     def _lines(ask: Question, places: np.ndarray) -> Iterator[Artist]:
-        """Yield the lines from the asker to whom it asks; thin ones to several."""
+        """Yield the lines from the asker to the robots that it asks; several lines are thinner."""
         width = 3.2 if len(ask.peers) == 1 else 1.8
         for peer in ask.peers:
             line = Line2D(
@@ -261,7 +276,7 @@ class _Stage:
             at += ": miscoordination"
         elif step == length:
             at += ": all there" if self._episode.arrived else ": not all there"
-        self._words.set_text("\n".join([at, *said]))
+        self.caption.set_text("\n".join([at, *said]))
 
 
 def _pale(colour: str) -> tuple[float, float, float]:
@@ -269,7 +284,7 @@ def _pale(colour: str) -> tuple[float, float, float]:
     return 0.35 * red + 0.65, 0.35 * green + 0.65, 0.35 * blue + 0.65
 
 
-def _palette() -> Image.Image:
+def film_palette() -> Image.Image:
     """Return an image whose palette has every colour drawn, and mixtures for smooth edges."""
     colours = [
         *palette.ROBOT_COLOURS,

@@ -39,7 +39,7 @@ def table(
 
 
 def code(lines: str, *, summary: str = "") -> Part:
-    """Return a text as it is, folded away below a summary where there is one."""
+    """Return preformatted text; with a summary, it is folded away below it."""
     return {"kind": "code", "text": lines, "summary": summary}
 
 

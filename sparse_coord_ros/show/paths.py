@@ -19,12 +19,12 @@ from sparse_coord_ros.lab.driving.trials import Drive
 from sparse_coord_ros.lab.maps.image import FloorPlan, floor_plan_of, grey
 from sparse_coord_ros.show.figures import LINES
 
-LONGEST = 10.0
+LONGEST_FIGURE_SIDE = 10.0
 """Inches of the picture's longer side, without its key."""
 
-CELL = to_rgba("#96bee6", 0.7)
+CELL_COLOUR = to_rgba("#96bee6", 0.7)
 
-THINNEST = 0.25
+THINNEST_PATH = 0.25
 """Opacity of one of many paths."""
 
 
@@ -53,7 +53,7 @@ def floor_figure(
     (left, low) = grid.origin
     width = columns * side
     height = rows * side
-    scale = LONGEST / max(width, height)
+    scale = LONGEST_FIGURE_SIDE / max(width, height)
     figure = Figure(figsize=(width * scale, height * scale + 0.9), layout="constrained")
     axes = figure.add_subplot()
     box = left, left + width, low, low + height
@@ -68,7 +68,7 @@ def floor_figure(
     axes.imshow(floor, cmap="gray", vmin=0, vmax=255, extent=extent)
     shades = np.zeros((*grid.shape, 4))
     if cells:
-        shades[signs != WALL] = CELL
+        shades[signs != WALL] = CELL_COLOUR
         shades[np.indices(grid.shape).sum(axis=0) % 2 > 0, 3] *= (
             0.75  # each is to be seen
         )
@@ -114,7 +114,7 @@ def paths_figure(run: RunConfig, driven: Drive) -> Figure:
                 color=colour,
                 ls=style,
                 lw=1.2,
-                alpha=max(THINNEST, 1 / episodes),
+                alpha=max(THINNEST_PATH, 1 / episodes),
             )
         key.append(Line2D([], [], color=colour, ls=style, label=robot.name))
     touches = np.array(

@@ -66,7 +66,7 @@ def entered(policy: Policy, grid: GridMap, start: int) -> np.ndarray:
 def row_asking(
     tables: Tables, cell: int, perceived: Sequence[int] | None
 ) -> np.ndarray | None:
-    """Return the row by which COORDINATE chooses a move: shape (4,), or None: there is none.
+    """Return the row of values that chooses a move under COORDINATE, shape (4,); or None.
 
     Args:
         tables: of the robot.

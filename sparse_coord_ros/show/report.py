@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A page that tells all of a run: what was learned, its value, what went wrong."""
+"""The HTML report of a run: what was learned, its value, what went wrong."""
 
 import contextlib
 import shlex
@@ -26,17 +26,17 @@ from sparse_coord_ros.log.runlog.explain import Coordination, explained, in_word
 from sparse_coord_ros.log.runlog.log import RunLog
 from sparse_coord_ros.show import figures
 from sparse_coord_ros.show.html import Part, code, page, picture, table, text
-from sparse_coord_ros.show.sources import PLAYED_EPISODES, Shown
+from sparse_coord_ros.show.sources import PLAYED_EPISODES, OpenedRun
 from sparse_coord_ros.show.steps import ended
 
 REPORT_TRIALS = 1000
 BASELINES = ("indiv", "noncoop")
 MOST_WARNINGS = 20
 WARNING_LEVEL = 30
-"""Of a rcl_interfaces/Log; what is below is no warning."""
+"""Level of a warning in rcl_interfaces/Log."""
 
-CAPTIONS = {
-    "policy": "Greedy moves in the cells where a robot has learned. A ring: it asks there before "
+RUN_CAPTIONS = {
+    "policy": "Greedy moves in the cells where the robot has learned. A ring: it asks there before "
     "it moves. Pale: it never gets there in greedy episodes.",
     "asks": f"Where robots ask in {PLAYED_EPISODES} greedy episodes from the scenario's starts.",
     "sparsity": "How much of Q^C was ever learned, by the robot's own cell.",
@@ -45,7 +45,7 @@ CAPTIONS = {
 }
 
 
-def run_report(shown: Shown, *, baselines: bool = True) -> str:
+def run_report(shown: OpenedRun, *, baselines: bool = True) -> str:
     """Return the page of a run.
 
     Args:
@@ -62,13 +62,13 @@ def run_report(shown: Shown, *, baselines: bool = True) -> str:
     sections["What was learned"] = _learned(shown)
     if shown.bag is not None:
         sections["Some questions and answers"] = _dialogue(shown)
-        sections["Faults and diagnostics"] = _faults(shown)
+        sections["Faults and diagnostics"] = faults(shown)
     sections["Scenario"] = _scenario(scenario)
     sections["How to reproduce it"] = _again(shown)
     return page(f"{scenario.name}: {config.title}, seed {config.seed}", sections)
 
 
-def _begin(shown: Shown) -> Iterator[Part]:
+def _begin(shown: OpenedRun) -> Iterator[Part]:
     scenario = shown.config.scenario
     yield text(
         f"{len(scenario.robots)} robots, {scenario.steps} steps of learning, penalty "
@@ -81,7 +81,7 @@ def _begin(shown: Shown) -> Iterator[Part]:
         )
 
 
-def _value(shown: Shown, baselines: bool) -> Iterator[Part]:
+def _value(shown: OpenedRun, baselines: bool) -> Iterator[Part]:
     config = shown.config
     scenario = shown.config.scenario
     rows: list[list[str]] = []
@@ -136,16 +136,16 @@ def _measures(name: str, found: Evaluation | ExactEvaluation) -> list[str]:
     return [f"{name}, {found.how}", *measures]
 
 
-def _learned(shown: Shown) -> Iterator[Part]:
+def _learned(shown: OpenedRun) -> Iterator[Part]:
     whats = figures.available(shown)
     if not whats:
         yield text("There are neither tables nor a history to draw.", warn=True)
     for what in whats:
         shown.say(f"drawing {what}")
-        yield picture(figures.runs_figure([shown], [what]), CAPTIONS[what])
+        yield picture(figures.runs_figure([shown], [what]), RUN_CAPTIONS[what])
 
 
-def _dialogue(shown: Shown) -> Iterator[Part]:
+def _dialogue(shown: OpenedRun) -> Iterator[Part]:
     shown.say("following the dialogue")
     samples = sorted(set(_samples(shown.log)))
     log = shown.with_requests({step for _, step in samples})
@@ -171,7 +171,8 @@ def _samples(log: RunLog) -> Iterator[tuple[int, int]]:
             yield int(k), int(log.step[row])
 
 
-def _faults(shown: Shown) -> Iterator[Part]:
+def faults(shown: OpenedRun) -> Iterator[Part]:
+    """Yield what went wrong in a recorded run: percepts, messages, warnings of nodes."""
     log = shown.log
     facts: dict[str, object] = {
         f"percepts {how}": at.sum() for how, at in ended(log).items()
@@ -208,7 +209,7 @@ def _scenario(scenario: Scenario) -> Iterator[Part]:
     )
 
 
-def _again(shown: Shown) -> Iterator[Part]:
+def _again(shown: OpenedRun) -> Iterator[Part]:
     config = shown.config
     verify = ""
     if shown.bag is not None:

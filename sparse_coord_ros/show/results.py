@@ -9,12 +9,10 @@ from matplotlib.figure import Figure
 
 from sparse_coord_ros.base.errors import ResultsError, SettingError, did_you_mean
 from sparse_coord_ros.studies.catalogue import NAMES, Experiment, experiment
-from sparse_coord_ros.studies.report.drawings import figures_of
+from sparse_coord_ros.studies.report.data import by_scenario
+from sparse_coord_ros.studies.report.figures import DRAWN, Draw
 from sparse_coord_ros.studies.report.map_pictures import asked_maps
-from sparse_coord_ros.studies.report.rows import by_scenario
 from sparse_coord_ros.studies.store import ConditionResult, Plan, Say, read_results
-
-VARIANCE = "_variance"
 
 
 def results_figure(
@@ -27,10 +25,10 @@ def results_figure(
         what: `conditions`, every one; `asks`, a map a scenario in which robots may ask, of the
             condition that `most_asking` returns; an experiment that is complete, or one of its
             figures; None: the first of these.
-        say: hears what is left out, and of which condition a map is.
+        say: is told what is left out, and which condition a map shows.
 
     Returns:
-        What is drawn, and the figure.
+        The name of what is drawn, and the figure.
 
     Raises:
         ResultsError: it is no results directory, or holds no result yet, or a damaged one.
@@ -60,20 +58,19 @@ def some_results(directory: Path, say: Say) -> tuple[Plan, list[ConditionResult]
 
 
 def complete_experiments(results: Sequence[ConditionResult]) -> list[Experiment]:
-    """Return the experiments of which every condition is there."""
+    """Return the experiments whose conditions are all there."""
     ids = {one.id for one in results}
     known = [experiment(name) for name in NAMES]
     return [one for one in known if ids.issuperset(each.id for each in one.conditions)]
 
 
 def drawn(results: Sequence[ConditionResult]) -> Mapping[str, list[ConditionResult]]:
-    """Return what can be drawn of results, and of which of them."""
+    """Return what can be drawn, by name, and the results that each drawing shows."""
     by_id = {one.id: one for one in results}
     found = {"conditions": list(results)}
     for one in complete_experiments(results):
-        found[one.name] = [by_id[each.id] for each in one.conditions]
-    if "figure4" in found:
-        found[f"figure4{VARIANCE}"] = found["figure4"]
+        own = [by_id[each.id] for each in one.conditions]
+        found |= dict.fromkeys(DRAWN[one.name], own)
     asking = by_scenario(one for one in results if one.learner.asks)
     if asking:
         found["asks"] = [most_asking(own) for own in asking]
@@ -94,6 +91,7 @@ def most_asking(results: Sequence[ConditionResult]) -> ConditionResult:
 
 def figure_of(what: str, results: Sequence[ConditionResult]) -> Figure:
     """Return the figure of one of the things that `drawn` returns."""
-    if what == "asks":
-        return asked_maps(results)
-    return figures_of(what.removesuffix(VARIANCE), results)[what]
+    draws: dict[str, Draw] = {"asks": asked_maps}
+    for files in DRAWN.values():
+        draws |= files
+    return draws[what](results)

@@ -1,10 +1,12 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A page that tells all of a results directory: findings, tables, figures, every condition."""
+"""The HTML report of a results directory: findings, tables, figures, every condition."""
 
 import shlex
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
+
+import pandas as pd
 
 from sparse_coord_ros.base.version import __version__
 from sparse_coord_ros.show.html import Part, code, page, picture, table, text
@@ -15,13 +17,16 @@ from sparse_coord_ros.show.results import (
     some_results,
 )
 from sparse_coord_ros.studies.report.analysis import AGREE
-from sparse_coord_ros.studies.report.document import Findings, findings, how_to_read
-from sparse_coord_ros.studies.report.document import Part as ExperimentPart
-from sparse_coord_ros.studies.report.rows import names
+from sparse_coord_ros.studies.report.data import names
+from sparse_coord_ros.studies.report.document import (
+    Findings,
+    ReportedExperiment,
+    findings,
+    how_to_read,
+)
 from sparse_coord_ros.studies.report.text import (
-    Row,
-    as_table,
     bound_of,
+    cells,
     listed,
     of,
     optimum_of,
@@ -30,7 +35,7 @@ from sparse_coord_ros.studies.report.text import (
 )
 from sparse_coord_ros.studies.store import ConditionResult, Plan, Say
 
-CAPTIONS = {
+RESULT_CAPTIONS = {
     "conditions": "Learners against the first setting in which the conditions differ, beside what "
     "they are to be compared with. Bars are standard errors of the mean over the learning runs.",
     "asks": "Where robots ask: the darker a cell, the more often COORDINATE is chosen there. Of "
@@ -54,28 +59,26 @@ def results_report(directory: Path, say: Say = lambda _: None) -> str:
     for line in left_out:
         say(line)
     chosen = complete_experiments(results)
-    said = findings(plan, chosen, {one.id: one for one in results})
-    shown = {one.id for part in said.parts for one in part.results}
+    found = findings(plan, chosen, {one.id: one for one in results})
+    shown = {one.id for part in found.parts for one in part.results}
     others = [one for one in results if one.id not in shown]
     sections: dict[str, Iterable[Part]] = {
         "": _begin(directory, plan, results, left_out)
     }
-    if said.claims:
-        sections["Findings"] = _findings(said)
-    for part in said.parts:
+    if not found.claims.empty:
+        sections["Findings"] = _findings(found)
+    for part in found.parts:
         sections[part.title] = _experiment(part, say)
     if others:
-        sections["Other conditions" if said.parts else "Conditions"] = _conditions(
-            others, say
-        )
-    if said.parts:
-        sections["Every condition"] = [_table([_row(one) for one in results])]
-    if said.missed:
-        sections["Rows of the paper that are not reproduced, or are inconsistent"] = (
-            _missed(said)
-        )
+        heading = "Other conditions" if found.parts else "Conditions"
+        sections[heading] = _conditions(others, say)
+    if found.parts:
+        sections["Every condition"] = [_conditions_table(results)]
+    if not found.missed.empty:
+        heading = "Rows of the paper that are not reproduced, or are inconsistent"
+        sections[heading] = _missed(found)
     sections["How to read the tables"] = [text(point) for point in how_to_read()]
-    sections["How to reproduce it"] = _again(plan, said.parts, others)
+    sections["How to reproduce it"] = _again(plan, found.parts, others)
     return page(f"Results: {directory.resolve().name}", sections)
 
 
@@ -103,56 +106,65 @@ def _count(number: int, thing: str) -> str:
     return f"{number} {thing}{'s' * (number != 1)}"
 
 
-def _findings(said: Findings) -> Iterator[Part]:
+def _findings(found: Findings) -> Iterator[Part]:
     yield text(
         'What is claimed, what was measured, and in how many cases the two agree. "Surely": by '
         f"more than {AGREE:g} standard errors."
     )
-    if said.plan.runs == 1:
+    if found.plan.runs == 1:
         yield text("A single run has no standard error: nothing is judged.", warn=True)
-    yield _table(said.claims, words=True)
+    yield _table(found.claims, words=True)
 
 
-def _experiment(part: ExperimentPart, say: Say) -> Iterator[Part]:
+def _experiment(part: ReportedExperiment, say: Say) -> Iterator[Part]:
     say(f"drawing {part.name}")
-    yield from map(text, part.paragraphs("shown"))
-    yield _table(part.rows)
+    yield from map(text, _paragraphs(part.intro))
+    yield _table(part.table)
     for name, figure in part.figures().items():
         yield picture(figure, f"{part.title} ({name}).")
-    yield from map(text, part.paragraphs("notes"))
+    yield from map(text, _paragraphs(part.notes))
+
+
+def _paragraphs(markdown: str) -> list[str]:
+    found = [" ".join(paragraph.split()) for paragraph in markdown.split("\n\n")]
+    return [paragraph for paragraph in found if paragraph]
 
 
 def _conditions(results: Sequence[ConditionResult], say: Say) -> Iterator[Part]:
     """Yield the table of conditions, and their pictures."""
-    yield _table([_row(one) for one in results])
+    yield _conditions_table(results)
     for what, own in drawn(results).items():
-        if what in CAPTIONS:
+        if what in RESULT_CAPTIONS:
             say(f"drawing {what}")
-            yield picture(figure_of(what, own), CAPTIONS[what])
+            yield picture(figure_of(what, own), RESULT_CAPTIONS[what])
 
 
-def _row(result: ConditionResult) -> Row:
-    return {
-        "condition": result.id,
-        "reward (s.e.)": with_error(result.best("reward")),
-        "time to goal": f"{result.best('time_to_goal').mean:.2f}",
-        "miscoordinations": f"{result.best('miscoordinations').mean:.3f}",
-        "asks": f"{result.best('asks').mean:.2f}",
-        "all arrive": percent(result.arrived, 2),
-        "failed teams": of(result.failed_teams, result.runs),
-        "shortest paths": f"{result.reference['reward']:.2f}",
-        "best asking team found": bound_of(result),
-        "joint optimum": optimum_of(result),
-    }
+def _conditions_table(results: Iterable[ConditionResult]) -> Part:
+    rows = [
+        {
+            "condition": one.id,
+            "reward (s.e.)": with_error(one.best("reward")),
+            "time to goal": f"{one.best('time_to_goal').mean:.2f}",
+            "miscoordinations": f"{one.best('miscoordinations').mean:.3f}",
+            "asks": f"{one.best('asks').mean:.2f}",
+            "all arrive": percent(one.arrived, 2),
+            "failed teams": of(one.failed_teams, one.runs),
+            "shortest paths": f"{one.reference['reward']:.2f}",
+            "best asking team found": bound_of(one),
+            "joint optimum": optimum_of(one),
+        }
+        for one in results
+    ]
+    return _table(pd.DataFrame(rows))
 
 
-def _missed(said: Findings) -> Iterator[Part]:
-    yield _table(said.missed, words=True)
-    yield from map(text, said.maps)
+def _missed(found: Findings) -> Iterator[Part]:
+    yield _table(found.missed, words=True)
+    yield from map(text, found.maps)
 
 
 def _again(
-    plan: Plan, parts: Sequence[ExperimentPart], others: Sequence[ConditionResult]
+    plan: Plan, parts: Sequence[ReportedExperiment], others: Sequence[ConditionResult]
 ) -> Iterator[Part]:
     """Yield the command that computes the results again."""
     asked = [part.name for part in parts] + [one.id for one in others]
@@ -171,5 +183,5 @@ def _again(
         yield text(f"In place of {listed(own)}: the path of that scenario's file.")
 
 
-def _table(rows: Sequence[Row], *, words: bool = False) -> Part:
-    return table(*as_table(rows), words=words)
+def _table(data: pd.DataFrame, *, words: bool = False) -> Part:
+    return table(list(data.columns), cells(data), words=words)

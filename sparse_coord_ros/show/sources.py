@@ -33,15 +33,15 @@ PLAYED_EPISODES = 200
 """Greedy episodes from which pictures show where robots go and ask."""
 
 Say = Callable[[str], None]
-"""Hears in a few words what takes a while."""
+"""Is told in a few words about steps that take a while."""
 
 
 @dataclass(frozen=True)
-class Shown:
-    """A run to look at; what is not there is read when it is first asked for, and says so then.
+class OpenedRun:
+    """A run to look at. Its parts are read at their first use; missing parts raise errors then.
 
     Attributes:
-        path: what was given.
+        path: the path that was given.
         directory: the run's directory; None: a bag alone was given.
         bag: its bag; None: it has none.
         say: hears what takes a while.
@@ -71,7 +71,7 @@ class Shown:
 
     @cached_property
     def recording(self) -> LongLog:
-        """The bag, of which nothing is read yet but which run it is of.
+        """The bag; only its description of the run is read yet.
 
         Raises:
             RunError: it was not recorded.
@@ -148,7 +148,7 @@ class Shown:
 
     @cached_property
     def played(self) -> Trials | None:
-        """The same; None, and said, where code that it needs may not be imported."""
+        """`trials`; None, after a message, if its learner's code may not be imported."""
         with leaving_out("greedy episodes", self.say):
             return self.trials
         return None
@@ -168,9 +168,9 @@ class Shown:
         return True
 
 
-def in_memory(config: RunConfig, tables: list[Tables], history: History) -> Shown:
+def in_memory(config: RunConfig, tables: list[Tables], history: History) -> OpenedRun:
     """Return a run that is nowhere on disk."""
-    shown = Shown(Path(config.scenario.name), None, None)
+    shown = OpenedRun(Path(config.scenario.name), None, None)
     vars(shown).update(config=config, tables=tables, history=history)
     return shown
 
@@ -180,7 +180,7 @@ def is_results(path: Path) -> bool:
     return (path / MANIFEST).is_file()
 
 
-def open_shown(path: Path, say: Say = lambda _: None) -> Shown:
+def open_run(path: Path, say: Say = lambda _: None) -> OpenedRun:
     """Open a run's directory or a bag.
 
     Args:
@@ -198,5 +198,5 @@ def open_shown(path: Path, say: Say = lambda _: None) -> Shown:
         )
     if (path / RUN_FILE).is_file():
         bag = path / BAG_DIRECTORY
-        return Shown(path, path, bag if bag.is_dir() else None, say)
-    return Shown(path, None, path, say)
+        return OpenedRun(path, path, bag if bag.is_dir() else None, say)
+    return OpenedRun(path, None, path, say)

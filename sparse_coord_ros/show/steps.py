@@ -17,7 +17,7 @@ from sparse_coord_ros.log.runlog.log import NONE, RunLog
 from sparse_coord_ros.protocol.wire import PerceptEnd
 
 TRAIL = 60
-"""Time steps of which a trail tells where a robot came from."""
+"""Length of a trail in time steps."""
 
 
 class Question(NamedTuple):
@@ -25,7 +25,7 @@ class Question(NamedTuple):
 
     Attributes:
         asker: number of the robot that asks, from 0.
-        peers: whom it asks.
+        peers: numbers of the robots that it asks.
         end: how its percept ended.
         move: the primitive action that it became.
     """
@@ -52,7 +52,7 @@ class Question(NamedTuple):
 def questions_of(seen: TeamTransition) -> tuple[Question, ...]:
     """Return who asked whom at a time step.
 
-    Where nobody tells how a percept ended, none was late: it was seen in one process.
+    Without a record of how a percept ended, no answer was late: all robots were in one process.
     """
     found = []
     for k, action in enumerate(seen.actions):
@@ -68,9 +68,9 @@ def questions_of(seen: TeamTransition) -> tuple[Question, ...]:
 
 
 def logged_step(log: RunLog, row: int) -> TeamTransition:
-    """Return a time step of a log, given by its row; None in it: what the log lacks.
+    """Return a time step of a log, given by its row; None stands for missing values.
 
-    How a percept ended is as the robot says: late where that is nothing known.
+    How a percept ended is as the robot recorded it; an unknown end counts as late.
     """
     said = zip(
         log.move[row], log.asked[row], log.peer[row], log.perceived[row], strict=True

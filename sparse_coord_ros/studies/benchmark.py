@@ -5,7 +5,8 @@
 A building's gap lies between robots on fixed shortest paths, which ignore each other, and the best
 known team: with two robots the best asking team found, with more the team of a planner that sees
 all robots for free. Neither is an upper bound: a share may exceed 1. Rules and numbers are chosen
-on the buildings for tuning. Those for the test are opened once, for the closing figures.
+on the buildings for tuning. Those for validation show whether these hold elsewhere. Those for the
+test are opened once, for the closing figures.
 """
 
 from collections.abc import Iterable, Sequence
@@ -118,7 +119,7 @@ def benchmark(
     planner with full sight.
 
     Args:
-        learner: who learns.
+        learner: the learner.
         split: "tuning": the buildings by which rules and numbers are chosen; "validation": those
             by which one looks whether these hold elsewhere; "test": to be opened once, for closing
             figures.

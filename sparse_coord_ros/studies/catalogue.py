@@ -19,7 +19,7 @@ SMALL = ("env1", "env2-2r", "env2-4r")
 LARGE = ("cit", "cmu", "isr", "mit", "pentagon", "suny")
 """Scenarios of the paper's Table 3."""
 
-LEARNERS = ("indiv", "noncoop", "coop", "factored")
+REPORTED_LEARNERS = ("indiv", "noncoop", "coop", "factored")
 """In the order of the paper's tables; the last one is not the paper's."""
 
 PENALTIES = (0, -0.1, -1, -10, -20, -100)
@@ -86,11 +86,11 @@ def _every(
 
 
 def _tables(names: Iterable[str]) -> list[Condition]:
-    return _every(names, {"learner": LEARNERS}, {"penalty": -20})
+    return _every(names, {"learner": REPORTED_LEARNERS}, {"penalty": -20})
 
 
 def _figure4() -> list[Condition]:
-    over = {"learner": LEARNERS, "penalty": PENALTIES}
+    over = {"learner": REPORTED_LEARNERS, "penalty": PENALTIES}
     return _every(SMALL + LARGE, over) + _every(SMALL, over, LONG)
 
 
@@ -161,7 +161,7 @@ def unseen_conditions(
 def _unseen() -> list[Condition]:
     return [
         one
-        for learner in LEARNERS
+        for learner in REPORTED_LEARNERS
         for one in unseen_conditions(learner, "validation", {})
     ]
 
@@ -173,7 +173,7 @@ _EXPERIMENTS: Mapping[str, tuple[str, Callable[[], list[Condition]]]] = {
     "figure4": ("Figure 4: reward against the penalty", _figure4),
     "penalty100": (
         "Penalty -100, 10^5 steps: how much of the gap to the optimum is closed",
-        lambda: _every(PAYING_PAIRS, {"learner": LEARNERS}, LONG),
+        lambda: _every(PAYING_PAIRS, {"learner": REPORTED_LEARNERS}, LONG),
     ),
     "ask_cost": ("Cost of COORDINATE", _ask_cost),
     "perception": ("Success of the percept", _perception),

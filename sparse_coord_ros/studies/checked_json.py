@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """JSON files of results: each says its format and carries a digest of all else that it says.
 
-The digest detects damage and careless editing. It is no signature: somebody who computes it again
+The digest detects damage and careless editing. It is no signature: a person who computes it again
 can write any number. What a file says is therefore also compared with the form that it must have.
 """
 
@@ -54,7 +54,7 @@ def to_text(data: Mapping[str, Any]) -> str:
 
 
 def read_checked(path: Path) -> dict[str, Any]:
-    """Return what a file of `to_text` says, without its format and its digest.
+    """Return the content of a file of `to_text`, without its format and its digest.
 
     Raises:
         DamagedError: it is no such file, or its digest is not that of its content.

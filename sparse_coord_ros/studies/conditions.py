@@ -30,7 +30,7 @@ class Condition:
     Attributes:
         name: name of a shipped scenario or unseen building, or path of a scenario file.
         learner: name of a learner.
-        settings: the penalty, and what else differs from the scenario, as texts.
+        settings: the penalty, and the settings that differ from the scenario, as texts.
         given: the scenario, where it is neither shipped nor read from a file.
     """
 
@@ -53,7 +53,7 @@ class Condition:
 
     @property
     def own_scenario(self) -> Scenario | None:
-        """The user's own scenario without the condition's settings; None: it comes with us."""
+        """The user's own scenario without the condition's settings; None for a shipped one."""
         base = self._base
         return None if _is_known(base.name) else base
 
@@ -98,7 +98,7 @@ def _misnamed(where: str, scenario: Scenario) -> ScenarioError:
 
 
 def _changed(scenario: Scenario) -> dict[str, object] | None:
-    """Return what was changed of a shipped scenario or building; None: it is none of these."""
+    """Return the changed settings of a shipped scenario or building; None for any other one."""
     if not _is_known(scenario.name):
         return None
     shipped = _load(scenario.name)

@@ -1,18 +1,16 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Experiments from start to end: what is asked for, what is there, what remains to compute.
+"""Experiments from start to end: load the results that exist, compute the others, save them.
 
-A results directory holds one file a condition. What is there already is taken from it, what is
-missing is computed and saved, and nothing of another plan, scenario or protocol is mixed in.
+A results directory holds one file a condition. Results of another plan, scenario or protocol are
+refused.
 """
 
 import math
 import os
-import re
 import shutil
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -25,7 +23,6 @@ from sparse_coord_ros.base.errors import (
     SparseCoordError,
     check_argument,
     check_function,
-    did_you_mean,
     needed,
 )
 from sparse_coord_ros.base.files import import_apart, path_argument
@@ -42,7 +39,6 @@ from sparse_coord_ros.core.engine.cluster import (
     cluster_at,
 )
 from sparse_coord_ros.core.game.perception import check_found_elsewhere
-from sparse_coord_ros.core.game.plugins import allow_named
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.learners.learner import Learner
 from sparse_coord_ros.core.learners.registry import learner_of
@@ -55,8 +51,7 @@ from sparse_coord_ros.core.runs.run_config import (
 )
 from sparse_coord_ros.core.runs.tables import load_team
 from sparse_coord_ros.core.runs.trials import Trials
-from sparse_coord_ros.studies.catalogue import NAMES, Experiment, experiment
-from sparse_coord_ros.studies.conditions import Condition, parse_id
+from sparse_coord_ros.studies.conditions import Condition
 from sparse_coord_ros.studies.store import (
     CONFIDENCE,
     RUN_TRIALS,
@@ -68,10 +63,10 @@ from sparse_coord_ros.studies.store import (
     Sample,
     Say,
     collect,
-    computation_digest,
     open_results,
     sample,
 )
+from sparse_coord_ros.studies.targets import Targets, parse_targets
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -89,21 +84,6 @@ def no_progress(name: str, done: int, total: int) -> None:
 def warn(line: str) -> None:
     """Say a line as a Python warning."""
     warnings.warn(line, stacklevel=2)
-
-
-@dataclass(frozen=True)
-class Targets:
-    """What a call asks for, each once.
-
-    Attributes:
-        experiments: whole experiments, in the order of `NAMES`.
-        conditions: those of the experiments, and those named.
-        runs: single runs: their condition and their number.
-    """
-
-    experiments: tuple[Experiment, ...]
-    conditions: tuple[Condition, ...]
-    runs: tuple[tuple[Condition, int], ...]
 
 
 class SingleRun(NamedTuple):
@@ -133,7 +113,7 @@ class SingleRun(NamedTuple):
 
 @dataclass(frozen=True)
 class ExperimentResults(Mapping[str, ConditionResult]):
-    """What was asked for; a mapping from a condition's id to its result.
+    """The results of a call; a mapping from a condition's id to its result.
 
     Attributes:
         plan: first seed, learning runs and trials.
@@ -175,7 +155,7 @@ class ExperimentResults(Mapping[str, ConditionResult]):
         return columns | {"arrived": [one.arrived for one in self.values()]}
 
     def plot(self, x: str = "", measures: Sequence[str] = ("reward",)) -> "Figure":
-        """Draw learners against a setting, beside what is known to compare them with.
+        """Draw learners against a setting, beside their reference values.
 
         There is a panel for each combination of the other settings. Bars are standard errors of
         the means of the learning runs.
@@ -188,7 +168,7 @@ class ExperimentResults(Mapping[str, ConditionResult]):
         Raises:
             SettingError: `x` has one value only, or there is no such measure.
         """
-        from sparse_coord_ros.studies.report.drawings import swept_figure
+        from sparse_coord_ros.studies.report.figures import swept_figure
 
         return swept_figure(list(self.values()), x, measures)
 
@@ -279,59 +259,6 @@ def _interval(
     return {f"{name}_low": mean - half, f"{name}_high": mean + half}
 
 
-def parse_targets(asked: Sequence[str | Condition], plan: Plan) -> Targets:
-    """Return what the names of experiments and the ids of conditions and single runs ask for.
-
-    Args:
-        asked: names, ids and conditions.
-        plan: first seed, learning runs and trials.
-
-    Raises:
-        SettingError: neither an experiment nor an id; a single run that the plan does not have;
-            two scenario files of one name.
-        ScenarioError: an id with an unknown scenario.
-    """
-    chosen = tuple(experiment(name) for name in NAMES if name in asked)
-    named: dict[str, Condition] = {}
-    runs: dict[str, tuple[Condition, int]] = {}
-    digests: dict[str, str] = {}
-    for target in asked:
-        if isinstance(target, Condition):
-            condition = target
-            number = None
-        elif target in NAMES:
-            continue
-        elif "/" not in target:
-            raise SettingError(
-                f"unknown experiment {target!r}{did_you_mean(target, NAMES)}; allowed: "
-                f"{', '.join(NAMES)}, or an id such as env1/coop/penalty=-20"
-            )
-        else:
-            for word in re.split(
-                "[/,=]", target
-            ):  # the user names them, and so allows them
-                allow_named(word)
-            condition, number = parse_id(target)
-        digest = computation_digest(condition)
-        if digests.setdefault(condition.id, digest) != digest:
-            raise SettingError(
-                f"id {condition.id!r}: another scenario file of the name "
-                f"{condition.scenario.name!r} is asked for too; give one of them another with "
-                "the field 'name'"
-            )
-        if number is None:
-            named[condition.id] = condition
-        elif number >= plan.runs:
-            what = f"id {condition.id}/{number}: run {number} is not one of {plan.runs}"
-            raise SettingError(
-                f"{what}; choose a number below {plan.runs} or more --runs"
-            )
-        else:
-            runs[f"{condition.id}/{number}"] = condition, number
-    conditions = {one.id: one for each in chosen for one in each.conditions} | named
-    return Targets(chosen, tuple(conditions.values()), tuple(runs.values()))
-
-
 def run_experiment(
     what: str | Condition | Iterable[str | Condition],
     *,
@@ -372,6 +299,45 @@ def run_experiment(
             killed; pandas, Matplotlib or Jinja2 is missing, which a report needs.
         PluginError: a learner or perception model of the user's own failed.
     """
+    plan = Plan(
+        RUN_SETTINGS["seed"].parse(seed), RUNS.parse(runs), RUN_TRIALS.parse(trials)
+    )
+    targets = parse_targets(_as_list(what), plan)
+    jobs = check_place(jobs, scheduler)
+    check_function("progress", progress)
+    check_function("say", say)
+    if out is not None or scheduler is not None:
+        for one in (*targets.conditions, *(one for one, _ in targets.runs)):
+            check_found_elsewhere(one.scenario.perception)
+    if out is None:
+        if targets.runs or report:
+            raise SettingError(
+                "single runs and reports are files: name a results directory"
+            )
+        with cluster_at(scheduler) as cluster:
+            by = Computing(engine, jobs, cluster)
+            found = compute(targets.conditions, plan, by, progress=progress)
+        return ExperimentResults(plan, targets, found)
+    directory = path_argument("out", out)
+    write_report = _report_writer() if report and targets.experiments else None
+    with (
+        open_results(directory, plan, say) as results,
+        cluster_at(scheduler) as cluster,
+    ):
+        by = Computing(engine, jobs, cluster)
+        found = compute(
+            targets.conditions, plan, by, results=results, progress=progress
+        )
+        played = [one_run(results, *one, by) for one in targets.runs]
+        if write_report is not None:
+            write_report(directory, plan, targets.experiments, found)
+    return ExperimentResults(plan, targets, found, tuple(played))
+
+
+def _as_list(
+    what: str | Condition | Iterable[str | Condition],
+) -> list[str | Condition]:
+    """Return what a call asks for as a list; raise `SettingError` if it is empty."""
     given = isinstance(what, str | Condition | Iterable)
     check_argument(
         "what", what, given, "an experiment or a condition, or a list of them"
@@ -380,40 +346,12 @@ def run_experiment(
     if not asked:
         remedy = "name at least one, or all: experiment_names()"
         raise SettingError(f"no experiment is asked for; {remedy}")
-    seed = RUN_SETTINGS["seed"].parse(seed)
-    plan = Plan(seed, RUNS.parse(runs), RUN_TRIALS.parse(trials))
-    targets = parse_targets(asked, plan)
-    jobs = check_place(jobs, scheduler)
-    out = None if out is None else path_argument("out", out)
-    check_function("progress", progress)
-    check_function("say", say)
-    if out is None and (targets.runs or report):
-        raise SettingError(
-            "single runs and reports are files: name a results directory"
-        )
-    if out is not None or scheduler is not None:
-        for one in (*targets.conditions, *(one for one, _ in targets.runs)):
-            check_found_elsewhere(one.scenario.perception)
-    write_report = _report_writer() if report and targets.experiments else None
-    with ExitStack() as stack:
-        results = (
-            None if out is None else stack.enter_context(open_results(out, plan, say))
-        )
-        by = Computing(engine, jobs, stack.enter_context(cluster_at(scheduler)))
-        found = compute(
-            targets.conditions, plan, by, results=results, progress=progress
-        )
-        played = []
-        if results is not None:
-            played = [one_run(results, *one, by) for one in targets.runs]
-            if write_report is not None:
-                write_report(results.directory, plan, targets.experiments, found)
-    return ExperimentResults(plan, targets, found, tuple(played))
+    return asked
 
 
 @dataclass(frozen=True)
 class Computing:
-    """By what runs are computed; attributes as of `run_batch`."""
+    """How runs are computed; attributes as of `run_batch`."""
 
     engine: str = "auto"
     jobs: int | None = None
@@ -421,7 +359,7 @@ class Computing:
 
 
 def compute(
-    conditions: Iterable[Condition],
+    conditions: Sequence[Condition],
     plan: Plan,
     by: Computing = Computing(),  # noqa: B008 - it never changes
     *,
@@ -431,35 +369,35 @@ def compute(
     """Return every condition's result; compute (and save) those that are not there yet.
 
     Args:
-        conditions: what to compute.
+        conditions: the conditions to compute.
         plan: first seed, learning runs and trials.
         by: engine, threads or cluster.
         results: the results directory, open; None: nothing is saved.
         progress: see `Progress`.
     """
-    conditions = list(conditions)
-    found = {
-        one.id: None if results is None else results.load(one) for one in conditions
-    }
+    found: dict[str, ConditionResult | None] = {}
+    for one in conditions:
+        found[one.id] = None if results is None else results.load(one)
     missing = [one for one in conditions if found[one.id] is None]
+    samples_of_runs: dict[str, dict[int, list[Sample]]] = {}
     done = 0
     total = sum(agent_steps(one.scenario) * plan.runs for one in missing)
-    parts: dict[Condition, dict[int, list[Sample]]] = {one: {} for one in missing}
-    for one in missing[:1]:
-        progress(one.id, done, total)
-    for one, first, samples in (_here if by.cluster is None else _on_cluster)(
-        missing, plan, by
-    ):
+    if missing:
+        progress(missing[0].id, done, total)
+    compute_all = _here if by.cluster is None else _on_cluster
+    for one, first_seed, samples in compute_all(missing, plan, by):
         done += len(samples) * agent_steps(one.scenario)
         progress(one.id, done, total)
-        parts[one][first] = samples
-        if sum(map(len, parts[one].values())) == plan.runs:
-            ordered = [
-                own for _, part in sorted(parts.pop(one).items()) for own in part
-            ]
-            found[one.id] = result = collect(one, plan.trials, ordered)
-            if results is not None:
-                results.save(one, result)
+        own = samples_of_runs.setdefault(one.id, {})
+        own[first_seed] = samples
+        if sum(map(len, own.values())) < plan.runs:
+            continue
+        ordered = [sample for seed in sorted(own) for sample in own[seed]]
+        result = collect(one, plan.trials, ordered)
+        found[one.id] = result
+        del samples_of_runs[one.id]
+        if results is not None:
+            results.save(one, result)
     return {name: result for name, result in found.items() if result is not None}
 
 

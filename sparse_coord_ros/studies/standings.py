@@ -4,7 +4,7 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -12,10 +12,6 @@ from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.runs.evaluation import Measure
 from sparse_coord_ros.core.solve.shipped import known_best
 from sparse_coord_ros.studies.store import CONFIDENCE, ConditionResult
-
-if TYPE_CHECKING:
-    pass
-
 
 RESAMPLES = 2000
 """Of a bootstrap."""
@@ -27,7 +23,7 @@ ARRIVE = 0.999
 
 @dataclass(frozen=True)
 class Standing:
-    """How teams stand in some buildings, each of which counts as much as another.
+    """How teams stand in some buildings; all buildings count the same.
 
     Attributes:
         buildings: how many there are.
@@ -64,7 +60,7 @@ class Standing:
         return f"{percent}; {self.of_teams(self.failed)} fail"
 
     def of_teams(self, count: int) -> str:
-        """Return a number of teams; where it is none, what their share is surely below (95 %)."""
+        """Return a number of teams; for 0 also the upper 95 % confidence limit of their share."""
         most = 1.0 - (1.0 - CONFIDENCE) ** (1.0 / self.teams)
         surely = f" (< {100 * most:.1f} %)" if count == 0 else ""
         return f"{count} of {self.teams}{surely}"

@@ -73,7 +73,7 @@ SUMS = ("reward", "time_to_goal", "asks", "miscoordinations")
 BY_ROBOT = ("reward", "asks")
 
 Say = Callable[[str], None]
-"""Hears one line on what is left out, or put aside."""
+"""Is told in one line about a file that is left out, or put aside."""
 
 
 @dataclass(frozen=True)
@@ -272,14 +272,14 @@ def standard_error(values: np.ndarray) -> float:
 
 
 class Sample(NamedTuple):
-    """What a condition's result keeps of one run: small, whatever its tables are.
+    """The part of one run that a condition's result keeps; its size does not depend on the tables.
 
     Attributes:
         means, variances: of each measure of `SUMS`.
         by_robot: mean of each measure of `BY_ROBOT`, shape (robots,).
         not_arrived: trials in which some robot did not arrive.
         visited: as of `ConditionResult`.
-        exact: mean of each exact measure; empty where nobody knows.
+        exact: mean of each exact measure; empty without an exact evaluation.
         asked, stays: how often, over all trials, shape (robots, cells).
     """
 
@@ -294,9 +294,9 @@ class Sample(NamedTuple):
 
 
 def sample(run: Training) -> Sample:
-    """Return what a condition's result keeps of a run with trials."""
+    """Return the sample of a run with trials."""
     trials = run.trials
-    assert trials is not None  # whoever computes a condition asks for trials
+    assert trials is not None  # conditions are computed with trials
     exact = {} if run.exact is None else run.exact._asdict()
     return Sample(
         means={name: float(getattr(trials, name).mean()) for name in SUMS},
@@ -453,13 +453,13 @@ def _result_form(scenario: Scenario, plan: Plan) -> Mapping[str, Form]:
 
 
 def _scenario_data(scenario: Scenario) -> dict[str, Any]:
-    """Return plain data of a scenario; settings that nobody chose are left to the learner."""
+    """Return plain data of a scenario; settings that were not given are left to the learner."""
     data = scenario.to_dict()
     return {k: v for k, v in data.items() if k not in SETTINGS or k in scenario.given}
 
 
 def _read(path: Path) -> dict[str, Any]:
-    """Return what a condition's file says; errors as of `read_checked`."""
+    """Return the content of a condition's file; errors as of `read_checked`."""
     data = read_checked(path)
     check_form(data, CONDITION_FORM)
     return data
@@ -490,7 +490,8 @@ def _result(
     if data["computation"] != computation_digest(condition):
         raise ResultsError(
             f"{path}: was computed for another scenario or learning protocol than {condition.id} "
-            "has now; nothing is mixed: choose another --out, or remove this file"
+            "has now; results of different settings are not merged: choose another --out, or "
+            "remove this file"
         )
     check_form(data["result"], _result_form(condition.scenario, plan), "result")
     if condition.own_scenario is None:
@@ -560,7 +561,7 @@ def read_results(
 
 
 def _condition_at(file: Path, folder: Path, given: dict[str, Any] | None) -> Condition:
-    """Return the condition whose file has this place.
+    """Return the condition that belongs to the path of a file.
 
     Args:
         file: the file.
@@ -580,7 +581,7 @@ def _condition_at(file: Path, folder: Path, given: dict[str, Any] | None) -> Con
 
 
 def _scenario_of(data: dict[str, Any]) -> Scenario:
-    """Return the scenario of `_scenario_data`; raise `DamagedError` where it is none."""
+    """Return the scenario of `_scenario_data`; raise `DamagedError` if it is malformed."""
     if not isinstance(data.get("map"), dict):
         raise DamagedError("the scenario in it has no map")
     try:
@@ -593,7 +594,7 @@ def _manifest(path: Path) -> Plan:
     """Return the plan that a results.json says.
 
     Raises:
-        ResultsError: it is none, is damaged or was edited, or is in another format.
+        ResultsError: it is missing or damaged, was edited, or is in another format.
     """
     try:
         said = read_checked(path)
@@ -648,7 +649,8 @@ def _check_manifest(directory: Path, plan: Plan) -> None:
         if found != wanted[name]:
             raise ResultsError(
                 f"results directory {directory}: was made with {name} {found}, this is {name} "
-                f"{wanted[name]}; nothing is mixed: use the same, or another --out"
+                f"{wanted[name]}; results of different plans are not merged: use the same, or "
+                "another --out"
             )
 
 

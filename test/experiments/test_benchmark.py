@@ -13,7 +13,7 @@ from sparse_coord_ros.base.compiling import has_numba
 from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.base.share import shipped_json
 from sparse_coord_ros.core.game.scenario import load_scenario
-from sparse_coord_ros.core.game.unseen import KINDS, TEAMS, is_tuning, team_of
+from sparse_coord_ros.core.game.unseen import KINDS, SPLITS, TEAMS, split_of, team_of
 from sparse_coord_ros.core.runs.evaluation import Measure
 from sparse_coord_ros.core.solve.optimum import independent_bound, joint_optimum
 from sparse_coord_ros.core.solve.reference import shortest_path_reference
@@ -45,15 +45,18 @@ FEW = {
 }
 
 
-def test_both_splits_have_as_many_of_each_kind_and_team():
-    names = unseen_buildings()
+def test_a_split_has_as_many_buildings_of_each_kind():
     counts = {}
-    for name in names:
-        place = name.split("-")[1], team_of(name), is_tuning(name)
+    for name in unseen_buildings():
+        place = name.split("-")[1], split_of(name), team_of(name)
         counts[place] = counts.get(place, 0) + 1
-    wanted = {2: 4, 4: 2, 8: 1}
+    few = {2: 4, 4: 2, 8: 1}
+    wanted = {"tuning": few, "validation": few, "test": {2: 6, 4: 4, 8: 2}}
     assert counts == {
-        (kind, t, s): wanted[t] for kind in KINDS for t in TEAMS for s in (True, False)
+        (kind, split, team): wanted[split][team]
+        for kind in KINDS
+        for split in SPLITS
+        for team in TEAMS
     }
 
 
@@ -91,11 +94,16 @@ def test_the_planner_is_a_yardstick():
     assert shipped_routes(scenario.with_settings({"penalty": -20})) is None
 
 
-def test_the_test_is_opened_by_the_closing_experiment_alone():
+def test_the_experiment_unseen_opens_the_buildings_for_validation_alone():
     opened = {one.name for one in experiment("unseen").conditions}
-    assert opened == {name for name in SHIPPED if not is_tuning(name)}
-    chosen = {one.name for one in unseen_conditions("coop", "tuning", {"steps": 10})}
-    assert chosen == set(SHIPPED) - opened
+    assert opened == {name for name in SHIPPED if split_of(name) == "validation"}
+
+
+@pytest.mark.parametrize("split", SPLITS)
+def test_a_split_is_its_buildings(split):
+    conditions = unseen_conditions("coop", split, {"steps": 10})
+    found = {one.name for one in conditions}
+    assert found == {name for name in SHIPPED if split_of(name) == split}
 
 
 @pytest.mark.parametrize(
@@ -121,9 +129,9 @@ def test_a_learner_is_judged(monkeypatch):
     )
     found = sc.benchmark("noncoop", **FEW)
     assert (found.learner, found.split) == ("noncoop", "tuning")
-    assert {one.condition.name for one in found.results.values()} == set(
-        filter(is_tuning, names)
-    )
+    assert {one.condition.name for one in found.results.values()} == {
+        name for name in names if split_of(name) == "tuning"
+    }
     [(where, one)] = found.standings().items()
     assert (where, one.buildings, one.teams) == ("2r", 2, 4)
     assert list(found.standings(by_kind=True)) == ["2r door"]
@@ -228,21 +236,9 @@ def test_the_verb(monkeypatch, capsys):
     monkeypatch.setattr(
         "sparse_coord_ros.studies.catalogue.unseen_buildings", lambda: names
     )
-    words = [
-        "benchmark",
-        "noncoop",
-        "--robots",
-        "2",
-        "--runs",
-        "2",
-        "--steps",
-        "200",
-        "--kinds",
-    ]
-    assert main(words) == 0
+    words = "benchmark noncoop --robots 2 --runs 2 --steps 200 --kinds"
+    assert main(words.split()) == 0
     out = capsys.readouterr().out
     assert [line.split()[:2] for line in out.splitlines()[2:4]] == [
         ["noncoop", "2r"]
     ] * 2
-    assert main([*words, "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["benchmarks"][0]["split"] == "tuning"

@@ -11,18 +11,21 @@ from matplotlib.container import ErrorbarContainer
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from sparse_coord_ros.studies.catalogue import LEARNERS, experiment
+from sparse_coord_ros.studies.catalogue import REPORTED_LEARNERS, experiment
 from sparse_coord_ros.studies.report.charts import (
-    ASKING,
     BASELINE,
-    LABELS,
+    BEST_ASKING,
     LEAST_SPANS,
     NESTED,
     SHORTEST,
     STYLES,
     rendered,
 )
-from sparse_coord_ros.studies.report.drawings import figures_of, swept_figure
+from sparse_coord_ros.studies.report.figures import (
+    MEASURABLE,
+    figures_of,
+    swept_figure,
+)
 from sparse_coord_ros.studies.report.map_pictures import asked_maps
 from sparse_coord_ros.studies.store import SUMS
 
@@ -90,13 +93,13 @@ def test_on_an_axis_of_numbers_every_point_stands_at_its_number():
     penalties = ("0", "-0.1", "-1", "-10")
     results = [
         with_reward("env1", 120.0, penalty=penalty, learner=learner)
-        for learner in LEARNERS
+        for learner in REPORTED_LEARNERS
         for penalty in penalties
     ]
     figure = swept_figure(results, "penalty", ["reward"])
     [panel] = figure.axes
     lines = [container.lines[0] for container in panel.containers]
-    assert len(lines) == len(LEARNERS)
+    assert len(lines) == len(REPORTED_LEARNERS)
     for line in lines:
         points = line.get_xydata()
         shown = line.get_transform().transform(points)
@@ -139,7 +142,7 @@ def test_names_on_an_axis_do_not_overlap_and_its_kind_depends_on_the_quantity(
         assert all(a.x1 < b.x0 for a, b in zip(boxes, boxes[1:], strict=False))
 
 
-@pytest.mark.parametrize("measure", list(LABELS))
+@pytest.mark.parametrize("measure", MEASURABLE)
 def test_no_axis_scales_to_rounding_noise(measure):
     results = []
     for number, penalty in enumerate(("-1", "-2")):
@@ -149,7 +152,7 @@ def test_no_axis_scales_to_rounding_noise(measure):
         results.append(result_of("env1", "noncoop", {"penalty": penalty}, **fixed))
     [panel] = swept_figure(results, "penalty", [measure]).axes
     low, high = panel.get_ylim()
-    assert high - low >= LEAST_SPANS[LABELS[measure]] * (1 - 1e-9)
+    assert high - low >= LEAST_SPANS[measure] * (1 - 1e-9)
     [points] = drawn(panel).values()
     assert np.all((low <= points[:, 1]) & (points[:, 1] <= high))
 
@@ -249,7 +252,7 @@ def test_a_reference_that_is_known_at_one_place_is_not_drawn_at_others():
     ]
     [panel] = swept_figure(results, "ask_cost", ["reward"]).axes
     known = [
-        line for line in panel.lines if line.get_color() == STYLES[ASKING]["color"]
+        line for line in panel.lines if line.get_color() == STYLES[BEST_ASKING]["color"]
     ]
     assert [(line.get_xdata().tolist(), line.get_marker()) for line in known] == [
         ([1], "_")

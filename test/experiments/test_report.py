@@ -3,15 +3,16 @@
 """The report: tables, figures and the document, from made-up results of real cells."""
 
 import csv
+import io
 import math
 import re
 import xml.etree.ElementTree as ElementTree
 from html import unescape
 
 import numpy as np
+import pandas as pd
 import pytest
 from made_up_results import PLAN, made_up, result_of
-from matplotlib.figure import Figure
 
 from sparse_coord_ros.core.game.grid import parse_map
 from sparse_coord_ros.core.game.scenario import SETTINGS
@@ -19,14 +20,14 @@ from sparse_coord_ros.core.runs.evaluation import Measure
 from sparse_coord_ros.core.solve.optimum import independent_bound
 from sparse_coord_ros.show.results_report import results_report
 from sparse_coord_ros.studies.catalogue import (
-    LEARNERS,
     LONG,
     NAMES,
+    REPORTED_LEARNERS,
     Experiment,
     experiment,
 )
 from sparse_coord_ros.studies.conditions import make_condition
-from sparse_coord_ros.studies.report import charts, document, drawings, write_report
+from sparse_coord_ros.studies.report import write_report
 from sparse_coord_ros.studies.report.analysis import (
     above_optimum,
     contradicts_itself,
@@ -37,8 +38,9 @@ from sparse_coord_ros.studies.report.analysis import (
     paired,
     surely_above,
 )
-from sparse_coord_ros.studies.report.charts import point
-from sparse_coord_ros.studies.report.rows import paper
+from sparse_coord_ros.studies.report.data import paper, to_csv
+from sparse_coord_ros.studies.report.document import findings, reproduction_page
+from sparse_coord_ros.studies.report.figures import value_and_bar
 from sparse_coord_ros.studies.report.sections import SECTIONS, reward_claims
 from sparse_coord_ros.studies.report.text import listed, size, to_markdown
 from sparse_coord_ros.studies.store import SUMS, Plan, open_results
@@ -50,7 +52,7 @@ def some_of_figure4():
         make_condition(name, learner, {"penalty": penalty, "steps": steps})
         for name, budgets in (("env1", (10_000, 100_000)), ("env2-4r", (10_000,)))
         for steps in budgets
-        for learner in LEARNERS
+        for learner in REPORTED_LEARNERS
         for penalty in (0, -1, -100)
     ]
     return Experiment("figure4", experiment("figure4").title, tuple(conditions))
@@ -60,36 +62,23 @@ def results_of(chosen):
     return {each.id: made_up(each) for one in chosen for each in one.conditions}
 
 
-SAVED = ("crowd", "where")
-"""Figures that are drawn and written: one of each kind."""
-
-
 @pytest.fixture(scope="module")
-def everything(tmp_path_factory):
-    """Return the folder of a report on every experiment."""
+def everything():
+    """Return what there is to say of every experiment."""
     chosen = [
         some_of_figure4() if name == "figure4" else experiment(name) for name in NAMES
     ]
-    folder = tmp_path_factory.mktemp("report")
-
-    def plot(shown, *size, **how):
-        saved = any(one["panel"] == "" for one in shown)  # of a crowd
-        return charts.plot(shown, *size, **how) if saved else Figure()
-
-    def save(figure, stem):
-        if stem.name in SAVED:
-            charts.save(figure, stem)
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(drawings, "plot", plot)
-        patch.setattr(document, "save", save)
-        write_report(folder, PLAN, chosen, results_of(chosen))
-    return folder
+    return findings(PLAN, chosen, results_of(chosen))
 
 
-def read_csv(folder, name):
-    with (folder / f"tables/{name}.csv").open(newline="", encoding="utf-8") as file:
-        return list(csv.DictReader(file))
+@pytest.fixture(scope="module")
+def page(everything):
+    """Return the text of their report."""
+    return reproduction_page(everything)
+
+
+def rows_of_csv(results):
+    return list(csv.DictReader(io.StringIO(to_csv(results))))
 
 
 def row(text, *start):
@@ -101,8 +90,8 @@ def row(text, *start):
     return next(line for line in lines if line[: len(start)] == list(start))
 
 
-def test_every_experiment_has_a_heading_tables_and_figures(everything):
-    text = (everything / "reproduction.md").read_text(encoding="utf-8")
+def test_every_experiment_has_a_heading_tables_and_figures(page):
+    text = page
     positions = [text.index(f"\n## {experiment(name).title}\n") for name in NAMES]
     assert positions == sorted(positions)
     for name in NAMES:
@@ -123,24 +112,14 @@ def test_every_experiment_has_a_heading_tables_and_figures(everything):
         assert re.search(r"\| (yes|no|in \d+ of \d+) \|$", line), line
 
 
-@pytest.mark.parametrize("name", SAVED)
-def test_figures_are_png_and_svg(everything, name):
-    data = (everything / f"figures/{name}.png").read_bytes()
-    assert data.startswith(b"\x89PNG\r\n\x1a\n")
-    assert data.rstrip().endswith(b"IEND\xaeB`\x82")
-    assert b"Software" not in data
-    svg = everything / f"figures/{name}.svg"
-    assert ElementTree.parse(svg).getroot().tag == "{http://www.w3.org/2000/svg}svg"
-    assert "dc:date" not in svg.read_text(encoding="utf-8")
-
-
 def test_csv_has_one_value_a_field_in_full_precision(everything):
-    rows = read_csv(everything, "table1")
-    assert [r["id"] for r in rows] == [
+    rows = {part.name: rows_of_csv(part.results) for part in everything.parts}
+    table1 = rows["table1"]
+    assert [r["id"] for r in table1] == [
         one.id for one in experiment("table1").conditions
     ]
     result = made_up(experiment("table1").conditions[2])
-    coop = rows[2]
+    coop = table1[2]
     assert float(coop["reward_mean"]) == result.measure("reward").mean
     assert float(coop["asks_standard_error"]) == result.measure("asks").standard_error
     assert float(coop["paper_reward_mean"]) == 126.3
@@ -150,24 +129,22 @@ def test_csv_has_one_value_a_field_in_full_precision(everything):
         "reward"
     ]
     assert coop["reward_robot_3"] == ""  # of env2-4r
-    for name in NAMES:
-        for r in read_csv(everything, name):
+    for own in rows.values():
+        for r in own:
             assert not [value for value in r.values() if " " in value]
             assert set(SETTINGS) <= set(r)
+    assert rows["table3"][0]["paper_reward_mean"] == "111.2"
 
 
 def test_the_paper_stands_beside_its_own_settings_only(everything):
-    assert read_csv(everything, "table3")[0]["paper_reward_mean"] == "111.2"
-    assert {r["paper_reward_mean"] for r in read_csv(everything, "figure4")} == {""}
-    assert (
-        paper(result_of("env1", settings={"penalty": -20, "ask_cost": 2}), "reward")
-        is None
-    )
+    [figure4] = [part for part in everything.parts if part.name == "figure4"]
+    assert {r["paper_reward_mean"] for r in rows_of_csv(figure4.results)} == {""}
+    other = result_of("env1", settings={"penalty": -20, "ask_cost": 2})
+    assert paper(other, "reward") is None
 
 
-def test_impossible_rows_of_the_paper_are_named(everything):
-    text = (everything / "reproduction.md").read_text(encoding="utf-8")
-    part = text.split(
+def test_impossible_rows_of_the_paper_are_named(page):
+    part = page.split(
         "\n## Rows of the paper that are not reproduced, or are inconsistent\n"
     )[1]
     impossible = [line for line in part.split("\n") if "no policy can reach it" in line]
@@ -248,9 +225,11 @@ def rewards(*values):
     return {"means": {name: list(values) for name in SUMS}}
 
 
-def row_of(rows, **wanted):
+def row_of(table, **wanted):
     [found] = [
-        one for one in rows if all(one[key] == value for key, value in wanted.items())
+        one
+        for one in table.to_dict("records")
+        if all(one[key] == value for key, value in wanted.items())
     ]
     return found
 
@@ -263,14 +242,14 @@ def test_numbers_of_a_table_are_those_of_the_runs():
     means = {name: [119.0, 121.0, 119.0, 121.0] for name in SUMS}
     change = {"means": means, "not_arrived": [0, 1, 0, 4]}
     found = section("table1", {"env1/indiv/penalty=-20": change})
-    line = row_of(found.rows, scenario="env1")
+    line = row_of(found.table, scenario="env1")
     assert line["Indiv."] == f"120.00 ({math.sqrt(4 / 3) / 2:.2f})"
     assert (line["Indiv., paper"], line["shortest paths"]) == ("119.50", "119.68")
     assert (line["best asking team found"], line["joint optimum"]) == (
         "121.20",
         "121.89",
     )
-    assert row_of(found.rows, scenario="env2-4r")["joint optimum"] == "<= 111.32"
+    assert row_of(found.table, scenario="env2-4r")["joint optimum"] == "<= 111.32"
     assert found.values["visited"] == "7.7 % to 22.7 %"
     assert verdicts(found.claims) == [(2, 9)]
 
@@ -311,7 +290,7 @@ def test_targets_are_met_or_not(coop, paths, told, met):
     }
     changes[make_condition("env1", "coop", LONG).id]["not_arrived"] = [0, 2, 0, 0]
     found = section("penalty100", changes)
-    line = row_of(found.rows, scenario="env1", learner="Coop.")
+    line = row_of(found.table, scenario="env1", learner="Coop.")
     assert line["closed"] == told
     closed = 100 * (np.mean(coop) - better) / (120 - better)
     assert line["from the better"].startswith(f"{closed:.1f} % ± ")
@@ -368,7 +347,7 @@ def test_loses_less_means_surely():
             changes[one.id] = rewards(*(110.0 - x * (penalty < 0) for x in fall))
     found = section("figure4", changes, conditions)
     assert verdicts(found.claims)[0] == (1, 2)
-    line = row_of(found.rows, scenario="env2-2r", steps="10^4")
+    line = row_of(found.table, scenario="env2-2r", steps="10^4")
     assert (line["Coop."], line["Non-coop."]) == ("2.00 (0.00)", "5.00 (1.73)")
     assert line["best asking team found"] == "2.10"
 
@@ -382,7 +361,7 @@ def test_factored_falls_hardly_more_than_the_best_asking_team(fall, steps, verdi
     ends = {0: rewards(*[120.0] * 4), -100: rewards(*[120.0 - fall] * 4)}
     conditions = [
         make_condition("env1", learner, {"penalty": penalty, "steps": steps})
-        for learner in LEARNERS
+        for learner in REPORTED_LEARNERS
         for penalty in ends
     ]
     changes = {one.id: ends[one.scenario.penalty] for one in conditions}
@@ -395,7 +374,7 @@ def test_factored_s_fall_is_judged_where_there_is_a_limit_and_a_loss():
     conditions = [
         make_condition(name, learner, {"penalty": penalty, "steps": 10**5})
         for name in ("env1", "cit", "suny", "env2-4r")
-        for learner in LEARNERS
+        for learner in REPORTED_LEARNERS
         for penalty in ends
     ]
     changes = {one.id: ends[one.scenario.penalty] for one in conditions}
@@ -430,7 +409,7 @@ def test_worth_it_means_also_worth_more_than_robots_that_cannot_ask():
         }
         for one in experiment("ask_cost").conditions
     }
-    line = row_of(section("ask_cost", changes).rows, scenario="env2-2r")
+    line = row_of(section("ask_cost", changes).table, scenario="env2-2r")
     assert line["worth it up to"] == "7", "at 10 it earns what Non-coop. does"
     assert (line["Non-coop."], line["shortest paths"]) == ("102.00 (0.00)", "90.00")
 
@@ -444,15 +423,15 @@ def test_worth_it_up_to_a_cost_means_at_every_lower_cost():
     for one in experiment("ask_cost").conditions:
         is_good = one.learner == "coop" and one.scenario.ask_cost in good_at[one.name]
         changes[one.id] = {**(good if is_good else bad), "reference": shortest}
-    rows = section("ask_cost", changes).rows
-    assert [line["worth it up to"] for line in rows] == ["1", None, "0"]
+    table = section("ask_cost", changes).table
+    assert table["worth it up to"].fillna("-").tolist() == ["1", "-", "0"]
 
 
 def test_uneven_penalties_robot_by_robot():
     one = make_condition("env1", "coop", {**LONG, "common_reward": "each:1:0.5"})
     means = {"reward": [111.0, 113.5], "asks": [0.75, 0.125]}
-    rows = section("uneven", {one.id: {"robot_means": means}}).rows
-    line = row_of(rows, scenario="env1", factors="1 : 0.5")
+    table = section("uneven", {one.id: {"robot_means": means}}).table
+    line = row_of(table, scenario="env1", factors="1 : 0.5")
     assert line["asks, robot by robot"] == "0.75 : 0.12"
 
 
@@ -465,7 +444,7 @@ def test_gains_in_crowds_are_paired():
         base.id: rewards(*(alone - x for x in (5.0, 7.0, 5.0, 7.0))),
     }
     found = section("crowd", changes)
-    line = row_of(found.rows, robots="3")
+    line = row_of(found.table, robots="3")
     assert line["Coop., all peers"] == f"{alone - 3:.2f} (0.58)"
     assert line["gain, Coop., all peers"] == "+3.00 (0.00)"
     assert found.claims[0].measured.endswith("in 1 of 5 with all peers")
@@ -500,10 +479,10 @@ def test_asks_near_doorways_beside_the_time_spent_there():
     found = section(
         "where", {one.id: {"asked": asked.tolist(), "stays": stays.tolist()}}
     )
-    line = row_of(found.rows, scenario="env1")
+    line = row_of(found.table, scenario="env1")
     assert (line["asked near"], line["time near"]) == ("75.0 %", "40.0 %")
     never = section("where", {one.id: {"asked": np.zeros((2, 21)).tolist()}})
-    assert row_of(never.rows, scenario="env1")["asked near"] == "-"
+    assert row_of(never.table, scenario="env1")["asked near"] == "-"
 
 
 def test_where_says_what_it_leaves_out_and_where_no_question_is_needed():
@@ -539,54 +518,46 @@ def test_where_says_what_it_leaves_out_and_where_no_question_is_needed():
 
 def test_one_experiment_alone(tmp_path):
     one = experiment("penalty100")
-    found = results_of([one])
-    for folder in ("a", "b"):
-        write_report(tmp_path / folder, PLAN, [one], found)
-    text = (tmp_path / "a/reproduction.md").read_text(encoding="utf-8")
+    write_report(tmp_path, PLAN, [one], results_of([one]))
+    text = (tmp_path / "reproduction.md").read_text(encoding="utf-8")
     assert f"## {one.title}" in text and "Table 1" not in text.split("## Penalty")[1]
     assert (
         "sparse_coord reproduce penalty100 --runs 4 --trials 50 --seed 5 --out results"
         in text
     )
-    files = sorted(
-        path.relative_to(tmp_path / "a") for path in (tmp_path / "a").rglob("*.*")
-    )
+    files = sorted(path.relative_to(tmp_path) for path in tmp_path.rglob("*.*"))
     assert list(map(str, files)) == [
         "figures/penalty100.png",
         "figures/penalty100.svg",
         "reproduction.md",
         "tables/penalty100.csv",
     ]
-    for path in files:  # the same results give the same bytes
-        assert (tmp_path / "a" / path).read_bytes() == (
-            tmp_path / "b" / path
-        ).read_bytes(), path
+    png = (tmp_path / "figures/penalty100.png").read_bytes()
+    assert png.startswith(b"\x89PNG\r\n\x1a\n")
+    assert png.rstrip().endswith(b"IEND\xaeB`\x82")
+    assert b"Software" not in png
+    svg = tmp_path / "figures/penalty100.svg"
+    assert ElementTree.parse(svg).getroot().tag == "{http://www.w3.org/2000/svg}svg"
+    assert "dc:date" not in svg.read_text(encoding="utf-8")
 
 
-def test_a_single_run_has_no_errors(tmp_path, monkeypatch):
+def test_a_single_run_has_no_errors():
     one = dict.fromkeys(SUMS, [100.0])
     single = {"means": one, "variances": one, "not_arrived": [0], "visited": [100.0]}
-    chosen = [
-        some_of_figure4() if name == "figure4" else experiment(name) for name in NAMES
-    ]
+    names = ("table1", "table2", "penalty100", "ask_cost", "crowd")
+    chosen = [*map(experiment, names), some_of_figure4()]
     found = {
         each.id: made_up(each, **single) for one in chosen for each in one.conditions
     }
-    monkeypatch.setattr(document, "figures_of", lambda *_: {})
-    write_report(tmp_path, Plan(seed=5, runs=1, trials=50), chosen, found)
-    text = (tmp_path / "reproduction.md").read_text(encoding="utf-8")
+    text = reproduction_page(findings(Plan(seed=5, runs=1, trials=50), chosen, found))
     assert [line for line in text.split("\n") if re.search(r"\bnan\b", line)] == []
     assert row(text, "Indiv. learns shortest paths")[3] == "-"
 
 
 @pytest.fixture
 def results(tmp_path):
-    """Return a directory with two whole experiments, and two conditions that belong to none."""
-    conditions = [
-        each
-        for name in ("table1", "penalty100")
-        for each in experiment(name).conditions
-    ]
+    """Return a directory with Tables 1 and 2, and two conditions that belong to neither."""
+    conditions = experiment("table1").conditions
     more = [
         make_condition("env1", learner, {"penalty": -3})
         for learner in ("coop", "noncoop")
@@ -599,28 +570,28 @@ def results(tmp_path):
 
 def test_the_page_of_results_tells_all_of_them(results):
     page = unescape(results_report(results))
-    titles = [experiment(name).title for name in ("table1", "table2", "penalty100")]
+    titles = [experiment(name).title for name in ("table1", "table2")]
     headings = re.findall("<h2>(.*?)</h2>", page)
     assert headings == [
         *("Findings", *titles, "Other conditions", "Every condition"),
         "Rows of the paper that are not reproduced, or are inconsistent",
         *("How to read the tables", "How to reproduce it"),
     ]
-    for name in ("table1", "penalty100"):  # the numbers of the document
-        for line in section(name).rows:
-            cells = "".join(f"<td>{cell or '-'}</td>" for cell in line.values())
-            assert cells in page
+    for name in ("table1", "table2"):  # the numbers of the document
+        for line in section(name).table.fillna("-").to_numpy():
+            row = "".join(f"<td>{cell}</td>" for cell in line)
+            assert row in page
     parts = page.split("<h2>")
-    assert [part.count("<img") for part in parts] == [0, 0, 1, 1, 1, 2, 0, 0, 0, 0]
+    assert [part.count("<img") for part in parts] == [0, 0, 1, 1, 2, 0, 0, 0, 0]
     assert "<td>Indiv. learns shortest paths</td>" in parts[1]
     assert "Steps until a robot arrives, and steps of an episode" in parts[3]
     assert all(
-        f"<td>env1/{name}/penalty=-3</td>" in parts[5] for name in ("coop", "noncoop")
+        f"<td>env1/{name}/penalty=-3</td>" in parts[4] for name in ("coop", "noncoop")
     )
-    assert "<td>env1/coop/penalty=-20</td>" not in parts[5]
-    assert parts[6].count("<tr>") == 1 + 12 + 12 + 2
-    assert "no policy can reach it" in parts[7]
-    asked = "table1 table2 penalty100 env1/coop/penalty=-3 env1/noncoop/penalty=-3"
+    assert "<td>env1/coop/penalty=-20</td>" not in parts[4]
+    assert parts[5].count("<tr>") == 1 + 12 + 2
+    assert "no policy can reach it" in parts[6]
+    asked = "table1 table2 env1/coop/penalty=-3 env1/noncoop/penalty=-3"
     command = (
         f"sparse_coord reproduce {asked} --runs 4 --trials 50 --seed 5 --out results"
     )
@@ -640,23 +611,23 @@ def test_conditions_that_make_no_experiment_are_told_too(tmp_path):
     )
 
 
-def test_bars_end_at_zero_where_nothing_is_below():
+@pytest.mark.parametrize(
+    ("name", "bars", "low"),
+    [
+        ("miscoordinations", "spread", 0.2),
+        ("asks", "standard_error", 0.2),
+        ("reward", "spread", 0.5),
+    ],
+)
+def test_bars_end_at_zero_where_nothing_is_below(name, bars, low):
     measure = Measure(0.2, 0.5, 0.3)
-    assert (
-        point(measure, "miscoordinations", "spread", panel="", line="", x=0)["low"]
-        == 0.2
-    )
-    assert point(measure, "asks", panel="", line="", x=0)["low"] == 0.2
-    assert point(measure, "reward", "spread", panel="", line="", x=0)["low"] == 0.5
-    assert (
-        point(measure, "miscoordinations", "spread", panel="", line="", x=0)["high"]
-        == 0.5
-    )
+    found = value_and_bar(measure, name, bars)
+    assert found == {"value": 0.2, "low": low, "high": getattr(measure, bars)}
 
 
 def test_markdown_and_words():
     rows = [{"a": "x", "learner": "y", "c": None}, {"a": "z", "d": "1"}]
-    assert to_markdown(rows) == (
+    assert to_markdown(pd.DataFrame(rows)) == (
         "| a | learner | c | d |\n| :-- | :-- | --: | --: |\n"
         "| x | y | - | - |\n| z | - | - | 1 |\n"
     )

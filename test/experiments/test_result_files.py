@@ -464,7 +464,7 @@ def test_another_scenario_of_the_same_name_is_refused_and_nothing_is_lost(
     folder, _ = own
     before = {path: path.read_bytes() for path in folder.rglob("*.json")}
     (tmp_path / "mine.yaml").write_text(OWN.replace("steps: 100", "steps: 90"))
-    with pytest.raises(ResultsError, match="another scenario.* nothing is mixed"):
+    with pytest.raises(ResultsError, match="another scenario.* not merged"):
         sc.sweep(
             str(tmp_path / "mine.yaml"), {"penalty": [-5]}, out=folder, seed=5, **FEW
         )

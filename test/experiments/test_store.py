@@ -197,7 +197,7 @@ def test_another_protocol_is_refused_and_nothing_is_lost(tmp_path, result, monke
         results.save(CONDITION, result)
         before = results.path(CONDITION).read_bytes()
         monkeypatch.setattr(module, "computation_digest", lambda condition: "0" * 16)
-        with pytest.raises(ResultsError, match="nothing is mixed"):
+        with pytest.raises(ResultsError, match="not merged"):
             results.load(CONDITION)
         assert results.path(CONDITION).read_bytes() == before
 

@@ -19,7 +19,7 @@ from sparse_coord_ros.show.episodes import (
     logged_episode,
     played_episode,
 )
-from sparse_coord_ros.show.sources import open_shown
+from sparse_coord_ros.show.sources import open_run
 from sparse_coord_ros.show.steps import ended, logged_step, questions_of
 
 
@@ -131,7 +131,7 @@ def test_of_equal_episodes_the_shortest_then_the_latest():
 
 
 def test_a_played_episode_is_the_trial_of_an_evaluation(trained):
-    shown = open_shown(trained)
+    shown = open_run(trained)
     scenario = shown.config.scenario
     trials = play(scenario, shown.tables, trials=5, seed=2, learner="coop")
     for number in range(5):
@@ -152,7 +152,7 @@ def test_a_played_episode_is_the_trial_of_an_evaluation(trained):
 
 
 def test_what_a_directory_lacks(trained, tmp_path):
-    shown = open_shown(trained)
+    shown = open_run(trained)
     assert not shown.has("log") and shown.has("history") and shown.has("tables")
     with pytest.raises(RunError, match="has no bag; 'sparse_coord run' records one"):
         shown.log  # noqa: B018
@@ -161,4 +161,4 @@ def test_what_a_directory_lacks(trained, tmp_path):
         (tmp_path / "none", "cannot read|no such"),
     ):
         with pytest.raises(BagError, match=words):
-            open_shown(path).config  # noqa: B018
+            open_run(path).config  # noqa: B018

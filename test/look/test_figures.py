@@ -23,7 +23,7 @@ from sparse_coord_ros.show import figures
 from sparse_coord_ros.show.paths import paths_figure
 from sparse_coord_ros.show.policy import policy_of
 from sparse_coord_ros.show.results import results_figure
-from sparse_coord_ros.show.sources import open_shown
+from sparse_coord_ros.show.sources import open_run
 from sparse_coord_ros.show.steps import ended
 from sparse_coord_ros.studies.conditions import make_condition
 from sparse_coord_ros.studies.store import SUMS, open_results
@@ -35,7 +35,7 @@ def all_axes(figure):
 
 
 def test_arrows_and_rings_are_the_policy(trained):
-    shown = open_shown(trained)
+    shown = open_run(trained)
     [axes, *_] = all_axes(figures.runs_figure([shown], ["policy"]))
     policies = [
         policy_of(t, r.goal)
@@ -59,7 +59,7 @@ def test_arrows_and_rings_are_the_policy(trained):
 
 
 def test_curves_are_the_history(trained):
-    shown = open_shown(trained)
+    shown = open_run(trained)
     figure = figures.runs_figure([shown], ["curves"])
     length, reward, *_ = all_axes(figure)
     dots, mean = length.lines
@@ -73,7 +73,7 @@ def test_curves_are_the_history(trained):
 
 
 def test_the_panels_fill_the_canvas(trained):
-    runs = [open_shown(trained)]
+    runs = [open_run(trained)]
     for whats in (
         figures.available(runs[0]),
         ["policy", "coordination"],
@@ -83,7 +83,7 @@ def test_the_panels_fill_the_canvas(trained):
         figure = figures.runs_figure(runs, whats)
         figure.canvas.draw()
         width, height = figure.get_size_inches()
-        assert width >= figures.LEAST_WIDTH
+        assert width >= figures.LEAST_FIGURE_WIDTH
         for part in figure.subfigs:
             boxes = [axes.get_position() for axes in part.axes if axes.axison]
             left = min(box.x0 for box in boxes)
@@ -92,7 +92,7 @@ def test_the_panels_fill_the_canvas(trained):
 
 
 def test_coordination_is_drawn_by_miscoordinations_and_questions(trained):
-    shown = open_shown(trained)
+    shown = open_run(trained)
     axes = all_axes(figures.runs_figure([shown], ["coordination"]))
     assert [one.get_ylabel() for one in axes] == [
         figures.CURVES[name] for name in ("miscoordinations", "asks")
@@ -102,7 +102,7 @@ def test_coordination_is_drawn_by_miscoordinations_and_questions(trained):
 
 
 def test_maps_of_runs_share_one_scale_of_asks(trained, bag):
-    runs = [open_shown(trained), open_shown(bag)]
+    runs = [open_run(trained), open_run(bag)]
     axes = all_axes(figures.runs_figure(runs, ["asks"]))
     scales = [beside.get_ylim() for one in axes for beside in one.child_axes]
     most = max(float(run.trials.asked.max()) for run in runs) / figures.PLAYED_EPISODES
@@ -110,12 +110,12 @@ def test_maps_of_runs_share_one_scale_of_asks(trained, bag):
 
 
 def test_long_curves_are_thinned():
-    steps, values = figures._thinned(np.arange(5000), np.arange(5000.0))
+    steps, values = figures.thinned(np.arange(5000), np.arange(5000.0))
     assert len(steps) <= figures.MOST_POINTS and steps[0] == 0 and values[-1] == 4999
 
 
 def test_percepts_are_the_log(bag):
-    shown = open_shown(bag)
+    shown = open_run(bag)
     figure = figures.runs_figure([shown], ["percepts"])
     axes = all_axes(figure)[0]
     _, labels = axes.get_legend_handles_labels()
@@ -134,7 +134,7 @@ def test_percepts_are_the_log(bag):
 def test_runs_side_by_side_under_names_that_are_no_formulas(trained, bag, tmp_path):
     place = tmp_path / "$x_{$_$y$" / "bag"
     shutil.copytree(bag, place)
-    runs = [open_shown(trained), open_shown(place)]
+    runs = [open_run(trained), open_run(place)]
     figure = figures.runs_figure(runs, ["policy", "length"])
     figure.canvas.draw()
     axes = all_axes(figure)
@@ -148,8 +148,8 @@ def test_runs_side_by_side_under_names_that_are_no_formulas(trained, bag, tmp_pa
 
 def test_what_a_source_has(trained, bag):
     every = ["policy", "asks", "sparsity", "curves"]
-    assert figures.parse_whats(None, [open_shown(trained)]) == every
-    assert figures.parse_whats(None, [open_shown(bag)]) == [*every, "percepts"]
+    assert figures.parse_whats(None, [open_run(trained)]) == every
+    assert figures.parse_whats(None, [open_run(bag)]) == [*every, "percepts"]
     with pytest.raises(SettingError, match=r"--what 'polcy': .*did you mean 'policy'"):
         figures.parse_whats("curves,polcy", [])
 
@@ -197,7 +197,7 @@ def test_the_map_of_asks_is_of_the_hardest_penalty_and_says_so(tmp_path, capsys)
 def test_the_scale_of_a_factored_q_coord_says_that_it_counts_rows(tmp_path):
     options = ["--learner", "factored", "--steps", "500", "--trials", "0"]
     assert main(["train", "env1", *options, "--out", str(tmp_path / "run")]) == 0
-    shown = open_shown(tmp_path / "run")
+    shown = open_run(tmp_path / "run")
     [own, *_] = [tables.memory["rho_values"] for tables in shown.tables]
     assert own.shape[1] == 4 and len(own) > 0
     figure = figures.runs_figure([shown], ["sparsity"])

@@ -123,12 +123,12 @@ def test_many_questions_are_told_in_few_words_and_hide_no_robot():
         for k in range(6)
     ]
     places = [35, 36, 37, 38, 39, 40, 57, 20]  # a throng round the doorways
-    stage = films._Stage(crowd, episode([places] * 2, asks), "a $x$ & <b>")
+    pictures = films.EpisodePictures(crowd, episode([places] * 2, asks), "a $x$ & <b>")
     quiet, asking = (
-        np.asarray(stage.shoot(0, 0.0, speaking=speaking).convert("RGB")).astype(int)
+        np.asarray(pictures.at(0, 0.0, speaking=speaking).convert("RGB")).astype(int)
         for speaking in (False, True)
     )
-    assert stage._words.get_text().split("\n") == [
+    assert pictures.caption.get_text().split("\n") == [
         "step 0 of 1",
         "robot_1 asks all others: refused, goes north",
         "robot_2 asks all others: refused, goes north",
@@ -150,7 +150,7 @@ def test_a_state_that_the_log_lacks_and_long_episodes(monkeypatch):
 
 
 def test_every_colour_is_in_the_palette():
-    palette = np.array(films._palette().getpalette()).reshape(-1, 3)
+    palette = np.array(films.film_palette().getpalette()).reshape(-1, 3)
     for colour in (*ROBOT_COLOURS, *OUTCOME_COLOURS.values(), DOORWAY_COLOUR):
         assert np.abs(palette - np.array(rgb(colour)) * 255).max(axis=1).min() <= 1
 

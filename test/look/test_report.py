@@ -21,8 +21,8 @@ from sparse_coord_ros.core.runs.run_config import load_run
 from sparse_coord_ros.core.solve.exact import evaluate_exact
 from sparse_coord_ros.log.runlog.explain import explained, in_words
 from sparse_coord_ros.log.runlog.log import read_run
-from sparse_coord_ros.show.report import _faults, run_report
-from sparse_coord_ros.show.sources import open_shown
+from sparse_coord_ros.show.report import faults, run_report
+from sparse_coord_ros.show.sources import open_run
 
 
 def tags_of(page):
@@ -48,7 +48,7 @@ def quick(monkeypatch):
 
 @pytest.fixture(scope="module")
 def page(bag):
-    return run_report(open_shown(bag))
+    return run_report(open_run(bag))
 
 
 def test_the_page_of_a_bag_is_whole_and_self_contained(page):
@@ -58,7 +58,7 @@ def test_the_page_of_a_bag_is_whole_and_self_contained(page):
 
 
 def test_its_numbers_are_those_of_the_log(page, bag):
-    shown = open_shown(bag)
+    shown = open_run(bag)
     exact = evaluate_exact(shown.config.scenario, shown.tables, learner="coop")
     assert f"<td>{exact.reward.mean:.2f} ± {exact.reward.spread:.2f}</td>" in page
     for words in (
@@ -82,31 +82,31 @@ def test_its_numbers_are_those_of_the_log(page, bag):
 
 
 def test_warnings_are_counted(bag):
-    shown = open_shown(bag)
+    shown = open_run(bag)
     said = [
         SimpleNamespace(name="robot_1", msg="late", level=level)
         for level in (20, 30, 40)
     ]
     shown.log.messages.rosout[:] = said
-    tables = [part["rows"] for part in _faults(shown) if part["kind"] == "table"]
+    tables = [part["rows"] for part in faults(shown) if part["kind"] == "table"]
     assert tables[1] == [("robot_1: late", 2)]
 
 
 def test_a_baseline_is_not_compared_with_itself(tmp_path, quick):
     scenario = load_scenario("env1").with_settings({"steps": 300})
     train(scenario, "noncoop", 1, engine="python").save(tmp_path / "run")
-    page = run_report(open_shown(tmp_path / "run"))
+    page = run_report(open_run(tmp_path / "run"))
     assert "Indiv., same seed" in page and "Non-coop., same seed" not in page
 
 
 def test_its_command_computes_the_same_bits(trained, tmp_path, monkeypatch, quick):
-    page = run_report(open_shown(trained), baselines=False)
+    page = run_report(open_run(trained), baselines=False)
     assert "Indiv." not in page and "Some questions" not in page
     command = unescape(re.search("<pre>(sparse_coord train.*?)</pre>", page)[1])
     monkeypatch.chdir(tmp_path)
     assert main([*shlex.split(command)[1:], "--out", "again"]) == 0
-    again = open_shown(tmp_path / "again")
-    assert tables_equal(again.tables, open_shown(trained).tables)
+    again = open_run(tmp_path / "again")
+    assert tables_equal(again.tables, open_run(trained).tables)
     assert again.config.digest == load_run(trained).digest
 
 
@@ -120,7 +120,7 @@ def test_whatever_comes_from_files_is_escaped(trained, tmp_path):
     grid = data["scenario"]["map"]
     grid["text"] = grid["text"].replace("title:", f"title: {evil!r} #", 1)
     (run / "run.yaml").write_text(yaml.safe_dump(data, sort_keys=False))
-    page = run_report(open_shown(run), baselines=False)
+    page = run_report(open_run(run), baselines=False)
     assert "script" not in tags_of(page) and "&lt;script&gt;" in page
     assert page.count("&lt;script&gt;") >= 3  # title of the map, version, run.yaml
 
@@ -129,7 +129,7 @@ def test_report_writes_the_file_and_says_what_is_wrong(bag, tmp_path, capsys, qu
     out = tmp_path / "r.html"
     odd = tmp_path / "odd.mcap"
     data = (bag / "bag_0.mcap").read_bytes()
-    place = open_shown(bag).recording.blocks[-1].offset + 200
+    place = open_run(bag).recording.blocks[-1].offset + 200
     odd.write_bytes(data[:place] + bytes(64) + data[place + 64 :])
     assert main(["report", str(odd), "--no-baselines", "--out", str(out)]) == 0
     assert "The bag is damaged" in out.read_text()

@@ -8,7 +8,7 @@ import signal
 import time
 
 import pytest
-from browser import REMEDY, Browser, find_browser
+from browser import open_tab, wait_for
 from geometry_msgs.msg import Twist
 from patience import PATIENCE_SECONDS
 from sensor_msgs.msg import JointState
@@ -401,36 +401,33 @@ def test_where_no_team_is_the_command_ends_with_one_line(
 @pytest.mark.long
 def test_the_buttons_of_the_page(processes, start):
     """The first one stops, however often it is pressed; only the second one lets them go on."""
-    if find_browser() is None:
-        pytest.fail(REMEDY)
     page = start("cli.main", "watch", "--port", "0")
     page.wait_for("watch it at ")
     state = "document.getElementById('state').dataset.state"
     press = "document.getElementById('{}').click()"
     seen = "document.getElementById('{}').getClientRects().length > 0"
-    with Browser() as browser:
-        browser.size(1440, 960)
-        browser.open(re.search(r"watch it at (http\S+)", page.output)[1])
-        browser.wait_for(seen.format("halt"))
-        assert not browser.value(seen.format("go-on"))
+    with open_tab() as tab:
+        tab.goto(re.search(r"watch it at (http\S+)", page.output)[1])
+        wait_for(tab, seen.format("halt"))
+        assert not tab.evaluate(seen.format("go-on"))
         for _ in range(2):
-            browser.value(press.format("halt"))
-        browser.wait_for(f"{state} === 'halted'")
+            tab.evaluate(press.format("halt"))
+        wait_for(tab, f"{state} === 'halted'")
         said = "document.getElementById('halting-said').textContent"
-        browser.wait_for(f"{said} === 'all robots stand'")
+        wait_for(tab, f"{said} === 'all robots stand'")
         for robot in ROBOTS:
             processes[f"{robot}_driver"].wait_for(f"the body of {robot} stands")
-        browser.open(re.search(r"watch it at (http\S+)", page.output)[1])
-        browser.wait_for(f"{state} === 'halted' && {seen.format('go-on')}")
-        browser.value(press.format("go-on"))
-        browser.wait_for(f"{state} === 'learning'")
+        tab.goto(re.search(r"watch it at (http\S+)", page.output)[1])
+        wait_for(tab, f"{state} === 'halted' && {seen.format('go-on')}")
+        tab.evaluate(press.format("go-on"))
+        wait_for(tab, f"{state} === 'learning'")
         for robot in ROBOTS:
             processes[f"{robot}_driver"].wait_for(f"the body of {robot} may go on")
         page.send_signal(signal.SIGINT)
         assert page.exit_code() == 0
-        browser.wait_for(f"{state} === 'not connected'")
-        browser.value(press.format("halt"))
+        wait_for(tab, f"{state} === 'not connected'")
+        tab.evaluate(press.format("halt"))
         assert (
-            browser.value(said)
+            tab.evaluate(said)
             == "not connected: the robots were not told; stop them by hand"
         )

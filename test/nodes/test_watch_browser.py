@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from browser import REMEDY, Browser, find_browser
+from browser import open_tab, size, wait_for
 from floor_plans import write
 from teams import tables_in
 
@@ -31,13 +31,17 @@ STATE = "document.getElementById('state').dataset.state"
 
 
 @pytest.fixture
-def browser():
-    if find_browser() is None:
-        pytest.fail(REMEDY)
-    with Browser() as opened:
-        opened.size(1440, 960)
+def tab():
+    """Return a tab of a tab; its page must not complain of anything."""
+    problems = []
+    with open_tab() as opened:
+        opened.on("pageerror", lambda error: problems.append(str(error)))
+        opened.on(
+            "console",
+            lambda said: problems.append(said.text) if said.type == "error" else None,
+        )
         yield opened
-        assert opened.problems == []
+    assert problems == []
 
 
 @pytest.fixture(autouse=True)
@@ -57,81 +61,80 @@ def address_of(process):
     return re.search(r"watch it at (http\S+)", process.output)[1]
 
 
-def click(browser, name):
-    browser.value(f"document.getElementById('{name}').click()")
+def click(tab, name):
+    tab.evaluate(f"document.getElementById('{name}').click()")
 
 
-def cells(browser):
+def cells(tab):
     """Return the cell of each robot on the map."""
-    return browser.value(
+    return tab.evaluate(
         "[...document.querySelectorAll('.robot')].map((r) => Number(r.dataset.cell))"
     )
 
 
-def test_a_bag_is_played_and_every_value_is_the_log_s(browser, start, bag):
+def test_a_bag_is_played_and_every_value_is_the_log_s(tab, start, bag):
     log = read_run(bag)
     process = start("cli.main", "watch", str(bag), "--port", "0", "--rate", "20")
-    browser.open(address_of(process))
-    browser.wait_for(f"{STEP} > 20")
-    browser.wait_for("document.querySelector('#map .ask')")  # drawn while it plays
-    browser.press(" ", "Space")
-    browser.wait_for(f"{STATE} === 'paused'")
-    step = browser.value(STEP)
+    tab.goto(address_of(process))
+    wait_for(tab, f"{STEP} > 20")
+    wait_for(tab, "document.querySelector('#map .ask')")  # drawn while it plays
+    tab.keyboard.press("Space")
+    wait_for(tab, f"{STATE} === 'paused'")
+    step = tab.evaluate(STEP)
     row = int(np.searchsorted(log.step, step))
-    assert cells(browser) == log.cells[row].tolist()
-    click(browser, "next-step")
-    browser.wait_for(f"{STEP} === {log.step[row + 1]}")
-    assert cells(browser) == log.cells[row + 1].tolist()
-    browser.press("ArrowLeft")
-    browser.wait_for(f"{STEP} === {step}")
+    assert cells(tab) == log.cells[row].tolist()
+    click(tab, "next-step")
+    wait_for(tab, f"{STEP} === {log.step[row + 1]}")
+    assert cells(tab) == log.cells[row + 1].tolist()
+    tab.keyboard.press("ArrowLeft")
+    wait_for(tab, f"{STEP} === {step}")
     asking = int(np.flatnonzero(log.asked[:, 1] & ~log.perceived[:, 1])[9])
     wanted = int(log.step[asking])
-    browser.value(
+    tab.evaluate(
         "(() => { const s = document.getElementById('seek');"
         f"s.value = {wanted}; s.dispatchEvent(new Event('input')); }})()"
     )
-    browser.wait_for(f"{STEP} === {wanted}")
-    browser.wait_for(
-        'document.querySelector(\'#map .ask[data-robot="2"][data-outcome="refused"]\')'
+    wait_for(tab, f"{STEP} === {wanted}")
+    wait_for(
+        tab,
+        'document.querySelector(\'#map .ask[data-robot="2"][data-outcome="refused"]\')',
     )
     said = (
         f"document.querySelector('#dialogue li').innerText.includes('step {wanted}: ')"
     )
-    browser.wait_for(said)
-    assert "refused" in browser.value(
-        "document.querySelector('#dialogue li').innerText"
-    )
-    browser.wait_for("document.getElementById('foot').dataset.read === '1'")
+    wait_for(tab, said)
+    assert "refused" in tab.evaluate("document.querySelector('#dialogue li').innerText")
+    wait_for(tab, "document.getElementById('foot').dataset.read === '1'")
     due = (log.history().first_step <= wanted).sum()
-    browser.wait_for(f"document.getElementById('episodes').textContent === '{due}'")
+    wait_for(tab, f"document.getElementById('episodes').textContent === '{due}'")
     moved = (
         f"{DETAILS}.find((text) => /goes \\w+ by Q\\*\\[\\d+\\]: north /.test(text))"
     )
-    browser.wait_for(moved)  # the row of the table that decided
-    browser.value("document.querySelector('#dialogue details').open = true")
-    click(browser, "back")
-    browser.wait_for(f"{STEP} < {wanted}")
-    click(browser, "next-step")
-    browser.wait_for(f"{STEP} === {wanted}")
-    browser.wait_for("document.querySelectorAll('#curves .curve').length === 6")
-    browser.wait_for("!document.getElementById('evaluation-panel').hidden")
-    browser.value("document.getElementById('map').focus()")
-    browser.press("ArrowDown")
-    browser.press("ArrowRight")
-    shown = browser.wait_for(
-        "[...document.querySelectorAll('#cell tr[data-robot=\"1\"] td')]"
-        ".map((cell) => cell.textContent)"
+    wait_for(tab, moved)  # the row of the table that decided
+    tab.evaluate("document.querySelector('#dialogue details').open = true")
+    click(tab, "back")
+    wait_for(tab, f"{STEP} < {wanted}")
+    click(tab, "next-step")
+    wait_for(tab, f"{STEP} === {wanted}")
+    wait_for(tab, "document.querySelectorAll('#curves .curve').length === 6")
+    wait_for(tab, "!document.getElementById('evaluation-panel').hidden")
+    tab.evaluate("document.getElementById('map').focus()")
+    tab.keyboard.press("ArrowDown")
+    tab.keyboard.press("ArrowRight")
+    wait_for(tab, f"document.{AGES} === 'Tables of step {wanted:,}.'")
+    title, *shown = wait_for(
+        tab,
+        "document.querySelector('#cell tr[data-robot=\"1\"] td') &&"
+        "[document.getElementById('cell-title'),"
+        "...document.querySelectorAll('#cell tr[data-robot=\"1\"] td')]"
+        ".map((one) => one.textContent)",
     )
-    title = browser.value("document.getElementById('cell-title').textContent")
     cell = int(re.search(r"cell (\d+)", title)[1])
     again = LongLog(bag)
     [(at, tables), _] = Relearned(again).tables(wanted).values()
     again.bag.close()
-    assert at == wanted and shown[1:] == [
-        f"{value:.2f}" for value in tables.q_star[cell]
-    ]
-    ages = browser.value("document.getElementById('ages').textContent")
-    assert ages == f"Tables of step {at:,}."
+    assert at == wanted
+    assert shown[1:] == [f"{value:.2f}" for value in tables.q_star[cell]]
 
 
 DETAILS = (
@@ -145,25 +148,25 @@ CUT = """[...document.querySelectorAll('.trail')].flatMap((line) => {
 """How many parts of trails do not lead from a cell to the one beside it."""
 
 
-def test_trails_follow_the_cells_though_frames_are_skipped(browser, start, bag):
+def test_trails_follow_the_cells_though_frames_are_skipped(tab, start, bag):
     process = start(
         "cli.main", "watch", str(bag), "--port", "0", "--rate", "300", "--step", "1"
     )
-    browser.open(address_of(process))
+    tab.goto(address_of(process))
     longest = "Math.max(...[...document.querySelectorAll('.trail')].map((t) => t.points.length))"
-    browser.wait_for(f"{STEP} > 0 && document.querySelector('.trail')")
+    wait_for(tab, f"{STEP} > 0 && document.querySelector('.trail')")
     steps = set()
     for _ in range(20):
-        steps.add(browser.value(STEP))
-        browser.wait_for(f"{STEP} > {max(steps)} || {STATE} === 'ended'")
-        assert browser.value(CUT) == 0
+        steps.add(tab.evaluate(STEP))
+        wait_for(tab, f"{STEP} > {max(steps)} || {STATE} === 'ended'")
+        assert tab.evaluate(CUT) == 0
     assert max(np.diff(sorted(steps))) > 3, "some frames were skipped"
-    browser.wait_for(f"{STATE} === 'ended' && {longest} > 3")
-    assert browser.value(CUT) == 0
+    wait_for(tab, f"{STATE} === 'ended' && {longest} > 3")
+    assert tab.evaluate(CUT) == 0
 
 
 @pytest.fixture
-def shown(browser):
+def shown(tab):
     """Return a function that shows frames of a run, made up, and one that gives a frame."""
     scenario = load_scenario("crowd-4r")
     board = MessageBoard()
@@ -171,7 +174,7 @@ def shown(browser):
     fields = messages.run_fields(make_run(scenario, {}))
     board.put("run", source="live", title="made up", controls=(), **fields)
     server = Server(board, port=0)
-    browser.open(server.address)
+    tab.goto(server.address)
 
     def show(step, places, asks=(), after=None, **more):
         places, after = (
@@ -194,14 +197,14 @@ def shown(browser):
             },
             **{"miscoordination": False, **more},
         )
-        browser.wait_for(f"{STEP} === {step}")
+        wait_for(tab, f"{STEP} === {step}")
 
     yield show
     server.close()
 
 
 def test_a_question_is_drawn_where_it_was_asked_and_a_miscoordination_where_it_was(
-    browser, shown
+    tab, shown
 ):
     places = [(1, 3), (3, 3), (5, 5), (6, 6)]
     drawn = "[...document.querySelectorAll('#map {}')].map(({{{}: x, {}: y}}) => "
@@ -209,23 +212,23 @@ def test_a_question_is_drawn_where_it_was_asked_and_a_miscoordination_where_it_w
     lines = drawn.format(".ask line", "x1", "y1")
     for step in (1, 3, 5):
         shown(step, places, asks=[0])
-        asked = browser.value(lines)
+        asked = tab.evaluate(lines)
         shown(step + 1, [(0, 3), *places[1:]])
-        late = browser.value(lines)  # it is still seen, or gone
+        late = tab.evaluate(lines)  # it is still seen, or gone
         assert asked == [[3.5 * 48, 1.5 * 48]] and late in (asked, [])
     rings = drawn.format(".met", "cx", "cy")
     doors = [(1, 4), (1, 4), (3, 4), (6, 6)]
     shown(7, places, after=doors, miscoordination=True)
-    assert browser.value(rings) == [[4.5 * 48, 1.5 * 48]], "where two robots are"
+    assert tab.evaluate(rings) == [[4.5 * 48, 1.5 * 48]], "where two robots are"
     apart = [(1, 4), (5, 4), (3, 3), (6, 6)]
     shown(8, places, after=apart, miscoordination=True)
     both = [[4.5 * 48, 1.5 * 48], [4.5 * 48, 5.5 * 48]]
-    assert browser.value(rings) == both, "all doorways are one meeting place"
+    assert tab.evaluate(rings) == both, "all doorways are one meeting place"
     shown(9, places, after=apart)
-    assert browser.value(rings) == []
-    assert browser.value("document.getElementById('speed').textContent") == "–"
+    assert tab.evaluate(rings) == []
+    assert tab.evaluate("document.getElementById('speed').textContent") == "–"
     assert (
-        browser.value("document.getElementById('silence').textContent")
+        tab.evaluate("document.getElementById('silence').textContent")
         == "No question shown so far."
     )
 
@@ -240,69 +243,69 @@ def learned(record):
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_a_bag_opens_on_what_was_learned_and_keys_lead_on(
-    browser, start, learned, scheme
-):
-    browser.prefer(scheme)
+def test_a_bag_opens_on_what_was_learned_and_keys_lead_on(tab, start, learned, scheme):
+    tab.emulate_media(color_scheme=scheme)
     process = start("cli.main", "watch", str(learned), "--port", "0")
-    browser.size(1280, 900)
-    browser.open(address_of(process))
+    size(tab, 1280, 900)
+    tab.goto(address_of(process))
     said = "document.getElementById('learned').innerText"
-    browser.wait_for(
-        f"{said}.includes('asks before the doorway') && {said}.includes('about')", 10
+    wait_for(
+        tab,
+        f"{said}.includes('asks before the doorway') && {said}.includes('about')",
+        10,
     )
-    browser.wait_for("document.querySelectorAll('.trail[points*=\" \"]').length === 2")
-    assert browser.value("document.querySelectorAll('.arrow.pale').length") > 0
+    wait_for(tab, "document.querySelectorAll('.trail[points*=\" \"]').length === 2")
+    assert tab.evaluate("document.querySelectorAll('.arrow.pale').length") > 0
     for key, kind in (("q", "question"), ("m", "miscoordination"), ("p", "policy")):
-        browser.press("Home")
-        browser.wait_for(f"{STEP} < 5")
-        browser.wait_for(f"!document.querySelector('#jumps .{kind}').disabled")
+        tab.keyboard.press("Home")
+        wait_for(tab, f"{STEP} < 5")
+        wait_for(tab, f"!document.querySelector('#jumps .{kind}').disabled")
         for _ in range(2):
-            step = browser.value(STEP)
-            browser.press(key)
-            browser.wait_for(f"{STEP} > {step} && {STATE} === 'paused'")
-    browser.press("End")
-    browser.wait_for(f"{STATE} === 'ended'")
-    last = browser.value(STEP)
-    browser.press("m")
+            step = tab.evaluate(STEP)
+            tab.keyboard.press(key)
+            wait_for(tab, f"{STEP} > {step} && {STATE} === 'paused'")
+    tab.keyboard.press("End")
+    wait_for(tab, f"{STATE} === 'ended'")
+    last = tab.evaluate(STEP)
+    tab.keyboard.press("m")
     told = "document.getElementById('said').textContent"
-    browser.wait_for(f"{told} === 'No miscoordination after time step {last:,}.'")
-    assert browser.value(STEP) == last
-    browser.press("c")
-    browser.wait_for(f"{STEP} < {last} && {told} === ''")
-    whole = browser.value("document.getElementById('map').getAttribute('viewBox')")
-    browser.press("z")
-    browser.wait_for(
-        f"document.getElementById('map').getAttribute('viewBox') !== '{whole}'"
+    wait_for(tab, f"{told} === 'No miscoordination after time step {last:,}.'")
+    assert tab.evaluate(STEP) == last
+    tab.keyboard.press("c")
+    wait_for(tab, f"{STEP} < {last} && {told} === ''")
+    whole = tab.evaluate("document.getElementById('map').getAttribute('viewBox')")
+    tab.keyboard.press("z")
+    wait_for(
+        tab, f"document.getElementById('map').getAttribute('viewBox') !== '{whole}'"
     )
-    browser.press("f")
-    browser.wait_for(
-        f"document.getElementById('map').getAttribute('viewBox') === '{whole}'"
+    tab.keyboard.press("f")
+    wait_for(
+        tab, f"document.getElementById('map').getAttribute('viewBox') === '{whole}'"
     )
-    browser.press("l")
-    browser.wait_for(f"{STATE} === 'playing'")
+    tab.keyboard.press("l")
+    wait_for(tab, f"{STATE} === 'playing'")
     header = "document.querySelector('header')"
-    assert browser.value(f"{header}.clientHeight") < 70  # two lines
-    browser.size(400, 900)
-    browser.wait_for(WIDE)
-    value = browser.wait_for(
-        "document.querySelector('#evaluation tr:nth-child(4) td:last-child')"
+    assert tab.evaluate(f"{header}.clientHeight") < 70  # two lines
+    size(tab, 400, 900)
+    wait_for(tab, WIDE)
+    value = wait_for(
+        tab, "document.querySelector('#evaluation tr:nth-child(4) td:last-child')"
     )
-    assert value and browser.value(
+    assert value and tab.evaluate(
         "document.querySelector('#evaluation tr:nth-child(4) td:last-child')"
         ".getBoundingClientRect().right < 400"
     )
 
 
-def q_star_shown(browser, page="document"):
+def q_star_shown(tab, page="document"):
     """Return the row of robot 1 of Q* of the map's first cell, as it is shown, by arrow keys."""
-    browser.value(f"{page}.getElementById('map').focus()")
+    tab.evaluate(f"{page}.getElementById('map').focus()")
     down = "new KeyboardEvent('keydown', {key: 'ArrowDown', bubbles: true})"
-    browser.value(f"{page}.getElementById('map').dispatchEvent({down})")
+    tab.evaluate(f"{page}.getElementById('map').dispatchEvent({down})")
     cells = f"{page}.querySelectorAll('#cell tr[data-robot=\"1\"] td')"
     shown = f"[...{cells}].map((c) => c.textContent)"
     title = f"{page}.getElementById('cell-title').textContent"
-    return browser.wait_for(f"{title}.includes(' cell 0 ') && {shown}")[1:]
+    return wait_for(tab, f"{title}.includes(' cell 0 ') && {shown}")[1:]
 
 
 AGES = "getElementById('ages').textContent"
@@ -310,11 +313,11 @@ AGES = "getElementById('ages').textContent"
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_a_run_without_ros_ends_on_its_final_tables_then_acts_greedily(
-    browser, start, tmp_path, scheme
+    tab, start, tmp_path, scheme
 ):
     """The page has them beside the value of the team; robots that move are not said to stand."""
     out = tmp_path / "run"
-    browser.prefer(scheme)
+    tab.emulate_media(color_scheme=scheme)
     options = (
         "--steps",
         "60000",
@@ -336,53 +339,54 @@ def test_a_run_without_ros_ends_on_its_final_tables_then_acts_greedily(
         "--out",
         str(out),
     )
-    browser.open(address_of(process))
-    browser.wait_for("!document.getElementById('evaluation-panel').hidden", 90)
-    assert browser.value(STATE) == "finished"
-    browser.wait_for(f"document.{AGES} === 'Tables at the end of learning.'")
-    assert browser.value("document.getElementById('speed').textContent") == "0"
+    tab.goto(address_of(process))
+    wait_for(tab, "!document.getElementById('evaluation-panel').hidden", 90)
+    assert tab.evaluate(STATE) == "finished"
+    wait_for(tab, f"document.{AGES} === 'Tables at the end of learning.'")
+    assert tab.evaluate("document.getElementById('speed').textContent") == "0"
     due = [f"{value:.2f}" for value in tables_in(out)[0].q_star[0]]
-    assert q_star_shown(browser) == due
+    assert q_star_shown(tab) == due
     asked = tables_in(out)[0].memory["updates"][:, COORDINATE]
     cells = (asked > 0).sum()
     shown = "document.querySelectorAll('#map rect[fill-opacity]').length"
-    assert browser.value(shown) >= cells > 5
+    assert tab.evaluate(shown) >= cells > 5
     again = start("cli.main", "watch", str(out), "--port", "0")
-    browser.open(address_of(again))
-    browser.wait_for(f"{STATE} === 'acting greedily' && {STEP} > 2")
-    assert browser.value("document.getElementById('speed').textContent") == "2"
-    assert browser.value(STEP) < 40, "it is a step of the episode"
-    assert browser.value(
+    tab.goto(address_of(again))
+    wait_for(tab, f"{STATE} === 'acting greedily' && {STEP} > 2")
+    assert tab.evaluate("document.getElementById('speed').textContent") == "2"
+    assert tab.evaluate(STEP) < 40, "it is a step of the episode"
+    assert tab.evaluate(
         "document.getElementById('transitions').textContent"
     ).startswith("60,000")
     played = "document.getElementById('asked-where').textContent"
-    assert browser.value(played) == "asked here in 200 greedy episodes"
-    assert q_star_shown(browser) == due
+    assert tab.evaluate(played) == "asked here in 200 greedy episodes"
+    assert q_star_shown(tab) == due
     for width in (1280, 400):
-        browser.size(width, 800)
-        browser.wait_for(WIDE)
+        size(tab, width, 800)
+        wait_for(tab, WIDE)
 
 
-def test_two_runs_are_beside_each_other(browser, start, learned, bag):
+def test_two_runs_are_beside_each_other(tab, start, learned, bag):
     process = start("cli.main", "watch", str(learned), str(bag), "--port", "0")
-    browser.open(address_of(process))
+    tab.goto(address_of(process))
     frames = (
         "[...document.querySelectorAll('iframe')].map((one) => one.contentDocument)"
     )
-    browser.wait_for(
-        f"{frames}.filter((page) => page.getElementById('learned')?.innerText).length === 2"
+    wait_for(
+        tab,
+        f"{frames}.filter((page) => page.getElementById('learned')?.innerText).length === 2",
     )
-    titles = browser.value(
+    titles = tab.evaluate(
         f"{frames}.map((page) => page.getElementById('about').textContent)"
     )
     assert "penalty -100" in titles[0] and "penalty -20" in titles[1]
-    browser.value(f"{frames}[1].getElementById('pause').click()")
+    tab.evaluate(f"{frames}[1].getElementById('pause').click()")
     states = f"{frames}.map((page) => page.getElementById('state').textContent).join()"
-    browser.wait_for(f"{states} === 'playing,paused'")
+    wait_for(tab, f"{states} === 'playing,paused'")
 
 
 @pytest.mark.parametrize("robots", [2, 4, 8])
-def test_a_team_is_watched_from_its_first_step(browser, start, tmp_path, robots):
+def test_a_team_is_watched_from_its_first_step(tab, start, tmp_path, robots):
     options = (
         "--steps",
         "300",
@@ -395,62 +399,58 @@ def test_a_team_is_watched_from_its_first_step(browser, start, tmp_path, robots)
     )
     out = ("--set", "max_steps=40", "--out", str(tmp_path / "run"))
     process = start("cli.main", "run", f"crowd-{robots}r", *options, *out)
-    browser.open(address_of(process))
-    browser.wait_for(f"{STEP} >= 1")
-    assert browser.problems == []
-    browser.wait_for("Number(document.getElementById('episodes').textContent) > 1")
-    browser.wait_for("document.querySelector('.curve')")
+    tab.goto(address_of(process))
+    wait_for(tab, f"{STEP} >= 1")
+    wait_for(tab, "Number(document.getElementById('episodes').textContent) > 1")
+    wait_for(tab, "document.querySelector('.curve')")
 
 
-def test_a_run_on_its_own_page_then_the_next_one(browser, start, tmp_path):
+def test_a_run_on_its_own_page_then_the_next_one(tab, start, tmp_path):
     out = tmp_path / "run"
     options = ("--steps", "1500", "--rate", "300", "--penalty", "-100", "--port", "0")
     process = start("cli.main", "run", "env1", *options, "--watch", "--out", str(out))
-    browser.open(address_of(process))
-    browser.wait_for(f"{STEP} > 10 && {STATE} === 'learning'")
-    before = cells(browser)
-    browser.wait_for(
+    tab.goto(address_of(process))
+    wait_for(tab, f"{STEP} > 10 && {STATE} === 'learning'")
+    before = cells(tab)
+    wait_for(
+        tab,
         "JSON.stringify([...document.querySelectorAll('.robot')].map((r) => "
-        f"Number(r.dataset.cell))) !== '{str(before).replace(' ', '')}'"
+        f"Number(r.dataset.cell))) !== '{str(before).replace(' ', '')}'",
     )
-    click(browser, "pause")
-    browser.wait_for(f"{STATE} === 'paused'")
-    step = browser.value(STEP)
-    click(browser, "next-step")
-    browser.wait_for(f"{STEP} > {step}")
-    click(browser, "reset")
-    browser.value(
+    click(tab, "pause")
+    wait_for(tab, f"{STATE} === 'paused'")
+    step = tab.evaluate(STEP)
+    click(tab, "next-step")
+    wait_for(tab, f"{STEP} > {step}")
+    click(tab, "reset")
+    tab.evaluate(
         "(() => { const r = document.getElementById('rate'); r.value = '0';"
         "r.dispatchEvent(new Event('change')); })()"
     )
-    click(browser, "pause")
-    browser.wait_for(f"{STATE} === 'finished'")
-    browser.wait_for("!document.getElementById('evaluation-panel').hidden")
-    browser.wait_for("document.querySelector('#map .ask, #dialogue li')")
+    click(tab, "pause")
+    wait_for(tab, f"{STATE} === 'finished'")
+    wait_for(tab, "!document.getElementById('evaluation-panel').hidden")
+    wait_for(tab, "document.querySelector('#map .ask, #dialogue li')")
     history = load_history(out)
-    browser.wait_for(
-        f"document.getElementById('episodes').textContent === '{history.episodes}'"
+    wait_for(
+        tab, f"document.getElementById('episodes').textContent === '{history.episodes}'"
     )
-    assert browser.value(
+    assert tab.evaluate(
         "document.getElementById('transitions').textContent"
     ).startswith("1,500")
-    browser.value("document.getElementById('scenario').value = 'isr'")
-    browser.value("document.getElementById('penalty').value = '-5'")
-    browser.wait_for("!document.getElementById('start').disabled")
-    click(browser, "start")
-    browser.wait_for("document.getElementById('about').textContent.startsWith('isr')")
-    assert "penalty -5," in browser.value(
-        "document.getElementById('about').textContent"
-    )
-    browser.wait_for(f"{STEP} > 10")
+    tab.evaluate("document.getElementById('scenario').value = 'isr'")
+    tab.evaluate("document.getElementById('penalty').value = '-5'")
+    wait_for(tab, "!document.getElementById('start').disabled")
+    click(tab, "start")
+    wait_for(tab, "document.getElementById('about').textContent.startsWith('isr')")
+    assert "penalty -5," in tab.evaluate("document.getElementById('about').textContent")
+    wait_for(tab, f"{STEP} > 10")
 
 
-def test_a_page_beside_a_team_in_other_processes(browser, start, tmp_path):
+def test_a_page_beside_a_team_in_other_processes(tab, start, tmp_path):
     page = start("nodes.watch", "--ros-args", "-p", "port:=0")
-    browser.open(address_of(page))
-    browser.wait_for(
-        "document.getElementById('notice').textContent.includes('waiting')"
-    )
+    tab.goto(address_of(page))
+    wait_for(tab, "document.getElementById('notice').textContent.includes('waiting')")
     for number in range(2):  # the page stays, teams come and go
         options = (
             "--steps",
@@ -464,18 +464,18 @@ def test_a_page_beside_a_team_in_other_processes(browser, start, tmp_path):
         out = str(tmp_path / f"run{number}")
         team = start("cli.main", "run", "env1", "--processes", *options, "--out", out)
         about = "document.getElementById('about').textContent"
-        browser.wait_for(f"{about}.endsWith('seed {number}') && {STEP} > 15")
-        browser.wait_for(f"{STATE} === 'learning'")
-        browser.wait_for(f"['finished', 'gone'].includes({STATE})", 60)
+        wait_for(tab, f"{about}.endsWith('seed {number}') && {STEP} > 15")
+        wait_for(tab, f"{STATE} === 'learning'")
+        wait_for(tab, f"['finished', 'gone'].includes({STATE})", 60)
         assert team.exit_code() == 0
     history = load_history(tmp_path / "run1")
     late = "document.getElementById('notice').textContent.includes('the curves lack what was')"
     same = f"document.getElementById('episodes').textContent === '{history.episodes}'"
-    browser.wait_for(f"{late} || {same}")
+    wait_for(tab, f"{late} || {same}")
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_eight_robots_in_light_and_dark(browser, start, tmp_path, scheme):
+def test_eight_robots_in_light_and_dark(tab, start, tmp_path, scheme):
     (tmp_path / "eight.txt").write_text(
         "title: Two rooms\n---\n12..#..56\n....D....\n....#....\n....D....\n34..#..78\n"
     )
@@ -486,133 +486,127 @@ def test_eight_robots_in_light_and_dark(browser, start, tmp_path, scheme):
     (tmp_path / "eight.yaml").write_text(
         f"map: eight.txt\nrobots:\n{robots}steps: 20000\n"
     )
-    browser.prefer(scheme)
+    tab.emulate_media(color_scheme=scheme)
     process = start(
         "cli.main", "train", str(tmp_path / "eight.yaml"), "--engine", "python", "--watch",
         "--port", "0", "--out", str(tmp_path / "run"),
     )  # fmt: skip
-    browser.open(address_of(process))
-    browser.wait_for(f"{STEP} > 10")
+    tab.goto(address_of(process))
+    wait_for(tab, f"{STEP} > 10")
     assert (
-        browser.value("document.querySelectorAll('.robot[visibility=visible]').length")
+        tab.evaluate("document.querySelectorAll('.robot[visibility=visible]').length")
         == 8
     )
     shapes = "[...document.querySelectorAll('.robot .body')].map((b) => b.outerHTML)"
-    assert len(set(browser.value(shapes))) == 8
-    browser.press("8", "Digit8")
-    browser.wait_for("document.querySelector('.arrow[data-robot=\"8\"]')")
+    assert len(set(tab.evaluate(shapes))) == 8
+    tab.keyboard.press("8")
+    wait_for(tab, "document.querySelector('.arrow[data-robot=\"8\"]')")
     arrows = "[...document.querySelectorAll('#map .arrow')].map((a) => [a.dataset.robot, {}])"
-    dashed = browser.value(arrows.format("a.hasAttribute('stroke-dasharray')"))
+    dashed = tab.evaluate(arrows.format("a.hasAttribute('stroke-dasharray')"))
     assert {tuple(one) for one in dashed} == {
         ("1", False),
         ("8", True),
     }  # told apart in grey
-    assert browser.value(WIDE)
-    browser.size(700, 900)
-    browser.wait_for(WIDE)
-    page = browser.value("getComputedStyle(document.body).backgroundColor")
+    assert tab.evaluate(WIDE)
+    size(tab, 700, 900)
+    wait_for(tab, WIDE)
+    page = tab.evaluate("getComputedStyle(document.body).backgroundColor")
     assert (page == "rgb(22, 23, 25)") == (scheme == "dark")
 
 
 TEAM = "document.getElementById('team').textContent"
 
 
-def press(browser, x, y):
+def press(tab, x, y):
     """Click a place of an imported map, in metres."""
-    on = browser.value(
+    on = tab.evaluate(
         f"(({{x, y}}) => [x, y])(new DOMPoint({100 * x}, {-100 * y})"
         ".matrixTransform(document.getElementById('map').getScreenCTM()))"
     )
-    for kind in ("mousePressed", "mouseReleased"):
-        how = {"type": kind, "button": "left", "clickCount": 1}
-        browser.ask("Input.dispatchMouseEvent", x=on[0], y=on[1], **how)
+    tab.mouse.click(*on)
 
 
-def place_robots(browser, places):
+def place_robots(tab, places):
     for n, place in enumerate(places, start=1):
-        press(browser, *place)
-        browser.wait_for(f"document.querySelectorAll('.start, .goal').length === {n}")
+        press(tab, *place)
+        wait_for(tab, f"document.querySelectorAll('.start, .goal').length === {n}")
 
 
-def test_a_depot_becomes_a_driven_team_by_clicks(browser, start, tmp_path):
+def test_a_depot_becomes_a_driven_team_by_clicks(tab, start, tmp_path):
     """From the image to bodies that drive what was learned; another team is stopped."""
     write("depot", tmp_path)
     process = start(
         "cli.main", "import-map", str(tmp_path / "depot.yaml"), "--page", "--port", "0",
         "--out", str(tmp_path / "out"),
     )  # fmt: skip
-    browser.open(address_of(process))
-    browser.wait_for(
-        "document.getElementById('facts').textContent.startsWith('1,560 cells')"
+    tab.goto(address_of(process))
+    wait_for(
+        tab, "document.getElementById('facts').textContent.startsWith('1,560 cells')"
     )
-    place_robots(browser, [(1.5, 1.5), (28.5, 13.5), (28.5, 13.5), (1.5, 1.5)])
-    click(browser, "train")
-    browser.wait_for(f"{TEAM}.startsWith('Learned: ')", 300)
-    click(browser, "drive")
-    browser.wait_for(
-        f"{TEAM}.startsWith('Bodies of radius 0.2 m drove 20 episodes')", 120
-    )
-    assert "in 20 all robots arrived; walls touched: 0, " in browser.value(TEAM)
-    click(browser, "train")
-    browser.wait_for(f"{TEAM}.startsWith('A team learns: ')")
-    click(browser, "stop")
-    browser.wait_for(f"{TEAM}.startsWith('Stopped.')")
-    browser.wait_for("!document.getElementById('train').hidden")
+    place_robots(tab, [(1.5, 1.5), (28.5, 13.5), (28.5, 13.5), (1.5, 1.5)])
+    click(tab, "train")
+    wait_for(tab, f"{TEAM}.startsWith('Learned: ')", 300)
+    click(tab, "drive")
+    wait_for(tab, f"{TEAM}.startsWith('Bodies of radius 0.2 m drove 20 episodes')", 120)
+    assert "in 20 all robots arrived; walls touched: 0, " in tab.evaluate(TEAM)
+    click(tab, "train")
+    wait_for(tab, f"{TEAM}.startsWith('A team learns: ')")
+    click(tab, "stop")
+    wait_for(tab, f"{TEAM}.startsWith('Stopped.')")
+    wait_for(tab, "!document.getElementById('train').hidden")
 
 
-def test_a_building_becomes_a_team_by_clicks(browser, start, tmp_path):
+def test_a_building_becomes_a_team_by_clicks(tab, start, tmp_path):
     """From the image to a team that has learned: cells, robots, doorways, undo, save, train."""
     out = tmp_path / "office"
     options = ("--page", "--port", "0", "--out", str(out), "--set", "steps=20000")
     process = start(
         "cli.main", "import-map", str(ROOT / "examples/office.yaml"), *options
     )
-    browser.open(address_of(process))
+    tab.goto(address_of(process))
     facts = "document.getElementById('facts').textContent"
 
-    browser.wait_for(f"{facts} === '937 cells of 0.5 m, 6 doorways'")
-    browser.value(
+    wait_for(tab, f"{facts} === '937 cells of 0.5 m, 6 doorways'")
+    tab.evaluate(
         "(() => { const c = document.getElementById('cell-side');"
         "c.value = 0.4; c.dispatchEvent(new Event('change')); })()"
     )
-    browser.wait_for(
-        "document.getElementById('notes').innerText.includes('lanes touch walls')"
+    wait_for(
+        tab, "document.getElementById('notes').innerText.includes('lanes touch walls')"
     )
-    click(browser, "undo")
-    browser.wait_for(f"{facts}.startsWith('937 cells of 0.5 m')")
+    click(tab, "undo")
+    wait_for(tab, f"{facts}.startsWith('937 cells of 0.5 m')")
     places = [(-8, -5), (8, 5), (8, 5), (-8, -5)]
-    place_robots(browser, places)
-    press(browser, -3.4, 3)
-    browser.wait_for(
-        "document.getElementById('notice').innerText.includes('in no free cell')"
+    place_robots(tab, places)
+    press(tab, -3.4, 3)
+    wait_for(
+        tab, "document.getElementById('notice').innerText.includes('in no free cell')"
     )
-    click(browser, "undo")
-    browser.wait_for("document.getElementById('notice').hidden")
-    browser.value("document.getElementById('map').focus()")
+    click(tab, "undo")
+    wait_for(tab, "document.getElementById('notice').hidden")
+    tab.evaluate("document.getElementById('map').focus()")
     for key in ("ArrowLeft", "Enter"):  # by keys alone
-        browser.press(key)
-    browser.wait_for("document.querySelectorAll('.start').length === 3")
-    click(browser, "undo")
-    browser.value("document.querySelector('input[value=doorways]').click()")
+        tab.keyboard.press(key)
+    wait_for(tab, "document.querySelectorAll('.start').length === 3")
+    click(tab, "undo")
+    tab.evaluate("document.querySelector('input[value=doorways]').click()")
     for place, doors in (((-4, 0.1), 7), ((-6.6, -0.9), 6)):
-        press(browser, *place)
-        browser.wait_for(f"{facts}.endsWith(', {doors} doorways')")
-    click(browser, "closer")
+        press(tab, *place)
+        wait_for(tab, f"{facts}.endsWith(', {doors} doorways')")
+    click(tab, "closer")
     ticks = "document.querySelectorAll('.x-axis').length"
-    browser.wait_for(f"{ticks} > 3")
+    wait_for(tab, f"{ticks} > 3")
     for width, height in ((400, 800), (1280, 900)):
-        browser.size(width, height)
-        assert browser.value(WIDE)
-    click(browser, "train")
-    browser.wait_for(f"{TEAM}.startsWith('Learned: runs/office_')", 120)
+        size(tab, width, height)
+        assert tab.evaluate(WIDE)
+    click(tab, "train")
+    wait_for(tab, f"{TEAM}.startsWith('Learned: runs/office_')", 120)
     frame = "document.getElementById('learning').contentDocument"
-    browser.wait_for(f"{frame}.querySelector('#state').dataset.state === 'finished'")
-    browser.wait_for(f"{frame}.{AGES} === 'Tables at the end of learning.'")
-    made = Path(re.search(r"Learned: (runs/office_\S+?)\. ", browser.value(TEAM))[1])
+    wait_for(tab, f"{frame}.querySelector('#state').dataset.state === 'finished'")
+    wait_for(tab, f"{frame}.{AGES} === 'Tables at the end of learning.'")
+    made = Path(re.search(r"Learned: (runs/office_\S+?)\. ", tab.evaluate(TEAM))[1])
     tables = tables_in(made)
-    assert q_star_shown(browser, frame) == [
-        f"{value:.2f}" for value in tables[0].q_star[0]
-    ]
+    assert q_star_shown(tab, frame) == [f"{value:.2f}" for value in tables[0].q_star[0]]
     made = load_scenario(out / "office.yaml")
     grid = made.map
     for k, robot in enumerate(made.robots):

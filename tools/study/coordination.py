@@ -12,6 +12,7 @@ from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 from sparse_coord_ros.core.engine.batch import run_batch
 from sparse_coord_ros.core.game.scenario import Scenario
@@ -22,7 +23,7 @@ from sparse_coord_ros.studies.catalogue import LONG, PAYING_PAIRS, unseen_condit
 from sparse_coord_ros.studies.conditions import Condition, make_condition
 from sparse_coord_ros.studies.report import text
 from sparse_coord_ros.studies.report.analysis import gap_closed
-from sparse_coord_ros.studies.report.rows import best_asking_team
+from sparse_coord_ros.studies.report.data import best_asking_team
 from sparse_coord_ros.studies.standings import Standing, failed_teams, standings
 from sparse_coord_ros.studies.store import ConditionResult, Plan
 from tools.study import fresh, improved
@@ -91,9 +92,8 @@ class Study:
             out: the results directory.
         """
         found = cache(lambda condition: compute(condition, self.plan(condition)))
-        return text.to_markdown(
-            list(self.table(found, *[out / self.name] * self.keeps))
-        )
+        folder = [out / self.name] * self.keeps
+        return text.to_markdown(pd.DataFrame(list(self.table(found, *folder))))
 
 
 def _factored(name: str, settings: Mapping[str, object]) -> Condition:

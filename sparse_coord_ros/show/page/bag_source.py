@@ -21,41 +21,52 @@ from sparse_coord_ros.log.runlog.log import NONE, RunLog
 from sparse_coord_ros.log.runlog.relearned import Asked, Relearned
 from sparse_coord_ros.log.runlog.window import LongLog
 from sparse_coord_ros.protocol.wire import COORDINATION_MAP
+from sparse_coord_ros.show.narrator import Narrator
 from sparse_coord_ros.show.page import controls, messages
 from sparse_coord_ros.show.page.counts import Counts
+from sparse_coord_ros.show.page.key_steps import (
+    Highlight,
+    KeySteps,
+    LearnedTeam,
+    highlight,
+)
 from sparse_coord_ros.show.page.live_source import ASKED_SO_FAR
 from sparse_coord_ros.show.page.message_board import Message, MessageBoard
-from sparse_coord_ros.show.page.moments import Highlight, Moments, highlight
 from sparse_coord_ros.show.steps import logged_step, logged_trails, questions_of
-from sparse_coord_ros.show.words import Words
 
-CONTROLS = (controls.PAUSE, controls.STEP, controls.RATE, controls.SEEK, controls.JUMP)
+BAG_CONTROLS = (
+    controls.PAUSE,
+    controls.STEP,
+    controls.RATE,
+    controls.SEEK,
+    controls.JUMP,
+)
 
 FRAME_SECONDS = 1 / 30
 GROWTH_SECONDS = 0.5
-"""Between two looks at whether the file has grown."""
+"""Time between two checks whether the file has grown."""
 
 FIRST_RATE = 10.0
 
 SHOWN_RATE = 2.0
-"""Time steps a second of the episode that shows what was learned, until another rate is wanted."""
+"""Time steps a second of the episode that shows what was learned, until the user sets a rate."""
 
 SHOWN_STEPS = 3000
-"""The last time steps, among which that episode is."""
+"""That episode is searched for among this many last time steps."""
 
 MARKS = 300
 """Marks of a kind on the time line at most."""
 
-WORDS = {
+KIND_NAMES = {
     controls.QUESTION: "question",
     controls.MISCOORDINATION: "miscoordination",
     controls.POLICY: "change of where a robot would ask",
     controls.CROSSING: "crossing",
 }
-"""What a page can go to, in words."""
+"""The names of what a page can jump to."""
 
 STILL_STEPS = 10_000
-"""Of a time step that so many others have followed nobody wants to know any more."""
+"""A request for tables of a time step is dropped once this many newer steps have followed."""
 
 
 class BagSource(controls.Controlled):
@@ -104,9 +115,9 @@ class BagSource(controls.Controlled):
         self.paused = False
         self.rate = rate
         self._shown_rate = SHOWN_RATE
-        self._words = Words(self.run.scenario)
-        self._moments = Moments(self.run, self._words)
-        self._highlight: Highlight | None = None
+        self._narrator = Narrator(self.run.scenario)
+        self._key_steps = KeySteps(self.run, self._narrator)
+        self.highlight: Highlight | None = None
         self._again = False
         self._then = time.monotonic()
         self._window: RunLog | None = None
@@ -121,7 +132,7 @@ class BagSource(controls.Controlled):
         place = self.log.bag.path
         fields = messages.run_fields(self.run)
         title = str(place if place.is_dir() else place.parent)
-        board.put("run", source="bag", title=title, controls=CONTROLS, **fields)
+        board.put("run", source="bag", title=title, controls=BAG_CONTROLS, **fields)
         board.source = self
         self._notice()
         if not self.growing:
@@ -139,28 +150,28 @@ class BagSource(controls.Controlled):
             whole = log.history().first_step[
                 int(last > most) :
             ]  # the first one may be cut
-            found = self._newest()
-            tables = [one.tables for one in found]
+            found = self.newest()
             if len(whole) and found:
+                team = LearnedTeam(self.run, [one.tables for one in found])
                 log = log.between(int(whole[0]), last)
-                self._highlight = highlight(log, tables, self._moments, self._words)
+                self.highlight = highlight(log, team, self._key_steps, self._narrator)
         except SparseCoordError:  # that it is damaged is said where all of it is read
             return
-        if self._highlight is not None:
+        if self.highlight is not None:
             newest = {one.robot: (one.step, one.tables) for one in found}
             self.board.put("tables", robots=messages.table_fields(self.run, newest))
             self._tell_learned()
 
-    def _newest(self) -> list[RecordedTables]:
-        """Return every robot's newest tables; nothing where one has none."""
+    def newest(self) -> list[RecordedTables]:
+        """Return every robot's newest tables; an empty list if a robot has none."""
         found = [
             self.log.tables_before(k) for k in range(len(self.run.scenario.robots))
         ]
         return [] if None in found else [one for one in found if one is not None]
 
     def _tell_learned(self, *, read: bool = False) -> None:
-        """Say what was learned; `read`: and since when, as the whole log has been read."""
-        shown = self._highlight
+        """Say what was learned; and since when, if the whole log has been `read`."""
+        shown = self.highlight
         if shown is None:
             return
         lines = [shown.text]
@@ -171,25 +182,15 @@ class BagSource(controls.Controlled):
                     f"The best asking team found is worth {best.value:.2f} a robot."
                 )
         elif read:
-            lines.append(self._since(shown))
+            first, since = self._key_steps.since(shown.robot, shown.cell)
+            name = self._narrator.names[shown.robot]
+            lines.append(since_in_words(name, first, since))
         self.board.put("learned", lines=lines, first=shown.first, step=shown.step)
 
-    def _since(self, shown: Highlight) -> str:
-        """Say since when a robot would ask where it does; the whole log has been read."""
-        begun, since = self._moments.since(shown.robot, shown.cell)
-        name = self._words.names[shown.robot]
-        if since is None:
-            return f"By its newest tables {name} would not ask there."
-        if since == begun:
-            return f"By its tables {name} would have asked there from the start."
-        return (
-            f"{name} learned to ask there at about step {float(f'{since:.3g}'):,.0f}."
-        )
-
     def _show_again(self) -> None:
-        """Play the episode that shows what was learned, again and again."""
-        if self._highlight is not None:
-            self._go(self._highlight.first)
+        """Play the episode that shows what was learned, in a loop."""
+        if self.highlight is not None:
+            self._go(self.highlight.first)
             self._again = True
             self._shown_rate = SHOWN_RATE
             self.paused = False
@@ -205,13 +206,13 @@ class BagSource(controls.Controlled):
         return min(self.rate or np.inf, self._shown_rate) if self._again else self.rate
 
     def _new(self, what: str, key: object) -> bool:
-        """Whether what is to be shown is not what was shown last."""
+        """Whether a message differs from the last one of its kind."""
         new = self._shown.get(what) != key
         self._shown[what] = key
         return new
 
     def _grows(self) -> bool:
-        """Whether a recorder holds the file's lock; one that was renamed or removed has none."""
+        """Whether a recorder holds the file's lock; a renamed or removed file has no lock."""
         try:
             return not self.log.bag.finished and being_recorded(self.log.bag.path)
         except BagError:
@@ -221,7 +222,7 @@ class BagSource(controls.Controlled):
 
     def play(self) -> None:
         """Play until interrupted."""
-        tasks = (self._read_through, self._learn_along)
+        tasks = (self.read_through, self._learn_along)
         beside = [threading.Thread(target=one, daemon=True) for one in tasks]
         for thread in beside:
             thread.start()
@@ -253,7 +254,7 @@ class BagSource(controls.Controlled):
             self._notice()
 
     def tick(self) -> None:
-        """Do what was asked for, move on, and show the time step that is reached."""
+        """Carry out the controls, move on, and show the time step that is reached."""
         now = time.monotonic()
         passed = now - self._then
         self._then = now
@@ -265,62 +266,68 @@ class BagSource(controls.Controlled):
             self.position = min(self.position + on, last)
             if (
                 self._again
-                and self._highlight
-                and self.position >= self._highlight.last + 3
+                and self.highlight
+                and self.position >= self.highlight.last + 3
             ):
-                self.position = float(self._highlight.first)
+                self.position = float(self.highlight.first)
             self.paused = self.position >= last and not self.growing
         self.show()
 
     def _do(self, control: controls.Control) -> None:
-        last = self.log.last_step
         self._say("")
-        if control.name == controls.PAUSE:
-            self.paused = control.value
-            if not self.paused and self.position >= last and not self.growing:
-                self.position = float(self.first)
-        elif control.name == controls.RATE:
-            self.rate = control.value
-            self._shown_rate = np.inf
-        elif control.name == controls.SEEK:
-            self._go(control.value)
-            if self.growing and self.position >= last:
-                self.paused = False
-        elif control.name == controls.JUMP and control.value == controls.LEARNED:
-            self._show_again()
-        elif control.name == controls.JUMP:
-            self._jump(control.value)
-        elif control.name == controls.STEP:
-            self.paused = True
-            self._go(self._beside(control.value))
+        match control.name:
+            case controls.PAUSE:
+                self._hold(control.value)
+            case controls.RATE:
+                self.rate = control.value
+                self._shown_rate = np.inf
+            case controls.SEEK:
+                self._seek(control.value)
+            case controls.STEP:
+                self.paused = True
+                self._go(self._beside(control.value))
+            case controls.JUMP if control.value == controls.LEARNED_EPISODE:
+                self._show_again()
+            case controls.JUMP:
+                self._jump(control.value)
+
+    def _hold(self, paused: bool) -> None:
+        """Stop, or play; at the end of the log from its beginning."""
+        self.paused = paused
+        at_end = self.position >= self.log.last_step and not self.growing
+        if not paused and at_end:
+            self.position = float(self.first)
+
+    def _seek(self, step: int) -> None:
+        """Show a time step; at the end of a log that grows, follow it."""
+        self._go(step)
+        if self.growing and self.position >= self.log.last_step:
+            self.paused = False
 
     def _jump(self, kind: str) -> None:
-        """Go to the first crossing, or to the next moment of another kind; say where none is."""
-        steps = self._moments.steps[kind]
+        """Go to the first crossing, or to the next step of another kind; or say there is none."""
+        steps = self._key_steps.steps[kind]
         step = 0 if kind == controls.CROSSING else int(self.position) + 1
         place = int(np.searchsorted(steps, step))
         if place < len(steps):
             self._go(int(steps[place]))
             self.paused = True
             return
-        what = f"No {WORDS[kind]}"
+        what = f"No {KIND_NAMES[kind]}"
         if kind != controls.CROSSING:
             what = f"{what} after time step {step - 1:,}"
         read = self._counts.read_to
-        so_far = (
-            ""
-            if read >= self.log.last_step
-            else f"; the log is read to time step {read:,}"
-        )
-        self._say(f"{what}{so_far}.")
+        if read < self.log.last_step:
+            what = f"{what}; the log is read to time step {read:,}"
+        self._say(f"{what}.")
 
     def _say(self, text: str) -> None:
-        """Show what came of a control; empty: nothing is to be said."""
+        """Show the result of a control; an empty text clears it."""
         if self._new("said", text):
             self.board.put("said", text=text)
 
     def _beside(self, count: int) -> int:
-        """Return the time step so many steps on in the log, or back."""
+        """Return the time step that is `count` steps later in the log; earlier if negative."""
         log = self._around()
         row = self._row(log) + count
         inside = 0 <= row < len(log.step)
@@ -381,7 +388,7 @@ class BagSource(controls.Controlled):
             self.board.put("asked", robots=so_far.asked.tolist(), where=ASKED_SO_FAR)
 
     def _tell(self, log: RunLog, row: int) -> None:
-        """Show the last questions up to a row, where there are others than before.
+        """Show the last questions up to a row, if they are not shown already.
 
         Their details have the rows of the tables that decided, once these were learned again.
         """
@@ -401,7 +408,7 @@ class BagSource(controls.Controlled):
             rows = {
                 k: text for (step, k), text in self._rows.items() if step == seen.step
             }
-            told += messages.in_words(self.run, seen, known, self._words, rows)
+            told += messages.in_words(self.run, seen, known, self._narrator, rows)
             found = (messages.asked_of(seen, one) for one in questions_of(seen))
             questions += [(seen.step, one) for one in found if one is not None]
         self._questions = questions[-messages.MOST_ENTRIES :]
@@ -416,7 +423,7 @@ class BagSource(controls.Controlled):
         elif self.growing:
             text = "still being recorded: the page follows it"
         elif not log.bag.finished:
-            text = "never closed by its recorder: what there is of it is shown"
+            text = "never closed by its recorder: the part that was written is shown"
         if self._new("notice", text):
             self.board.put("notice", text=text)
 
@@ -479,7 +486,7 @@ class BagSource(controls.Controlled):
             self._rows = rows
             self._rows_known += 1
 
-    def _read_through(self) -> None:
+    def read_through(self) -> None:
         """Compute the learning curves from the log, stretch by stretch, and go on as it grows."""
         scenario = self.run.scenario
         history = whole = blank_history(0, len(scenario.robots))
@@ -497,7 +504,7 @@ class BagSource(controls.Controlled):
                     if part.open_step is not None:  # its last episode may go on
                         whole = history.first(-1)
                         begin = part.open_step
-                    self._moments.add(part)
+                    self._key_steps.add(part)
                     self._mark()
                     share = begin / max(1, self.log.last_step)
                     self.board.put(
@@ -519,13 +526,13 @@ class BagSource(controls.Controlled):
         per_mark = max(1, (self.log.last_step - self.first) // MARKS)
         marks = {
             kind: steps[np.unique(steps // per_mark, return_index=True)[1]].tolist()
-            for kind, steps in self._moments.steps.items()
+            for kind, steps in self._key_steps.steps.items()
         }
         self.board.put("marks", **marks)
 
     def _evaluate(self) -> None:
         """Show the value of the newest tables, where all robots have learned some."""
-        found = self._newest()
+        found = self.newest()
         if any(one.step for one in found):
             step = min(one.step for one in found)
             tables = [one.tables for one in found]
@@ -535,3 +542,18 @@ class BagSource(controls.Controlled):
                 self.board.put(
                     "evaluation", **messages.evaluation_fields(self.run, tables, step)
                 )
+
+
+def since_in_words(name: str, first: int, since: int | None) -> str:
+    """Say since when a robot would ask where it does.
+
+    Args:
+        name: of the robot.
+        first: the time step of its first tables.
+        since: the time step since which its tables say so; None: the newest tables do not.
+    """
+    if since is None:
+        return f"By its newest tables {name} would not ask there."
+    if since == first:
+        return f"By its tables {name} would have asked there from the start."
+    return f"{name} learned to ask there at about step {float(f'{since:.3g}'):,.0f}."

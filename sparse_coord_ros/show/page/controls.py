@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a page may ask for, and how that is checked before it is done."""
+"""The controls of a page, and how they are checked before they are carried out."""
 
 import queue
 from collections.abc import Collection, Iterator, Mapping
@@ -47,16 +47,16 @@ QUESTION = "question"
 MISCOORDINATION = "miscoordination"
 CROSSING = "crossing"
 POLICY = "policy"
-KINDS = (QUESTION, MISCOORDINATION, CROSSING, POLICY)
+STEP_KINDS = (QUESTION, MISCOORDINATION, CROSSING, POLICY)
 """A robot asks; robots miscoordinate; for the first time some are at one doorway and all arrive
 without that; where a robot would ask changes."""
 
-LEARNED = "learned"
-"""A kind, too: the episode that shows what was learned, again and again."""
+LEARNED_EPISODE = "learned"
+"""Another target of a jump: the episode that shows what was learned, in a loop."""
 
 
 class Control(NamedTuple):
-    """What a page asks for, checked.
+    """A control that a page has sent, checked.
 
     Attributes:
         name: one of the above.
@@ -70,13 +70,13 @@ class Control(NamedTuple):
 
 
 class Controlled:
-    """What is shown, and can be held, stepped and so on."""
+    """A source that can be paused, stepped and so on."""
 
     def __init__(self) -> None:
         self._wishes: queue.SimpleQueue[Control] = queue.SimpleQueue()
 
     def control(self, control: Control) -> None:
-        """Do it soon; what comes of it shows. Called from the server's thread.
+        """Carry out a control at the next tick. Called from the server's thread.
 
         Raises:
             SparseCoordError: it cannot be done; one line for the page.
@@ -84,20 +84,20 @@ class Controlled:
         self._wishes.put(control)
 
     def wishes(self) -> Iterator[Control]:
-        """Yield what was asked for since the last call."""
+        """Yield the controls since the last call."""
         while not self._wishes.empty():
             yield self._wishes.get()
 
 
 def parse_control(data: Mapping[str, Any], allowed: Collection[str]) -> Control:
-    """Return what a page's message asks for.
+    """Return the control in a page's message.
 
     Args:
         data: the message: `do` and `value`.
         allowed: the controls that there are now.
 
     Raises:
-        SettingError: it is none of them, or its value makes no sense.
+        SettingError: there is no such control, or its value is not allowed.
     """
     name: Any = data.get("do")
     value: Any = data.get("value")
@@ -118,7 +118,10 @@ def parse_control(data: Mapping[str, Any], allowed: Collection[str]) -> Control:
         SEEK: (whole and abs(value) <= 2**53, "a whole number"),
         RATE: (number and (value == 0 or 0.001 <= value <= 1e6), "0 or 0.001 to 1e6"),
         **dict.fromkeys(bare, (True, "")),
-        JUMP: (value in (*KINDS, LEARNED), ", ".join((*KINDS, LEARNED))),
+        JUMP: (
+            value in (*STEP_KINDS, LEARNED_EPISODE),
+            ", ".join((*STEP_KINDS, LEARNED_EPISODE)),
+        ),
     }[name]
     if not fits:
         raise _bad(name, value, words)

@@ -52,7 +52,7 @@ class Counts:
         self._sums = [np.zeros(robots * cells, dtype=np.int64)]
 
     def with_part(self, begin: int, part: Episodes) -> "Counts":
-        """Return the counts with a part of the log in place of what was known of it.
+        """Return the counts with the newer content of a part of the log.
 
         Args:
             begin: the time step at which the part begins.

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A team that learns now, on the page: the newest transition, and what is costly seldom."""
+"""A team that learns now, on the page: each new transition; costly messages less often."""
 
 import time
 from collections import deque
@@ -12,11 +12,11 @@ from sparse_coord_ros.core.runs.history import History
 from sparse_coord_ros.core.runs.run import TeamTransition
 from sparse_coord_ros.core.runs.run_config import RunConfig
 from sparse_coord_ros.log.runlog import explain
+from sparse_coord_ros.show.narrator import Narrator
 from sparse_coord_ros.show.page import messages
 from sparse_coord_ros.show.page.message_board import Message, MessageBoard
 from sparse_coord_ros.show.policy import row_asking
 from sparse_coord_ros.show.steps import TRAIL, Question, questions_of, trails_of
-from sparse_coord_ros.show.words import Words
 
 SLOW_SECONDS = 1.0
 """Between two messages of curves, tables and asks, or longer:"""
@@ -38,7 +38,7 @@ class LiveView:
         board: where the messages go.
         source: live or train.
         title: what the page is called.
-        controls: what a page may ask for.
+        controls: the controls of its page.
 
     Attributes:
         state: what the team is doing, in a word.
@@ -66,7 +66,7 @@ class LiveView:
         self.last: TeamTransition | None = None
         self.newest: messages.TablesThen = {}
         self._passed: deque[tuple[int | None, ...]] = deque(maxlen=TRAIL)
-        self._words = Words(run.scenario)
+        self._narrator = Narrator(run.scenario)
         self.known: Container[int] = range(robots)
         self._shown: tuple[TeamTransition | None, str, float | None] | None = None
         self._told: deque[Message] = deque(maxlen=messages.MOST_ENTRIES)
@@ -99,7 +99,7 @@ class LiveView:
             self.board.put("halting", **shown)
 
     def take(self, seen: TeamTransition) -> None:
-        """Take in a transition; called for each, so it does next to nothing."""
+        """Take in a transition; this is called for each one, so it must be fast."""
         if self.last is not None and seen.step != self.last.step + 1:
             self._passed.clear()
         self._passed.append(seen.cells)
@@ -107,7 +107,7 @@ class LiveView:
         for k, action in enumerate(seen.actions):
             if action is not None and action.asked:
                 cell = seen.cells[k]
-                assert cell is not None  # who acts knows where it is
+                assert cell is not None  # a robot that acts knows its cell
                 self.asked[k][cell] += 1
 
     def show(
@@ -159,7 +159,7 @@ class LiveView:
     def _tell(self, seen: TeamTransition) -> None:
         """Show the questions of a transition in words."""
         rows = {one.asker: self._row(seen, one) for one in questions_of(seen)}
-        asks = list(messages.in_words(self.run, seen, self.known, self._words, rows))
+        asks = list(messages.in_words(self.run, seen, self.known, self._narrator, rows))
         if asks:
             self._told.extend(asks)
             self.board.put("dialogue", entries=list(self._told))
@@ -193,8 +193,8 @@ class LiveView:
         Args:
             history: the episodes so far.
             tables: as of `messages.table_fields`.
-            asked: as `asked`, where somebody else has counted, shape (K, cells).
-            where: what was counted, in words.
+            asked: counts as of `asked`, where another object has counted, shape (K, cells).
+            where: in which episodes they were counted, in words.
         """
         self.newest = tables
         self.board.put("curves", read=1.0, **messages.curve_fields(history))

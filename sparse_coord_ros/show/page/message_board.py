@@ -3,7 +3,7 @@
 """Between the source and the pages: the newest message of each type, and nothing else.
 
 A source puts messages there from any thread and never waits. Each page takes what is newer than
-what it has had: whoever is slow misses messages, and nobody waits for it.
+what it has had: a slow page misses messages and delays no other.
 """
 
 import json
@@ -19,8 +19,8 @@ class MessageBoard:
     """The newest message of each type.
 
     Attributes:
-        pages: how many are there; what is costly need not be made where none is.
-        source: does what the pages ask for; None: nobody.
+        pages: number of open pages; costly messages are not made while it is 0.
+        source: carries out what the pages ask for; None: no controls.
     """
 
     def __init__(self) -> None:

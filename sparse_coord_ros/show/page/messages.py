@@ -28,10 +28,10 @@ from sparse_coord_ros.log.runlog import explain
 from sparse_coord_ros.log.runlog.relearned import Asked
 from sparse_coord_ros.protocol.wire import PerceptEnd
 from sparse_coord_ros.show.episodes import BUSIEST, played_episode
+from sparse_coord_ros.show.narrator import Narrator
 from sparse_coord_ros.show.page.message_board import Message, MessageBoard
 from sparse_coord_ros.show.policy import entered, policy_of
 from sparse_coord_ros.show.steps import Question, questions_of
-from sparse_coord_ros.show.words import Words
 
 POINTS = 240
 """Points of a learning curve at most: each is the mean of as many episodes as that takes."""
@@ -94,7 +94,7 @@ def run_fields(run: RunConfig) -> Message:
 
 
 def frame_fields(seen: TeamTransition, trails: Sequence[Sequence[int]]) -> Message:
-    """Return a time step: where the robots are, who asks whom, where it leads.
+    """Return a time step: the robots' cells, their questions, and their next cells.
 
     Args:
         seen: the time step.
@@ -124,14 +124,14 @@ the run's end."""
 
 
 def table_fields(run: RunConfig, tables: TablesThen) -> list[Message | None]:
-    """Return what each robot's tables say; None of a robot without any."""
+    """Return what each robot's tables say; None for a robot without tables."""
     robots: list[Message | None] = [None] * len(run.scenario.robots)
     for k, (step, own) in tables.items():
         robot = run.scenario.robots[k]
         policy = policy_of(own, robot.goal)
         robots[k] = {
             "step": step,
-            "q_star": _plain(own.q_star),
+            "q_star": plain(own.q_star),
             "moves": (policy.moves & policy.learned[:, None]).astype(int).tolist(),
             "asks": np.flatnonzero(policy.asks).tolist(),
             "enters": entered(policy, run.scenario.map, robot.start).tolist(),
@@ -164,7 +164,7 @@ def curve_fields(history: History) -> Message:
             for one in (values, weights)
         )
         with np.errstate(invalid="ignore", divide="ignore"):
-            return _plain((sums / counts).T)
+            return plain((sums / counts).T)
 
     every = np.ones(count)
     own = history.present
@@ -222,9 +222,9 @@ def put_end(
     episode = played_episode(run.scenario, tables, BUSIEST, seed=0, learner=run.rule)
     first = episode.steps[0].step if episode.steps else 0
     steps = tuple(seen._replace(step=seen.step - first) for seen in episode.steps)
-    words = Words(run.scenario)
+    narrator = Narrator(run.scenario)
     asked = [
-        (one.end, words.question(seen, one))
+        (one.end, narrator.question(seen, one))
         for seen in steps
         for one in questions_of(seen)
     ]
@@ -242,7 +242,7 @@ def put_end(
 
 
 def asked_of(seen: TeamTransition, question: Question) -> Asked | None:
-    """Return what a question of a time step brought; None where the asker's cell is not known."""
+    """Return the question as `explain` takes it; None if the asker's cell is not known."""
     cell = seen.cells[question.asker]
     if cell is None:
         return None
@@ -257,7 +257,7 @@ def in_words(
     run: RunConfig,
     seen: TeamTransition,
     known: Container[int],
-    words: Words,
+    narrator: Narrator,
     rows: Mapping[int, str],
 ) -> Iterator[Message]:
     """Yield the questions of a time step: as a sentence, and as `explain` begins to tell them.
@@ -265,15 +265,15 @@ def in_words(
     Args:
         run: the run.
         seen: the time step.
-        known: the robots, from 0, whose tables are known; of others only what happened is told.
-        words: of the scenario.
-        rows: by robot, what to say of the row of its tables that decided.
+        known: numbers of the robots whose tables are known; for the others no reason is given.
+        narrator: of the scenario.
+        rows: by robot, the row of its tables that decided, in words.
     """
     for question in questions_of(seen):
         k, peers, end, move = question
         cell = seen.cells[k]
         after = None if seen.after is None else seen.after[k]
-        whom = ", ".join(words.names[peer] for peer in peers) or "nobody"
+        whom = ", ".join(narrator.names[peer] for peer in peers) or "nobody"
         asked = asked_of(seen, question)
         told = end.words
         perceived = None if asked is None else asked.perceived
@@ -289,12 +289,12 @@ def in_words(
         reward = seen.rewards[k] if seen.rewards else None
         if reward is not None:
             lines.append(explain.reward_in_words(run, reward.total, after))
-        said = {"text": words.question(seen, question), "lines": lines}
+        said = {"text": narrator.question(seen, question), "lines": lines}
         yield {"step": seen.step, "robot": k, "outcome": question.outcome, **said}
 
 
-def _plain(values: np.ndarray) -> list[Any]:
-    """Return numbers with four digits as lists; None where JSON has no such number."""
+def plain(values: np.ndarray) -> list[Any]:
+    """Return numbers with four digits as lists; None in place of NaN and infinity."""
     found = values.round(4)
     unknown = ~np.isfinite(found)
     if unknown.any():

@@ -75,7 +75,7 @@ HEADERS = {
 def _is_fault(record: logging.LogRecord) -> bool:
     """Whether a line of the server's log is about this program.
 
-    Else it is about what somebody sent, or about a page that was closed while it was answered.
+    Other errors are about malformed requests, or about a page that was closed meanwhile.
     """
     error = record.exc_info[1] if record.exc_info else None
     return not isinstance(error, http_exceptions.HttpProcessingError | ConnectionError)
@@ -86,16 +86,17 @@ LOGGER.addFilter(_is_fault)
 
 
 class Page:
-    """The application: its routes, and who may use them.
+    """The application: its routes, and the check of who may use them.
 
     Args:
-        boards: what there is to show; several are shown side by side.
+        boards: the boards to show; several are shown side by side.
         host: the address that is served; the names by which requests may call it follow from it.
         index: the file that is shown first.
 
     Attributes:
         boards: as given.
         token: what controls need.
+        files: the fixed files, by their names.
     """
 
     def __init__(
@@ -111,12 +112,12 @@ class Page:
         if not self._local:
             self._names |= {socket.gethostname().lower(), socket.getfqdn().lower()}
         folder = resources.files("sparse_coord_ros.show.page") / "static"
-        self._files = {one.name: one.read_bytes() for one in folder.iterdir()}
+        self.files = {one.name: one.read_bytes() for one in folder.iterdir()}
         self.app = web.Application(
             middlewares=[self._guard], client_max_size=LARGEST_MESSAGE
         )
         self.app.router.add_get("/", self._file)
-        for name in self._files:
+        for name in self.files:
             self.app.router.add_get(f"/{name}", self._file)
         self.app.router.add_get("/ws", self._stream)
         self.app.on_response_prepare.append(_add_headers)
@@ -157,7 +158,7 @@ class Page:
     async def _file(self, request: web.Request) -> web.Response:
         name = request.path[1:] or self._index
         kind = TYPES[name.rpartition(".")[2]]
-        return web.Response(body=self._files[name], content_type=kind, charset="utf-8")
+        return web.Response(body=self.files[name], content_type=kind, charset="utf-8")
 
     async def _stream(self, request: web.Request) -> web.StreamResponse:
         wanted = request.query.get("run", "0")
@@ -201,7 +202,7 @@ class Page:
         return sum(board.pages for board in self.boards)
 
     async def _send(self, stream: web.WebSocketResponse, board: MessageBoard) -> None:
-        """Send what is newer than what the page has had; a page that is slow misses some.
+        """Send the messages that are new to the page; a slow page misses some.
 
         It looks for that so many times a second. A source that woke it up would pay for that: in
         a team's own process each of a thread's turns stops the others.
@@ -275,7 +276,7 @@ class Server:
     """The page's server in a thread of its own.
 
     Args:
-        boards: what there is to show.
+        boards: the boards to show.
         host: the address to serve; another than this machine's own is the caller's decision.
         port: 0: one that is free.
         index: the file that is shown first.
@@ -284,11 +285,11 @@ class Server:
         board: the first of them.
         page: the application.
         port: the port.
-        address: what to open in a browser, the token included.
-        warning: what to say where other machines reach the page; else empty.
+        address: the address to open in a browser, with the token.
+        warning: a warning if other machines can reach the page; else empty.
 
     Raises:
-        RunError: the port is taken, or the address is none of this machine's.
+        RunError: the port is taken, or this machine has no such address.
     """
 
     def __init__(

@@ -19,10 +19,10 @@ from sparse_coord_ros.show.page.controls import (
 )
 from sparse_coord_ros.show.page.live_source import LiveView
 from sparse_coord_ros.show.page.message_board import MessageBoard
-from sparse_coord_ros.show.sources import PLAYED_EPISODES, Shown
+from sparse_coord_ros.show.sources import PLAYED_EPISODES, OpenedRun
 
 LOOKS_A_SECOND = 30
-CONTROLS = (PAUSE, STEP, RATE, NEXT)
+TRAINING_CONTROLS = (PAUSE, STEP, RATE, NEXT)
 
 
 class TrainingView(LiveView, Controlled):
@@ -39,7 +39,7 @@ class TrainingView(LiveView, Controlled):
         self, run: RunConfig, board: MessageBoard, *, title: str, last: bool = False
     ) -> None:
         Controlled.__init__(self)
-        controls = CONTROLS[:-1] if last else CONTROLS
+        controls = TRAINING_CONTROLS[:-1] if last else TRAINING_CONTROLS
         super().__init__(run, board, source="train", title=title, controls=controls)
         self.wants_transition = True
         self._held = self._stepping = False
@@ -111,17 +111,17 @@ class TrainingView(LiveView, Controlled):
 
 
 class TrainedView(LiveView):
-    """Shows what a run without a bag has learned, and the greedy episode that its words are of.
+    """Shows what a run without a bag has learned, and a greedy episode with its questions.
 
     Args:
         shown: the run.
         board: where the messages go.
 
     Raises:
-        SparseCoordError: as of the parts of `Shown`.
+        SparseCoordError: as of the parts of `OpenedRun`.
     """
 
-    def __init__(self, shown: Shown, board: MessageBoard) -> None:
+    def __init__(self, shown: OpenedRun, board: MessageBoard) -> None:
         run = shown.config
         tables = shown.tables
         super().__init__(run, board, source="train", title=str(shown.path), controls=())

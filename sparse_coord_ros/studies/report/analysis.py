@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the results say: agreement with exact values and the paper, gaps closed, places of asks."""
+"""Statistics of results: agreement with exact values and the paper, gaps closed, asks by place."""
 
 import math
 from collections.abc import Sequence
@@ -11,19 +11,19 @@ from sparse_coord_ros.core.game.grid import UNREACHABLE, GridMap
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.runs.evaluation import Measure
 from sparse_coord_ros.core.solve.optimum import independent_bound
-from sparse_coord_ros.studies.report.rows import paper
+from sparse_coord_ros.studies.report.data import paper
 from sparse_coord_ros.studies.store import ConditionResult, standard_error
 
 AGREE = 3.0
-"""Two values agree within as many standard errors of their difference."""
+"""Two values agree if they differ by at most this many standard errors of their difference."""
 
 CONTRADICTION_ERRORS = 5.0
-"""A number of the paper lies above a bound from as many of its standard errors on."""
+"""A number of the paper contradicts a bound that it exceeds by more standard errors than this."""
 
 SAME = 0.01
-"""Difference of rewards that counts as none: far above rounding noise, below what is printed."""
+"""Rewards that differ by less count as equal: far above rounding noise, below printed digits."""
 
-NEAR = 2
+NEAR_MOVES = 2
 """Moves from a doorway that still count as near it."""
 
 
@@ -47,7 +47,7 @@ def loss_alone(result: ConditionResult) -> Measure:
     """Return by how much the reward falls short of that of robots each alone on the map.
 
     Such robots take shortest paths and never miscoordinate, wait or ask. Unlike the reward, the
-    loss does not tell teams apart whose paths are of different lengths.
+    loss does not depend on the lengths of the paths.
     """
     reward = result.best("reward")
     loss = independent_bound(result.scenario) - reward.mean
@@ -68,7 +68,7 @@ def implied_reward(result: ConditionResult) -> Measure | None:
 
     What one miscoordination costs is taken from the exact values of shortest-path policies, which
     miscoordinate at the same doorways: (value without penalties - value) / miscoordinations.
-    None where there is nothing to compare, or the row is one of a learner that pays for asking.
+    None if there is nothing to compare, or if the learner pays for asking.
     """
     counted = paper(result, "miscoordinations")
     exact = result.reference
@@ -139,7 +139,7 @@ def gap_closed(
     """Return (coop - baseline) / (optimum - baseline) of the means with its standard error.
 
     The error is to first order that of coop_i - (1 - closed) baseline_i over the runs i, divided
-    by the gap; the optimum has none. None where the baseline leaves no gap.
+    by the gap; the optimum is exact. None if the baseline leaves no gap.
 
     Args:
         coop: mean reward of each run.
@@ -155,7 +155,7 @@ def gap_closed(
     return Measure(closed, error, error)
 
 
-def near_doorways(grid: GridMap, moves: int = NEAR) -> np.ndarray:
+def near_doorways(grid: GridMap, moves: int = NEAR_MOVES) -> np.ndarray:
     """Shape (cells,): whether a doorway is at most `moves` moves away."""
     near = np.zeros(len(grid.cells), dtype=bool)
     for doorway in grid.doorways:
@@ -165,7 +165,7 @@ def near_doorways(grid: GridMap, moves: int = NEAR) -> np.ndarray:
 
 
 def share_near(scenario: Scenario, counts: Sequence[Sequence[float]]) -> float:
-    """Return the share of what is counted by robot and cell that is near doorways; NaN of none."""
+    """Return the share of counts by robot and cell that is near doorways; NaN if all are 0."""
     values = np.array(counts)
     total = values.sum()
     return (

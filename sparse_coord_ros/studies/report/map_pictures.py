@@ -17,12 +17,12 @@ from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.studies.store import ConditionResult
 
 COLOUR_MAP = "Blues"
-DOORWAY = "#D55E00"
-WALL = "0.25"
-CELL = 0.3
+DOORWAY_FRAME = "#D55E00"
+WALL_GREY = "0.25"
+CELL_INCHES = 0.3
 """Inches a cell."""
 
-WIDTH = 41
+LINE_CELLS = 41
 """Cells that fit in a line of maps."""
 
 SCALE = 0.8
@@ -65,7 +65,7 @@ def draw_map(
     for number, robot in enumerate(scenario.robots, start=1):
         labels.setdefault(robot.start, []).append(f"S{number}")
         labels.setdefault(robot.goal, []).append(f"G{number}")
-    axes.add_patch(Rectangle(corner, columns, rows, color=WALL, linewidth=0))
+    axes.add_patch(Rectangle(corner, columns, rows, color=WALL_GREY, linewidth=0))
     for x, (row, column) in enumerate(grid.cells):
         face = colormaps[COLOUR_MAP](0.9 * dark[x]) if dark[x] > 0 else "white"
         place = (left + column, top + row)
@@ -85,7 +85,9 @@ def draw_map(
         row, column = grid.cells[x]
         inner = (left + column + 0.06, top + row + 0.06)
         axes.add_patch(
-            Rectangle(inner, 0.88, 0.88, fill=False, edgecolor=DOORWAY, linewidth=1.8)
+            Rectangle(
+                inner, 0.88, 0.88, fill=False, edgecolor=DOORWAY_FRAME, linewidth=1.8
+            )
         )
     axes.add_patch(Rectangle(corner, columns, rows, fill=False, edgecolor="black"))
     axes.set(xlim=(0, columns), ylim=(rows, 0), xticks=[], yticks=[], aspect="equal")
@@ -106,7 +108,7 @@ def asked_maps(results: Sequence[ConditionResult]) -> Figure:
     for one in sorted(results, key=lambda one: one.scenario.map.shape[1]):
         rows, columns = one.scenario.map.shape
         wide = max(LEAST, columns)
-        if left + wide > WIDTH:
+        if left + wide > LINE_CELLS:
             left = 0.0
             top = top + deep
             deep = 0.0
@@ -124,10 +126,10 @@ def asked_maps(results: Sequence[ConditionResult]) -> Figure:
         )
         left = left + wide + 1
         deep = max(deep, rows + above + 0.6)
-    axes.set(xlim=(-0.2, WIDTH + 0.2), ylim=(top + deep, 0))
+    axes.set(xlim=(-0.2, LINE_CELLS + 0.2), ylim=(top + deep, 0))
     axes.axis("off")
-    height = (top + deep) * CELL + SCALE
-    figure.set_size_inches(WIDTH * CELL, height)
+    height = (top + deep) * CELL_INCHES + SCALE
+    figure.set_size_inches(LINE_CELLS * CELL_INCHES, height)
     axes.set_position((0, SCALE / height, 1, 1 - SCALE / height))
     figure.colorbar(
         ScalarMappable(norm, colormaps[COLOUR_MAP].resampled(256)),

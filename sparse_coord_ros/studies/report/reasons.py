@@ -4,34 +4,48 @@
 
 from collections.abc import Iterable, Sequence
 
+import pandas as pd
+
 from sparse_coord_ros.core.runs.evaluation import Measure
 from sparse_coord_ros.core.solve.optimum import independent_bound
 from sparse_coord_ros.core.solve.reference import shortest_path_reference
-from sparse_coord_ros.studies.report import analysis
-from sparse_coord_ros.studies.report.analysis import AGREE, errors_from
-from sparse_coord_ros.studies.report.rows import paper, pick
-from sparse_coord_ros.studies.report.text import Row, listed, percent
+from sparse_coord_ros.studies.report.analysis import (
+    AGREE,
+    above_optimum,
+    agrees,
+    contradicts_itself,
+    errors_from,
+    implied_reward,
+    is_shortest,
+)
+from sparse_coord_ros.studies.report.data import paper, pick
+from sparse_coord_ros.studies.report.text import listed, percent
 from sparse_coord_ros.studies.store import ConditionResult
 
 
-def misses(results: Iterable[ConditionResult]) -> list[Row]:
-    """Return the rows whose reward is not the paper's, or cannot be, each with the reason."""
-    return [
-        {
-            "scenario": one.scenario.name,
-            "learner": one.learner.title,
-            "ours": f"{one.best('reward').mean:.2f}",
-            "paper": f"{printed.mean:.2f}",
-            "why": _reason(one, printed),
-        }
-        for one in results
-        if (printed := paper(one, "reward"))
-        and (
-            analysis.above_optimum(one)
-            or analysis.contradicts_itself(one)
-            or not analysis.agrees(one.best("reward"), printed)
+def misses(results: Iterable[ConditionResult]) -> pd.DataFrame:
+    """Return the paper's rows that are not reproduced or impossible, each with the reason."""
+    rows = []
+    for one in results:
+        printed = paper(one, "reward")
+        if printed is None or _is_reproduced(one, printed):
+            continue
+        rows.append(
+            {
+                "scenario": one.scenario.name,
+                "learner": one.learner.title,
+                "ours": f"{one.best('reward').mean:.2f}",
+                "paper": f"{printed.mean:.2f}",
+                "why": _reason(one, printed),
+            }
         )
-    ]
+    return pd.DataFrame(rows)
+
+
+def _is_reproduced(result: ConditionResult, printed: Measure) -> bool:
+    """Whether our reward agrees with the paper's, and the paper's is possible."""
+    possible = not (above_optimum(result) or contradicts_itself(result))
+    return possible and agrees(result.best("reward"), printed)
 
 
 def _reason(result: ConditionResult, printed: Measure) -> str:
@@ -43,18 +57,18 @@ def _reason(result: ConditionResult, printed: Measure) -> str:
     )
     ideal = abs(errors_from(printed, alone)) <= AGREE
     untouched = f"the {alone:.2f} of robots that never miscoordinate, wait or ask"
-    if analysis.above_optimum(result):
+    if above_optimum(result):
         text = f"The paper's row lies above the {bound} {best:.2f}: no policy can reach it."
         return text + f" It equals, within its sampling error, {untouched}." * ideal
-    implied = analysis.implied_reward(result)
+    implied = implied_reward(result)
     turning = _turning(result)
     counted = paper(result, "miscoordinations")
-    if counted and implied and analysis.contradicts_itself(result):
+    if counted and implied and contradicts_itself(result):
         return (
             f"The paper's row contradicts its own Table 2, whose {counted.mean:.2f} "
             f"miscoordinations imply a reward of about {implied.mean:.1f}.{turning}"
         )
-    if result.condition.learner == "indiv" and analysis.is_shortest(result):
+    if result.condition.learner == "indiv" and is_shortest(result):
         return (
             f"Ours agrees with the exact {result.reference['reward']:.2f} of shortest-path "
             "policies that break ties at random; the paper does not say how it breaks "
@@ -91,11 +105,12 @@ def _turning(result: ConditionResult) -> str:
     )
 
 
-def provenances(results: Sequence[ConditionResult], rows: Iterable[Row]) -> list[str]:
-    """Return where the maps come from on which rows do not fit, each text once."""
+def provenances(results: Sequence[ConditionResult], missed: pd.DataFrame) -> list[str]:
+    """Return the sources of the maps of rows that are not reproduced, each text once."""
+    if missed.empty:
+        return []
     maps: dict[str, list[str]] = {}
-    for name in dict.fromkeys(str(row["scenario"]) for row in rows):
-        maps.setdefault(pick(results, name=name)[0].scenario.map.provenance, []).append(
-            name
-        )
+    for name in missed["scenario"].unique():
+        provenance = pick(results, name=name)[0].scenario.map.provenance
+        maps.setdefault(provenance, []).append(name)
     return [f"{listed(own)}: {text}." for text, own in maps.items() if text]

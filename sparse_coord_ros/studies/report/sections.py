@@ -1,46 +1,52 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What each experiment comes to: the rows of its table, and the claims that it bears on.
+"""The data of the report: one function for each experiment.
 
-Its words are in the template of its name, in `templates`.
+It returns the experiment's table, the claims that it bears on, and the values for its template in
+`templates`.
 """
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache, partial
+from functools import partial
 from itertools import groupby, takewhile
-from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-import yaml
+import pandas as pd
 
-from sparse_coord_ros.core.learners.factored import Factored
 from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.runs.evaluation import Measure
 from sparse_coord_ros.core.solve.verdict import RARE
-from sparse_coord_ros.studies.catalogue import CLOSED, FALLS, LEARNERS, LONG, REACHED
+from sparse_coord_ros.studies.catalogue import (
+    CLOSED,
+    FALLS,
+    LONG,
+    REACHED,
+    REPORTED_LEARNERS,
+)
 from sparse_coord_ros.studies.report import analysis
 from sparse_coord_ros.studies.report.analysis import (
+    AGREE,
+    NEAR_MOVES,
     SAME,
     difference,
+    gap_closed,
     paired,
     surely_above,
     surely_below,
     surely_better,
 )
-from sparse_coord_ros.studies.report.charts import ASKING
-from sparse_coord_ros.studies.report.drawings import crowd_gains, crowd_line
-from sparse_coord_ros.studies.report.rows import (
+from sparse_coord_ros.studies.report.data import (
     best_asking_team,
     by_scenario,
     paper,
     pick,
 )
+from sparse_coord_ros.studies.report.figures import crowd_gains, crowd_line
 from sparse_coord_ros.studies.report.text import (
-    Row,
     bound_of,
     factors,
     fixed,
@@ -60,15 +66,20 @@ from sparse_coord_ros.studies.store import CONFIDENCE, ConditionResult
 
 Results = Sequence[ConditionResult]
 
+TARGET = "our target"
+CENTRAL_CLAIM = "central claim"
+OPEN_QUESTION = "open question (Section 5)"
+"""Sources of claims; the others are a table, a figure or a footnote of the paper."""
+
 
 @dataclass(frozen=True)
-class JudgedClaim:
+class Claim:
     """A line of the findings.
 
     Attributes:
-        text: what is claimed.
-        source: by whom.
-        measured: what is measured here.
+        text: the claim.
+        source: who makes it.
+        measured: our measurement.
         holds: in how many cases the claim holds.
         cases: how many cases there are.
     """
@@ -85,43 +96,421 @@ class Section:
     """One experiment in the report.
 
     Attributes:
-        rows: its table.
-        claims: what it has to say on the claims.
-        values: what else its template names.
+        template: the file of its words in `templates`, with the blocks `intro` and `notes`.
+        table: its table of texts; cells may be missing.
+        claims: the claims that it bears on.
+        values: the variables of its template.
     """
 
-    rows: Sequence[Row]
-    claims: Sequence[JudgedClaim] = ()
+    template: str
+    table: pd.DataFrame
+    claims: Sequence[Claim] = ()
     values: Mapping[str, Any] = field(default_factory=dict)
 
 
-@cache
-def _words() -> dict[str, dict[str, str]]:
-    file = Path(__file__).with_name("templates") / "claims.yaml"
-    found: dict[str, dict[str, str]] = yaml.safe_load(file.read_text(encoding="utf-8"))
-    return found
-
-
-def finding(name: str, holds: int, cases: int, **values: Any) -> JudgedClaim:
-    """Return a line of the findings, its words by its name from claims.yaml.
+def rewards(source: str, results: Results) -> Section:
+    """Return Table 1 or Table 3: the total discounted reward.
 
     Args:
-        name: of the claim.
-        holds: in how many cases it holds.
-        cases: how many cases there are.
-        values: what else the words name.
+        source: what the paper calls the table.
+        results: those of its conditions.
     """
-    said = {"of": of(holds, cases), "holds": holds, **values}
-    text, source, measured = (
-        _words()[name][part].format(**said) for part in ("claim", "from", "measured")
+    rows = []
+    silent = {}
+    for own in by_scenario(results):
+        [coop] = pick(own, learner="coop")
+        rows.append(
+            {
+                "scenario": coop.scenario.name,
+                **_beside_paper(own, "reward"),
+                "best asking team found": bound_of(coop),
+                "joint optimum": optimum_of(coop),
+            }
+        )
+        if coop.best("asks").mean < RARE:
+            gain = max(0.0, coop.optimum - coop.reference["reward"])
+            silent[coop.scenario.name] = f"({gain:.2f})"
+    agree, printed = _as_paper(results, "reward")
+    rejected = [
+        one
+        for one in results
+        if analysis.above_optimum(one) or analysis.contradicts_itself(one)
+    ]
+    claim = Claim(
+        "The mean rewards",
+        source,
+        f"{of(agree, printed)} rows agree; rows of the paper that exceed the exact optimum or "
+        f"contradict its own Table 2: {len(rejected)}",
+        agree,
+        printed,
     )
-    return JudgedClaim(text, source, measured, holds, cases)
+    asking = pick(results, learner="coop")
+    shares = [one.visited_share for one in asking]
+    sizes = [one.visited_bytes for one in asking]
+    values = {
+        "visited": f"{percent(min(shares))} to {percent(max(shares))}",
+        "bytes": f"{size(min(sizes))} to {size(max(sizes))}",
+        "silent": silent,
+    }
+    return Section("rewards.md.j2", pd.DataFrame(rows), [claim], values)
+
+
+def table2(results: Results) -> Section:
+    """Return Table 2: time to goal and miscoordinations."""
+    rows = []
+    claims = []
+    words = {"time_to_goal": "times to goal", "miscoordinations": "miscoordinations"}
+    for measure, word in words.items():
+        for own in by_scenario(results):
+            head = {"scenario": own[0].scenario.name, "measure": word}
+            rows.append({**head, **_beside_paper(own, measure)})
+        agree, printed = _as_paper(results, measure)
+        text = f"{of(agree, printed)} rows agree"
+        claims.append(Claim(f"The {word}", "Table 2", text, agree, printed))
+    means = {
+        one.scenario.name: one.best("miscoordinations").mean
+        for one in pick(results, learner="coop")
+    }
+    told = named({name: f"{mean:.2f}" for name, mean in means.items()})
+    never = list(means.values()).count(0)
+    claims.append(
+        Claim(
+            "Coop. never miscoordinates",
+            "Table 2",
+            f"per episode: {told}",
+            never,
+            len(means),
+        )
+    )
+    return Section("table2.md.j2", pd.DataFrame(rows), claims)
+
+
+def _beside_paper(own: Results, measure: str) -> dict[str, str]:
+    """Return a scenario's cells: each learner's mean, and the paper's beside it."""
+    cells = {}
+    for one in own:
+        title = one.learner.title
+        cells[title] = with_error(one.best(measure))
+        printed = paper(one, measure)
+        if printed is not None:
+            cells[f"{title}, paper"] = f"{printed.mean:.2f}"
+    cells["shortest paths"] = f"{own[0].reference[measure]:.2f}"
+    return cells
+
+
+def _as_paper(results: Results, measure: str) -> tuple[int, int]:
+    """Return how many rows of the paper agree with ours, and how many there are."""
+    agreeing = []
+    for one in results:
+        printed = paper(one, measure)
+        if printed is not None:
+            agreeing.append(analysis.agrees(one.best(measure), printed))
+    return sum(agreeing), len(agreeing)
+
+
+def reward_claims(
+    source: str,
+    results: Results,
+    elsewhere: Mapping[str, Results] = MappingProxyType({}),
+) -> list[Claim]:
+    """Return the claims on Coop. against the baselines, on Indiv., and on arrivals.
+
+    Args:
+        source: the paper's tables that the results are of.
+        results: theirs.
+        elsewhere: the results of the other experiments, by their names.
+    """
+    coop = pick(results, learner="coop")
+    indiv = pick(results, learner="indiv")
+    shortest = sum(map(analysis.is_shortest, indiv))
+    return [
+        _against_baselines(source, results),
+        Claim(
+            "Indiv. learns shortest paths",
+            "exact values",
+            f"within {AGREE:g} standard errors of their exact value in "
+            f"{of(shortest, len(indiv))} scenarios",
+            shortest,
+            len(indiv),
+        ),
+        _arrivals(source, coop, elsewhere),
+    ]
+
+
+def _against_baselines(source: str, results: Results) -> Claim:
+    more = {}
+    less = {}
+    scenarios = by_scenario(results)
+    for own in scenarios:
+        [coop] = pick(own, learner="coop")
+        baselines = [one for one in own if not one.learner.asks]
+        best = max(baselines, key=lambda one: one.best("reward").mean)
+        lead = difference(coop, best)
+        if surely_above(lead):
+            more[best.scenario.name] = signed(lead)
+        elif surely_below(lead):
+            less[best.scenario.name] = signed(lead)
+    return Claim(
+        "Coop. outperforms the baselines",
+        source,
+        f"than the better baseline it surely earns more in {_counted(more, len(scenarios))} "
+        f"scenarios, surely less in {_counted(less, len(scenarios))}",
+        len(more),
+        len(scenarios),
+    )
+
+
+def _counted(found: Mapping[str, str], cases: int) -> str:
+    """Return the number of cases in which something holds, and its value in each of them."""
+    told = f" ({named(found)})" if found else ""
+    return of(len(found), cases) + told
+
+
+def _arrivals(source: str, coop: Results, elsewhere: Mapping[str, Results]) -> Claim:
+    arrived = sum(one.arrived * one.runs for one in coop)
+    arrived /= sum(one.runs for one in coop)
+    others = {}
+    for name, results in elsewhere.items():
+        own = pick(results, learner="coop")
+        if any(one.failed_teams for one in own):
+            others[name] = failed(own)
+    return Claim(
+        f"With Coop. every robot arrives in at least {percent(ARRIVE)} of the trials of {source}",
+        TARGET,
+        f"in {percent(arrived, 2)}; in {failed(coop)} teams some robot fails more often than once "
+        f"in a thousand trials; such teams in other experiments: {named(others)}",
+        int(arrived >= ARRIVE),
+        1,
+    )
 
 
 def failed(results: Iterable[ConditionResult]) -> str:
     """Return how many teams fail, of how many."""
-    counts = [(one.failed_teams, one.runs) for one in results]
-    return of(sum(failing for failing, _ in counts), sum(runs for _, runs in counts))
+    results = list(results)
+    failing = sum(one.failed_teams for one in results)
+    return of(failing, sum(one.runs for one in results))
+
+
+def figure4(results: Results) -> Section:
+    """Return by how much the reward falls from the least penalty to the greatest, run by run."""
+    rows = []
+    coop_falls = []
+    steady = 0
+    falls = {}
+    for own in _by_budget(results):
+        dear, free = _ends(own, lambda one: one.scenario.penalty)
+        lost = {name: _fall(pick(own, learner=name)) for name in REPORTED_LEARNERS}
+        best_free = best_asking_team(free) or math.nan
+        best_dear = best_asking_team(dear) or math.nan
+        bound = best_free - best_dear
+        optimum = fixed(max(0.0, free.optimum - dear.optimum))
+        rows.append(
+            {
+                "scenario": free.scenario.name,
+                "steps": steps(free.scenario),
+                **{
+                    learner_of(name).title: with_error(paired(values))
+                    for name, values in lost.items()
+                },
+                "best asking team found": fixed(bound),
+                "joint optimum": optimum if free.optimum_exact else None,
+            }
+        )
+        coop_falls.append(lost["coop"].mean())
+        baselines = [paired(lost[name] - lost["coop"]) for name in ("indiv", "noncoop")]
+        steady += all(map(surely_above, baselines))
+        if free.scenario.steps == LONG["steps"]:
+            falls[free.scenario.name] = (float(lost["factored"].mean()), bound)
+    lowest = f"{min(one.scenario.penalty for one in results):g}"
+    constant = Claim(
+        "The reward of Coop. stays about the same while the penalty grows, and that of the "
+        "baselines falls",
+        "Figure 4",
+        f"from 0 to {lowest} Coop. loses {min(coop_falls):.1f} to {max(coop_falls):.1f}; surely "
+        f"less than both baselines in {of(steady, len(rows))} cases",
+        steady,
+        len(rows),
+    )
+    claims = [constant, _factored_falls(lowest, falls)]
+    return Section("figure4.md.j2", pd.DataFrame(rows), claims, {"lowest": lowest})
+
+
+def _by_budget(results: Results) -> list[list[ConditionResult]]:
+    """Return the results of each scenario and step budget."""
+    found = []
+    for own in by_scenario(results):
+        for budget in dict.fromkeys(one.scenario.steps for one in own):
+            found.append(pick(own, steps=budget))
+    return found
+
+
+def _ends(
+    results: Results, key: Callable[[ConditionResult], Any]
+) -> tuple[ConditionResult, ConditionResult]:
+    """Return the results of the least and of the greatest value of a setting."""
+    ordered = sorted(results, key=key)
+    return ordered[0], ordered[-1]
+
+
+def _fall(results: Results) -> np.ndarray:
+    """Return the reward that the largest penalty costs in each run, shape (runs,)."""
+    dear, free = _ends(results, lambda one: one.scenario.penalty)
+    lost: np.ndarray = free.run_means("reward") - dear.run_means("reward")
+    return lost
+
+
+def _factored_falls(lowest: str, falls: Mapping[str, tuple[float, float]]) -> Claim:
+    """Return whether Factored stays within the limits that were set.
+
+    Args:
+        lowest: the hardest penalty.
+        falls: what Factored and what the best asking team found lose from a penalty of 0 to the
+            hardest one, by scenario; NaN where no such team is known.
+    """
+    judged = {}
+    within = 0
+    unlimited = {}
+    steady = {}
+    unknown = []
+    for name, (lost, bound) in falls.items():
+        if math.isnan(bound):
+            unknown.append(name)
+        elif bound <= SAME:
+            steady[name] = f"{lost:.2f}"
+        elif name not in FALLS:
+            unlimited[name] = f"{lost / bound:.2f}"
+        else:
+            judged[name] = f"{lost / bound:.3f}"
+            within += lost / bound <= FALLS[name]
+    left_out = []
+    if unlimited:
+        left_out.append(f"no limit was set: {named(unlimited)}")
+    if steady:
+        left_out.append(f"that team loses nothing, Factored: {named(steady)}")
+    if unknown:
+        left_out.append(f"no such team is known: {', '.join(unknown)}")
+    limits = named({name: f"{limit:g}" for name, limit in FALLS.items()})
+    return Claim(
+        f"From a penalty of 0 to {lowest}, given 10^5 steps, Factored loses hardly more than the "
+        f"best team of its form, at most so many times as much: {limits}",
+        TARGET,
+        f"times as much as the best asking team found: {named(judged)}. "
+        f"Not judged: {'; '.join(left_out) or 'none'}",
+        within,
+        len(judged),
+    )
+
+
+def penalty100(results: Results) -> Section:
+    """Return how much of the gap to the optimum the learners that ask close."""
+    rows = []
+    coop_closed = {}
+    factored_closed = {}
+    for own in by_scenario(results):
+        [base] = pick(own, learner="noncoop")
+        shortest = base.reference["reward"]
+        learned = base.run_means("reward")
+        paths_are_better = shortest >= base.best("reward").mean
+        for one in own:
+            if not one.learner.asks:
+                continue
+            reward = one.run_means("reward")
+            closed = gap_closed(reward, learned, one.optimum)
+            from_paths = gap_closed(reward, shortest, one.optimum)
+            best = best_asking_team(one)
+            to_best = None if best is None else gap_closed(reward, learned, best)
+            if one.condition.learner == "coop":
+                coop_closed[base.scenario.name] = closed
+            else:
+                factored_closed[base.scenario.name] = to_best
+            rows.append(
+                {
+                    "scenario": base.scenario.name,
+                    "learner": one.learner.title,
+                    "reward (s.e.)": with_error(one.best("reward")),
+                    "Non-coop.": with_error(base.best("reward")),
+                    "shortest paths": f"{shortest:.2f}",
+                    "best asking team found": bound_of(one),
+                    "joint optimum": optimum_of(one),
+                    "closed": share(closed),
+                    "from the better": share(
+                        from_paths if paths_are_better else closed
+                    ),
+                    "to the best asking team found": None
+                    if best is None
+                    else share(to_best),
+                    "miscoordinations (s.e.)": with_error(
+                        one.best("miscoordinations"), 3
+                    ),
+                    "COORDINATE (s.e.)": with_error(one.best("asks"), 3),
+                    "failed teams": failed([one]),
+                }
+            )
+    claims = [
+        _gap_claim(
+            "Given time, Coop. closes this share of the gap from Non-coop. to the optimum",
+            coop_closed,
+            CLOSED,
+        ),
+        _gap_claim(
+            "Factored closes this share of the gap from Non-coop. to the best asking team found",
+            factored_closed,
+            REACHED,
+        ),
+    ]
+    return Section("penalty100.md.j2", pd.DataFrame(rows), claims)
+
+
+def _gap_claim(
+    text: str, closed: Mapping[str, Measure | None], targets: Mapping[str, float]
+) -> Claim:
+    """Return whether the shares of gaps that are closed reach their targets, by scenario."""
+    met = 0
+    for name, measure in closed.items():
+        target = targets.get(name, math.inf)
+        met += measure is not None and measure.mean >= target
+    aims = {name: percent(targets[name], 0) for name in closed if name in targets}
+    told = named({name: share(measure) for name, measure in closed.items()})
+    return Claim(f"{text}: {named(aims)}", TARGET, told, met, len(closed))
+
+
+def ask_cost(results: Results) -> Section:
+    """Return what Coop. does at the lowest and at the highest cost, and while asking pays."""
+    rows = []
+    told = {}
+    fewer = []
+    for own in by_scenario(results):
+        [base] = pick(own, learner="noncoop")
+        coop = sorted(pick(own, learner="coop"), key=lambda one: one.scenario.ask_cost)
+        free = coop[0]
+        dear = coop[-1]
+        at_free = f"{free.scenario.ask_cost:g}"
+        at_dear = f"{dear.scenario.ask_cost:g}"
+        worth = list(takewhile(partial(surely_better, baseline=base), coop))
+        rows.append(
+            {
+                "scenario": base.scenario.name,
+                f"asks at {at_free}": with_error(free.best("asks")),
+                f"asks at {at_dear}": with_error(dear.best("asks")),
+                f"reward at {at_free}": with_error(free.best("reward")),
+                f"reward at {at_dear}": with_error(dear.best("reward")),
+                "Non-coop.": with_error(base.best("reward")),
+                "shortest paths": f"{base.reference['reward']:.2f}",
+                "worth it up to": f"{worth[-1].scenario.ask_cost:g}" if worth else None,
+            }
+        )
+        told[base.scenario.name] = (
+            f"{free.best('asks').mean:.2f} at {at_free} and "
+            f"{dear.best('asks').mean:.2f} at {at_dear}"
+        )
+        fewer.append(difference(free, dear, "asks"))
+    claim = Claim(
+        "Robots ask less where asking costs more",
+        OPEN_QUESTION,
+        f"COORDINATE per robot and episode: {named(told)}",
+        *_surely(fewer),
+    )
+    return Section("ask_cost.md.j2", pd.DataFrame(rows), [claim])
 
 
 def _surely(measures: Iterable[Measure]) -> tuple[int, int]:
@@ -130,500 +519,230 @@ def _surely(measures: Iterable[Measure]) -> tuple[int, int]:
     return sum(found), len(found)
 
 
-def _ends(
-    results: Iterable[ConditionResult], key: Callable[[ConditionResult], Any]
-) -> tuple[ConditionResult, ConditionResult]:
-    """Return the results of the least and of the greatest value of a setting."""
-    ordered = sorted(results, key=key)
-    return ordered[0], ordered[-1]
-
-
-def _as_paper(results: Results, measure: str) -> tuple[int, int]:
-    """Return how many rows of the paper agree with ours, and how many there are."""
-    pairs = [
-        (one.best(measure), printed)
-        for one in results
-        if (printed := paper(one, measure))
-    ]
-    return sum(analysis.agrees(*pair) for pair in pairs), len(pairs)
-
-
-def _beside_paper(results: Results, measure: str, head: Row) -> list[Row]:
-    """Return a row a scenario: each learner's mean, and the paper's."""
-    rows: list[Row] = []
-    for own in by_scenario(results):
-        row: dict[str, str | None] = {"scenario": own[0].scenario.name, **head}
-        for one in own:
-            printed = paper(one, measure)
-            row[one.learner.title] = with_error(one.best(measure))
-            if printed:
-                row[f"{one.learner.title}, paper"] = f"{printed.mean:.2f}"
-        rows.append({**row, "shortest paths": f"{own[0].reference[measure]:.2f}"})
-    return rows
-
-
-def _rewards(table: str, results: Results) -> Section:
-    """Return Table 1 or Table 3: the total discounted reward."""
-    same, shown = _as_paper(results, "reward")
-    rejected = sum(
-        analysis.above_optimum(e) or analysis.contradicts_itself(e) for e in results
-    )
-    coop = pick(results, learner="coop")
-    rows = [
-        {
-            **row,
-            "best asking team found": bound_of(one),
-            "joint optimum": optimum_of(one),
-        }
-        for row, one in zip(_beside_paper(results, "reward", {}), coop, strict=True)
-    ]
-    claim = finding("rewards", same, shown, table=table, rejected=rejected)
-    shares, sizes = zip(
-        *((one.visited_share, one.visited_bytes) for one in coop), strict=True
-    )
-    values = {
-        "visited": f"{percent(min(shares))} to {percent(max(shares))}",
-        "bytes": f"{size(min(sizes))} to {size(max(sizes))}",
-        "silent": {
-            one.scenario.name: f"({max(0.0, one.optimum - one.reference['reward']):.2f})"
-            for one in coop
-            if one.best("asks").mean < RARE
-        },
-    }
-    return Section(rows, [claim], values)
-
-
-def reward_claims(
-    source: str,
-    results: Results,
-    elsewhere: Mapping[str, Results] = MappingProxyType({}),
-) -> list[JudgedClaim]:
-    """Return how Coop. fares against the baselines, Indiv. against exact values; who arrives.
-
-    Args:
-        source: the paper's tables that the results are of.
-        results: theirs.
-        elsewhere: the results of the other experiments, by their names.
-    """
-    more = {}
-    less = {}
-    for own in by_scenario(results):
-        base = max(
-            (e for e in own if not e.learner.asks), key=lambda e: e.best("reward").mean
-        )
-        lead = difference(pick(own, learner="coop")[0], base)
-        if surely_above(lead):
-            more[base.scenario.name] = signed(lead)
-        elif surely_below(lead):
-            less[base.scenario.name] = signed(lead)
-    indiv = pick(results, learner="indiv")
-    coop = pick(results, learner="coop")
-    exact = sum(map(analysis.is_shortest, indiv))
-    arrived = sum(e.arrived * e.runs for e in coop) / sum(e.runs for e in coop)
-    losers = {name: pick(own, learner="coop") for name, own in elsewhere.items()}
-    others = {
-        name: failed(own)
-        for name, own in losers.items()
-        if any(e.failed_teams for e in own)
-    }
-    told = {
-        "arrived": percent(arrived, 2),
-        "failed": failed(coop),
-        "wanted": percent(ARRIVE),
-    }
-    return [
-        finding(
-            "outperforms",
-            len(more),
-            len(coop),
-            source=source,
-            more=_counted(more, len(coop)),
-            less=_counted(less, len(coop)),
-        ),
-        finding("shortest", exact, len(indiv), errors=analysis.AGREE),
-        finding(
-            "arrive", arrived >= ARRIVE, 1, source=source, others=named(others), **told
-        ),
-    ]
-
-
-def _counted(found: Mapping[str, str], cases: int) -> str:
-    """Return in how many cases something holds, and what it is in each of them."""
-    told = f" ({named(found)})" if found else ""
-    return of(len(found), cases) + told
-
-
-def _table2(results: Results) -> Section:
-    rows = []
-    claims = []
-    words = {"time_to_goal": "times to goal", "miscoordinations": "miscoordinations"}
-    for measure, text in words.items():
-        rows += _beside_paper(results, measure, {"measure": text})
-        same, shown = _as_paper(results, measure)
-        claims.append(finding("table2", same, shown, what=text))
-    means = {
-        one.scenario.name: one.best("miscoordinations").mean
-        for one in pick(results, learner="coop")
-    }
-    told = named({name: f"{mean:.2f}" for name, mean in means.items()})
-    claims.append(
-        finding("never", list(means.values()).count(0), len(means), told=told)
-    )
-    return Section(rows, claims)
-
-
-def _by_budget(results: Results) -> Iterator[list[ConditionResult]]:
-    """Yield the results of each scenario and step budget."""
-    for own in by_scenario(results):
-        for budget in dict.fromkeys(one.scenario.steps for one in own):
-            yield pick(own, steps=budget)
-
-
-def _fall(results: Results) -> np.ndarray:
-    """Return what is lost from the least penalty to the greatest in each run, shape (runs,)."""
-    dear, free = _ends(results, lambda one: one.scenario.penalty)
-    lost: np.ndarray = free.run_means("reward") - dear.run_means("reward")
-    return lost
-
-
-def _figure4(results: Results) -> Section:
-    """Return what learners lose from the least penalty to the greatest, run by run."""
-    rows = []
-    falls = {}
-    coop_falls = []
-    less = 0
-    for own in _by_budget(results):
-        dear, free = _ends(own, lambda one: one.scenario.penalty)
-        lost = {name: _fall(pick(own, learner=name)) for name in LEARNERS}
-        bound = (best_asking_team(free) or math.nan) - (
-            best_asking_team(dear) or math.nan
-        )
-        if free.scenario.steps == LONG["steps"]:
-            falls[free.scenario.name] = (float(lost["factored"].mean()), bound)
-        exact = fixed(max(0.0, free.optimum - dear.optimum))
-        rows.append(
-            {
-                "scenario": free.scenario.name,
-                "steps": steps(free.scenario),
-                **{
-                    learner_of(name).title: with_error(paired(v))
-                    for name, v in lost.items()
-                },
-                ASKING: fixed(bound),
-                "joint optimum": exact if free.optimum_exact else None,
-            }
-        )
-        coop_falls.append(lost["coop"].mean())
-        over = [paired(lost[name] - lost["coop"]) for name in ("indiv", "noncoop")]
-        less += all(map(surely_above, over))
-    lowest = f"{min(one.scenario.penalty for one in results):g}"
-    least = min(coop_falls)
-    most = max(coop_falls)
-    claims = [
-        finding("constant", less, len(rows), lowest=lowest, least=least, most=most),
-        _falls(lowest, falls),
-    ]
-    return Section(rows, claims, {"lowest": lowest})
-
-
-def _falls(lowest: str, falls: Mapping[str, tuple[float, float]]) -> JudgedClaim:
-    """Return whether Factored stays within the limits that were set, where some were.
-
-    Args:
-        lowest: the hardest penalty.
-        falls: what Factored and what the best asking team found lose from a penalty of 0 to the
-            hardest one, by scenario; NaN where no such team is known.
-    """
-    ratios = {
-        name: lost / bound for name, (lost, bound) in falls.items() if bound > SAME
-    }
-    judged = {name: ratio for name, ratio in ratios.items() if name in FALLS}
-    within = sum(ratio <= FALLS[name] for name, ratio in judged.items())
-    unlimited = {n: f"{ratio:.2f}" for n, ratio in ratios.items() if n not in FALLS}
-    steady = {n: f"{lost:.2f}" for n, (lost, bound) in falls.items() if bound <= SAME}
-    unknown = [name for name, (_, bound) in falls.items() if math.isnan(bound)]
-    reasons = {
-        "no limit was set": named(unlimited) if unlimited else "",
-        "that team loses nothing, Factored": named(steady) if steady else "",
-        "no such team is known": ", ".join(unknown),
-    }
-    left_out = "; ".join(f"{why}: {which}" for why, which in reasons.items() if which)
-    return finding(
-        "falls",
-        within,
-        len(judged),
-        lowest=lowest,
-        limits=named({name: f"{limit:g}" for name, limit in FALLS.items()}),
-        ratios=named({name: f"{ratio:.3f}" for name, ratio in judged.items()}),
-        left_out=left_out or "none",
-    )
-
-
-def _penalty100(results: Results) -> Section:
-    rows: list[Row] = []
-    closed: dict[str, dict[str, Measure | None]] = {"coop": {}, "factored": {}}
-    for own in by_scenario(results):
-        [base] = pick(own, learner="noncoop")
-        name = base.scenario.name
-        shortest = base.reference["reward"]
-        better = max(shortest, base.best("reward").mean)
-        for one in own:
-            if not one.learner.asks:
-                continue
-            gap = partial(analysis.gap_closed, one.run_means("reward"))
-            learned = base.run_means("reward")
-            bound = best_asking_team(one)
-            whole = gap(learned, optimum=one.optimum)
-            harder = whole if better > shortest else gap(shortest, optimum=one.optimum)
-            reached = None if bound is None else gap(learned, optimum=bound)
-            closed[one.condition.learner][name] = (
-                reached if isinstance(one.learner, Factored) else whole
-            )
-            rows.append(
-                {
-                    "scenario": name,
-                    "learner": one.learner.title,
-                    "reward (s.e.)": with_error(one.best("reward")),
-                    "Non-coop.": with_error(base.best("reward")),
-                    "shortest paths": f"{shortest:.2f}",
-                    "best asking team found": bound_of(one),
-                    "joint optimum": optimum_of(one),
-                    "closed": share(whole),
-                    "from the better": share(harder),
-                    "to the best asking team found": None
-                    if bound is None
-                    else share(reached),
-                    "miscoordinations (s.e.)": with_error(
-                        one.best("miscoordinations"), 3
-                    ),
-                    "COORDINATE (s.e.)": with_error(one.best("asks"), 3),
-                    "failed teams": failed([one]),
-                }
-            )
-    claims = []
-    for learner, targets in (("coop", CLOSED), ("factored", REACHED)):
-        found = closed[learner]
-        met = sum(
-            one is not None and one.mean >= targets.get(name, math.inf)
-            for name, one in found.items()
-        )
-        aims = named(
-            {name: percent(targets[name], 0) for name in found if name in targets}
-        )
-        told = named({name: share(one) for name, one in found.items()})
-        claims.append(finding(learner, met, len(found), aims=aims, told=told))
-    return Section(rows, claims)
-
-
-def _ask_cost(results: Results) -> Section:
-    rows = []
-    told = {}
-    less = []
-    for own in by_scenario(results):
-        [base] = pick(own, learner="noncoop")
-        coop = pick(own, learner="coop")
-        free, dear = _ends(coop, lambda one: one.scenario.ask_cost)
-        ordered = sorted(coop, key=lambda one: one.scenario.ask_cost)
-        worth = list(takewhile(partial(surely_better, baseline=base), ordered))
-        ends = [(one, f"{one.scenario.ask_cost:g}") for one in (free, dear)]
-        rows.append(
-            {
-                "scenario": free.scenario.name,
-                **{
-                    f"asks at {cost}": with_error(one.best("asks"))
-                    for one, cost in ends
-                },
-                **{
-                    f"reward at {cost}": with_error(one.best("reward"))
-                    for one, cost in ends
-                },
-                "Non-coop.": with_error(base.best("reward")),
-                "shortest paths": f"{free.reference['reward']:.2f}",
-                "worth it up to": f"{worth[-1].scenario.ask_cost:g}" if worth else None,
-            }
-        )
-        told[free.scenario.name] = " and ".join(
-            f"{one.best('asks').mean:.2f} at {cost}" for one, cost in ends
-        )
-        less.append(difference(free, dear, "asks"))
-    return Section(rows, [finding("ask_cost", *_surely(less), told=named(told))])
-
-
-def _perception(results: Results) -> Section:
+def perception(results: Results) -> Section:
+    """Return what Coop. earns if no percept succeeds, if all do, and in line of sight."""
     rows = []
     gains = {}
     for own in by_scenario(results):
         drawn = [one for one in own if one.scenario.perception.kind == "probability"]
-        never, always = _ends(drawn, lambda one: one.scenario.perception.numbers)
-        name = never.scenario.name
-        gains[name] = difference(always, never)
         seen = [one for one in own if one.scenario.perception.kind == "line_of_sight"]
+        never, always = _ends(drawn, lambda one: one.scenario.perception.numbers)
+        gain = difference(always, never)
+        in_sight = with_error(seen[0].best("reward")) if seen else None
+        gains[never.scenario.name] = gain
         rows.append(
             {
-                "scenario": name,
+                "scenario": never.scenario.name,
                 "reward at 0": with_error(never.best("reward")),
                 "reward at 1": with_error(always.best("reward")),
-                "gain": signed(gains[name]),
-                "in line of sight": with_error(seen[0].best("reward"))
-                if seen
-                else None,
+                "gain": signed(gain),
+                "in line of sight": in_sight,
             }
         )
     told = named({name: signed(gain) for name, gain in gains.items()})
-    return Section(rows, [finding("perception", *_surely(gains.values()), told=told)])
+    claim = Claim(
+        "Percepts that fail cost reward",
+        OPEN_QUESTION,
+        f"gain from percepts that never succeed to those that always do: {told}",
+        *_surely(gains.values()),
+    )
+    return Section("perception.md.j2", pd.DataFrame(rows), [claim])
 
 
-def _uneven(results: Results) -> Section:
+def uneven(results: Results) -> Section:
+    """Return Coop. beside Non-coop. where r^C differs between the robots."""
     rows = []
     gains = []
     for coop in pick(results, learner="coop"):
-        spec = coop.scenario.common_reward
-        name = coop.scenario.name
-        [base] = pick(results, learner="noncoop", name=name, common_reward=spec)
-        gains.append(difference(coop, base))
+        scenario = coop.scenario
+        same = {"name": scenario.name, "common_reward": scenario.common_reward}
+        [base] = pick(results, learner="noncoop", **same)
+        gain = difference(coop, base)
+        gains.append(gain)
         rows.append(
             {
-                "scenario": name,
+                "scenario": scenario.name,
                 "factors": factors(coop),
                 "Non-coop.": with_error(base.best("reward")),
                 "Coop.": with_error(coop.best("reward")),
-                "gain": signed(gains[-1]),
+                "gain": signed(gain),
                 "asks, robot by robot": " : ".join(
-                    f"{n:.2f}" for n in coop.robot_means["asks"]
+                    f"{mean:.2f}" for mean in coop.robot_means["asks"]
                 ),
             }
         )
-    better = of(sum(gain.mean > 0 for gain in gains), len(gains))
-    return Section(rows, [finding("uneven", *_surely(gains), better=better)])
+    better = sum(gain.mean > 0 for gain in gains)
+    surely, cases = _surely(gains)
+    claim = Claim(
+        "Coop. is worth more than Non-coop. where r^C is uneven too",
+        OPEN_QUESTION,
+        f"worth more in {of(better, cases)} cases (even r^C among them), surely in {surely}",
+        surely,
+        cases,
+    )
+    return Section("uneven.md.j2", pd.DataFrame(rows), [claim])
 
 
-def _crowd(results: Results) -> Section:
+def crowd(results: Results) -> Section:
+    """Return the reward of larger teams, and what each way to coordinate gains."""
     gains = crowd_gains(results)
     rows = []
     sizes = groupby(results, key=lambda one: len(one.scenario.robots))
     for number, (robots, group) in enumerate(sizes):
         own = list(group)
+        rewards_of = {crowd_line(one): with_error(one.best("reward")) for one in own}
+        gained = {
+            f"gain, {line}": signed(found[number]) for line, found in gains.items()
+        }
         rows.append(
             {
                 "robots": str(robots),
-                **{crowd_line(one): with_error(one.best("reward")) for one in own},
+                **rewards_of,
                 "best asking team found": bound_of(own[-1]),
                 "joint optimum": optimum_of(own[-1]),
-                **{
-                    f"gain, {line}": signed(found[number])
-                    for line, found in gains.items()
-                },
+                **gained,
             }
         )
     one, every, factored = (_surely(found) for found in gains.values())
-    crowded = pick(results, peers="all", learner="coop")[-1]
-    own = pick(results, learner="factored")
-    both = one[0] + every[0], one[1] + every[1]
     claims = [
-        finding("crowd", *both, one=of(*one), every=of(*every)),
-        finding("crowd_factored", *factored),
+        Claim(
+            "In larger teams too, Coop. is worth more than Non-coop.",
+            "open question (footnote 3)",
+            f"surely in {of(*one)} team sizes with one peer, in {of(*every)} with all peers",
+            one[0] + every[0],
+            one[1] + every[1],
+        ),
+        Claim(
+            "Factored is worth more than Non-coop., whatever the team size",
+            TARGET,
+            f"surely in {of(*factored)} team sizes",
+            *factored,
+        ),
     ]
+    largest = pick(results, peers="all", learner="coop")[-1]
+    teams = pick(results, learner="factored")
     values = {
-        "robots": len(crowded.scenario.robots),
-        "dense": size(crowded.dense_bytes),
-        "visited": size(crowded.visited_bytes),
-        "arrived": percent(min(e.arrived for e in own), 2),
-        "failed": failed(own),
+        "robots": len(largest.scenario.robots),
+        "dense": size(largest.dense_bytes),
+        "visited": size(largest.visited_bytes),
+        "arrived": percent(min(one.arrived for one in teams), 2),
+        "failed": failed(teams),
     }
-    return Section(rows, claims, values)
+    return Section("crowd.md.j2", pd.DataFrame(rows), claims, values)
 
 
-def _where(results: Results) -> Section:
+def where(results: Results) -> Section:
+    """Return how much is asked near doorways, beside the time that robots spend there."""
     rows = []
-    more_often = []
-    always_near = []
-    silent = []
-    costs = {}
-    asks_in_vain = 0
     for one in results:
-        name = one.scenario.name
-        asked, time = (
-            analysis.share_near(one.scenario, n) for n in (one.asked, one.stays)
-        )
-        asks = one.best("asks")
-        if asks.mean < RARE:
-            silent.append(name)
-        elif percent(time) == percent(1.0):
-            always_near.append(name)
-        else:
-            more_often.append(asked > time)
-        best = best_asking_team(one)
-        paths = one.reference["reward"]
-        if best is not None and best - paths <= SAME:
-            loss = paired(paths - one.run_means("reward"))
-            costs[name] = f"{asks.mean:.2f} times, loses {with_error(loss)}"
-            asks_in_vain += asks.mean >= RARE
         near = float(np.mean(analysis.near_doorways(one.scenario.map)))
         rows.append(
             {
-                "scenario": name,
-                "COORDINATE (s.e.)": with_error(asks, 3),
-                "asked near": percent(asked),
-                "time near": percent(time),
+                "scenario": one.scenario.name,
+                "COORDINATE (s.e.)": with_error(one.best("asks"), 3),
+                "asked near": percent(analysis.share_near(one.scenario, one.asked)),
+                "time near": percent(analysis.share_near(one.scenario, one.stays)),
                 "cells near": percent(near),
                 "visited": percent(one.visited_share),
                 "reward (s.e.)": with_error(one.best("reward")),
-                "shortest paths": f"{paths:.2f}",
+                "shortest paths": f"{one.reference['reward']:.2f}",
                 "best asking team found": bound_of(one),
             }
         )
-    claims = [
-        finding(
-            "where",
-            sum(more_often),
-            len(more_often),
-            near=analysis.NEAR,
-            always_near=listed(always_near),
-            silent=listed(silent),
-            rare=RARE,
-        ),
-        finding("needless", len(costs) - asks_in_vain, len(costs), told=named(costs)),
-    ]
-    return Section(rows, claims)
+    claims = [_asks_near_doorways(results), _needless_asks(results)]
+    return Section("where.md.j2", pd.DataFrame(rows), claims)
 
 
-def _unseen(results: Results) -> Section:
+def _asks_near_doorways(results: Results) -> Claim:
+    more_often = []
+    always_near = []
+    silent = []
+    for one in results:
+        asked = analysis.share_near(one.scenario, one.asked)
+        time = analysis.share_near(one.scenario, one.stays)
+        if one.best("asks").mean < RARE:
+            silent.append(one.scenario.name)
+        elif percent(time) == percent(1.0):
+            always_near.append(one.scenario.name)
+        else:
+            more_often.append(asked > time)
+    holds = sum(more_often)
+    cases = len(more_often)
+    return Claim(
+        "Robots coordinate only where they must: near doorways",
+        CENTRAL_CLAIM,
+        f"the share of questions asked within {NEAR_MOVES} moves of a doorway exceeds the "
+        f"share of time spent there in {of(holds, cases)} scenarios. Left out: "
+        f"{listed(always_near)} (robots are always near one), {listed(silent)} (a robot asks "
+        f"less than {RARE:g} times an episode)",
+        holds,
+        cases,
+    )
+
+
+def _needless_asks(results: Results) -> Claim:
+    costs = {}
+    in_vain = 0
+    for one in results:
+        best = best_asking_team(one)
+        paths = one.reference["reward"]
+        if best is None or best - paths > SAME:
+            continue
+        asks = one.best("asks").mean
+        loss = paired(paths - one.run_means("reward"))
+        costs[one.scenario.name] = f"{asks:.2f} times, loses {with_error(loss)}"
+        in_vain += asks >= RARE
+    return Claim(
+        "Robots do not ask where asking is never needed",
+        CENTRAL_CLAIM,
+        "never needed: the best asking team found earns no more than shortest paths. There a "
+        f"robot of Coop. asks, and loses against shortest paths: {named(costs)}",
+        len(costs) - in_vain,
+        len(costs),
+    )
+
+
+def unseen(results: Results) -> Section:
+    """Return how teams stand in buildings that no search has seen."""
+    titles = {}
+    found = {}
+    for learner in dict.fromkeys(one.condition.learner for one in results):
+        own = pick(results, learner=learner)
+        titles[learner] = own[0].learner.title
+        found[learner] = standings(own) | standings(own, by_kind=True)
     rows = []
-    by_learner = {one.condition.learner: one.learner.title for one in results}
-    found = {
-        name: standings(own) | standings(own, by_kind=True)
-        for name in by_learner
-        if (own := pick(results, learner=name))
-    }
-    for where, factored in found["factored"].items():
+    for teams, factored in found["factored"].items():
+        shares = {
+            titles[learner]: own[teams].share_and_failed()
+            for learner, own in found.items()
+        }
         rows.append(
             {
-                "teams": where,
+                "teams": teams,
                 "buildings": str(factored.buildings),
                 "shortest paths": f"{factored.paths:.2f}",
                 "best known": f"{factored.best_known:.2f}",
-                **{
-                    by_learner[n]: own[where].share_and_failed()
-                    for n, own in found.items()
-                },
+                **shares,
                 "Factored, worst building": percent(factored.worst),
                 "Factored below shortest paths": factored.of_teams(factored.below),
             }
         )
-    return Section(rows, values={"sure": percent(CONFIDENCE, 0)})
+    return Section(
+        "unseen.md.j2", pd.DataFrame(rows), values={"sure": percent(CONFIDENCE, 0)}
+    )
 
 
 SECTIONS: Mapping[str, Callable[[Results], Section]] = {
-    "table1": partial(_rewards, "Table 1"),
-    "table2": _table2,
-    "table3": partial(_rewards, "Table 3"),
-    "figure4": _figure4,
-    "penalty100": _penalty100,
-    "ask_cost": _ask_cost,
-    "perception": _perception,
-    "uneven": _uneven,
-    "crowd": _crowd,
-    "where": _where,
-    "unseen": _unseen,
+    "table1": partial(rewards, "Table 1"),
+    "table2": table2,
+    "table3": partial(rewards, "Table 3"),
+    "figure4": figure4,
+    "penalty100": penalty100,
+    "ask_cost": ask_cost,
+    "perception": perception,
+    "uneven": uneven,
+    "crowd": crowd,
+    "where": where,
+    "unseen": unseen,
 }
-"""What shows each experiment."""
+"""The data function of each experiment."""

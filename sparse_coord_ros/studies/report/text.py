@@ -5,37 +5,52 @@
 import math
 from collections.abc import Mapping, Sequence
 
+import pandas as pd
+
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.runs.evaluation import Measure
-from sparse_coord_ros.studies.report.rows import best_asking_team, best_team
+from sparse_coord_ros.studies.report.data import best_asking_team, best_team
 from sparse_coord_ros.studies.store import ConditionResult
 
 UNITS = ("B", "kB", "MB", "GB", "TB", "PB", "EB", "ZB", "YB")
-WORDS = {"scenario", "learner", "steps", "cost", "percept", "factors", "claim", "from"}
-WORDS |= {"measured here", "why", "measure"}
+LEFT_COLUMNS = {
+    "scenario",
+    "learner",
+    "steps",
+    "cost",
+    "percept",
+    "factors",
+    "claim",
+    "from",
+}
+LEFT_COLUMNS |= {"measured here", "why", "measure"}
 """Columns that are aligned to the left, and the first one of every table."""
 
 Row = Mapping[str, str | None]
-"""Column -> text; None and missing columns are shown as a dash."""
+"""A line of a table: the text of each column; None where it is missing."""
 
 
-def as_table(rows: Sequence[Row]) -> tuple[list[str], list[list[str]]]:
-    """Return a table's columns, in the order in which rows name them, and its lines."""
-    head = list(dict.fromkeys(column for row in rows for column in row))
-    return head, [[row.get(column) or "-" for column in head] for row in rows]
+def to_markdown(table: pd.DataFrame) -> str:
+    """Return a table of texts as Markdown."""
+    columns = list(table.columns)
+    rule = ["--:"] * len(columns)
+    for number, column in enumerate(columns):
+        if column in LEFT_COLUMNS or number == 0:
+            rule[number] = ":--"
+    lines = [columns, rule, *cells(table)]
+    return "".join("| " + " | ".join(line) + " |\n" for line in lines)
 
 
-def to_markdown(rows: Sequence[Row]) -> str:
-    """Return a table."""
-    head, body = as_table(rows)
-    rule = [
-        ":--" if column in WORDS or not i else "--:" for i, column in enumerate(head)
-    ]
-    return "".join("| " + " | ".join(line) + " |\n" for line in (head, rule, *body))
+def cells(table: pd.DataFrame) -> list[list[str]]:
+    """Return the lines of a table of texts; where a text is missing there is a dash."""
+    found: list[list[str]] = (
+        table.astype(object).where(table.notna(), "-").values.tolist()
+    )
+    return found
 
 
 def fixed(value: float, digits: int = 2) -> str:
-    """Return a number; a dash where there is none, such as the standard error of a single run."""
+    """Return a number; a dash for NaN, such as the standard error of a single run."""
     return "-" if math.isnan(value) else f"{value:.{digits}f}"
 
 
@@ -71,14 +86,14 @@ def size(count: float) -> str:
 
 
 def listed(texts: Sequence[str]) -> str:
-    """Return texts as an enumeration; "none" where there are none."""
+    """Return texts as an enumeration; "none" for an empty one."""
     if len(texts) < 2:
         return texts[0] if texts else "none"
     return f"{', '.join(texts[:-1])} and {texts[-1]}"
 
 
 def named(texts: Mapping[str, str]) -> str:
-    """Return what there is of each name, such as `env1 1.61, pentagon 1.77`."""
+    """Return names with their values, such as `env1 1.61, pentagon 1.77`; or "none"."""
     return ", ".join(f"{name} {text}" for name, text in texts.items()) or "none"
 
 
@@ -109,7 +124,7 @@ def optimum_of(result: ConditionResult) -> str:
 
 
 def bound_of(result: ConditionResult) -> str | None:
-    """Return what the best learned team of Algorithm 1's form is worth; None where it is unknown.
+    """Return the value of the best asking team found; None if it is not known.
 
     Marked where no search found it: the best of many learned teams, of more than two robots.
     """

@@ -24,23 +24,21 @@ from sparse_coord_ros.log.runlog import read_run
 from sparse_coord_ros.log.runlog.explain import explained, in_words
 from sparse_coord_ros.log.runlog.window import LongLog
 from sparse_coord_ros.protocol.wire.occupancy import OccupancyData
-from sparse_coord_ros.show.page import moments
-from sparse_coord_ros.show.page.bag_source import BagSource
+from sparse_coord_ros.show.narrator import Narrator
+from sparse_coord_ros.show.page.bag_source import BagSource, since_in_words
 from sparse_coord_ros.show.page.controls import (
     JUMP,
-    KINDS,
-    LEARNED,
+    LEARNED_EPISODE,
     PAUSE,
     RATE,
     SEEK,
     STEP,
+    STEP_KINDS,
     Control,
 )
 from sparse_coord_ros.show.page.counts import Counts
+from sparse_coord_ros.show.page.key_steps import KeySteps, LearnedTeam, highlight
 from sparse_coord_ros.show.page.message_board import MessageBoard
-from sparse_coord_ros.show.page.moments import GreedyMoves
-from sparse_coord_ros.show.policy import entered, policy_of
-from sparse_coord_ros.show.words import Words
 
 
 class Player:
@@ -112,10 +110,10 @@ def test_the_words_begin_as_explain_tells_them(player, bag):
 
 
 TEAMS = {
-    "coop": ("env1", {"perception": "probability:0.6", "steps": 600}, {}),
+    "coop": ("env1", {"perception": "probability:0.6", "steps": 300}, {}),
     "factored": (
         "env1",
-        {"perception": "probability:0.6", "steps": 600},
+        {"perception": "probability:0.6", "steps": 300},
         {"learner": "factored"},
     ),
     "all peers": ("crowd-3r", {"steps": 300, "peers": "all"}, {"learner": "factored"}),
@@ -139,7 +137,7 @@ def test_details_have_the_row_that_decided(team, record):
     again = int(steps[len(steps) // 2])
     player.do(SEEK, again)
     player.do(PAUSE, True)
-    for _ in range(60):  # on the way, step by step
+    for _ in range(25):  # on the way, step by step
         player.do(STEP, 1)
         player.source.learn()
     player.source.tick()
@@ -186,7 +184,7 @@ def test_counts_are_those_up_to_the_time_step_that_is_shown(player, bag):
     assert (
         frame["counted_to"] < frame["step"] and frame["episodes"] == 0
     )  # nothing is read yet
-    player.source._read_through()
+    player.source.read_through()
     for row in (300, len(log.step) - 2, 30, 301, 0):
         frame = player.do(SEEK, int(log.step[row]))
         assert frame["counted_to"] == frame["step"] == log.step[row]
@@ -276,7 +274,7 @@ def test_of_a_robot_without_tables_it_is_told_what_happened(bag, tmp_path, rewri
 
 
 def test_curves_and_evaluation_are_those_of_the_log(player, bag):
-    player.source._read_through()
+    player.source.read_through()
     curves = player.board.get("curves")
     history = read_run(bag).history()
     assert curves["episodes"] == history.episodes and curves["read"] == 1.0
@@ -337,15 +335,15 @@ def test_a_bag_opens_on_what_was_learned(learned):
     assert (
         f" {('goes on', 'waits', 'steps back')[back + 1]} if robot_{2 - k} is " in text
     )
-    words = Words(log.run.scenario)
-    assert text.endswith(f" is {words.seen_from(k, cell, 0, 1 - k, peer)}.")
+    narrator = Narrator(log.run.scenario)
+    assert text.endswith(f" is {narrator.seen_from(k, cell, 0, 1 - k, peer)}.")
     seen = [player.after(0.5)["step"] for _ in range(60)]
     assert seen.count(said["step"]) > 1 and min(seen) == said["first"]
     assert player.do(RATE, 20.0)["rate"] == 20.0
     assert player.do(SEEK, 0)["step"] == player.source.first
     assert player.after(60.0)["step"] > 1000  # the whole recording
-    assert player.do(JUMP, LEARNED)["step"] == said["first"]
-    player.source._read_through()
+    assert player.do(JUMP, LEARNED_EPISODE)["step"] == said["first"]
+    player.source.read_through()
     line = player.board.get("learned")["lines"][1]
     assert line.startswith(f"robot_{k + 1} learned to ask there at about step ")
     since = int(re.search(r"at about step ([\d,]+)\.$", line)[1].replace(",", ""))
@@ -393,62 +391,72 @@ def test_where_nobody_asks_the_best_asking_team_found_is_named(record):
     player.source.log.bag.close()
 
 
-def test_a_cell_that_no_greedy_robot_reaches_is_not_what_was_learned(
-    learned, monkeypatch
-):
+@pytest.fixture(scope="module")
+def tables(learned):
+    """Return what each robot had learned in the end."""
+    log = LongLog(learned)
+    found = [log.tables_before(k).tables for k in range(2)]
+    log.bag.close()
+    return found
+
+
+@pytest.fixture
+def team(learned, tables):
+    """Return a log, what its robots have learned, and what else `highlight` needs."""
+    log = read_run(learned)
+    narrator = Narrator(log.run.scenario)
+    return log, LearnedTeam(log.run, tables), KeySteps(log.run, narrator), narrator
+
+
+def test_a_cell_that_no_greedy_robot_reaches_is_not_what_was_learned(team):
     """An episode of learning may begin anywhere; greedy ones begin at the starts."""
-    player = Player(learned, step=None)
-    usual = player.source._highlight
-    scenario = player.source.run.scenario
-    robot = scenario.robots[usual.robot]
-    policy = policy_of(player.source._newest()[usual.robot].tables, robot.goal)
-    assert usual.cell in entered(policy, scenario.map, robot.start)
-    without = lambda *given: (c := entered(*given))[c != usual.cell]  # noqa: E731
-    monkeypatch.setattr(moments, "entered", without)
-    other = Player(learned, step=None).source._highlight
+    _, learned, _, _ = team
+    usual = highlight(*team)
+    reached = learned.reached[usual.robot]
+    assert usual.cell in reached
+    learned.reached[usual.robot] = reached[reached != usual.cell]
+    other = highlight(*team)
     assert (other.robot, other.cell) != (usual.robot, usual.cell)
-    monkeypatch.setattr(moments, "entered", lambda *_: [])
-    assert Player(learned, step=None).source._highlight.text.startswith("Here ")
+    learned.reached = [[], []]
+    assert highlight(*team).text.startswith("Here ")
+
+
+class Undecided(LearnedTeam):
+    """A team whose tables say of no move that it is the one after an answer."""
+
+    def chose_by_answer(self, log, row, k):
+        return False
 
 
 @pytest.mark.parametrize("what", ["its move", "that it asks"])
-def test_what_its_tables_do_not_confirm_is_told_as_what_happened(
-    learned, monkeypatch, what
-):
+def test_what_its_tables_do_not_confirm_is_told_as_what_happened(team, tables, what):
     """Not as what it has learned."""
+    log, learned, *more = team
     if what == "its move":
-        monkeypatch.setattr(GreedyMoves, "holds", lambda *_: False)
+        learned = Undecided(log.run, tables)
     else:
-        without = lambda *given: (p := policy_of(*given))._replace(asks=p.asks & False)  # noqa: E731
-        monkeypatch.setattr(moments, "policy_of", without)
-    player = Player(learned, step=None)
-    log = read_run(learned)
-    said = player.board.get("learned")
-    [text] = said["lines"]
-    assert re.match(
-        r"Here robot_[12] asks .*\. Answer: robot_[12] is .*\. robot_[12] .*\.$", text
-    )
-    player.source._read_through()
-    [_, line] = player.board.get("learned")["lines"]
-    assert line.startswith("robot_") and " learned to ask there at about step " in line
-    name = text.split()[1]
-    monkeypatch.setattr(player.source._moments, "since", lambda *_: (1, None))
-    player.source._tell_learned(read=True)
-    line = player.board.get("learned")["lines"][1]
-    assert line == f"By its newest tables {name} would not ask there."
-    monkeypatch.setattr(player.source._moments, "since", lambda *_: (1, 1))
-    player.source._tell_learned(read=True)
-    line = player.board.get("learned")["lines"][1]
-    assert line == f"By its tables {name} would have asked there from the start."
-    assert (
-        " if " not in text and log.asked[np.searchsorted(log.step, said["step"])].any()
-    )
-    player.source.log.bag.close()
+        learned.policies = [
+            one._replace(asks=one.asks & False) for one in learned.policies
+        ]
+    found = highlight(log, learned, *more)
+    told = r"Here robot_[12] asks .*\. Answer: robot_[12] is .*\. robot_[12] .*\.$"
+    assert re.match(told, found.text)
+    assert " if " not in found.text
+    assert log.asked[np.searchsorted(log.step, found.step)].any()
+
+
+def test_since_when_a_robot_would_ask_is_told():
+    told = [since_in_words("robot_1", 1, since) for since in (None, 1, 10_873)]
+    assert told == [
+        "By its newest tables robot_1 would not ask there.",
+        "By its tables robot_1 would have asked there from the start.",
+        "robot_1 learned to ask there at about step 10,900.",
+    ]
 
 
 def test_robots_without_a_way_to_a_doorway_do_not_meet_at_it(make):
     run = make_run(make("1.D.2\n#####\n....."), {})
-    found = moments.Moments(run, Words(run.scenario))
+    found = KeySteps(run, Narrator(run.scenario))
     number = run.scenario.map.number
     cells = [[(0, 1), (0, 3)], [(0, 1), (2, 0)], [(2, 1), (2, 0)], [(0, 2), (0, 4)]]
     places = np.array([[number[place] for place in joint] for joint in cells])
@@ -458,7 +466,7 @@ def test_robots_without_a_way_to_a_doorway_do_not_meet_at_it(make):
 def test_jumps_lead_to_what_matters(learned):
     player = Player(learned)
     log = read_run(learned)
-    player.source._read_through()
+    player.source.read_through()
     marks = player.board.get("marks")
     met = miscoordinations(log.run.scenario, log.cells)[1:] & (np.diff(log.step) == 1)
     for kind, due in (("question", log.asked.any(axis=1)), ("miscoordination", met)):
@@ -485,7 +493,7 @@ def test_jumps_lead_to_what_matters(learned):
             np.isin(steps, step).any() for steps, _ in log.messages.coordination_maps
         ].index(True)
         assert step in log.messages.coordination_maps[k][0]
-    assert set(KINDS) <= set(marks)
+    assert set(STEP_KINDS) <= set(marks)
     player.source.log.bag.close()
 
 
@@ -523,7 +531,7 @@ def test_a_bag_that_grows_is_followed(bag, tmp_path, monkeypatch):
     said = player.board.get("said")["text"]
     assert said.startswith("No change of where a robot would ask after time step ")
     assert "; the log is read to time step " in said
-    reading = threading.Thread(target=player.source._read_through)
+    reading = threading.Thread(target=player.source.read_through)
     reading.start()
     while player.board.get("curves") is None:
         time.sleep(0.01)
@@ -541,7 +549,9 @@ def test_a_bag_that_grows_is_followed(bag, tmp_path, monkeypatch):
     assert player.board.get("curves")["episodes"] == read_run(bag).history().episodes
     assert player.after(0.1)["step"] == read_run(bag).step[-1] > before["step"]
     assert not player.source.growing and player.board.get("notice")["text"] == ""
-    assert player.do(JUMP, LEARNED)["step"] == player.board.get("learned")["first"]
+    assert (
+        player.do(JUMP, LEARNED_EPISODE)["step"] == player.board.get("learned")["first"]
+    )
     player.source.log.bag.close()
 
 
@@ -576,7 +586,7 @@ def test_what_is_damaged_unfinished_or_removed(bag, tmp_path):
     data[place.offset + 200 : place.offset + 264] = bytes(64)
     cut.write_bytes(data)
     player = Player(cut)
-    player.source._read_through()
+    player.source.read_through()
     assert "damaged: " in player.board.get("notice")["text"]
     player.source.log.bag.close()
     copy = tmp_path / "copy"

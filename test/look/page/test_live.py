@@ -84,9 +84,9 @@ def test_what_takes_long_comes_seldom(view, monkeypatch, took, pause):
 
 
 def test_numbers_have_four_digits_and_json_knows_each():
-    found = messages._plain(np.array([[1.00001, np.nan], [-np.inf, 2 / 3]]))
+    found = messages.plain(np.array([[1.00001, np.nan], [-np.inf, 2 / 3]]))
     assert found == [[1.0, None], [None, 0.6667]]
-    assert messages._plain(np.array([1.5, 2.0])) == [1.5, 2.0]
+    assert messages.plain(np.array([1.5, 2.0])) == [1.5, 2.0]
 
 
 def test_a_robot_s_curve_leaves_out_the_episodes_in_which_it_was_not_there():

@@ -124,7 +124,7 @@ def test_a_board_gives_what_is_newer_the_oldest_first():
 
 @served
 async def test_fixed_files_and_nothing_else(client, page):
-    for name in ("", *page._files):
+    for name in ("", *page.files):
         kind = TYPES[(name or "index.html").rpartition(".")[2]]
         answer = await client.get(f"/{name}")
         assert (answer.status, answer.content_type) == (200, kind), name

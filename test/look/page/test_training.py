@@ -143,7 +143,7 @@ def test_the_last_frame_shows_what_was_learned_at_the_end(learner, every, clock)
         assert (frame["step"], frame["cells"]) == alone.make_transition()[:2]
         assert [one["step"] for one in tables] == [None, None]
         for one, own in zip(tables, done.tables, strict=True):
-            assert one["q_star"] == messages._plain(own.q_star)
+            assert one["q_star"] == messages.plain(own.q_star)
         asked = np.array(board.get("asked")["robots"])
         assert np.array_equal(asked, alone.asked) and (asked.sum() > 0) == (
             learner == "coop"
@@ -173,7 +173,7 @@ def test_tables_on_the_way_are_of_the_time_step_that_is_reached(clock, monkeypat
     again = plain_run(problem, "coop", 0)
     while again.step < tables["step"]:
         again.advance(again.done + 1)
-    assert tables["q_star"] == messages._plain(again.tables[0].q_star)
+    assert tables["q_star"] == messages.plain(again.tables[0].q_star)
     assert 1000 <= again.done <= made
 
 

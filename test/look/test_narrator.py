@@ -15,19 +15,19 @@ from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.game.world import Action
 from sparse_coord_ros.core.runs.run import TeamTransition
 from sparse_coord_ros.protocol.wire import PerceptEnd
+from sparse_coord_ros.show.narrator import Narrator
 from sparse_coord_ros.show.steps import questions_of
-from sparse_coord_ros.show.words import Words
 
 ALONG = {"robot_1": (1, 2), "robot_2": (1, 2)}
 """Two robots that go the same way, not toward each other."""
 
 
 class Told:
-    """Says on a map, by [row, column], what `Words` says."""
+    """Says on a map, by [row, column], what `Narrator` says."""
 
     def __init__(self, scenario):
         self.scenario = scenario
-        self.words = Words(scenario)
+        self.words = Narrator(scenario)
         self.number = scenario.map.number
 
     def where(self, robot, place):
@@ -411,7 +411,7 @@ MAPS = (
 def test_every_phrase_is_true_of_all_cells(name):
     """Of a robot in each cell and a peer in each cell; no phrase is too much, and one is there."""
     scenario = load_scenario(name)
-    words = Words(scenario)
+    words = Narrator(scenario)
     ways = Ways(scenario)
     cells = range(len(scenario.map.cells))
     last = len(scenario.robots) - 1

@@ -14,7 +14,7 @@ from sparse_coord_ros.core.game.actions import ACTIONS
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.runs.run import TeamTransition
 from sparse_coord_ros.protocol.wire import PerceptEnd
-from sparse_coord_ros.show.doorways import FAR, Doorways
+from sparse_coord_ros.show.doorways import NO_WAY, Doorways
 from sparse_coord_ros.show.steps import Question
 
 ENDED = {
@@ -24,8 +24,8 @@ ENDED = {
 }
 
 
-class Words:
-    """Says it of one scenario.
+class Narrator:
+    """Says where the robots of one scenario are and what they do.
 
     Args:
         scenario: the problem.
@@ -50,7 +50,7 @@ class Words:
     def past(self, robot: int, cell: int, door: int) -> bool:
         """Whether a robot has a doorway behind it.
 
-        It is on a shortest way from the robot's start to where the robot is, and on none from
+        The doorway is on a shortest way from the robot's start to its cell, and on none from
         there to its goal.
         """
         came = self.doorways.is_between(door, cell, self._from[robot])
@@ -59,10 +59,11 @@ class Words:
     def where(
         self, robot: int, cell: int, toward: int | None = None
     ) -> tuple[str, int | None]:
-        """Return where a robot is, and the number of the doorway that this is said by.
+        """Return where a robot is, in words, and the number of the doorway that they refer to.
 
-        That is the doorway in which it is; else the next one on a shortest way to its goal, of
-        several that are as close the one that it enters; else the closest. None: there is none.
+        That is the doorway in which the robot is. Outside of doorways it is the next one on a
+        shortest way to the goal; of several at the same distance, the one that the robot enters.
+        If no doorway lies ahead, it is the closest one; None if no doorway can be reached.
 
         Args:
             robot: its number from 0.
@@ -74,20 +75,22 @@ class Words:
         if doorways.of[cell] >= 0:
             return f"in {the}", int(doorways.of[cell])
         next_ones = doorways.on_the_way(cell, self._home[robot])
-        if (next_ones < FAR).any():
+        if (next_ones < NO_WAY).any():
             away = int(next_ones.min())
-            door = int(next_ones.argmin())
+            if away > 1:
+                return f"{away} moves before {the}", int(next_ones.argmin())
             entered = -1 if toward is None else int(doorways.of[toward])
-            if away == 1 and entered >= 0 and next_ones[entered] == 1:
-                door = entered
-            return f"before {the}" if away == 1 else f"{away} moves before {the}", door
+            if entered >= 0 and next_ones[entered] == 1:
+                return f"before {the}", entered
+            return f"before {the}", int(next_ones.argmin())
         ways = doorways.away(cell)
-        if not (ways < FAR).any():
+        if not (ways < NO_WAY).any():
             return self._cell(cell), None
         away = int(ways.min())
         door = int(ways.argmin())
         if self.past(robot, cell, door):
-            return f"{away} move{'s' * (away > 1)} past {the}", door
+            moves = "1 move" if away == 1 else f"{away} moves"
+            return f"{moves} past {the}", door
         return f"next to {the}" if away == 1 else f"{away} moves from {the}", door
 
     def seen_from(
@@ -98,42 +101,53 @@ class Words:
         Args:
             robot: the robot that asks, from 0.
             cell: where it is.
-            door: the doorway by which that was said, as of `where`.
+            door: the doorway that the words refer to, as of `where`.
             peer: the peer.
             at: where the peer is.
         """
         if at == cell:
             return "in the same cell"
-        far = int(self.doorways.moves_to(cell)[at])
-        if far >= FAR:
+        moves = int(self.doorways.moves_to(cell)[at])
+        if moves >= NO_WAY:
             return f"{self._cell(at)}, to which there is no way"
-        name = self.names[robot]
-        away = f"beside {name}" if far == 1 else f"{far} moves away"
+        away = f"{moves} moves away"
+        if moves == 1:
+            away = f"beside {self.names[robot]}"
         if door is None:
             return away
-        inside = int(self.doorways.of[at])
-        if inside == door:
-            alone = len(self.doorways.cells_of[door]) == 1
-            return "in the doorway" if alone else f"in the doorway, {away}"
+        if self.doorways.of[at] == door:
+            is_one_cell = len(self.doorways.cells_of[door]) == 1
+            return "in the doorway" if is_one_cell else f"in the doorway, {away}"
         if self.doorways.of[cell] == door:
             side = self._ahead(robot, cell, door, at)
-            if far == 1 and side:
+            if side and moves == 1:
                 side = f"right {side}"
                 away = ""
+        elif moves == 1:
+            side = ""
         else:
             side = self.doorways.side(door, cell, at)
-            if far == 1:
-                side = ""
-        past = (
-            "past the doorway"
-            if side and inside < 0 and self.past(peer, at, door)
-            else ""
-        )
-        if inside >= 0:
-            side = ", ".join([*filter(None, [side]), "in another doorway"])
-        elif not side and far > 1 and self.doorways.behind_another(door, cell, at):
-            side = "on the other side of another doorway"
-        return ", ".join(one for one in (side, past, away) if one)
+        beyond = self._beyond(cell, door, peer, at, side)
+        return ", ".join(part for part in (side, beyond, away) if part)
+
+    def _beyond(self, cell: int, door: int, peer: int, at: int, side: str) -> str:
+        """Return in which part of the map a peer is that is not in this doorway; may be empty.
+
+        Args:
+            cell: where the robot is that asks.
+            door: the doorway that the words refer to.
+            peer: the peer.
+            at: where the peer is.
+            side: on which side of that doorway it is; empty where that was not said.
+        """
+        if self.doorways.of[at] >= 0:
+            return "in another doorway"
+        if side:
+            return "past the doorway" if self.past(peer, at, door) else ""
+        is_beside = self.doorways.moves_to(cell)[at] == 1
+        if not is_beside and self.doorways.behind_another(door, cell, at):
+            return "on the other side of another doorway"
+        return ""
 
     def _ahead(self, robot: int, cell: int, door: int, at: int) -> str:
         """Return whether a cell is ahead of a robot in a doorway, or behind it; empty: neither."""
@@ -146,13 +160,13 @@ class Words:
         return "" if peer_way & own_way else f"behind {self.names[robot]}"
 
     def does(self, robot: int, cell: int, move: int, after: int | None) -> str:
-        """Return what a robot does, by whether that leads it to its goal.
+        """Return what a robot does, and whether it comes closer to its goal.
 
         Args:
             robot: the robot.
             cell: where it is.
-            move: what it chose.
-            after: where it is next, in a damaged log anywhere; None: nobody knows.
+            move: the move that it chose.
+            after: the cell where it is next (in a damaged log any cell); None: not known.
         """
         led = int(self._grid.next_cell[cell, move])
         if after is None:
@@ -166,7 +180,7 @@ class Words:
     def _goes(self, robot: int, cell: int, after: int, move: int) -> str:
         now = self._home[robot][cell]
         then = self._home[robot][after]
-        if now >= FAR or then >= FAR or now == then:
+        if now >= NO_WAY or then >= NO_WAY or now == then:
             return f"goes {ACTIONS[move]}"
         return "goes on" if then < now else "steps back"
 
@@ -178,7 +192,7 @@ class Words:
         Args:
             robot: the robot that asks.
             cell: where it is.
-            door: the doorway by which that was said, as of `where`.
+            door: the doorway that the words refer to, as of `where`.
             seen: number and cell of each of the others, at least one.
         """
         moves = self.doorways.moves_to(cell)

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Results of conditions: how to pick some, what is known to compare them with, and their CSV."""
+"""Results of conditions: selection, reference values of the paper and of searches, CSV."""
 
 import math
 from collections.abc import Iterable, Iterator, Mapping
@@ -36,7 +36,7 @@ PROPERTIES = (
 
 
 def paper(result: ConditionResult, measure: str) -> Measure | None:
-    """Return what the paper prints for a condition; None where it prints nothing.
+    """Return the number that the paper prints for a condition; None if it prints none.
 
     The standard error is that of the paper's trials, the robots of one trial being taken as
     wholly dependent.
@@ -49,13 +49,13 @@ def paper(result: ConditionResult, measure: str) -> Measure | None:
 
 
 def best_asking_team(result: ConditionResult) -> float | None:
-    """Return what the best team of Algorithm 1's form is worth, as far as known."""
+    """Return the value of the best asking team found; None if no search was made."""
     bound = shipped_asking_team(result.scenario)
     return bound.value if bound else None
 
 
 def best_team(result: ConditionResult) -> float | None:
-    """Return what the best learned team of more than two robots is worth."""
+    """Return the value of the best learned team of more than two robots; None if not known."""
     team = shipped_best_team(result.scenario)
     return team.value if team else None
 
@@ -102,7 +102,7 @@ def _flat(row: Mapping[Any, Any], head: str = "") -> Iterator[tuple[str, object]
 
 
 def _row(result: ConditionResult) -> dict[str, Any]:
-    """Return what a row says, nested: a column's name is its keys, joined."""
+    """Return the values of a row, nested; the keys are joined to the column's name."""
     scenario = result.scenario
     robots = len(scenario.robots)
     by_robot = {name: result.robot_means[name] for name in BY_ROBOT}

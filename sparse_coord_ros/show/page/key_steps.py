@@ -18,57 +18,69 @@ from sparse_coord_ros.log.runlog.log import RunLog
 from sparse_coord_ros.log.runlog.window import Episodes
 from sparse_coord_ros.protocol.wire.frame import Frame
 from sparse_coord_ros.protocol.wire.occupancy import OCCUPIED, OccupancyData
+from sparse_coord_ros.show.narrator import Narrator
 from sparse_coord_ros.show.page.controls import (
     CROSSING,
-    KINDS,
     MISCOORDINATION,
     POLICY,
     QUESTION,
+    STEP_KINDS,
 )
 from sparse_coord_ros.show.policy import entered, policy_of
 from sparse_coord_ros.show.steps import logged_step, questions_of
-from sparse_coord_ros.show.words import Words
 
 
-class Moments:
+class KeySteps:
     """Gathers the time steps that matter, part by part of a log.
 
     Args:
         run: the run.
-        words: of its scenario.
+        narrator: of its scenario.
 
     Attributes:
         steps: by kind the time steps, ascending.
         changes: of each robot the time step and where it would ask from then on, shape (cells,).
     """
 
-    def __init__(self, run: RunConfig, words: Words) -> None:
+    def __init__(self, run: RunConfig, narrator: Narrator) -> None:
         self.steps: dict[str, np.ndarray] = {
-            kind: np.empty(0, np.int64) for kind in KINDS
+            kind: np.empty(0, np.int64) for kind in STEP_KINDS
         }
         self.changes: list[list[tuple[int, np.ndarray]]] = [
             [] for _ in run.scenario.robots
         ]
         self._run = run
-        self._near = words.doorways.near
+        self._near = narrator.doorways.near
         self._places = OccupancyData(Frame(run)).places
 
     def add(self, part: Episodes) -> None:
         """Take in a part of the log."""
         log = part.log
-        history = part.history
-        scenario = self._run.scenario
         asked = log.asked.any(axis=1)
         followed = np.diff(log.step, append=-1) == 1
-        met = np.roll(miscoordinations(scenario, log.cells), -1) & followed
-        found = {QUESTION: log.step[asked], MISCOORDINATION: log.step[met]}
+        met = miscoordinations(self._run.scenario, log.cells)
+        met_next = np.roll(met, -1) & followed
+        self._add(QUESTION, log.step[asked])
+        self._add(MISCOORDINATION, log.step[met_next])
         if not len(self.steps[CROSSING]):
-            fine = history.arrived.all(axis=1) & (history.miscoordinations == 0)
-            good = log.episode[np.isin(log.step, history.first_step[fine])]
-            at = np.isin(log.episode, good) & self.meetings(log.cells)
-            found[CROSSING] = log.step[at][:1]
-        for kind, steps in found.items():
-            self.steps[kind] = np.concatenate([self.steps[kind], steps])
+            self._add(CROSSING, self._first_crossing(part))
+        self._add_policy_changes(log)
+
+    def _add(self, kind: str, steps: np.ndarray) -> None:
+        self.steps[kind] = np.concatenate([self.steps[kind], steps])
+
+    def _first_crossing(self, part: Episodes) -> np.ndarray:
+        """Return the first meeting at a doorway in an episode that goes well, shape (0 or 1,)."""
+        log = part.log
+        history = part.history
+        fine = history.arrived.all(axis=1) & (history.miscoordinations == 0)
+        good = log.episode[np.isin(log.step, history.first_step[fine])]
+        at = np.isin(log.episode, good) & self.meetings(log.cells)
+        first: np.ndarray = log.step[at][:1]
+        return first
+
+    def _add_policy_changes(self, log: RunLog) -> None:
+        """Take in since when each robot would ask elsewhere than before."""
         for k, known in enumerate(self.changes):
             steps, rows = log.messages.coordination_maps[k]
             here = np.isin(steps, log.step)
@@ -91,13 +103,17 @@ class Moments:
     def since(self, robot: int, cell: int) -> tuple[int, int | None]:
         """Return the first time step, and since when a robot would ask in a cell up to the end.
 
-        None: it would not.
+        The second value is None if it would not.
         """
-        last = None
         known = self.changes[robot]
+        since = None
         for step, asks in known:
-            last = (step if last is None else last) if asks[cell] else None
-        return (known[0][0] if known else 0), last
+            if not asks[cell]:
+                since = None
+            elif since is None:
+                since = step
+        first = known[0][0] if known else 0
+        return first, since
 
 
 class Highlight(NamedTuple):
@@ -105,9 +121,9 @@ class Highlight(NamedTuple):
 
     Attributes:
         first, last: its time steps.
-        step: of its question that matters most; None: nobody asks.
-        robot: who asks then, cell: where.
-        text: what comes of it, in words.
+        step: of its most important question; None: no robot asks.
+        robot: the robot that asks then; cell: its cell.
+        text: the question and its consequence, in words.
     """
 
     first: int
@@ -119,7 +135,7 @@ class Highlight(NamedTuple):
 
 
 def highlight(
-    log: RunLog, tables: Sequence[Tables], moments: Moments, words: Words
+    log: RunLog, team: "LearnedTeam", key_steps: KeySteps, narrator: Narrator
 ) -> Highlight:
     """Return the latest episode of a part of a log in which what was learned matters most.
 
@@ -130,102 +146,130 @@ def highlight(
 
     Args:
         log: the part, with at least one episode.
-        tables: of every robot, what was learned there.
-        moments: of the run.
-        words: of its scenario.
-
-    Raises:
-        TablesError: the tables do not fit the run.
+        team: what its robots learned.
+        key_steps: of the run.
+        narrator: of its scenario.
     """
     history = log.history()
-    robots = range(len(log.names))
-    begins = np.searchsorted(log.step, history.first_step)
     good = history.arrived.all(axis=1) & (history.miscoordinations == 0)
-    policies = [policy_of(tables[k], log.run.scenario.robots[k].goal) for k in robots]
-    greedy = GreedyMoves(log.run, tables)
-    rank = np.zeros(log.asked.shape, dtype=np.int64)
-    close = moments.meetings(log.cells)
-    starts = [robot.start for robot in log.run.scenario.robots]
-    reached = [entered(policies[k], log.run.scenario.map, starts[k]) for k in robots]
-    for k in robots:
-        at = np.flatnonzero(log.asked[:, k] & log.perceived[:, k])
-        cells = log.cells[at, k]
-        moves = log.move[at, k]
-        asks = policies[k].asks[cells]
-        other = ~policies[k].moves[cells, moves]
-        by_answer = np.array(
-            [greedy.holds(log, row, k) for row in at.tolist()], dtype=bool
-        )
-        there = np.isin(cells, reached[k])
-        rank[at, k] = 1 + 16 * there + 8 * by_answer + 4 * asks + 2 * other + close[at]
-    best = [
-        (32 * fine + most) * bool(most) + 0.5 * fine
-        for begin, length, fine in zip(begins, history.length, good, strict=True)
-        for most in [int(rank[begin : begin + length].max())]
-    ]
-    number = len(best) - 1 - int(np.argmax(best[::-1]))
+    begins = np.searchsorted(log.step, history.first_step)
+    ends = begins + history.length
+    ranks = _ranks(log, team, key_steps)
+    number = _best_episode(ranks, begins, ends, good)
     begin = int(begins[number])
-    end = int(begins[number] + history.length[number])
-    row, k = divmod(int(rank[begin:end].argmax()), len(log.names))
-    row += begin
+    end = int(ends[number])
     first = int(log.step[begin])
     last = int(log.step[end - 1])
-    if not rank[row, k]:
-        what = (
-            "no question is answered"
-            if log.asked.any()
-            else "no robot asks another one"
-        )
-        text = f"In the last episodes {what}."
-        return Highlight(first, last, None, 0, 0, text)
+    place, k = divmod(int(ranks[begin:end].argmax()), len(log.names))
+    row = begin + place
+    if not ranks[row, k]:
+        what = "no robot asks another one"
+        if log.asked.any():
+            what = "no question is answered"
+        return Highlight(first, last, None, 0, 0, f"In the last episodes {what}.")
     cell = int(log.cells[row, k])
-    learned = (
-        cell in reached[k]
-        and bool(policies[k].asks[cell])
-        and greedy.holds(log, row, k)
-    )
-    text = _told(log, row, k, words, learned=learned)
+    text = _told(log, row, k, narrator, learned=team.would_do_it_again(log, row, k))
     if not good[number]:
         text = f"Here not all robots arrive without a miscoordination. {text}"
     return Highlight(first, last, int(log.step[row]), k, cell, text)
 
 
-def _told(log: RunLog, row: int, k: int, words: Words, *, learned: bool) -> str:
-    """Return an answered question in words.
+def _ranks(log: RunLog, team: "LearnedTeam", key_steps: KeySteps) -> np.ndarray:
+    """Return how much each answered question shows of what was learned, shape (T, K); others: 0.
+
+    A rank is a binary number: each property outweighs all that come after it.
+    """
+    ranks = np.zeros(log.asked.shape, dtype=np.int64)
+    together = key_steps.meetings(log.cells)
+    for k, policy in enumerate(team.policies):
+        rows = np.flatnonzero(log.asked[:, k] & log.perceived[:, k])
+        cells = log.cells[rows, k]
+        moves = log.move[rows, k]
+        reached = np.isin(cells, team.reached[k])
+        by_answer = [team.chose_by_answer(log, row, k) for row in rows.tolist()]
+        asks = policy.asks[cells]
+        another_move = ~policy.moves[cells, moves]
+        ranks[rows, k] = (
+            1
+            + 16 * reached
+            + 8 * np.array(by_answer, dtype=bool)
+            + 4 * asks
+            + 2 * another_move
+            + together[rows]
+        )
+    return ranks
+
+
+def _best_episode(
+    ranks: np.ndarray, begins: np.ndarray, ends: np.ndarray, good: np.ndarray
+) -> int:
+    """Return the latest of the episodes that show most.
+
+    Args:
+        ranks: as of `_ranks`.
+        begins: first row of each episode.
+        ends: the row after its last one.
+        good: whether all arrive in it without a miscoordination.
+    """
+    best = 0
+    best_worth = (False, -1, False)
+    for number in range(len(begins)):
+        fine = bool(good[number])
+        rank = int(ranks[begins[number] : ends[number]].max())
+        worth = (fine and rank > 0, rank, fine)
+        if worth >= best_worth:
+            best = number
+            best_worth = worth
+    return best
+
+
+def _told(log: RunLog, row: int, k: int, narrator: Narrator, *, learned: bool) -> str:
+    """Return an answered question in narrator.
 
     Args:
         log: the log.
         row: of the question's time step.
-        k: who asks.
-        words: of the scenario.
+        k: the robot that asks.
+        narrator: of the scenario.
         learned: whether its tables say that it would come there and do the same again; if not,
             or if it asks several robots, only what happened is told.
     """
     step = logged_step(log, row)
     [question] = [one for one in questions_of(step) if one.asker == k]
     if not learned or len(question.peers) != 1:
-        return f"Here {words.question(step, question)}"
+        return f"Here {narrator.question(step, question)}"
     [peer] = question.peers
     cell = int(log.cells[row, k])
     move = question.move
     led = int(log.run.scenario.map.next_cell[cell, move])
-    place, door = words.where(k, cell, led)
-    answer = words.answer(k, cell, door, [(peer, int(log.cells[row, peer]))])
-    return f"{words.names[k]} asks {place}, and {words.does(k, cell, move, led)} if {answer}."
+    place, door = narrator.where(k, cell, led)
+    answer = narrator.answer(k, cell, door, [(peer, int(log.cells[row, peer]))])
+    does = narrator.does(k, cell, move, led)
+    return f"{narrator.names[k]} asks {place}, and {does} if {answer}."
 
 
-class GreedyMoves:
-    """What the tables of a team say that robots do after an answer.
+class LearnedTeam:
+    """What the tables of a team say that its robots do.
 
     Args:
         run: the run.
         tables: of every robot.
+
+    Attributes:
+        policies: of each robot.
+        reached: the cells that each robot enters from its start by its policy.
 
     Raises:
         TablesError: the tables do not fit the run.
     """
 
     def __init__(self, run: RunConfig, tables: Sequence[Tables]) -> None:
+        self.policies = []
+        self.reached = []
+        for robot, own in zip(run.scenario.robots, tables, strict=True):
+            policy = policy_of(own, robot.goal)
+            self.policies.append(policy)
+            self.reached.append(entered(policy, run.scenario.map, robot.start))
         self._agents: list[Agent] = []
         if run.known_rule is not None:
             check_tables(run.scenario, tables, run.rule)
@@ -241,8 +285,15 @@ class GreedyMoves:
         greatest = np.equal(values, max(values))
         return frozenset(self._next_cell[cell][greatest].tolist())
 
-    def holds(self, log: RunLog, row: int, k: int) -> bool:
-        """Whether a robot that got an answer chose what its tables say that it would choose now.
+    def would_do_it_again(self, log: RunLog, row: int, k: int) -> bool:
+        """Whether a robot comes to this cell by its tables, asks there, and moves as it did."""
+        cell = int(log.cells[row, k])
+        comes = cell in self.reached[k]
+        asks = bool(self.policies[k].asks[cell])
+        return comes and asks and self.chose_by_answer(log, row, k)
+
+    def chose_by_answer(self, log: RunLog, row: int, k: int) -> bool:
+        """Whether a robot that got an answer made the move that its tables now say.
 
         False where its learner's code may not be imported, as then that is not known, and where
         its tables leave open to which cell it goes.
@@ -250,12 +301,12 @@ class GreedyMoves:
         if not self._agents:
             return False
         peer = int(log.peer[row, k])
-        robots = range(len(log.names))
-        peers = [one for one in robots if one != k] if peer == NOBODY else [peer]
+        peers = [peer]
+        if peer == NOBODY:
+            peers = [one for one in range(len(log.names)) if one != k]
         perceived = tuple(log.cells[row, peers].tolist())
         if min(perceived) < 0:
             return False
         cell = int(log.cells[row, k])
-        return self._led(k, cell, perceived) == {
-            int(self._next_cell[cell, log.move[row, k]])
-        }
+        went = int(self._next_cell[cell, log.move[row, k]])
+        return self._led(k, cell, perceived) == {went}
