@@ -36,8 +36,8 @@ WARNING_LEVEL = 30
 """Level of a warning in rcl_interfaces/Log."""
 
 RUN_CAPTIONS = {
-    "policy": "Greedy moves in the cells where the robot has learned. A ring: it asks there before "
-    "it moves. Pale: it never gets there in greedy episodes.",
+    "policy": "Greedy moves in the cells where the robot has learned. A ring: it asks there "
+    "before it moves. Pale: it never gets there in greedy episodes.",
     "asks": f"Where robots ask in {PLAYED_EPISODES} greedy episodes from the scenario's starts.",
     "sparsity": "How much of Q^C was ever learned, by the robot's own cell.",
     "curves": "Learning curves: each dot an episode, each line a running mean.",
