@@ -83,7 +83,7 @@ def logged_episode(log: RunLog, wanted: int | str) -> Episode:
     first = np.searchsorted(log.step, history.first_step)
     starts = [robot.start for robot in log.run.scenario.robots]
     own = (log.cells[first] == starts).all(axis=1)
-    number = _chosen(wanted, history, own, str(log.bag.path))
+    number = chosen(wanted, history, own, str(log.bag.path))
     rows = range(first[number], first[number] + history.length[number])
     steps = tuple(logged_step(log, row) for row in rows)
     return Episode(number, log.run.greedy, steps, bool(history.arrived[number].all()))
@@ -115,7 +115,7 @@ def played_episode(
     recorder = HistoryRecorder(len(scenario.robots))
     played = [tuple(_play(world, team, recorder)) for _ in range(PLAYED)]
     history = recorder.look()
-    number = _chosen(wanted, history, np.ones(PLAYED, dtype=bool), "greedy episodes")
+    number = chosen(wanted, history, np.ones(PLAYED, dtype=bool), "greedy episodes")
     return Episode(number, True, played[number], bool(history.arrived[number].all()))
 
 
@@ -136,7 +136,7 @@ def _play(
         )
 
 
-def _chosen(wanted: int | str, history: History, own: np.ndarray, where: str) -> int:
+def chosen(wanted: int | str, history: History, own: np.ndarray, where: str) -> int:
     """Return an episode's number.
 
     Args:

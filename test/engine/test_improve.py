@@ -246,7 +246,7 @@ def test_paired_trials_have_the_same_draws_whatever_happened_before():
 
 def test_preferring():
     values = np.array([5.0, 7.0, 6.5, 1.0, 3.0])
-    assert preferring(values, 2).tolist() == [5.0, 5.5, 6.5, 1.0, 3.0]
+    assert preferring(values, 2).tolist() == [3.25, 3.25, 6.5, 1.0, 3.0]
     assert values[1] == 7
 
 

@@ -64,9 +64,10 @@ def test_a_robot_acts_alike_from_an_array_and_from_its_memory(small, learner):
         assert np.array_equal(one.q_coord, rows)
 
 
+@pytest.mark.long  # numba compiles the loops of hashed tables
 def test_eight_robots_in_a_large_hall_know_their_way():
-    """What is kept grows with the cells, not with their pairs; 3,600 cells take seconds."""
-    side = 60
+    """What is kept grows with the cells, not with their pairs; 22,500 cells take seconds."""
+    side = 150
     grid = GridMap("hall", ("." * side,) * side)
     robots = {
         f"robot_{k}": {"start": [k, 0], "goal": [side - 1 - k, side - 1]}

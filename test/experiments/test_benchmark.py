@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import sparse_coord_ros as sc
-from sparse_coord_ros.base.compiling import has_numba
 from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.base.share import shipped_json
 from sparse_coord_ros.core.game.scenario import load_scenario
@@ -228,7 +227,6 @@ def result_in():
     return made
 
 
-@pytest.mark.skipif(not has_numba(), reason="minutes in plain Python")
 def test_the_verb(monkeypatch, capsys):
     from sparse_coord_ros.cli.main import main
 
@@ -236,7 +234,7 @@ def test_the_verb(monkeypatch, capsys):
     monkeypatch.setattr(
         "sparse_coord_ros.studies.catalogue.unseen_buildings", lambda: names
     )
-    words = "benchmark noncoop --robots 2 --runs 2 --steps 200 --kinds"
+    words = "benchmark noncoop --robots 2 --runs 2 --steps 200 --kinds --engine python"
     assert main(words.split()) == 0
     out = capsys.readouterr().out
     assert [line.split()[:2] for line in out.splitlines()[2:4]] == [

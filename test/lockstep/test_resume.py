@@ -268,7 +268,7 @@ def test_a_broken_file_is_named_and_an_earlier_one_is_used(
         ({"seed": 6}, "another run"),
         ({"learner": "noncoop"}, "another run"),
         ({"penalty": -7}, "another run"),
-        ({"format": 3}, "is in format 3"),
+        ({"format": 4}, "is in format 4"),
     ],
 )
 def test_another_run_or_format_is_refused(
@@ -276,7 +276,7 @@ def test_another_run_or_format_is_refused(
 ):
     other = run
     if "format" in change:
-        monkeypatch.setattr("sparse_coord_ros.base.npz.NPZ_FORMAT", 3)
+        monkeypatch.setattr("sparse_coord_ros.base.npz.NPZ_FORMAT", 4)
     for store in saved(tmp_path, run, played).values():
         store.close()
     monkeypatch.undo()

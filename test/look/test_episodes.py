@@ -14,7 +14,7 @@ from sparse_coord_ros.log.runlog import read_run
 from sparse_coord_ros.protocol.wire import ACTION, PerceptEnd
 from sparse_coord_ros.show.episodes import (
     PLAYED,
-    _chosen,
+    chosen,
     episode_number,
     logged_episode,
     played_episode,
@@ -125,9 +125,9 @@ def test_of_equal_episodes_the_shortest_then_the_latest():
         present=np.ones((5, 2)),
     )
     own = np.array([False, True, True, True, True])
-    found = {what: _chosen(what, history, own, "") for what in ("best", "asks", "last")}
+    found = {what: chosen(what, history, own, "") for what in ("best", "asks", "last")}
     assert found == {"best": 2, "asks": 4, "last": 4}
-    assert _chosen("best", history, ~own, "") == 0
+    assert chosen("best", history, ~own, "") == 0
 
 
 def test_a_played_episode_is_the_trial_of_an_evaluation(trained):
