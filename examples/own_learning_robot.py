@@ -73,9 +73,8 @@ class OwnLearningRobot(OwnRobot):
         if self.said or self.deadline is None:
             return
         late = time.monotonic() > self.deadline
-        if (
-            self.acted and self.acted[0] == self.step - 1
-        ):  # else left out, or a new episode
+        # else left out, or a new episode
+        if self.acted and self.acted[0] == self.step - 1:
             if self.reward:
                 self.learn()
             elif not late:

@@ -16,9 +16,8 @@ for learner in ("noncoop", "coop"):
     plt.plot(*training.history.curve("miscoordinations", window=50), label=learner)
     result = sc.evaluate(training, trials=1000)
     print(f"{learner}: reward {result.reward.mean:.1f}, asks {result.asks.mean:.2f}")
-    training.save(
-        f"runs/{learner}"
-    )  # every verb reads it: sparse_coord evaluate runs/coop
+    # every verb reads it: sparse_coord evaluate runs/coop
+    training.save(f"runs/{learner}")
 
 print(f"exact joint optimum: {sc.optimum(scenario).value:.1f}")
 plt.xlabel("time step")

@@ -23,7 +23,6 @@ def main() -> None:
     frame.to_csv("twenty_runs.csv", index=False)
 
 
-if (
-    __name__ == "__main__"
-):  # plain Python learns in processes, which import this file again
+# plain Python learns in processes, which import this file again
+if __name__ == "__main__":
     main()

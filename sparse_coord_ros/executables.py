@@ -84,9 +84,8 @@ def main(name: str) -> int:
         if signal.getsignal(number)
         != signal.SIG_IGN  # nohup: a closed terminal is no matter
     }
-    signal.pthread_sigmask(
-        signal.SIG_UNBLOCK, before
-    )  # whoever started this may hold them back
+    # whoever started this may hold them back
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, before)
     try:
         if is_live:
             check_middleware()

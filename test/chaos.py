@@ -222,9 +222,8 @@ class Team:
             stranger.terminate()
             stranger.wait()
         elif fault.what == DELETE:
-            gone = self.out.rename(
-                self._folder / "deleted"
-            )  # at once, whoever writes into it
+            # at once, whoever writes into it
+            gone = self.out.rename(self._folder / "deleted")
             shutil.rmtree(gone)
         elif fault.what == STOP:
             for number, pause in (
@@ -259,9 +258,8 @@ def one_run(seed: int, folder: Path) -> tuple[Plan, list[str]]:
         wrong.append(str(error))
     finally:
         team.kill(list(team.running))
-    late = (
-        "node recorder heard of no world simulator" in team.log
-    )  # it came after the run's end
+    # it came after the run's end
+    late = "node recorder heard of no world simulator" in team.log
     rescued = (
         team.out / f"{BAG_DIRECTORY}_rescued"
     ).exists()  # it says so, and ends with 2
@@ -284,9 +282,8 @@ def judge(plan: Plan, out: Path) -> list[str]:
     except SparseCoordError as error:
         return [str(error)]
     struck = {fault.what for fault in plan.faults if RECORDER in fault.who}
-    if (
-        VISIT not in struck and not alone
-    ):  # a stranger's words, and runs that nobody can compute
+    # a stranger's words, and runs that nobody can compute
+    if VISIT not in struck and not alone:
         wrong += [f"verify: {one}" for one in found.differences[:2]]
     # Fast DDS may leave a process deaf that stood still for more than a second.
     if not struck & {KILL, STOP} and not alone:

@@ -345,9 +345,8 @@ def _message_kinds(bag: Bag) -> Iterator[Any]:
     for topic in _topics(bag):
         count = len(places_of(bag, topic))
         for how in MESSAGE_WAYS:
-            last = count - (
-                how == "cut out"
-            )  # nothing shows that a last one is missing
+            # nothing shows that a last one is missing
+            last = count - (how == "cut out")
             if last > 0:
                 yield lambda draw, t=topic, n=last, how=how: Forgery(
                     "message", (t, draw.randrange(n)), how

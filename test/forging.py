@@ -263,9 +263,8 @@ def _field(bag: Bag, target: tuple[Any, ...], how: str) -> None:
     else:
         owner[last] = value
     data = serialize_message(message)
-    if (
-        repr([*leaves(deserialize_message(data, kind))]) != before
-    ):  # else it has fewer bits
+    # else it has fewer bits
+    if repr([*leaves(deserialize_message(data, kind))]) != before:
         file.messages[place] = said._replace(data=data)
 
 

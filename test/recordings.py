@@ -209,9 +209,8 @@ class Recording:
                 step = self.world.world.step
                 assert self.world.missing(), "nobody is missing and nothing moves"
                 self.world.expire()
-                if (
-                    self.world.world.step == step
-                ):  # nobody is left: it goes on saying so
+                # nobody is left: it goes on saying so
+                if self.world.world.step == step:
                     self.deaf.clear()
                     self.late.clear()
                     self.world.repeat()

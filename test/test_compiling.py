@@ -67,9 +67,8 @@ def test_where_it_is(folder, monkeypatch):
     compiling.keep("tables")
     assert compiling.is_kept("tables") and not compiling.is_kept("factors")
     compiling.folder.cache_clear()
-    monkeypatch.setattr(
-        compiling, "COMPILER", (*compiling.COMPILER, "mcap")
-    )  # other versions
+    # other versions
+    monkeypatch.setattr(compiling, "COMPILER", (*compiling.COMPILER, "mcap"))
     assert not compiling.is_kept("tables")
     compiling.folder.cache_clear()
     monkeypatch.setattr(compiling, "SOURCES", ("cli/*.py",))  # other sources

@@ -146,11 +146,12 @@ def test_the_wheel_in_an_empty_environment(version, wheel, tmp_path, own_domain)
     own = tmp_path / "environment"
     subprocess.run([interpreter, "-m", "venv", own], check=True)
     pip_install(own, f"{wheel}[ros,fast]")
+    # of the tests' ROS
     ours = (
         "PYTHONPATH",
         "LD_LIBRARY_PATH",
         "_ROS_WHEELS_BOOTSTRAP_COMPLETE",
-    )  # of the tests' ROS
+    )
     environment = {key: value for key, value in os.environ.items() if key not in ours}
 
     def output(*words):

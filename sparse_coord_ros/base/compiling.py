@@ -83,9 +83,8 @@ def numba() -> ModuleType:
             THREADS_VARIABLE, threads, int(threads) > 0, "a whole number from 1"
         )
     module = import_apart("numba", ".numba_config.yaml")
-    module.core.config._config_fname = (
-        os.devnull
-    )  # it would read the file at each compiling
+    # it would read the file at each compiling
+    module.core.config._config_fname = os.devnull
     return module
 
 

@@ -87,9 +87,8 @@ def unpack(
     except (
         Exception
     ) as failure:  # zip, zlib and NumPy's parser raise what a file makes them
-        problem = " ".join(str(failure).split()).partition(". ")[
-            0
-        ]  # no advice to trust it
+        # no advice to trust it
+        problem = " ".join(str(failure).split()).partition(". ")[0]
         told = f"{where}: cannot be read as {what} ({problem}); {remedy}"
         raise (damaged or error)(told) from None
     check_format(number, NPZ_FORMAT, where, error)

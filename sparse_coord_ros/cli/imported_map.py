@@ -64,9 +64,8 @@ def make(options: argparse.Namespace, plan: FloorPlan) -> Made:
         SparseCoordError: as of `import_map` and `scenario_of`; or a --set without '='.
     """
     robots = list(zip(options.start, options.goal, strict=False))
-    waiting = [
-        (one, one) for one in options.start[len(robots) :]
-    ]  # for a goal, on the page
+    # for a goal, on the page
+    waiting = [(one, one) for one in options.start[len(robots) :]]
     given = parse_assignments(options.assignments)
     names = ("cell", "radius", "doorway", "no_doorway", "doorway_length", "speck")
     chosen = {name: getattr(options, name) for name in names}

@@ -161,17 +161,15 @@ def _wait(processes: Mapping[str, Process], bag: Path, stop: Stop) -> bool:
     ]
     last_robot = time.monotonic()
     while True:
-        running = any(
-            one.poll() is None for one in processes.values()
-        )  # before what they say
+        # before what they say
+        running = any(one.poll() is None for one in processes.values())
         _check(
             {n: p for n, p in processes.items() if n != RECORDER or not bag.exists()},
             running,
         )
         if not running:
-            return bool(
-                stop
-            )  # where all processes heard the signal, they have ended by themselves
+            # where all processes heard the signal, they have ended by themselves
+            return bool(stop)
         if world.poll() is not None or any(robot.poll() is None for robot in robots):
             last_robot = time.monotonic()
         left = time.monotonic() - last_robot > ALONE_SECONDS

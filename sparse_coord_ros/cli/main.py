@@ -64,9 +64,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"error: {_in_words(error)}", file=sys.stderr, flush=True)
         return getattr(error, "exit_code", EXIT_BAD_INPUT)
     except KeyboardInterrupt:
-        signal.signal(
-            signal.SIGINT, signal.SIG_IGN
-        )  # impatience brings no traceback at the exit
+        # impatience brings no traceback at the exit
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
         print("interrupted", file=sys.stderr, flush=True)
         return EXIT_INTERRUPTED
 

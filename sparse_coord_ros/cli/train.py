@@ -133,9 +133,8 @@ def learn(
     board: MessageBoard | None = None,
 ) -> None:
     """Let one team learn, save what it learned, and say so."""
-    engine_for(
-        run.scenario, run.rule, options.engine
-    )  # refused before a directory is made
+    # refused before a directory is made
+    engine_for(run.scenario, run.rule, options.engine)
     if options.resume is None:
         create_output(out)
     folder = os.open(out, os.O_RDONLY | os.O_DIRECTORY)

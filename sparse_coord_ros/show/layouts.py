@@ -50,9 +50,8 @@ def foxglove_layout(robots: Sequence[str], namespace: str) -> str:
                 of_robots.replace(PATTERN, name): look for name in robots
             }
     text = _within(json.dumps(shown, indent=2), '"/', namespace)
-    return text.replace(
-        f'"/{namespace}/diagnostics"', '"/diagnostics"'
-    )  # all teams share it
+    # all teams share it
+    return text.replace(f'"/{namespace}/diagnostics"', '"/diagnostics"')
 
 
 def _within(text: str, before: str, namespace: str) -> str:

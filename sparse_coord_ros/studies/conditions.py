@@ -67,9 +67,8 @@ def _load(name: str) -> Scenario:
         return _read(str(share_file("config", f"{name}.yaml")), shipped=True)
     if os.path.isfile(name):
         return _read(os.path.abspath(name), shipped=False)
-    return _read(
-        name, shipped=True
-    )  # an unseen building; else it says that there is none
+    # an unseen building; else it says that there is none
+    return _read(name, shipped=True)
 
 
 @cache

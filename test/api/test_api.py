@@ -263,9 +263,8 @@ def test_frames_of_experiments():
     result = done[IDS[0]]
     assert frame.reward[0] == result.measure("reward").mean
     assert frame.reward_standard_error[0] == result.measure("reward").standard_error
-    half = (
-        12.706 * frame.reward_standard_error[0]
-    )  # Student's t of one degree of freedom
+    # Student's t of one degree of freedom
+    half = 12.706 * frame.reward_standard_error[0]
     assert frame.reward_high[0] - frame.reward[0] == pytest.approx(half, rel=1e-4)
     by_run = done.to_pandas(by_run=True)
     assert list(by_run.seed) == [5, 6, 5, 6]

@@ -51,9 +51,8 @@ def test_interrupted_in_a_condition_it_goes_on_with_that_one(
     real = module.run_batches
 
     def interrupted(batches, **settings):
-        yield from islice(
-            real(batches, **settings), 3
-        )  # two runs of a condition, and one more
+        # two runs of a condition, and one more
+        yield from islice(real(batches, **settings), 3)
         raise KeyboardInterrupt
 
     conditions = [
@@ -267,14 +266,12 @@ def test_no_process_goes_on_computing(folder, number):
         "",
     )
     assert "Traceback" not in err
-    if (
-        number == signal.SIGKILL
-    ):  # Python says that it removes the semaphores of a killed process
+    # Python says that it removes the semaphores of a killed process
+    if number == signal.SIGKILL:
         assert err == "" or "leaked semaphore objects to clean up" in err
     else:
-        assert (
-            err.splitlines()[-1] == "interrupted"
-        )  # on a busy machine it says how far it came
+        # on a busy machine it says how far it came
+        assert err.splitlines()[-1] == "interrupted"
     with open_results(Path("results"), Plan(0, 2, 5)):
         pass
 

@@ -79,9 +79,8 @@ def test_a_signal_ends_a_watched_run_in_whichever_moment(
 
     def show_end(server, out):
         if moment == "show_end":
-            with suppress(
-                KeyboardInterrupt
-            ):  # as in a destructor, where nobody hears it
+            # as in a destructor, where nobody hears it
+            with suppress(KeyboardInterrupt):
                 signal.raise_signal(number)
 
     def sleep(seconds, times=itertools.count()):  # noqa: B008

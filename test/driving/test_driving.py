@@ -290,9 +290,8 @@ def test_in_step_time_passes_when_all_that_drive_are_told(metric_map):
         not simulator.told(0, move) and simulator.told(1, move) and simulator.ticks == 4
     )
     assert not simulator.told(0, Command(0.0, 0.0)) and not simulator.told(1, move)
-    assert (
-        simulator.reached(0, 2) and simulator.ticks == 5
-    )  # the other one need not wait
+    # the other one need not wait
+    assert simulator.reached(0, 2) and simulator.ticks == 5
     assert not simulator.reached(0, 1)
 
 

@@ -13,9 +13,8 @@ from types import SimpleNamespace
 import pytest
 from patience import PATIENCE_SECONDS
 
-pytest.importorskip(
-    "distributed"
-)  # package.xml does not bring it: it has no rosdep key
+# package.xml does not bring it: it has no rosdep key
+pytest.importorskip("distributed")
 import dask
 from distributed import Client, LocalCluster, Scheduler, SpecCluster
 from distributed.scheduler import KilledWorker, WorkerState
@@ -149,9 +148,8 @@ def test_other_sources_are_not_mixed(scheduler, monkeypatch):
 
 def test_a_task_brings_what_its_asker_allows(scheduler, monkeypatch):
     """Workers that were started elsewhere do not share the asker's environment."""
-    monkeypatch.setattr(
-        module, "allowed", lambda: ("my_team",)
-    )  # the workers are threads here
+    # the workers are threads here
+    monkeypatch.setattr(module, "allowed", lambda: ("my_team",))
     with cluster_at(scheduler) as cluster:
         assert list(cluster.results(allowed, [()])) == [(0, ("my_team",))]
 

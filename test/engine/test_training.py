@@ -65,10 +65,17 @@ def test_resume(tmp_path, name, learner, settings):
     scenario = problem(name, **settings)
     file = tmp_path / "checkpoint.npz"
     first, second = ("numba", "python") if learner == "coop" else ("python", "numba")
+    # fmt: skip
     part = train(
-        scenario, learner, 4, engine=first, checkpoint=file, until=450, evaluate_every=200,
+        scenario,
+        learner,
+        4,
+        engine=first,
+        checkpoint=file,
+        until=450,
+        evaluate_every=200,
         trials=4,
-    )  # fmt: skip
+    )
     assert (part.transitions, part.finished) == (450, False)
     done = train(scenario, learner, 4, engine=second, checkpoint=file, resume=True)
     whole = train(scenario, learner, 4, engine=first, evaluate_every=200, trials=4)

@@ -196,9 +196,8 @@ def test_gap_closed_has_the_error_of_paired_runs():
     base = np.array([100.0, 104.0, 96.0])
     closed = gap_closed(coop, base, 120.0)
     assert closed.mean == pytest.approx(0.5)
-    assert closed.standard_error == pytest.approx(
-        0, abs=1e-12
-    )  # coop - base / 2 is constant
+    # coop - base / 2 is constant
+    assert closed.standard_error == pytest.approx(0, abs=1e-12)
     against = gap_closed(coop, base[::-1], 120.0)
     assert against.standard_error == pytest.approx(2 / math.sqrt(3) / 20)
     assert gap_closed(coop, base + 20, 120.0) is None

@@ -223,10 +223,11 @@ def of_arrays(name: str, read: Callable[[Path], object]) -> Target:
         shutil.copy(sample / "run" / RUN_FILE, run)
         data = (sample / "run" / name).read_bytes()
         arrays = npz.unpack(data, where="", what="", remedy="", error=TablesError)
+        # what is compiled, and loaded, takes its time once
         for compressed in (
             True,
             False,
-        ):  # what is compiled, and loaded, takes its time once
+        ):
             (run / name).write_bytes(npz.pack(arrays, compressed=compressed))
             read(run)
 
@@ -373,10 +374,9 @@ def _forge_bag(
 def results(sample: Path, folder: Path) -> Cases:
     """Return the cases of a results directory: JSON files."""
     place = Path(shutil.copytree(sample / "reproduce", folder / "results"))
+    # a value a line, to change
     texts = {
-        path: json.dumps(
-            json.loads(path.read_text()), indent=1
-        )  # a value a line, to change
+        path: json.dumps(json.loads(path.read_text()), indent=1)
         for path in sorted(place.rglob("*.json"))
     }
 
@@ -537,9 +537,8 @@ def of_nodes(*, services: bool) -> Target:
             nodes = now[0]
             node = chance.choice(nodes.all)
             robots = nodes.lock_step[1:]
-            if (
-                services and node in robots and chance.random() < 0.3
-            ):  # an answer, of anybody
+            # an answer, of anybody
+            if services and node in robots and chance.random() < 0.3:
                 plan = message_with(chance, NavPath, stamp(chance))
                 peer = len(robots) - 1 - robots.index(node)
                 step = chance.randrange(3)

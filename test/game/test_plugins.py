@@ -340,10 +340,11 @@ def test_a_function_of_this_process_alone_learns_here_and_never_goes_elsewhere(
     small, tmp_path
 ):
     often, never = (small.with_settings(perception=made_here(p)) for p in (0.5, 0.0))
+    # two games
     assert [str(one.perception) for one in (often, never)] == [
         "fog",
         "fog_2",
-    ]  # two games
+    ]
     assert same(often, small.with_settings(perception="probability:0.5"))
     assert same(never, small.with_settings(perception="never"))
     again = make_run(often, {}).scenario
@@ -531,7 +532,6 @@ def test_entry_points_of_installed_packages(
     assert learner_of("team_of_tests").label == "team_of_tests"
     scenario = small.with_settings(perception="mist:0.25")
     assert str(scenario.perception) == "mist:0.25"
-    (tmp_path / "nowhere.py").write_text(
-        MODULE
-    )  # in the current directory, not installed
+    # in the current directory, not installed
+    (tmp_path / "nowhere.py").write_text(MODULE)
     assert "learner 'lost' is not there" in refusal(learner_of, "lost")

@@ -53,9 +53,8 @@ def test_arrival_pays_once_and_the_arrived_robot_stays(make):
     assert first.rewards[1] == Reward(0.0, 0.0, 0.0, 0.0)
     assert world.arrived == [True, False]
     assert not first.episode_over
-    second = world.advance(
-        [go(EAST), go(WEST)]
-    )  # the arrived robot's action has no effect
+    # the arrived robot's action has no effect
+    second = world.advance([go(EAST), go(WEST)])
     assert world.cells == [1, 0]
     assert second.rewards[0].individual == 0.0
     assert second.arrived == (1,)
@@ -134,9 +133,8 @@ def test_random_starts_are_uniform_never_the_goal_never_cut_off(make):
     for k, robot in enumerate(scenario.robots):
         counted = Counter(drawn[:, k].tolist())
         assert set(counted) == set(range(6)) - {robot.goal}
-        assert (
-            sum((n - 800) ** 2 / 800 for n in counted.values()) < 18.5
-        )  # chi squared, 0.1 %
+        # chi squared, 0.1 %
+        assert sum((n - 800) ** 2 / 800 for n in counted.values()) < 18.5
     assert abs(np.corrcoef(drawn.T)[0, 1]) < 4 / 4000**0.5
 
 

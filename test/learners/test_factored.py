@@ -136,9 +136,8 @@ def test_a_percept_teaches_rho_w_and_r_bar_but_not_by_the_move_itself():
     w = memory["w"]
     rho = memory["rho_values"]
     assert rows(one) == {(2, 1, 5): [0, -20 * ALPHA, 0, 0]}
-    assert u[2, SOUTH] == 40 + ALPHA * (
-        0.95 * 40 - 40
-    )  # no cost of asking, no r^C in U
+    # no cost of asking, no r^C in U
+    assert u[2, SOUTH] == 40 + ALPHA * (0.95 * 40 - 40)
     # The other moves are as good as before: the percept was worth nothing.
     assert w[2] == 0
     assert r_bar[2].tolist() == [0, ALPHA * rho[0, SOUTH], 0, 0]
@@ -189,13 +188,11 @@ def test_only_after_a_failed_percept_the_move_is_explored():
 def test_replays_make_u_what_the_own_model_says():
     one = agent(Factored)
     moved(one, 1, 2, EAST, 3, paid())
-    moved(
-        one, 2, 2, EAST, 2, paid()
-    )  # it stayed where it was: half of the moves succeed
+    # it stayed where it was: half of the moves succeed
+    moved(one, 2, 2, EAST, 2, paid())
     u = one.memory()["u"]
-    assert u[2, EAST] == 0.5 * (0.95 * 40) + 0.5 * (
-        0.95 * 40
-    )  # other moves in 2 are still at 40
+    # other moves in 2 are still at 40
+    assert u[2, EAST] == 0.5 * (0.95 * 40) + 0.5 * (0.95 * 40)
     moved(one, 3, 3, EAST, one.goal, paid(individual=10.0))
     assert one.memory()["u"][3, EAST] == 10 + 0.95 * 200
 
@@ -204,19 +201,19 @@ def test_two_percepts_in_a_row_teach_what_other_moves_would_have_brought():
     one = agent()
     other = agent(NoLookingBack)
     for each in (one, other):
-        moved(
-            each, 1, 2, EAST, 3, paid(common=-20.0)
-        )  # to 3: a doorway, as r^C is felt there
+        # to 3: a doorway, as r^C is felt there
+        moved(each, 1, 2, EAST, 3, paid(common=-20.0))
         moved(each, 3, 2, EAST, 2, paid())  # half of the moves east succeed
         moved(each, 5, 2, NORTH, 2, paid())
         asked(each, 7, 2, NORTH, 2, paid(), (5,))
         asked(each, 8, 2, NORTH, 2, paid(), (3,))  # the peer went to 3
+    # W is 0, a wait is worth U
     assert rows(one)[2, 1, 5] == [
         0,
         0,
         ALPHA * 0.5 * -20,
         0,
-    ]  # W is 0, a wait is worth U
+    ]
     assert not any(row[EAST] for row in rows(other).values())
     before = rows(one)
     asked(one, 10, 2, NORTH, 2, paid(), (5,))  # not in a row
@@ -293,9 +290,8 @@ def test_r_c_counts_for_the_team_but_once_where_the_percept_failed():
 def blind_waits(**settings):
     """Return rho's row of a failed percept in 2, and what it was before a second question."""
     one = agent(**settings)
-    moved(
-        one, 1, 2, EAST, 3, paid(common=-20.0)
-    )  # half of the moves east lead to 3, a doorway
+    # half of the moves east lead to 3, a doorway
+    moved(one, 1, 2, EAST, 3, paid(common=-20.0))
     moved(one, 3, 2, EAST, 2, paid())
     moved(one, 5, 2, NORTH, 2, paid())
     asked(one, 7, 2, EAST, 2, paid(common=-20.0), None)
@@ -307,9 +303,8 @@ def blind_waits(**settings):
 
 def test_percepts_that_fail_teach_that_nobody_is_where_a_peer_would_be_seen():
     row, before = blind_waits(perception="range:2")
-    assert (
-        before[EAST] < row[EAST] < 0
-    )  # nobody was in 3, half of the moves would have led there
+    # nobody was in 3, half of the moves would have led there
+    assert before[EAST] < row[EAST] < 0
     row, before = blind_waits(perception="range:0")
     assert row[EAST] == before[EAST] < 0  # 3 is out of sight
     for settings in (
@@ -318,9 +313,8 @@ def test_percepts_that_fail_teach_that_nobody_is_where_a_peer_would_be_seen():
         {"perception": "range:2", "link": "lost:0.1"},
     ):
         row, before = blind_waits(**settings)
-        assert (
-            row[EAST] == before[EAST] < 0
-        )  # it fails at random: a peer may be anywhere
+        # it fails at random: a peer may be anywhere
+        assert row[EAST] == before[EAST] < 0
 
 
 def test_after_a_failed_percept_one_that_succeeds_teaches_where_a_peer_was_in_the_way():
@@ -331,12 +325,13 @@ def test_after_a_failed_percept_one_that_succeeds_teaches_where_a_peer_was_in_th
     asked(one, 8, 2, NORTH, 2, paid(), (3,))
     assert rows(one)[2, NOT_PERCEIVED, NOT_PERCEIVED] == [0, 0, ALPHA * -20, 0]
     asked(one, 9, 2, NORTH, 2, paid(), (2,))
+    # the percept before succeeded
     assert rows(one)[2, NOT_PERCEIVED, NOT_PERCEIVED] == [
         0,
         0,
         ALPHA * -20,
         0,
-    ]  # the percept before succeeded
+    ]
 
 
 def test_credit_weighs_the_common_part():

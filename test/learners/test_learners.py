@@ -75,9 +75,8 @@ def test_the_papers_three_and_the_factored_one():
         "indiv": ("Indiv.", False, True),
         "factored": ("Factored", True, False),
     }
-    shipped = {
-        name: LEARNERS.registered[name] for name in expected
-    }  # tests register others
+    # tests register others
+    shipped = {name: LEARNERS.registered[name] for name in expected}
     assert expected == {
         n: (one.title, one.asks, one.alone) for n, one in shipped.items()
     }

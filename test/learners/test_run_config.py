@@ -92,9 +92,8 @@ def test_the_digest_of_a_run(run):
 
 def test_defaults():
     run = make_run(load_scenario("env1"), {})
-    due = RUN_SETTINGS.defaults() | {
-        "resolution": 1.0
-    }  # 0: that of the map, which has none
+    # 0: that of the map, which has none
+    due = RUN_SETTINGS.defaults() | {"resolution": 1.0}
     assert {name: getattr(run, name) for name in RUN_SETTINGS} == due
 
 

@@ -331,10 +331,11 @@ class Team:
         elif self.loses(topic, to, message):
             self.losses.append((topic, to, message))
             self.disturbed |= topic in ("ask", "answer")
+            # nobody waits for a robot that has arrived
             if topic in (
                 "state",
                 "reward",
-            ):  # nobody waits for a robot that has arrived
+            ):
                 self.disturbed |= process.side.world.arrived[to]
                 self.missed.add((topic, message[0]))
             return

@@ -75,9 +75,8 @@ def test_bodies_are_placed_first_and_then_sent_and_then_the_step_is_made(made):
     )
     assert side.placing and side.waiting == [0, 1]
     assert not side.reached(Reached(0, 1, starts[0], True, 0.0, 0.0))
-    assert not side.reached(
-        Reached(1, 1, starts[1], True, 0.0, 0.0)
-    )  # now they are sent
+    # now they are sent
+    assert not side.reached(Reached(1, 1, starts[1], True, 0.0, 0.0))
     sent = port.goals[1]
     south = [int(world.scenario.map.next_cell[c, SOUTH]) for c in starts]
     assert sent.bodies == tuple(BodyGoal(k, starts[k], south[k]) for k in (0, 1))

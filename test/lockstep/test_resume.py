@@ -52,9 +52,8 @@ def test_the_bits_are_those_of_an_unbroken_run(name, learner, settings):
     assert team.world.side.history.history().same_bits(history(scenario, learner))
     assert not team.disturbed
     whole = Team(scenario, 2, learner=learner).play()
-    for k in range(
-        team.robots
-    ):  # what is said beside the tables is that of an unbroken run too
+    # what is said beside the tables is that of an unbroken run too
+    for k in range(team.robots):
         mine, theirs = (one.up[k].side.counts for one in (team, whole))
         assert {**mine, "repeated": 0} == {**theirs, "repeated": 0}
 

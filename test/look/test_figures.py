@@ -51,9 +51,8 @@ def test_arrows_and_rings_are_the_policy(trained):
         p.moves[r].sum() for p, r in zip(policies, reached, strict=True)
     )
     full = [one for one in arrows if (one.get_facecolor()[0, :3] < 1).any()]
-    assert (
-        sum(one.N for one in full) == policies[0].moves.sum()
-    )  # the second robot's are hollow
+    # the second robot's are hollow
+    assert sum(one.N for one in full) == policies[0].moves.sum()
     faces = [one.get_facecolor() for one in axes.get_legend().get_patches()]
     assert [face == (1, 1, 1, 1) for face in faces] == [False, True]
 

@@ -164,9 +164,8 @@ def test_several_doorways():
 
 def test_doorways_one_behind_the_other(make):
     told = Told(make("1..D.D..2"))
-    assert (
-        told.where(1, (0, 4)) == "before a doorway"
-    )  # it has passed one, and is before the next
+    # it has passed one, and is before the next
+    assert told.where(1, (0, 4)) == "before a doorway"
     assert (
         told.peer(1, (0, 2), 2, (0, 5))
         == "on the other side, in another doorway, 3 moves away"
@@ -187,9 +186,8 @@ def test_a_doorway_where_several_rooms_meet():
         assert told.peer(1, (4, 8), 2, at) == "on another side, 2 moves away"
     assert told.peer(1, (4, 8), 2, (4, 9)) == "in the doorway"
     assert told.peer(1, (4, 8), 2, (4, 7)) == "in another doorway, beside robot_1"
-    assert (
-        told.peer(2, (4, 9), 1, (8, 0)) == "13 moves away"
-    )  # two ways, ahead and behind
+    # two ways, ahead and behind
+    assert told.peer(2, (4, 9), 1, (8, 0)) == "13 moves away"
 
 
 def test_a_doorway_in_a_ring_has_one_room_on_both_sides(make):
@@ -444,10 +442,12 @@ def check_place(ways, place, k, cell, doorway):
     if place == f"in {the}":
         assert far == 0
     elif before := re.fullmatch(f"(?:([0-9]+) moves )?before {the}", place):
+        # fmt: skip
         on_the_way = [
-            ways.moves(cell)[door] for door in doorway
+            ways.moves(cell)[door]
+            for door in doorway
             if ways.moves(cell)[door] + ways.moves(door)[goal] == ways.moves(cell)[goal]
-        ]  # fmt: skip
+        ]
         assert ahead and min(on_the_way) == int(before[1] or 1)
     elif past := re.fullmatch(f"([0-9]+) moves? past {the}", place):
         assert (

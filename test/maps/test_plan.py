@@ -231,9 +231,8 @@ def test_odd_maps(pixels, values, words):
     drawing = Drawing(1.0, 1.0)
     drawing.pixels = pixels
     values = {"cell": 0.5, "radius": 0.2, **values}
-    if (
-        words is None
-    ):  # no wall anywhere, however large the robot: whatever grid there is, is free
+    # no wall anywhere, however large the robot: whatever grid there is, is free
+    if words is None:
         assert import_map(plan_of(drawing), **values).grid.cells
         return
     with pytest.raises(MapError, match=words):

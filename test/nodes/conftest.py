@@ -506,9 +506,8 @@ def no_process_left():
 
     What ends as its parent has ended (a recorder's writer, a browser's helpers) needs a moment.
     """
-    before = (
-        _descendants()
-    )  # other tests' process pools leave multiprocessing's own tracker
+    # other tests' process pools leave multiprocessing's own tracker
+    before = _descendants()
     yield
     deadline = time.monotonic() + PATIENCE_SECONDS
     while left := [one for one in _descendants() if one not in before]:

@@ -197,9 +197,8 @@ def test_a_word_that_is_lost_is_said_again_and_the_world_tells_who_has_not_confi
     bench.world(bodies=True)
     observer = bench.observer()
     heard = observer.listen(JointState, "goals", latched=True)
-    observer.create_publisher(
-        JointState, "robot_1/reached", 10
-    )  # a driver, as far as is known
+    # a driver, as far as is known
+    observer.create_publisher(JointState, "robot_1/reached", 10)
     bench.spin_until(
         lambda: not observer.call(SetBool, "world_simulator/halt", HALT).success,
         "it is seen",

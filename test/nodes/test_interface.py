@@ -375,9 +375,13 @@ def test_foxglove_finds_what_its_layout_names(team):
     drawable["visualization_msgs/msg/MarkerArray"] = MarkerArray
     got = {}
     for scene in shows["3D"]:
+        # fmt: skip
         assert set(scene["topics"]) == {
-            "/map", "/markers", "/scene", *(f"/{n}/coordination_map" for n in NAMES)
-        }  # fmt: skip
+            "/map",
+            "/markers",
+            "/scene",
+            *(f"/{n}/coordination_map" for n in NAMES),
+        }
         for topic in scene["topics"]:
             [kind] = types[topic]
             got[topic] = team.observer.listen(drawable[kind], topic, latched=True)

@@ -34,9 +34,8 @@ def test_an_empty_domain_is_domain_0(monkeypatch, value):
     if value is None:
         monkeypatch.delenv(DOMAIN)
     assert ros_domain() == 0
-    monkeypatch.setattr(
-        os, "getuid", lambda: f"test_{os.getpid()}"
-    )  # whatever else runs here
+    # whatever else runs here
+    monkeypatch.setattr(os, "getuid", lambda: f"test_{os.getpid()}")
     with live.sole_team():
         monkeypatch.setenv(DOMAIN, "0")
         with pytest.raises(

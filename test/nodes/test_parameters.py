@@ -79,9 +79,8 @@ def test_every_parameter_is_described(made, name):
     for key, setting in table.items():
         descriptor = node.describe_parameter(key)
         assert len(descriptor.description) > 10
-        kind = (
-            setting.kind if isinstance(setting.kind, type) else str
-        )  # a family: a text
+        # a family: a text
+        kind = setting.kind if isinstance(setting.kind, type) else str
         assert descriptor.type == TYPES[kind]
         assert descriptor.additional_constraints == f"allowed: {setting.allowed}"
         assert descriptor.read_only == (key != "rate")
@@ -106,10 +105,16 @@ def test_no_scenario_setting_is_called_like_a_parameter():
 @pytest.mark.parametrize("name", TABLES)
 def test_a_node_minds_only_its_own_of_a_teams_parameters(made, name):
     """One file, or a launch file's group, may give all of them to every node."""
+    # fmt: skip
     values = {
-        "out": "x", "seed": 7, "record": True, "compression": "lz4", "world_timeout": 9.0,
-        "penalty": -100.0, "perception": "never",
-    }  # fmt: skip
+        "out": "x",
+        "seed": 7,
+        "record": True,
+        "compression": "lz4",
+        "world_timeout": 9.0,
+        "penalty": -100.0,
+        "perception": "never",
+    }
     node = made(TABLES[name], **values)
     own = {key: value for key, value in values.items() if key in TABLES[name]}
     assert {key: node.values[key] for key in own} == own

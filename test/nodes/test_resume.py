@@ -313,9 +313,8 @@ def test_kill_9_of_everything(start, tmp_path, processes, assert_same_tables, si
         json.loads(process.output[process.output.index("{") :])["transitions"] == STEPS
     )
     found = verify(out)
-    assert {one.quantity for one in found.differences} <= {
-        "recording"
-    }  # it may lack what is lost
+    # it may lack what is lost
+    assert {one.quantity for one in found.differences} <= {"recording"}
 
 
 def _of(out):

@@ -85,9 +85,8 @@ def test_a_team_cleans_up_what_a_killed_one_has_left(start, tmp_path, monkeypatc
     team = start("cli.main", *arguments, "--out", str(tmp_path / "killed"))
     team.wait_for("steps/s")
     maps = Path(f"/proc/{team.pid}/maps").read_text()
-    os.kill(
-        team.pid, signal.SIGKILL
-    )  # ports may be others' too: not to be looked for afterwards
+    # ports may be others' too: not to be looked for afterwards
+    os.kill(team.pid, signal.SIGKILL)
     team.exit_code()
     left = {
         Path(word) for word in maps.split() if word.startswith("/dev/shm/fastrtps_")

@@ -487,10 +487,19 @@ def test_eight_robots_in_light_and_dark(tab, start, tmp_path, scheme):
         f"map: eight.txt\nrobots:\n{robots}steps: 20000\n"
     )
     tab.emulate_media(color_scheme=scheme)
+    # fmt: skip
     process = start(
-        "cli.main", "train", str(tmp_path / "eight.yaml"), "--engine", "python", "--watch",
-        "--port", "0", "--out", str(tmp_path / "run"),
-    )  # fmt: skip
+        "cli.main",
+        "train",
+        str(tmp_path / "eight.yaml"),
+        "--engine",
+        "python",
+        "--watch",
+        "--port",
+        "0",
+        "--out",
+        str(tmp_path / "run"),
+    )
     tab.goto(address_of(process))
     wait_for(tab, f"{STEP} > 10")
     assert (
@@ -503,10 +512,11 @@ def test_eight_robots_in_light_and_dark(tab, start, tmp_path, scheme):
     wait_for(tab, "document.querySelector('.arrow[data-robot=\"8\"]')")
     arrows = "[...document.querySelectorAll('#map .arrow')].map((a) => [a.dataset.robot, {}])"
     dashed = tab.evaluate(arrows.format("a.hasAttribute('stroke-dasharray')"))
+    # told apart in grey
     assert {tuple(one) for one in dashed} == {
         ("1", False),
         ("8", True),
-    }  # told apart in grey
+    }
     assert tab.evaluate(WIDE)
     size(tab, 700, 900)
     wait_for(tab, WIDE)
@@ -535,10 +545,17 @@ def place_robots(tab, places):
 def test_a_depot_becomes_a_driven_team_by_clicks(tab, start, tmp_path):
     """From the image to bodies that drive what was learned; another team is stopped."""
     write("depot", tmp_path)
+    # fmt: skip
     process = start(
-        "cli.main", "import-map", str(tmp_path / "depot.yaml"), "--page", "--port", "0",
-        "--out", str(tmp_path / "out"),
-    )  # fmt: skip
+        "cli.main",
+        "import-map",
+        str(tmp_path / "depot.yaml"),
+        "--page",
+        "--port",
+        "0",
+        "--out",
+        str(tmp_path / "out"),
+    )
     tab.goto(address_of(process))
     wait_for(
         tab, "document.getElementById('facts').textContent.startsWith('1,560 cells')"

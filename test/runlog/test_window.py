@@ -189,10 +189,11 @@ def test_a_walk_reads_a_removed_file_and_says_where_one_is_damaged(bag, tmp_path
     assert log.blocks == blocks[:2] + blocks[3:], (
         "what cannot be read is no block any more"
     )
+    # within a chunk, and after one
     for cut in (
         middle,
         blocks[1].offset + blocks[1].length,
-    ):  # within a chunk, and after one
+    ):
         path.write_bytes(data[:cut])
         found = walk(path)
         assert (

@@ -190,10 +190,11 @@ def test_of_equally_good_moves_after_a_percept_the_first_is_chosen():
     far = [scenario.map.distances_to(robot.goal) for robot in scenario.robots]
     value = np.add.outer(0.9 ** far[0], 0.9 ** far[1])
     asking_loops.best_at(game, team, np.ones(2, dtype=bool), value, 0, 8)
+    # east and west: as good
     assert (LETTERS[seen[0, 0, 8]], LETTERS[seen[1, 8, 0]]) == (
         "s",
         "n",
-    )  # east and west: as good
+    )
 
 
 @needs_numba

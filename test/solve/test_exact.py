@@ -245,9 +245,8 @@ def test_means_of_a_batch_are_the_exact_ones_and_plain_python_s(
     assert means.time_to_goal.mean() == found.time_to_goal.mean
     assert means.asks.mean() == found.asks.mean
     assert means.miscoordinations == found.miscoordinations.mean
-    assert means.arrived == pytest.approx(
-        found.all_arrived, abs=1e-12
-    )  # this is cut at 1
+    # this is cut at 1
+    assert means.arrived == pytest.approx(found.all_arrived, abs=1e-12)
     monkeypatch.setattr(exact, "compiled", lambda: exact_loops.carry)
     plain = evaluate_exact(scenario, run.tables, learner=learner)
     assert plain.to_dict() == found.to_dict()

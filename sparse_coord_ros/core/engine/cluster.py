@@ -139,9 +139,8 @@ class Cluster:
         }
         done = None if in_order else as_completed(list(numbers), loop=self._client.loop)
         try:
-            while (
-                numbers
-            ):  # keep no future whose result was handed out: the cluster would as well
+            # keep no future whose result was handed out: the cluster would as well
+            while numbers:
                 future = next(iter(numbers)) if done is None else next(done)
                 number = numbers.pop(future)
                 try:

@@ -45,12 +45,10 @@ def in_processes(
     if not work:
         return
     if getattr(multiprocessing.current_process(), "_inheriting", False):
-        raise SystemExit(
-            1
-        )  # it is a process of ours that imports the script: that one says so
-    context = get_context(
-        "spawn"
-    )  # started afresh, they inherit no lock of this process
+        # it is a process of ours that imports the script: that one says so
+        raise SystemExit(1)
+    # started afresh, they inherit no lock of this process
+    context = get_context("spawn")
     lifeline, mine = context.Pipe(duplex=False)
     before = os.environ.get(SAFE_PATH, "")
     os.environ[SAFE_PATH] = "1"
@@ -104,7 +102,6 @@ def _begin(lifeline: Connection, folder: str, ready: Event) -> None:
 
 
 def _leave_after(lifeline: Connection) -> None:
-    lifeline.poll(
-        None
-    )  # nothing is ever sent: this returns when the other end is closed
+    # nothing is ever sent: this returns when the other end is closed
+    lifeline.poll(None)
     os._exit(1)

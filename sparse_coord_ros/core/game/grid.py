@@ -151,9 +151,8 @@ class GridMap:
     def next_cell(self) -> np.ndarray:
         """Shape (cells, moves), int64: where a successful move leads; a wall: the cell itself."""
         rows, columns = self.shape
-        number = np.full(
-            (rows + 2, columns + 2), UNREACHABLE, dtype=np.int64
-        )  # walls around
+        # walls around
+        number = np.full((rows + 2, columns + 2), UNREACHABLE, dtype=np.int64)
         r, c = (place + 1 for place in self._places)
         number[r, c] = np.arange(len(r))
         after = np.stack([number[r + dr, c + dc] for dr, dc in DIRECTIONS], axis=1)

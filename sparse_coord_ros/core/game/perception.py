@@ -105,9 +105,8 @@ def named_model(model: PerceptionModel) -> str:
             return _portable(name, known)
     path = path_of(model)
     if path is not None and _lies_at(model, path):
-        with suppress(
-            AttributeError, TypeError
-        ):  # of what takes no mark: it is refused then
+        # of what takes no mark: it is refused then
+        with suppress(AttributeError, TypeError):
             perception_model(model)
         MODELS.register(path, model)
         return path

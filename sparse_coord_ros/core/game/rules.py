@@ -197,6 +197,18 @@ def partners_of(problem: Problem, cells: Any, members: Any, k: int) -> int:
 
 
 @inlined
+def episode_ends(all_arrived: bool, steps: int, most: int) -> bool:
+    """Return whether an episode ends: all robots have arrived, or its steps are used up.
+
+    Args:
+        all_arrived: whether every robot that acts has arrived.
+        steps: that were made in the episode.
+        most: how many it may have.
+    """
+    return all_arrived or steps >= most
+
+
+@inlined
 def individual_reward(problem: Problem, arrives: bool) -> float:
     """Return r^I_k of a step."""
     return problem.goal_reward if arrives else 0.0

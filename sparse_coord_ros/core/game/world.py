@@ -14,6 +14,7 @@ from sparse_coord_ros.core.game.rules import (
     UNKNOWN_PARTNERS,
     asking_reward,
     common_reward,
+    episode_ends,
     individual_reward,
     led,
     miscoordination,
@@ -182,7 +183,8 @@ class World:
     @property
     def episode_over(self) -> bool:
         """Whether all agents that act have arrived, or the episode's steps are used up."""
-        return all(self.arrived) or self.step - self._episode_start >= self.max_steps
+        steps = self.step - self._episode_start
+        return episode_ends(all(self.arrived), steps, self.max_steps)
 
     def position(self) -> Position:
         """Return where the game is."""

@@ -108,11 +108,9 @@ class Coop(Learner):
             row = row_of_state(mind.q_coord, task, now.cell, now.seen, now.cells)
             values = mind.q_coord.values[row]
             updates = mind.q_coord.updates[row]
-            ql_update(
-                values, updates, now.move, task, now.floor, reward, after
-            )  # line 13
+            # line 13
+            ql_update(values, updates, now.move, task, now.floor, reward, after)
         values = mind.q_star[now.cell]
         updates = mind.updates[now.cell]
-        ql_update(
-            values, updates, now.action, task, now.floor, reward, after
-        )  # line 18
+        # line 18
+        ql_update(values, updates, now.action, task, now.floor, reward, after)

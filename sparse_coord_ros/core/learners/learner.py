@@ -280,9 +280,8 @@ class Learner:
             label = self.name
         elif self.entry_point is not None:
             label = self.entry_point
-        elif vars(
-            self
-        ):  # others could make one of its class, and not with these attributes
+        # others could make one of its class, and not with these attributes
+        elif vars(self):
             label = self.name
         else:
             label = path_of(type(self)) or self.name

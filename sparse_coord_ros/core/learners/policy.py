@@ -50,9 +50,8 @@ def greedy_action(
         if values[action] == best:
             ties += 1
             last = action
-    if (
-        ties == 1
-    ):  # nearly always: without a branch for each value the processor waits less
+    # nearly always: without a branch for each value the processor waits less
+    if ties == 1:
         return last
     return tied(values, best, count, int(drawn(draws, POLICY, k, step, column) * ties))
 
@@ -75,9 +74,8 @@ def choose(
     """Return A_k(t) by the learning policy pi_epsilon (Algorithm 1, line 4)."""
     if epsilon > 0.0 and drawn(draws, POLICY, k, step, EXPLORE) < epsilon:
         return int(drawn(draws, POLICY, k, step, EXPLORED_ACTION) * count)
-    return greedy_action(
-        values, len(ACTIONS), draws, k, step, TIE
-    )  # NaN is never chosen
+    # NaN is never chosen
+    return greedy_action(values, len(ACTIONS), draws, k, step, TIE)
 
 
 @inlined

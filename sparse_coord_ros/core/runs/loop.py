@@ -19,6 +19,7 @@ from sparse_coord_ros.core.game.rules import (
     Problem,
     asking_reward,
     common_reward,
+    episode_ends,
     goal_paid,
     individual_reward,
     led,
@@ -363,7 +364,7 @@ def learn_until(state: State, minds: Any, record: Record | None, budget: int) ->
                 over = False
         step += 1
         done += 1
-        if over or step - clock[EPISODE_START] >= rule.max_steps:
+        if episode_ends(over, step - clock[EPISODE_START], rule.max_steps):
             step += EPISODE_GAP
             clock[PLACED] = 0
     clock[STEP] = step
@@ -431,7 +432,7 @@ def play_until(
                 result[TIME] = rule.max_steps + 1
         discount *= problem.discount
         clock[STEP] = step + 1
-        if over or elapsed >= rule.max_steps:
+        if episode_ends(over, elapsed, rule.max_steps):
             if paired:
                 clock[STEP] = clock[EPISODE_START] + rule.max_steps
             clock[STEP] += EPISODE_GAP

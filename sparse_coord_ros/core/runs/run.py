@@ -52,11 +52,16 @@ from sparse_coord_ros.core.runs.history import History, blank_history, concatena
 from sparse_coord_ros.core.runs.loop import DONE, EPISODE_START, PLACED, STEP
 from sparse_coord_ros.core.runs.trials import Trials
 
-BLOCK_STEPS = 2048
-"""Time steps for which tables and the history get room at once."""
+BLOCK_STEPS = 32_768
+"""Steps of robots for which tables and the history get room at once."""
 
 NEVER = 1 << 62
 """A time step that no run reaches."""
+
+
+def block_of(robots: int) -> int:
+    """Return the time steps for which a team gets room at once: a larger one needs more a step."""
+    return max(1, BLOCK_STEPS // robots)
 
 
 class Stopped(Exception):  # noqa: N818 - no error: the run is not wanted any more
@@ -188,7 +193,7 @@ class Team:
     def initial(self, memories: Sequence[Memory] = ()) -> Any:
         """Return what robots know that remember this; nothing: before learning."""
         if self.compiled:
-            return stacked(self._minds, BLOCK_STEPS, memories)
+            return stacked(self._minds, block_of(len(self._minds)), memories)
         known = memories or (None,) * len(self._minds)
         return [
             as_lists(mind, memory)
@@ -405,12 +410,13 @@ class LearningRun:
         if not self.team.compiled:
             return
         clock = self._states[number].game.clock
-        if not has_room(self.minds, BLOCK_STEPS):
-            self.minds = with_room(self.minds, BLOCK_STEPS)
+        block = block_of(len(self.scenario.robots))
+        if not has_room(self.minds, block):
+            self.minds = with_room(self.minds, block)
         record = self._records[number]
-        if record is not None and record.used[0] + BLOCK_STEPS > len(record.length):
+        if record is not None and record.used[0] + block > len(record.length):
             self._records[number] = record_of(self._history(number), compiled=True)
-        clock[loop.END] = clock[STEP] + BLOCK_STEPS
+        clock[loop.END] = clock[STEP] + block
 
     def make_transition(self) -> TeamTransition:
         """Let every group of robots make one transition, and return it."""
@@ -523,7 +529,9 @@ def record_of(history: History, *, compiled: bool) -> loop.Record:
     used = [history.episodes, history.robots]
     rows = history
     if compiled:
-        rows = concatenated([history, blank_history(2 * BLOCK_STEPS, history.robots)])
+        rows = concatenated(
+            [history, blank_history(2 * block_of(history.robots), history.robots)]
+        )
     fields = {name: getattr(rows, name) for name in loop.Record._fields[1:]}
     if compiled:
         return loop.Record(np.array(used), **fields)

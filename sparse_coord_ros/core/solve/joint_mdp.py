@@ -71,9 +71,8 @@ def joint_mdp(scenario: ScenarioLike) -> JointMDP:
             "robots or a smaller map"
         )
     p = scenario.move_success
-    stays = sparse.identity(
-        cells, format="csr"
-    )  # row x is cell x: stays[to] leads to `to`
+    # row x is cell x: stays[to] leads to `to`
+    stays = sparse.identity(cells, format="csr")
     own = [
         [p * stays[to] + (1.0 - p) * stays for to in successors(scenario, k)]
         for k in team

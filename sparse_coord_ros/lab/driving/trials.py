@@ -241,6 +241,5 @@ def drive(
             (steps, seconds, arrived, times, miscoordinations, *touches, asks, drift)
         )
         progress(episode + 1)
-    return Drive(
-        driven_team, *map(np.array, zip(*found, strict=True))
-    )  # in the order of its fields
+    # in the order of its fields
+    return Drive(driven_team, *map(np.array, zip(*found, strict=True)))

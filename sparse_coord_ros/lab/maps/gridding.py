@@ -158,9 +158,8 @@ def best_layout(space: Space, pixels: float) -> Gridding:
 def _layout(space: Space, pixels: float, down: float, right: float) -> Gridding:
     height, width = space.blocked.shape
     half = pixels / 2
-    top = (
-        down if down < half else down - pixels
-    )  # the first centre is the first in the image
+    # the first centre is the first in the image
+    top = down if down < half else down - pixels
     left = right if right < half else right - pixels
     rows = np.floor(np.arange(top + half, height, pixels)).astype(np.int64)
     columns = np.floor(np.arange(left + half, width, pixels)).astype(np.int64)
@@ -235,9 +234,8 @@ def across(free: np.ndarray, longest: int = 2) -> np.ndarray:
     for turned in (False, True):
         view, target = (free.T, doors.T) if turned else (free, doors)
         wall = np.pad(~view, 1, constant_values=True)
-        between = (
-            view & wall[:-2, 1:-1] & wall[2:, 1:-1]
-        )  # walls north and south: passed east
+        # walls north and south: passed east
+        between = view & wall[:-2, 1:-1] & wall[2:, 1:-1]
         edges = np.diff(np.pad(between, ((0, 0), (1, 1))).astype(np.int8), axis=1)
         begins = np.argwhere(edges == 1)
         ends = np.argwhere(edges == -1)

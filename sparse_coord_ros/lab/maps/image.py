@@ -136,9 +136,8 @@ def read_floor_plan(path: Path) -> FloorPlan:
             f"{path}: setting free_thresh: value is {below:g}, allowed: {allowed}"
         )
     values, known = _pixels(path.parent / data["image"])
-    if (
-        data["mode"] == "raw"
-    ):  # the value is the probability in percent; more is unknown
+    # the value is the probability in percent; more is unknown
+    if data["mode"] == "raw":
         occupancy = np.round(values if not negate else 255.0 - values)
         known = known & (occupancy <= 100.0)
         occupancy = occupancy / np.float32(100.0)
@@ -179,9 +178,8 @@ def _pixels(path: Path) -> tuple[np.ndarray, np.ndarray]:
         with warnings.catch_warnings():
             warnings.simplefilter("error", Image.DecompressionBombWarning)
             with open_regular(path, IMAGE) as file:
-                content = io.BytesIO(
-                    file.read()
-                )  # Pillow asks it for what a damaged file says
+                # Pillow asks it for what a damaged file says
+                content = io.BytesIO(file.read())
             with Image.open(content) as image:
                 if (
                     image.width * image.height > IMAGE.elements

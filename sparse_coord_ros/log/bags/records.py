@@ -155,9 +155,8 @@ class Source:
         place = begin
         while place < end:
             try:
-                place = os.lseek(
-                    self._descriptor, place, os.SEEK_DATA
-                )  # there may be holes
+                # there may be holes
+                place = os.lseek(self._descriptor, place, os.SEEK_DATA)
             except OSError:
                 return
             with suppress(Damage):  # what cannot be read is passed over

@@ -192,9 +192,8 @@ class Relearned:
             and part.advance(min(step, part.first + AT_ONCE))
         ):
             if step < part.first + AT_ONCE:
-                if (
-                    sought and step > part.first
-                ):  # this time step may be asked for again
+                # this time step may be asked for again
+                if sought and step > part.first:
                     self._keep(part, step)
                 self._part = part
                 self._at = step

@@ -396,9 +396,8 @@ class Replay:
 def _rewards(logged: np.ndarray) -> list[Reward]:
     """Return logged rewards, shape (n, 5), in the form that agents take."""
     partners = logged[:, -1]
-    possible = (partners >= 0) & (
-        partners < 2.0**53
-    )  # a forged log may hold any number
+    # a forged log may hold any number
+    possible = (partners >= 0) & (partners < 2.0**53)
     known = np.where(possible, partners, UNKNOWN_PARTNERS).astype(np.int64)
     columns = (*logged[:, :-1].T.tolist(), known.tolist())
     return list(map(Reward._make, zip(*columns, strict=True)))

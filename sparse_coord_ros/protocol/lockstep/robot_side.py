@@ -108,9 +108,8 @@ class RobotSide:
         self._states: deque[tuple[int, int]] = deque()
         self._reward: Reward | None = None
         self._choice: Choice | None = None  # whose outcome is still to come
-        self._self_report = SelfReport(
-            PerceptEnd.DID_NOT_ASK, False
-        )  # what was said beside it
+        # what was said beside it
+        self._self_report = SelfReport(PerceptEnd.DID_NOT_ASK, False)
         self._asked: Decision | None = (
             None  # whose peers are asked, one after the other
         )

@@ -60,9 +60,8 @@ class Layout:
             gap = -(len(expected) - len(LITTLE_ENDIAN_CDR)) % alignment
             begin = len(expected) + gap
             expected.extend(bytes(gap) + data)
-            checked.extend(
-                bytes(gap) + bytes([check]) * len(data)
-            )  # of gaps anything goes
+            # of gaps anything goes
+            checked.extend(bytes(gap) + bytes([check]) * len(data))
             return begin
 
         for item in items:

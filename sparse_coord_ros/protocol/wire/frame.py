@@ -66,9 +66,8 @@ class Frame:
         if cell is None:
             column = (x - self.origin[0]) // self.resolution
             south = (y - self.origin[1]) // self.resolution
-            if isfinite(column) and isfinite(
-                south
-            ):  # of a place far off they may overflow
+            # of a place far off they may overflow
+            if isfinite(column) and isfinite(south):
                 position = (self.grid.shape[0] - 1 - int(south), int(column))
                 cell = self.grid.number.get(position)
         return cell

@@ -195,9 +195,8 @@ class Peers:
             if name == node.get_name():
                 continue
             service = ACTIVE_PERCEPTION.of(name)
-            if (
-                service not in node.shared_clients
-            ):  # of the robots here the first one makes it
+            # of the robots here the first one makes it
+            if service not in node.shared_clients:
                 node.shared_clients[service] = node.create_client(
                     ACTIVE_PERCEPTION_TYPE, service
                 )
@@ -246,9 +245,8 @@ class Peers:
             if one.repeats < IMMEDIATE_REPEATS:
                 return True
             one.heard = time.monotonic()
-            self.on_answer(
-                peer, step, plan
-            )  # it is asked again, and may still answer this one
+            # it is asked again, and may still answer this one
+            self.on_answer(peer, step, plan)
             return False
         if peer not in self._places:
             return False  # the world will say all states again

@@ -62,9 +62,8 @@ class Player(ParameterNode):
         self._timer = self.create_timer(self.values["delay"], self._tick)
         keys = Keyboard()
         if keyboard and keys.there:
-            self.at_end.callback(
-                keys.close
-            )  # the terminal is given back, whatever happens
+            # the terminal is given back, whatever happens
+            self.at_end.callback(keys.close)
             self.create_timer(KEYS_SECONDS, lambda: self._on_keys(keys))
             self.get_logger().info(KEYS_HELP)
 

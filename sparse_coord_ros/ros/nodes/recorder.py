@@ -160,9 +160,8 @@ class Recording:
         self._steps = 0
         self._flushed = time.monotonic()
         self.bag.flush()
-        with contextlib.suppress(
-            OSError
-        ):  # the directory is gone: the bag's own error says so
+        # the directory is gone: the bag's own error says so
+        with contextlib.suppress(OSError):
             free = shutil.disk_usage(self._node.directory).free >> 20
             if free < KEPT_FREE:
                 raise BagError(
@@ -416,9 +415,8 @@ class Recorder(Follower):
         bag = (BagWriter if self.direct is None else BagProcess)(
             self.directory, **options
         )
-        self.at_end.enter_context(
-            contextlib.suppress(BagError)
-        )  # a broken one stays unfinished
+        # a broken one stays unfinished
+        self.at_end.enter_context(contextlib.suppress(BagError))
         self.at_end.callback(bag.close)
         self.part = self.recording = recording = Recording(self, run, bag)
         if earlier is None:

@@ -193,9 +193,8 @@ class Member:
             return
         if self._presence.sees(step):
             drop(ros_topics.STATUS.name, "the run was said to be over")
-        if (
-            self._unsaid
-        ):  # no order to go back has come: it goes on from its own checkpoint
+        # no order to go back has come: it goes on from its own checkpoint
+        if self._unsaid:
             self._unsaid = False
             self._say_what_is_known(step)
         self.lockstep.state(step, cell)

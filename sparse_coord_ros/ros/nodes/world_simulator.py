@@ -135,9 +135,8 @@ class WorldSimulator(ParameterNode):
         resumed = self.values["resume"]
         calling = self._output is not None and self.returning.calling
         if calling or (resumed and not started and not self._paused):
-            return (
-                wire.RunState.RESUMING
-            )  # where the team is will be known when all have answered
+            # where the team is will be known when all have answered
+            return wire.RunState.RESUMING
         if self._halted:
             return wire.RunState.HALTED
         if self._paused:

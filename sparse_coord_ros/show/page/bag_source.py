@@ -147,9 +147,8 @@ class BagSource(controls.Controlled):
         most = max(SHOWN_STEPS, 4 * self.run.scenario.max_steps)
         try:
             log = self.log.read(max(0, last - most), last)
-            whole = log.history().first_step[
-                int(last > most) :
-            ]  # the first one may be cut
+            # the first one may be cut
+            whole = log.history().first_step[int(last > most) :]
             found = self.newest()
             if len(whole) and found:
                 team = LearnedTeam(self.run, [one.tables for one in found])

@@ -201,8 +201,7 @@ class LiveView:
         self.board.put("tables", robots=messages.table_fields(self.run, tables))
         counted = np.array(self.asked) if asked is None else asked
         self.board.put("asked", robots=counted.tolist(), where=where)
-        spent = (
-            time.thread_time() - self._began
-        )  # on a busy machine less than has passed
+        # on a busy machine less than has passed
+        spent = time.thread_time() - self._began
         pause = min(max(SLOW_SECONDS, spent / SLOW_SHARE), LONGEST_SECONDS)
         self._slow = time.monotonic() + pause

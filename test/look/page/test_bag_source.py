@@ -181,9 +181,8 @@ def test_counts_are_those_up_to_the_time_step_that_is_shown(player, bag):
     log = read_run(bag)
     history = log.history()
     frame = player.do(SEEK, int(log.step[300]))
-    assert (
-        frame["counted_to"] < frame["step"] and frame["episodes"] == 0
-    )  # nothing is read yet
+    # nothing is read yet
+    assert frame["counted_to"] < frame["step"] and frame["episodes"] == 0
     player.source.read_through()
     for row in (300, len(log.step) - 2, 30, 301, 0):
         frame = player.do(SEEK, int(log.step[row]))
@@ -302,9 +301,8 @@ def test_playing_holding_stepping_seeking(player):
     assert player.do(STEP, -1)["step"] == player.source.first
     assert player.do(SEEK, 10**12)["step"] == player.source.log.last_step
     assert player.do(STEP, 1)["state"] == "ended"
-    assert (
-        player.do(PAUSE, False)["step"] == player.source.first
-    )  # again from the start
+    # again from the start
+    assert player.do(PAUSE, False)["step"] == player.source.first
     player.do(RATE, 0.0)
     assert player.after(0.1)["state"] == "ended"
 
@@ -516,9 +514,8 @@ def test_a_bag_that_grows_is_followed(bag, tmp_path, monkeypatch):
         and "follows" in player.board.get("notice")["text"]
     )
     assert before["step"] == player.source.log.last_step
-    assert (
-        player.do(SEEK, 50, seconds=1.0)["state"] == "playing"
-    )  # it follows no longer
+    # it follows no longer
+    assert player.do(SEEK, 50, seconds=1.0)["state"] == "playing"
     assert (
         player.do(PAUSE, True)["state"] == "paused" and player.after(9.0)["step"] < 70
     )
@@ -537,9 +534,8 @@ def test_a_bag_that_grows_is_followed(bag, tmp_path, monkeypatch):
         time.sleep(0.01)
     frame = player.do(SEEK, 10**6)
     half = read_run(bag).between(0, frame["step"])
-    assert (
-        frame["counted_to"] == frame["step"]
-    )  # the episode that goes on is counted, too
+    # the episode that goes on is counted, too
+    assert frame["counted_to"] == frame["step"]
     assert np.sum(player.board.get("asked")["robots"]) == half.asked.sum()
     assert frame["episodes"] == len(np.unique(half.episode))
     with path.open("ab") as file:

@@ -53,9 +53,8 @@ def test_a_trail_is_of_one_episode_and_leads_from_cell_to_cell(view):
         view.take(TeamTransition(step, cells, quiet, cells, False))
     view.show(transitions=5, episode=0)
     assert view.board.get("frame")["trails"] == [[0, 1, 5], [2, 3]]  # not from 20 on
-    view.take(
-        TeamTransition(9, (5, 20), quiet, (5, 20), False)
-    )  # a jump, as in a damaged log
+    # a jump, as in a damaged log
+    view.take(TeamTransition(9, (5, 20), quiet, (5, 20), False))
     view.show(transitions=6, episode=0)
     assert view.board.get("frame")["trails"] == [[0, 1, 5], [20]]
     view.take(TeamTransition(12, (1, 2), quiet, (1, 2), False))  # another episode
