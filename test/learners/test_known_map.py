@@ -13,6 +13,7 @@ from sparse_coord_ros.core.game.actions import COORDINATE, PRIMITIVES
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.learners.agent import Agent
 from sparse_coord_ros.core.learners.lone import lone_values
+from sparse_coord_ros.core.learners.memory import check_memory
 from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.learners.rules import (
     LARGE_MAP,
@@ -110,6 +111,15 @@ def test_moves_succeed_as_often_as_the_prior_says():
     assert lone_values(given, 0).tobytes() == lone_values(same, 0).tobytes()
     moved = learner_of("factored").mind(given, 0).moved
     assert set(np.unique(moved)) == {0, round(0.95 * MAP_SAMPLES)}
+
+
+def test_moves_that_hardly_ever_succeed_lead_somewhere_in_the_model_too():
+    scenario = known(prior_success=0.001, steps=50)
+    learner = learner_of("factored")
+    run = LearningRun(Team(scenario, learner, compiled=False), 1)
+    run.advance(50)
+    for k, memory in enumerate(run.memories):
+        check_memory(scenario, learner, k, memory)
 
 
 @pytest.mark.parametrize("learner", ["cq", "joint"])

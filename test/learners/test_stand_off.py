@@ -105,10 +105,10 @@ def test_teams_of_more_than_two_leave_unless_percepts_depend_on_places():
     assert factored.with_defaults(near).stand_off.kind == "wait"
 
 
-def test_learners_that_cannot_leave_refuse_it():
+@pytest.mark.parametrize("learner", ["coop", "noncoop", "indiv", "cq", "joint"])
+def test_the_setting_has_no_meaning_for_other_learners(learner):
     scenario = load_scenario("env1").with_settings({"stand_off": "leave:0.5:0.25"})
-    with pytest.raises(SettingError, match="setting stand_off: value is 'leave"):
-        learner_of("coop").check(scenario)
+    assert learner_of(learner).with_defaults(scenario).stand_off.kind == "wait"
 
 
 def test_a_pair_that_leaves_is_judged_by_trials():

@@ -259,7 +259,7 @@ class Factored(Learner):
             value=q_star.max(axis=1),
             u=alone,
             alone=alone,
-            moved=leads * round(scenario.known_success * MAP_SAMPLES),
+            moved=leads * max(1, round(scenario.known_success * MAP_SAMPLES)),
             successor=np.where(leads, lead, 0),
             tried=np.arange(lead.size),
             used=np.array([lead.size]),

@@ -306,7 +306,8 @@ class Learner:
     def with_defaults(self, scenario: Scenario) -> Scenario:
         """Return the scenario with this learner's defaults for settings that were not chosen.
 
-        Of a learner that needs the map initial values have no meaning: they are the defaults.
+        Settings without a meaning for a learner are the defaults: initial values where it needs
+        the map, `stand_off` where it cannot leave one.
 
         Raises:
             SettingError: a default is no setting, or has a bad value.
@@ -316,6 +317,8 @@ class Learner:
             values["prior"] = "map"
         if self.needs_map:
             values |= {name: SETTINGS[name].default for name in INITIAL_VALUES}
+        if not self.leaves:
+            values["stand_off"] = SETTINGS["stand_off"].default
         if not values:
             return scenario
         return replace(scenario.with_settings(values), given=scenario.given)
@@ -326,11 +329,6 @@ class Learner:
             raise SettingError(
                 f"setting prior: value is {scenario.prior!r}, allowed with learner {self.label}: "
                 "map, as it begins with the values of robots alone; leave prior out"
-            )
-        if scenario.stand_off.kind != "wait" and not self.leaves:
-            raise SettingError(
-                f"setting stand_off: value is {str(scenario.stand_off)!r}, allowed with learner "
-                f"{self.label}: wait; leave stand_off out, or use learner factored"
             )
 
     def check_memory(self, scenario: Scenario, robot: int, memory: Memory) -> None:
