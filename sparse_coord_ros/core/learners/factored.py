@@ -339,7 +339,7 @@ class Factored(Learner):
         The peers share a surplus: if each were credited with all of it, r_bar would say that
         waiting pays without asking, too. A loss counts in full.
         """
-        if here > 0.0:
+        if here > 0.0 and task.robots > 2:
             return here / max(1, in_the_way(mind, task, first))
         return here
 

@@ -363,6 +363,7 @@ class Learner:
             step_sizes: as of `Task`; of a robot that does not learn there are none.
         """
         weights = self.weights(scenario)
+        leaving, leaving_share = leaving_of(scenario)
         return Task(
             number=robot,
             robots=len(scenario.robots),
@@ -378,8 +379,8 @@ class Learner:
             sight=sight_in(scenario) if self.rules_out else BLIND,
             map_samples=map_samples(scenario),
             replays=replays_of(scenario),
-            leaving=leaving_of(scenario)[0],
-            leaving_share=leaving_of(scenario)[1],
+            leaving=leaving,
+            leaving_share=leaving_share,
         )
 
     def minds(self, scenario: Scenario) -> list[Any]:

@@ -4,7 +4,7 @@
 
 import numpy as np
 
-from sparse_coord_ros.core.game.actions import COORDINATE, PRIMITIVES
+from sparse_coord_ros.core.game.actions import COORDINATE
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.game.world import RewardWeights
 
@@ -70,4 +70,4 @@ def known_q_star(
     alone = lone_values(scenario, robot, weight=weights.individual)
     asking = alone.max(axis=1) - weights.ask_cost * scenario.ask_cost
     asking[np.isnan(begun[:, COORDINATE])] = np.nan
-    return np.column_stack([alone[:, :PRIMITIVES], asking])
+    return np.column_stack([alone, asking])

@@ -144,6 +144,7 @@ class Team:
         self._minds = learner.minds(scenario)
         sizes = step_sizes(scenario.step_size, scenario.steps)
         everyone = np.arange(len(scenario.robots), dtype=INDEX)
+        leaving, leaving_share = leaving_of(scenario)
         rule = loop.Rule(
             problem=problem_of(scenario, plain=not compiled),
             members=everyone,
@@ -157,8 +158,8 @@ class Team:
             step_sizes=sizes.by_count,
             map_samples=map_samples(scenario),
             replays=replays_of(scenario),
-            leaving=leaving_of(scenario)[0],
-            leaving_share=leaving_of(scenario)[1],
+            leaving=leaving,
+            leaving_share=leaving_share,
             tasks=None,
         )
         groups = groups_of(scenario, learner)
