@@ -9,7 +9,10 @@ import numpy as np
 
 from sparse_coord_ros.base.palette import ANSWERED, FAILED, REFUSED
 from sparse_coord_ros.core.game.actions import ACTIONS
-from sparse_coord_ros.core.game.miscoordination import miscoordinations
+from sparse_coord_ros.core.game.interactions import (
+    interactions_of,
+    miscoordinations,
+)
 from sparse_coord_ros.core.game.world import Action, Reward
 from sparse_coord_ros.core.learners.agent import NOBODY
 from sparse_coord_ros.core.runs.run import TeamTransition
@@ -85,7 +88,10 @@ def logged_step(log: RunLog, row: int) -> TeamTransition:
         for move, asked, peer, perceived in said
     )
     after = _known(log.cells[row + 1]) if followed else None
-    met = bool(acted and miscoordinations(log.run.scenario, log.cells[[row + 1]])[0])
+    met = False
+    if acted:
+        inter = interactions_of(log.run.scenario)
+        met = bool(miscoordinations(inter, log.cells[row], log.cells[row + 1]))
     told = [PerceptEnd.said(end) for end in log.ended[row]]
     ends = [PerceptEnd.LATE if end is None else end for end in told]
     step = int(log.step[row])

@@ -52,7 +52,7 @@ def assert_same_trials(one, other):
 
 def test_penalties_are_paid_by_their_factors():
     scenario = problem(
-        "env2-4r", conflict="any_doorway", common_reward="each:0:1:0.5:3"
+        "env2-4r", interactions="together:any_doorway", common_reward="each:0:1:0.5:3"
     )
     [run] = run_batch(scenario, "noncoop", [7], trials=50)
     by_robot = run.trials.reward.mean(axis=0)

@@ -57,7 +57,10 @@ GAMES = {
             "horizon": 70,
         },
     ),
-    "short": ("env2-2r", {"max_steps": 9, "conflict": "any_doorway", "ask_cost": 0}),
+    "short": (
+        "env2-2r",
+        {"max_steps": 9, "interactions": "together:any_doorway", "ask_cost": 0},
+    ),
     "sight": ("isr", {"perception": "line_of_sight", "move_success": 1}),
 }
 """Games of two robots, which each learner can learn."""
@@ -74,7 +77,11 @@ TEAMS = {
         {"peers": "all", "perception": "probability:0.7"},
     ),
     "four, alone": ("env2-4r", "indiv", {"starts": "mixed:0.5"}),
-    "four, no questions": ("env2-4r", "noncoop", {"conflict": "any_doorway"}),
+    "four, no questions": (
+        "env2-4r",
+        "noncoop",
+        {"interactions": "together:any_doorway"},
+    ),
     "four, factored": (
         "env2-4r",
         "factored",

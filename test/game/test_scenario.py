@@ -74,7 +74,7 @@ def test_the_game_is_the_paper_s(name):
     assert scenario.goal_reward == 10.0
     assert scenario.penalty == -20.0
     assert scenario.ask_cost == 1.0
-    assert scenario.conflict == "same_cell"
+    assert scenario.interactions == "together"
     assert scenario.peers == "one"
     assert scenario.penalties == (-20.0,) * len(scenario.robots)
     assert scenario.goal_value == pytest.approx(

@@ -127,7 +127,7 @@ class Reference:
                     if motion[k][t, 0] < scenario.move_success:
                         y[k] = int(self.next_cell[x[k], chosen[k][1]])
                 inside = [y[k] for k in members if y[k] in self.doors]
-                if scenario.conflict == "same_cell":
+                if scenario.interactions == "together":
                     conflict = len(inside) != len(set(inside))
                 else:
                     conflict = len(inside) >= 2
@@ -213,7 +213,7 @@ class Reference:
             {"starts": "exploring:0.9:0.2:0.5", "step_size": "floored:0.7:0.3:0.1"},
         ),
         ("env2-4r", "coop", {"perception": "probability:0.7"}),
-        ("env2-4r", "noncoop", {"conflict": "any_doorway"}),
+        ("env2-4r", "noncoop", {"interactions": "together:any_doorway"}),
         ("env2-4r", "coop", {"common_reward": "each:0:1:0.5:3", "penalty": -100}),
         ("env2-2r", "coop", {"peers": "all", "perception": "probability:0.7"}),
         ("crowd-3r", "coop", {"peers": "all"}),
@@ -221,7 +221,11 @@ class Reference:
         (
             "env2-4r",
             "coop",
-            {"peers": "all", "perception": "range:4", "conflict": "any_doorway"},
+            {
+                "peers": "all",
+                "perception": "range:4",
+                "interactions": "together:any_doorway",
+            },
         ),
         ("isr", "coop", {"perception": "line_of_sight", "move_success": 1}),
     ],

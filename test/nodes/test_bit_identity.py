@@ -44,7 +44,7 @@ GAMES = {
             "link": "bursts:0.1:0.2",
             "penalty": -100,
             "common_reward": "each:1:0.5:2",
-            "conflict": "any_doorway",
+            "interactions": "together:any_doorway",
         },
         {"executor": "events", "record": True, "namespace": "team_a"},
     ),

@@ -19,7 +19,7 @@ EXPLORING = {
     "q_coord_init": 20,
     "epsilon": "constant:0.8",
     "max_steps": 20,
-    "conflict": "any_doorway",
+    "interactions": "together:any_doorway",
 }
 
 

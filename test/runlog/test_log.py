@@ -160,7 +160,7 @@ def test_a_history_counts_whole_transitions_only(run):
 
 
 def test_a_history_without_penalty_has_its_miscoordinations(record):
-    run = record("env2-4r", {"penalty": 0, "conflict": "any_doorway"})
+    run = record("env2-4r", {"penalty": 0, "interactions": "together:any_doorway"})
     found = read_run(run.bag).history()
     assert (
         found.miscoordinations.sum() == run.recording.world.world.miscoordinations > 0

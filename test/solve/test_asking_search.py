@@ -104,7 +104,7 @@ def test_the_search_finds_the_best_of_every_team(ask_cost):
         {"perception": "probability:0.5"},
         {"perception": "range:2"},
         {"common_reward": "each:0.5:2", "ask_cost": 0.1},
-        {"conflict": "any_doorway", "ask_cost": 0.1},
+        {"interactions": "together:any_doorway", "ask_cost": 0.1},
         {"move_success": 0.5, "discount": 0.9, "goal_reward": 3},
     ],
 )
@@ -333,7 +333,7 @@ def test_it_is_of_the_game_and_not_of_the_learning():
         "discount": 0.9,
         "move_success": 0.9,
         "goal_reward": 9,
-        "conflict": "any_doorway",
+        "interactions": "together:any_doorway",
         "perception": "range:2",
         "common_reward": "each:1:2",
     }.items():

@@ -91,7 +91,7 @@ CASES = {
     "sight": {"perception": "line_of_sight"},
     "near": {"perception": "range:2", "ask_cost": 3},
     "uneven": {"common_reward": "each:0.5:2", "penalty": -7},
-    "any doorway": {"conflict": "any_doorway", "penalty": -50},
+    "any doorway": {"interactions": "together:any_doorway", "penalty": -50},
     "short": {"horizon": 12},
     "slow": {"move_success": 0.4, "discount": 0.8, "goal_reward": 3},
 }
@@ -226,7 +226,11 @@ def test_a_learner_of_ones_own_is_evaluated_as_it_chooses():
         (
             "env2-2r",
             "coop",
-            {"conflict": "any_doorway", "move_success": 0.7, "horizon": 15},
+            {
+                "interactions": "together:any_doorway",
+                "move_success": 0.7,
+                "horizon": 15,
+            },
         ),
     ],
 )

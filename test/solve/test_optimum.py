@@ -102,17 +102,17 @@ def test_robots_that_pay_differently_by_hand(make, penalty, factors, value):
 
 
 @pytest.mark.parametrize(
-    ("conflict", "value"),
+    ("interactions", "value"),
     [
-        ("same_cell", 200 * GAMMA**2),  # they pass each other between two doorways
+        ("together", 200 * GAMMA**2),  # they pass each other between two doorways
         (
-            "any_doorway",
+            "together:any_doorway",
             100 * (GAMMA**2 + GAMMA**4),
         ),  # one waits until the other is through
     ],
 )
-def test_two_doorways_by_hand(make, conflict, value):
-    scenario = make("1DD2", move_success=1, conflict=conflict)
+def test_two_doorways_by_hand(make, interactions, value):
+    scenario = make("1DD2", move_success=1, interactions=interactions)
     assert joint_optimum(scenario).value == pytest.approx(value, abs=1e-6)
 
 
@@ -125,19 +125,22 @@ def test_three_robots_by_hand(make):
 
 
 @pytest.mark.parametrize(
-    ("conflict", "grid", "goals"),
-    [("same_cell", "1D2", ([0, 1], [0, 1])), ("any_doorway", "1DD2", ([0, 2], [0, 1]))],
+    ("interactions", "grid", "goals"),
+    [
+        ("together", "1D2", ([0, 1], [0, 1])),
+        ("together:any_doorway", "1DD2", ([0, 2], [0, 1])),
+    ],
 )
 @pytest.mark.parametrize("move_success", [1, 0.8])
 def test_robots_that_have_all_arrived_in_a_doorway_pay_no_more(
-    make, conflict, grid, goals, move_success
+    make, interactions, grid, goals, move_success
 ):
     robots = {"a": (1, goals[0]), "b": (2, goals[1])}
-    scenario = make(grid, robots, conflict=conflict, move_success=move_success)
+    scenario = make(grid, robots, interactions=interactions, move_success=move_success)
     optimum = joint_optimum(scenario)
     reference = shortest_path_reference(scenario)
     assert optimum.value >= reference.reward - 1e-9
-    if move_success == 1 and conflict == "same_cell":
+    if move_success == 1 and interactions == "together":
         # one step ends with both in there
         assert reference.reward == pytest.approx(200 - 20)
         # Better: the second comes later, and the penalty then is worth less; it is paid once.

@@ -65,7 +65,7 @@ def test_a_step_with_two_meetings_counts_once(make):
 
 def test_no_doorway_and_one_robot(make):
     assert shortest_path_reference(make("1..2")).miscoordinations == 0
-    alone = make("1.D.2", {"a": (1, 2)}, conflict="any_doorway")
+    alone = make("1.D.2", {"a": (1, 2)}, interactions="together:any_doorway")
     assert shortest_path_reference(alone).miscoordinations == 0
 
 
@@ -85,7 +85,7 @@ def test_unequal_shares_of_the_penalty(make):
     assert reference.reward == pytest.approx(200 * GAMMA - 20, abs=1e-9)
 
 
-@pytest.mark.parametrize("conflict", ["same_cell", "any_doorway"])
+@pytest.mark.parametrize("interactions", ["together", "together:any_doorway"])
 @pytest.mark.parametrize(
     ("grid", "robots"),
     [
@@ -95,9 +95,9 @@ def test_unequal_shares_of_the_penalty(make):
         ("1.D.2.3", {"a": (1, [0, 2]), "b": (2, [0, 2]), "c": (3, 1)}),
     ],
 )
-def test_equals_the_joint_markov_chain(make, conflict, grid, robots):
+def test_equals_the_joint_markov_chain(make, interactions, grid, robots):
     """All joint states with their probabilities, carried forward as a trial goes."""
-    scenario = make(grid, robots, conflict=conflict, horizon=9, penalty=-7)
+    scenario = make(grid, robots, interactions=interactions, horizon=9, penalty=-7)
     reference = shortest_path_reference(scenario)
     reward, steps = joint_chain(scenario)
     assert reference.reward == pytest.approx(reward, abs=1e-9)
@@ -120,7 +120,9 @@ def joint_chain(scenario):
                 share = probability * math.prod(p for _, p in joint)
                 doors = [y for y in after if y in grid.doorways]
                 crowd = len(doors) > (
-                    1 if scenario.conflict == "any_doorway" else len(set(doors))
+                    1
+                    if scenario.interactions == "together:any_doorway"
+                    else len(set(doors))
                 )
                 arrivals = sum(
                     y == goal != x

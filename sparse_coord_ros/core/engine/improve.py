@@ -21,8 +21,8 @@ from sparse_coord_ros.base.compiling import has_numba
 from sparse_coord_ros.base.files import write_whole
 from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.core.game.grid import GridMap
+from sparse_coord_ros.core.game.interactions import NOWHERE
 from sparse_coord_ros.core.game.links import UP
-from sparse_coord_ros.core.game.miscoordination import NOWHERE
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.game.specs import Spec
 from sparse_coord_ros.core.learners.factored import key_of, states_of

@@ -1,6 +1,8 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The rules of the game, each once: starts, moves, percepts, miscoordinations, rewards.
+"""The rules of the game, each once: starts, moves, percepts, rewards.
+
+What robots do to each other is in `core.game.interactions`.
 
 The world node, the loops, evaluation, planners and logs call these functions. They run on lists
 in plain Python and on arrays in compiled loops.
@@ -12,11 +14,10 @@ import numpy as np
 
 from sparse_coord_ros.base.compiling import inlined
 from sparse_coord_ros.core.game.draws import drawn, percept_draw
-from sparse_coord_ros.core.game.miscoordination import (
-    NOWHERE,
-    meet,
-    meeting_places,
-    together,
+from sparse_coord_ros.core.game.interactions import (
+    Interactions,
+    as_lists,
+    interactions_of,
 )
 from sparse_coord_ros.core.game.perception import drawn_peer, succeeds
 from sparse_coord_ros.core.game.percepts import sight_in
@@ -38,7 +39,7 @@ class Problem(NamedTuple):
         starts: start cell [k].
         goals: goal cell [k].
         next_cell: where a move leads [x][move].
-        places: meeting place of each cell, as of `core.game.miscoordination` [x].
+        interactions: what robots do to each other.
         sight: how likely percepts succeed, always of arrays.
         all_peers: whether COORDINATE perceives every peer (footnote 3), or one drawn at random.
         penalties: r^C of a miscoordination [k].
@@ -54,7 +55,7 @@ class Problem(NamedTuple):
     starts: Any
     goals: Any
     next_cell: Any
-    places: Any
+    interactions: Interactions
     sight: Sight
     all_peers: bool
     penalties: Any
@@ -75,7 +76,6 @@ LISTED = (
     "starts",
     "goals",
     "next_cell",
-    "places",
     "penalties",
     "start_cells",
     "start_counts",
@@ -100,7 +100,7 @@ def problem_of(scenario: Scenario, *, plain: bool, percepts: bool = True) -> Pro
         starts=np.array([robot.start for robot in robots], dtype=INDEX),
         goals=np.array([robot.goal for robot in robots], dtype=INDEX),
         next_cell=np.ascontiguousarray(grid.next_cell, dtype=INDEX),
-        places=meeting_places(scenario),
+        interactions=interactions_of(scenario),
         sight=sight_in(scenario) if percepts else BLIND,
         all_peers=scenario.peers == "all",
         penalties=np.array(scenario.penalties),
@@ -114,7 +114,8 @@ def problem_of(scenario: Scenario, *, plain: bool, percepts: bool = True) -> Pro
     )
     if plain:
         lists = {name: getattr(problem, name).tolist() for name in LISTED}
-        problem = problem._replace(**lists)
+        inter = as_lists(problem.interactions)
+        problem = problem._replace(**lists, interactions=inter)
     return problem
 
 
@@ -170,30 +171,6 @@ def perceive(problem: Problem, draws: Any, k: int, step: int, cells: Any) -> int
                 return 0
             seen |= 1 << j
     return seen
-
-
-@inlined
-def miscoordination(problem: Problem, cells: Any, members: Any) -> bool:
-    """Return whether robots miscoordinate: two of them are at one meeting place.
-
-    Args:
-        problem: the scenario.
-        cells: the cell of each robot after the step.
-        members: the robots that are in the game.
-    """
-    return meet(problem.places, cells, members)
-
-
-@inlined
-def partners_of(problem: Problem, cells: Any, members: Any, k: int) -> int:
-    """Return with whom robot k is in a miscoordination, the sum of 2^j; 0: with none."""
-    found = 0
-    place = problem.places[cells[k]]
-    if place != NOWHERE:
-        for j in members:
-            if j != k and together(place, problem.places[cells[j]]):
-                found |= 1 << j
-    return found
 
 
 @inlined

@@ -29,7 +29,13 @@ from sparse_coord_ros.core.game.perception import PERCEPTION
 from sparse_coord_ros.core.game.plugins import allow_modules, allow_named
 from sparse_coord_ros.core.game.schedules import EPSILON, STARTS, STEP_SIZE
 from sparse_coord_ros.core.game.settings import as_text, setting, settings_of
-from sparse_coord_ros.core.game.specs import Form, Number, Spec, SpecFamily
+from sparse_coord_ros.core.game.specs import (
+    Form,
+    KindFamily,
+    Number,
+    Spec,
+    SpecFamily,
+)
 
 COMMON_REWARD = SpecFamily(
     "common_reward",
@@ -41,6 +47,20 @@ COMMON_REWARD = SpecFamily(
     ),
 )
 """Who pays what of r^C (paper, Section 5)."""
+
+
+INTERACTIONS = KindFamily(
+    "interactions",
+    Form("together", "two robots in one doorway pay r^C"),
+    Form("together:anywhere", "two robots in one cell that is no goal pay r^C"),
+    Form(
+        "together:any_doorway", "two robots in doorways pay r^C, in different ones too"
+    ),
+    Form("swap", "two robots that exchange cells pay r^C"),
+    Form("block", "a doorway holds one robot; a second one stays where it is"),
+    Form("block:anywhere", "a cell that is no goal holds one robot"),
+)
+"""What robots do to each other (`core.game.interactions`)."""
 
 
 CREDIT = SpecFamily(
@@ -136,10 +156,10 @@ class Scenario:
     move_success: float = setting(
         0.8, "probability that a move succeeds", low=0.01, high=1
     )
-    conflict: str = setting(
-        "same_cell",
-        "when a step is a miscoordination: two robots in the same doorway, or in any doorways",
-        choices=("same_cell", "any_doorway"),
+    interactions: str = setting(
+        "together",
+        "what robots do to each other: the kinds of interaction, joined by '+'",
+        INTERACTIONS,
     )
     perception: Spec = setting(
         "always", "when the percept of COORDINATE succeeds", PERCEPTION

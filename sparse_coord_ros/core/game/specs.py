@@ -165,6 +165,39 @@ class SpecFamily:
         return Spec(form.kind, values)
 
 
+class KindFamily(SpecFamily):
+    """Kinds without numbers, of which a setting names one or more: `together+swap`.
+
+    A kind may stand in several variants, such as `block` and `block:anywhere`. Only one of them
+    can be named.
+    """
+
+    @property
+    def usage(self) -> str:
+        """The allowed kinds, for help and error texts."""
+        return f"{super().usage}; several are joined by '+'"
+
+    def parse(self, value: object) -> str:
+        """Read the kinds, and return them in the order of the forms, joined by '+'.
+
+        Raises:
+            SettingError: an unknown kind, or two variants of one.
+        """
+        known = [form.kind for form in self.forms]
+        named = str(value).split("+")
+        for kind in named:
+            if kind not in known:
+                raise self.unknown(kind, known)
+        bare = [kind.split(":")[0] for kind in named]
+        for kind in bare:
+            if bare.count(kind) > 1:
+                raise SettingError(
+                    f"setting {self.setting}: {str(value)!r} names {kind!r} "
+                    f"{bare.count(kind)} times, allowed: once; leave the others out"
+                )
+        return "+".join(kind for kind in known if kind in named)
+
+
 def _number(text: str) -> float:
     """Return a text as a number; NaN where it is none."""
     try:

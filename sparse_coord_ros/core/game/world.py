@@ -9,6 +9,11 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from sparse_coord_ros.core.game.draws import PlainDraws
+from sparse_coord_ros.core.game.interactions import (
+    interacting,
+    miscoordinate,
+    settle,
+)
 from sparse_coord_ros.core.game.rules import (
     EPISODE_GAP,
     UNKNOWN_PARTNERS,
@@ -17,8 +22,6 @@ from sparse_coord_ros.core.game.rules import (
     episode_ends,
     individual_reward,
     led,
-    miscoordination,
-    partners_of,
     problem_of,
     start_of,
 )
@@ -38,8 +41,8 @@ class Reward(NamedTuple):
         common: r^C.
         ask_cost: minus the cost of asking, or 0.
         total: their sum.
-        partners: with whom the robot was in the miscoordination: the sum of 2^j of the peers j
-            (from 0), 0 for none; `UNKNOWN_PARTNERS` where the world has no `referee`.
+        partners: with whom the robot interacted: the sum of 2^j of the peers j (from 0), 0 for
+            none; `UNKNOWN_PARTNERS` where the world has no `referee`.
     """
 
     individual: float
@@ -216,19 +219,26 @@ class World:
         Returns:
             The outcome; `step` and `cells` are then those of the next time step.
         """
-        cells = self.cells
-        arrivals = []
+        before = self.cells
+        wanted = list(before)
+        acting = []
         for k in self.agents:
             action = actions[k]
             if action is not None and not self.arrived[k]:
-                cells[k] = self.led(k, action.move)
-                if cells[k] == self._problem.goals[k]:
-                    arrivals.append(k)
-        conflict = miscoordination(self._problem, cells, self.agents)
-        rewards = [
-            self._reward(k, action, k in arrivals, conflict)
-            for k, action in enumerate(actions)
-        ]
+                wanted[k] = self.led(k, action.move)
+                acting.append(k)
+        self.cells = self.settled(wanted)
+        arrivals = [k for k in acting if self.cells[k] == self._problem.goals[k]]
+        inter = self._problem.interactions
+        conflict = miscoordinate(inter, before, self.cells, self.agents)
+        rewards = []
+        for k, action in enumerate(actions):
+            partners = UNKNOWN_PARTNERS
+            if self._problem.referee:
+                partners = interacting(
+                    inter, before, wanted, self.cells, self.agents, k
+                )
+            rewards.append(self._reward(k, action, k in arrivals, conflict, partners))
         for k in arrivals:
             self.arrived[k] = True
         self.step += 1
@@ -237,18 +247,21 @@ class World:
         return StepOutcome(tuple(rewards), conflict, tuple(arrivals), self.episode_over)
 
     def _reward(
-        self, k: int, action: Action | None, home: bool, conflict: bool
+        self, k: int, action: Action | None, home: bool, conflict: bool, partners: int
     ) -> Reward:
         """Return R_k(t)."""
         problem = self._problem
         individual = individual_reward(problem, home)
         common = common_reward(problem, k, conflict)
         cost = asking_reward(problem, action is not None and action.asked)
-        partners = UNKNOWN_PARTNERS
-        if problem.referee:
-            partners = partners_of(problem, self.cells, self.agents, k)
         return Reward(individual, common, cost, individual + common + cost, partners)
 
     def led(self, k: int, move: int) -> int:
         """Return the cell in which a move of agent k ends in this time step."""
         return led(self._problem, self._draws, k, self.step, self.cells[k], move)
+
+    def settled(self, wanted: Sequence[int]) -> list[int]:
+        """Return the cells in which agents end that want to certain cells in this time step."""
+        cells = list(wanted)
+        settle(self._problem.interactions, self.cells, cells, self.agents)
+        return cells

@@ -13,6 +13,11 @@ from typing import Any, NamedTuple
 from sparse_coord_ros.base.compiling import compiled_as, inlined, inner, jit
 from sparse_coord_ros.core.game.actions import COORDINATE
 from sparse_coord_ros.core.game.draws import drawn
+from sparse_coord_ros.core.game.interactions import (
+    interacting,
+    miscoordinate,
+    settle,
+)
 from sparse_coord_ros.core.game.rules import (
     EPISODE_GAP,
     UNKNOWN_PARTNERS,
@@ -23,8 +28,6 @@ from sparse_coord_ros.core.game.rules import (
     goal_paid,
     individual_reward,
     led,
-    miscoordination,
-    partners_of,
     perceive,
     start_of,
 )
@@ -91,7 +94,7 @@ def made_task(rule: Rule, k: int) -> Task:
     return Task(
         k,
         len(problem.goals),
-        len(problem.places),
+        len(problem.next_cell),
         problem.goals[k],
         rule.actions,
         problem.discount,
@@ -130,6 +133,7 @@ class Choices(NamedTuple):
         cells: the cell that it was in; of robots that do not act, too.
         actions: A_k(t), as of `core.game.actions`.
         moves: the primitive action that it became.
+        wanted: the cell to which it led, before robots stop each other.
         seen: the peers that it perceived by COORDINATE, the sum of 2^j; 0: it did not ask, or
             the percept failed.
         values: space for a row [move].
@@ -138,6 +142,7 @@ class Choices(NamedTuple):
     cells: Any
     actions: Any
     moves: Any
+    wanted: Any
     seen: Any
     values: Any
 
@@ -243,14 +248,17 @@ def choose_all(state: State, minds: Any, step: int, epsilon: float) -> None:
 
 @inlined
 def move_all(state: State, step: int) -> bool:
-    """Move every robot that acts; return whether the step ends in a miscoordination."""
+    """Move every robot that acts; return whether the step is a miscoordination."""
     rule, game, choice, draws, _ = state
     problem = rule.problem
+    inter = problem.interactions
     cells = game.cells
     for k in rule.members:
         if not game.arrived[k]:
             cells[k] = led(problem, draws, k, step, cells[k], choice.moves[k])
-    return miscoordination(problem, cells, rule.members)
+        choice.wanted[k] = cells[k]
+    settle(inter, choice.cells, cells, rule.members)
+    return miscoordinate(inter, choice.cells, cells, rule.members)
 
 
 @inner
@@ -284,7 +292,9 @@ def learn_from(
         seen = next_seen = everybody_but(k, len(cells))
     partners = UNKNOWN_PARTNERS
     if wants_partners(mind) and problem.referee:
-        partners = partners_of(problem, cells, rule.members, k)
+        partners = interacting(
+            problem.interactions, choice.cells, choice.wanted, cells, rule.members, k
+        )
     draw = 0.0
     if wants_draw(mind):
         draw = drawn(draws, REPLAY, k, step, 0)

@@ -14,11 +14,11 @@ import numpy as np
 from sparse_coord_ros.core.game import streams
 from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.core.game.draws import PlainDraws, compiled_draws
+from sparse_coord_ros.core.game.interactions import miscoordinate
 from sparse_coord_ros.core.game.perception import asked_peers
 from sparse_coord_ros.core.game.rules import (
     EPISODE_GAP,
     INDEX,
-    miscoordination,
     problem_of,
 )
 from sparse_coord_ros.core.game.scenario import Scenario
@@ -90,7 +90,7 @@ class TeamTransition(NamedTuple):
         cells: X_k(t); None where it is not known.
         actions: what each robot did; None where it did not act.
         after: X_k(t+1), likewise; None: none is known.
-        miscoordination: whether robots ended up in the same doorway.
+        miscoordination: whether the step is a miscoordination.
         rewards: R_k(t); empty: not known.
         ends: how percepts ended, numbers of `wire.PerceptEnd`; empty: not known.
     """
@@ -226,12 +226,13 @@ class Team:
             )
             cells = np.array(position.cells, dtype=INDEX)
             game = loop.Game(np.array(clock), cells, np.array(arrived))
-            chosen = np.zeros((3, team), dtype=INDEX)
+            chosen = np.zeros((4, team), dtype=INDEX)
             chosen[0] = cells
             choice = loop.Choices(
                 cells=chosen[0],
                 actions=chosen[1],
                 moves=chosen[2],
+                wanted=chosen[3],
                 seen=np.zeros(team, dtype=np.int64),
                 values=np.zeros(PRIMITIVES),
             )
@@ -242,6 +243,7 @@ class Team:
                 cells=list(position.cells),
                 actions=[0] * team,
                 moves=[0] * team,
+                wanted=[0] * team,
                 seen=[0] * team,
                 values=[0.0] * PRIMITIVES,
             )
@@ -434,7 +436,10 @@ class LearningRun:
                     cell = int(state.choice.cells[k])
                     action = self._action(state, k, before.step)
                 rows.append((cell, action, int(state.game.cells[k])))
-            met |= bool(miscoordination(state.rule.problem, state.game.cells, members))
+            inter = state.rule.problem.interactions
+            met |= bool(
+                miscoordinate(inter, state.choice.cells, state.game.cells, members)
+            )
         cells, actions, after = zip(*rows, strict=True)
         return TeamTransition(positions[0].step, cells, actions, after, met)
 

@@ -28,8 +28,8 @@ from sparse_coord_ros.base.files import path_argument, write_whole
 from sparse_coord_ros.base.limits import RESULTS, read_text
 from sparse_coord_ros.base.version import __version__
 from sparse_coord_ros.core.game.actions import ACTIONS, MOVES, PRIMITIVES
+from sparse_coord_ros.core.game.interactions import interactions_of, together
 from sparse_coord_ros.core.game.links import check_up
-from sparse_coord_ros.core.game.miscoordination import meeting_places, together
 from sparse_coord_ros.core.game.perception import check_pairs, sight_of
 from sparse_coord_ros.core.game.scenario import Scenario, ScenarioLike, loaded
 from sparse_coord_ros.core.game.settings import Setting
@@ -157,7 +157,7 @@ def game_of(scenario: Scenario, weights: Sequence[float] = (0.5, 0.5)) -> Weight
     percept = probabilities_between(
         sight_of(scenario.perception, grid), np.arange(cells)
     )
-    places = meeting_places(scenario)
+    places = interactions_of(scenario).places
     paid = sum(w * p for w, p in zip(weights, scenario.penalties, strict=True))
     toll = np.where(together(places[:, None], places[None, :]), paid, 0.0)
     share = np.array(weights)

@@ -17,8 +17,8 @@ import numpy as np
 
 from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.core.game.actions import COORDINATE, OUTCOMES, PRIMITIVES, STAY
+from sparse_coord_ros.core.game.interactions import interactions_of, together
 from sparse_coord_ros.core.game.links import check_up
-from sparse_coord_ros.core.game.miscoordination import meeting_places, together
 from sparse_coord_ros.core.game.perception import sight_of
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.game.sight import probabilities_between
@@ -322,7 +322,7 @@ def _pair(scenario: Scenario, robots: Sequence[Greedy], own: np.ndarray) -> Pair
     moves = np.array([_moves(one, own, percepts) for one in robots])
     starts = np.searchsorted(own, [robot.start for robot in scenario.robots])
     goals = np.searchsorted(own, [robot.goal for robot in scenario.robots])
-    places = meeting_places(scenario)[own]
+    places = interactions_of(scenario).places[own]
     meets = together(places[:, None], places[None, :])
     penalties = scenario.penalties
     if alone:

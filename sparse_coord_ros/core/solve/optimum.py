@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sparse_coord_ros.core.game.miscoordination import meeting_places, miscoordinated
+from sparse_coord_ros.core.game.interactions import any_together, interactions_of
 from sparse_coord_ros.core.game.scenario import Scenario, ScenarioLike, loaded
 
 MOST_JOINT_STATES = 100_000
@@ -153,5 +153,5 @@ def payment(scenario: Scenario) -> np.ndarray:
     states = np.indices(paid.shape)
     for k, robot in enumerate(scenario.robots):
         paid += np.where(states[k] == robot.goal, scenario.goal_reward, 0.0)
-    conflict = miscoordinated(meeting_places(scenario)[states])
+    conflict = any_together(interactions_of(scenario).places[states])
     return paid / team + np.where(conflict, sum(scenario.penalties) / team, 0.0)

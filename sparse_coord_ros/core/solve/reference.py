@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from sparse_coord_ros.core.game.actions import DIRECTIONS, PRIMITIVES
-from sparse_coord_ros.core.game.miscoordination import (
+from sparse_coord_ros.core.game.interactions import (
     NOWHERE,
-    meeting_places,
-    miscoordinated,
+    any_together,
+    interactions_of,
 )
 from sparse_coord_ros.core.game.scenario import Robot, Scenario, ScenarioLike, loaded
 from sparse_coord_ros.core.solve.optimum import independent_bound
@@ -73,7 +73,7 @@ def shortest_path_reference(
 def _miscoordination_probability(scenario: Scenario, keep_right: bool) -> np.ndarray:
     """Shape (steps,): that step 1, 2, ... is made and ends in a miscoordination."""
     robots = scenario.robots
-    places = meeting_places(scenario)
+    places = interactions_of(scenario).places
     meeting = [
         np.flatnonzero(places == one) for one in np.unique(places[places != NOWHERE])
     ]
@@ -104,7 +104,7 @@ def _miscoordination_probability(scenario: Scenario, keep_right: bool) -> np.nda
         in_doorway.append([place[:, cells].sum(axis=1) for cells in meeting])
     occupied = np.array(in_doorway).reshape(len(in_doorway), len(meeting), len(robots))
     # Robots that have all arrived, in one doorway, end the trial: those steps are not made.
-    crowded_at_home = float(miscoordinated(places[goals]))
+    crowded_at_home = float(any_together(places[goals]))
     apart = _one_each(occupied.T)
     return np.maximum(1.0 - apart - crowded_at_home * np.array(all_arrived), 0.0)
 

@@ -20,7 +20,7 @@ import numpy as np
 from sparse_coord_ros.base.compiling import has_numba, inner, jit
 from sparse_coord_ros.core.game.actions import PRIMITIVES
 from sparse_coord_ros.core.game.grid import moves_to
-from sparse_coord_ros.core.game.miscoordination import NOWHERE, meet, meeting_places
+from sparse_coord_ros.core.game.interactions import NOWHERE, interactions_of, meet
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.solve.optimum import worth_alone
 
@@ -162,7 +162,7 @@ def rewards_of(scenario: Scenario, ways: Ways, draws: np.ndarray) -> np.ndarray:
         draws: random numbers in [0, 1); (trials, steps, robots).
     """
     grid = scenario.map
-    places = meeting_places(scenario)
+    places = interactions_of(scenario).places
     routed = Routed(
         lead=np.ascontiguousarray(grid.next_cell, dtype=np.int64),
         places=places,
@@ -198,7 +198,7 @@ def alone(scenario: Scenario, avoided: Sequence[Collection[int]]) -> np.ndarray:
 
 def passages(scenario: Scenario) -> np.ndarray:
     """Return the passage of each cell, its least doorway, or `NOWHERE`; shape (cells,), int64."""
-    found = meeting_places(scenario)
+    found: np.ndarray = interactions_of(scenario).places
     lead = scenario.map.next_cell
     doorways = sorted(scenario.map.doorways)
     for _ in doorways:  # no passage is longer

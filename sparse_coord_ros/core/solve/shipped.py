@@ -38,7 +38,7 @@ GAME_SETTINGS = (
     "ask_cost",
     "discount",
     "move_success",
-    "conflict",
+    "interactions",
     "perception",
 )
 """What a team's value depends on besides map and robots, without the learning protocol."""

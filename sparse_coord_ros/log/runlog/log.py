@@ -12,7 +12,10 @@ import numpy as np
 
 from sparse_coord_ros.base.dataframes import data_frame
 from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE
-from sparse_coord_ros.core.game.miscoordination import miscoordinations
+from sparse_coord_ros.core.game.interactions import (
+    interactions_of,
+    miscoordinations,
+)
 from sparse_coord_ros.core.learners.agent import NOBODY
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs.history import History
@@ -313,6 +316,9 @@ class RunLog:
         found, episode = np.unique(self.episode[made], return_inverse=True)
         first = np.searchsorted(self.episode, found)
 
+        inter = interactions_of(scenario)
+        conflicts = miscoordinations(inter, self.cells.T, after.T)
+
         def total(values: np.ndarray) -> np.ndarray:
             sums = np.zeros((len(found), *values.shape[1:]), dtype=values.dtype)
             np.add.at(sums, episode, values[made])
@@ -322,7 +328,7 @@ class RunLog:
             first_step=self.step[first],
             length=total(made.astype(np.int64)),
             reward=total(np.where(rewarded, self.reward[..., -1], 0.0)),
-            miscoordinations=total(miscoordinations(scenario, after).astype(np.int64)),
+            miscoordinations=total(conflicts.astype(np.int64)),
             asks=total((self.asked & rewarded).astype(np.int64)),
             arrived=total((after == goals).astype(np.int64)) > 0,
             present=np.ones((len(found), len(self.names)), dtype=bool),

@@ -123,6 +123,10 @@ class BodyWorld(World):
         """Return the cell in which the body of robot k is."""
         return self.there[k]
 
+    def settled(self, wanted: Sequence[int]) -> list[int]:
+        """Return the cells as they are: bodies stop each other before they get there."""
+        return list(wanted)
+
 
 class BodiesSide:
     """Sends bodies for a `BodyWorld`.

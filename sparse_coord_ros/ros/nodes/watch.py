@@ -21,7 +21,11 @@ from rclpy.parameter import Parameter
 from std_srvs.srv import SetBool, Trigger
 
 from sparse_coord_ros.base.limits import TABLES
-from sparse_coord_ros.core.game.miscoordination import meeting_places, miscoordinated
+from sparse_coord_ros.core.game.interactions import (
+    as_lists,
+    interactions_of,
+    miscoordinate,
+)
 from sparse_coord_ros.core.game.world import FIRST_STEP, Action, Reward, StepOutcome
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs.history import HistoryRecorder
@@ -391,7 +395,7 @@ class HeardTeam:
         self._node = node
         self._run = run
         self._goals = [robot.goal for robot in run.scenario.robots]
-        self._places = meeting_places(run.scenario).tolist()
+        self._interactions = as_lists(interactions_of(run.scenario))
         self.history = HistoryRecorder(len(self._goals))
         self.seen = self.episode = self.without = self._ticks = 0
         self.whole = True
@@ -549,7 +553,8 @@ class HeardTeam:
         rewards = [here.rewards.get(k) for k in robots]
         actions, ends = zip(*said, strict=True)
         after = tuple(then.cells[k] for k in robots)
-        met = miscoordinated([self._places[cell] for cell in after])
+        cells = tuple(here.cells[k] for k in robots)
+        met = miscoordinate(self._interactions, cells, after, robots)
         told = tuple(
             Reward(0.0, 0.0, 0.0, 0.0) if one is None else one for one in rewards
         )
@@ -559,7 +564,6 @@ class HeardTeam:
             self.episode, step, actions, StepOutcome(told, met, arrived, False)
         )
         self.seen += 1
-        cells = tuple(here.cells[k] for k in robots)
         self.view.take(TeamTransition(step, cells, actions, after, met, rewards, ends))
 
     def _on_tables(self, k: int, said: tuple[bytes, int, str]) -> None:

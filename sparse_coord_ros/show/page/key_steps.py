@@ -9,7 +9,10 @@ from typing import NamedTuple
 import numpy as np
 
 from sparse_coord_ros.core.game.actions import PRIMITIVES
-from sparse_coord_ros.core.game.miscoordination import miscoordinations
+from sparse_coord_ros.core.game.interactions import (
+    interactions_of,
+    miscoordinations,
+)
 from sparse_coord_ros.core.learners.agent import NOBODY, Agent
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs.evaluation import check_tables, greedy_agents
@@ -58,8 +61,9 @@ class KeySteps:
         log = part.log
         asked = log.asked.any(axis=1)
         followed = np.diff(log.step, append=-1) == 1
-        met = miscoordinations(self._run.scenario, log.cells)
-        met_next = np.roll(met, -1) & followed
+        after = np.roll(log.cells, -1, axis=0)
+        inter = interactions_of(self._run.scenario)
+        met_next = miscoordinations(inter, log.cells.T, after.T) & followed
         self._add(QUESTION, log.step[asked])
         self._add(MISCOORDINATION, log.step[met_next])
         if not len(self.steps[CROSSING]):
