@@ -4,10 +4,10 @@
 
 import numpy as np
 import pytest
-from sparse_coord_ros.core.game.interactions import NOWHERE
 from teams import drawn
 
 from sparse_coord_ros.base.compiling import has_numba
+from sparse_coord_ros.core.game.interactions import NOWHERE
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.solve import routes
 from sparse_coord_ros.core.solve.optimum import independent_bound, joint_optimum

@@ -11,7 +11,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from sparse_coord_ros.core.game.miscoordination import miscoordinations
+from sparse_coord_ros.core.game.interactions import (
+    interactions_of,
+    miscoordinations,
+)
 
 from sparse_coord_ros.base.errors import BagError
 from sparse_coord_ros.core.game.actions import COORDINATE
@@ -466,7 +469,9 @@ def test_jumps_lead_to_what_matters(learned):
     log = read_run(learned)
     player.source.read_through()
     marks = player.board.get("marks")
-    met = miscoordinations(log.run.scenario, log.cells)[1:] & (np.diff(log.step) == 1)
+    inter = interactions_of(log.run.scenario)
+    met = miscoordinations(inter, log.cells[:-1].T, log.cells[1:].T)
+    met &= np.diff(log.step) == 1
     for kind, due in (("question", log.asked.any(axis=1)), ("miscoordination", met)):
         steps = log.step[np.flatnonzero(due)]
         assert set(marks[kind]) <= set(steps.tolist()) and marks[kind][0] == steps[0]
