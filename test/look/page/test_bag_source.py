@@ -11,13 +11,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+
+from sparse_coord_ros.base.errors import BagError
+from sparse_coord_ros.core.game.actions import COORDINATE
 from sparse_coord_ros.core.game.interactions import (
     interactions_of,
     miscoordinations,
 )
-
-from sparse_coord_ros.base.errors import BagError
-from sparse_coord_ros.core.game.actions import COORDINATE
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.core.runs.tables import save_team
