@@ -3,10 +3,10 @@
 """`sparse_coord watch`: a team that learns, on a page in the browser."""
 
 import argparse
-import threading
 from contextlib import suppress
 from pathlib import Path
 
+from sparse_coord_ros.base.errors import BagError
 from sparse_coord_ros.cli.options import PAGE, Option, ros_needed
 from sparse_coord_ros.cli.page import served
 from sparse_coord_ros.core.game.settings import Setting
@@ -26,7 +26,8 @@ OPTIONS = (
         "[bags BAG...]",
         Path,
         "a bag's or a run's directory, or a file; one that is still being recorded is followed, "
-        "several are shown side by side (default: the team that runs now, over its ROS topics)",
+        "several are played side by side by one clock (default: the team that runs now, over its "
+        "ROS topics)",
     ),
     RATE,
     Option(
@@ -47,18 +48,43 @@ def execute(options: argparse.Namespace) -> int | None:
     from sparse_coord_ros.show.page.training_source import TrainedView
     from sparse_coord_ros.show.sources import open_run
 
-    first, *others = (
-        BagSource(path, MessageBoard(), rate=options.rate, step=options.step)
-        if open_run(path).bag
-        else TrainedView(open_run(path), MessageBoard())
-        for path in options.bags
-    )
-    boards = [one.board for one in (first, *others)]
-    with served(options, *boards), suppress(KeyboardInterrupt):
-        for other in others:
-            threading.Thread(target=other.play, daemon=True).start()
-        first.play()
+    if len(options.bags) > 1:
+        _compare(options)
+        return None
+    [path] = options.bags
+    source: BagSource | TrainedView
+    if open_run(path).bag:
+        source = BagSource(path, MessageBoard(), rate=options.rate, step=options.step)
+    else:
+        source = TrainedView(open_run(path), MessageBoard())
+    with served(options, source.board), suppress(KeyboardInterrupt):
+        source.play()
     return None
+
+
+def _compare(options: argparse.Namespace) -> None:
+    """Show several bags by one clock."""
+    from sparse_coord_ros.show.page.bag_source import BagSource
+    from sparse_coord_ros.show.page.comparison import Comparison
+    from sparse_coord_ros.show.page.message_board import MessageBoard
+    from sparse_coord_ros.show.sources import open_run
+
+    for path in options.bags:
+        if not open_run(path).bag:
+            raise BagError(
+                f"{path}: holds no bag; several runs are compared by their bags: record each with "
+                "sparse_coord run, or watch it alone"
+            )
+    sources = [BagSource(path, MessageBoard()) for path in options.bags]
+    comparison = Comparison(sources, MessageBoard(), rate=options.rate)
+    if options.step is not None:
+        comparison.show_step(options.step)
+    boards = [one.board for one in sources]
+    with (
+        served(options, *boards, comparison.board, index="compare.html"),
+        suppress(KeyboardInterrupt),
+    ):
+        comparison.play()
 
 
 def _live(options: argparse.Namespace) -> int:

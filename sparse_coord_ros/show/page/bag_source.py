@@ -4,7 +4,8 @@
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from itertools import groupby
 from pathlib import Path
 
@@ -84,6 +85,7 @@ class BagSource(controls.Controlled):
         first: its first time step.
         position: the time step that is shown, with its fraction.
         paused: whether time stands still.
+        history: the episodes that were read so far.
         rate: as given, or wanted since.
 
     Raises:
@@ -128,6 +130,7 @@ class BagSource(controls.Controlled):
         self._questions: list[tuple[int, Asked]] = []
         self._rows: dict[tuple[int, int], str] = {}
         self._rows_known = 0
+        self.history = blank_history(0, len(scenario.robots))
         self._stop = threading.Event()
         place = self.log.bag.path
         fields = messages.run_fields(self.run)
@@ -221,23 +224,35 @@ class BagSource(controls.Controlled):
 
     def play(self) -> None:
         """Play until interrupted."""
-        tasks = (self.read_through, self._learn_along)
-        beside = [threading.Thread(target=one, daemon=True) for one in tasks]
-        for thread in beside:
-            thread.start()
         looked = time.monotonic()
-        try:
+        with self.reading():
             while True:
                 if self.growing and time.monotonic() - looked >= GROWTH_SECONDS:
                     looked = time.monotonic()
                     self.look()
                 self.tick()
                 time.sleep(FRAME_SECONDS)
+
+    @contextmanager
+    def reading(self) -> Iterator[None]:
+        """Read the log and learn along in threads of their own; close the bag at the end."""
+        tasks = (self.read_through, self._learn_along)
+        beside = [threading.Thread(target=one, daemon=True) for one in tasks]
+        for thread in beside:
+            thread.start()
+        try:
+            yield
         finally:
             self._stop.set()
             for thread in beside:
                 thread.join()
             self.log.bag.close()
+
+    def show_at(self, step: int, *, paused: bool) -> None:
+        """Show a time step; another clock than its own says which."""
+        self._go(step)
+        self.paused = paused
+        self.show()
 
     def look(self) -> None:
         """Take in what the file has grown by."""
@@ -488,7 +503,7 @@ class BagSource(controls.Controlled):
     def read_through(self) -> None:
         """Compute the learning curves from the log, stretch by stretch, and go on as it grows."""
         scenario = self.run.scenario
-        history = whole = blank_history(0, len(scenario.robots))
+        whole = blank_history(0, len(scenario.robots))
         begin = 0
         try:
             while True:
@@ -497,20 +512,21 @@ class BagSource(controls.Controlled):
                     self._notice()
                     if self._stop.is_set():
                         return
-                    history = whole = concatenated([whole, part.history])
+                    self.history = whole = concatenated([whole, part.history])
                     self._counts = self._counts.with_part(begin, part)
                     begin = part.last_step + 1
                     if part.open_step is not None:  # its last episode may go on
-                        whole = history.first(-1)
+                        whole = whole.first(-1)
                         begin = part.open_step
                     self._key_steps.add(part)
                     self._mark()
                     share = begin / max(1, self.log.last_step)
                     self.board.put(
-                        "curves", read=share, **messages.curve_fields(history)
+                        "curves", read=share, **messages.curve_fields(self.history)
                     )
                     time.sleep(0.002)  # playing comes first
-                self.board.put("curves", read=1.0, **messages.curve_fields(history))
+                fields = messages.curve_fields(self.history)
+                self.board.put("curves", read=1.0, **fields)
                 if not growing:
                     break
                 if self._stop.wait(GROWTH_SECONDS):
@@ -523,10 +539,14 @@ class BagSource(controls.Controlled):
     def _mark(self) -> None:
         """Show on the time line where what matters is."""
         per_mark = max(1, (self.log.last_step - self.first) // MARKS)
-        marks = {
-            kind: steps[np.unique(steps // per_mark, return_index=True)[1]].tolist()
-            for kind, steps in self._key_steps.steps.items()
-        }
+        marks = {}
+        for kind, steps in self._key_steps.steps.items():
+            few = np.zeros(len(steps), dtype=bool)
+            few[np.unique(steps // per_mark, return_index=True)[1]] = True
+            if self.highlight is not None:  # of that episode all
+                shown = self.highlight
+                few |= (steps >= shown.first) & (steps <= shown.last)
+            marks[kind] = steps[few].tolist()
         self.board.put("marks", **marks)
 
     def _evaluate(self) -> None:

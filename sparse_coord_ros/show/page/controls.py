@@ -38,10 +38,12 @@ TRAIN = "train"
 STOP = "stop"
 DRIVE = "drive"
 HALT = "halt"
+AXIS = "axis"
 """What a page may ask for: hold or go on; so many time steps on or back; time steps a second (0:
 as fast as it goes); a time step to go to; a new episode; another run; the next moment of some
 kind; to import a map with other values, to save what came of it, to let a team learn on it, to
-stop that, and to drive the team that has learned; to let all bodies stand, or go on."""
+stop that, and to drive the team that has learned; to let all bodies stand, or go on; what several
+runs have in common on their time line."""
 
 QUESTION = "question"
 MISCOORDINATION = "miscoordination"
@@ -51,8 +53,14 @@ STEP_KINDS = (QUESTION, MISCOORDINATION, CROSSING, POLICY)
 """A robot asks; robots miscoordinate; for the first time some are at one doorway and all arrive
 without that; where a robot would ask changes."""
 
+TIME_STEP = "step"
+EPISODE = "episode"
 LEARNED_EPISODE = "learned"
 """Another target of a jump: the episode that shows what was learned, in a loop."""
+
+AXES = (LEARNED_EPISODE, EPISODE, TIME_STEP)
+"""What several runs can have in common on one time line: both show the episode in which one sees
+what they learned; both are in the same episode; both are at the same time step."""
 
 
 class Control(NamedTuple):
@@ -61,8 +69,9 @@ class Control(NamedTuple):
     Attributes:
         name: one of the above.
         value: of `pause` and `halt` a bool; of `step` and `seek` a whole number; of `rate` a
-            number; of `next` a mapping of `scenario` and `penalty`; of `import`, `save` and
-            `train` one that their source checks; of `reset`, `stop` and `drive` None.
+            number; of `jump` and `axis` a word; of `next` a mapping of `scenario` and `penalty`;
+            of `import`, `save` and `train` one that their source checks; of `reset`, `stop` and
+            `drive` None.
     """
 
     name: str
@@ -118,6 +127,7 @@ def parse_control(data: Mapping[str, Any], allowed: Collection[str]) -> Control:
         SEEK: (whole and abs(value) <= 2**53, "a whole number"),
         RATE: (number and (value == 0 or 0.001 <= value <= 1e6), "0 or 0.001 to 1e6"),
         **dict.fromkeys(bare, (True, "")),
+        AXIS: (value in AXES, ", ".join(AXES)),
         JUMP: (
             value in (*STEP_KINDS, LEARNED_EPISODE),
             ", ".join((*STEP_KINDS, LEARNED_EPISODE)),

@@ -36,6 +36,11 @@ class MessageBoard:
             self._version += 1
             self._messages[kind] = (self._version, {"type": kind, **fields})
 
+    def put_new(self, kind: str, **fields: Any) -> None:
+        """As `put`, if anything differs from the message before."""
+        if self.get(kind) != {"type": kind, **fields}:
+            self.put(kind, **fields)
+
     def clear(self) -> None:
         """Take all messages away, as another run begins."""
         with self._lock:

@@ -89,7 +89,7 @@ class Page:
     """The application: its routes, and the check of who may use them.
 
     Args:
-        boards: the boards to show; several are shown side by side.
+        boards: the boards to show: one, or several and last that of what they have in common.
         host: the address that is served; the names by which requests may call it follow from it.
         index: the file that is shown first.
 
@@ -162,7 +162,7 @@ class Page:
 
     async def _stream(self, request: web.Request) -> web.StreamResponse:
         wanted = request.query.get("run", "0")
-        number = int(wanted) if wanted.isdecimal() and len(wanted) < 3 else 0
+        number = int(wanted) if wanted.isdecimal() and len(wanted) < 3 else -1
         board = self.boards[min(number, len(self.boards) - 1)]
         if self.pages >= MOST_PAGES and not self._guests:
             raise web.HTTPServiceUnavailable(
@@ -252,12 +252,10 @@ class Page:
         return {"type": "done", "do": control.name}
 
     def _hello(self, *, control: bool) -> dict[str, Any]:
-        runs = len(self.boards)
         return {
             "type": "hello",
             "scenarios": scenario_names(),
             "control": control,
-            "runs": runs,
         }
 
 

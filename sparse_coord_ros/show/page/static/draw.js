@@ -58,3 +58,9 @@ const ink = (rgb) => (bright(rgb, 2.2) > 0.24 ? "#000" : "#fff");
 
 export const tinted = (colour) => `light-dark(${colour}, rgb(${lifted(colour)}))`;
 export const inkOn = (colour) => `light-dark(${ink(parts(colour))}, ${ink(lifted(colour))})`;
+
+// Dark where the page is light, and the other way round.
+export function otherTheme() {
+  const own = document.documentElement.style, system = matchMedia("(prefers-color-scheme: dark)");
+  own.colorScheme = (own.colorScheme || (system.matches ? "dark" : "light")) === "dark" ? "light" : "dark";
+}

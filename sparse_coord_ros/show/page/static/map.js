@@ -5,15 +5,17 @@ import { inkOn, shape, svg, tinted } from "/draw.js";
 import { View } from "/view.js";
 
 const UNIT = 48;
-const LINGER_MS = 600; // how long a question stays visible, where it was asked, while steps rush by
+const LINGER_MS = 600; // how long a question stays visible while steps rush by
+const RUSH_MS = 250; // steps that follow each other so fast
 const SMALLEST = 9; // pixels: a robot's radius
-const LAYERS = ["ground", "heat", "marks", "policy", "trails", "asks", "robots", "met"];
+const LAYERS = ["ground", "heat", "marks", "policy", "trails", "differ", "asks", "robots", "met"];
 
 export class TeamMap extends View {
-  constructor(element, onCell) {
-    super(element);
+  constructor(element, onCell, buttons) {
+    super(element, buttons);
     this.onCell = onCell;
-    this.layers = { arrows: true, rings: true, heat: true, trails: true };
+    this.layers = { arrows: true, rings: true, heat: true, trails: true, differ: true };
+    this.different = [];
     this.cell = null;
     element.addEventListener("pointermove", (event) => this.point(event));
     element.addEventListener("keydown", (event) => this.key(event));
@@ -117,7 +119,9 @@ export class TeamMap extends View {
     });
     const now = performance.now();
     const asked = new Set(frame.asks.map((ask) => ask.robot));
-    const old = held ? [] : this.lingering.filter((one) => one.until > now && !asked.has(one.ask.robot) && one.step !== frame.step);
+    const rushing = !held && now - this.moved < RUSH_MS;
+    this.moved = now;
+    const old = !rushing ? [] : this.lingering.filter((one) => one.until > now && !asked.has(one.ask.robot) && one.step !== frame.step);
     this.lingering = [...old, ...frame.asks.map((ask) => ({ ask, places, until: now + LINGER_MS, step: frame.step }))];
     this.layer.asks.replaceChildren(...this.lingering.filter(({ ask, places }) => places[ask.robot]).map(({ ask, places }) => this.question(ask, places)));
     const doors = new Set(this.run.map.doorways);
@@ -191,7 +195,17 @@ export class TeamMap extends View {
     })));
   }
 
+  // Cells in which another run's robots do something else.
+  mark(cells) {
+    this.different = cells;
+    this.layer.differ.replaceChildren(...(this.layers.differ ? cells : []).map((cell) => {
+      const [r, c] = this.run.map.cells[cell], x = (c + 1) * UNIT, y = r * UNIT;
+      return svg("path", { class: "differs", d: `M${x - 15},${y + 1}H${x - 1}V${y + 15}Z` });
+    }));
+  }
+
   redraw() {
+    this.mark(this.different);
     if (this.frame) this.trail(this.frame[0]);
     this.policy(this.tables);
     this.heat(this.asked);

@@ -2,7 +2,7 @@
 // The page: takes the stream of messages, shows the newest of each, sends what buttons and keys ask.
 
 import { Curves } from "/curves.js";
-import { $, html, inkOn, number, shape, svg, tell, tinted } from "/draw.js";
+import { $, html, inkOn, number, otherTheme, shape, svg, tell, tinted } from "/draw.js";
 import { TeamMap } from "/map.js";
 import { agesPanel, cellPanel, dialoguePanel, evaluationPanel, learnedPanel, marksLine } from "/panels.js";
 import { connect, token } from "/stream.js";
@@ -68,22 +68,13 @@ function take(message) {
   mark(message.type);
 }
 
-function hello({ control, scenarios, runs }) {
-  if (runs > 1 && !location.search) return sideBySide(runs);
+function hello({ control, scenarios }) {
   mayControl = control;
   mark("learned");
   if (!control && token) send("hello");
   $("said").textContent = control || token ? "" : "view only: for controls open the address as it was printed";
   if (!$("scenario").length) $("scenario").append(...scenarios.map((name) => new Option(name, name)));
   showControls();
-}
-
-// Several runs: a page of its own for each.
-function sideBySide(runs) {
-  close();
-  document.body.className = "several";
-  document.body.replaceChildren(...Array.from({ length: runs }, (_, k) =>
-    html("iframe", { src: `/?run=${k}${location.hash}`, title: `run ${k + 1}` })));
 }
 
 function showControls() {
@@ -174,7 +165,7 @@ function showFrame() {
     $("seek").min = frame.first;
     $("seek").max = frame.last;
     if (performance.now() - sliding > 600) $("seek").value = frame.step;
-    charts.place(frame.step);
+    charts.place([frame.step]);
   }
   map.move(frame, held);
   agesPanel(run, newest.tables, frame);
@@ -198,7 +189,7 @@ function showEpisodes(count, atLeast = false) {
 function showCurves() {
   const { curves, run, frame } = newest;
   charts.show(curves, run, map.shown);
-  if (frame?.last !== undefined) charts.place(frame.step);
+  if (frame?.last !== undefined) charts.place([frame.step]);
   if (!curves) return;
   if (frame?.episodes === undefined) showEpisodes(curves.episodes);
   const how = curves.window > 1 ? `the mean of ${curves.window} episodes` : "an episode";
@@ -244,10 +235,7 @@ for (const name of ["arrows", "rings", "heat", "trails"]) {
   $(`show-${name}`).onchange = (event) => { map.layers[name] = event.target.checked; map.redraw(); };
 }
 $("help").onclick = () => { $("keys").hidden = !$("keys").hidden; };
-$("theme").onclick = () => {
-  const own = document.documentElement.style, system = matchMedia("(prefers-color-scheme: dark)");
-  own.colorScheme = (own.colorScheme || (system.matches ? "dark" : "light")) === "dark" ? "light" : "dark";
-};
+$("theme").onclick = otherTheme;
 
 function faster(by) {
   const rates = [...$("rate").options].map((one) => Number(one.value)).filter(Boolean).sort((a, b) => a - b);
@@ -271,8 +259,11 @@ const KEYS = {
   r: ["reset", () => send("reset")],
   l: ["jump", () => jump("learned")],
 };
-const CLICKS = { z: "closer", x: "further", f: "fit", t: "theme", "?": "help" };
-for (const [key, id] of Object.entries(CLICKS)) KEYS[key] = [null, () => $(id).click()];
+const FREE_KEYS = {
+  z: () => map.zoom(1.5), x: () => map.zoom(1 / 1.5), f: () => map.fit(),
+  t: () => $("theme").click(), "?": () => $("help").click(),
+};
+for (const [key, act] of Object.entries(FREE_KEYS)) KEYS[key] = [null, act];
 for (const [kind, [, key]] of Object.entries(JUMPS)) KEYS[key] = ["jump", () => jump(kind)];
 for (const k of "12345678") KEYS[k] = [null, () => toggle(Number(k) - 1)];
 
@@ -285,4 +276,4 @@ document.addEventListener("keydown", (event) => {
   act(frame);
 });
 
-const { send, close } = connect(location.search, take, () => setState("not connected"));
+const { send } = connect(location.search, take, () => setState("not connected"));

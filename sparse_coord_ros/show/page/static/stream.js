@@ -23,9 +23,5 @@ export function connect(query, take, lost) {
       if (connected) socket.send(JSON.stringify({ do: what, value, token }));
       return connected;
     },
-    close() {
-      socket.onclose = null;
-      socket.close();
-    },
   };
 }

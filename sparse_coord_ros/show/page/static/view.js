@@ -6,15 +6,15 @@ import { $, html } from "/draw.js";
 const STILL = 4; // pixels that a click may wander
 
 export class View {
-  constructor(element) {
+  constructor(element, buttons = $("zoom")) {
     this.element = element;
     element.addEventListener("wheel", (event) => {
       event.preventDefault();
       this.zoom(1.2 ** -Math.sign(event.deltaY), this.under(event));
     }, { passive: false });
     element.addEventListener("pointerdown", (event) => { this.pressed = event; this.dragged = false; });
-    const button = (id, words, title, onclick) => html("button", { id, type: "button", title, onclick }, words);
-    $("zoom").replaceChildren(button("closer", "+", "closer", () => this.zoom(1.5)),
+    const button = (className, words, title, onclick) => html("button", { className, type: "button", title, onclick }, words);
+    buttons.replaceChildren(button("closer", "+", "closer", () => this.zoom(1.5)),
       button("further", "−", "further away", () => this.zoom(1 / 1.5)), button("fit", "Fit", "the whole map", () => this.fit()));
     new ResizeObserver(() => this.whole && this.look()).observe(element);
   }

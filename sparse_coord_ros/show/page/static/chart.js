@@ -1,0 +1,88 @@
+// Copyright 2026 The sparse_coord_ros authors. SPDX-License-Identifier: Apache-2.0
+// A chart: lines over time steps, with the titles of both axes. The pointer shows the values.
+
+import { html, svg, ticks } from "/draw.js";
+
+const WIDTH = 400, HEIGHT = 205, LEFT = 46, RIGHT = 26, TOP = 10, BOTTOM = 38;
+
+const known = (values) => values.filter((v) => v !== null);
+const short = (n) => n.toLocaleString("en", { notation: "compact", maximumSignificantDigits: 3 });
+
+export class Chart {
+  // The title says what is drawn, and in which unit; the range holds values that the axis shows at least.
+  constructor(holder, title, range) {
+    this.range = range;
+    this.lines = [];
+    this.value = html("span");
+    this.picture = svg("svg", { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, role: "img", "aria-label": `${title} over time steps` });
+    holder.append(html("section", { className: "chart" }, html("h2", {}, title, this.value), this.picture));
+    this.picture.addEventListener("pointermove", (event) => this.point(event));
+    this.picture.addEventListener("pointerleave", () => this.point(null));
+  }
+
+  // Each line has steps, values (null: not known), attributes of its path, a label at its end.
+  show(lines) {
+    this.lines = lines;
+    this.right = Math.max(1, ...lines.map((line) => line.steps.at(-1) ?? 1));
+    const path = (d, look) => this.picture.append(svg("path", { d, class: "axis", ...look }));
+    const text = (at, words, look) => this.picture.append(svg("text", { class: "tick", x: at[0], y: at[1], ...look }, words));
+    this.picture.replaceChildren();
+    path(`M${LEFT},${TOP}V${HEIGHT - BOTTOM}H${WIDTH - RIGHT}`);
+    text([(LEFT + WIDTH - RIGHT) / 2, HEIGHT - 5], "time step", { "text-anchor": "middle" });
+    const values = [...known(lines.flatMap((line) => line.values)), ...this.range];
+    if (!values.length) return;
+    const low = Math.min(...values), most = Math.max(...values), high = most > low ? most : low + 1;
+    this.y = (value) => TOP + (HEIGHT - TOP - BOTTOM) * (1 - (value - low) / (high - low));
+    for (const tick of ticks(low, high, (high - low) / 4)) {
+      path(`M${LEFT - 4},${this.y(tick)}H${LEFT}`);
+      text([LEFT - 7, this.y(tick)], short(tick), { "text-anchor": "end", "dominant-baseline": "central" });
+    }
+    for (const tick of ticks(0, this.right, this.right / 4)) {
+      path(`M${this.x(tick)},${HEIGHT - BOTTOM}v4`);
+      text([this.x(tick), HEIGHT - BOTTOM + 15], short(tick), { "text-anchor": "middle" });
+    }
+    for (const { steps, values, look, label } of lines) {
+      const points = values.map((value, i) => value !== null && `${this.x(steps[i]).toFixed(1)},${this.y(value).toFixed(1)}`);
+      const d = points.map((at, i) => at && (points[i - 1] ? "L" : "M") + at).filter(Boolean).join("");
+      path(d, { class: "curve", ...look });
+      const last = points.findLast(Boolean);
+      if (last && label) text(last.split(","), label, { class: "end", dx: 5, fill: look.stroke ?? "currentcolor" });
+    }
+    this.value.textContent = this.ends();
+  }
+
+  ends() {
+    return this.lines.map((line) => known(line.values).at(-1)?.toFixed(2) ?? "–").join(" · ");
+  }
+
+  x(step) {
+    return LEFT + ((WIDTH - LEFT - RIGHT) * Math.min(step, this.right)) / this.right;
+  }
+
+  // Where the shown time steps lie, one for each look.
+  place(steps, looks = [{}]) {
+    this.picture.querySelectorAll(".here").forEach((line) => line.remove());
+    steps.forEach((step, i) => this.picture.append(
+      svg("path", { class: "here", d: `M${this.x(step)},${TOP}V${HEIGHT - BOTTOM}`, ...looks[i] })));
+  }
+
+  // The values where the pointer is; null: it is elsewhere.
+  point(event) {
+    this.picture.querySelectorAll(".pointed").forEach((one) => one.remove());
+    if (!event || !this.lines.some((line) => line.steps.length)) {
+      this.value.textContent = this.ends();
+      return;
+    }
+    const at = new DOMPoint(event.clientX, event.clientY).matrixTransform(this.picture.getScreenCTM().inverse()).x;
+    const step = (Math.max(0, at - LEFT) * this.right) / (WIDTH - LEFT - RIGHT);
+    const found = this.lines.map((line) => {
+      const i = line.steps.findLastIndex((one) => one <= step);
+      return i < 0 ? null : line.values[i];
+    });
+    this.picture.append(svg("path", { class: "pointed", d: `M${this.x(step)},${TOP}V${HEIGHT - BOTTOM}` }));
+    found.forEach((value) => value !== null && this.picture.append(
+      svg("circle", { class: "pointed", cx: this.x(step), cy: this.y(value), r: 3 })));
+    const said = found.map((value) => (value === null ? "–" : value.toFixed(2)));
+    this.value.textContent = `step ${short(Math.round(step))}: ${said.join(" · ")}`;
+  }
+}
