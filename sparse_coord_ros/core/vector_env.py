@@ -94,6 +94,7 @@ class VectorGame(VectorEnv):
         num_envs: how many games there are.
         robots: the robots' names.
         actions: how many actions a robot has.
+        column_sizes: how many values each column of `observation` can have.
         discount: gamma.
         autoreset: as given.
 
@@ -129,6 +130,8 @@ class VectorGame(VectorEnv):
             in_halves=asking == "half_steps",
         )
         self.actions = many_games.actions_of(self._games)
+        cells = len(self.scenario.map.cells)
+        self.column_sizes = (cells, 2, 2) + (cells + 1,) * (len(self.robots) - 1)
         self._loops = many_games.loops()
         self._begun = False
         self._everywhere = np.ones(self.num_envs, dtype=np.bool_)
@@ -144,13 +147,12 @@ class VectorGame(VectorEnv):
     def _declare_spaces(self) -> None:
         """Say in gymnasium's words what robots observe and do."""
         team = len(self.robots)
-        cells = len(self.scenario.map.cells)
-        columns = [cells, 2, 2] + [cells + 1] * (team - 1)
+        columns = np.array([self.column_sizes] * team)
         self.metadata["autoreset_mode"] = AutoresetMode[self.autoreset.upper()]
         self.single_action_space = spaces.MultiDiscrete([self.actions] * team)
         self.single_observation_space = spaces.Dict(
             {
-                "observation": spaces.MultiDiscrete(np.array([columns] * team)),
+                "observation": spaces.MultiDiscrete(columns),
                 "action_mask": spaces.MultiBinary((team, self.actions)),
             }
         )
@@ -160,9 +162,12 @@ class VectorGame(VectorEnv):
         )
 
     def _checked_seed(self, seed: object) -> int:
-        """Return the seed of game 0; the last game needs one, too."""
-        first: int = RUN_SETTINGS["seed"].parse(seed)
-        RUN_SETTINGS["seed"].parse(first + self.num_envs - 1)
+        """Return the seed of game 0; the last game has one, too."""
+        setting = RUN_SETTINGS["seed"]
+        first: int = setting.parse(seed)
+        most = int(setting.high) - self.num_envs + 1
+        allowed = f"at most {most} for {self.num_envs} games"
+        check_argument("setting seed", first, first <= most, allowed)
         return first
 
     def reset(
