@@ -13,7 +13,7 @@ import numpy as np
 import sparse_coord_ros as sc
 
 GAMES = 256
-FIRST_VALUE = 20.0  # from 0 robots learn later to ask
+FIRST_VALUE = 20.0  # from 0 most teams do not learn to ask
 
 
 def act(env, q, seen, epsilon, random):
