@@ -61,7 +61,7 @@ class Robot(QLearner):
 def learn(scenario, asks, seed):
     """Return the robots of one run, which have learned for the scenario's steps."""
     np.random.seed(seed)  # OpenSpiel's learners draw from NumPy's global generator
-    env = parallel_env(scenario, starts="protocol")
+    env = parallel_env(scenario, phase="learning")
     robots = {
         n: Robot(scenario.steps, scenario.discount, asks) for n in env.possible_agents
     }
@@ -72,14 +72,16 @@ def learn(scenario, asks, seed):
             robot.forget()
         acts = {name: robots[name].choose(seen[name]) for name in env.agents}
         while env.agents and done < scenario.steps:
-            seen, rewards, arrived, _, infos = env.step(acts)
+            seen, rewards, _, _, infos = env.step(acts)
             half = any(info["half_step"] for info in infos.values())
             done += not half
             for name in acts:
-                if arrived[name]:
+                if infos[name]["arrived"]:
                     robots[name].arrive(seen[name], rewards[name])
             acts = {
-                n: robots[n].choose(seen[n], rewards[n], half=half) for n in env.agents
+                name: robots[name].choose(seen[name], rewards[name], half=half)
+                for name in env.agents
+                if not infos[name]["arrived"]
             }
         seen, _ = env.reset()
     return robots
@@ -87,25 +89,27 @@ def learn(scenario, asks, seed):
 
 def play(scenario, robots, trials):
     """Return the means of greedy trials: the measures of `sc.evaluate`."""
-    env = parallel_env(scenario, starts="fixed")
+    env = parallel_env(scenario, phase="evaluation")
     sums = dict.fromkeys(MEASURES, 0.0)
-    seen, _ = env.reset(seed=0)
+    seen, infos = env.reset(seed=0)
     for _ in range(trials):
         worth = 1.0
-        goals = 0
         while env.agents:
-            acts = {n: robots[n].choose(seen[n], learns=False) for n in env.agents}
-            seen, rewards, arrived, _, infos = env.step(acts)
+            acts = {
+                name: robots[name].choose(seen[name], learns=False)
+                for name in env.agents
+                if not infos[name]["arrived"]
+            }
+            seen, rewards, _, _, infos = env.step(acts)
             sums["asks"] += sum(a == COORDINATE for a in acts.values()) / len(robots)
             if not any(info["half_step"] for info in infos.values()):
                 sums["reward"] += worth * sum(rewards.values()) / len(robots)
                 sums["miscoordinations"] += any(
                     i["miscoordination"] for i in infos.values()
                 )
-                goals += sum(arrived.values())
                 worth *= scenario.discount
-        sums["arrived"] += goals == len(robots)
-        seen, _ = env.reset()
+        sums["arrived"] += all(info["arrived"] for info in infos.values())
+        seen, infos = env.reset()
     return {name: total / trials for name, total in sums.items()}
 
 

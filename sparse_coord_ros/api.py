@@ -86,6 +86,7 @@ from sparse_coord_ros.studies.store import RUNS, SUMS, TRIALS_OR_NONE, Plan, Say
 if TYPE_CHECKING:
     import pandas as pd
 
+    from sparse_coord_ros.core.vector_env import VectorGame
     from sparse_coord_ros.log.runlog import RunLog, Verification
 
 # Scenarios
@@ -98,6 +99,8 @@ __all__ += ["improve", "Improvement"]
 __all__ += ["evaluate", "evaluate_exact", "Evaluation", "ExactEvaluation"]
 __all__ += ["optimum", "shortest_paths", "joint_mdp", "JointMDP"]
 __all__ += ["find_asking_team", "shipped_asking_team", "AskingTeam", "RobotPolicy"]
+# Environments for other people's learners
+__all__ += ["vector_env", "VectorGame"]
 # What is on disk
 __all__ += ["load_run", "SavedRun", "read_log", "RunLog", "verify", "Verification"]
 # Experiments
@@ -410,10 +413,18 @@ def evaluate_exact(
     return exact.evaluate_exact(problem, tables, learner=who)
 
 
+LATER = {
+    "RunLog": "sparse_coord_ros.log.runlog",
+    "Verification": "sparse_coord_ros.log.runlog",
+    "VectorGame": "sparse_coord_ros.core.vector_env",
+}
+"""Modules of names that are loaded when they are first used: they take as long as all the rest."""
+
+
 def __getattr__(name: str) -> object:
-    """Load what reads logs when its names are first used: it takes as long as all the rest."""
-    if name in ("RunLog", "Verification"):
-        return getattr(import_module("sparse_coord_ros.log.runlog"), name)
+    """Load what reads logs, and environments, when their names are first used."""
+    if name in LATER:
+        return getattr(import_module(LATER[name]), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
@@ -452,6 +463,42 @@ def verify(bag: str | Path, *, allow: str | Iterable[str] = ()) -> "Verification
 
     allow_modules(allow)
     return runlog.verify(path_argument("bag", bag))
+
+
+def vector_env(
+    scenario: ScenarioLike,
+    games: int,
+    *,
+    seed: int | None = None,
+    asking: str = "half_steps",
+    phase: str = "evaluation",
+    autoreset: str = "next_step",
+) -> "VectorGame":
+    """Return many games of a scenario at once, as a vector environment for a learner of any kind.
+
+    `reset` and `step` are those of Gymnasium's vector environments, with arrays of NumPy; see
+    `VectorGame`, which also says more of the arguments. The discounted sum of the rewards of an
+    episode is the reward that `evaluate` reports.
+
+    Args:
+        scenario: the problem.
+        games: how many games there are.
+        seed: game i is that of a single run with seed `seed + i`; None: a seed that nobody chose.
+        asking: "half_steps": a robot that asks gets the answer, then moves, in one time step, as
+            in the paper; "in_observation": it asks with a move, and the answer is in the next
+            observation. They are different classes of teams.
+        phase: "evaluation": episodes begin at the scenario's starts, and last `horizon` steps;
+            "learning": exploring starts and `max_steps`, as learning episodes do here.
+        autoreset: when a game that has ended begins anew: "next_step", "same_step" or "disabled".
+
+    Raises:
+        ScenarioError, SettingError: no such scenario, or a bad value.
+    """
+    from sparse_coord_ros.core.vector_env import VectorGame
+
+    return VectorGame(
+        scenario, games, seed=seed, asking=asking, phase=phase, autoreset=autoreset
+    )
 
 
 def sweep(

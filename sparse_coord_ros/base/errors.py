@@ -181,6 +181,15 @@ def check_argument(
         raise error(wrong_argument(name, value, allowed))
 
 
+def check_choice(name: str, value: object, known: Iterable[str]) -> None:
+    """Raise SettingError unless the value of an argument is one of the known texts."""
+    choices = tuple(known)
+    if value not in choices:
+        raise SettingError(
+            f"{name} is {in_short(value)}, allowed: {', '.join(choices)}"
+        )
+
+
 def check_function(name: str, value: object) -> None:
     """Raise SettingError unless an argument can be called."""
     check_argument(name, value, callable(value), "a function")

@@ -18,17 +18,24 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from sparse_coord_ros.base.errors import RunError, SettingError, in_short, needed
+from sparse_coord_ros.base.errors import (
+    RunError,
+    SettingError,
+    check_choice,
+    in_short,
+    needed,
+)
 from sparse_coord_ros.base.palette import DOORWAY_COLOUR, WALL_COLOUR, rgb, robot_colour
-from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE, PRIMITIVES
+from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE
 from sparse_coord_ros.core.game.grid import WALL
+from sparse_coord_ros.core.game.many_games import is_allowed, longest_episode
 from sparse_coord_ros.core.game.perception import asked_peers
 from sparse_coord_ros.core.game.percepts import Percepts
+from sparse_coord_ros.core.game.rules import paid_for_ever, problem_of
 from sparse_coord_ros.core.game.scenario import Scenario, loaded
 from sparse_coord_ros.core.game.streams import (
-    EVALUATION,
-    LEARNING,
     PEER,
+    PHASES,
     POLICY,
     Stream,
 )
@@ -42,7 +49,6 @@ with needed(
     from gymnasium import spaces
     from pettingzoo import ParallelEnv
 
-STARTS = ("fixed", "protocol")
 NO_REWARD = Reward(0.0, 0.0, 0.0, 0.0)
 SIDE = 16
 """Pixels along the side of a cell in pictures."""
@@ -53,12 +59,8 @@ class SparseCoordEnv(ParallelEnv):
 
     Args:
         scenario: a scenario, a shipped one's name, or a scenario file's path.
-        starts: "fixed": every episode begins at the scenario's starts, and lasts `horizon` steps;
-            "protocol": as learning episodes do here, with exploring starts and `max_steps`.
-        goal_value: whether arriving also pays the value of being at the goal from then on:
-            discount * the scenario's `goal_value`. A learner whose episodes end there then solves
-            the same problem as ours, and its discounted return is the reward that `evaluate`
-            gives. False: arriving pays the goal's reward once.
+        phase: "evaluation": every episode begins at the scenario's starts, and lasts `horizon`
+            steps; "learning": as learning episodes do here, with exploring starts and `max_steps`.
         render_mode: None or "rgb_array".
 
     Observations are a dict. `observation` holds: the own cell; whether it is the second half of a
@@ -66,13 +68,18 @@ class SparseCoordEnv(ParallelEnv):
     cell plus 1 where it was perceived, else 0. `action_mask` says which of the five actions are
     allowed: north, south, east, west, COORDINATE.
 
-    An agent that arrives is terminated; when the steps are used up all others are truncated.
+    Rewards are R_k(t), and on arrival all that the goal pays from then on. So the discounted sum
+    over an episode is the reward of `evaluate`. An agent that has arrived stays until the episode
+    ends, and still pays r^C of miscoordinations. It waits: its mask allows action 0 alone, and
+    its action is ignored. When all have arrived they are terminated; when the steps are used up
+    all are truncated.
+
     `infos` hold `half_step` (the next step completes this time step, and nothing is discounted in
-    between), `reward_parts` (individual, common, ask_cost) and `miscoordination`.
+    between), `arrived`, `reward_parts` (individual, common, ask_cost) and `miscoordination`.
 
     Raises:
         ScenarioError: there is no such scenario.
-        SettingError: a bad value of `starts` or `render_mode`.
+        SettingError: a bad value of `phase` or `render_mode`.
     """
 
     metadata: ClassVar[dict[str, Any]] = {
@@ -86,12 +93,10 @@ class SparseCoordEnv(ParallelEnv):
         self,
         scenario: str | Path | Scenario,
         *,
-        starts: str = "fixed",
-        goal_value: bool = True,
+        phase: str = "evaluation",
         render_mode: str | None = None,
     ) -> None:
-        if starts not in STARTS:
-            raise SettingError(f"starts is {starts!r}, allowed: {', '.join(STARTS)}")
+        check_choice("phase", phase, PHASES)
         if render_mode not in (None, "rgb_array"):
             raise SettingError(
                 f"render_mode is {render_mode!r}, allowed: None, 'rgb_array'"
@@ -101,10 +106,8 @@ class SparseCoordEnv(ParallelEnv):
         self.possible_agents = [robot.name for robot in scenario.robots]
         self.agents: list[str] = []
         self._number = {name: k for k, name in enumerate(self.possible_agents)}
-        self._phase = EVALUATION if starts == "fixed" else LEARNING
-        self._goal_value = (
-            scenario.discount * scenario.goal_value if goal_value else 0.0
-        )
+        self._phase = PHASES[phase]
+        self._problem = problem_of(scenario, plain=True, percepts=False)
         cells = len(scenario.map.cells)
         team = len(scenario.robots)
         self.state_space = spaces.MultiDiscrete([cells] * team + [2] * team + [2])
@@ -148,9 +151,11 @@ class SparseCoordEnv(ParallelEnv):
                 np.random.SeedSequence().generate_state(1)[0] if seed is None else seed
             )
             chosen = RUN_SETTINGS["seed"].parse(drawn)
-            horizon = self.scenario.horizon if self._phase == EVALUATION else None
             self._world = World(
-                self.scenario, chosen, phase=self._phase, max_steps=horizon
+                self.scenario,
+                chosen,
+                phase=self._phase,
+                max_steps=longest_episode(self.scenario, self._phase),
             )
             numbers = range(len(self.possible_agents))
             self._peer_draws = [Stream(chosen, k, POLICY, self._phase) for k in numbers]
@@ -162,7 +167,7 @@ class SparseCoordEnv(ParallelEnv):
         self.agents = list(self.possible_agents)
         self._half = False
         self._forget()
-        infos = {name: self._info(NO_REWARD, False) for name in self.agents}
+        infos = {name: self._info(name, NO_REWARD, False) for name in self.agents}
         return self._observations(), infos
 
     def _forget(self) -> None:
@@ -191,8 +196,11 @@ class SparseCoordEnv(ParallelEnv):
             raise SettingError(
                 f"actions: value is {in_short(actions)}, allowed: {allowed}"
             )
-        chosen = dict(self._checked(name, action) for name, action in actions.items())
-        acted = {name: self._number[name] for name in self.agents}
+        chosen = {}
+        for name, action in actions.items():
+            k = self._checked_number(name)
+            if not world.arrived[k]:
+                chosen[k] = self._checked_action(name, k, action)
         self._half = not self._half and COORDINATE in chosen.values()
         if self._half:
             outcome = self._first_half(world, chosen)
@@ -200,13 +208,11 @@ class SparseCoordEnv(ParallelEnv):
             robots = range(len(self.possible_agents))
             outcome = world.advance([self._action(k, chosen) for k in robots])
             self._forget()
+        results = self._results(outcome)
         observations = self._observations()
-        self.agents = [
-            name
-            for name, k in acted.items()
-            if not outcome.episode_over and k not in outcome.arrived
-        ]
-        return observations, *self._results(acted, outcome)
+        if outcome.episode_over:
+            self.agents = []
+        return observations, *results
 
     def _first_half(self, world: World, chosen: dict[int, int]) -> StepOutcome:
         """Let the robots ask that chose COORDINATE; so far nothing is paid."""
@@ -215,27 +221,26 @@ class SparseCoordEnv(ParallelEnv):
         return StepOutcome((NO_REWARD,) * len(self.possible_agents), False, (), False)
 
     def _results(
-        self, acted: Mapping[str, int], outcome: StepOutcome
+        self, outcome: StepOutcome
     ) -> tuple[
         dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]
     ]:
-        """Return rewards, terminations, truncations and infos.
-
-        Args:
-            acted: the agents that were there before the step, and their numbers.
-            outcome: what the step brought.
-        """
+        """Return rewards, terminations, truncations and infos."""
+        all_arrived = all(self._running().arrived)
         rewards = {}
         terminations = {}
         truncations = {}
         infos = {}
-        for name, k in acted.items():
+        for name in self.agents:
+            k = self._number[name]
             reward = outcome.rewards[k]
-            arrived = k in outcome.arrived
-            rewards[name] = reward.total + self._goal_value * arrived
-            terminations[name] = arrived
-            truncations[name] = outcome.episode_over and not arrived
-            infos[name] = self._info(reward, outcome.miscoordination)
+            arrives = k in outcome.arrived
+            rewards[name] = paid_for_ever(
+                self._problem, arrives, reward.common, reward.ask_cost
+            )
+            terminations[name] = all_arrived
+            truncations[name] = outcome.episode_over and not all_arrived
+            infos[name] = self._info(name, reward, outcome.miscoordination)
         return rewards, terminations, truncations, infos
 
     def _ask(self, world: World, askers: list[int]) -> None:
@@ -296,29 +301,33 @@ class SparseCoordEnv(ParallelEnv):
             raise RunError("the environment has no episode yet; call reset first")
         return self._world
 
-    def _checked(self, name: str, action: int) -> tuple[int, int]:
-        """Return an agent's number and its action's."""
+    def _checked_number(self, name: str) -> int:
+        """Return an agent's number."""
         if name not in self.agents:
             raise SettingError(
                 f"agent {name!r} does not act; allowed: {', '.join(self.agents)}"
             )
-        k = self._number[name]
+        return self._number[name]
+
+    def _checked_action(self, name: str, k: int, action: int) -> int:
+        """Return an action's number."""
         mask = self._mask(k)
         if not self.action_spaces[name].contains(action) or not mask[action]:
             allowed = np.flatnonzero(mask).tolist()
             raise SettingError(
                 f"agent {name}: action is {action!r}, allowed: {allowed}"
             )
-        return k, int(action)
+        return int(action)
 
     def _mask(self, k: int) -> np.ndarray:
-        mask = np.ones(len(ACTIONS), dtype=np.int8)
-        if self._half:
-            mask[COORDINATE] = 0
-            if k not in self._asked:
-                mask[:] = 0
-                mask[self._chosen.get(k, slice(PRIMITIVES))] = 1
-        return mask
+        world = self._running()
+        waits = world.arrived[k] or world.episode_over
+        chosen = self._chosen.get(k, COORDINATE)
+        allowed = [
+            is_allowed(action, waits, self._half, chosen)
+            for action in range(len(ACTIONS))
+        ]
+        return np.array(allowed, dtype=np.int8)
 
     def _observations(self) -> dict[str, Any]:
         return {name: self._observation(self._number[name]) for name in self.agents}
@@ -336,9 +345,13 @@ class SparseCoordEnv(ParallelEnv):
             "action_mask": self._mask(k),
         }
 
-    def _info(self, reward: Reward, miscoordination: bool) -> dict[str, Any]:
-        said = {"half_step": self._half, "miscoordination": miscoordination}
-        return {**said, "reward_parts": tuple(reward[:3])}
+    def _info(self, name: str, reward: Reward, miscoordination: bool) -> dict[str, Any]:
+        return {
+            "half_step": self._half,
+            "miscoordination": miscoordination,
+            "arrived": self._running().arrived[self._number[name]],
+            "reward_parts": tuple(reward[:3]),
+        }
 
 
 parallel_env = SparseCoordEnv

@@ -197,7 +197,7 @@ def test_every_block_is_run_or_says_why_not(page):
     "page", [p for p in pages() if any(b.how == "" for b in blocks(p))]
 )
 def test_commands_of_a_page(page, shell):
-    if page == "docs/pettingzoo.md":
+    if page == "docs/environments.md":
         pytest.importorskip("pettingzoo")
     run_page(page, shell, everything=False)
 

@@ -116,6 +116,14 @@ def test_expected_sarsa_compiled(said, compared):
     assert compared((OWN, "auto"), (OWN, "python")) == (True, True)
 
 
+def test_vector_learner(said):
+    """In seconds a team learns more than shortest paths earn."""
+    lines = dict(line.split(": ") for line in said("vector_learner.py").splitlines())
+    mean, error = map(float, lines["learned"].split(" ± "))
+    assert mean - 4 * error > float(lines["shortest paths"])
+    assert mean - 4 * error < float(lines["best asking team found"])
+
+
 @pytest.mark.long
 def test_pettingzoo_learners(said):
     pytest.importorskip("open_spiel")

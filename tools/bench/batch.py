@@ -58,15 +58,22 @@ def _measured_here(name: str, learner: str, steps: int, runs: int, repeats: int)
     allow_named(learner)
     rule = learner_of(learner)
     scenario = rule.with_defaults(load_scenario(name).with_settings({"steps": steps}))
-    ready = _seconds(partial(_batch, scenario.with_settings({"steps": 1}), learner, 1))
+    ready = seconds_of(
+        partial(learn_batch, scenario.with_settings({"steps": 1}), learner, 1)
+    )
     ways: dict[tuple[str, int], Callable[[], float]] = {}
 
     def add(way: str, threads: int, count: int, work: Callable[[], object]) -> None:
         agent_steps = steps * len(scenario.robots) * count
-        ways[way, threads] = lambda: agent_steps / 1e6 / _seconds(work)
+        ways[way, threads] = lambda: agent_steps / 1e6 / seconds_of(work)
 
     for threads in sorted({len(os.sched_getaffinity(0)), 1}, reverse=True):
-        add(ENGINE, threads, runs, partial(_batch, scenario, learner, runs, threads))
+        add(
+            ENGINE,
+            threads,
+            runs,
+            partial(learn_batch, scenario, learner, runs, threads),
+        )
     seeds = range(PYTHON_RUNS)
     add(
         PYTHON,
@@ -78,14 +85,16 @@ def _measured_here(name: str, learner: str, steps: int, runs: int, repeats: int)
     return table(title, ready, in_turn(ways, repeats))
 
 
-def _batch(scenario: Scenario, learner: str, runs: int, threads: int = 1) -> None:
+def learn_batch(scenario: Scenario, learner: str, runs: int, threads: int = 1) -> None:
+    """Let teams learn, compiled."""
     for _ in run_batch(
         scenario, learner, range(runs), trials=0, engine="numba", jobs=threads
     ):
         pass
 
 
-def _seconds(work: Callable[[], object]) -> float:
+def seconds_of(work: Callable[[], object]) -> float:
+    """Return how long some work takes."""
     started = time.perf_counter()
     work()
     return time.perf_counter() - started

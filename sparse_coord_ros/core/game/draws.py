@@ -111,12 +111,82 @@ def compiled_draws(
         first: the time step that they begin with.
     """
     team = len(scenario.robots)
+    sources = _sources(team, seed, phase, looked_at, members, first)
+    since = np.full((len(DRAWS), team), first)
+    return CompiledDraws(links_of(scenario, seed, phase), sources, since, JUMPS)
+
+
+def _sources(
+    team: int,
+    seed: int,
+    phase: int,
+    looked_at: dict[int, bool],
+    members: np.ndarray,
+    first: int,
+) -> np.ndarray:
+    """Return the generators of a run, as of `CompiledDraws`; arguments as of `compiled_draws`."""
     sources = np.zeros((len(DRAWS), team, 4), dtype=np.uint64)
     for role, width in DRAWS.items():
         for k in members.tolist() if looked_at.get(role) else ():
             sources[role, k] = source_of(seed, k, role, phase, first * width)
-    since = np.full((len(DRAWS), team), first)
-    return CompiledDraws(links_of(scenario, seed, phase), sources, since, JUMPS)
+    return sources
+
+
+def room_for_draws(scenario: Scenario, games: int) -> CompiledDraws:
+    """Return room for the draws of many games.
+
+    `sources`, `since` and `links.down` have a first axis more: row i is that of game i.
+
+    Args:
+        scenario: the problem.
+        games: how many there are.
+    """
+    team = len(scenario.robots)
+    links = links_of(scenario, 0, LEARNING)
+    down = np.zeros((games, *links.down.shape), dtype=np.bool_)
+    sources = np.zeros((games, len(DRAWS), team, 4), dtype=np.uint64)
+    since = np.zeros((games, len(DRAWS), team), dtype=np.int64)
+    return CompiledDraws(links._replace(down=down), sources, since, JUMPS)
+
+
+def seed_game(
+    draws: CompiledDraws,
+    game: int,
+    scenario: Scenario,
+    seed: int,
+    phase: int,
+    looked_at: dict[int, bool],
+    first: int,
+) -> None:
+    """Fill in the draws of one of many games.
+
+    Args:
+        draws: those of all games, changed.
+        game: the game's number.
+        scenario: as of `compiled_draws`, as the next four.
+        seed: the game's seed.
+        phase: LEARNING or EVALUATION.
+        looked_at: whether anything looks at the draws of a role.
+        first: the time step with which the game begins.
+    """
+    team = len(scenario.robots)
+    members = np.arange(team)
+    for k in range(team):
+        draws.links.down[game, k] = link_of(scenario.link, seed, k, phase).pattern
+    draws.sources[game] = _sources(team, seed, phase, looked_at, members, first)
+    draws.since[game] = first
+
+
+@inlined
+def _rows_of_game(draws: CompiledDraws, game: int) -> CompiledDraws:
+    links = Links(draws.links.drawn, draws.links.down[game], draws.links.dead_from)
+    return CompiledDraws(links, draws.sources[game], draws.since[game], draws.jumps)
+
+
+@compiled_as(_rows_of_game)
+def draws_of_game(draws: Any, game: int) -> Any:
+    """Return the draws of one of many games: in plain Python they are a list of `PlainDraws`."""
+    return draws[game]
 
 
 @inlined

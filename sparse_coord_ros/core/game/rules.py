@@ -207,3 +207,22 @@ def asking_reward(problem: Problem, asked: bool) -> float:
 def goal_paid(problem: Problem, factor: float) -> float:
     """Return what the goal pays from the arrival on, times a factor: it pays for ever."""
     return factor * problem.goal_reward / (1.0 - problem.discount)
+
+
+@inlined
+def paid_for_ever(
+    problem: Problem, arrives: bool, common: float, ask_cost: float
+) -> float:
+    """Return R_k(t) of a step with all that the goal pays from the arrival on.
+
+    Environments for other people's learners pay this: the discounted sum over an episode is the
+    reward that `evaluate` reports.
+
+    Args:
+        problem: the scenario.
+        arrives: whether the robot arrives with this step.
+        common: r^C of the step, as of `common_reward`.
+        ask_cost: as of `asking_reward`.
+    """
+    goal = goal_paid(problem, 1.0) if arrives else 0.0
+    return goal + common + ask_cost

@@ -13,6 +13,9 @@ LEARNING = 0
 EVALUATION = 1
 """Phases of a run: the same seed gives independent draws in each."""
 
+PHASES = {"evaluation": EVALUATION, "learning": LEARNING}
+"""What environments call them."""
+
 POLICY, MOTION, PERCEPT, START, REPLAY, BLIND, LEAVE = range(7)
 """Roles of a stream; REPLAY: the factored learner's, BLIND: of those that explore as they ask,
 LEAVE: of those that leave a stand-off."""

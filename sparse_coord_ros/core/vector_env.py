@@ -1,0 +1,343 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A scenario as a vector environment: many games at once as arrays, for other people's learners.
+
+`reset` and `step` are those of Gymnasium's vector environments. Where gymnasium is installed,
+`VectorGame` is one of them. It needs nothing but NumPy, and is compiled where numba is installed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sparse_coord_ros.base.errors import (
+    RunError,
+    SettingError,
+    check_argument,
+    check_choice,
+)
+from sparse_coord_ros.core.game import many_games
+from sparse_coord_ros.core.game.scenario import Scenario, loaded
+from sparse_coord_ros.core.game.settings import Setting
+from sparse_coord_ros.core.game.streams import PHASES
+from sparse_coord_ros.core.runs.run_config import RUN_SETTINGS
+
+try:
+    from gymnasium import spaces
+    from gymnasium.vector import AutoresetMode, VectorEnv
+    from gymnasium.vector.utils import batch_space
+except ImportError:
+    VectorEnv = object  # type: ignore[assignment, misc]
+    spaces = None  # type: ignore[assignment]
+
+ASKING = ("half_steps", "in_observation")
+AUTORESET = ("next_step", "same_step", "disabled")
+"""As gymnasium.vector.AutoresetMode, whose names are these in capitals."""
+
+GAMES = Setting("games", int, 1, "games at once", low=1, high=1_000_000)
+
+
+class VectorGame(VectorEnv):
+    """Many games of a scenario at once.
+
+    Game i of seed S has the draws of a single game with seed S + i: the same actions bring the
+    same states, answers and rewards, bit for bit, as in `parallel_env` and in our own runs.
+
+    Args:
+        scenario: a scenario, a shipped one's name, or a scenario file's path.
+        games: how many games there are.
+        seed: seed of game 0 of the first run; None: one that nobody chose.
+        asking: how robots ask.
+
+            - "half_steps": as in the paper. Actions are 0 north, 1 south, 2 east, 3 west and
+              4 COORDINATE. Where a robot of a game chooses COORDINATE, the call moves no robot
+              of this game and pays nothing (`infos["half_step"]`). The robot observes the
+              answer, and chooses a move with the next call, in the same time step. The other
+              robots of this game wait: their masks allow the move that they chose. Other games
+              do not wait.
+            - "in_observation": asking is a part of the action. Actions 0 to 3 are the moves,
+              4 to 7 the same moves of a robot that asks with its move. The peers are perceived
+              after the moves, and the answer is in the next observation. These robots choose to
+              ask before they know the cell in which they use the answer. They are another class
+              of teams: compare them with each other.
+        phase: "evaluation": episodes begin at the scenario's starts and last `horizon` steps.
+            "learning": as learning episodes do here, with exploring starts and `max_steps`.
+        autoreset: when a game that has ended begins anew, as of gymnasium.vector.AutoresetMode:
+            with the "next_step"; in the "same_step", with `final_obs` and `final_info` in the
+            infos; or "disabled": by `reset(options={"reset_mask": ...})`.
+
+    Observations are a dict of arrays, with a row for each game i and robot k:
+
+    - `observation`, int64, shape (games, robots, 3 + robots - 1): the own cell; whether it is the
+      second half of a time step; whether an answer came; and for each other robot, in the
+      scenario's order, its cell plus 1 where it was perceived, else 0.
+    - `action_mask`, int8, shape (games, robots, actions): which actions are allowed. A robot that
+      has arrived, and a robot of a game that has ended, waits: its mask allows action 0 alone,
+      and its action is ignored.
+
+    Rewards are float64, shape (games, robots): R_k(t), and on arrival all that the goal pays from
+    then on. So the discounted sum over an episode is the reward of `evaluate`. A robot that has
+    arrived still pays r^C of miscoordinations. A learner must not discount between the halves of
+    a time step. A game is terminated when all its robots have arrived, and truncated when its
+    steps are used up: bool, shape (games,).
+
+    `infos` are arrays: `half_step`, `miscoordination` (games,), `arrived` (games, robots) and
+    `reward_parts` (games, robots, 3): individual, common, cost of asking. As in gymnasium `_name`
+    says which games have a value of `name`.
+
+    Attributes:
+        scenario: the scenario.
+        num_envs: how many games there are.
+        robots: the robots' names.
+        actions: how many actions a robot has.
+        column_sizes: how many values each column of `observation` can have.
+        discount: gamma.
+        autoreset: as given.
+
+    Raises:
+        ScenarioError: there is no such scenario.
+        SettingError: a bad value of another argument.
+    """
+
+    def __init__(
+        self,
+        scenario: str | Path | Scenario,
+        games: int,
+        *,
+        seed: int | None = None,
+        asking: str = "half_steps",
+        phase: str = "evaluation",
+        autoreset: str = "next_step",
+    ) -> None:
+        check_choice("asking", asking, ASKING)
+        check_choice("phase", phase, PHASES)
+        check_choice("autoreset", autoreset, AUTORESET)
+        self.scenario = loaded(scenario)
+        self.num_envs = GAMES.parse(games)
+        self.robots = tuple(robot.name for robot in self.scenario.robots)
+        self.discount = self.scenario.discount
+        self._seed = None if seed is None else self._checked_seed(seed)
+        self._phase = PHASES[phase]
+        self.autoreset = autoreset
+        self._games = many_games.room_for_games(
+            self.scenario,
+            self.num_envs,
+            phase=self._phase,
+            in_halves=asking == "half_steps",
+        )
+        self.actions = many_games.actions_of(self._games)
+        cells = len(self.scenario.map.cells)
+        self.column_sizes = (cells, 2, 2) + (cells + 1,) * (len(self.robots) - 1)
+        self._loops = many_games.loops()
+        self._begun = False
+        self._everywhere = np.ones(self.num_envs, dtype=np.bool_)
+        self._everywhere.flags.writeable = False
+        # What robots observed last: the learner may change what it was given.
+        self._masks = many_games.new_observations(self._games).action_mask
+        self._final = many_games.new_observations(self._games)
+        self._final_infos = many_games.new_infos(self._games)
+        self.metadata = {"name": "sparse_coord_vector_v0"}
+        if spaces is not None:
+            self._declare_spaces()
+
+    def _declare_spaces(self) -> None:
+        """Say in gymnasium's words what robots observe and do."""
+        team = len(self.robots)
+        columns = np.array([self.column_sizes] * team)
+        self.metadata["autoreset_mode"] = AutoresetMode[self.autoreset.upper()]
+        self.single_action_space = spaces.MultiDiscrete([self.actions] * team)
+        self.single_observation_space = spaces.Dict(
+            {
+                "observation": spaces.MultiDiscrete(columns),
+                "action_mask": spaces.MultiBinary((team, self.actions)),
+            }
+        )
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+        self.observation_space = batch_space(
+            self.single_observation_space, self.num_envs
+        )
+
+    def _checked_seed(self, seed: object) -> int:
+        """Return the seed of game 0; the last game has one, too."""
+        setting = RUN_SETTINGS["seed"]
+        first: int = setting.parse(seed)
+        most = int(setting.high) - self.num_envs + 1
+        allowed = f"at most {most} for {self.num_envs} games"
+        check_argument("setting seed", first, first <= most, allowed)
+        return first
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """Begin an episode of each game.
+
+        Args:
+            seed: begins a new run of game i with seed + i, at time step 1; None: the next episode
+                of each game's run, or at first a run with the seed of the constructor.
+            options: `reset_mask`: which games begin, bool, shape (games,); without it all.
+
+        Returns:
+            Observations and infos.
+
+        Raises:
+            SettingError: a bad seed or mask.
+            RunError: only some games are to begin, and others never have.
+        """
+        which = self._checked_mask(options)
+        if seed is not None:
+            self._begin_runs(self._checked_seed(seed), which)
+        elif not self._begun:
+            self._begin_runs(self._first_seed(), which)
+        self._begun = True
+        shown, outcome, infos = self._rooms()
+        self._loops.begin_all(self._games, which, shown, outcome, infos)
+        return self._observed(shown), self._told(infos, which)
+
+    def _first_seed(self) -> int:
+        """Return the seed of the constructor, or one that nobody chose."""
+        if self._seed is not None:
+            return self._seed
+        return int(np.random.SeedSequence().generate_state(1)[0])
+
+    def _begin_runs(self, seed: int, which: np.ndarray) -> None:
+        """Let some games be at the beginning of their runs."""
+        for i in np.flatnonzero(which).tolist():
+            many_games.seed_one(self._games, i, self.scenario, seed + i, self._phase)
+
+    def _checked_mask(self, options: Mapping[str, Any] | None) -> np.ndarray:
+        """Return which games are to begin."""
+        if not options or "reset_mask" not in options:
+            return self._everywhere
+        given = options["reset_mask"]
+        mask = np.asarray(given)
+        fits = mask.shape == (self.num_envs,) and mask.dtype == np.bool_
+        allowed = f"an array of bools, shape ({self.num_envs},)"
+        check_argument("options: reset_mask", given, fits, allowed)
+        if not self._begun and not mask.all():
+            raise RunError(
+                "the environment has no episodes yet; call reset without reset_mask first"
+            )
+        return mask
+
+    def step(
+        self, actions: np.ndarray
+    ) -> tuple[
+        dict[str, np.ndarray], np.ndarray, np.ndarray, np.ndarray, dict[str, Any]
+    ]:
+        """Make a time step of each game, or half of one.
+
+        Args:
+            actions: what each robot does, whole numbers, shape (games, robots).
+
+        Returns:
+            Observations, rewards, terminations, truncations, infos.
+
+        Raises:
+            SettingError: an action is none, or not allowed by its mask.
+            RunError: there is no episode: reset comes first.
+        """
+        chosen = self._checked_actions(actions)
+        shown, outcome, infos = self._rooms()
+        same_step = self.autoreset == "same_step"
+        self._loops.step_all(
+            self._games,
+            chosen,
+            shown,
+            outcome,
+            infos,
+            self._final,
+            self._final_infos,
+            same_step,
+        )
+        told = self._told(infos, self._everywhere)
+        if same_step:
+            told |= self._told_of_ends(outcome.terminated | outcome.truncated)
+        return self._observed(shown), *outcome, told
+
+    def _checked_actions(self, actions: np.ndarray) -> np.ndarray:
+        """Return the actions as the loops take them."""
+        games = self._games
+        if not self._begun:
+            raise RunError("the environment has no episodes yet; call reset first")
+        if self.autoreset == "disabled" and games.ended.any():
+            game = int(games.ended.argmax())
+            remedy = "call reset with options={'reset_mask': ...}"
+            raise RunError(f"the episode of game {game} has ended; {remedy}")
+        given = np.asarray(actions)
+        shape = games.cells.shape
+        fits = given.shape == shape and given.dtype.kind in "iu"
+        allowed = f"whole numbers, shape {shape}"
+        check_argument("actions", actions, fits, allowed)
+        chosen = np.ascontiguousarray(given, dtype=np.int64)
+        refused = self._loops.first_refused(chosen, games, self._masks)
+        if refused >= 0:
+            i, k = divmod(refused, len(self.robots))
+            mask = np.flatnonzero(self._masks[i, k]).tolist()
+            raise SettingError(
+                f"game {i}, {self.robots[k]}: action is {chosen[i, k]}, allowed: {mask}"
+            )
+        return chosen
+
+    def _rooms(
+        self,
+    ) -> tuple[many_games.Observations, many_games.Outcome, many_games.Infos]:
+        """Return new arrays for what a call returns."""
+        games = self._games
+        return (
+            many_games.new_observations(games),
+            many_games.new_outcome(games),
+            many_games.new_infos(games),
+        )
+
+    def _observed(self, shown: many_games.Observations) -> dict[str, np.ndarray]:
+        """Return observations as a dict; their masks are what the next actions must fit."""
+        self._masks[:] = shown.action_mask
+        return shown._asdict()
+
+    def _told(self, infos: many_games.Infos, which: np.ndarray) -> dict[str, Any]:
+        """Return infos as a dict, with the games that each holds for."""
+        told: dict[str, Any] = infos._asdict()
+        told.update({f"_{name}": which for name in infos._fields})
+        return told
+
+    def _told_of_ends(self, ended: np.ndarray) -> dict[str, Any]:
+        """Return the infos on games that ended and began anew in the same step."""
+        if not ended.any():
+            return {}
+        observed = np.full(self.num_envs, None, dtype=object)
+        for i in np.flatnonzero(ended).tolist():
+            observed[i] = {
+                name: rows[i].copy() for name, rows in self._final._asdict().items()
+            }
+        infos = many_games.Infos(*(_only(rows, ended) for rows in self._final_infos))
+        return {
+            "final_obs": observed,
+            "_final_obs": ended,
+            "final_info": self._told(infos, ended),
+            "_final_info": ended,
+        }
+
+    def state(self) -> np.ndarray:
+        """Return the joint states, int64, shape (games, 2 robots + 1).
+
+        Every robot's cell, whether each has arrived, and which half of a time step it is.
+
+        Raises:
+            RunError: there is no episode yet.
+        """
+        games = self._games
+        if not self._begun:
+            raise RunError("the environment has no episodes yet; call reset first")
+        parts = (games.cells, games.arrived, games.half[:, None])
+        return np.concatenate(parts, axis=1, dtype=np.int64, casting="unsafe")
+
+
+def _only(rows: np.ndarray, which: np.ndarray) -> np.ndarray:
+    """Return a copy of some rows, and zeros in place of the others."""
+    found = np.zeros_like(rows)
+    found[which] = rows[which]
+    return found
