@@ -24,14 +24,17 @@ STARTS = {"starts": "mixed:0.7", "max_steps": 25, "horizon": 30}
 
 CASES = [
     ("env1", {"penalty": -100, "perception": "probability:0.7"}),
-    ("env1", {"perception": "line_of_sight", "conflict": "any_doorway"}),
+    ("env1", {"perception": "line_of_sight", "interactions": "together:any_doorway"}),
     ("pentagon", {"link": "lost:0.3", "move_success": 0.6}),
     ("crowd-3r", {"perception": "probability:0.6", "move_success": 0.8}),
     ("env2-4r", {"peers": "all", "perception": "range:6"}),
     ("crowd-8r", {"peers": "all", "link": "dead:20"}),
     ("crowd-8r", {"perception": "probability:0.9", "penalty": -3}),
+    ("env2-2r", {"interactions": "block:anywhere"}),
+    ("crowd-8r", {"interactions": "together:anywhere+swap"}),
+    ("env2-4r", {"interactions": "together+swap+block"}),
 ]
-"""Two, three, four and eight robots; percepts that fail for each kind of reason."""
+"""Two, three, four and eight robots; percepts that fail for each kind of reason; interactions."""
 
 
 class OneGame:

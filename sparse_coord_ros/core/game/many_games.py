@@ -21,6 +21,7 @@ from sparse_coord_ros.core.game.draws import (
     room_for_draws,
     seed_game,
 )
+from sparse_coord_ros.core.game.interactions import miscoordinate, settle
 from sparse_coord_ros.core.game.rules import (
     EPISODE_GAP,
     INDEX,
@@ -30,7 +31,6 @@ from sparse_coord_ros.core.game.rules import (
     episode_ends,
     individual_reward,
     led,
-    miscoordination,
     paid_for_ever,
     perceive,
     problem_of,
@@ -73,6 +73,7 @@ class Games(NamedTuple):
         half: whether it is the second half of a time step [i].
         ended: whether the episode has ended [i].
         cells: the cell of each robot [i][k].
+        before: the cell in which it began its last time step [i][k].
         arrived: whether it has reached its goal [i][k].
         chosen: what it chose in this time step, a move or COORDINATE [i][k].
         seen: the peers that it perceives, the sum of 2^j [i][k].
@@ -89,6 +90,7 @@ class Games(NamedTuple):
     half: Any
     ended: Any
     cells: Any
+    before: Any
     arrived: Any
     chosen: Any
     seen: Any
@@ -164,6 +166,7 @@ def room_for_games(
         half=np.zeros(games, dtype=np.bool_),
         ended=np.zeros(games, dtype=np.bool_),
         cells=np.zeros((games, team), dtype=INDEX),
+        before=np.zeros((games, team), dtype=INDEX),
         arrived=np.zeros((games, team), dtype=np.bool_),
         chosen=np.zeros((games, team), dtype=np.int64),
         seen=np.zeros((games, team), dtype=np.int64),
@@ -309,13 +312,17 @@ def move(games: Games, i: int, actions: Any, outcome: Outcome, infos: Infos) -> 
     problem = games.problem
     draws = draws_of_game(games.draws, i)
     step = int(games.step[i])
+    inter = problem.interactions
     cells = games.cells[i]
+    before = games.before[i]
     for k in games.members:
+        before[k] = cells[k]
         if not games.arrived[i, k]:
             cells[k] = led(
                 problem, draws, k, step, cells[k], actions[i, k] % PRIMITIVES
             )
-    conflict = miscoordination(problem, cells, games.members)
+    settle(inter, before, cells, games.members)
+    conflict = miscoordinate(inter, before, cells, games.members)
     over = True
     for k in games.members:
         acts = not games.arrived[i, k]
