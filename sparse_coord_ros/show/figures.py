@@ -5,6 +5,7 @@
 import html
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
+from textwrap import fill
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -37,13 +38,33 @@ LEAST_FIGURE_WIDTH = 4.0
 CURVE = (2.75, 2.5)
 """Width and height of a panel with a curve, in inches."""
 
+LEAST_PANEL_WIDTH = 2.8
+"""Inches of the narrowest panel with a map."""
+
 POLICY_MAP = 3.4
 SHADED_MAP = 2.8
 SMALLEST_FIGURE_CELL = 0.3
 """Inches of the longer side of a small map, and of a cell of a large one."""
 
-SCALE_WIDTH = 0.8
-"""Inches of a scale of colours with its label, beside a map."""
+SCALE_SIZE = 0.8
+"""Inches that a scale of colours takes with its label, beside a map or below it."""
+
+SCALE_THICKNESS = 0.1
+LONGEST_SCALE = 2.8
+"""Inches of the scale itself."""
+
+WIDE_MAP = 1.8
+"""How many times as wide as high a map is at least that has its scale below."""
+
+TITLE_SIZE = 10
+SMALL_TITLE_SIZE = 8
+"""Points of the titles of maps."""
+
+LETTERS = 120
+"""Letters in an inch of a text of one point; of larger letters as many less."""
+
+HIGHEST_RATIO = 2.0
+"""How many times as high as the lowest panel of a line the highest one may be."""
 
 MOST_POINTS = 1000
 """Points of a curve; of longer ones some are left out, evenly."""
@@ -240,7 +261,7 @@ def _lines(groups: Iterable[list[Panel]], width: float) -> list[list[Panel]]:
     """
     lines: list[list[Panel]] = []
     for group in groups:
-        if lines and _width([*lines[-1], *group]) <= width:
+        if lines and _go_together([*lines[-1], *group], width):
             lines[-1] += group
         elif _width(group) <= width:
             lines.append(list(group))
@@ -253,6 +274,12 @@ def _lines(groups: Iterable[list[Panel]], width: float) -> list[list[Panel]]:
     return lines
 
 
+def _go_together(panels: Sequence[Panel], width: float) -> bool:
+    """Return whether panels fit in a line of a width, and are of similar heights."""
+    heights = [panel.height for panel in panels]
+    return _width(panels) <= width and max(heights) <= HIGHEST_RATIO * min(heights)
+
+
 def _width(line: Iterable[Panel]) -> float:
     return sum(panel.width for panel in line)
 
@@ -263,9 +290,28 @@ def _width(line: Iterable[Panel]) -> float:
 def _map_panel(
     shown: OpenedRun, longest: float, draw: Callable[[Axes], None], below: float = 0.0
 ) -> Panel:
+    _, height = _map_size(shown, longest)
+    return Panel(_panel_width(shown, longest), height + 0.6 + below, draw)
+
+
+def _panel_width(shown: OpenedRun, longest: float) -> float:
+    width, _ = _map_size(shown, longest)
+    return max(LEAST_PANEL_WIDTH, width + 0.3)
+
+
+def _put_title(
+    shown: OpenedRun, longest: float, title: str, points: int, axes: Axes
+) -> None:
+    """Set the title of a map, in lines that are no longer than its panel is wide."""
+    letters = int(_panel_width(shown, longest) * LETTERS / points)
+    axes.set_title(fill(title, letters), fontsize=points)
+
+
+def _map_size(shown: OpenedRun, longest: float) -> tuple[float, float]:
+    """Return width and height of a map, in inches, whose longer side has about a length."""
     rows, columns = shown.config.scenario.map.shape
     cell = max(SMALLEST_FIGURE_CELL, longest / max(rows, columns))
-    return Panel(max(2.8, columns * cell + 0.3), rows * cell + 0.6 + below, draw)
+    return columns * cell, rows * cell
 
 
 def _names(shown: OpenedRun) -> list[str]:
@@ -318,7 +364,7 @@ def _draw_policy(
             ring = Circle((x[cell], y[cell]), 0.25, fill=False, linewidth=1.8, zorder=4)
             ring.set(edgecolor=colour, linestyle=LINES[place % 2], alpha=alpha[cell])
             axes.add_patch(ring)
-    axes.set_title(title, fontsize=10)
+    _put_title(shown, POLICY_MAP, title, TITLE_SIZE, axes)
     if key:
         _policy_key(shown, robots if len(robots) > 1 else (), axes)
 
@@ -357,7 +403,8 @@ def _shaded(
 ) -> Iterator[Panel]:
     """Yield a map for each row of values, shape (maps, cells), that shade its cells.
 
-    All have one scale, from 0 to `most`, which stands beside the last of them.
+    All have one scale, from 0 to `most`, which stands beside the last of them; below it if the
+    map is much wider than high.
     """
     norm = Normalize(0, most or 1.0)
     for own, title in zip(values, titles, strict=True):
@@ -366,7 +413,17 @@ def _shaded(
             _draw_shades, shown, f"{label}: {title}", np.asarray(norm(own)), norm, bar
         )
         panel = _map_panel(shown, SHADED_MAP, draw)
-        yield panel._replace(width=panel.width + SCALE_WIDTH) if bar else panel
+        if bar and _is_wide(shown):
+            yield panel._replace(height=panel.height + SCALE_SIZE)
+        elif bar:
+            yield panel._replace(width=panel.width + SCALE_SIZE)
+        else:
+            yield panel
+
+
+def _is_wide(shown: OpenedRun) -> bool:
+    rows, columns = shown.config.scenario.map.shape
+    return bool(columns >= WIDE_MAP * rows)
 
 
 def _draw_shades(
@@ -378,11 +435,38 @@ def _draw_shades(
     axes: Axes,
 ) -> None:
     draw_map(axes, shown.config.scenario, dark, label_height=0.2)
-    axes.set_title(title, fontsize=8)
+    _put_title(shown, SHADED_MAP, title, SMALL_TITLE_SIZE, axes)
     if bar:
-        axes.set_anchor("W")
-        beside = axes.inset_axes((1.03, 0.0, 0.035, 1.0))
-        axes.figure.colorbar(ScalarMappable(norm, COLOUR_MAP), cax=beside, label=bar)
+        size = _map_size(shown, SHADED_MAP)
+        _draw_scale(axes, norm, bar, size, below=_is_wide(shown))
+
+
+def _draw_scale(
+    axes: Axes,
+    norm: Normalize,
+    label: str,
+    size: tuple[float, float],
+    *,
+    below: bool,
+) -> None:
+    """Draw a scale of colours below a map, or beside it; `size` is the map's, in inches."""
+    width, height = size
+    thick = SCALE_THICKNESS
+    if below:
+        share = min(1.0, LONGEST_SCALE / width)
+        place = (0.5 - share / 2, -2 * thick / height, share, thick / height)
+    else:
+        share = min(1.0, LONGEST_SCALE / height)
+        place = (1.0 + thick / width, 0.5 - share / 2, thick / width, share)
+        # the map in the middle of what the scale leaves of the panel
+        rest = max(0.3, LEAST_PANEL_WIDTH - width)
+        axes.set_anchor((rest / 2 / (rest + SCALE_SIZE), 0.5))
+    axes.figure.colorbar(
+        ScalarMappable(norm, COLOUR_MAP),
+        cax=axes.inset_axes(place),
+        label=label,
+        orientation="horizontal" if below else "vertical",
+    )
 
 
 def _asked_by_cell(shown: OpenedRun) -> np.ndarray:

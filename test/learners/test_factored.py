@@ -533,7 +533,7 @@ def test_there_are_no_more_tried_moves_than_moves():
     memory = Agent(Factored(), problem, 0, 0).memory()
     moves = memory["moved"].size
     memory["updates"][:, :4] = 1
-    whole = memory | {"tried": np.arange(moves), "used": np.array([moves])}
+    whole = memory | {"tried": np.arange(moves)[::-1], "used": np.array([moves])}
     check_memory(problem, Factored(), 0, whole)
     with pytest.raises(TablesError, match="used"):
         check_memory(problem, Factored(), 0, whole | {"used": np.array([moves + 1])})

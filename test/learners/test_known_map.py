@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from teams import drawn
 
-from sparse_coord_ros.base.errors import SettingError
+from sparse_coord_ros.base.errors import SettingError, TablesError
 from sparse_coord_ros.core.engine.batch import run_batch
 from sparse_coord_ros.core.engine.improve import learned_scenario
 from sparse_coord_ros.core.game.actions import COORDINATE, PRIMITIVES
@@ -135,6 +135,37 @@ def test_learners_that_need_the_map_have_it_and_refuse_none(learner):
 def test_initial_values_have_no_meaning_beside_the_map(name):
     with pytest.raises(SettingError, match=f"setting {name}: value is 50"):
         load_scenario("env1").with_settings({"prior": "map", name: 50})
+
+
+def test_a_success_of_the_prior_has_no_meaning_without_the_map():
+    chosen = load_scenario("env1").with_settings({"prior_success": 0.9})
+    for name in ("coop", "noncoop", "indiv", "factored"):
+        rule = learner_of(name)
+        with pytest.raises(SettingError, match="prior_success: value is 0.9"):
+            rule.check(rule.with_defaults(chosen))
+        rule.check(rule.with_defaults(chosen.with_settings({"prior": "map"})))
+    for name in ("cq", "joint"):  # they know the map
+        rule = learner_of(name)
+        scenario = rule.with_defaults(chosen)
+        rule.check(scenario)
+        assert (scenario.prior, scenario.known_success) == ("map", 0.9)
+
+
+@pytest.mark.parametrize("steps", [0, 300])
+def test_tables_of_another_prior_are_refused_by_the_names_of_both(steps):
+    rule = learner_of("factored")
+    of = {
+        prior: load_scenario("env1").with_settings({"prior": prior, "steps": 300})
+        for prior in ("none", "map")
+    }
+    for prior, other in (("none", "map"), ("map", "none")):
+        run = LearningRun(Team(of[prior], rule, compiled=False), 1)
+        run.advance(steps)
+        memory = run.memories[0]
+        check_memory(of[prior], rule, 0, memory)
+        words = f"prior={prior}, this scenario has prior={other}; set prior={prior}"
+        with pytest.raises(TablesError, match=words):
+            check_memory(of[other], rule, 0, memory)
 
 
 def test_replays_grow_with_the_map():

@@ -10,6 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from made_up_results import PLAN, made_up
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.patches import Circle
 from matplotlib.quiver import Quiver
 
@@ -88,6 +89,57 @@ def test_the_panels_fill_the_canvas(trained):
             left = min(box.x0 for box in boxes)
             right = 1.0 - max(box.x1 for box in boxes)
             assert left < 0.25 and right < 0.25, (whats, left, right)
+
+
+SHAPES = {
+    "wide": ("factored", [".....#.....", ".....D.....", ".....#....."]),
+    "very wide": ("coop", ["." * 20 + sign + "." * 19 for sign in "#D#"]),
+    "tall": ("coop", [*["..."] * 5, "#D#", *["..."] * 5]),
+    "very tall": ("factored", [*["..."] * 20, "#D#", *["..."] * 19]),
+}
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_nothing_overlaps_on_wide_and_tall_maps(shape, tmp_path):
+    """Titles, labels, legends, maps, scales and curves of the whole figure."""
+    learner, rows = SHAPES[shape]
+    ends = [(0, 0), (len(rows) - 1, len(rows[0]) - 1)]
+    scenario = {
+        "map": {"name": "shape", "text": "title: shape\n---\n" + "\n".join(rows)},
+        "robots": {
+            "robot_1": {"start": [*ends[0]], "goal": [*ends[1]]},
+            "robot_2": {"start": [*ends[1]], "goal": [*ends[0]]},
+        },
+    }
+    file = tmp_path / f"a-building-whose-name-is-long-{len(rows)}.yaml"
+    file.write_text(json.dumps(scenario))
+    run = tmp_path / "run"
+    settings = ["--steps", "300", "--learner", learner, "--out", str(run)]
+    assert main(["train", str(file), *settings]) == 0
+    shown = open_run(run)
+    figure = figures.runs_figure([shown], figures.available(shown))
+    FigureCanvasAgg(figure).draw()
+    boxes = []
+    for axes in all_axes(figure):
+        drawn = [axes, *axes.child_axes]
+        boxes += [one.bbox for one in drawn]
+        boxes += [axes.title.get_window_extent()] * bool(axes.get_title())
+        for one in drawn:
+            for axis in (one.xaxis, one.yaxis):
+                texts = [axis.label, *axis.get_ticklabels()]
+                box = axis.get_tightbbox() if any(t.get_text() for t in texts) else None
+                boxes += [] if box is None else [box]
+        legend = axes.get_legend()
+        if legend is not None and not axes.lines:  # of a map, below it
+            boxes.append(legend.get_window_extent())
+    whole = figure.bbox.padded(1)
+    for k, one in enumerate(boxes):
+        assert whole.x0 <= one.x0 <= one.x1 <= whole.x1
+        assert whole.y0 <= one.y0 <= one.y1 <= whole.y1
+        for other in boxes[:k]:
+            wide = min(one.x1, other.x1) - max(one.x0, other.x0)
+            high = min(one.y1, other.y1) - max(one.y0, other.y0)
+            assert min(wide, high) < 2.0  # pixels
 
 
 def test_coordination_is_drawn_by_miscoordinations_and_questions(trained):

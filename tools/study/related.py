@@ -29,10 +29,10 @@ TRIALS = 200
 """Seeds that no search has seen."""
 
 LEARNERS: Mapping[str, tuple[str, ...]] = {
-    "indiv": ("agent", "algorithm"),
-    "noncoop": ("agent", "algorithm"),
-    "coop": ("agent", "algorithm"),
-    "factored": ("factored", "factors"),
+    "indiv": ("baselines",),
+    "noncoop": ("baselines",),
+    "coop": ("coop",),
+    "factored": ("factored",),
     "cq": ("cq", "lone"),
     "joint": ("joint", "lone"),
 }

@@ -26,7 +26,7 @@ from sparse_coord_ros.core.learners import rules
 from sparse_coord_ros.core.learners.learner import Learner
 from sparse_coord_ros.core.learners.mind import Memory, as_lists, memory_of
 from sparse_coord_ros.core.learners.policy import choose, choose_move
-from sparse_coord_ros.core.learners.rules import NOT_PERCEIVED, Transition
+from sparse_coord_ros.core.learners.rules import NOT_PERCEIVED, Task, Transition
 from sparse_coord_ros.core.learners.tables import Tables
 
 NOBODY = -1
@@ -89,6 +89,7 @@ DOING = {
     "decide": "deciding",
     "act": "acting",
     "values_asking": "acting",
+    "move_if_it_waits": "acting",
     "learn": "learning",
 }
 """What a learner does in the methods of an agent."""
@@ -193,19 +194,38 @@ class Agent:
         """
         if decision.action != COORDINATE:
             return Action(decision.action, False, NOBODY, False)
-        seen, cells = self._percept(cell, decision.peers, perceived)
-        move = choose_move(
-            self.mind,
-            self.task,
-            cell,
-            seen,
-            cells,
-            self.epsilon(step),
-            self._draws,
-            step,
-            self._values,
-        )
+        move = self._move(self.task, step, cell, decision.peers, perceived)
         return action_of(decision, move, perceived=perceived is not None)
+
+    def move_if_it_waits(
+        self, step: int, cell: int, perceived: tuple[int, ...] | None
+    ) -> int:
+        """Return the move that COORDINATE becomes if the robot does not leave a stand-off.
+
+        `act` returns another one just where it leaves one.
+
+        Args:
+            step: t.
+            cell: X_k(t).
+            perceived: as of `values_asking`.
+        """
+        waiting = self.task._replace(leaving=0.0)
+        return self._move(waiting, step, cell, self._seen(perceived), perceived)
+
+    def _move(
+        self,
+        task: Task,
+        step: int,
+        cell: int,
+        peers: tuple[int, ...],
+        perceived: tuple[int, ...] | None,
+    ) -> int:
+        """Return the move that COORDINATE becomes; arguments as of `act`."""
+        seen, cells = self._percept(cell, peers, perceived)
+        epsilon = self.epsilon(step)
+        return choose_move(
+            self.mind, task, cell, seen, cells, epsilon, self._draws, step, self._values
+        )
 
     def learn(self, step: int, choice: Choice, reward: Reward, next_cell: int) -> None:
         """Learn from a transition (Algorithm 1, lines 12 to 18).
@@ -263,8 +283,7 @@ class Agent:
             perceived: the local states of the asked peers, in their order (of one peer of several
                 it does not matter which it is); None where ActivePercept is FALSE.
         """
-        peers = () if perceived is None else self.peers[: len(perceived)]
-        seen, cells = self._percept(cell, peers, perceived)
+        seen, cells = self._percept(cell, self._seen(perceived), perceived)
         rules.asking_values(self.mind, self.task, cell, seen, cells, self._values)
         return list(self._values)
 
@@ -285,6 +304,10 @@ class Agent:
     def go_on_from(self, memory: Memory) -> None:
         """Go on with what another agent of the same run has learned; the memory is checked."""
         self.mind = as_lists(self._initial, memory)
+
+    def _seen(self, perceived: tuple[int, ...] | None) -> tuple[int, ...]:
+        """Return peers that are in these cells, as of `values_asking`."""
+        return () if perceived is None else self.peers[: len(perceived)]
 
     def _percept(
         self, cell: int, peers: tuple[int, ...], perceived: tuple[int, ...] | None

@@ -174,8 +174,14 @@ class Factored(Learner):
         return np.bincount(states_of(keys, cells, robots)[:, 0], minlength=cells)
 
     def check_memory(self, scenario: Scenario, robot: int, memory: Memory) -> None:
-        """Check where moves led and how often, where r^C was felt, and the last question."""
+        """Check the prior, where moves led and how often, r^C, and the last question."""
         cells = len(scenario.map.cells)
+        prior = prior_of(memory)
+        if prior != scenario.prior:
+            raise ValueError(
+                f"learned with prior={prior}, this scenario has prior={scenario.prior}; set "
+                f"prior={prior}"
+            )
         felt = self.weights(scenario).common * scenario.penalties[robot]
         if not np.isin(memory["door"], [0.0, felt]).all():
             raise ValueError(f"door has an r^C that is neither 0 nor {felt:g}")
@@ -399,6 +405,15 @@ class Factored(Learner):
             else:
                 plan_move(mind, task, x, pair % PRIMITIVES)
             refresh(mind, task, x)
+
+
+def prior_of(memory: Memory) -> str:
+    """Return the setting `prior` of the run in which a robot learned its memory.
+
+    A robot that knows its map counts all moves as tried from the beginning, in their order.
+    """
+    tried = memory["tried"]
+    return "map" if np.array_equal(tried, np.arange(len(tried))) else "none"
 
 
 def _check_last(last: np.ndarray, robot: int, cells: int) -> None:

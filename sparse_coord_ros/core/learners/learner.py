@@ -330,6 +330,13 @@ class Learner:
                 f"setting prior: value is {scenario.prior!r}, allowed with learner {self.label}: "
                 "map, as it begins with the values of robots alone; leave prior out"
             )
+        success = scenario.prior_success
+        if scenario.prior == "none" and success != SETTINGS["prior_success"].default:
+            raise SettingError(
+                f"setting prior_success: value is {success:g}, allowed with prior=none: 0, "
+                "as robots know nothing of their map then; set prior=map, or leave "
+                "prior_success out"
+            )
 
     def check_memory(self, scenario: Scenario, robot: int, memory: Memory) -> None:
         """Raise `ValueError` unless a robot (from 0) can have learned that.

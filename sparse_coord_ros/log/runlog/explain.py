@@ -14,7 +14,7 @@ from sparse_coord_ros.core.learners.rules import NOT_PERCEIVED
 from sparse_coord_ros.core.runs.run_config import RunConfig
 from sparse_coord_ros.log.runlog.agents import first_memory
 from sparse_coord_ros.log.runlog.dialogue import Request
-from sparse_coord_ros.log.runlog.log import RunLog
+from sparse_coord_ros.log.runlog.log import NONE, RunLog
 from sparse_coord_ros.log.runlog.percepts import percept_end
 from sparse_coord_ros.log.runlog.replay import (
     Replay,
@@ -60,6 +60,8 @@ class Coordination(NamedTuple):
             failed percept of Q* at its cell; empty where they cannot be computed: the robot
             publishes nothing that it learns, the learner's code may not be imported, or the
             tables are lost.
+        waiting_move: the move that these values say, where the robot left a stand-off instead;
+            None: it left none, or that is not known.
         update: the update from it; None where there was none (left out, or the log ends).
         agrees: whether the agent chooses the logged action.
         doubt: why the robot may have had other values; None: it had these.
@@ -74,6 +76,7 @@ class Coordination(NamedTuple):
     perceived: tuple[int, ...] | None
     move: int
     q_values: tuple[float, ...] = ()
+    waiting_move: int | None = None
     update: Update | None = None
     agrees: bool = True
     doubt: str | None = None
@@ -151,6 +154,7 @@ def _replayed(
     perceived = one.perceived
     agrees = replay.advance(place)
     values = tuple(agent.values_asking(cell, perceived)[:PRIMITIVES])
+    waiting_move = agent.move_if_it_waits(one.step, cell, perceived)
     entries: list[tuple[int, ...]] = [(cell, COORDINATE)]
     entries += [] if perceived is None else [(cell, *perceived, one.move)]
 
@@ -172,15 +176,18 @@ def _replayed(
     if not agrees or not replay.advance(place + 1):
         move = one.move if replay.other is None else replay.other.move
         return one._replace(move=move, q_values=values, agrees=False)
+    one = one._replace(q_values=values)
+    if waiting_move != one.move:
+        one = one._replace(waiting_move=waiting_move)
     if not trajectory.learned[place]:
-        return one._replace(q_values=values)
+        return one
     after, rho_after = learned()
     star, *coord = zip(entries, before, after, strict=True)
     corrections = tuple((*who, rho[who], value) for who, value in rho_after.items())
     reward = float(log.reward[trajectory.row[place], one.robot, -1])
     led = int(trajectory.next_cell[place])
     update = Update(led, reward, star, coord[0] if coord else None, corrections)
-    return one._replace(q_values=values, update=update)
+    return one._replace(update=update)
 
 
 def cell_in_words(run: RunConfig, cell: int | None) -> str:
@@ -196,8 +203,53 @@ def choice_in_words(run: RunConfig, robot: int, cell: int | None) -> str:
     return f"{run.scenario.robots[robot].name} in {cell_in_words(run, cell)} chooses COORDINATE"
 
 
+def leaving_in_words(run: RunConfig) -> str:
+    """Return why a robot does not make the move that its values say, as it left a stand-off."""
+    chance, _ = run.scenario.stand_off.numbers
+    leaves = f"leaves at random (probability {chance:g})"
+    if isinstance(run.known_rule, Factored):
+        return f"asked twice in a row, saw that no robot moved, and {leaves}"
+    return f"stands off, and {leaves}"
+
+
+MAY_HAVE_LEFT = (
+    "may have left at random: asked twice in a row, and saw that no robot moved"
+)
+"""Of a move whose values are not known."""
+
+
+def may_have_left(
+    run: RunConfig,
+    robot: int,
+    cells: Sequence[Sequence[int | None]],
+    answered: Sequence[bool],
+    move: int,
+) -> bool:
+    """Return whether a robot's move may be how it left a stand-off, its values being unknown.
+
+    Args:
+        run: the run.
+        robot: the robot's number.
+        cells: of all robots, in the time step before and in that of the move.
+        answered: whether it asked and was answered, in both.
+        move: the primitive action.
+    """
+    before, now = cells
+    stood = None not in now and all(
+        was == at for was, at in zip(before, now, strict=True)
+    )
+    if run.scenario.stand_off.kind == "wait" or not all(answered) or not stood:
+        return False
+    cell = now[robot]
+    return bool(run.scenario.map.next_cell[cell, move] != cell)
+
+
 def move_in_words(
-    run: RunConfig, cell: int | None, perceived: Sequence[int] | None, move: int
+    run: RunConfig,
+    cell: int | None,
+    perceived: Sequence[int] | None,
+    move: int,
+    waiting_move: int | None = None,
 ) -> str:
     """Return the move that COORDINATE became, and the row of the tables that decided.
 
@@ -206,6 +258,7 @@ def move_in_words(
         cell: the robot's cell; None: the cell, or its tables, are unknown.
         perceived: the cells of the peers that it perceived; None: the percept failed.
         move: the primitive action.
+        waiting_move: the move that the row says, if the robot left a stand-off; else None.
     """
     if cell is None:
         return f"goes {ACTIONS[move]}"
@@ -214,6 +267,9 @@ def move_in_words(
         row = f"Q^C[{', '.join(map(str, (cell, *perceived)))}]"
     elif isinstance(run.known_rule, Factored):
         row = f"U + rho[{cell}; failed percept]"
+    if waiting_move is not None:
+        by_row = f"by {row} it would go {ACTIONS[waiting_move]}"
+        return f"goes {ACTIONS[move]}, though {by_row}"
     return f"goes {ACTIONS[move]} by {row}"
 
 
@@ -243,7 +299,12 @@ def in_words(log: RunLog, one: Coordination) -> Iterator[str]:
     else:
         yield f"  perceives nothing ({one.outcome})"
     of_ours = None if log.why_not_computed(one.robot) else one.cell
-    moves = move_in_words(run, of_ours, one.perceived, one.move)
+    moves = move_in_words(run, of_ours, one.perceived, one.move, one.waiting_move)
+    if one.waiting_move is not None:
+        yield f"  {leaving_in_words(run)}"
+    if not one.q_values and _may_have_left(log, one):
+        yield f"  {MAY_HAVE_LEFT}"
+        moves = move_in_words(run, None, one.perceived, one.move)
     if not one.q_values:
         yield f"  {moves}" + ("" if one.doubt is None else f"; {one.doubt}")
         return
@@ -251,6 +312,18 @@ def in_words(log: RunLog, one: Coordination) -> Iterator[str]:
     if not one.agrees:
         yield "  (the log says another action; see 'sparse_coord verify')"
     yield from _learned(log, one)
+
+
+def _may_have_left(log: RunLog, one: Coordination) -> bool:
+    """Return as `may_have_left`."""
+    row = log.row_of[one.step]
+    if row == 0 or log.step[row - 1] != one.step - 1:
+        return False
+    rows = [row - 1, row]
+    cells = log.cells[rows].tolist()
+    answered = (log.asked & log.perceived)[rows, one.robot].tolist()
+    is_known = NONE not in cells[1]
+    return is_known and may_have_left(log.run, one.robot, cells, answered, one.move)
 
 
 def _answer(log: RunLog, one: Coordination, request: Request) -> str:

@@ -42,6 +42,18 @@ class Asked(NamedTuple):
     perceived: tuple[int, ...] | None
 
 
+class Reason(NamedTuple):
+    """Why a robot that asked made its move.
+
+    Attributes:
+        values: of the four moves, as `explain` has them.
+        move: the move that they say; the robot made another one if it left a stand-off.
+    """
+
+    values: tuple[float, ...]
+    move: int
+
+
 class _Part(NamedTuple):
     """A part of a log that is learned again.
 
@@ -120,13 +132,13 @@ class Relearned:
         common = set.intersection(*map(set, self._log.table_steps()))
         return max((at for at in {*common, *self._kept} if at <= step), default=None)
 
-    def values(
+    def reasons(
         self,
         step: int,
         asked: Sequence[Asked],
         still: Callable[[], bool] = lambda: True,
-    ) -> list[tuple[float, ...]] | None:
-        """Return the values by which robots that ask at a time step choose their moves.
+    ) -> list[Reason] | None:
+        """Return why robots that ask at a time step made their moves.
 
         Args:
             step: the time step.
@@ -134,8 +146,8 @@ class Relearned:
             still: as of `tables`.
 
         Returns:
-            Of each question the values of the four moves, as `explain` has them; None where the
-            tables of that time step cannot be learned again.
+            Of each question the reason; None where the tables of that time step cannot be
+            learned again.
 
         Raises:
             BagError, TablesError: the log or its tables cannot be read.
@@ -145,10 +157,7 @@ class Relearned:
         agents = self._standing if self._log.run.greedy else self._agents(step, still)
         if any(one.robot not in agents for one in asked):
             return None
-        rows = [
-            agents[one.robot].values_asking(one.cell, one.perceived) for one in asked
-        ]
-        return [tuple(row[:PRIMITIVES]) for row in rows]
+        return [_reason(agents[one.robot], step, one) for one in asked]
 
     def _agents(self, step: int, still: Callable[[], bool]) -> dict[int, Agent]:
         """Return the robots' agents as they were at a time step; none where it is unknown."""
@@ -232,3 +241,10 @@ class Relearned:
         while len(self._kept) > max(2, MOST_BYTES // (2 * size)):
             del self._kept[next(iter(self._kept))]
         return saved
+
+
+def _reason(agent: Agent, step: int, asked: Asked) -> Reason:
+    """Return why an agent that asked made its move."""
+    values = agent.values_asking(asked.cell, asked.perceived)
+    move = agent.move_if_it_waits(step, asked.cell, asked.perceived)
+    return Reason(tuple(values[:PRIMITIVES]), move)

@@ -19,7 +19,7 @@ from sparse_coord_ros.log.bags.layout import being_recorded
 from sparse_coord_ros.log.runlog import explain
 from sparse_coord_ros.log.runlog.attached import RecordedTables
 from sparse_coord_ros.log.runlog.log import NONE, RunLog
-from sparse_coord_ros.log.runlog.relearned import Asked, Relearned
+from sparse_coord_ros.log.runlog.relearned import Asked, Reason, Relearned
 from sparse_coord_ros.log.runlog.window import LongLog
 from sparse_coord_ros.protocol.wire import COORDINATION_MAP
 from sparse_coord_ros.show.narrator import Narrator
@@ -128,9 +128,9 @@ class BagSource(controls.Controlled):
         scenario = self.run.scenario
         self._counts = Counts(len(scenario.robots), len(scenario.map.cells))
         self._questions: list[tuple[int, Asked]] = []
-        self._rows: dict[tuple[int, int], str] = {}
-        self._rows_known = 0
         self.history = blank_history(0, len(scenario.robots))
+        self._reasons: dict[tuple[int, int], Reason | None] = {}
+        self._reasons_known = 0
         self._stop = threading.Event()
         place = self.log.bag.path
         fields = messages.run_fields(self.run)
@@ -404,14 +404,14 @@ class BagSource(controls.Controlled):
     def _tell(self, log: RunLog, row: int) -> None:
         """Show the last questions up to a row, if they are not shown already.
 
-        Their details have the rows of the tables that decided, once these were learned again.
+        Their details have what decided, once the tables were learned again.
         """
         asking = np.flatnonzero(log.asked[: row + 1].any(axis=1))[
             -messages.MOST_ENTRIES :
         ]
         since = int(log.step[0]) if log.step[0] > self.first else None
         if not self._new(
-            "dialogue", (log.step[asking[-1:]].tolist(), since, self._rows_known)
+            "dialogue", (log.step[asking[-1:]].tolist(), since, self._reasons_known)
         ):
             return
         known = {k for k, at in enumerate(self.log.table_steps()) if at}
@@ -419,10 +419,21 @@ class BagSource(controls.Controlled):
         questions: list[tuple[int, Asked]] = []
         for place in asking.tolist():
             seen = logged_step(log, place)
-            rows = {
-                k: text for (step, k), text in self._rows.items() if step == seen.step
+            before = None
+            if place and log.step[place - 1] == seen.step - 1:
+                before = logged_step(log, place - 1)
+            reasons = {
+                k: reason
+                for (step, k), reason in self._reasons.items()
+                if step == seen.step and reason is not None
             }
-            told += messages.in_words(self.run, seen, known, self._narrator, rows)
+            rows = {
+                k: f": {explain.row_in_words(one.values)}" for k, one in reasons.items()
+            }
+            says = {k: one.move for k, one in reasons.items()}
+            told += messages.in_words(
+                self.run, before, seen, known, self._narrator, rows, says
+            )
             found = (messages.asked_of(seen, one) for one in questions_of(seen))
             questions += [(seen.step, one) for one in found if one is not None]
         self._questions = questions[-messages.MOST_ENTRIES :]
@@ -463,12 +474,12 @@ class BagSource(controls.Controlled):
         try:
             if not self._new("tables", steps or step):
                 if not following:
-                    self._find_rows(
+                    self._find_reasons(
                         0, step, lambda: still() and int(self.position) == step
                     )
                 return
             if not following:  # on the way to the time step
-                self._find_rows(self._relearned.begin(step), step, still)
+                self._find_reasons(self._relearned.begin(step), step, still)
             found = self._relearned.tables(step, still)
         except SparseCoordError as error:
             self.board.put("notice", text=f"damaged: {error}")
@@ -476,8 +487,8 @@ class BagSource(controls.Controlled):
         if still() or following:
             self.board.put("tables", robots=messages.table_fields(self.run, found))
 
-    def _find_rows(self, first: int, last: int, still: Callable[[], bool]) -> None:
-        """Find the rows of the tables that decided after the questions that are shown.
+    def _find_reasons(self, first: int, last: int, still: Callable[[], bool]) -> None:
+        """Find what decided after the questions that are shown.
 
         Args:
             first: of which time step on.
@@ -486,19 +497,19 @@ class BagSource(controls.Controlled):
         """
         shown = self._questions
         keys = {(step, one.robot) for step, one in shown}
-        rows = {key: row for key, row in self._rows.items() if key in keys}
+        reasons = {key: one for key, one in self._reasons.items() if key in keys}
         for step, group in groupby(shown, key=lambda question: question[0]):
-            asked = [one for _, one in group if (step, one.robot) not in rows]
+            asked = [one for _, one in group if (step, one.robot) not in reasons]
             if not asked or not first <= step <= last:
                 continue
-            found = self._relearned.values(step, asked, still)
+            found = self._relearned.reasons(step, asked, still)
             if not still():
                 break
-            for one, row in zip(asked, found or [()] * len(asked), strict=True):
-                rows[step, one.robot] = f": {explain.row_in_words(row)}" if row else ""
-        if rows != self._rows:
-            self._rows = rows
-            self._rows_known += 1
+            for place, one in enumerate(asked):
+                reasons[step, one.robot] = None if found is None else found[place]
+        if reasons != self._reasons:
+            self._reasons = reasons
+            self._reasons_known += 1
 
     def read_through(self) -> None:
         """Compute the learning curves from the log, stretch by stretch, and go on as it grows."""

@@ -24,7 +24,12 @@ from sparse_coord_ros.core.runs.tables import save_team
 from sparse_coord_ros.core.solve.shipped import yardsticks
 from sparse_coord_ros.log.bags.reader import bag_files
 from sparse_coord_ros.log.runlog import read_run
-from sparse_coord_ros.log.runlog.explain import explained, in_words
+from sparse_coord_ros.log.runlog.explain import (
+    MAY_HAVE_LEFT,
+    coordinations,
+    explained,
+    in_words,
+)
 from sparse_coord_ros.log.runlog.window import LongLog
 from sparse_coord_ros.protocol.wire.occupancy import OccupancyData
 from sparse_coord_ros.show.narrator import Narrator
@@ -120,6 +125,11 @@ TEAMS = {
         {"learner": "factored"},
     ),
     "all peers": ("crowd-3r", {"steps": 300, "peers": "all"}, {"learner": "factored"}),
+    "leaving": (
+        "env1",
+        {"steps": 300, "penalty": -100, "stand_off": "leave:1:0.9"},
+        {"learner": "factored"},
+    ),
 }
 
 
@@ -145,7 +155,7 @@ def test_details_have_the_row_that_decided(team, record):
         player.source.learn()
     player.source.tick()
     newest = player.board.get("dialogue")["entries"][-1]
-    assert newest["step"] > again and ": north " in newest["lines"][2]
+    assert newest["step"] > again and ": north " in moves_told(newest["lines"])[-1]
     player.source.learn()
     player.source.tick()
     check_rows(player, log)
@@ -158,8 +168,42 @@ def check_rows(player, log):
     assert len(entries) > 3
     for entry in entries:
         due = in_words(log, *explained(log, entry["robot"], [entry["step"]]))
-        [moved] = [line.strip() for line in due if line.startswith("  goes ")]
-        assert entry["lines"][2] == moved and ": north " in moved
+        moved = moves_told(due)
+        assert moves_told(entry["lines"]) == moved and ": north " in moved[-1]
+
+
+def moves_told(lines):
+    """Return the lines of a question that say what the robot did, and why."""
+    begins = ("goes ", "asked twice ", "may have left ")
+    return [line.strip() for line in lines if line.strip().startswith(begins)]
+
+
+def test_the_page_says_where_a_robot_left_a_stand_off(record):
+    name, settings, values = TEAMS["leaving"]
+    bag = record(name, settings=settings, values={"checkpoint": 100, **values}).bag
+    log = read_run(bag)
+    left = [
+        one
+        for robot in range(2)
+        for one in explained(log, robot, coordinations(log, robot))
+        if one.waiting_move is not None
+    ]
+    assert left
+    player = Player(bag)
+    for one in left:
+        player.do(SEEK, one.step)
+        entries = player.board.get("dialogue")["entries"]
+        newest = [entry for entry in entries if entry["robot"] == one.robot][-1]
+        assert newest["step"] == one.step
+        assert moves_told(newest["lines"])[0] == MAY_HAVE_LEFT
+        for _ in range(2):
+            player.source.learn()
+        player.source.tick()
+        entries = player.board.get("dialogue")["entries"]
+        newest = [entry for entry in entries if entry["robot"] == one.robot][-1]
+        assert moves_told(newest["lines"]) == moves_told(in_words(log, one))
+        assert moves_told(newest["lines"])[0].startswith("asked twice in a row")
+    player.source.log.bag.close()
 
 
 def test_a_run_in_which_nobody_learns_has_its_rows_too(record, tmp_path):

@@ -12,6 +12,7 @@ from sparse_coord_ros.core.game.world import Action, Reward, StepOutcome
 from sparse_coord_ros.core.runs.history import History, HistoryRecorder, blank_history
 from sparse_coord_ros.core.runs.run import TeamTransition
 from sparse_coord_ros.core.runs.run_config import make_run
+from sparse_coord_ros.log.runlog import explain
 from sparse_coord_ros.show.page import messages
 from sparse_coord_ros.show.page.live_source import LiveView
 from sparse_coord_ros.show.page.message_board import MessageBoard
@@ -43,6 +44,26 @@ def test_the_newest_questions_are_told_once(view):
         view.show(transitions=step, episode=0, rate=1.0)  # the same transition
     told = [entry["step"] for entry in view.board.get("dialogue")["entries"]]
     assert told == list(range(50 - messages.MOST_ENTRIES, 50))
+
+
+def test_a_live_robot_may_have_left_a_stand_off():
+    """Its newest tables are not those by which it moved: the page does not say which it was."""
+    scenario = load_scenario("env1").with_settings({"stand_off": "leave:0.5:0.25"})
+    run = make_run(scenario, {"learner": "factored"})
+    view = LiveView(run, MessageBoard(), source="live", title="", controls=())
+    leads = scenario.map.next_cell[3]
+    away = int(np.flatnonzero(leads != 3)[0])
+    asks = (Action(away, True, 1, True), Action(1, False, -1, False))
+    for step, cells in ((4, (3, 4)), (5, (3, 4)), (6, (3, 5)), (9, (3, 5))):
+        view.take(TeamTransition(step, cells, asks, cells, False))
+        view.show(transitions=step, episode=0)
+    doubtful = [
+        explain.MAY_HAVE_LEFT in entry["lines"]
+        for entry in view.board.get("dialogue")["entries"]
+    ]
+    assert doubtful == [False, True, False, False]
+    moves = [entry["lines"][-1] for entry in view.board.get("dialogue")["entries"]]
+    assert [" by Q^C" in move for move in moves] == [True, False, True, True]
 
 
 def test_a_trail_is_of_one_episode_and_leads_from_cell_to_cell(view):
