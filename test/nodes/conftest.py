@@ -54,6 +54,9 @@ UDP_ONLY = """\
   <data_writer profile_name="prompt" is_default_profile="true">
     <times><heartbeatPeriod><nanosec>50000000</nanosec></heartbeatPeriod></times>
   </data_writer>
+  <data_reader profile_name="unlimited" is_default_profile="true">
+    <topic><resourceLimitsQos><max_samples>0</max_samples></resourceLimitsQos></topic>
+  </data_reader>
 </profiles>
 """
 """Fast DDS without shared memory, which a killed process would leave behind.

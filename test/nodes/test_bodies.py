@@ -17,6 +17,8 @@ from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from nav_msgs.msg import Odometry
 from patience import PATIENCE_SECONDS
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
 from sparse_coord_ros.base.errors import RunError, SettingError
@@ -445,6 +447,38 @@ def test_deactivated_a_body_stands_and_activated_it_goes_on(bench, tmp_path):
     bench.spin_until(
         lambda: world.lockstep.world.transitions > before + 2, "it goes on"
     )
+
+
+def test_a_body_that_is_there_already_is_reported_when_the_world_hears_it(bench):
+    """A report is said once. One that is said before would leave the world waiting for ever."""
+    world = bench.world(bodies=True)
+    values = {"robot": "robot_1"}
+    driver = puppet(DriverNode)(context=bench.place()[0], values=values)
+    observer = bench.observer()
+    observer.listen(Twist, "robot_1/cmd_vel")
+    heard = observer.listen(JointState, "robot_1/reached")
+    convert = Converter(world.run)
+    goals = Goals(1, 1, True, 0.0, (BodyGoal(0, 0, 0),))
+    pose = PoseStamped()
+    pose.header.frame_id = "map"
+    pose.header.stamp.sec = 1
+    x, y = convert.centres[0]
+    pose.pose.position.x = x
+    pose.pose.position.y = y
+    pose.pose.orientation.w = 1.0
+    run = observer.listen(String, "run", latched=True)
+    bench.spin_until(lambda: run, "the run is announced")
+    driver.hear("run", run[0])
+    driver.tick()
+    driver.hear("goals", convert.goals_message(goals))
+    driver.hear("robot_1/pose", pose)
+
+    def reported():
+        driver.tick()
+        return heard
+
+    bench.spin_until(reported, "it is reported", seconds=20.0)
+    driver.destroy_node()
 
 
 def test_a_driver_that_somebody_manages_waits_for_its_activation(bench):

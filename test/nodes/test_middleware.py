@@ -7,6 +7,9 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
+from sparse_coord_ros.base.share import share_folder
 from sparse_coord_ros.ros.nodes.environment import PROFILES, one_host, repair_promptly
 
 PUBLISH = """
@@ -20,6 +23,35 @@ node = rclpy.create_node("speaker")
 node.create_publisher(String, "words", 10)
 node.destroy_node()
 rclpy.shutdown()
+"""
+
+LATE_READER = """
+import time
+
+from rclpy.node import Node
+from std_msgs.msg import Int32
+from sparse_coord_ros.ros.nodes.ros_topics import STEP_QOS
+from sparse_coord_ros.ros.nodes.spin import make_executor, ros_context
+
+with ros_context() as context:
+    executor = make_executor("single", context)
+    speaker = Node("speaker", context=context)
+    publisher = speaker.create_publisher(Int32, "numbers", STEP_QOS)
+    for number in range({before}):
+        publisher.publish(Int32(data=number))
+    listener = Node("listener", context=context)
+    executor.add_node(listener)
+    heard = []
+    listener.create_subscription(
+        Int32, "numbers", lambda message: heard.append(message.data), STEP_QOS
+    )
+    time.sleep(0.3)  # what a reader misses in its first 70 ms is sent again
+    deadline = time.monotonic() + 2.0
+    publisher.publish(Int32(data=-1))
+    while not heard and time.monotonic() < deadline:
+        executor.spin_once(timeout_sec=0.05)
+    print(heard)
+    executor.shutdown()
 """
 
 EMPTIES = """<?xml version="1.0" encoding="UTF-8" ?>
@@ -68,6 +100,16 @@ def test_fast_dds_understands_the_profiles(monkeypatch, tmp_path) -> None:
         assert done.returncode == 0, done.stderr
         printed = done.stdout + done.stderr
         assert ("XMLPARSER" in printed) if profiles == bad else printed == ""
+
+
+@pytest.mark.parametrize("profiles", ["fastdds.xml", "fastdds_one_host.xml"])
+def test_a_reader_that_begins_late_hears_a_writer_of_its_process(
+    profiles, monkeypatch, python
+) -> None:
+    """By default Fast DDS rejects what a reader hears first after more than 5000 messages."""
+    monkeypatch.setenv(PROFILES, str(share_folder("config") / profiles))
+    done = python("-c", LATE_READER.format(before=5001))
+    assert done.stdout == "[-1]\n"
 
 
 def test_profiles_of_the_current_directory_are_not_taken(monkeypatch, tmp_path) -> None:

@@ -26,7 +26,7 @@ from sparse_coord_ros.lab.driving.metric_map import MetricMap, Pose
 from sparse_coord_ros.lab.driving.mover import Mover
 from sparse_coord_ros.lab.driving.transforms import yaw_of
 from sparse_coord_ros.protocol.lockstep.bodies import Goals, HaltWord, Reached
-from sparse_coord_ros.protocol.wire import services
+from sparse_coord_ros.protocol.wire import WORLD, services
 from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.follower import Follower
 from sparse_coord_ros.ros.nodes.messages import Converter, robot_number
@@ -75,6 +75,7 @@ class MoverNode(Follower, LifecycleNodeMixin):
     Attributes:
         KIND: the executable, which names its table of parameters.
         robot: whose body it is.
+        on_duty: whether the node has all that it needs, and the world hears its reports.
         active: whether the lifecycle allows it to move the body.
         halted: whether it was told to let the body stand, and not yet to go on.
 
@@ -90,7 +91,7 @@ class MoverNode(Follower, LifecycleNodeMixin):
         LifecycleNodeMixin.__init__(self)
         change = self._service_change_state
         change.callback = self.guarded(change.callback, "change_state")
-        self.active = self.halted = False
+        self.active = self.halted = self.on_duty = False
         self._word: HaltWord | None = None
         self._stood = 0.0
         self._mover: Mover | None = None
@@ -132,14 +133,9 @@ class MoverNode(Follower, LifecycleNodeMixin):
         return True
 
     @property
-    def on_duty(self) -> bool:
-        """Whether the node has reported for duty: the world waits for that."""
-        return self._reached_publisher is not None
-
-    @property
     def may_drive(self) -> bool:
-        """Whether the body may move."""
-        return self.active and not self.halted
+        """Whether the body may move; not before the world hears where it ends up."""
+        return self.active and self.on_duty and not self.halted
 
     def set_up(self) -> None:
         """Look whose body it is."""
@@ -218,10 +214,8 @@ class MoverNode(Follower, LifecycleNodeMixin):
 
     def report_reached(self, reached: Reached) -> None:
         """Publish how a goal ended."""
-        if self.on_duty:
-            self._reached_publisher.publish(
-                self._convert.reached_message(self._step, reached)
-            )
+        message = self._convert.reached_message(self._step, reached)
+        self._reached_publisher.publish(message)
 
     def go_on(self, now: float) -> None:
         """Report for duty when all is there; stop a body whose poses do not come."""
@@ -233,13 +227,7 @@ class MoverNode(Follower, LifecycleNodeMixin):
         if not self.active or self._mover is None:
             return
         if not self.on_duty:
-            missing = (
-                f"poses of {self.robot}" if self._mover.pose is None else self.missing()
-            )
-            if missing:
-                self.remind(self.reminder, missing)
-            else:  # the world waits for this publisher
-                self._reached_publisher = self.announce(ros_topics.REACHED, self.robot)
+            self._report_for_duty(self._mover)
             return
         limit = self.values["pose_timeout"]
         if self._mover.busy and 0 < limit < now - self._seen and not self._stopped:
@@ -247,6 +235,24 @@ class MoverNode(Follower, LifecycleNodeMixin):
             self.halt(
                 f"no pose of {self.robot} for {limit:g} s (pose_timeout): it is stopped"
             )
+
+    def _report_for_duty(self, mover: Mover) -> None:
+        """Offer reports when all is there, and drive when the world hears them.
+
+        The goal may be older than this node, and the body may be there already: a report that
+        nobody hears would be lost, and the world would wait for it.
+        """
+        missing = f"poses of {self.robot}" if mover.pose is None else self.missing()
+        if missing:
+            self.remind(self.reminder, missing)
+            return
+        if self._reached_publisher is None:  # the world waits for it
+            self._reached_publisher = self.announce(ros_topics.REACHED, self.robot)
+        self.on_duty = self.heard_by(self._reached_publisher, WORLD)
+        if self.on_duty:
+            self._begin_again()
+        else:
+            self.remind(self.reminder, "the world to hear its reports")
 
     def all_done(self, now: float) -> bool:
         """Return whether the body stands, after the run's end."""

@@ -96,7 +96,7 @@ class Nav2DriverNode(MoverNode):
 
     def drive(self) -> None:
         """Let the navigator do what is due, and report where the goal is over."""
-        self.navigator.held = not (self.may_drive and self.on_duty)
+        self.navigator.held = not self.may_drive
         reached = self.navigator.next(self._now())
         if reached is not None:
             self.report_reached(reached)
