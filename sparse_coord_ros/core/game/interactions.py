@@ -26,6 +26,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sparse_coord_ros.base.compiling import inlined, inner
+from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.core.game.scenario import Scenario
 
 NOWHERE = -1
@@ -72,12 +73,34 @@ def interactions_of(scenario: Scenario) -> Interactions:
     )
 
 
+def can_interact(scenario: Scenario) -> bool:
+    """Return whether there is any cell in which robots interact."""
+    inter = interactions_of(scenario)
+    return inter.swaps or inter.blocks or bool((inter.places != NOWHERE).any())
+
+
 def only_together(inter: Interactions) -> bool:
     """Return whether robots interact at most by being together, where a step ends.
 
     If so, no robot changes where another one goes, and it does not matter where they come from.
     """
     return not (inter.swaps or inter.blocks)
+
+
+def check_only_together(scenario: Scenario, what: str, remedy: str) -> None:
+    """Raise `SettingError` unless robots interact at most by being together.
+
+    Args:
+        scenario: the problem.
+        what: what cannot plan with other interactions.
+        remedy: what to do.
+    """
+    if not only_together(interactions_of(scenario)):
+        allowed = "together, together:anywhere or together:any_doorway"
+        raise SettingError(
+            f"{what}: setting interactions is {scenario.interactions!r}, allowed: {allowed}, as "
+            f"it plans by the cells in which steps end; {remedy}"
+        )
 
 
 def of_cells(inter: Interactions, cells: np.ndarray) -> Interactions:

@@ -108,7 +108,15 @@ def evaluate_exact(
     """
     check_exact(scenario)
     evaluation.check_tables(scenario, tables, learner)
-    robots = _robots(scenario, tables, learner)
+    return evaluate_greedy(scenario, _robots(scenario, tables, learner))
+
+
+def evaluate_greedy(scenario: Scenario, robots: Sequence["Greedy"]) -> ExactEvaluation:
+    """Compute what one or two robots are worth that act in known ways.
+
+    Raises:
+        SettingError: there are more joint states within their reach than it pays for.
+    """
     team = len(scenario.robots)
     own = _within_reach(scenario, robots)
     sums = _carried(_pair(scenario, robots, own), spreads=True, most=MOST_OUTCOMES)
@@ -241,7 +249,7 @@ class Greedy(NamedTuple):
             with a move.
         moves: each move without asking; (cells, moves).
         blind: each move after a percept that failed, 0 where it never asks; (cells, moves).
-        coord: its Q^C, by which it acts after others.
+        coord: its Q^C, by which it acts after others; not looked at if it never asks.
     """
 
     asks: np.ndarray

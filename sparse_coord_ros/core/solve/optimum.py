@@ -97,10 +97,11 @@ SOLVED: dict[Hashable, float] = {}
 def is_too_large(scenario: Scenario) -> bool:
     """Return whether a scenario has more joint states, or outcomes, than are solved exactly."""
     team = len(scenario.robots)
-    states = len(scenario.map.cells) ** team
+    states: int = len(scenario.map.cells) ** team
+    outcomes: int = states * OUTCOMES**team
     if only_together(interactions_of(scenario)):
         return states > MOST_JOINT_STATES
-    return states > MOST_JOINT_STATES or states * OUTCOMES**team > MOST_JOINT_OUTCOMES
+    return states > MOST_JOINT_STATES or outcomes > MOST_JOINT_OUTCOMES
 
 
 def _solve(scenario: Scenario, leads: Sequence[np.ndarray], paid: np.ndarray) -> float:
