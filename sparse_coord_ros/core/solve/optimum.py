@@ -75,7 +75,8 @@ def joint_optimum(scenario: ScenarioLike) -> Optimum:
     starts, goals = zip(
         *((robot.start, robot.goal) for robot in scenario.robots), strict=True
     )
-    numbers = scenario.discount, scenario.move_success, scenario.goal_reward
+    toll = sum(scenario.penalties)
+    numbers = scenario.discount, scenario.move_success, scenario.goal_reward, toll
     arrays = hashlib.sha256(
         np.concatenate(
             [paid.ravel(), *map(np.ravel, leads), inter.passages, inter.narrow]
