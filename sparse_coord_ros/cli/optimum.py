@@ -82,9 +82,10 @@ def execute(options: argparse.Namespace) -> None:
     facts = {"scenario": scenario.name, **asdict(optimum), "robots_alone": bound}
     facts |= {"shortest_paths": paths, "best_asking_team": shipped, "best_team": team}
     facts |= {"route_planner": routes}
-    known = {
-        "exact joint optimum": f"not computed: more than {MOST_JOINT_STATES} joint states"
-    }
+    known = {"exact joint optimum": "not computed: too many joint states"}
+    if optimum.joint_states > MOST_JOINT_STATES:
+        limit = f"more than {MOST_JOINT_STATES} joint states"
+        known["exact joint optimum"] = f"not computed: {limit}"
     if optimum.exact:
         known["exact joint optimum"] = f"{optimum.value:.2f}"
     if shipped is not None:
@@ -95,8 +96,9 @@ def execute(options: argparse.Namespace) -> None:
         estimate = f"{routes.value:.2f} ({routes.standard_error:.2f})"
         known["route planner"] = f"{estimate}, sees everything for nothing"
     known["bound (robots alone)"] = f"{bound:.2f}"
-    missed = f"{paths.miscoordinations:.2f} miscoordinations"
-    known["fixed shortest paths"] = f"{paths.reward:.2f}, {missed}"
+    known["fixed shortest paths"] = paths.in_words()
+    if not paths.exact:
+        known["fixed shortest paths"] += f"; {paths.trials} trials (standard error)"
     head = f"{scenario.name}, penalty {scenario.penalty:g}, {optimum.joint_states} joint states"
     tell(options, facts, head, *(f"{name:<22} {said}" for name, said in known.items()))
 

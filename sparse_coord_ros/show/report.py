@@ -110,11 +110,12 @@ def _value(shown: OpenedRun, baselines: bool) -> Iterator[Part]:
         yield text(words, warn=True)
     paths = shortest_path_reference(scenario)
     measures = (
-        f"{paths.reward:.2f}",
-        f"{paths.time_to_goal:.2f}",
-        f"{paths.miscoordinations:.3f}",
+        paths.measure_in_words("reward"),
+        paths.measure_in_words("time_to_goal"),
+        paths.measure_in_words("miscoordinations", 3),
     )
-    rows.append(["fixed shortest paths", *measures, "0", "-"])
+    arrive = f"{paths.all_arrived:.2%}"
+    rows.append(["fixed shortest paths", *measures, "0", arrive])
     rows += [[name, f"{value:.2f}", *"----"] for name, value in yardsticks(scenario)]
     yield table(
         ["", "reward", "time to goal", "miscoordinations", "asks", "all arrive"], rows

@@ -31,6 +31,7 @@ from sparse_coord_ros.studies.report.text import (
     of,
     optimum_of,
     percent,
+    shortest_paths_of,
     with_error,
 )
 from sparse_coord_ros.studies.store import ConditionResult, Plan, Say
@@ -149,7 +150,7 @@ def _conditions_table(results: Iterable[ConditionResult]) -> Part:
             "asks": f"{one.best('asks').mean:.2f}",
             "all arrive": percent(one.arrived, 2),
             "failed teams": of(one.failed_teams, one.runs),
-            "shortest paths": f"{one.reference['reward']:.2f}",
+            "shortest paths": shortest_paths_of(one),
             "best asking team found": bound_of(one),
             "joint optimum": optimum_of(one),
         }

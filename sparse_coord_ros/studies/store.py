@@ -30,6 +30,7 @@ from sparse_coord_ros.base.files import PARTIAL, free_name, take_lock, write_who
 from sparse_coord_ros.base.version import __version__
 from sparse_coord_ros.core.engine.trained import Training
 from sparse_coord_ros.core.game.actions import PRIMITIVES
+from sparse_coord_ros.core.game.interactions import interactions_of, only_together
 from sparse_coord_ros.core.game.plugins import leaving_out
 from sparse_coord_ros.core.game.scenario import (
     SETTINGS,
@@ -113,8 +114,8 @@ class ConditionResult:
         trials: trials of each run.
         optimum: exact joint optimum of the scenario, or an upper bound.
         optimum_exact: whether it is exact.
-        reference: exact value of fixed shortest-path policies: reward, time_to_goal and
-            miscoordinations.
+        reference: value of fixed shortest-path policies: reward, time_to_goal and
+            miscoordinations. Where robots swap or block also the other attributes of `Reference`.
         means: mean of each measure of `SUMS` over trials (and robots).
         variances: variance of each measure over trials (and robots).
         robot_means: mean of each measure of `BY_ROBOT` over runs and trials, one a robot.
@@ -327,7 +328,7 @@ def collect(
         trials=trials,
         optimum=optimum.value,
         optimum_exact=optimum.exact,
-        reference=asdict(shortest_path_reference(condition.scenario)),
+        reference=_reference_of(condition.scenario),
         means=of_runs("means"),
         variances=of_runs("variances"),
         robot_means={
@@ -438,7 +439,7 @@ def _result_form(scenario: Scenario, plan: Plan) -> Mapping[str, Form]:
     return {
         "optimum": Numbers(),
         "optimum_exact": bool,
-        "reference": {field.name: Numbers() for field in fields(Reference)},
+        "reference": {name: Numbers() for name in _reference_names(scenario)},
         "means": means,
         "variances": {name: Numbers(of_run, low=0.0) for name in SUMS},
         "robot_means": {name: Numbers(of_robot) for name in BY_ROBOT},
@@ -450,6 +451,19 @@ def _result_form(scenario: Scenario, plan: Plan) -> Mapping[str, Form]:
             {**means, "arrived": Numbers(of_run, low=0.0, high=MOST_ARRIVED)}
         ),
     }
+
+
+def _reference_names(scenario: Scenario) -> tuple[str, ...]:
+    """Return the attributes of `Reference` that a result has; where it is always exact, three."""
+    if only_together(interactions_of(scenario)):
+        return "reward", "time_to_goal", "miscoordinations"
+    return tuple(field.name for field in fields(Reference))
+
+
+def _reference_of(scenario: Scenario) -> dict[str, float]:
+    """Return what a result has of the value of fixed shortest paths."""
+    found = asdict(shortest_path_reference(scenario))
+    return {name: float(found[name]) for name in _reference_names(scenario)}
 
 
 def _scenario_data(scenario: Scenario) -> dict[str, Any]:
@@ -517,7 +531,7 @@ def _check_references(scenario: Scenario, said: Mapping[str, Any]) -> None:
     """
     optimum = known_optimum(scenario)
     told = {"optimum": said["optimum"], **said["reference"]}
-    known = {"optimum": optimum.value, **asdict(shortest_path_reference(scenario))}
+    known = {"optimum": optimum.value, **_reference_of(scenario)}
     for name, value in known.items():
         if not math.isclose(told[name], value, rel_tol=ROUNDING, abs_tol=ROUNDING):
             what = name if name == "optimum" else f"{name} of shortest paths"

@@ -6,15 +6,18 @@ from itertools import product
 
 import numpy as np
 import pytest
+from teams import drawn
 
 from sparse_coord_ros.base.errors import ScenarioError
 from sparse_coord_ros.core.game.interactions import (
     NOWHERE,
     any_together,
     as_lists,
+    ends_of_two,
     interacting,
     interactions_of,
     miscoordinate,
+    miscoordinate_two,
     miscoordinations,
     settle,
     settled,
@@ -179,3 +182,22 @@ def test_kinds_are_kept_in_one_order():
     data = {**parse_yaml(CORRIDOR, where=""), "interactions": "block+together"}
     scenario = scenario_from_dict(data, where="", name="corridor")
     assert scenario.interactions == "together+block"
+
+
+@pytest.mark.parametrize("kinds", ["together+swap+block", "swap+block:anywhere"])
+def test_two_robots_end_as_a_team_of_two(kinds):
+    scenario = drawn("1.D.2\n..#..", interactions=kinds)
+    inter = interactions_of(scenario)
+    listed = as_lists(inter)
+    cells = range(len(scenario.map.cells))
+    lead = scenario.map.next_cell.tolist()
+    differ = 0
+    for x, z in product(cells, repeat=2):
+        for y, w in product([x, *lead[x]], [z, *lead[z]]):
+            ends = [y, w]
+            settle(listed, [x, z], ends, [0, 1])
+            assert ends_of_two(inter, x, z, y, w) == tuple(ends)
+            differ += ends != [y, w]
+            paid = miscoordinate(listed, [x, z], ends, [0, 1])
+            assert miscoordinate_two(inter, x, z, *ends) == paid
+    assert differ >= 20

@@ -106,6 +106,9 @@ def test_the_search_finds_the_best_of_every_team(ask_cost):
         {"common_reward": "each:0.5:2", "ask_cost": 0.1},
         {"interactions": "together:any_doorway", "ask_cost": 0.1},
         {"move_success": 0.5, "discount": 0.9, "goal_reward": 3},
+        {"interactions": "swap", "ask_cost": 0.1},
+        {"interactions": "block", "ask_cost": 0.1},
+        {"interactions": "together+swap+block:anywhere", "perception": "range:2"},
     ],
 )
 def test_the_value_is_what_exact_evaluation_says(settings):

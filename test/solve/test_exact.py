@@ -92,6 +92,12 @@ CASES = {
     "near": {"perception": "range:2", "ask_cost": 3},
     "uneven": {"common_reward": "each:0.5:2", "penalty": -7},
     "any doorway": {"interactions": "together:any_doorway", "penalty": -50},
+    "anywhere": {"interactions": "together:anywhere"},
+    "swap": {"interactions": "swap", "penalty": -50},
+    "block": {"interactions": "block", "common_reward": "each:0.5:2"},
+    "block anywhere": {"interactions": "block:anywhere", "perception": "range:2"},
+    "together and swap": {"interactions": "together+swap", "penalty": -50},
+    "all": {"interactions": "together:any_doorway+swap+block:anywhere", "horizon": 30},
     "short": {"horizon": 12},
     "slow": {"move_success": 0.4, "discount": 0.8, "goal_reward": 3},
 }

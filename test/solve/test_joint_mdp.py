@@ -12,7 +12,15 @@ from sparse_coord_ros.core.solve.optimum import joint_optimum
 
 
 @pytest.mark.parametrize(
-    "settings", [{}, {"penalty": -100}, {"interactions": "together:any_doorway"}]
+    "settings",
+    [
+        {},
+        {"penalty": -100},
+        {"interactions": "together:any_doorway"},
+        {"interactions": "swap"},
+        {"interactions": "block"},
+        {"interactions": "together+swap+block:anywhere"},
+    ],
 )
 def test_value_iteration_finds_the_optimum(settings):
     scenario = load_scenario("env1", **settings)

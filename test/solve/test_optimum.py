@@ -2,8 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """The exact joint optimum: the study's values, maps solved by hand, bounds."""
 
+import itertools
+
 import pytest
 
+from sparse_coord_ros.core.game.interactions import (
+    as_lists,
+    interactions_of,
+    miscoordinate,
+    settle,
+)
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.solve.optimum import (
     SOLVED,
@@ -167,3 +175,112 @@ def test_discount_zero(make, grid, value):
     scenario = make(grid, discount=0)
     assert joint_optimum(scenario).value == pytest.approx(value)
     assert independent_bound(scenario) == pytest.approx(value)
+
+
+@pytest.mark.parametrize(
+    ("grid", "interactions", "penalty", "value"),
+    [
+        # One robot goes first; the other one enters when it has left.
+        ("1D2", "block", -20, 100 * (GAMMA + GAMMA**3)),
+        ("1D2", "block:anywhere", -20, 100 * (GAMMA + GAMMA**3)),
+        ("1D2", "together+block", -20, 100 * (GAMMA + GAMMA**3)),
+        # They meet in the doorway, and exchange no cells.
+        ("1D2", "swap", -20, 200 * GAMMA),
+        # They exchange the two cells between the goals, or one waits and they meet in a cell.
+        ("1..2", "swap", -1, 200 * GAMMA**2 - GAMMA),
+        ("1..2", "swap", -20, 100 * (GAMMA**2 + GAMMA**3)),
+        ("1..2", "block:anywhere", -20, 100 * (GAMMA**2 + GAMMA**5)),
+        ("1..2", "together:anywhere", -20, 200 * GAMMA**2),
+        ("1..2", "together:anywhere+swap", -1, 200 * GAMMA**2 - GAMMA),
+    ],
+)
+def test_kinds_of_interaction_by_hand(make, grid, interactions, penalty, value):
+    scenario = make(grid, move_success=1, interactions=interactions, penalty=penalty)
+    optimum = joint_optimum(scenario)
+    assert optimum.value == pytest.approx(value, abs=1e-6)
+    assert optimum.exact
+
+
+KINDS = [
+    "together",
+    "together:anywhere",
+    "together:any_doorway",
+    "swap",
+    "block",
+    "block:anywhere",
+    "together+swap",
+    "together:anywhere+swap+block",
+]
+
+
+@pytest.mark.parametrize("interactions", KINDS)
+def test_it_is_what_brute_force_finds(make, interactions):
+    """Three robots; each step by the rules of teams in plain Python."""
+    robots = {"a": ([0, 0], [0, 3]), "b": ([0, 3], [0, 0]), "c": ([1, 1], [0, 2])}
+    scenario = make(
+        "..D.\n#.##",
+        robots,
+        interactions=interactions,
+        move_success=0.7,
+        discount=0.6,
+        common_reward="each:1:0.5:2",
+    )
+    assert joint_optimum(scenario).value == pytest.approx(
+        brute_force(scenario), abs=1e-6
+    )
+
+
+def brute_force(scenario):
+    """Return the optimum by value iteration over dictionaries."""
+    inter = as_lists(interactions_of(scenario))
+    lead = scenario.map.next_cell.tolist()
+    cells = range(len(lead))
+    goals = tuple(robot.goal for robot in scenario.robots)
+    members = range(len(goals))
+    p = scenario.move_success
+    outcomes = {}
+    for state in itertools.product(cells, repeat=len(goals)):
+        choices = [
+            [x] if x == goal else sorted({x, *lead[x]})
+            for x, goal in zip(state, goals, strict=True)
+        ]
+        for wanted in itertools.product(*choices):
+            ends = list(wanted)
+            settle(inter, state, ends, members)
+            paid = sum(y == goal for y, goal in zip(ends, goals, strict=True))
+            paid *= scenario.goal_reward
+            if miscoordinate(inter, state, ends, members):
+                paid += sum(scenario.penalties)
+            outcomes[state, wanted] = tuple(ends), paid / len(goals)
+    value = dict.fromkeys(itertools.product(cells, repeat=len(goals)), 0.0)
+    home = scenario.goal_reward / (1 - scenario.discount)
+    for _ in range(50):
+        worth = {
+            key: paid + scenario.discount * value[after]
+            for key, (after, paid) in outcomes.items()
+        }
+        for state in value:
+            if state == goals:
+                value[state] = home
+                continue
+            ways = [
+                [(x,)] if x == goal else [(x, y) for y in lead[x]]
+                for x, goal in zip(state, goals, strict=True)
+            ]
+            value[state] = max(
+                expected_worth(worth, state, joint, p)
+                for joint in itertools.product(*ways)
+            )
+    return value[tuple(robot.start for robot in scenario.robots)]
+
+
+def expected_worth(worth, state, joint, p):
+    """Return the mean of a joint action; `joint` has (own cell, cell that it leads to)."""
+    total = 0.0
+    for wanted in itertools.product(*[set(way) for way in joint]):
+        chance = 1.0
+        for way, y in zip(joint, wanted, strict=True):
+            if len(set(way)) == 2:
+                chance *= p if y == way[1] else 1 - p
+        total += chance * worth[state, wanted]
+    return total

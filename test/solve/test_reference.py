@@ -7,8 +7,11 @@ import math
 import tracemalloc
 
 import pytest
+from teams import walking
 
 from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.runs.evaluation import play, summary
+from sparse_coord_ros.core.solve import exact
 from sparse_coord_ros.core.solve.reference import shortest_path_reference
 
 GAMMA = 0.95
@@ -171,3 +174,60 @@ def test_a_large_map_takes_little_memory(make):
     assert shortest_path_reference(scenario).miscoordinations == 0
     assert tracemalloc.get_traced_memory()[1] < 20 * 2**20
     tracemalloc.stop()
+
+
+@pytest.mark.parametrize(
+    ("grid", "interactions", "reward", "time", "missed", "arrived"),
+    [
+        ("1D2", "block", 100 * (GAMMA + GAMMA**3), 3, 0, 1),
+        ("1..2", "swap", 200 * GAMMA**2 - 20 * GAMMA, 3, 1, 1),
+        ("1..2", "block:anywhere", 0, 100, 0, 0),  # they face each other for ever
+        ("1..2", "together:anywhere", 200 * GAMMA**2, 3, 0, 1),
+    ],
+)
+def test_kinds_of_interaction_by_hand(
+    make, grid, interactions, reward, time, missed, arrived
+):
+    scenario = make(grid, move_success=1, interactions=interactions)
+    found = shortest_path_reference(scenario)
+    assert found.exact
+    assert found.reward == pytest.approx(reward, abs=1e-9)
+    assert found.time_to_goal == pytest.approx(time)
+    assert found.miscoordinations == pytest.approx(missed)
+    assert found.all_arrived == pytest.approx(arrived)
+
+
+@pytest.mark.parametrize("interactions", ["swap", "block", "together+swap"])
+def test_pairs_and_larger_teams_are_worth_what_trials_say(interactions):
+    """Tables that lead along shortest paths, in the loops of learning."""
+    for name in ("env2-2r", "env2-4r"):
+        scenario = load_scenario(name, interactions=interactions)
+        found = shortest_path_reference(scenario)
+        assert found.exact == (name == "env2-2r")
+        assert (found.reward_error > 0) != found.exact
+        played = summary(play(scenario, walking(scenario), trials=1000, seed=1))
+        for measure in ("reward", "time_to_goal", "miscoordinations"):
+            own = getattr(played, measure)
+            error = math.hypot(own.standard_error, getattr(found, f"{measure}_error"))
+            gap = abs(own.mean - getattr(found, measure))
+            assert gap <= 4 * error + 1e-9, (name, measure)
+
+
+def test_a_pair_too_large_for_the_joint_chain_is_played(monkeypatch):
+    scenario = load_scenario("env1", interactions="together+swap")
+    chain = shortest_path_reference(scenario)
+    monkeypatch.setattr(exact, "MOST_STATES", 10)
+    played = shortest_path_reference(scenario)
+    assert (chain.trials, played.trials) == (0, 10_000)
+    assert abs(played.reward - chain.reward) < 4 * played.reward_error
+    gap = abs(played.miscoordinations - chain.miscoordinations)
+    assert gap < 4 * played.miscoordinations_error
+    assert f"({played.reward_error:.2f})" in played.in_words()
+
+
+def test_words_say_who_fails(make):
+    stuck = make("1..2", move_success=1, interactions="block:anywhere")
+    said = shortest_path_reference(stuck).in_words()
+    assert said == "0.00, 0.00 miscoordinations, all arrive in 0.0%"
+    late = make("1D2", move_success=1, horizon=1)
+    assert shortest_path_reference(late).all_arrived == 0

@@ -7,6 +7,7 @@ import pytest
 from teams import drawn
 
 from sparse_coord_ros.base.compiling import has_numba
+from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.core.game.interactions import NOWHERE
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.solve import routes
@@ -86,3 +87,10 @@ def test_how_likely_two_robots_meet():
     assert meeting(7, NOWHERE, 0.8, NOWHERE, 7, 0.8) == pytest.approx(0.2 * 0.8)
     assert meeting(7, 7, 1.0, 3, 7, 0.8) == pytest.approx(0.8)  # it stays
     assert meeting(NOWHERE, NOWHERE, 0.8, NOWHERE, NOWHERE, 0.8) == 0.0
+
+
+@pytest.mark.parametrize("interactions", ["swap", "together+block"])
+def test_other_interactions_than_together_are_refused(interactions):
+    scenario = load_scenario("env1", interactions=interactions)
+    with pytest.raises(SettingError, match="interactions"):
+        route_plan(scenario)

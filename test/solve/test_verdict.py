@@ -160,3 +160,15 @@ def test_a_team_that_does_not_arrive_has_learned_nothing():
     assert found.kind == LOST and found.text.endswith(
         "Try --learner factored or more steps."
     )
+
+
+def test_robots_that_stand_in_each_other_s_way_lose_time():
+    """With block alone there are no miscoordinations to compare."""
+    scenario = load_scenario("isr", interactions="block:anywhere")
+    ignoring = shortest_path_reference(scenario)
+    best = known_optimum(scenario).value
+    said = earning(scenario, 0.5 * (ignoring.reward + best) + 1.0)
+    assert said.kind == LEARNED
+    assert f"instead of {ignoring.time_to_goal:.3g}." in said.text
+    assert f"all arrive in {ignoring.all_arrived:.1%}" in said.text
+    assert "Miscoordinations" not in said.text

@@ -8,6 +8,7 @@ and a climb of the *team's* value in it, from the policies learned, by changes o
 does in one cell. Of two robots the value is exact, and the climb is that of
 `core.solve.asking_search`; of more it is that of trials with the same draws. The paper has no such
 exchange, and this is planning, on a learned model: doorways that no robot has felt are not in it.
+It knows robots that are together, in doorways or anywhere; with swap or block it is refused.
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -156,6 +157,10 @@ def learned_scenario(
         lead = scenario.map.next_cell
         success = scenario.known_success
     door = np.array([memory["door"] for memory in memories])
+    # Together anywhere is, as far as the team knows, together where it felt r^C.
+    interactions = scenario.interactions
+    if interactions == "together:anywhere":
+        interactions = "together"
     felt = door.sum(axis=1) / np.maximum(1, (door != 0.0).sum(axis=1))
     paid = felt / (learner.weights(scenario).common or 1.0)
     same = {field.name: getattr(scenario.map, field.name) for field in fields(GridMap)}
@@ -167,6 +172,7 @@ def learned_scenario(
             felt=frozenset(np.flatnonzero(door.any(axis=0)).tolist()),
         ),
         move_success=success,
+        interactions=interactions,
         penalty=-1.0,
         common_reward=Spec("each", tuple((-paid).tolist())),
     )

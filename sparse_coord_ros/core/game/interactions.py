@@ -26,6 +26,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sparse_coord_ros.base.compiling import inlined, inner
+from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.core.game.scenario import Scenario
 
 NOWHERE = -1
@@ -69,6 +70,56 @@ def interactions_of(scenario: Scenario) -> Interactions:
         passages=passages,
         blocks=bool(narrow.any()),
         narrow=narrow,
+    )
+
+
+def can_interact(scenario: Scenario) -> bool:
+    """Return whether there is any cell in which robots interact."""
+    inter = interactions_of(scenario)
+    return inter.swaps or inter.blocks or bool((inter.places != NOWHERE).any())
+
+
+def only_together(inter: Interactions) -> bool:
+    """Return whether robots interact at most by being together, where a step ends.
+
+    If so, no robot changes where another one goes, and it does not matter where they come from.
+    """
+    return not (inter.swaps or inter.blocks)
+
+
+def check_only_together(scenario: Scenario, what: str, remedy: str) -> None:
+    """Raise `SettingError` unless robots interact at most by being together.
+
+    Args:
+        scenario: the problem.
+        what: what cannot plan with other interactions.
+        remedy: what to do.
+    """
+    if not only_together(interactions_of(scenario)):
+        allowed = "together, together:anywhere or together:any_doorway"
+        raise SettingError(
+            f"{what}: setting interactions is {scenario.interactions!r}, allowed: {allowed}, as "
+            f"it plans by the cells in which steps end; {remedy}"
+        )
+
+
+def of_cells(inter: Interactions, cells: np.ndarray) -> Interactions:
+    """Return the interactions in some cells, which are then numbered from 0."""
+    return inter._replace(
+        places=inter.places[cells],
+        passages=inter.passages[cells],
+        narrow=inter.narrow[cells],
+    )
+
+
+def none_of(inter: Interactions) -> Interactions:
+    """Return that there are no interactions in these cells."""
+    return Interactions(
+        places=np.full_like(inter.places, NOWHERE),
+        swaps=False,
+        passages=np.zeros_like(inter.passages),
+        blocks=False,
+        narrow=np.zeros_like(inter.narrow),
     )
 
 
@@ -138,6 +189,35 @@ def stops(c: Any, x: Any, z: Any, w: Any, first: bool) -> Any:
 def stopped_by(c: Any, x: Any, z: Any, w: Any) -> Any:
     """Return whether a robot that went from z to w stopped one that wanted from x into c."""
     return (w == c) | ((z == c) & (w == x))
+
+
+@inner
+def ends_of_two(inter: Interactions, x: int, z: int, y: int, w: int) -> tuple[int, int]:
+    """Return where two robots end that want from x to y and from z to w.
+
+    The rule is that of `settle`. Of two robots one look at each is enough: a second one that is
+    stopped does not stop the first one, which goes elsewhere, or into a cell that is not narrow.
+
+    Args:
+        inter: the interactions.
+        x: the cell of the first robot before the step.
+        z: that of the second.
+        y: the cell that the first robot wants; its own one where its move slipped.
+        w: that of the second.
+    """
+    if y != x and inter.narrow[y] and stops(y, x, z, w, False):
+        y = x
+    if w != z and inter.narrow[w] and stops(w, z, x, y, True):
+        w = z
+    return y, w
+
+
+@inner
+def miscoordinate_two(inter: Interactions, x: int, z: int, y: int, w: int) -> bool:
+    """Return whether a step of two robots from x to y and from z to w is a miscoordination."""
+    if together(inter.places[y], inter.places[w]):
+        return True
+    return bool(inter.swaps and exchanged(inter.passages, x, y, z, w))
 
 
 # A team.

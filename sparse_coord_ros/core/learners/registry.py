@@ -3,6 +3,7 @@
 """Learners by their names: those of this package, and those of one's own."""
 
 from sparse_coord_ros.base.errors import SettingError
+from sparse_coord_ros.core.game.interactions import check_only_together
 from sparse_coord_ros.core.game.plugins import (
     Registry,
     allow_named,
@@ -83,6 +84,7 @@ def check_improvable(scenario: Scenario, learner: Learner) -> None:
     if not isinstance(learner, Factored):
         what = f"improve: learner {learner.label} keeps no model of where moves lead"
         raise SettingError(f"{what}; needs learner factored")
+    check_only_together(scenario, "improve", "leave improve out")
     if len(scenario.robots) > 2 and not scenario.referee:
         what = "improve: with more than two robots each must know which r^C is its own"
         raise SettingError(f"{what}; needs setting referee=true")

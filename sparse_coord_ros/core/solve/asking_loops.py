@@ -14,6 +14,11 @@ import numpy as np
 
 from sparse_coord_ros.base.compiling import has_numba, inner, jit
 from sparse_coord_ros.core.game.actions import OUTCOMES, PRIMITIVES, STAY
+from sparse_coord_ros.core.game.interactions import (
+    Interactions,
+    ends_of_two,
+    miscoordinate_two,
+)
 
 ASK_AS_NOW = 2 * PRIMITIVES
 OPTIONS = ASK_AS_NOW + 1
@@ -40,7 +45,8 @@ class WeightedGame(NamedTuple):
         goals: goal cell of each robot; (2,).
         percept: probability that a percept succeeds; (cells, cells), asker first.
         fails: whether a percept can fail in the asker's cell; (cells,).
-        toll: weighted r^C of a step that ends in a joint state; (cells, cells).
+        interactions: of the two robots.
+        toll: weighted r^C of a miscoordination.
         prize: weighted worth of each robot's arrival, carried to infinity; (2,).
         cost: weighted cost of each robot's asking; (2,).
         discount: gamma.
@@ -54,7 +60,8 @@ class WeightedGame(NamedTuple):
     goals: np.ndarray
     percept: np.ndarray
     fails: np.ndarray
-    toll: np.ndarray
+    interactions: Interactions
+    toll: float
     prize: np.ndarray
     cost: np.ndarray
     discount: float
@@ -162,7 +169,11 @@ def reach(
             if can_do(game, policy, free, 0, x, y, one) and can_do(
                 game, policy, free, 1, y, x, other
             ):
-                target = game.lead[x, one] * cells + game.lead[y, other]
+                a = game.lead[x, one]
+                b = game.lead[y, other]
+                if game.interactions.blocks:
+                    a, b = ends_of_two(game.interactions, x, y, a, b)
+                target = a * cells + b
                 if space.tried[target] < 0 and target != last:
                     found = target
         space.tried[state] = index
@@ -223,15 +234,19 @@ def expected(
     Returns:
         Expected reward, and value of what comes after unless both stay; probability of staying.
     """
+    inter = game.interactions
     gain = 0.0
     stay = 0.0
     for i in range(3):
-        a, p = outcome(game.lead, game.success, x, sees[0], seen[0], unseen[0], i)
+        to, p = outcome(game.lead, game.success, x, sees[0], seen[0], unseen[0], i)
         if p == 0.0:
             continue
         for j in range(3):
             b, q = outcome(game.lead, game.success, y, sees[1], seen[1], unseen[1], j)
-            got = game.toll[a, b]
+            a = to
+            if inter.blocks:
+                a, b = ends_of_two(inter, x, y, a, b)
+            got = game.toll if miscoordinate_two(inter, x, y, a, b) else 0.0
             if a == game.goals[0] and x != a:
                 got += game.prize[0]
             if b == game.goals[1] and y != b:

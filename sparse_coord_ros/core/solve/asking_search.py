@@ -28,7 +28,7 @@ from sparse_coord_ros.base.files import path_argument, write_whole
 from sparse_coord_ros.base.limits import RESULTS, read_text
 from sparse_coord_ros.base.version import __version__
 from sparse_coord_ros.core.game.actions import ACTIONS, MOVES, PRIMITIVES
-from sparse_coord_ros.core.game.interactions import interactions_of, together
+from sparse_coord_ros.core.game.interactions import interactions_of
 from sparse_coord_ros.core.game.links import check_up
 from sparse_coord_ros.core.game.perception import check_pairs, sight_of
 from sparse_coord_ros.core.game.scenario import Scenario, ScenarioLike, loaded
@@ -157,9 +157,7 @@ def game_of(scenario: Scenario, weights: Sequence[float] = (0.5, 0.5)) -> Weight
     percept = probabilities_between(
         sight_of(scenario.perception, grid), np.arange(cells)
     )
-    places = interactions_of(scenario).places
-    paid = sum(w * p for w, p in zip(weights, scenario.penalties, strict=True))
-    toll = np.where(together(places[:, None], places[None, :]), paid, 0.0)
+    paid = [w * p for w, p in zip(weights, scenario.penalties, strict=True)]
     share = np.array(weights)
     robots = scenario.robots
     starts, goals = np.array([(robot.start, robot.goal) for robot in robots]).T
@@ -172,7 +170,8 @@ def game_of(scenario: Scenario, weights: Sequence[float] = (0.5, 0.5)) -> Weight
         goals=goals,
         percept=percept,
         fails=percept.min(axis=1) < 1.0,
-        toll=toll,
+        interactions=interactions_of(scenario),
+        toll=float(sum(paid)),
         prize=share * scenario.goal_reward / (1.0 - scenario.discount),
         cost=share * scenario.ask_cost,
         discount=float(scenario.discount),

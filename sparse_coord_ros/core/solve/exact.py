@@ -17,7 +17,7 @@ import numpy as np
 
 from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.core.game.actions import COORDINATE, OUTCOMES, PRIMITIVES, STAY
-from sparse_coord_ros.core.game.interactions import interactions_of, together
+from sparse_coord_ros.core.game.interactions import interactions_of, none_of, of_cells
 from sparse_coord_ros.core.game.links import check_up
 from sparse_coord_ros.core.game.perception import sight_of
 from sparse_coord_ros.core.game.scenario import Scenario
@@ -108,7 +108,15 @@ def evaluate_exact(
     """
     check_exact(scenario)
     evaluation.check_tables(scenario, tables, learner)
-    robots = _robots(scenario, tables, learner)
+    return evaluate_greedy(scenario, _robots(scenario, tables, learner))
+
+
+def evaluate_greedy(scenario: Scenario, robots: Sequence["Greedy"]) -> ExactEvaluation:
+    """Compute what one or two robots are worth that act in known ways.
+
+    Raises:
+        SettingError: there are more joint states within their reach than it pays for.
+    """
     team = len(scenario.robots)
     own = _within_reach(scenario, robots)
     sums = _carried(_pair(scenario, robots, own), spreads=True, most=MOST_OUTCOMES)
@@ -241,7 +249,7 @@ class Greedy(NamedTuple):
             with a move.
         moves: each move without asking; (cells, moves).
         blind: each move after a percept that failed, 0 where it never asks; (cells, moves).
-        coord: its Q^C, by which it acts after others.
+        coord: its Q^C, by which it acts after others; not looked at if it never asks.
     """
 
     asks: np.ndarray
@@ -322,8 +330,7 @@ def _pair(scenario: Scenario, robots: Sequence[Greedy], own: np.ndarray) -> Pair
     moves = np.array([_moves(one, own, percepts) for one in robots])
     starts = np.searchsorted(own, [robot.start for robot in scenario.robots])
     goals = np.searchsorted(own, [robot.goal for robot in scenario.robots])
-    places = interactions_of(scenario).places[own]
-    meets = together(places[:, None], places[None, :])
+    interactions = of_cells(interactions_of(scenario), own)
     penalties = scenario.penalties
     if alone:
         starts = np.append(starts, goals)
@@ -331,7 +338,7 @@ def _pair(scenario: Scenario, robots: Sequence[Greedy], own: np.ndarray) -> Pair
         penalties = (*penalties, 0.0)
         asking = np.repeat(asking, 2, axis=0)
         moves = np.repeat(moves, 2, axis=0)
-        meets = np.zeros_like(meets)
+        interactions = none_of(interactions)
     # No robot makes a move that leads out of the cells.
     lead = np.minimum(np.searchsorted(own, scenario.map.next_cell[own]), cells - 1)
     either = moves.sum(axis=1)
@@ -345,7 +352,7 @@ def _pair(scenario: Scenario, robots: Sequence[Greedy], own: np.ndarray) -> Pair
         moves=either,
         asks=asking,
         asked=asked,
-        meets=meets,
+        interactions=interactions,
         penalties=np.array(penalties),
         worth=scenario.goal_reward / (1.0 - scenario.discount),
         cost=float(scenario.ask_cost),

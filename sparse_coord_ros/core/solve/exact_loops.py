@@ -13,6 +13,11 @@ import numpy as np
 
 from sparse_coord_ros.base.compiling import has_numba, inlined, inner, jit
 from sparse_coord_ros.core.game.actions import OUTCOMES, STAY
+from sparse_coord_ros.core.game.interactions import (
+    Interactions,
+    ends_of_two,
+    miscoordinate_two,
+)
 
 
 class Pair(NamedTuple):
@@ -25,9 +30,9 @@ class Pair(NamedTuple):
         moves: probability of each move, whether asked or not; (2, own cell,
             peer's cell, moves).
         asks: probability of asking; (2, cells).
-        asked: probability of having asked, given what the step came to, a move or `STAY`;
-            (2, own cell, peer's cell, moves + 1).
-        meets: whether a step that ends in these cells is a miscoordination; (cells, cells).
+        asked: probability of having asked, given what the step came to, a move (stopped or not)
+            or `STAY`; (2, own cell, peer's cell, moves + 1).
+        interactions: of the two, in these cells.
         penalties: r^C of each robot; (2,).
         worth: of a robot's arrival, carried to infinity.
         cost: of asking.
@@ -42,7 +47,7 @@ class Pair(NamedTuple):
     moves: np.ndarray
     asks: np.ndarray
     asked: np.ndarray
-    meets: np.ndarray
+    interactions: Interactions
     penalties: np.ndarray
     worth: float
     cost: float
@@ -165,6 +170,7 @@ def follow(
         now: the row of `sums.so_far` that is before the step.
     """
     cells = len(pair.lead)
+    inter = pair.interactions
     x = state // cells
     z = state % cells
     outcomes = 0
@@ -179,11 +185,14 @@ def follow(
             outcomes += 1
             y = pair.lead[x, a]
             w = pair.lead[z, b]
+            if inter.blocks:
+                y, w = ends_of_two(inter, x, z, y, w)
+            conflict = miscoordinate_two(inter, x, z, y, w)
             target = y * cells + w
-            pay(pair, sums, x, z, y, w, factor * q, q)
+            pay(pair, sums, x, z, y, w, conflict, factor * q, q)
             if squared:
-                bring(pair, sums.brought, 0, x, z, y, w, a, factor)
-                bring(pair, sums.brought, 1, z, x, w, y, b, factor)
+                bring(pair, sums.brought, 0, x, z, y, conflict, a, factor)
+                bring(pair, sums.brought, 1, z, x, w, conflict, b, factor)
                 pass_on(sums, now, state, target, q, q / p)
             if target != home:
                 add(later, target, q)
@@ -222,10 +231,18 @@ def outcome(pair: Pair, k: int, x: int, z: int, outcome: int) -> float:
 
 @inner
 def pay(
-    pair: Pair, sums: Sums, x: int, z: int, y: int, w: int, worth: float, q: float
+    pair: Pair,
+    sums: Sums,
+    x: int,
+    z: int,
+    y: int,
+    w: int,
+    conflict: bool,
+    worth: float,
+    q: float,
 ) -> None:
     """Add up what a step from (x, z) to (y, w) pays, its probability q, discounted: `worth`."""
-    if pair.meets[y, w]:
+    if conflict:
         sums.team[CONFLICTS] += q
         sums.robots[REWARD, 0] += worth * pair.penalties[0]
         sums.robots[REWARD, 1] += worth * pair.penalties[1]
@@ -245,16 +262,17 @@ def bring(
     x: int,
     z: int,
     y: int,
-    w: int,
+    conflict: bool,
     a: int,
     factor: float,
 ) -> None:
     """Write mean and square of what a step brings to robot k, which it leads from x to y.
 
-    The peer is led from z to w, the step comes to `a`, and its reward counts `factor` times.
+    The peer was in z, the step comes to `a`, and its reward counts `factor` times. `conflict`:
+    it is a miscoordination.
     """
     acting = 1.0 if x != pair.goals[k] else 0.0
-    meets = 1.0 if pair.meets[y, w] else 0.0
+    meets = 1.0 if conflict else 0.0
     asked = acting * pair.asked[k, x, z, a]
     paid = meets * pair.penalties[k]
     if acting and y == pair.goals[k]:

@@ -4,19 +4,36 @@
 
 The yardstick for Coop.: a single controller that sees the full joint state, chooses the joint
 action and pays nothing for asking. Its value is the average over the robots, as in the paper.
+
+Robots that can only be together move independently, and a step pays by the cells in which it ends:
+then each robot's move is a matter of its own axis. With swap or block it is looked up what becomes
+of all cells that the robots may want.
 """
 
 import hashlib
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
+from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.core.game.interactions import any_together, interactions_of
+from sparse_coord_ros.core.game.actions import OUTCOMES, PRIMITIVES, STAY
+from sparse_coord_ros.core.game.interactions import (
+    any_together,
+    interactions_of,
+    miscoordinations,
+    only_together,
+    settled,
+)
 from sparse_coord_ros.core.game.scenario import Scenario, ScenarioLike, loaded
 
 MOST_JOINT_STATES = 100_000
 """Largest number of joint states that is solved exactly."""
+
+MOST_JOINT_OUTCOMES = 2**25
+"""Largest number of joint outcomes of steps that is solved where robots swap or block: for each
+joint state 5^K of K robots. They take up to two gigabytes."""
 
 TOLERANCE = 1e-11
 """Largest change of a sweep, as a share of the greatest value."""
@@ -50,25 +67,42 @@ def joint_optimum(scenario: ScenarioLike) -> Optimum:
     cells = len(scenario.map.cells)
     team = len(scenario.robots)
     states = cells**team
-    if states > MOST_JOINT_STATES:
+    if is_too_large(scenario):
         return Optimum(independent_bound(scenario), False, states)
     leads = [successors(scenario, k) for k in range(team)]
     paid = payment(scenario)
+    inter = interactions_of(scenario)
     starts, goals = zip(
         *((robot.start, robot.goal) for robot in scenario.robots), strict=True
     )
-    numbers = scenario.discount, scenario.move_success, scenario.goal_reward
+    toll = sum(scenario.penalties)
+    numbers = scenario.discount, scenario.move_success, scenario.goal_reward, toll
     arrays = hashlib.sha256(
-        np.concatenate([paid.ravel(), *map(np.ravel, leads)]).tobytes()
+        np.concatenate(
+            [paid.ravel(), *map(np.ravel, leads), inter.passages, inter.narrow]
+        ).tobytes()
     )
     key = starts, goals, numbers, paid.shape, arrays.digest()
     if key not in SOLVED:
-        SOLVED[key] = _solve(scenario, leads, paid)
+        if only_together(inter):
+            SOLVED[key] = _solve(scenario, leads, paid)
+        else:
+            SOLVED[key] = _solve_by_outcomes(scenario, joint_outcomes(scenario))
     return Optimum(SOLVED[key], True, states)
 
 
 SOLVED: dict[Hashable, float] = {}
 """The optimum of each game that this process has solved, by what the optimum depends on."""
+
+
+def is_too_large(scenario: Scenario) -> bool:
+    """Return whether a scenario has more joint states, or outcomes, than are solved exactly."""
+    team = len(scenario.robots)
+    states: int = len(scenario.map.cells) ** team
+    outcomes: int = states * OUTCOMES**team
+    if only_together(interactions_of(scenario)):
+        return states > MOST_JOINT_STATES
+    return states > MOST_JOINT_STATES or outcomes > MOST_JOINT_OUTCOMES
 
 
 def _solve(scenario: Scenario, leads: Sequence[np.ndarray], paid: np.ndarray) -> float:
@@ -99,6 +133,64 @@ def _worth(
         best = worth.max(axis=tuple(range(len(leads))))
         if np.abs(best - value).max() <= TOLERANCE * max(1.0, np.abs(best).max()):
             return worth
+        value = best
+
+
+class JointOutcomes(NamedTuple):
+    """What becomes of the cells that robots want, from every joint state.
+
+    A robot's outcome is the move that succeeds, or `STAY`; an outcome of all is one of each.
+
+    Attributes:
+        after: number of the joint state in which the step ends; (outcomes,) * robots + (states,).
+        paid: average reward of the step, with the goals paid a step; same shape.
+    """
+
+    after: np.ndarray
+    paid: np.ndarray
+
+
+def joint_outcomes(scenario: Scenario) -> JointOutcomes:
+    """Return all outcomes of all joint steps; a robot that has arrived wants its own cell."""
+    cells = len(scenario.map.cells)
+    team = len(scenario.robots)
+    inter = interactions_of(scenario)
+    shape = (cells,) * team
+    before = np.indices(shape).reshape(team, -1)
+    own = np.arange(cells)[None]
+    ways = [np.concatenate([successors(scenario, k), own]) for k in range(team)]
+    goals = _paid_at_goals(scenario).ravel()
+    toll = sum(scenario.penalties) / team
+    after = np.empty((OUTCOMES,) * team + (cells**team,), dtype=np.int32)
+    paid = np.empty(after.shape)
+    for chosen in product(range(OUTCOMES), repeat=team):
+        wanted = [ways[k][chosen[k], before[k]] for k in range(team)]
+        ends = settled(inter, before, wanted)
+        conflict = miscoordinations(inter, before, ends)
+        after[chosen] = np.ravel_multi_index(tuple(ends), shape)
+        paid[chosen] = goals[after[chosen]] + np.where(conflict, toll, 0.0)
+    return JointOutcomes(after, paid)
+
+
+def _solve_by_outcomes(scenario: Scenario, outcomes: JointOutcomes) -> float:
+    """Return the optimum by value iteration over all outcomes."""
+    after, paid = outcomes
+    team = len(scenario.robots)
+    shape = (len(scenario.map.cells),) * team
+    start = np.ravel_multi_index([robot.start for robot in scenario.robots], shape)
+    goal = np.ravel_multi_index([robot.goal for robot in scenario.robots], shape)
+    p = scenario.move_success
+    value = np.zeros(after.shape[-1])
+    while True:
+        worth = scenario.discount * value[after] + paid
+        for k in range(team):
+            moved = worth.take(range(PRIMITIVES), axis=k)
+            stayed = worth.take([STAY], axis=k)
+            worth = p * moved + (1.0 - p) * stayed
+        best = worth.max(axis=tuple(range(team)))
+        best[goal] = scenario.goal_reward / (1.0 - scenario.discount)
+        if np.abs(best - value).max() <= TOLERANCE * max(1.0, np.abs(best).max()):
+            return float(best[start])
         value = best
 
 
@@ -146,12 +238,20 @@ def successors(scenario: Scenario, k: int) -> np.ndarray:
 
 
 def payment(scenario: Scenario) -> np.ndarray:
-    """Shape (cells,) * robots: average reward of a step that ends in that joint state."""
+    """Shape (cells,) * robots: average reward of a step that ends there, but for swaps."""
+    paid = _paid_at_goals(scenario)
+    states = np.indices(paid.shape)
+    conflict = any_together(interactions_of(scenario).places[states])
+    toll = sum(scenario.penalties) / len(scenario.robots)
+    return paid + np.where(conflict, toll, 0.0)
+
+
+def _paid_at_goals(scenario: Scenario) -> np.ndarray:
+    """Shape (cells,) * robots: average reward of a step that ends there, without penalties."""
     cells = len(scenario.map.cells)
     team = len(scenario.robots)
     paid = np.zeros((cells,) * team)
     states = np.indices(paid.shape)
     for k, robot in enumerate(scenario.robots):
         paid += np.where(states[k] == robot.goal, scenario.goal_reward, 0.0)
-    conflict = any_together(interactions_of(scenario).places[states])
-    return paid / team + np.where(conflict, sum(scenario.penalties) / team, 0.0)
+    return paid / team

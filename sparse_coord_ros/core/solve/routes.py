@@ -20,7 +20,12 @@ import numpy as np
 from sparse_coord_ros.base.compiling import has_numba, inner, jit
 from sparse_coord_ros.core.game.actions import PRIMITIVES
 from sparse_coord_ros.core.game.grid import moves_to
-from sparse_coord_ros.core.game.interactions import NOWHERE, interactions_of, meet
+from sparse_coord_ros.core.game.interactions import (
+    NOWHERE,
+    check_only_together,
+    interactions_of,
+    meet,
+)
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.solve.optimum import worth_alone
 
@@ -115,7 +120,13 @@ def route_plan(scenario: Scenario, *, restarts: int = 4, seed: int = 0) -> Route
         scenario: the problem.
         restarts: how often to begin anew, in a random order.
         seed: of every random draw.
+
+    Raises:
+        SettingError: robots swap or block, which the planner does not foresee.
     """
+    check_only_together(
+        scenario, "route planner", "the joint optimum knows all interactions"
+    )
     team = len(scenario.robots)
     doorways = sorted(scenario.map.doorways)
     found: list[tuple[float, Ways]] = []

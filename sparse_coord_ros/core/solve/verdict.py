@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The last word on a learned team: what it earns, what it loses, and whether it coordinates."""
 
+import math
 from typing import NamedTuple
 
 from sparse_coord_ros.core.game.percepts import percepts_can_succeed
@@ -11,7 +12,7 @@ from sparse_coord_ros.core.learners.learner import Learner
 from sparse_coord_ros.core.runs.evaluation import Evaluation
 from sparse_coord_ros.core.solve.exact import ExactEvaluation
 from sparse_coord_ros.core.solve.optimum import independent_bound
-from sparse_coord_ros.core.solve.reference import shortest_path_reference
+from sparse_coord_ros.core.solve.reference import Reference, shortest_path_reference
 from sparse_coord_ros.core.solve.shipped import yardsticks
 
 HARDLY_EVER = 1e-3
@@ -44,7 +45,8 @@ FAILING = "failing"
 def needless(scenario: Scenario) -> bool:
     """Return whether robots that ignore each other lose only slightly.
 
-    They take fixed shortest paths. The loss is that against robots alone in the world.
+    They take fixed shortest paths. The loss is that against robots alone in the world. If it is
+    of trials (`Reference.exact`), it may differ by its standard error.
     """
     alone = independent_bound(scenario)
     return alone - shortest_path_reference(scenario).reward <= SLIGHT * alone
@@ -86,7 +88,8 @@ def last_word(
     ignoring = shortest_path_reference(scenario)
     earned = found.reward.mean
     slight = SLIGHT * alone
-    if ignoring.reward - earned > slight + LOSS_ERRORS * found.reward.standard_error:
+    error = math.hypot(found.reward.standard_error, ignoring.reward_error)
+    if ignoring.reward - earned > slight + LOSS_ERRORS * error:
         return LastWord(
             WORSE,
             f"This team is worse than robots that ignore each other: a robot earns {earned:.2f}, "
@@ -117,12 +120,34 @@ def last_word(
     gain = earned - ignoring.reward
     said = (
         f"{own}. This closes {gain / gap:.0%} of the gap to the {name} ({best:.2f}; loss "
-        f"{best - earned:.2f}). Miscoordinations per episode: {found.miscoordinations.mean:.2g} "
-        f"instead of {ignoring.miscoordinations:.2g}."
+        f"{best - earned:.2f}). {_compared(scenario, found, ignoring)}"
     )
     if gain >= ENOUGH * gap:
         return LastWord(LEARNED, f"The team learned to coordinate: {said}")
     return LastWord(FAILING, f"The team hardly coordinates: {said} {advice}")
+
+
+def _compared(
+    scenario: Scenario, found: Evaluation | ExactEvaluation, ignoring: Reference
+) -> str:
+    """Return miscoordinations beside those of robots that ignore each other.
+
+    With block alone there are none; robots that stand in each other's way lose time.
+    """
+    if scenario.interactions.startswith("block"):
+        steps = f"{found.time_to_goal.mean:.3g} instead of {ignoring.time_to_goal:.3g}"
+        arrive = ""
+        if 1.0 - ignoring.all_arrived > HARDLY_EVER:
+            arrive = (
+                f" Robots that ignore each other all arrive in {ignoring.all_arrived:.1%} of the "
+                "trials."
+            )
+        return f"Steps to the goal: {steps}.{arrive}"
+    counted = found.miscoordinations.mean
+    return (
+        f"Miscoordinations per episode: {counted:.2g} instead of "
+        f"{ignoring.miscoordinations:.2g}."
+    )
 
 
 def _advice(scenario: Scenario, learner: Learner) -> str:

@@ -13,6 +13,7 @@ from scipy import ndimage
 from sparse_coord_ros.base.errors import MapError, ScenarioError
 from sparse_coord_ros.base.limits import MAP
 from sparse_coord_ros.core.game.grid import CLEAR, DOORWAY, FREE, WALL, GridMap
+from sparse_coord_ros.core.game.interactions import can_interact
 from sparse_coord_ros.core.game.scenario import SETTINGS, Scenario, scenario_from_dict
 from sparse_coord_ros.core.solve.verdict import needless
 from sparse_coord_ros.lab.maps import gridding
@@ -438,10 +439,11 @@ def _oddities(scenario: Scenario) -> Iterator[str]:
                 f"the horizon of {scenario.horizon}"
             )
         needed = max(needed, steps_for(way, scenario.move_success))
-    if len(robots) > 1 and grid.doorways and needless(scenario):
+    if len(robots) > 1 and can_interact(scenario) and needless(scenario):
         yield (
-            "nothing to coordinate: on shortest paths robots hardly ever come to a doorway at the "
-            "same time; choose other starts and goals, or add a doorway where they meet"
+            "nothing to coordinate: on shortest paths robots hardly ever interact "
+            f"({scenario.interactions}); choose other starts and goals, or add a doorway where "
+            "they meet"
         )
     if scenario.prior == "none" and needed > SHORTEST_BUDGET * scenario.steps:
         yield (

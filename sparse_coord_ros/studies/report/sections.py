@@ -56,6 +56,7 @@ from sparse_coord_ros.studies.report.text import (
     optimum_of,
     percent,
     share,
+    shortest_paths_of,
     signed,
     size,
     steps,
@@ -194,7 +195,7 @@ def _beside_paper(own: Results, measure: str) -> dict[str, str]:
         printed = paper(one, measure)
         if printed is not None:
             cells[f"{title}, paper"] = f"{printed.mean:.2f}"
-    cells["shortest paths"] = f"{own[0].reference[measure]:.2f}"
+    cells["shortest paths"] = shortest_paths_of(own[0], measure)
     return cells
 
 
@@ -495,7 +496,7 @@ def ask_cost(results: Results) -> Section:
                 f"reward at {at_free}": with_error(free.best("reward")),
                 f"reward at {at_dear}": with_error(dear.best("reward")),
                 "Non-coop.": with_error(base.best("reward")),
-                "shortest paths": f"{base.reference['reward']:.2f}",
+                "shortest paths": shortest_paths_of(base),
                 "worth it up to": f"{worth[-1].scenario.ask_cost:g}" if worth else None,
             }
         )
@@ -645,7 +646,7 @@ def where(results: Results) -> Section:
                 "cells near": percent(near),
                 "visited": percent(one.visited_share),
                 "reward (s.e.)": with_error(one.best("reward")),
-                "shortest paths": f"{one.reference['reward']:.2f}",
+                "shortest paths": shortest_paths_of(one),
                 "best asking team found": bound_of(one),
             }
         )

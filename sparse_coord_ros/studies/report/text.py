@@ -118,6 +118,14 @@ def factors(result: ConditionResult) -> str:
     return " : ".join(f"{factor:g}" for factor in spec.numbers) or spec.kind
 
 
+def shortest_paths_of(result: ConditionResult, measure: str = "reward") -> str:
+    """Return a measure of shortest paths, with its standard error where it is of trials."""
+    value = f"{result.reference[measure]:.2f}"
+    if not result.reference.get("trials"):
+        return value
+    return f"{value} ({result.reference[f'{measure}_error']:.2f})"
+
+
 def optimum_of(result: ConditionResult) -> str:
     """Return the joint optimum, marked where it is an upper bound only."""
     return f"{'' if result.optimum_exact else '<= '}{result.optimum:.2f}"
