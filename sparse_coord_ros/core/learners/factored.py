@@ -56,6 +56,10 @@ move."""
 GOLDEN = 0.6180339887498949
 """Golden section: its multiples, modulo 1, spread one draw evenly over the moves to replay."""
 
+STOP = 0.5
+"""What a stop counts, as a share of what arrival is worth. It costs one step, but robots that stop
+each other may stand for ever: by that step alone most teams in a lane do."""
+
 LEAVE = Spec("leave", (0.5, 0.25))
 """How robots of a team of more than two leave a stand-off, unless another way was chosen."""
 
@@ -617,7 +621,7 @@ def brought_by_peers(mind: Any, task: Task, now: Transition, y: int) -> float:
     """Return r^C, or what being stopped on the way to cell y costs; note where it was."""
     if y != now.next_cell:
         mind.narrow[y] = True
-        return loss_of_stop(mind, task, now.cell, y)
+        return -loss_of_stop(task)
     if now.partners == 0 or now.common == 0.0:
         return 0.0
     if not task.swaps:
@@ -631,10 +635,10 @@ def brought_by_peers(mind: Any, task: Task, now: Transition, y: int) -> float:
 
 
 @inlined
-def loss_of_stop(mind: Any, task: Task, x: int, y: int) -> float:
-    """Return what a robot in x loses that is stopped on its way to y: a step."""
-    loss: float = task.discount * (mind.value[x] - mind.value[y])
-    return loss
+def loss_of_stop(task: Task) -> float:
+    """Return what a stop counts: a share of what arrival is worth."""
+    arrival: float = task.goal_reward + task.discount * task.goal_value
+    return STOP * arrival
 
 
 @inlined
@@ -874,7 +878,7 @@ def learn_first(
             if is_met(task, now, peers, first):
                 brought += (1.0 - share) * mind.door[first]
             if stopped:
-                brought += share * loss_of_stop(mind, task, first, s)
+                brought -= share * loss_of_stop(task)
             elif is_met(task, now, peers, s):
                 brought += share * mind.door[s]
             elif task.swaps and would_exchange(mind, task, now, peers, first, s):
