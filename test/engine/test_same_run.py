@@ -146,7 +146,7 @@ STOPS = (1, 63, 64, 301)
 OFTEN = (*range(1, 30, 2), 63, 64, 301)
 """In the middle of episodes and between two of them."""
 
-SINCE_1_0_0 = ("alone", "asked")
+SINCE_1_0_0 = ("alone", "asked", "passage", "narrow")
 """Fields of a memory that 1.0.0 did not have."""
 
 DIGESTS = Path(__file__).parents[1] / "fixtures/1.0.0/digests.json"

@@ -22,6 +22,7 @@ from sparse_coord_ros.base.compiling import inlined, inner, of_learner
 from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.base.npz import MOST_UPDATES, check_range
 from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE, PRIMITIVES
+from sparse_coord_ros.core.game.interactions import interactions_of, stops
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.game.settings import LARGEST_WHOLE
 from sparse_coord_ros.core.game.sight import is_ruled_out
@@ -54,6 +55,10 @@ move."""
 
 GOLDEN = 0.6180339887498949
 """Golden section: its multiples, modulo 1, spread one draw evenly over the moves to replay."""
+
+STOP = 0.5
+"""What a stop counts, as a share of what arrival is worth. It costs one step, but robots that stop
+each other may stand for ever: by that step alone most teams in a lane do."""
 
 LEAVE = Spec("leave", (0.5, 0.25))
 """How robots of a team of more than two leave a stand-off, unless another way was chosen."""
@@ -96,6 +101,8 @@ class Factored(Learner):
             w: W, what a percept is worth [x].
             rho: a row [b] for own cell, peer and its cell; and one for failed percepts.
             door: the last r^C felt on coming to a cell, or staying there, weighed; 0: never any.
+            passage: the last r^C felt on coming to a cell in exchange for a peer, likewise.
+            narrow: whether the robot was ever stopped on its way into a cell [x].
             commons: updates of each entry of r_bar [x][b].
             moved: how often a move led out of its cell [x][b].
             successor: where it led the last time that it did [x][b].
@@ -120,6 +127,8 @@ class Factored(Learner):
         w: Any
         rho: Rows
         door: Any
+        passage: Any
+        narrow: Any
         commons: Any
         moved: Any
         successor: Any
@@ -138,13 +147,15 @@ class Factored(Learner):
     def with_defaults(self, scenario: Scenario) -> Scenario:
         """As of `Learner`; three more settings have a default that depends on the team.
 
-        With more than two robots `referee` is on, and robots leave stand-offs if percepts do not
-        depend on where the robots are. With more than `MOST_CREDIT` robots r^C counts so often.
+        With more than two robots, or robots that stop each other, `referee` is on. More than two
+        leave stand-offs if percepts do not depend on where the robots are. With more than
+        `MOST_CREDIT` robots r^C counts so often.
         """
         chosen = super().with_defaults(scenario)
         given = scenario.given
         team = len(scenario.robots)
-        if team > 2 and "referee" not in given:
+        refereed = team > 2 or interactions_of(scenario).blocks
+        if refereed and "referee" not in given:
             chosen = replace(chosen, referee=True)
         anywhere = scenario.perception.kind in ("always", "probability")
         if team > 2 and anywhere and "stand_off" not in given:
@@ -183,8 +194,9 @@ class Factored(Learner):
                 f"prior={prior}"
             )
         felt = self.weights(scenario).common * scenario.penalties[robot]
-        if not np.isin(memory["door"], [0.0, felt]).all():
-            raise ValueError(f"door has an r^C that is neither 0 nor {felt:g}")
+        for name in ("door", "passage"):
+            if not np.isin(memory[name], [0.0, felt]).all():
+                raise ValueError(f"{name} has an r^C that is neither 0 nor {felt:g}")
         best = memory["q_star"].max(axis=1)
         kept = np.maximum(best, LEAST_WORTH * memory["alone"].max(axis=1))
         value = memory["value"]
@@ -237,6 +249,8 @@ class Factored(Learner):
             w=np.zeros(cells),
             rho=empty_rows(keys, np.zeros((1, PRIMITIVES)), team),
             door=np.zeros(cells),
+            passage=np.zeros(cells),
+            narrow=np.zeros(cells, dtype=bool),
             commons=np.zeros(moves, dtype=np.int64),
             moved=np.zeros(moves, dtype=np.int64),
             successor=np.zeros(moves, dtype=np.int64),
@@ -321,9 +335,11 @@ class Factored(Learner):
     @staticmethod
     def learn(mind: Mind, task: Task, now: Transition) -> None:
         """Learn U, r_bar or rho and W; then replay a move."""
-        learn_move(mind, task, now)
+        y = led_to(mind, task, now)
+        brought = brought_by_peers(mind, task, now, y)
+        learn_move(mind, task, now, y, brought)
         if now.action == COORDINATE:
-            learn_asking(mind, task, now)
+            learn_asking(mind, task, now, brought)
         refresh(mind, task, now.cell)
         replay(mind, task, now)
 
@@ -596,12 +612,74 @@ def toward(value: float, alpha: float, target: float) -> float:
 
 
 @inlined
-def learn_move(mind: Any, task: Task, now: Transition) -> None:
-    """Learn U and the model from a move and, if the robot did not ask, r_bar."""
+def led_to(mind: Any, task: Task, now: Transition) -> int:
+    """Return where the move of a step leads a robot that is alone.
+
+    That is the next cell; but of a robot that was stopped, where the move led before.
+    """
+    if was_stopped(mind, task, now):
+        cell: int = mind.successor[now.cell][now.move]
+        return cell
+    return now.next_cell
+
+
+@inlined
+def was_stopped(mind: Any, task: Task, now: Transition) -> bool:
+    """Return whether a peer stopped the robot on its way to a cell that it knows."""
+    if not task.blocks or now.next_cell != now.cell or now.common != 0.0:
+        return False
+    return now.partners > 0 and mind.moved[now.cell][now.move] > 0
+
+
+@inlined
+def brought_by_peers(mind: Any, task: Task, now: Transition, y: int) -> float:
+    """Return r^C, or what being stopped on the way to cell y costs; note where it was."""
+    if y != now.next_cell:
+        mind.narrow[y] = True
+        return -loss_of_stop(task)
+    if now.partners == 0 or now.common == 0.0:
+        return 0.0
+    if not task.swaps:
+        mind.door[y] = now.common
+    elif now.seen != 0:
+        if came_from(task, now, y):
+            mind.passage[y] = now.common
+        else:
+            mind.door[y] = now.common
+    return now.common
+
+
+@inlined
+def loss_of_stop(task: Task) -> float:
+    """Return what a stop counts: a share of what arrival is worth."""
+    arrival: float = task.goal_reward + task.discount * task.goal_value
+    return STOP * arrival
+
+
+@inlined
+def came_from(task: Task, now: Transition, y: int) -> bool:
+    """Return whether the robot went into a cell where a partner was."""
+    if now.cell == y:
+        return False
+    for peer in range(task.robots):
+        if peer != task.number and (now.partners >> peer) & 1 and now.cells[peer] == y:
+            return True
+    return False
+
+
+@inlined
+def learn_move(mind: Any, task: Task, now: Transition, y: int, brought: float) -> None:
+    """Learn U and the model from a move and, if the robot did not ask, r_bar.
+
+    Args:
+        mind: what the robot remembers.
+        task: its task.
+        now: the step.
+        y: where the move leads a robot that is alone.
+        brought: what peers brought.
+    """
     x = now.cell
     b = now.move
-    y = now.next_cell
-    common = now.common if now.partners != 0 else 0.0
     count = mind.updates[x][b] + 1
     mind.updates[x][b] = count
     if count == 1 and task.map_samples == 0:
@@ -610,8 +688,6 @@ def learn_move(mind: Any, task: Task, now: Transition) -> None:
     if y != x:
         mind.moved[x][b] += 1
         mind.successor[x][b] = y
-    if common != 0.0:
-        mind.door[y] = common
     after = task.goal_value if y == task.goal else mind.value[y]
     if task.map_samples > 0:
         plan_cell(mind, task, x)
@@ -623,7 +699,7 @@ def learn_move(mind: Any, task: Task, now: Transition) -> None:
         count = mind.commons[x][b] + 1
         mind.commons[x][b] = count
         alpha = max(1.0 / (count + 1), now.floor / max(1.0, task.credit))
-        mind.r_bar[x][b] = toward(mind.r_bar[x][b], alpha, common)
+        mind.r_bar[x][b] = toward(mind.r_bar[x][b], alpha, brought)
 
 
 @inlined
@@ -651,21 +727,27 @@ def plan_move(mind: Any, task: Task, x: int, b: int) -> None:
 
 
 @inlined
-def learn_asking(mind: Any, task: Task, now: Transition) -> None:
-    """Learn from COORDINATE: rho of what was perceived, and what percepts are worth."""
+def learn_asking(mind: Any, task: Task, now: Transition, brought: float) -> None:
+    """Learn from COORDINATE: rho of what was perceived, and what percepts are worth.
+
+    Args:
+        mind: what the robot remembers.
+        task: its task.
+        now: the step.
+        brought: what peers brought.
+    """
     x = now.cell
-    common = now.common if now.partners != 0 else 0.0
     if now.seen == 0:
-        if is_ruled_out(task.sight, x, x):
-            common = now.felt if now.partners != 0 else 0.0
+        if is_ruled_out(task.sight, x, x) and brought == now.common:
+            brought = now.felt if now.partners != 0 else 0.0
         key = failed_key(x, task.cells, task.robots)
-        learn_rho(mind, task, now, place(mind.rho, key), now.move, common)
+        learn_rho(mind, task, now, place(mind.rho, key), now.move, brought)
     else:
         for peer in range(task.robots):
             if peer != task.number:
-                brought = common if (now.partners >> peer) & 1 else 0.0
+                its = brought if (now.partners >> peer) & 1 else 0.0
                 key = rho_key(x, peer, now.cells[peer], task.cells, task.robots)
-                learn_rho(mind, task, now, place(mind.rho, key), now.move, brought)
+                learn_rho(mind, task, now, place(mind.rho, key), now.move, its)
     if mind.last[0] == now.step:
         look_back(mind, task, now)
     note_question(mind, task, now)
@@ -797,8 +879,12 @@ def learn_first(
             continue
         share = mind.moved[first][b] / made
         s = mind.successor[first][b]
+        stopped = would_stop(mind, task, now, peers, first, s)
         brought = (1.0 - share) * owed
-        brought += share * mind.there[b] * share_of(mind, task, peers, b)
+        if stopped:
+            brought += share * here
+        else:
+            brought += share * mind.there[b] * share_of(mind, task, peers, b)
         if b == mind.last[1]:
             rho[b] += step_of_rho(task, updates[b], now.floor) * brought
         elif now.seen != 0 or (
@@ -806,8 +892,12 @@ def learn_first(
         ):
             if is_met(task, now, peers, first):
                 brought += (1.0 - share) * mind.door[first]
-            if is_met(task, now, peers, s):
+            if stopped:
+                brought -= share * loss_of_stop(task)
+            elif is_met(task, now, peers, s):
                 brought += share * mind.door[s]
+            elif task.swaps and would_exchange(mind, task, now, peers, first, s):
+                brought += share * mind.passage[s]
             if brought != 0.0 or rho[b] != 0.0:
                 learn_rho(mind, task, now, row, b, brought)
 
@@ -841,6 +931,34 @@ def is_met(task: Task, now: Transition, peers: int, cell: int) -> bool:
     for j in range(task.robots):
         if (peers >> j) & 1 and now.cells[j] == cell:
             return True
+    return False
+
+
+@inlined
+def would_exchange(
+    mind: Any, task: Task, now: Transition, peers: int, first: int, s: int
+) -> bool:
+    """Return whether the robot would have exchanged cells with a peer, going from first to s."""
+    if now.seen == 0:
+        return False
+    for j in range(task.robots):
+        if (peers >> j) & 1 and mind.last[2 + j] == s and now.cells[j] == first:
+            return True
+    return False
+
+
+@inlined
+def would_stop(
+    mind: Any, task: Task, now: Transition, peers: int, first: int, s: int
+) -> bool:
+    """Return whether a peer would have stopped the robot on its way from first to s."""
+    if not task.blocks or now.seen == 0 or not mind.narrow[s]:
+        return False
+    for j in range(task.robots):
+        if (peers >> j) & 1:
+            before = mind.last[2 + j]
+            if stops(s, first, before, now.cells[j], j < task.number):
+                return True
     return False
 
 

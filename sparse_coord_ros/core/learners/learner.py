@@ -21,6 +21,7 @@ import numpy as np
 from sparse_coord_ros.base.compiling import inner
 from sparse_coord_ros.base.errors import SettingError, in_short
 from sparse_coord_ros.core.game.actions import ACTIONS, PRIMITIVES
+from sparse_coord_ros.core.game.interactions import interactions_of
 from sparse_coord_ros.core.game.percepts import sight_in
 from sparse_coord_ros.core.game.plugins import failing_as, is_shipped, path_of
 from sparse_coord_ros.core.game.scenario import INITIAL_VALUES, SETTINGS, Scenario
@@ -371,6 +372,7 @@ class Learner:
         """
         weights = self.weights(scenario)
         leaving, leaving_share = leaving_of(scenario)
+        inter = interactions_of(scenario)
         return Task(
             number=robot,
             robots=len(scenario.robots),
@@ -384,6 +386,8 @@ class Learner:
             credit=weights.common,
             step_sizes=step_sizes,
             sight=sight_in(scenario) if self.rules_out else BLIND,
+            swaps=inter.swaps,
+            blocks=inter.blocks,
             map_samples=map_samples(scenario),
             replays=replays_of(scenario),
             leaving=leaving,

@@ -42,6 +42,8 @@ class Task(NamedTuple):
         credit: how often r^C counts.
         step_sizes: the step size of the n-th update of an entry, without the floor [n].
         sight: how likely percepts succeed; of learners that do not look at it `BLIND`.
+        swaps: whether robots that exchange cells interact.
+        blocks: whether robots can stop each other.
         map_samples: for how many samples of each move the map counts; 0: the map is not known.
         replays: how many moves a learner with a model replays in each step.
         leaving: probability of leaving a stand-off.
@@ -60,6 +62,8 @@ class Task(NamedTuple):
     credit: float
     step_sizes: Any
     sight: Sight
+    swaps: bool
+    blocks: bool
     map_samples: int
     replays: int
     leaving: float
@@ -82,8 +86,7 @@ class Transition(NamedTuple):
         common: r^C, weighed.
         felt: r^C as it is.
         asking: minus the cost of asking, weighed; or 0.
-        partners: with whom the robot was in a miscoordination, the sum of 2^j; 0: none; -1: not
-            known.
+        partners: with whom the robot interacted, the sum of 2^j; 0: with none; -1: not known.
         epsilon: probability of exploring.
         floor: least step size.
         draw: a random number in [0, 1), of learners that want one.

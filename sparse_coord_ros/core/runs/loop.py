@@ -104,6 +104,8 @@ def made_task(rule: Rule, k: int) -> Task:
         rule.weights[1],
         rule.step_sizes,
         problem.sight,
+        problem.interactions.swaps,
+        problem.interactions.blocks,
         rule.map_samples,
         rule.replays,
         rule.leaving,
