@@ -71,16 +71,52 @@ SOLVED: dict[Hashable, float] = {}
 """The optimum of each game that this process has solved, by what the optimum depends on."""
 
 
-def _solve(scenario: Scenario, leads: Sequence[np.ndarray], paid: np.ndarray) -> float:
-    """Return the optimum; arguments as `successors` and `payment` return them."""
+def _solve(
+    scenario: Scenario,
+    leads: Sequence[np.ndarray],
+    paid: np.ndarray,
+    cost: np.ndarray | float = 0.0,
+) -> float:
+    """Return the best value from the starts.
+
+    Args:
+        scenario: the problem.
+        leads: as `successors` returns them, one a robot.
+        paid: as `payment` returns it.
+        cost: what a step costs a robot on average, in the joint state where it begins.
+    """
     start = tuple(robot.start for robot in scenario.robots)
-    return float(
-        _worth(scenario, leads, paid).max(axis=tuple(range(len(leads))))[start]
-    )
+    worth = _worth(scenario, leads, paid, cost)
+    return float(worth.max(axis=tuple(range(len(leads))))[start])
+
+
+def always_asking(scenario: Scenario) -> float | None:
+    """Return the best value of a team whose robots ask in every step, and pay for it.
+
+    Each question is answered, so the team sees as much as that of the joint optimum. A robot pays
+    `ask_cost` in each step in which it has not arrived.
+
+    Returns:
+        Total discounted reward from the starts, averaged over the robots; None where there are
+        more than `MOST_JOINT_STATES` joint states.
+    """
+    team = len(scenario.robots)
+    cells = len(scenario.map.cells)
+    if cells**team > MOST_JOINT_STATES:
+        return None
+    leads = [successors(scenario, k) for k in range(team)]
+    states = np.indices((cells,) * team)
+    goals = [robot.goal for robot in scenario.robots]
+    asking = sum(states[k] != goal for k, goal in enumerate(goals))
+    cost = asking * (scenario.ask_cost / team)
+    return _solve(scenario, leads, payment(scenario), cost)
 
 
 def _worth(
-    scenario: Scenario, leads: Sequence[np.ndarray], paid: np.ndarray
+    scenario: Scenario,
+    leads: Sequence[np.ndarray],
+    paid: np.ndarray,
+    cost: np.ndarray | float,
 ) -> np.ndarray:
     """Return the worth of joint actions, last robot first, in joint states."""
     value = np.zeros(paid.shape)
@@ -94,6 +130,7 @@ def _worth(
             worth = np.stack(
                 [p * worth.take(to, 2 * k) + (1.0 - p) * worth for to in lead]
             )
+        worth -= cost
         # All have arrived: the trial is over, and robots in one doorway do not pay.
         worth[every + goal] = scenario.goal_reward / (1.0 - scenario.discount)
         best = worth.max(axis=tuple(range(len(leads))))

@@ -19,6 +19,7 @@ import pandas as pd
 
 from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.runs.evaluation import Measure
+from sparse_coord_ros.core.solve.advice import LEAST_WORTH
 from sparse_coord_ros.core.solve.verdict import RARE
 from sparse_coord_ros.studies.catalogue import (
     CLOSED,
@@ -61,10 +62,26 @@ from sparse_coord_ros.studies.report.text import (
     steps,
     with_error,
 )
+from sparse_coord_ros.studies.report.when import (
+    ALWAYS,
+    AVOIDABLE_LINE,
+    COOP,
+    CQ,
+    EDGES,
+    FACTORED,
+    MOST_CELLS,
+    interval_name,
+    means,
+    points,
+    tightness,
+)
 from sparse_coord_ros.studies.standings import ARRIVE, standings
 from sparse_coord_ros.studies.store import CONFIDENCE, ConditionResult
 
 Results = Sequence[ConditionResult]
+
+NEGLIGIBLE_QUESTIONS = 0.25
+"""Questions of a robot in an episode that count as hardly any, a mean over maps."""
 
 TARGET = "our target"
 CENTRAL_CLAIM = "central claim"
@@ -732,6 +749,86 @@ def unseen(results: Results) -> Section:
     )
 
 
+def when(results: Results) -> Section:
+    """Return questions and share of the gap by the ratio of loss and cost of a question."""
+    found = points(results)
+    averages = means(found[~found["avoidable"]])
+    rows = [
+        row
+        for line in averages["line"].unique()
+        for row in _by_ratio(line, averages[averages["line"] == line])
+    ]
+    apart = means(found[found["avoidable"] & (found["line"] == FACTORED)])
+    rows += _by_ratio(AVOIDABLE_LINE, apart)
+    spread = {
+        "the loss": tightness(found, "ratio"),
+        "the loss, not discounted": tightness(found, "undiscounted"),
+        "the possible gain": tightness(found, "worth"),
+    }
+    values = {
+        "maps": found["scenario"].nunique(),
+        "teams": int(found["teams"].sum()),
+        "failed": int(found["failed"].sum()),
+        "small": MOST_CELLS,
+        "spread": {
+            name: f"{questions:.2f} questions and {percent(share)}"
+            for name, (questions, share) in spread.items()
+        },
+    }
+    claims = [_asks_only_where_needed(averages), _asking_beats_looking(averages)]
+    return Section("when.md.j2", pd.DataFrame(rows), claims, values)
+
+
+def _by_ratio(line: str, averages: pd.DataFrame) -> list[dict[str, str]]:
+    """Return the rows of a line: its questions, and its share of the gap, by interval."""
+    asked = {"line": line, "measure": "questions"}
+    gained = {"line": line, "measure": "share of the gap"}
+    for one in averages.to_dict("records"):
+        column = interval_name(one["interval"])
+        questions = Measure(one["questions"], math.nan, one["questions_error"])
+        asked[column] = with_error(questions)
+        error = fixed(100 * one["share_error"], 0)
+        gained[column] = f"{100 * one['share']:.0f} % ({error})"
+    teams = int(averages["teams"].sum())
+    if not teams:
+        return [gained]
+    fail = of(int(averages["failed"].sum()), teams)
+    return [{**asked, "failed teams": fail}, {**gained, "failed teams": fail}]
+
+
+def _asks_only_where_needed(averages: pd.DataFrame) -> Claim:
+    """Return whether robots hardly ask where a question costs more than all could lose."""
+    cheap = averages["interval"] < EDGES.index(LEAST_WORTH)
+    asked = {}
+    for line in (FACTORED, COOP, CQ):
+        own = averages[cheap & (averages["line"] == line)]
+        asked[line] = np.average(own["questions"], weights=own["conditions"])
+    return Claim(
+        "Robots do not ask where ignoring each other costs less than a question",
+        CENTRAL_CLAIM,
+        "questions of a robot in an episode there: "
+        + named({line: f"{mean:.2f}" for line, mean in asked.items()}),
+        sum(mean < NEGLIGIBLE_QUESTIONS for mean in asked.values()),
+        len(asked),
+    )
+
+
+def _asking_beats_looking(averages: pd.DataFrame) -> Claim:
+    """Return in how many intervals asking where it matters gains more than asking always."""
+    share = averages.pivot(index="interval", columns="line", values="share")
+    both = share[[FACTORED, ALWAYS]].dropna()
+    more = both[FACTORED] > both[ALWAYS]
+    equal = [interval_name(interval) for interval in both.index[~more]]
+    return Claim(
+        "Asking where it matters gains more than asking always, and paying for it",
+        CENTRAL_CLAIM,
+        f"Factored gains more in {of(int(more.sum()), len(more))} intervals of the ratio; "
+        f"not in: {listed(equal)}",
+        int(more.sum()),
+        len(more),
+    )
+
+
 SECTIONS: Mapping[str, Callable[[Results], Section]] = {
     "table1": partial(rewards, "Table 1"),
     "table2": table2,
@@ -744,5 +841,6 @@ SECTIONS: Mapping[str, Callable[[Results], Section]] = {
     "crowd": crowd,
     "where": where,
     "unseen": unseen,
+    "when": when,
 }
 """The data function of each experiment."""
