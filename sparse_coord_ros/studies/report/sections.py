@@ -64,7 +64,6 @@ from sparse_coord_ros.studies.report.text import (
 )
 from sparse_coord_ros.studies.report.when import (
     ALWAYS,
-    AVOIDABLE_LINE,
     COOP,
     CQ,
     EDGES,
@@ -74,7 +73,9 @@ from sparse_coord_ros.studies.report.when import (
     means,
     points,
     tightness,
+    with_ways_apart,
 )
+from sparse_coord_ros.studies.report.when_figures import LINES, MORE_LINES
 from sparse_coord_ros.studies.standings import ARRIVE, standings
 from sparse_coord_ros.studies.store import CONFIDENCE, ConditionResult
 
@@ -82,6 +83,9 @@ Results = Sequence[ConditionResult]
 
 NEGLIGIBLE_QUESTIONS = 0.25
 """Questions of a robot in an episode that count as hardly any, a mean over maps."""
+
+EQUAL_SHARE = 0.005
+"""Shares of a gap that differ by less count as equal."""
 
 TARGET = "our target"
 CENTRAL_CLAIM = "central claim"
@@ -752,14 +756,16 @@ def unseen(results: Results) -> Section:
 def when(results: Results) -> Section:
     """Return questions and share of the gap by the ratio of loss and cost of a question."""
     found = points(results)
-    averages = means(found[~found["avoidable"]])
-    rows = [
-        row
-        for line in averages["line"].unique()
-        for row in _by_ratio(line, averages[averages["line"] == line])
-    ]
-    apart = means(found[found["avoidable"] & (found["line"] == FACTORED)])
-    rows += _by_ratio(AVOIDABLE_LINE, apart)
+    shown = with_ways_apart(found)
+    averages = means(shown)
+    by_cost = shown[shown["line"] == FACTORED].copy()
+    by_cost["line"] = [f"{FACTORED}, cost {cost:g}" for cost in by_cost["cost"]]
+    both = pd.concat([averages, means(by_cost)])
+    rows: list[dict[str, str]] = []
+    for line in [*LINES, *sorted(by_cost["line"].unique()), *MORE_LINES]:
+        own = both[both["line"] == line]
+        if len(own) and not (rows and line == FACTORED):
+            rows += _by_ratio(line, own)
     spread = {
         "the loss": tightness(found, "ratio"),
         "the loss, not discounted": tightness(found, "undiscounted"),
@@ -775,7 +781,7 @@ def when(results: Results) -> Section:
             for name, (questions, share) in spread.items()
         },
     }
-    claims = [_asks_only_where_needed(averages), _asking_beats_looking(averages)]
+    claims = [_asks_only_where_needed(averages), _asking_beats_looking(shown)]
     return Section("when.md.j2", pd.DataFrame(rows), claims, values)
 
 
@@ -789,11 +795,12 @@ def _by_ratio(line: str, averages: pd.DataFrame) -> list[dict[str, str]]:
         asked[column] = with_error(questions)
         error = fixed(100 * one["share_error"], 0)
         gained[column] = f"{100 * one['share']:.0f} % ({error})"
+    rows = [gained] if averages["questions"].isna().all() else [asked, gained]
     teams = int(averages["teams"].sum())
-    if not teams:
-        return [gained]
-    fail = of(int(averages["failed"].sum()), teams)
-    return [{**asked, "failed teams": fail}, {**gained, "failed teams": fail}]
+    if teams:
+        fail = of(int(averages["failed"].sum()), teams)
+        rows = [{**row, "failed teams": fail} for row in rows]
+    return rows
 
 
 def _asks_only_where_needed(averages: pd.DataFrame) -> Claim:
@@ -808,16 +815,21 @@ def _asks_only_where_needed(averages: pd.DataFrame) -> Claim:
         CENTRAL_CLAIM,
         "questions of a robot in an episode there: "
         + named({line: f"{mean:.2f}" for line, mean in asked.items()}),
-        sum(mean < NEGLIGIBLE_QUESTIONS for mean in asked.values()),
+        sum(bool(mean < NEGLIGIBLE_QUESTIONS) for mean in asked.values()),
         len(asked),
     )
 
 
-def _asking_beats_looking(averages: pd.DataFrame) -> Claim:
-    """Return in how many intervals asking where it matters gains more than asking always."""
+def _asking_beats_looking(found: pd.DataFrame) -> Claim:
+    """Return in how many intervals asking where it matters gains more than asking always.
+
+    Both on the same maps: where the team that always asks was computed.
+    """
+    maps = found[found["line"] == ALWAYS]["scenario"]
+    averages = means(found[found["scenario"].isin(maps)])
     share = averages.pivot(index="interval", columns="line", values="share")
     both = share[[FACTORED, ALWAYS]].dropna()
-    more = both[FACTORED] > both[ALWAYS]
+    more = both[FACTORED] > both[ALWAYS] + EQUAL_SHARE
     equal = [interval_name(interval) for interval in both.index[~more]]
     return Claim(
         "Asking where it matters gains more than asking always, and paying for it",

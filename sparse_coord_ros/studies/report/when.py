@@ -82,6 +82,16 @@ def points(results: Results) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
+def with_ways_apart(found: pd.DataFrame) -> pd.DataFrame:
+    """Return points without those of pairs that can avoid each other for nothing.
+
+    Those of Factored stay, as a line of their own.
+    """
+    own = found["avoidable"] & (found["line"] == FACTORED)
+    line = found["line"].mask(own, AVOIDABLE_LINE)
+    return found.assign(line=line)[~found["avoidable"] | own]
+
+
 def line_of(result: ConditionResult) -> str:
     """Return the line of a condition."""
     robots = len(result.scenario.robots)
@@ -202,13 +212,14 @@ def tightness(found: pd.DataFrame, x: str) -> tuple[float, float]:
     """Return how far the points of Factored lie from one curve over a column.
 
     The curve at a point is the mean of the points of other maps, weighted by their distance: a
-    Gaussian on the logarithm of x. Points lie between the first and the last of the inner `EDGES`.
+    Gaussian on the logarithm of x. All columns are judged by the same points: those whose ratio
+    lies between the first and the last of the inner `EDGES`, and that have a gap.
 
     Returns:
         Root mean squares: in questions, and in the share of the gap (-1 where it is less).
     """
     own = found[(found["line"] == FACTORED) & ~found["avoidable"]]
-    own = own[(own[x] > EDGES[1]) & (own[x] < EDGES[-2])]
+    own = own[own["ratio"].between(EDGES[1], EDGES[-2]) & (own["gap"] > TINY)]
     own = own[own["questions"].notna()]
     place = np.log(own[x].to_numpy())
     maps = own["scenario"].to_numpy()
