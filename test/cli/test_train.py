@@ -140,6 +140,20 @@ def test_no_advice_where_all_arrive(sparse_coord):
     assert "did not arrive" not in out and "--s" not in out
 
 
+@pytest.mark.parametrize("trials", [0, 20])
+def test_it_says_once_whether_coordination_will_pay(sparse_coord, trials):
+    """With an evaluation the last word says it, or a line of its own where robots get lost."""
+    options = ("--steps", 50, "--penalty", -100, "--trials", trials)
+    code, out, _ = sparse_coord("train", "env1", *options, "--out", "a")
+    expected = "Coordination will pay: robots that ignore each other lose 33.86 each, as much as"
+    assert code == 0 and out.count(expected) == 1
+    data = json.loads(
+        sparse_coord("train", "env1", *options, "--out", "b", "--json")[1]
+    )
+    assert data["advice"]["kind"] == "will pay"
+    assert data["advice"]["ratio"] == pytest.approx(33.857, abs=1e-3)
+
+
 def test_interrupt_and_resume(sparse_coord, folder, monkeypatch):
     number = signal.SIGTERM
     real = train_verb.train
