@@ -4,6 +4,7 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from itertools import product
 from types import MappingProxyType
 
@@ -252,6 +253,7 @@ def experiment_names() -> list[str]:
     return list(NAMES)
 
 
+@cache
 def experiment(name: str) -> Experiment:
     """Return the experiment of one of `NAMES`."""
     title, conditions = _EXPERIMENTS[name]
