@@ -12,6 +12,7 @@ from sparse_coord_ros.cli.imported_map import CELL, RADIUS, check_free, make, wr
 from sparse_coord_ros.cli.options import JSON, PAGE, Option, changes, tell
 from sparse_coord_ros.core.game.grid import FURTHEST
 from sparse_coord_ros.core.game.settings import Setting
+from sparse_coord_ros.core.solve.advice import advice
 from sparse_coord_ros.lab.maps.gridding import SPECK
 from sparse_coord_ros.lab.maps.image import read_floor_plan
 from sparse_coord_ros.lab.maps.plan import Place
@@ -126,6 +127,8 @@ def execute(options: argparse.Namespace) -> None:
     rows, columns = made.imported.grid.shape
     facts = {"name": name, "rows": rows, "columns": columns, **made.facts}
     facts |= {"parts": made.imported.parts, "files": [*made.files, picture]}
+    expected = None if made.scenario is None else advice(made.scenario)
+    facts["advice"] = expected
     lines = [
         "{name}: {rows} x {columns}, {cells} cells of {resolution:g} m, {0}; "
         "lower left corner at {origin[0]:g},{origin[1]:g}".format(
@@ -139,5 +142,7 @@ def execute(options: argparse.Namespace) -> None:
         lines.append(
             "robots begin with the values of robots alone on this map (prior=map)"
         )
+    if expected is not None:
+        lines.append(expected.text)
     lines += [f"note: {note}" for note in made.notes]
     tell(options, facts, *lines, f"written: {' '.join(map(str, facts['files']))}")

@@ -40,6 +40,7 @@ from sparse_coord_ros.core.runs.run_config import (
     make_run,
 )
 from sparse_coord_ros.core.runs.tables import TEAM_FILE, save_team
+from sparse_coord_ros.core.solve.advice import advice
 from sparse_coord_ros.core.solve.shipped import known_optimum
 from sparse_coord_ros.core.solve.verdict import LOST, last_word
 from sparse_coord_ros.protocol.lockstep.node_checkpoints import CHECKPOINTS
@@ -262,6 +263,8 @@ def _say(
     lines = []
     facts: dict[str, Any] = {"directory": out, "learner": run.learner, "seed": run.seed}
     facts |= {"engine": done.engine, "episodes": done.history.episodes}
+    expected = advice(scenario)
+    facts["advice"] = expected
     plan, text = planned(out, run, done.tables) if run.improve else ({}, "")
     if trials != 0:
         exact = None if trials is None else False
@@ -277,7 +280,10 @@ def _say(
         }
         facts["evaluation"] = result.to_dict()
         lines = [result_table([Evaluated(out, run, result)]), word.text]
-        lines += advice(scenario, done) if word.kind == LOST else []
+        if word.kind == LOST:
+            lines += tips(scenario, done)
+    if expected.text not in "".join(lines):
+        lines.append(expected.text)
     lines.append(f"engine   {ENGINE_WORDS[done.engine]}")
     lines += [f"tables   {out / TEAM_FILE}", f"history  {out / HISTORY_FILE}"]
     lines.append(f"run      {out / RUN_FILE}")
@@ -292,7 +298,7 @@ def _say(
     shared.tell(options, facts, *lines)
 
 
-def advice(scenario: Scenario, done: Training) -> list[str]:
+def tips(scenario: Scenario, done: Training) -> list[str]:
     """Return advice for robots that do not arrive, at most two sentences.
 
     Args:
@@ -306,16 +312,16 @@ def advice(scenario: Scenario, done: Training) -> list[str]:
     last = slice(history.episodes // 2, None)
     arrived = history.arrived[last][history.present[last]].mean()
     left = scenario.discount**moves
-    tips = []
+    found = []
     if left < FAR:
-        tips.append(
+        found.append(
             f"The goal is {moves} moves away, and discount {scenario.discount:g} leaves "
             f"{left:.1%} of its value there: --set discount=0.99."
         )
     elif str(scenario.starts) == "fixed":
-        tips.append(
+        found.append(
             "Episodes that always begin at the same cells seldom find a goal far away: "
             f"--set starts={SETTINGS['starts'].default}."
         )
     share = f"In the second half of learning {arrived:.0%} of the robots' episodes ended at the"
-    return [*tips, f"{share} goal; learn longer: --steps {10 * scenario.steps}."]
+    return [*found, f"{share} goal; learn longer: --steps {10 * scenario.steps}."]

@@ -4,6 +4,7 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from itertools import product
 from types import MappingProxyType
 
@@ -48,6 +49,41 @@ PROBABILITIES = (0, 0.25, 0.5, 0.75, 0.9, 1)
 RANGES = (1, 2, 3, 4, 6)
 SHARES = ("same", "each:1:0.5", "each:1:0", "each:2:0")
 CROWDS = (2, 3, 4, 6, 8)
+
+WHEN: Mapping[str, object] = {"prior": "map", "steps": 30_000}
+"""Settings of the experiment on when to coordinate: robots know their map."""
+
+WHEN_PENALTIES = (-5, -20, -100, -500)
+WHEN_COSTS = (0.2, 1, 5)
+WHEN_CHANCES = (0.5, 0.2)
+"""Probabilities of an answer, beside 1."""
+
+WHEN_PAIRS = (
+    *("env1", "isr", "env2-2r", "mit", "pentagon", "suny", "cit", "cmu"),
+    *("unseen1-door-2r-1", "unseen1-door-2r-3"),
+    *("unseen1-doors-2r-1", "unseen1-doors-2r-101"),
+    *("unseen1-corridor-2r-1", "unseen1-corridor-2r-3"),
+    *("unseen1-rooms-2r-1", "unseen1-rooms-2r-3"),
+    *("unseen1-loop-2r-1", "unseen1-loop-2r-105"),
+    *("unseen1-crossing-2r-5", "unseen1-crossing-2r-105"),
+    *("unseen1-crossing-2r-103", "unseen1-door-2r-101"),
+    *("unseen1-rooms-2r-105", "building-2x2x3-2r-1"),
+    *("building-2x1x4-2r-0", "building-2x1x4-2r-3"),
+    *("building-4x1x3-2r-1", "building-4x1x3-2r-3"),
+    *("building-2x2x3-2r-3", "building-3x2x3-2r-0"),
+)
+"""Maps of two robots that meet, on shortest paths, in 0 to 75 of 100 episodes."""
+
+WHEN_TEAMS = (
+    *("unseen1-doors-4r-1", "unseen1-rooms-4r-1", "unseen1-crossing-4r-1"),
+    *("unseen1-door-4r-1", "unseen1-loop-4r-1", "building-3x2x3-4r-1"),
+    *("unseen1-doors-8r-1", "unseen1-rooms-8r-1", "unseen1-crossing-8r-1"),
+    *("unseen1-door-8r-1", "unseen1-loop-8r-1", "building-4x2x3-8r-1"),
+)
+"""Maps of four and of eight robots."""
+
+WHEN_TEAM_PENALTIES = (-1, -5, -20, -100)
+"""Less than those of pairs: larger teams meet more often."""
 
 
 @dataclass(frozen=True)
@@ -166,6 +202,20 @@ def _unseen() -> list[Condition]:
     ]
 
 
+def _when() -> list[Condition]:
+    """Return pairs at each penalty and cost; other learners, chances and teams at cost 1."""
+    penalties = {"penalty": WHEN_PENALTIES}
+    over = {"learner": ["factored"], **penalties, "ask_cost": WHEN_COSTS}
+    found = _every(WHEN_PAIRS, over, WHEN)
+    over = {"learner": ["coop", "cq", "noncoop"], **penalties}
+    found += _every(WHEN_PAIRS, over, WHEN)
+    chances = [f"probability:{chance}" for chance in WHEN_CHANCES]
+    over = {"learner": ["factored"], **penalties, "perception": chances}
+    found += _every(WHEN_PAIRS, over, WHEN)
+    over = {"learner": ["factored"], "penalty": WHEN_TEAM_PENALTIES}
+    return found + _every(WHEN_TEAMS, over, WHEN)
+
+
 _EXPERIMENTS: Mapping[str, tuple[str, Callable[[], list[Condition]]]] = {
     "table1": ("Table 1: total discounted reward", lambda: _tables(SMALL)),
     "table2": ("Table 2: time to goal and miscoordinations", lambda: _tables(SMALL)),
@@ -191,6 +241,7 @@ _EXPERIMENTS: Mapping[str, tuple[str, Callable[[], list[Condition]]]] = {
         lambda: _every(SMALL + LARGE, {"learner": ["coop"]}, LONG),
     ),
     "unseen": ("Buildings that no search has seen", _unseen),
+    "when": ("When robots should coordinate", _when),
 }
 
 NAMES = tuple(_EXPERIMENTS)
@@ -202,6 +253,7 @@ def experiment_names() -> list[str]:
     return list(NAMES)
 
 
+@cache
 def experiment(name: str) -> Experiment:
     """Return the experiment of one of `NAMES`."""
     title, conditions = _EXPERIMENTS[name]

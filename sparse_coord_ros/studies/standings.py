@@ -157,6 +157,12 @@ def pooled_share(
 
 def failed_teams(result: ConditionResult) -> int:
     """Return how many teams miss in more than one trial of a thousand; exact where it is known."""
+    return int(fails(result).sum())
+
+
+def fails(result: ConditionResult) -> np.ndarray:
+    """Return which teams miss in more than one trial of a thousand, shape (runs,), bool."""
     if result.exact is None:
-        return result.failed_teams
-    return int((np.array(result.exact["arrived"]) < ARRIVE).sum())
+        missed = np.array(result.not_arrived) / result.trials
+        return missed > 1.0 - ARRIVE
+    return np.array(result.exact["arrived"]) < ARRIVE

@@ -82,7 +82,9 @@ def test_default_directory_is_named_after_the_scenario(sparse_coord, folder):
     assert code == 0
     assert directory.name.startswith("env1_")
     expected = {"directory": f"runs/{directory.name}", "learner": "coop", "seed": 0}
-    assert json.loads(out) == expected | {"engine": "python", "episodes": 1}
+    said = json.loads(out)
+    assert said.pop("advice")["kind"] == "may pay"
+    assert said == expected | {"engine": "python", "episodes": 1}
 
 
 def test_evaluations_on_the_way(sparse_coord, folder):
@@ -138,6 +140,20 @@ def test_no_advice_where_all_arrive(sparse_coord):
     out = sparse_coord("train", "env1", *arguments, "--out", "a")[1]
     assert "20 of 20" in out
     assert "did not arrive" not in out and "--s" not in out
+
+
+@pytest.mark.parametrize("trials", [0, 20])
+def test_it_says_once_whether_coordination_will_pay(sparse_coord, trials):
+    """With an evaluation the last word says it, or a line of its own where robots get lost."""
+    options = ("--steps", 50, "--penalty", -100, "--trials", trials)
+    code, out, _ = sparse_coord("train", "env1", *options, "--out", "a")
+    expected = "Coordination will pay: robots that ignore each other lose 33.86 each, as much as"
+    assert code == 0 and out.count(expected) == 1
+    data = json.loads(
+        sparse_coord("train", "env1", *options, "--out", "b", "--json")[1]
+    )
+    assert data["advice"]["kind"] == "will pay"
+    assert data["advice"]["ratio"] == pytest.approx(33.857, abs=1e-3)
 
 
 def test_interrupt_and_resume(sparse_coord, folder, monkeypatch):

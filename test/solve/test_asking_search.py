@@ -13,13 +13,13 @@ from sparse_coord_ros.base.compiling import has_numba
 from sparse_coord_ros.base.errors import ResultsError
 from sparse_coord_ros.base.share import share_file
 from sparse_coord_ros.core.game.scenario import load_scenario
-from sparse_coord_ros.core.runs.tables import tables_from_values
 from sparse_coord_ros.core.solve import asking_loops, asking_search
 from sparse_coord_ros.core.solve.asking_loops import PLAIN
 from sparse_coord_ros.core.solve.asking_search import (
     LETTERS,
     find_asking_team,
     in_words,
+    tables_of_policies,
 )
 from sparse_coord_ros.core.solve.exact import evaluate_exact
 from sparse_coord_ros.core.solve.optimum import independent_bound, joint_optimum
@@ -48,23 +48,6 @@ def class_value(scenario, robots):
     team = asking_search.policies_of(scenario, robots)
     nobody = np.zeros(2, dtype=bool)
     return LOOPS.solve(game, team, nobody, asking_search.workspace_of(game), -np.inf)
-
-
-def class_tables(scenario, robots):
-    """Return tables on which Algorithm 1 acts greedily as these policies say."""
-    cells = len(scenario.map.cells)
-    tables = []
-    for robot in robots:
-        q_star = np.zeros((cells, 5))
-        q_coord = np.zeros((cells, cells, 4))
-        for x, letter in enumerate(robot.moves):
-            q_star[x, LETTERS.index(letter)] = 1.0
-        for cell, letters in robot.asks.items():
-            q_star[int(cell), 4] = 2.0
-            for z, letter in enumerate(letters):
-                q_coord[int(cell), z, LETTERS.index(letter)] = 1.0
-        tables.append(tables_from_values(scenario, len(tables), q_star, q_coord))
-    return tables
 
 
 def every_team(scenario):
@@ -114,7 +97,7 @@ def test_the_search_finds_the_best_of_every_team(ask_cost):
 def test_the_value_is_what_exact_evaluation_says(settings):
     scenario = made("1.D.2\n..D..", **settings, horizon=2000)
     found = find_asking_team(scenario, restarts=2)
-    worth = evaluate_exact(scenario, class_tables(scenario, found.robots))
+    worth = evaluate_exact(scenario, tables_of_policies(scenario, found.robots))
     assert worth.reward.mean == pytest.approx(found.value, abs=1e-6)
     assert class_value(scenario, found.robots) == pytest.approx(found.value, abs=1e-6)
     assert found.value <= joint_optimum(scenario).value + 1e-6
@@ -212,7 +195,7 @@ def test_who_steps_aside_for_both_would_rather_not():
     stubborn = list(found.robots)
     stubborn[k] = RobotPolicy(found.robots[k].moves, {})
     worth = [
-        evaluate_exact(scenario, class_tables(scenario, team)).robots[k]
+        evaluate_exact(scenario, tables_of_policies(scenario, team)).robots[k]
         for team in (found.robots, stubborn)
     ]
     assert worth[1] - worth[0] <= found.gains[k] + 1e-6
@@ -299,7 +282,7 @@ def test_a_shipped_team_is_worth_what_is_said(name):
     scenario = load_scenario(name, penalty=-100)
     bound = shipped_asking_team(scenario)
     assert bound.game == game_digest(scenario)
-    found = evaluate_exact(scenario, class_tables(scenario, bound.robots))
+    found = evaluate_exact(scenario, tables_of_policies(scenario, bound.robots))
     # Trials end at the horizon; what comes later is worth less than this.
     late = (1 - found.all_arrived) * 2 * scenario.goal_reward / (1 - scenario.discount)
     assert abs(found.reward.mean - bound.value) < 1e-6 + late

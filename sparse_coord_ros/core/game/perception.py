@@ -180,7 +180,8 @@ class PerceptionFamily(SpecFamily):
             name = named_model(function)
             return self.numbered(_form(name, function), list(map(str, given)))
         parts = str(value).split(":")
-        known = parts[0] in MODELS.names
+        # Looking for installed packages is slow.
+        known = parts[0] in MODELS.registered or parts[0] in MODELS.names
         words = 1 if known or not is_path(":".join(parts[:2])) else 2
         kind = ":".join(parts[:words])
         if not known and words == 1:

@@ -31,6 +31,18 @@ def percepts_can_succeed(scenario: Scenario) -> bool:
     return scenario.perception not in NEVER_PERCEIVING and scenario.link not in NEVER_UP
 
 
+def chance_of_answer(scenario: Scenario) -> float:
+    """Return the probability that a question is answered, as far as the settings alone tell.
+
+    It is 1 where that depends on places: robots ask where they are near each other.
+    """
+    if not percepts_can_succeed(scenario):
+        return 0.0
+    if scenario.perception.kind == "probability":
+        return float(scenario.perception.numbers[0])
+    return 1.0
+
+
 class Percepts:
     """Active perception in a run: which percepts succeed.
 

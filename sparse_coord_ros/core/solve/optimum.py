@@ -105,16 +105,52 @@ def is_too_large(scenario: Scenario) -> bool:
     return states > MOST_JOINT_STATES or outcomes > MOST_JOINT_OUTCOMES
 
 
-def _solve(scenario: Scenario, leads: Sequence[np.ndarray], paid: np.ndarray) -> float:
-    """Return the optimum; arguments as `successors` and `payment` return them."""
+def _solve(
+    scenario: Scenario,
+    leads: Sequence[np.ndarray],
+    paid: np.ndarray,
+    cost: np.ndarray | float = 0.0,
+) -> float:
+    """Return the best value from the starts.
+
+    Args:
+        scenario: the problem.
+        leads: as `successors` returns them, one a robot.
+        paid: as `payment` returns it.
+        cost: what a step costs a robot on average, in the joint state where it begins.
+    """
     start = tuple(robot.start for robot in scenario.robots)
-    return float(
-        _worth(scenario, leads, paid).max(axis=tuple(range(len(leads))))[start]
-    )
+    worth = _worth(scenario, leads, paid, cost)
+    return float(worth.max(axis=tuple(range(len(leads))))[start])
+
+
+def always_asking(scenario: Scenario) -> float | None:
+    """Return the best value of a team whose robots ask in every step, and pay for it.
+
+    Each question is answered, so the team sees as much as that of the joint optimum. A robot pays
+    `ask_cost` in each step in which it has not arrived.
+
+    Returns:
+        Total discounted reward from the starts, averaged over the robots; None where there are
+        more than `MOST_JOINT_STATES` joint states, and with swap or block.
+    """
+    team = len(scenario.robots)
+    cells = len(scenario.map.cells)
+    if is_too_large(scenario) or not only_together(interactions_of(scenario)):
+        return None
+    leads = [successors(scenario, k) for k in range(team)]
+    states = np.indices((cells,) * team)
+    goals = [robot.goal for robot in scenario.robots]
+    asking = sum(states[k] != goal for k, goal in enumerate(goals))
+    cost = asking * (scenario.ask_cost / team)
+    return _solve(scenario, leads, payment(scenario), cost)
 
 
 def _worth(
-    scenario: Scenario, leads: Sequence[np.ndarray], paid: np.ndarray
+    scenario: Scenario,
+    leads: Sequence[np.ndarray],
+    paid: np.ndarray,
+    cost: np.ndarray | float,
 ) -> np.ndarray:
     """Return the worth of joint actions, last robot first, in joint states."""
     value = np.zeros(paid.shape)
@@ -128,6 +164,7 @@ def _worth(
             worth = np.stack(
                 [p * worth.take(to, 2 * k) + (1.0 - p) * worth for to in lead]
             )
+        worth -= cost
         # All have arrived: the trial is over, and robots in one doorway do not pay.
         worth[every + goal] = scenario.goal_reward / (1.0 - scenario.discount)
         best = worth.max(axis=tuple(range(len(leads))))

@@ -10,6 +10,7 @@ from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.learners.factored import Factored
 from sparse_coord_ros.core.learners.learner import Learner
 from sparse_coord_ros.core.runs.evaluation import Evaluation
+from sparse_coord_ros.core.solve.advice import AVOIDABLE, WILL_NOT_PAY, advice
 from sparse_coord_ros.core.solve.exact import ExactEvaluation
 from sparse_coord_ros.core.solve.optimum import independent_bound
 from sparse_coord_ros.core.solve.reference import Reference, shortest_path_reference
@@ -42,16 +43,6 @@ LEARNED = "learned"
 FAILING = "failing"
 
 
-def needless(scenario: Scenario) -> bool:
-    """Return whether robots that ignore each other lose only slightly.
-
-    They take fixed shortest paths. The loss is that against robots alone in the world. If it is
-    of trials (`Reference.exact`), it may differ by its standard error.
-    """
-    alone = independent_bound(scenario)
-    return alone - shortest_path_reference(scenario).reward <= SLIGHT * alone
-
-
 class LastWord(NamedTuple):
     """What became of a team: one of the words above, and sentences for people."""
 
@@ -67,33 +58,35 @@ def last_word(
     Robots that ignore each other take fixed shortest paths and never ask. The gap is what the
     best team known earns more than they. A team has learned to coordinate if its robots ask and
     it closes at least half of the gap. A team whose robots do not ask may earn more than robots
-    that ignore each other, too: by its choice among equally short paths, or by a detour.
+    that ignore each other, too: by its choice among equally short paths, or by a detour. Where all
+    arrive, and percepts can succeed, the text says whether coordination was to be expected to pay.
 
     Args:
         scenario: the problem.
         learner: who learned.
         found: the value of its team.
     """
-    advice = _advice(scenario, learner)
     missed = 1.0 - found.all_arrived
     if missed > HARDLY_EVER:
-        remedy = "more steps"
+        cure = "more steps"
         if not isinstance(learner, Factored):
-            remedy = "--learner factored or more steps"
+            cure = "--learner factored or more steps"
         return LastWord(
             LOST,
-            f"In {missed:.1%} of the trials some robot did not arrive. Try {remedy}.",
+            f"In {missed:.1%} of the trials some robot did not arrive. Try {cure}.",
         )
     alone = independent_bound(scenario)
     ignoring = shortest_path_reference(scenario)
     earned = found.reward.mean
     slight = SLIGHT * alone
+    expected = advice(scenario)
+    remedy = _remedy(scenario, learner)
     error = math.hypot(found.reward.standard_error, ignoring.reward_error)
     if ignoring.reward - earned > slight + LOSS_ERRORS * error:
         return LastWord(
             WORSE,
             f"This team is worse than robots that ignore each other: a robot earns {earned:.2f}, "
-            f"on shortest paths without asking {ignoring.reward:.2f}. {advice}",
+            f"on shortest paths without asking {ignoring.reward:.2f}. {remedy}",
         )
     [(name, best), *_] = yardsticks(scenario)
     gap = best - ignoring.reward
@@ -102,20 +95,22 @@ def last_word(
             NEEDLESS,
             f"Coordination is not needed here: robots that ignore each other earn "
             f"{ignoring.reward:.2f} each, the {name} {best:.2f}. A robot of this team earns "
-            f"{earned:.2f}.",
+            f"{earned:.2f}. {expected.text}",
         )
     own = f"a robot earns {earned:.2f}, robots that ignore each other {ignoring.reward:.2f}"
     if not percepts_can_succeed(scenario):
-        return LastWord(IN_VAIN, f"{advice} In this team {own}.")
+        return LastWord(IN_VAIN, f"{remedy} In this team {own}.")
     asks = found.asks.mean
     if not learner.asks or asks < RARE:
         why = f"a robot asks {asks:.2g} times an episode"
         if not learner.asks:
             why = f"the learner {learner.title or learner.label} cannot ask"
+        if expected.kind in (WILL_NOT_PAY, AVOIDABLE):
+            remedy = ""
         return LastWord(
             SILENT,
             f"The team does not coordinate by asking: {why}. In this team {own}, "
-            f"the {name} {best:.2f}. {advice}",
+            f"the {name} {best:.2f}. {expected.text} {remedy}".rstrip(),
         )
     gain = earned - ignoring.reward
     said = (
@@ -123,8 +118,10 @@ def last_word(
         f"{best - earned:.2f}). {_compared(scenario, found, ignoring)}"
     )
     if gain >= ENOUGH * gap:
-        return LastWord(LEARNED, f"The team learned to coordinate: {said}")
-    return LastWord(FAILING, f"The team hardly coordinates: {said} {advice}")
+        text = f"The team learned to coordinate: {said} {expected.text}"
+        return LastWord(LEARNED, text)
+    text = f"The team hardly coordinates: {said} {expected.text} {remedy}"
+    return LastWord(FAILING, text)
 
 
 def _compared(
@@ -152,6 +149,8 @@ def _compared(
 
 def _advice(scenario: Scenario, learner: Learner) -> str:
     """Return advice for a team that does not coordinate.
+def _remedy(scenario: Scenario, learner: Learner) -> str:
+    """Return what to try for a team that does not coordinate.
 
     More steps help Factored only: others settle on not asking (docs/design.md).
     """

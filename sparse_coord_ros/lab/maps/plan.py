@@ -15,7 +15,11 @@ from sparse_coord_ros.base.limits import MAP
 from sparse_coord_ros.core.game.grid import CLEAR, DOORWAY, FREE, WALL, GridMap
 from sparse_coord_ros.core.game.interactions import can_interact
 from sparse_coord_ros.core.game.scenario import SETTINGS, Scenario, scenario_from_dict
-from sparse_coord_ros.core.solve.verdict import needless
+from sparse_coord_ros.core.solve.advice import (
+    LEAST_WORTH,
+    in_questions,
+    loss_of_ignoring,
+)
 from sparse_coord_ros.lab.maps import gridding
 from sparse_coord_ros.lab.maps.image import UNKNOWN_GREY, FloorPlan
 
@@ -439,11 +443,12 @@ def _oddities(scenario: Scenario) -> Iterator[str]:
                 f"the horizon of {scenario.horizon}"
             )
         needed = max(needed, steps_for(way, scenario.move_success))
-    if len(robots) > 1 and can_interact(scenario) and needless(scenario):
+    lost = in_questions(loss_of_ignoring(scenario), scenario)
+    if len(robots) > 1 and can_interact(scenario) and lost < LEAST_WORTH:
         yield (
             "nothing to coordinate: on shortest paths robots hardly ever interact "
-            f"({scenario.interactions}); choose other starts and goals, or add a doorway where "
-            "they meet"
+            f"({scenario.interactions}), and lose less than a question costs; choose other starts "
+            "and goals, or add a doorway where they meet"
         )
     if scenario.prior == "none" and needed > SHORTEST_BUDGET * scenario.steps:
         yield (

@@ -19,6 +19,7 @@ import pandas as pd
 
 from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.runs.evaluation import Measure
+from sparse_coord_ros.core.solve.advice import LEAST_WORTH
 from sparse_coord_ros.core.solve.verdict import RARE
 from sparse_coord_ros.studies.catalogue import (
     CLOSED,
@@ -62,10 +63,30 @@ from sparse_coord_ros.studies.report.text import (
     steps,
     with_error,
 )
+from sparse_coord_ros.studies.report.when import (
+    ALWAYS,
+    COOP,
+    CQ,
+    EDGES,
+    FACTORED,
+    MOST_CELLS,
+    interval_name,
+    means,
+    points,
+    tightness,
+    with_ways_apart,
+)
+from sparse_coord_ros.studies.report.when_figures import LINES, MORE_LINES
 from sparse_coord_ros.studies.standings import ARRIVE, standings
 from sparse_coord_ros.studies.store import CONFIDENCE, ConditionResult
 
 Results = Sequence[ConditionResult]
+
+NEGLIGIBLE_QUESTIONS = 0.25
+"""Questions of a robot in an episode that count as hardly any, a mean over maps."""
+
+EQUAL_SHARE = 0.005
+"""Shares of a gap that differ by less count as equal."""
 
 TARGET = "our target"
 CENTRAL_CLAIM = "central claim"
@@ -733,6 +754,94 @@ def unseen(results: Results) -> Section:
     )
 
 
+def when(results: Results) -> Section:
+    """Return questions and share of the gap by the ratio of loss and cost of a question."""
+    found = points(results)
+    shown = with_ways_apart(found)
+    averages = means(shown)
+    by_cost = shown[shown["line"] == FACTORED].copy()
+    by_cost["line"] = [f"{FACTORED}, cost {cost:g}" for cost in by_cost["cost"]]
+    both = pd.concat([averages, means(by_cost)])
+    rows: list[dict[str, str]] = []
+    for line in [*LINES, *sorted(by_cost["line"].unique()), *MORE_LINES]:
+        own = both[both["line"] == line]
+        if len(own) and not (rows and line == FACTORED):
+            rows += _by_ratio(line, own)
+    spread = {
+        "the loss": tightness(found, "ratio"),
+        "the loss, not discounted": tightness(found, "undiscounted"),
+        "the possible gain": tightness(found, "worth"),
+    }
+    values = {
+        "maps": found["scenario"].nunique(),
+        "teams": int(found["teams"].sum()),
+        "failed": int(found["failed"].sum()),
+        "small": MOST_CELLS,
+        "spread": {
+            name: f"{questions:.2f} questions and {percent(share)}"
+            for name, (questions, share) in spread.items()
+        },
+    }
+    claims = [_asks_only_where_needed(averages), _asking_beats_looking(shown)]
+    return Section("when.md.j2", pd.DataFrame(rows), claims, values)
+
+
+def _by_ratio(line: str, averages: pd.DataFrame) -> list[dict[str, str]]:
+    """Return the rows of a line: its questions, and its share of the gap, by interval."""
+    asked = {"line": line, "measure": "questions"}
+    gained = {"line": line, "measure": "share of the gap"}
+    for one in averages.to_dict("records"):
+        column = interval_name(one["interval"])
+        questions = Measure(one["questions"], math.nan, one["questions_error"])
+        asked[column] = with_error(questions)
+        error = fixed(100 * one["share_error"], 0)
+        gained[column] = f"{100 * one['share']:.0f} % ({error})"
+    rows = [gained] if averages["questions"].isna().all() else [asked, gained]
+    teams = int(averages["teams"].sum())
+    if teams:
+        fail = of(int(averages["failed"].sum()), teams)
+        rows = [{**row, "failed teams": fail} for row in rows]
+    return rows
+
+
+def _asks_only_where_needed(averages: pd.DataFrame) -> Claim:
+    """Return whether robots hardly ask where a question costs more than all could lose."""
+    cheap = averages["interval"] < EDGES.index(LEAST_WORTH)
+    asked = {}
+    for line in (FACTORED, COOP, CQ):
+        own = averages[cheap & (averages["line"] == line)]
+        asked[line] = np.average(own["questions"], weights=own["conditions"])
+    return Claim(
+        "Robots do not ask where ignoring each other costs less than a question",
+        CENTRAL_CLAIM,
+        "questions of a robot in an episode there: "
+        + named({line: f"{mean:.2f}" for line, mean in asked.items()}),
+        sum(bool(mean < NEGLIGIBLE_QUESTIONS) for mean in asked.values()),
+        len(asked),
+    )
+
+
+def _asking_beats_looking(found: pd.DataFrame) -> Claim:
+    """Return in how many intervals asking where it matters gains more than asking always.
+
+    Both on the same maps: where the team that always asks was computed.
+    """
+    maps = found[found["line"] == ALWAYS]["scenario"]
+    averages = means(found[found["scenario"].isin(maps)])
+    share = averages.pivot(index="interval", columns="line", values="share")
+    both = share[[FACTORED, ALWAYS]].dropna()
+    more = both[FACTORED] > both[ALWAYS] + EQUAL_SHARE
+    equal = [interval_name(interval) for interval in both.index[~more]]
+    return Claim(
+        "Asking where it matters gains more than asking always, and paying for it",
+        CENTRAL_CLAIM,
+        f"Factored gains more in {of(int(more.sum()), len(more))} intervals of the ratio; "
+        f"not in: {listed(equal)}",
+        int(more.sum()),
+        len(more),
+    )
+
+
 SECTIONS: Mapping[str, Callable[[Results], Section]] = {
     "table1": partial(rewards, "Table 1"),
     "table2": table2,
@@ -745,5 +854,6 @@ SECTIONS: Mapping[str, Callable[[Results], Section]] = {
     "crowd": crowd,
     "where": where,
     "unseen": unseen,
+    "when": when,
 }
 """The data function of each experiment."""

@@ -1,0 +1,134 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Whether coordination will pay: said before anything is learned.
+
+Robots that ignore each other lose something, a team that sees everything wins a part of it back,
+and a question costs something. How many questions the gain pays for says how much robots will ask,
+and what they will gain by asking (docs/when.md has the measurements behind the thresholds).
+"""
+
+import math
+from typing import NamedTuple
+
+from sparse_coord_ros.core.game.percepts import chance_of_answer
+from sparse_coord_ros.core.game.scenario import Scenario
+from sparse_coord_ros.core.solve.optimum import independent_bound
+from sparse_coord_ros.core.solve.reference import shortest_path_reference
+from sparse_coord_ros.core.solve.shipped import known_optimum
+
+WILL_PAY = "will pay"
+MAY_PAY = "may pay"
+WILL_NOT_PAY = "will not pay"
+AVOIDABLE = "avoidable"
+"""Asking will not pay, as robots can keep out of each other's way for nothing."""
+
+LEAST_WORTH = 1.0
+"""Below this worth hardly any team gains something by asking."""
+
+SURE_WORTH = 3.0
+"""From this worth on nearly every pair closes at least half of the gap to the joint optimum."""
+
+SURE_WORTH_BY_BOUND = 30.0
+"""The same where only a bound of the joint optimum is known, as of larger teams."""
+
+FREE = 0.001
+"""Robots can avoid each other for nothing if that costs at most this share of the loss."""
+
+NOTHING = 1e-9
+"""A loss up to this share of the value of a robot alone is rounding."""
+
+
+class Advice(NamedTuple):
+    """What is known of coordination in a scenario without learning.
+
+    Attributes:
+        kind: one of the words above.
+        loss: what a robot loses if the robots ignore each other: see `loss_of_ignoring`.
+        ratio: the loss in questions: so many cost as much. Infinite where questions are free.
+        gain: at most so much of the loss a team can win back: up to the joint optimum, or to
+            robots alone in the world where the optimum is not known.
+        text: a sentence for people.
+    """
+
+    kind: str
+    loss: float
+    ratio: float
+    gain: float
+    text: str
+
+
+def advice(scenario: Scenario) -> Advice:
+    """Return whether coordination will pay."""
+    loss = loss_of_ignoring(scenario)
+    ratio = in_questions(loss, scenario)
+    optimum = known_optimum(scenario)
+    gain = _positive(loss - independent_bound(scenario) + optimum.value, scenario)
+    worth = worth_of(gain, scenario)
+    sure = SURE_WORTH if optimum.exact else SURE_WORTH_BY_BOUND
+    if worth < LEAST_WORTH:
+        kind = WILL_NOT_PAY
+        said = "Coordination will not pay"
+    elif optimum.exact and is_avoidable(loss, gain):
+        kind = AVOIDABLE
+        said = "Asking will not pay, as robots can take ways on which they do not meet"
+    elif worth < sure:
+        kind = MAY_PAY
+        said = "Coordination may pay"
+    else:
+        kind = WILL_PAY
+        said = "Coordination will pay"
+    facts = f"robots that ignore each other lose {loss:.2f} each"
+    if loss > 0.0:
+        facts += f", {_cost_in_words(ratio)}"
+    if optimum.exact and loss > 0.0:
+        facts += f"; a team can win back {gain:.2f}"
+    return Advice(kind, loss, ratio, gain, f"{said}: {facts}.")
+
+
+def loss_of_ignoring(scenario: Scenario) -> float:
+    """Return what a robot loses if all take shortest paths and never mind each other.
+
+    It is the value of a robot alone in the world less that of a robot of such a team: total
+    discounted reward from the starts, averaged over the robots.
+    """
+    alone = independent_bound(scenario)
+    return _positive(alone - shortest_path_reference(scenario).reward, scenario)
+
+
+def _positive(value: float, scenario: Scenario) -> float:
+    """Return a difference of two values, 0 where it is rounding."""
+    return value if value > NOTHING * independent_bound(scenario) else 0.0
+
+
+def in_questions(value: float, scenario: Scenario) -> float:
+    """Return how many questions cost as much; infinite where questions are free."""
+    if value == 0.0 or scenario.ask_cost > 0.0:
+        return value / (scenario.ask_cost or 1.0)
+    return math.inf
+
+
+def worth_of(gain: float, scenario: Scenario) -> float:
+    """Return what a gain is worth, in questions, where only some of them are answered.
+
+    Two robots see each other if both are answered: the chance of an answer counts twice.
+    """
+    chance = chance_of_answer(scenario)
+    if chance == 0.0:
+        return 0.0
+    return in_questions(gain, scenario) * chance**2
+
+
+def is_avoidable(loss: float, gain: float) -> bool:
+    """Return whether robots can avoid each other for nothing.
+
+    Args:
+        loss: what a robot loses if the robots ignore each other.
+        gain: how much of it the joint optimum wins back.
+    """
+    return loss - gain <= FREE * loss
+
+
+def _cost_in_words(ratio: float) -> str:
+    if math.isinf(ratio):
+        return "and questions are free"
+    return f"as much as {ratio:,.1f} questions cost"
