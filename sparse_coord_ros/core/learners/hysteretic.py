@@ -12,7 +12,6 @@ so that a mistake of a peer that still explores does not spoil a good move. Here
 alpha, and alpha is the step size of every learner.
 """
 
-from types import MappingProxyType
 from typing import Any
 
 from sparse_coord_ros.base.compiling import of_learner
@@ -32,7 +31,6 @@ class Hysteretic(NonCoop):
     name = "hysteretic"
     title = "Hysteretic Q"
     summary = "hysteretic Q-learning: smaller steps where a value falls (Matignon et al., 2007)"
-    defaults = MappingProxyType({})
 
     @staticmethod
     def share_of_alpha(mind: Any, task: Task) -> float:
