@@ -13,8 +13,8 @@ robots that the study `many` of `tools.study` let learn; the best few are learne
 by fresh trials. unseen: unseen.json, the buildings of the benchmark, and their asking teams. Of
 each kind and team, seeds are looked at from 0 on, and the first with a real conflict are taken:
 what a planner with full sight is worth is above shortest paths by more than `CONFLICT`. bounds:
-bounds.json, of all scenarios of more than two robots in the lists of `benchmark`; it takes half an
-hour.
+bounds.json, of all scenarios of more than two robots in the lists of `benchmark`; it takes twenty
+minutes.
 """
 
 import argparse
