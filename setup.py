@@ -48,6 +48,7 @@ setup(
             + [
                 "config/asking_teams.json",
                 "config/best_teams.json",
+                "config/bounds.json",
                 "config/unseen.json",
             ],
         ),

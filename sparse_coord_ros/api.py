@@ -70,7 +70,12 @@ from sparse_coord_ros.core.solve.shipped import (
     RobotPolicy,
     shipped_asking_team,
 )
-from sparse_coord_ros.studies.benchmark import Benchmark, benchmark
+from sparse_coord_ros.studies.benchmark import (
+    Entry,
+    Leaderboard,
+    benchmark,
+    load_leaderboard,
+)
 from sparse_coord_ros.studies.catalogue import experiment_names
 from sparse_coord_ros.studies.conditions import make_condition
 from sparse_coord_ros.studies.runner import (
@@ -80,7 +85,6 @@ from sparse_coord_ros.studies.runner import (
     run_experiment,
     warn,
 )
-from sparse_coord_ros.studies.standings import Standing
 from sparse_coord_ros.studies.store import RUNS, SUMS, TRIALS_OR_NONE, Plan, Say
 
 if TYPE_CHECKING:
@@ -105,7 +109,7 @@ __all__ += ["vector_env", "VectorGame"]
 __all__ += ["load_run", "SavedRun", "read_log", "RunLog", "verify", "Verification"]
 # Experiments
 __all__ += ["sweep", "experiment_names", "run_experiment", "ExperimentResults"]
-__all__ += ["benchmark", "Benchmark", "Standing"]
+__all__ += ["benchmark", "Entry", "Leaderboard", "load_leaderboard"]
 # Learners and perception models of one's own
 __all__ += ["Learner", "Coop", "NonCoop", "Factored", "CQ", "RewardWeights"]
 __all__ += ["register_learner", "register_perception", "perception_model"]

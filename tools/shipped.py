@@ -5,13 +5,16 @@
 python -m tools.shipped asking [--restarts N] [--keep SEARCHES]
 python -m tools.shipped teams [--out study]
 python -m tools.shipped unseen
+python -m tools.shipped bounds
 
 asking: asking_teams.json, of `SCENARIOS` with `PENALTIES`; every search is kept in the folder
 SEARCHES and goes on from there. teams: best_teams.json, the best of the teams of more than two
 robots that the study `many` of `tools.study` let learn; the best few are learned again and judged
 by fresh trials. unseen: unseen.json, the buildings of the benchmark, and their asking teams. Of
 each kind and team, seeds are looked at from 0 on, and the first with a real conflict are taken:
-what a planner with full sight is worth is above shortest paths by more than `CONFLICT`.
+what a planner with full sight is worth is above shortest paths by more than `CONFLICT`. bounds:
+bounds.json, of all scenarios of more than two robots in the lists of `benchmark`; it takes twenty
+minutes.
 """
 
 import argparse
@@ -19,7 +22,7 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from datetime import UTC, datetime
-from itertools import count, product
+from itertools import chain, count, product
 from pathlib import Path
 from typing import Any
 
@@ -33,10 +36,12 @@ from sparse_coord_ros.core.game.unseen import KINDS, SPLITS, TEAMS, VERSIONS, sp
 from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.runs.run import LearningRun, Team
 from sparse_coord_ros.core.solve.asking_search import find_asking_team
+from sparse_coord_ros.core.solve.group_bound import group_bound
 from sparse_coord_ros.core.solve.optimum import joint_optimum
 from sparse_coord_ros.core.solve.reference import shortest_path_reference
 from sparse_coord_ros.core.solve.routes import route_plan
 from sparse_coord_ros.core.solve.shipped import (
+    BOUNDS,
     UNSEEN,
     AskingTeam,
     BestTeam,
@@ -44,6 +49,7 @@ from sparse_coord_ros.core.solve.shipped import (
 )
 from sparse_coord_ros.studies.catalogue import LONG
 from sparse_coord_ros.studies.conditions import make_condition
+from sparse_coord_ros.studies.lists import LISTS, PENALTY
 from sparse_coord_ros.studies.runner import Computing
 from tools.study.__main__ import computing
 from tools.study.coordination import CROWDS, MANY, SEED
@@ -186,7 +192,24 @@ def _with_conflict(
             yield scenario, facts
 
 
-FINDERS = {"asking": find_asking_teams, "teams": find_teams, "unseen": choose_unseen}
+def find_bounds(_: argparse.Namespace) -> None:
+    """Compute the bounds of larger teams that the file lacks."""
+    known = json.loads((CONFIG / BOUNDS).read_text(encoding="utf-8"))["bounds"]
+    for item in chain.from_iterable(LISTS.values()):
+        scenario = load_scenario(item.scenario).with_settings({"penalty": PENALTY})
+        title = f"{scenario.name}, penalty {PENALTY}"
+        if len(scenario.robots) > 2 and title not in known:
+            bound = asdict(group_bound(scenario))
+            print(f"{title}: {bound['value']:.3f}", flush=True)
+            write(BOUNDS, {title: {"game": game_digest(scenario), **bound}})
+
+
+FINDERS = {
+    "asking": find_asking_teams,
+    "teams": find_teams,
+    "unseen": choose_unseen,
+    "bounds": find_bounds,
+}
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -35,7 +35,7 @@ VERBS: Mapping[str, str] = {
     "plot": "draw policies, ask maps, learning curves, sparsity and percepts of runs, or results",
     "animate": "make a film (GIF) of an episode: robots move, ask and are answered",
     "report": "tell all of a run, or of results, in one HTML file: pictures, worth, faults",
-    "benchmark": "judge learners on generated buildings that no search has seen",
+    "benchmark": "judge learners on fixed lists of scenarios",
     "reproduce": "reproduce the paper's tables and figures, and go beyond them",
 }
 """Every verb and what it does; its module is imported where it is chosen."""

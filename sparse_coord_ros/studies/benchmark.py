@@ -1,41 +1,67 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The benchmark of unseen buildings: how near a learner's teams come to the best known.
+"""The benchmark: how learners stand in fixed lists of scenarios (`studies.lists`).
 
-A building's gap lies between robots on fixed shortest paths, which ignore each other, and the best
-known team: with two robots the best asking team found, with more the team of a planner that sees
-all robots for free. Neither is an upper bound: a share may exceed 1. Rules and numbers are chosen
-on the buildings for tuning. Those for validation show whether these hold elsewhere. Those for the
-test are opened once, for the closing figures.
+A scenario's gap lies between robots on fixed shortest paths, which ignore each other, and its top:
+of two robots the best asking team found, which is no upper bound, of more an upper bound by groups
+of robots (`core.solve.group_bound`). Where percepts fail the top is that of sure percepts.
 """
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+import time
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sparse_coord_ros.base.dataframes import data_frame
-from sparse_coord_ros.base.errors import check_argument
-from sparse_coord_ros.core.engine.cluster import SchedulerLike
-from sparse_coord_ros.core.game.settings import Setting
-from sparse_coord_ros.core.game.unseen import TEAMS
-from sparse_coord_ros.core.learners.registry import LearnerLike, chosen_learner
-from sparse_coord_ros.studies.catalogue import unseen_conditions
-from sparse_coord_ros.studies.runner import (
-    ExperimentResults,
-    Progress,
-    no_progress,
-    run_experiment,
-    warn,
+import numpy as np
+
+from sparse_coord_ros.base.dataframes import data_frame, shown_as
+from sparse_coord_ros.base.errors import (
+    ResultsError,
+    SettingError,
+    check_argument,
+    in_short,
 )
-from sparse_coord_ros.studies.standings import Standing, standing, standings
-from sparse_coord_ros.studies.store import Say
+from sparse_coord_ros.base.files import path_argument, write_whole
+from sparse_coord_ros.base.limits import RESULTS, read_file
+from sparse_coord_ros.base.version import __version__
+from sparse_coord_ros.base.yaml_text import parse_yaml
+from sparse_coord_ros.core.engine.batch import run_batch
+from sparse_coord_ros.core.engine.cluster import SchedulerLike
+from sparse_coord_ros.core.game.scenario import PROTOCOL, Scenario
+from sparse_coord_ros.core.game.settings import Setting, as_text
+from sparse_coord_ros.core.learners.registry import LearnerLike, chosen_learner
+from sparse_coord_ros.core.runs.run_config import load_run
+from sparse_coord_ros.core.runs.tables import load_team
+from sparse_coord_ros.core.solve.exact import evaluate_best
+from sparse_coord_ros.core.solve.reference import shortest_path_reference
+from sparse_coord_ros.core.solve.shipped import game_digest, known_top
+from sparse_coord_ros.studies.checked_json import (
+    DamagedError,
+    Numbers,
+    OrNull,
+    check_form,
+    read_checked,
+    to_text,
+)
+from sparse_coord_ros.studies.conditions import Condition, make_condition
+from sparse_coord_ros.studies.lists import (
+    LISTS,
+    PENALTY,
+    SAMPLED,
+    TUNING,
+    Item,
+    items_of,
+)
+from sparse_coord_ros.studies.runner import Progress, no_progress, run_experiment, warn
+from sparse_coord_ros.studies.standings import ARRIVE, failed_teams, pooled_share
+from sparse_coord_ros.studies.store import Say, standard_error
 
 if TYPE_CHECKING:
     import pandas as pd
 
 TEAM_RUNS = Setting(
-    "runs", int, 10, "teams that learn in each building", low=2, high=1_000_000
+    "runs", int, 10, "teams that learn in each scenario", low=2, high=1_000_000
 )
 TEAM_TRIALS = Setting(
     "trials",
@@ -46,60 +72,470 @@ TEAM_TRIALS = Setting(
     high=1_000_000,
 )
 
+BUDGETS = (2_000, 5_000, 10_000, 30_000)
+"""Steps of learning that are tried before the whole budget: which is the least that closes
+`NEARLY_ALL` of the gap."""
+
+NEARLY_ALL = 0.9
+
+CHANGEABLE = (*PROTOCOL, "peers")
+"""Settings that an entry may change: those of learning, and whom a robot asks."""
+
 
 @dataclass(frozen=True)
-class Benchmark:
-    """How a learner's teams stand in the unseen buildings.
+class Entry:
+    """Who is judged: a learner with its settings, or teams that have learned elsewhere.
 
     Attributes:
-        learner: the learner, as it is called in files.
-        split: one of `SPLITS` of `core.game.unseen`.
-        results: what the conditions brought, one a building.
+        title: what the leaderboard calls it.
+        learner: name of the learner; empty: teams that have learned elsewhere.
+        settings: changed settings of learning.
+        runs: the folder of the run directories of such teams, one or more a scenario.
     """
 
+    title: str
+    learner: str = ""
+    settings: Mapping[str, object] | None = None
+    runs: str = ""
+
+    def condition(self, item: Item, steps: int) -> Condition | None:
+        """Return the condition of a scenario; None: the learner cannot learn it."""
+        given = {**(self.settings or {}), **item.settings}
+        values = {**given, "penalty": PENALTY, "steps": steps}
+        try:
+            return make_condition(item.scenario, self.learner, values)
+        except SettingError:
+            return None
+
+
+@dataclass(frozen=True)
+class Judged:
+    """What the teams of an entry are worth in one scenario.
+
+    Attributes:
+        scenario: its name, and the settings that the list changes.
+        paths: what fixed shortest paths are worth.
+        top: where the gap ends.
+        rewards: of each team, averaged over its robots.
+        failed: teams in which some robot fails to arrive in more than one trial of a thousand.
+    """
+
+    scenario: str
+    paths: float
+    top: float
+    rewards: tuple[float, ...]
+    failed: int
+
+
+@dataclass(frozen=True)
+class Place:
+    """How an entry stands in a list.
+
+    Attributes:
+        title: the entry's.
+        learner: its learner; empty: of several, or unknown.
+        settings: its changed settings, as texts.
+        list: the list's name.
+        judged: its scenarios; empty: it cannot learn them all.
+        steps: steps of learning.
+        steps_to_90: least budget that was tried and closes 90 % of the gap; None: none does.
+        seconds: processor time of one learning run in the first scenario; None: not measured.
+    """
+
+    title: str
     learner: str
-    split: str
-    results: ExperimentResults
+    settings: Mapping[str, str]
+    list: str
+    judged: tuple[Judged, ...]
+    steps: int
+    steps_to_90: int | None
+    seconds: float | None
 
-    def standings(self, *, by_kind: bool = False) -> dict[str, Standing]:
-        """Return how the teams stand, by their robots, such as `2r`.
+    @property
+    def share(self) -> tuple[float, float]:
+        """Share of the pooled gap, and its standard error.
 
-        Args:
-            by_kind: by the kind of their building too, such as `2r door`.
+        Of buildings that stand for others it is a bootstrap over buildings, and teams in each; of
+        other scenarios it is that of the teams.
         """
-        return standings(self.results.values(), by_kind=by_kind)
+        learned = [np.array(one.rewards) for one in self.judged]
+        low = np.array([one.paths for one in self.judged])
+        high = np.array([one.top for one in self.judged])
+        found = pooled_share(learned, low, high)
+        if self.list in SAMPLED:
+            return found.mean, found.standard_error
+        errors = [standard_error(rewards) for rewards in learned]
+        return found.mean, float(np.linalg.norm(errors) / (high - low).sum())
+
+    @property
+    def failed(self) -> int:
+        """Teams that fail."""
+        return sum(one.failed for one in self.judged)
+
+    @property
+    def teams(self) -> int:
+        """Teams that learned."""
+        return sum(len(one.rewards) for one in self.judged)
+
+    def row(self) -> dict[str, str]:
+        """Return the place as a row of the leaderboard."""
+        named = {"list": self.list, "entry": self.title}
+        if not self.judged:
+            left = (
+                "share of the gap",
+                "failed teams",
+                "steps to 90 %",
+                "seconds a run",
+            )
+            return named | dict.fromkeys(left, "-")
+        share, error = self.share
+        tried = [*(budget for budget in BUDGETS if budget < self.steps), self.steps]
+        never = f"> {tried[-1]:,}"
+        return {
+            **named,
+            "share of the gap": f"{100 * share:.1f} % ({100 * error:.1f})",
+            "failed teams": f"{self.failed} of {self.teams}",
+            "steps to 90 %": f"{self.steps_to_90:,}" if self.steps_to_90 else never,
+            "seconds a run": "-" if self.seconds is None else f"{self.seconds:.2f}",
+        }
+
+
+@dataclass(frozen=True)
+class Leaderboard:
+    """How entries stand in lists; `save` and `load_leaderboard` are its file.
+
+    Attributes:
+        places: in the order in which they were judged.
+        seed: seed of the first team of each scenario.
+        trials: of a team of more than two robots.
+        version: of this software.
+    """
+
+    places: tuple[Place, ...]
+    seed: int
+    trials: int
+    version: str = __version__
+
+    def __repr__(self) -> str:
+        """Return what it says, a line a place."""
+        rows = self.rows()
+        columns = {name: [row[name] for row in rows] for name in rows[0]}
+        return shown_as(f"<leaderboard: {len(rows)} places>", columns)
+
+    def rows(self) -> list[dict[str, str]]:
+        """Return a row for each place; in each list the greatest share is the first."""
+        found = []
+        for name in dict.fromkeys(one.list for one in self.places):
+            own = [one for one in self.places if one.list == name]
+            judged = [one for one in own if one.judged]
+            judged.sort(key=lambda one: -one.share[0])
+            found += [one.row() for one in judged]
+            found += [one.row() for one in own if not one.judged]
+        return found
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain data: what `benchmark --json` prints."""
-        found = self.standings() | self.standings(by_kind=True)
+        """Return plain data: what its file says."""
         return {
-            "learner": self.learner,
-            "split": self.split,
-            "standings": {name: one.to_dict() for name, one in found.items()},
-            "buildings": {
-                one.scenario.name: standing([one]).to_dict()
-                for one in self.results.values()
-            },
+            "version": self.version,
+            "seed": self.seed,
+            "trials": self.trials,
+            "places": [_plain(one) for one in self.places],
         }
 
     def to_pandas(self) -> "pd.DataFrame":
-        """Return a data frame: one row a building, its columns as of `Standing` and `building`.
+        """Return a data frame of `rows`.
 
         Raises:
             RunError: pandas is not installed.
         """
-        rows = [
-            {"building": name, **row}
-            for name, row in self.to_dict()["buildings"].items()
-        ]
+        rows = self.rows()
         return data_frame({name: [row[name] for row in rows] for name in rows[0]})
+
+    def save(self, file: str | Path) -> None:
+        """Write the file of the results: JSON with the number of its format and a digest.
+
+        Raises:
+            OSError: it cannot be written.
+        """
+        write_whole(path_argument("file", file), to_text(self.to_dict()))
+
+
+def _plain(place: Place) -> dict[str, Any]:
+    said = asdict(place)
+    said["judged"] = [
+        {**one, "rewards": list(one["rewards"])} for one in said["judged"]
+    ]
+    return said
+
+
+def load_leaderboard(file: str | Path) -> Leaderboard:
+    """Read a file of `Leaderboard.save`.
+
+    Raises:
+        ResultsError: it is no such file, was damaged or edited, or has another format.
+    """
+    path = path_argument("file", file)
+    try:
+        data = read_checked(path)
+        check_form(data, {"version": str, "seed": int, "trials": int, "places": list})
+        places = tuple(
+            _place(one, f"places[{i}]") for i, one in enumerate(data["places"])
+        )
+    except DamagedError as error:
+        raise ResultsError(f"{path}: {error}; judge the learners again") from None
+    return Leaderboard(places, data["seed"], data["trials"], data["version"])
+
+
+NUMBER = Numbers()
+COUNT = Numbers(low=0, whole=True)
+PLACE_FORM = {
+    "title": str,
+    "learner": str,
+    "settings": dict,
+    "list": str,
+    "judged": list,
+    "steps": COUNT,
+    "steps_to_90": OrNull(COUNT),
+    "seconds": OrNull(Numbers(low=0)),
+}
+
+
+def _place(said: Any, where: str) -> Place:
+    """Return a place of plain data; raise `DamagedError` where it is none."""
+    check_form(said, PLACE_FORM, where)
+    for value in said["settings"].values():
+        check_form(value, str, f"{where}.settings")
+    judged = []
+    for number, one in enumerate(said["judged"]):
+        place = f"{where}.judged[{number}]"
+        teams = (
+            len(one["rewards"])
+            if isinstance(one, dict) and isinstance(one.get("rewards"), list)
+            else 0
+        )
+        form = {
+            "scenario": str,
+            "paths": NUMBER,
+            "top": NUMBER,
+            "rewards": Numbers((teams,)),
+            "failed": Numbers(low=0, high=teams, whole=True),
+        }
+        check_form(one, form, place)
+        judged.append(Judged(**{**one, "rewards": tuple(one["rewards"])}))
+    return Place(**{**said, "judged": tuple(judged)})
+
+
+# Entries.
+
+
+def read_entries(file: Path) -> list[Entry]:
+    """Read a file of entries: YAML with `entries`, a list of learners, their titles and settings.
+
+    Raises:
+        SettingError: it is no such file, or an entry is malformed.
+    """
+    text = read_file(file, RESULTS, SettingError, "give a file of entries").decode()
+    said = parse_yaml(text, where=str(file), error=SettingError)
+    entries = said.get("entries")
+    if set(said) != {"entries"} or not isinstance(entries, list) or not entries:
+        raise SettingError(f"{file}: must be 'entries:' and a list; add a learner")
+    return [_entry(one, f"{file}, entry {n}") for n, one in enumerate(entries, start=1)]
+
+
+def _entry(said: Any, where: str) -> Entry:
+    allowed = ("title", "learner", "settings", "runs")
+    fits = isinstance(said, dict) and set(said) <= set(allowed)
+    if not fits or ("learner" in said) == ("runs" in said):
+        what = f"{where}: is {in_short(said)}"
+        raise SettingError(
+            f"{what}, allowed: title, and learner with settings, or runs"
+        )
+    settings = said.get("settings", {})
+    if not isinstance(settings, dict):
+        raise SettingError(
+            f"{where}: settings are {in_short(settings)}, allowed: a mapping"
+        )
+    learner = str(said.get("learner", ""))
+    runs = str(said.get("runs", ""))
+    return Entry(str(said.get("title", learner or runs)), learner, settings, runs)
+
+
+def entry_of(given: "LearnerLike | Entry", settings: Mapping[str, object]) -> Entry:
+    """Return an entry of a learner, or of what names it; settings are changed for all.
+
+    Raises:
+        SettingError: no such learner; a setting that an entry may not change.
+    """
+    if not isinstance(given, Entry):
+        name = chosen_learner(given).label
+        given = Entry(name, name)
+    changed = {**(given.settings or {}), **settings}
+    unknown = [name for name in changed if name not in CHANGEABLE]
+    if unknown:
+        raise SettingError(
+            f"benchmark: with {', '.join(unknown)} another game would be played, whose bounds "
+            "nobody knows; change settings of learning only"
+        )
+    if given.learner:
+        chosen_learner(given.learner)
+    return Entry(given.title, given.learner, changed, given.runs)
+
+
+# Judging.
+
+
+@dataclass(frozen=True)
+class Judge:
+    """How entries are judged: arguments as of `benchmark`, checked."""
+
+    steps: int
+    runs: int
+    trials: int
+    seed: int
+    out: str | Path | None
+    how: Mapping[str, Any]
+
+    def place(self, entry: Entry, name: str, items: Sequence[Item]) -> Place:
+        """Return how an entry stands in a list."""
+        steps_to_90 = None
+        seconds = None
+        if entry.runs:
+            judged = self._elsewhere(entry, items)
+        else:
+            judged = self._learned(entry, items, self.steps)
+        place = Place(
+            title=entry.title,
+            learner=entry.learner,
+            settings={k: as_text(v) for k, v in (entry.settings or {}).items()},
+            list=name,
+            judged=judged,
+            steps=self.steps,
+            steps_to_90=None,
+            seconds=None,
+        )
+        if judged and entry.learner:
+            steps_to_90 = self._steps_to_90(entry, items, place)
+            seconds = self._seconds(entry, items[0])
+        return Place(**{**vars(place), "steps_to_90": steps_to_90, "seconds": seconds})
+
+    def _learned(
+        self, entry: Entry, items: Sequence[Item], steps: int
+    ) -> tuple[Judged, ...]:
+        """Let teams learn in each scenario; empty: the learner cannot learn all of them."""
+        conditions = [entry.condition(item, steps) for item in items]
+        if None in conditions:
+            return ()
+        results = run_experiment(
+            [one for one in conditions if one is not None],
+            out=self.out,
+            runs=self.runs,
+            trials=self.trials,
+            seed=self.seed,
+            **self.how,
+        )
+        found = []
+        for item, one in zip(items, results.values(), strict=True):
+            rewards = one.run_means("reward").tolist()
+            found.append(_judged(item, one.scenario, tuple(rewards), failed_teams(one)))
+        return tuple(found)
+
+    def _elsewhere(self, entry: Entry, items: Sequence[Item]) -> tuple[Judged, ...]:
+        """Evaluate teams that have learned elsewhere; empty: a scenario has none."""
+        teams = list(_teams_in(Path(entry.runs)))
+        found = []
+        for item in items:
+            scenario = _scenario(item)
+            digest = game_digest(scenario)
+            own = [
+                evaluate_best(
+                    run.scenario, tables, trials=self.trials, learner=run.rule
+                )
+                for run, tables in teams
+                if game_digest(run.scenario) == digest
+            ]
+            if not own:
+                return ()
+            rewards = tuple(one.reward.mean for one in own)
+            failed = sum(one.all_arrived < ARRIVE for one in own)
+            found.append(_judged(item, scenario, rewards, failed))
+        return tuple(found)
+
+    def _steps_to_90(
+        self, entry: Entry, items: Sequence[Item], whole: Place
+    ) -> int | None:
+        """Return the least budget that closes `NEARLY_ALL` of the gap; None: none does."""
+        if whole.share[0] < NEARLY_ALL:
+            return None
+        for budget in BUDGETS:
+            if budget < self.steps:
+                judged = self._learned(entry, items, budget)
+                tried = Place(**{**vars(whole), "judged": judged})
+                if tried.share[0] >= NEARLY_ALL:
+                    return budget
+        return self.steps
+
+    def _seconds(self, entry: Entry, item: Item) -> float:
+        """Return the processor time of one learning run; a first one compiles."""
+        condition = entry.condition(item, self.steps)
+        assert condition is not None  # teams of it have learned
+        engine = self.how["engine"]
+        began = 0.0
+        for _ in range(2):
+            began = time.process_time()
+            list(
+                run_batch(
+                    condition.scenario,
+                    entry.learner,
+                    [self.seed],
+                    trials=0,
+                    jobs=1,
+                    engine=engine,
+                )
+            )
+        return time.process_time() - began
+
+
+def _judged(
+    item: Item, scenario: Scenario, rewards: tuple[float, ...], failed: int
+) -> Judged:
+    top = known_top(scenario.with_settings({"perception": "always"}))
+    if top is None:
+        raise SettingError(
+            f"benchmark: of scenario {item.scenario} nobody knows where its gap ends; compute it "
+            "by python -m tools.shipped bounds"
+        )
+    said = [f"{name}={as_text(value)}" for name, value in item.settings.items()]
+    paths = shortest_path_reference(scenario).reward
+    return Judged(", ".join([item.scenario, *said]), paths, top, rewards, failed)
+
+
+def _scenario(item: Item) -> Scenario:
+    """Return the scenario of an item, as any learner plays it."""
+    return make_condition(
+        item.scenario, "noncoop", {**item.settings, "penalty": PENALTY}
+    ).scenario
+
+
+def _teams_in(folder: Path) -> Iterator[tuple[Any, Any]]:
+    """Yield the run and the tables of each run directory in a folder.
+
+    Raises:
+        SettingError: there is none.
+    """
+    found = sorted(file.parent for file in folder.glob("*/run.yaml"))
+    if not found:
+        raise SettingError(
+            f"{folder}: has no run directories; give a folder with outputs of train or run in it"
+        )
+    for directory in found:
+        run = load_run(directory)
+        yield run, load_team(directory, run.scenario, run.rule)
 
 
 def benchmark(
-    learner: LearnerLike = "factored",
+    learners: "LearnerLike | Entry | Iterable[LearnerLike | Entry]" = "factored",
     *,
-    split: str = "tuning",
-    robots: int | Sequence[int] = TEAMS,
+    lists: Sequence[str] = TUNING,
     steps: int = 100_000,
     out: str | Path | None = None,
     runs: int = TEAM_RUNS.default,
@@ -111,50 +547,50 @@ def benchmark(
     progress: Progress = no_progress,
     say: Say = warn,
     **settings: object,
-) -> Benchmark:
-    """Judge a learner on generated buildings that no search has seen, at a penalty of -100.
-
-    `Benchmark.standings()` says what share of the gap its teams close: between fixed shortest
-    paths and the best known team: with two robots the best asking team found, with more that of a
-    planner with full sight.
+) -> Leaderboard:
+    """Judge learners on fixed lists of scenarios, at a penalty of -100.
 
     Args:
-        learner: the learner.
-        split: "tuning": the buildings by which rules and numbers are chosen; "validation": those
-            by which one looks whether these hold elsewhere; "test": to be opened once, for closing
-            figures.
-        robots: sizes of teams, of 2, 4 and 8, or one of them.
+        learners: a learner, or several; an `Entry` has a title and settings of its own, or names
+            run directories of teams that have learned elsewhere.
+        lists: names of lists (`studies.lists.LISTS`): paper, percepts, and generated buildings:
+            "tuning-pairs", "-four" and "-eight", by which rules and numbers are chosen, the same
+            with "validation", and with "unseen2" for closing figures.
         steps: step budget of learning, in transitions.
         out: results directory, as of `run_experiment`; None: nothing is saved.
-        runs: teams that learn in each building.
+        runs: teams that learn in each scenario.
         trials: greedy trials of a team; those of two robots are evaluated exactly.
         seed: seed of team 0; team i has seed + i.
         engine: "numba", "python", or "auto": numba where it is installed. The bits are the same.
         jobs: threads (or processes) at once; all cores that this process may use where None.
         scheduler: as of `run_experiment`.
-        progress: called with a condition's id, the agent-steps done and those of the whole call.
+        progress: called with a condition's id, the agent-steps done and those of its list.
         say: as of `run_experiment`.
-        **settings: settings of learning to change, as of `load_scenario`.
+        **settings: settings of learning to change for all, as of `load_scenario`.
 
     Raises:
-        SettingError: no such learner, split or size of team; a setting that changes the game.
+        SettingError: no such learner or list; a setting that changes the game.
         ResultsError, OSError, RunError, PluginError: as `run_experiment`.
     """
-    name = chosen_learner(learner).label
-    given = isinstance(robots, int | Iterable)
-    check_argument("robots", robots, given, "a size of teams, or a list of them")
-    sizes = (robots,) if isinstance(robots, int) else tuple(robots)
-    conditions = unseen_conditions(name, split, {"steps": steps, **settings}, sizes)
-    results = run_experiment(
-        conditions,
-        out=out,
-        runs=TEAM_RUNS.parse(runs),
-        trials=TEAM_TRIALS.parse(trials),
-        seed=seed,
-        engine=engine,
-        jobs=jobs,
-        scheduler=scheduler,
-        progress=progress,
-        say=say,
+    given = isinstance(lists, Sequence) and not isinstance(lists, str)
+    check_argument("lists", lists, given, f"a list of some of: {', '.join(LISTS)}")
+    asked = items_of(list(lists))
+    many = isinstance(learners, Iterable) and not isinstance(learners, str)
+    named: list[Any] = list(learners) if many else [learners]  # type: ignore[arg-type]
+    entries = [entry_of(one, settings) for one in named]
+    how = {
+        "engine": engine,
+        "jobs": jobs,
+        "scheduler": scheduler,
+        "progress": progress,
+        "say": say,
+    }
+    judge = Judge(
+        steps, TEAM_RUNS.parse(runs), TEAM_TRIALS.parse(trials), seed, out, how
     )
-    return Benchmark(name, split, results)
+    places = [
+        judge.place(entry, name, items)
+        for name, items in asked.items()
+        for entry in entries
+    ]
+    return Leaderboard(tuple(places), judge.seed, judge.trials)

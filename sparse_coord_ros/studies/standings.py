@@ -78,7 +78,12 @@ class Standing:
 def standings(
     results: Iterable[ConditionResult], *, by_kind: bool = False
 ) -> dict[str, Standing]:
-    """Return how teams stand; arguments as of `Benchmark.standings`."""
+    """Return how teams stand; by their robots, such as `2r`.
+
+    Args:
+        results: of unseen buildings.
+        by_kind: by the kind of their building too, such as `2r door`.
+    """
     groups: dict[str, list[ConditionResult]] = {}
     for one in results:
         _, kind, team, _ = one.scenario.name.split("-")

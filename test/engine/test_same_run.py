@@ -100,6 +100,17 @@ KNOWN_MAP = {
 }
 """Robots that know their map, and leave stand-offs: not in 1.0.0."""
 
+OUTSIDERS = {
+    "hysteretic": ("env1", "hysteretic", {}),
+    "four, hysteretic": ("env2-4r", "hysteretic", {"starts": "mixed:0.5"}),
+    "three, marked by pairs": (
+        "crowd-3r",
+        "cq",
+        {"peers": "all", "perception": "probability:0.7", "referee": True},
+    ),
+}
+"""Learners that were not in 1.0.0, and what others learned since."""
+
 SHIPPED = {
     "coop, as shipped": ("env1", "coop"),
     "noncoop, as shipped": ("env1", "noncoop"),
@@ -121,6 +132,8 @@ def cases():
     for name, (scenario, learner, settings) in KNOWN_MAP.items():
         chosen = {**WITHOUT_VALUES, "prior": "map", **settings}
         found[name] = (scenario, learner, chosen)
+    for name, (scenario, learner, settings) in OUTSIDERS.items():
+        found[name] = (scenario, learner, GIVEN | settings)
     found["one's own"] = ("env1", Forgetful, GIVEN)
     for name, (scenario, learner) in SHIPPED.items():
         found[name] = (scenario, learner, {"steps": 2000})

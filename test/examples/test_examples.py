@@ -140,6 +140,14 @@ def test_pettingzoo_learners(said):
     assert lines[-1] == "best asking team found 118.51, joint optimum 120.56"
 
 
+@pytest.mark.long
+def test_ppo(said):
+    pytest.importorskip("stable_baselines3")
+    lines = said("ppo.py", "env1", 20_000).splitlines()
+    assert lines[0] == "env1; shortest paths: 92.60"
+    assert len(lines) == 11 and all("±" in line for line in lines[1:])
+
+
 def test_analyse_log(said, good):
     title, verdict, *lines = said("analyse_log.py", good.bag).splitlines()
     assert title.startswith("env1, coop: ") and verdict == "identical"

@@ -1,15 +1,15 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The benchmark of unseen buildings: its buildings, its bounds, and what it says of a learner."""
+"""The benchmark: its lists and bounds, and what it says of a learner."""
 
-import json
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import sparse_coord_ros as sc
-from sparse_coord_ros.base.errors import SettingError
+from sparse_coord_ros.base.errors import ResultsError, SettingError
 from sparse_coord_ros.base.share import shipped_json
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.game.unseen import KINDS, SPLITS, TEAMS, split_of, team_of
@@ -19,12 +19,17 @@ from sparse_coord_ros.core.solve.reference import shortest_path_reference
 from sparse_coord_ros.core.solve.shipped import (
     game_digest,
     known_best,
+    known_top,
     shipped_asking_team,
+    shipped_bound,
     shipped_routes,
     unseen_buildings,
     yardsticks,
 )
+from sparse_coord_ros.studies.benchmark import read_entries
 from sparse_coord_ros.studies.catalogue import experiment, unseen_conditions
+from sparse_coord_ros.studies.checked_json import to_text
+from sparse_coord_ros.studies.lists import ABOUT, LISTS, PENALTY, SAMPLED
 from sparse_coord_ros.studies.standings import (
     Standing,
     failed_teams,
@@ -38,7 +43,7 @@ FEW = {
     "runs": 2,
     "trials": 2,
     "steps": 50,
-    "robots": [2],
+    "lists": ["tuning-pairs"],
     "jobs": 1,
     "engine": "python",
 }
@@ -105,13 +110,44 @@ def test_a_split_is_its_buildings(split):
     assert found == {name for name in SHIPPED if split_of(name) == split}
 
 
+@pytest.mark.parametrize("name", [name for name in SHIPPED if team_of(name) > 2])
+def test_larger_teams_have_a_bound(name):
+    scenario = load_scenario(name)
+    bound = shipped_bound(scenario)
+    team = len(scenario.robots)
+    assert sorted(k for group in bound.groups for k in group) == list(range(team))
+    plan = shipped_routes(scenario)
+    assert plan.value - 4 * plan.standard_error < bound.value
+    assert bound.value < independent_bound(scenario)
+    assert known_top(scenario) == bound.value
+
+
+def test_a_list_is_what_it_says():
+    assert [len(LISTS[f"unseen2-{size}"]) for size in ("pairs", "four", "eight")] == [
+        36,
+        24,
+        12,
+    ]
+    assert {split_of(item.scenario) for item in LISTS["tuning-four"]} == {"tuning"}
+    assert set(ABOUT) <= set(LISTS)
+    assert not set(SAMPLED) & {"paper", "crowds", "percepts"}
+
+
+@pytest.mark.parametrize("name", LISTS)
+def test_every_scenario_of_a_list_has_a_gap(name):
+    for item in LISTS[name]:
+        scenario = load_scenario(item.scenario).with_settings({"penalty": PENALTY})
+        assert known_top(scenario) is not None, item
+
+
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        ({"split": "both"}, "split: value is 'both'"),
-        ({"robots": [3]}, "robots: value is 3"),
-        ({"robots": []}, "robots: value is none"),
+        ({"lists": ["both"]}, "lists: value is both"),
+        ({"lists": []}, "lists: value is none"),
+        ({"lists": "paper"}, "lists: value is 'paper'"),
         ({"penalty": -20}, "penalty"),
+        ({"perception": "never"}, "perception"),
         ({"runs": 1}, "runs"),
         ({"epsilonn": 1}, "epsilonn"),
     ],
@@ -121,24 +157,137 @@ def test_what_it_refuses(given, words):
         sc.benchmark("coop", **{**FEW, **given})
 
 
-def test_a_learner_is_judged(monkeypatch):
-    names = unseen_buildings()[:3]
-    monkeypatch.setattr(
-        "sparse_coord_ros.studies.catalogue.unseen_buildings", lambda: names
-    )
-    found = sc.benchmark("noncoop", **FEW)
-    assert (found.learner, found.split) == ("noncoop", "tuning")
-    assert {one.condition.name for one in found.results.values()} == {
-        name for name in names if split_of(name) == "tuning"
+@pytest.fixture
+def short_lists(monkeypatch):
+    """Lists of one or two scenarios, and few budgets."""
+    lists = {
+        "tuning-pairs": LISTS["tuning-pairs"][:2],
+        "tuning-four": LISTS["tuning-four"][:1],
+        "percepts": LISTS["percepts"][:1],
     }
-    [(where, one)] = found.standings().items()
-    assert (where, one.buildings, one.teams) == ("2r", 2, 4)
-    assert list(found.standings(by_kind=True)) == ["2r door"]
-    said = found.to_dict()["standings"]["2r"]
-    gap = said["best_known"] - said["paths"]
-    assert said["share"] == pytest.approx((said["reward"] - said["paths"]) / gap)
-    assert len(found.to_pandas()) == 2
-    json.dumps(found.to_dict())
+    monkeypatch.setattr("sparse_coord_ros.studies.lists.LISTS", lists)
+    monkeypatch.setattr("sparse_coord_ros.studies.benchmark.BUDGETS", (20,))
+
+
+@pytest.mark.usefixtures("short_lists")
+def test_learners_are_judged(tmp_path):
+    slow = sc.Entry("slow", "noncoop", {"epsilon": "constant:0.5"})
+    found = sc.benchmark(["noncoop", slow, "joint"], **FEW)
+    [noncoop, own, joint] = found.places
+    assert (noncoop.title, noncoop.list, noncoop.teams) == (
+        "noncoop",
+        "tuning-pairs",
+        4,
+    )
+    assert (own.learner, own.settings) == ("noncoop", {"epsilon": "constant:0.5"})
+    assert [one.scenario for one in joint.judged] == [
+        item.scenario for item in LISTS["tuning-pairs"][:2]
+    ]
+    low = np.array([one.paths for one in noncoop.judged])
+    high = np.array([one.top for one in noncoop.judged])
+    means = np.array([np.mean(one.rewards) for one in noncoop.judged])
+    share, error = noncoop.share
+    assert share == pytest.approx((means - low).sum() / (high - low).sum())
+    assert error > 0
+    assert noncoop.seconds > 0
+    file = tmp_path / "board.json"
+    found.save(file)
+    assert sc.load_leaderboard(file) == found
+    assert len(found.to_pandas()) == 3
+    shares = [float(row["share of the gap"].split()[0]) for row in found.rows()]
+    assert shares == sorted(shares, reverse=True)
+
+
+@pytest.mark.usefixtures("short_lists")
+def test_who_cannot_learn_a_list_has_no_share_there():
+    found = sc.benchmark("joint", **{**FEW, "lists": ["tuning-four"]})
+    assert found.places[0].judged == ()
+    assert found.rows()[0]["share of the gap"] == "-"
+
+
+@pytest.mark.usefixtures("short_lists")
+def test_failing_percepts_have_the_top_of_sure_ones():
+    [place] = sc.benchmark("coop", **{**FEW, "lists": ["percepts"]}).places
+    sure = load_scenario("env1").with_settings(penalty=PENALTY)
+    assert place.judged[0].top == known_top(sure)
+    assert place.judged[0].scenario == "env1, perception=probability:0.5"
+
+
+@pytest.mark.usefixtures("short_lists")
+def test_the_least_budget_that_closes_nearly_all(monkeypatch):
+    monkeypatch.setattr("sparse_coord_ros.studies.benchmark.NEARLY_ALL", -1e9)
+    assert sc.benchmark("noncoop", **FEW).places[0].steps_to_90 == 20
+    monkeypatch.setattr("sparse_coord_ros.studies.benchmark.NEARLY_ALL", 1e9)
+    found = sc.benchmark("noncoop", **FEW)
+    assert found.places[0].steps_to_90 is None
+    assert found.rows()[0]["steps to 90 %"] == "> 50"
+
+
+@pytest.mark.usefixtures("short_lists")
+def test_teams_that_have_learned_elsewhere(tmp_path):
+    """They are worth what the same learner's teams are worth that learn here."""
+    for item in LISTS["tuning-pairs"][:2]:
+        for seed in range(2):
+            scenario = sc.load_scenario(item.scenario, steps=50)
+            training = sc.train(scenario, "noncoop", seed=seed)
+            training.save(tmp_path / f"{item.scenario}-{seed}")
+    here = sc.benchmark("noncoop", **FEW).places[0]
+    there = sc.benchmark(sc.Entry("there", runs=str(tmp_path)), **FEW).places[0]
+    assert there.judged == here.judged
+    assert there.seconds is None
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    with pytest.raises(SettingError, match="no run directories"):
+        sc.benchmark(sc.Entry("none", runs=str(empty)), **FEW)
+
+
+@pytest.mark.usefixtures("short_lists")
+@pytest.mark.parametrize("change", [("20", "21"), ('"steps"', '"step"')])
+def test_a_file_that_was_edited_is_refused(tmp_path, change):
+    file = tmp_path / "board.json"
+    sc.benchmark("noncoop", **FEW).save(file)
+    text = file.read_text()
+    file.write_text(text.replace(*change, 1))
+    with pytest.raises(ResultsError, match=re.escape(str(file))):
+        sc.load_leaderboard(file)
+
+
+def test_a_file_of_another_form_is_refused(tmp_path):
+    file = tmp_path / "board.json"
+    place = {"title": "x"}
+    file.write_text(
+        to_text({"version": "1", "seed": 0, "trials": 2, "places": [place]})
+    )
+    with pytest.raises(ResultsError, match="'learner' is missing in places"):
+        sc.load_leaderboard(file)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("entries: []", "add a learner"),
+        ("learners: [coop]", "add a learner"),
+        ("entries: [coop]", "entry 1"),
+        ("entries: [{learner: coop, runs: r}]", "entry 1"),
+        ("entries: [{learner: coop, settings: 5}]", "settings are 5"),
+    ],
+)
+def test_entries_that_are_refused(tmp_path, text, words):
+    file = tmp_path / "entries.yaml"
+    file.write_text(text)
+    with pytest.raises(SettingError, match=words):
+        read_entries(file)
+
+
+def test_entries_are_read(tmp_path):
+    file = tmp_path / "entries.yaml"
+    file.write_text(
+        "entries: [{title: plain, learner: noncoop, settings: {q_star_init: 0}}, {runs: r}]"
+    )
+    assert read_entries(file) == [
+        sc.Entry("plain", "noncoop", {"q_star_init": 0}),
+        sc.Entry("r", settings={}, runs="r"),
+    ]
 
 
 def test_how_teams_stand():
@@ -227,16 +376,17 @@ def result_in():
     return made
 
 
-def test_the_verb(monkeypatch, capsys):
+@pytest.mark.usefixtures("short_lists")
+def test_the_verb(tmp_path, capsys):
     from sparse_coord_ros.cli.main import main
 
-    names = unseen_buildings()[:2]
-    monkeypatch.setattr(
-        "sparse_coord_ros.studies.catalogue.unseen_buildings", lambda: names
+    entries = tmp_path / "entries.yaml"
+    entries.write_text(
+        "entries: [{title: plain, learner: noncoop, settings: {q_star_init: 0}}]"
     )
-    words = "benchmark noncoop --robots 2 --runs 2 --steps 200 --kinds --engine python"
-    assert main(words.split()) == 0
+    file = tmp_path / "board.json"
+    words = f"benchmark noncoop {entries} --lists tuning-pairs --runs 2 --steps 50 --engine python"
+    assert main([*words.split(), "--save", str(file)]) == 0
     out = capsys.readouterr().out
-    assert [line.split()[:2] for line in out.splitlines()[2:4]] == [
-        ["noncoop", "2r"]
-    ] * 2
+    assert {line.split()[1] for line in out.splitlines()[2:4]} == {"noncoop", "plain"}
+    assert len(sc.load_leaderboard(file).places) == 2

@@ -132,10 +132,6 @@ def test_cq_learns_nothing_from_failed_percepts():
 
 
 def test_what_it_cannot_learn():
-    with pytest.raises(SettingError, match="setting peers"):
-        learner_of("cq").check(
-            load_scenario("crowd-3r").with_settings(peers="all", prior="map")
-        )
     hall = {"name": "hall", "text": GridMap("hall", ("." * 27,) * 27).to_text()}
     robots = {
         "a": {"start": [0, 0], "goal": [5, 5]},

@@ -14,7 +14,7 @@ from sparse_coord_ros.core.learners.cq import COUNT, SQUARES
 from sparse_coord_ros.core.learners.memory import check_memory
 from sparse_coord_ros.core.learners.registry import learner_of
 
-LEARNERS = ("coop", "indiv", "noncoop", "factored", "cq")
+LEARNERS = ("coop", "indiv", "noncoop", "hysteretic", "factored", "cq")
 OFTEN = {"steps": 400, "q_star_init": 100, "ask_cost": 0, "penalty": -20}
 
 

@@ -1,11 +1,12 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The factored learner with one part of its rule turned off."""
+"""Learners with one part of their rule turned off, or with another number in it."""
 
 from typing import Any
 
 from sparse_coord_ros.core.game.actions import ACTIONS
 from sparse_coord_ros.core.learners.factored import Factored
+from sparse_coord_ros.core.learners.hysteretic import Hysteretic
 from sparse_coord_ros.core.learners.rules import Task, greatest
 
 
@@ -64,3 +65,30 @@ class NoCures(NoLeastWorth):
     """Neither: what larger teams had before."""
 
     share_of_surplus = staticmethod(WholeSurplus.share_of_surplus)
+
+
+class Tenth(Hysteretic):
+    """Learns bad news by a tenth of the step size."""
+
+    @staticmethod
+    def share_of_alpha(mind: Any, task: Task) -> float:
+        """Return beta / alpha."""
+        return 0.1
+
+
+class Third(Hysteretic):
+    """Learns bad news by three tenths of the step size."""
+
+    @staticmethod
+    def share_of_alpha(mind: Any, task: Task) -> float:
+        """Return beta / alpha."""
+        return 0.3
+
+
+class Half(Hysteretic):
+    """Learns bad news by half of the step size."""
+
+    @staticmethod
+    def share_of_alpha(mind: Any, task: Task) -> float:
+        """Return beta / alpha."""
+        return 0.5

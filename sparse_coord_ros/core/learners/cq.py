@@ -15,6 +15,10 @@ Other joint states keep Q*, by which it also acts after a failed percept. The pr
 in no reward that it learns from: the paper has none, and where the robot asks is not a matter of
 values. In tables Q*(x, COORDINATE) says where: it is `MARK` above the best move in marked cells,
 `MARK` below it in others.
+
+With `peers: all` it tests and marks the joint state with each peer by itself. A move is then worth
+the least that it is worth in these pairs. With a `referee` too it charges a peer with r^C only
+where that peer was in the same doorway. Both are choices of our own.
 """
 
 from typing import Any, NamedTuple
@@ -24,21 +28,27 @@ import numpy as np
 from sparse_coord_ros.base.compiling import inner
 from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE, PRIMITIVES
-from sparse_coord_ros.core.game.scenario import Scenario
+from sparse_coord_ros.core.game.scenario import Scenario, is_sparse
 from sparse_coord_ros.core.game.world import RewardWeights
-from sparse_coord_ros.core.learners.coop import Coop
 from sparse_coord_ros.core.learners.learner import Learner
 from sparse_coord_ros.core.learners.lone import lone_values
-from sparse_coord_ros.core.learners.mind import Memory, Rows, empty_rows, place
+from sparse_coord_ros.core.learners.mind import (
+    NO_ROW,
+    Memory,
+    Rows,
+    empty_rows,
+    find,
+    place,
+    read,
+)
 from sparse_coord_ros.core.learners.rules import (
     Task,
     Transition,
     Values,
+    copy_moves,
     expected,
     greatest,
-    joint_state,
     ql_update,
-    reward_of,
 )
 
 MARK = 1.0
@@ -64,6 +74,7 @@ class CQ(Learner):
     title = "CQ-learning"
     summary = "CQ-learning: asks in cells that it marks (De Hauwere et al., 2010)"
     needs_map = True
+    partners = True
 
     class Mind(NamedTuple):
         """What a robot has learned.
@@ -71,8 +82,9 @@ class CQ(Learner):
         Attributes:
             q_star: Q* [cell][action].
             updates: how often each action was chosen.
-            q_coord: Q^C: a row [move] for each joint state.
-            samples: windows of the moves and of the joint states [cell][move or 4 + z][COUNT...].
+            q_coord: Q^C: a row [move] for each joint state with a peer (`pair_key`).
+            samples: windows of the moves and of the joint states [cell][move or 4 + z][COUNT...];
+                with `peers: all` of those with peer j [cell][4 + j cells + z].
         """
 
         q_star: Any
@@ -81,18 +93,18 @@ class CQ(Learner):
         samples: Any
 
     def check(self, scenario: Scenario) -> None:
-        """Raise `SettingError` unless it knows the map, which is small, and perceives one peer."""
+        """Raise `SettingError` unless it knows the map, which is small."""
         super().check(scenario)
-        if scenario.perceived > 2:
-            what = (
-                f"setting peers: value is 'all', allowed with learner {self.label}: one"
-            )
-            raise SettingError(f"{what}; leave it out")
-        if scenario.sparse:
+        if is_sparse(len(scenario.map.cells), 2):
             raise SettingError(
                 f"learner {self.label}: scenario {scenario.name} has {len(scenario.map.cells)} "
                 "cells, allowed: 724; use a smaller map, or learner coop or factored"
             )
+
+    def rows_of_a_cell(self, scenario: Scenario) -> int:
+        """Return how many joint states with a peer there can be for each own cell."""
+        cells = len(scenario.map.cells)
+        return cells if scenario.perceived == 2 else cells * len(scenario.robots)
 
     def check_memory(self, scenario: Scenario, robot: int, memory: Memory) -> None:
         """Check the windows of samples."""
@@ -111,12 +123,14 @@ class CQ(Learner):
     def initial(scenario: Scenario, robot: int) -> Mind:
         """Return tables of which nothing is known; no cell is marked."""
         cells = len(scenario.map.cells)
+        pairs = CQ().rows_of_a_cell(scenario)
+        seen = scenario.perceived - 1
         q_star = np.zeros((cells, len(ACTIONS)))
         return CQ.Mind(
             q_star=q_star,
             updates=np.zeros(q_star.shape, dtype=np.int32),
-            q_coord=empty_rows(cells * cells, np.zeros((1, PRIMITIVES))),
-            samples=np.zeros((cells, PRIMITIVES + cells, 3)),
+            q_coord=empty_rows(cells * pairs, np.zeros((1, PRIMITIVES)), seen),
+            samples=np.zeros((cells, PRIMITIVES + pairs, 3)),
         )
 
     @staticmethod
@@ -127,11 +141,26 @@ class CQ(Learner):
         alone = lone_values(scenario, robot, weight=weights.individual)
         return mind._replace(
             q_star=np.column_stack([alone, alone.max(axis=1) - MARK]),
-            q_coord=empty_rows(mind.q_coord.most, alone),
+            q_coord=empty_rows(mind.q_coord.most, alone, mind.q_coord.a_step),
         )
 
-    asking_values = staticmethod(Coop.asking_values)
-    """As Algorithm 1: by Q^C after an answer, else by Q*."""
+    @staticmethod
+    def asking_values(
+        mind: Mind, task: Task, cell: int, seen: int, cells: Any, values: Any
+    ) -> None:
+        """Set the values of Q^C, the least of all peers that are perceived, else those of Q*."""
+        if seen == 0:
+            copy_moves(mind.q_star[cell], values)
+            return
+        first = True
+        for j in range(task.robots):
+            if (seen >> j) & 1:
+                key = pair_key(mind, task, cell, j, cells)
+                if first:
+                    read(mind.q_coord, key, values)
+                else:
+                    lower(mind, cell, key, values)
+                first = False
 
     @staticmethod
     def explores(mind: Mind, task: Task, seen: int) -> bool:
@@ -154,17 +183,55 @@ class CQ(Learner):
             if not is_marked(values) and differs(samples[now.move], now.common):
                 values[COORDINATE] = greatest(values, PRIMITIVES) + MARK
             return
-        if now.seen != 0:
-            key = joint_state(task, cell, now.seen, now.cells)
-            peer_cell = key % task.cells
-            if differs(samples[PRIMITIVES + peer_cell], now.common):
-                after = expected(mind, task, now)
-                row = place(mind.q_coord, key)
-                values = mind.q_coord.values[row]
-                updates = mind.q_coord.updates[row]
-                ql_update(
-                    values, updates, now.move, task, now.floor, reward_of(now), after
-                )
+        for j in range(task.robots):
+            if (now.seen >> j) & 1:
+                learn_pair(mind, task, now, j)
+
+
+@inner
+def pair_key(mind: Any, task: Task, cell: int, peer: int, cells: Any) -> int:
+    """Return the number of the joint state with a peer, of all own cells.
+
+    Args:
+        mind: what the robot remembers.
+        task: its task.
+        cell: its own cell.
+        peer: the peer, which is told apart from others with `peers: all`.
+        cells: the cells of all robots.
+    """
+    pairs = len(mind.samples[cell]) - PRIMITIVES
+    key: int = cell * pairs + cells[peer]
+    if pairs > task.cells:
+        key += peer * task.cells
+    return key
+
+
+@inner
+def lower(mind: Any, cell: int, key: int, values: Any) -> None:
+    """Lower the values of the moves to those of a joint state, where these are less."""
+    row = find(mind.q_coord, key)
+    for b in range(PRIMITIVES):
+        value = mind.q_star[cell][b]
+        if row != NO_ROW:
+            value = mind.q_coord.values[row][b]
+        if value < values[b]:
+            values[b] = value
+
+
+@inner
+def learn_pair(mind: Any, task: Task, now: Transition, peer: int) -> None:
+    """Sample the reward of a joint state with a peer; learn its Q^C if it is marked."""
+    common = now.common if (now.partners >> peer) & 1 else 0.0
+    key = pair_key(mind, task, now.cell, peer, now.cells)
+    samples = mind.samples[now.cell]
+    pairs = len(samples) - PRIMITIVES
+    if differs(samples[PRIMITIVES + key % pairs], common):
+        after = expected(mind, task, now)
+        reward = now.individual + common + now.asking
+        row = place(mind.q_coord, key)
+        values = mind.q_coord.values[row]
+        updates = mind.q_coord.updates[row]
+        ql_update(values, updates, now.move, task, now.floor, reward, after)
 
 
 @inner

@@ -147,8 +147,6 @@ def _compared(
     )
 
 
-def _advice(scenario: Scenario, learner: Learner) -> str:
-    """Return advice for a team that does not coordinate.
 def _remedy(scenario: Scenario, learner: Learner) -> str:
     """Return what to try for a team that does not coordinate.
 

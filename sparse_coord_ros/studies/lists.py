@@ -1,0 +1,97 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The fixed lists of scenarios that `benchmark` judges learners on. A new list is one entry here.
+
+Rules and numbers are chosen on the lists for tuning. Those for validation show whether these hold
+elsewhere. Those of `unseen2` are for closing figures alone.
+"""
+
+from collections.abc import Mapping, Sequence
+from itertools import product
+from types import MappingProxyType
+from typing import NamedTuple
+
+from sparse_coord_ros.base.errors import SettingError
+from sparse_coord_ros.core.game.unseen import SPLITS, TEAMS, split_of, team_of
+from sparse_coord_ros.core.solve.shipped import unseen_buildings
+
+PENALTY = -100
+"""r^C in every list."""
+
+
+class Item(NamedTuple):
+    """One scenario of a list.
+
+    Attributes:
+        scenario: its name.
+        settings: those that the list changes, besides the penalty.
+    """
+
+    scenario: str
+    settings: Mapping[str, object] = MappingProxyType({})
+
+
+PAPER = ("env1", "env2-2r", "cit", "cmu", "isr", "mit", "pentagon", "suny")
+CROWDS = ("env2-4r", "crowd-4r", "crowd-6r", "crowd-8r")
+PERCEPTS = ("probability:0.5", "line_of_sight", "range:2")
+SIZES: Mapping[int, str] = {2: "pairs", 4: "four", 8: "eight"}
+
+
+def _buildings(split: str, robots: int) -> tuple[Item, ...]:
+    names = unseen_buildings()
+    return tuple(
+        Item(name)
+        for name in names
+        if split_of(name) == split and team_of(name) == robots
+    )
+
+
+def _unseen() -> dict[str, tuple[Item, ...]]:
+    found = {}
+    for split, robots in product(SPLITS, TEAMS):
+        first = "unseen2" if split == "test" else split
+        found[f"{first}-{SIZES[robots]}"] = _buildings(split, robots)
+    return found
+
+
+LISTS: Mapping[str, tuple[Item, ...]] = {
+    "paper": tuple(Item(name) for name in PAPER),
+    "crowds": tuple(Item(name) for name in CROWDS),
+    **_unseen(),
+    "percepts": tuple(
+        Item(name, {"perception": percept})
+        for name in ("env1", "env2-2r", "pentagon")
+        for percept in PERCEPTS
+    ),
+}
+"""Every list, by its name."""
+
+ABOUT: Mapping[str, str] = {
+    "paper": "The paper's eight maps of two robots.",
+    "crowds": "The paper's map of four robots, and one map with four, six and eight.",
+    "unseen2-pairs": "36 generated buildings of two robots, never tuned on.",
+    "unseen2-four": "24 generated buildings of four robots, never tuned on.",
+    "unseen2-eight": "12 generated buildings of eight robots, never tuned on.",
+    "percepts": "env1, env2-2r and pentagon; percepts fail half of the time, or behind walls, or "
+    "beyond two cells.",
+}
+"""The lists of the leaderboard, in words."""
+
+SAMPLED = tuple(name for name in LISTS if "-" in name)
+"""Lists of buildings that stand for others of their kinds. Those of the other lists stand for
+themselves."""
+
+TUNING = tuple(name for name in LISTS if name.startswith("tuning"))
+
+
+def items_of(names: Sequence[str]) -> dict[str, tuple[Item, ...]]:
+    """Return lists by their names.
+
+    Raises:
+        SettingError: there is no such list.
+    """
+    unknown = [name for name in names if name not in LISTS]
+    if unknown or not names:
+        said = ", ".join(unknown) or "none"
+        raise SettingError(f"lists: value is {said}, allowed: {', '.join(LISTS)}")
+    return {name: LISTS[name] for name in names}
