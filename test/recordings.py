@@ -219,9 +219,10 @@ class Recording:
         """Let the bodies move: each is then where it is to be, or where a failing one stops."""
         game = self.world.world
         game.there = list(game.cells)
+        told = game.told(self.world.actions)
         for k, action in enumerate(self.world.actions):
             if action is not None and not game.arrived[k]:
-                there = game.wanted(k, action.move)
+                there = told[k]
                 if (k, game.step) in self.failing:
                     there = int(game.scenario.map.next_cell[there, game.step % 4])
                 game.there[k] = there

@@ -11,6 +11,7 @@ import numpy as np
 
 from sparse_coord_ros.base.palette import ANSWERED, FAILED, REFUSED
 from sparse_coord_ros.core.game.actions import ACTIONS
+from sparse_coord_ros.core.game.interactions import interactions_of
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.runs.run import TeamTransition
 from sparse_coord_ros.protocol.wire import PerceptEnd
@@ -37,6 +38,7 @@ class Narrator:
 
     def __init__(self, scenario: Scenario) -> None:
         self._grid = scenario.map
+        self._blocks = interactions_of(scenario).blocks
         self.names = [robot.name for robot in scenario.robots]
         self.doorways = Doorways(scenario.map)
         self._from = [self.doorways.moves_to(robot.start) for robot in scenario.robots]
@@ -175,7 +177,8 @@ class Narrator:
             return self._goes(robot, cell, after, move)
         if led == cell:
             return "waits"
-        return f"stays: its move {ACTIONS[move]} fails"
+        why = "fails, or another robot stops it" if self._blocks else "fails"
+        return f"stays: its move {ACTIONS[move]} {why}"
 
     def _goes(self, robot: int, cell: int, after: int, move: int) -> str:
         now = self._home[robot][cell]

@@ -111,6 +111,20 @@ OUTSIDERS = {
 }
 """Learners that were not in 1.0.0, and what others learned since."""
 
+INTERACTIONS = {
+    "exchanges, coop": ("aisle", "coop", {}),
+    "exchanges, factored": ("aisle", "factored", {"perception": "probability:0.7"}),
+    "exchanges, joint": ("bay", "joint", {}),
+    "a shared cell, cq": ("merge", "cq", {"link": "lost:0.3"}),
+    "a lane, coop": ("lane", "coop", {"max_steps": 40}),
+    "a lane, factored": ("lane", "factored", {"max_steps": 40}),
+    "a lane, noncoop": ("lane", "noncoop", {"starts": "mixed:0.5"}),
+    "three kinds, factored": ("rooms", "factored", {"referee": False}),
+    "four, three kinds": ("floor-4r", "factored", {"max_steps": 60}),
+    "four, stopped": ("env2-4r", "coop", {"interactions": "swap+block"}),
+}
+"""Robots that exchange cells and stop each other: not in 1.0.0."""
+
 SHIPPED = {
     "coop, as shipped": ("env1", "coop"),
     "noncoop, as shipped": ("env1", "noncoop"),
@@ -132,7 +146,7 @@ def cases():
     for name, (scenario, learner, settings) in KNOWN_MAP.items():
         chosen = {**WITHOUT_VALUES, "prior": "map", **settings}
         found[name] = (scenario, learner, chosen)
-    for name, (scenario, learner, settings) in OUTSIDERS.items():
+    for name, (scenario, learner, settings) in (OUTSIDERS | INTERACTIONS).items():
         found[name] = (scenario, learner, GIVEN | settings)
     found["one's own"] = ("env1", Forgetful, GIVEN)
     for name, (scenario, learner) in SHIPPED.items():

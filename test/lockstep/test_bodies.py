@@ -145,6 +145,27 @@ def test_who_slips_is_sent_nowhere():
     assert BodyWorld(scenario, 1, slips=False).wanted(0, SOUTH) != world.cells[0]
 
 
+def test_a_body_whose_robot_is_stopped_is_sent_nowhere():
+    scenario = load_scenario("lane").with_settings(
+        {"move_success": 1, "starts": "fixed"}
+    )
+    world = BodyWorld(scenario, 1)
+    first, second = scenario.robots
+    way = scenario.map.distances_to(first.goal)
+    lead = scenario.map.next_cell
+    cell = first.start
+    while way[cell] > 2:
+        cell = min(lead[cell].tolist(), key=lambda y: way[y])
+    move = min(range(4), key=lambda one: way[lead[cell, one]])
+    ahead = int(lead[cell, move])
+    back = lead[ahead].tolist().index(cell)
+    assert not {cell, ahead} & {first.goal, second.goal}
+    world.cells = [cell, ahead]
+    assert world.told((go(move), go(back))) == [cell, ahead]  # they come towards
+    assert world.told((go(move), None)) == [cell, ahead]  # one stands in the way
+    assert world.told((None, go(back))) == [cell, ahead]
+
+
 A = 1
 B = 2
 C = 3

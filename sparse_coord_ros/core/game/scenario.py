@@ -178,7 +178,7 @@ class Scenario:
         CREDIT,
     )
     referee: bool = setting(
-        False, "whether the reward says with whom a robot was in a miscoordination"
+        False, "whether the reward says with whom a robot interacted"
     )
     max_steps: int = setting(
         100, "a learning episode ends after as many steps", low=1, high=LONGEST
@@ -379,7 +379,7 @@ def is_sparse(cells: int, agents: int) -> bool:
 
 
 LARGEST_TEAM = 53
-"""Most robots: a reward names those in a miscoordination by the sum of 2^k, a float64."""
+"""Most robots: a reward names those that interact by the sum of 2^k, a float64."""
 
 RESERVED_NAMES = ("world_simulator", "recorder", "team")
 PAPER_LEARNERS = ("indiv", "noncoop", "coop")

@@ -102,7 +102,7 @@ class Learner:
         sees_all: whether its robots see all others in every step, asked or not. Such a learner
             cannot run live either.
         draws: whether it wants a random number in each step (`Transition.draw`).
-        partners: whether it wants to know with whom a robot was in a miscoordination
+        partners: whether it wants to know with whom a robot interacted
             (`Transition.partners`), where the scenario has a referee.
         rules_out: whether it asks where a peer cannot be when a percept fails (`Task.sight`).
         needs_map: whether it always begins with the values of robots alone: `prior` is `map`.

@@ -195,7 +195,7 @@ wants_draw = flag_of_learner("draws")
 """Whether it wants a random number in each step."""
 
 wants_partners = flag_of_learner("partners")
-"""Whether it wants to know with whom a robot was in a miscoordination."""
+"""Whether it wants to know with whom a robot interacted."""
 
 
 # What they are made of.

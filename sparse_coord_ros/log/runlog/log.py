@@ -55,7 +55,7 @@ class RunLog:
         peer: the robot that was asked, from 0; NOBODY (-1) for none or several, shape (T, K).
         asked, perceived: shape (T, K), bool.
         percept: cells that robot k perceived, by the robot seen: shape (T, K, K), int32.
-        rewards: individual, common, ask_cost, total, and the partners in a miscoordination, as
+        rewards: individual, common, ask_cost, total, and the partners of an interaction, as
             of `core.game.world.Reward`; NaN where the log does not hold them, shape (T, K, 5),
             float64.
         numbers: the actions' numbers as logged, by the labels of `wire.ACTION`: shape (T, K, 7),

@@ -113,8 +113,22 @@ class BodyWorld(World):
         self.slips = slips
         self.there = list(self.cells)
 
+    def told(self, actions: Sequence[Action | None]) -> list[int]:
+        """Return the cell that each body is told to go to, or its own one.
+
+        A body stays whose move slips, whose robot does not act, or whose robot is stopped.
+
+        Args:
+            actions: the joint action, complete.
+        """
+        wanted = list(self.cells)
+        for k, action in enumerate(actions):
+            if action is not None and not self.arrived[k]:
+                wanted[k] = self.wanted(k, action.move)
+        return super().settled(wanted)
+
     def wanted(self, k: int, move: int) -> int:
-        """Return the cell that robot k's body is to go to; its own one where the move slips."""
+        """Return the cell to which a move of robot k leads; its own one where the move slips."""
         if self.slips:
             return super().led(k, move)
         return int(self.scenario.map.next_cell[self.cells[k], move])
@@ -124,7 +138,7 @@ class BodyWorld(World):
         return self.there[k]
 
     def settled(self, wanted: Sequence[int]) -> list[int]:
-        """Return the cells as they are: bodies stop each other before they get there."""
+        """Return the cells as they are: `told` has stopped robots before they get there."""
         return list(wanted)
 
 
@@ -182,8 +196,9 @@ class BodiesSide:
                     BodyGoal(k, cell, cell) for k, cell in enumerate(world.cells)
                 )
                 self._send(here, place=True)
+            told = world.told(actions)
             goals = [
-                BodyGoal(k, world.cells[k], world.wanted(k, action.move))
+                BodyGoal(k, world.cells[k], told[k])
                 for k, action in enumerate(actions)
                 if action is not None and not world.arrived[k]
             ]

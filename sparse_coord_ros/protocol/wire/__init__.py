@@ -140,7 +140,7 @@ ACTION_LABELS = ("east", "north", "coordinate", "peer", "perceived")
 
 PARTNERS = "partners"
 """A label more of `reward` where the world has a `referee`: the sum of 2^(j-1) of the robots j
-(from 1) with which the robot was in the miscoordination."""
+(from 1) with which the robot interacted."""
 
 TEAM, ROBOT, NODE = Owner
 _STEP, _EVENT, _LATCHED, _TABLES = Delivery

@@ -32,7 +32,7 @@ class Frame:
         origin: (x, y) of the map's lower left corner, in metres.
         period: nanoseconds a time step.
         centres: (x, y) of the middle of each free cell, in metres.
-        referee: whether rewards say with whom a robot was in a miscoordination.
+        referee: whether rewards say with whom a robot interacted.
         names: the robots; robots: how many they are.
     """
 

@@ -15,6 +15,7 @@ import numpy as np
 from sparse_coord_ros.base import palette
 from sparse_coord_ros.base.version import __version__
 from sparse_coord_ros.core.game.actions import ACTIONS, DIRECTIONS
+from sparse_coord_ros.core.game.interactions import interactions_of
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs.evaluation import MEASURES
 from sparse_coord_ros.core.runs.history import History
@@ -59,6 +60,7 @@ def run_fields(run: RunConfig) -> Message:
     """Return what stays the same while one run is shown."""
     scenario = run.scenario
     grid = scenario.map
+    inter = interactions_of(scenario)
     return {
         "version": __version__,
         "scenario": scenario.name,
@@ -68,6 +70,7 @@ def run_fields(run: RunConfig) -> Message:
         "budget": scenario.steps,
         "penalty": scenario.penalty,
         "perception": str(scenario.perception),
+        "interactions": scenario.interactions,
         "actions": ACTIONS,
         "directions": DIRECTIONS,
         "outcomes": {
@@ -80,6 +83,8 @@ def run_fields(run: RunConfig) -> Message:
                 name: getattr(grid, name) for name in ("name", "title", "rows", "cells")
             },
             "doorways": sorted(grid.doorways),
+            "places": inter.places.tolist(),
+            "passages": inter.passages.tolist(),
             "under": under(grid),
         },
         "robots": [

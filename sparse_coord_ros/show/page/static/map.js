@@ -124,15 +124,21 @@ export class TeamMap extends View {
     const old = !rushing ? [] : this.lingering.filter((one) => one.until > now && !asked.has(one.ask.robot) && one.step !== frame.step);
     this.lingering = [...old, ...frame.asks.map((ask) => ({ ask, places, until: now + LINGER_MS, step: frame.step }))];
     this.layer.asks.replaceChildren(...this.lingering.filter(({ ask, places }) => places[ask.robot]).map(({ ask, places }) => this.question(ask, places)));
-    const doors = new Set(this.run.map.doorways);
-    const inside = frame.miscoordination ? (frame.after ?? frame.cells).filter((cell) => doors.has(cell)) : [];
-    const shared = inside.filter((cell, k) => inside.indexOf(cell) !== k);
-    const met = shared.length ? shared : inside; // or all doorways are one meeting place
-    this.layer.met.replaceChildren(...[...new Set(met)].flatMap((cell) => {
+    const met = frame.miscoordination ? this.interacting(frame.cells, frame.after ?? frame.cells) : [];
+    this.layer.met.replaceChildren(...met.flatMap((cell) => {
       const [x, y] = this.centre(cell);
       return [svg("circle", { cx: x, cy: y, r: UNIT * 0.6 * this.grown, class: "met" }),
         svg("text", { x: x + UNIT * 0.5, y: y - UNIT * 0.5, class: "met-sign" }, "✖")];
     }));
+  }
+
+  // The cells of robots that are together after a step, or exchanged their cells in it.
+  interacting(before, after) {
+    const { places, passages } = this.run.map;
+    const found = after.filter((cell, k) => after.some((other, j) => j !== k && (
+      (places[cell] >= 0 && places[cell] === places[other])
+      || (cell !== before[k] && cell === before[j] && other === before[k] && passages[cell] && passages[other]))));
+    return [...new Set(found)];
   }
 
   // Lines from who asks to whom it asks; the sign is between two that are apart, else beside the asker.

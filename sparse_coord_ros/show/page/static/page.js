@@ -93,7 +93,7 @@ function begin() {
   $("title").textContent = run.title;
   document.title = `${run.scenario} – sparse_coord watch`;
   const team = run.robots.length === 1 ? "1 robot" : `${run.robots.length} robots`;
-  $("about").textContent = `${run.scenario}, ${run.learner}${run.greedy ? " (greedy)" : ""}, ${team}, penalty ${run.penalty}, percepts: ${run.perception}, seed ${run.seed}`;
+  $("about").textContent = `${run.scenario}, ${run.learner}${run.greedy ? " (greedy)" : ""}, ${team}, penalty ${run.penalty}, percepts: ${run.perception}, interactions: ${run.interactions}, seed ${run.seed}`;
   Object.assign($("map-title"), { textContent: run.map.name, title: run.map.title });
   map.begin(run);
   $("robots").replaceChildren(...run.robots.map(chip));
