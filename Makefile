@@ -18,7 +18,7 @@ demo: $(VENV)/runs
 	@echo
 	@$(BIN)/sparse_coord evaluate $(RUN) $(RUN)_factored
 	@echo
-	@echo "watch them in the browser: $(BIN)/sparse_coord watch $(RUN) $(RUN)_factored"
+	@echo "watch both in the browser, by one clock: $(BIN)/sparse_coord watch $(RUN) $(RUN)_factored"
 
 test: $(VENV)/tests
 	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile

@@ -161,7 +161,7 @@ class BagSource(controls.Controlled):
             return
         if self.highlight is not None:
             newest = {one.robot: (one.step, one.tables) for one in found}
-            self.board.put("tables", robots=messages.table_fields(self.run, newest))
+            messages.put_tables(self.board, self.run, newest)
             self._tell_learned()
 
     def newest(self) -> list[RecordedTables]:
@@ -485,7 +485,7 @@ class BagSource(controls.Controlled):
             self.board.put("notice", text=f"damaged: {error}")
             return
         if still() or following:
-            self.board.put("tables", robots=messages.table_fields(self.run, found))
+            messages.put_tables(self.board, self.run, found)
 
     def _find_reasons(self, first: int, last: int, still: Callable[[], bool]) -> None:
         """Find what decided after the questions that are shown.

@@ -39,11 +39,12 @@ STOP = "stop"
 DRIVE = "drive"
 HALT = "halt"
 AXIS = "axis"
+LOOK = "look"
 """What a page may ask for: hold or go on; so many time steps on or back; time steps a second (0:
 as fast as it goes); a time step to go to; a new episode; another run; the next moment of some
 kind; to import a map with other values, to save what came of it, to let a team learn on it, to
 stop that, and to drive the team that has learned; to let all bodies stand, or go on; what several
-runs have in common on their time line."""
+runs have in common on their time line; the values of a cell and a peer's cell."""
 
 QUESTION = "question"
 MISCOORDINATION = "miscoordination"

@@ -204,7 +204,7 @@ class LiveView:
         """
         self.newest = tables
         self.board.put("curves", read=1.0, **messages.curve_fields(history))
-        self.board.put("tables", robots=messages.table_fields(self.run, tables))
+        messages.put_tables(self.board, self.run, tables)
         counted = np.array(self.asked) if asked is None else asked
         self.board.put("asked", robots=counted.tolist(), where=where)
         # on a busy machine less than has passed

@@ -8,6 +8,7 @@ what it has had: a slow page misses messages and delays no other.
 
 import json
 import threading
+from collections.abc import Callable
 from typing import Any
 
 from sparse_coord_ros.show.page.controls import Controlled
@@ -21,6 +22,8 @@ class MessageBoard:
     Attributes:
         pages: number of open pages; costly messages are not made while it is 0.
         source: carries out what the pages ask for; None: no controls.
+        look: returns the message for a cell and a peer's cell that a page points at, as of
+            `messages.pointed_fields`; None: nothing is known so far.
     """
 
     def __init__(self) -> None:
@@ -29,6 +32,7 @@ class MessageBoard:
         self._version = 0
         self.pages = 0
         self.source: Controlled | None = None
+        self.look: Callable[[int, int], Message] | None = None
 
     def put(self, kind: str, **fields: Any) -> None:
         """Put a message in place of the one before of its type."""
@@ -45,6 +49,7 @@ class MessageBoard:
         """Take all messages away, as another run begins."""
         with self._lock:
             self._messages.clear()
+        self.look = None
 
     def get(self, kind: str) -> Message | None:
         """Return the newest message of a type."""

@@ -8,13 +8,15 @@ one before of its type: the page needs only the newest of each.
 
 from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import asdict
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from sparse_coord_ros.base import palette
+from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.base.version import __version__
-from sparse_coord_ros.core.game.actions import ACTIONS, DIRECTIONS
+from sparse_coord_ros.core.game.actions import ACTIONS, DIRECTIONS, PRIMITIVES
 from sparse_coord_ros.core.game.interactions import interactions_of
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs.evaluation import MEASURES
@@ -142,6 +144,55 @@ def table_fields(run: RunConfig, tables: TablesThen) -> list[Message | None]:
             "enters": entered(policy, run.scenario.map, robot.start).tolist(),
         }
     return robots
+
+
+def put_tables(board: MessageBoard, run: RunConfig, tables: TablesThen) -> None:
+    """Show what the robots' tables say; a page may point at cells to see more of them."""
+    board.look = partial(pointed_fields, run, tables)
+    board.put("tables", robots=table_fields(run, tables))
+
+
+def pointed_fields(
+    run: RunConfig, tables: TablesThen, cell: int, peer_cell: int
+) -> Message:
+    """Return the values of one cell: Q*, and Q^C where the peer is perceived in another one.
+
+    Args:
+        run: the run.
+        tables: what the robots have learned.
+        cell: the cell of the robot.
+        peer_cell: the cell of its peer.
+
+    Returns:
+        For each robot None, if its tables are not known; else `q_star`, `q_coord` (None: it never
+        asks, or has more than one peer) and the best moves without and with the answer.
+
+    Raises:
+        SettingError: there is no such cell.
+    """
+    cells = len(run.scenario.map.cells)
+    team = len(run.scenario.robots)
+    for one in (cell, peer_cell):
+        if not 0 <= one < cells:
+            raise SettingError(f"cell is {one}, allowed: 0 to {cells - 1}")
+    robots: list[Message | None] = [None] * team
+    for k, (_, own) in tables.items():
+        q_star = own.q_star[cell]
+        moves = q_star[:PRIMITIVES]
+        q_coord = None
+        if team == 2 and run.rule.asks:
+            places = [peer_cell, peer_cell]
+            places[k] = cell
+            q_coord = np.array(own.values_asking(cell, 1 << (1 - k), places))
+        robots[k] = {
+            "q_star": plain(q_star),
+            "q_coord": None if q_coord is None else plain(q_coord),
+            "without": np.flatnonzero(moves == moves.max()).tolist(),
+            "with": None
+            if q_coord is None
+            else np.flatnonzero(q_coord == q_coord.max()).tolist(),
+        }
+    return {"cell": cell, "peer_cell": peer_cell, "robots": robots}
 
 
 def curve_fields(history: History) -> Message:

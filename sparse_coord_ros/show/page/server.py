@@ -30,7 +30,7 @@ from sparse_coord_ros.base.errors import (
     needed,
 )
 from sparse_coord_ros.core.game.scenario import scenario_names
-from sparse_coord_ros.show.page.controls import HOST, PORT, parse_control
+from sparse_coord_ros.show.page.controls import HOST, LOOK, PORT, parse_control
 from sparse_coord_ros.show.page.message_board import MessageBoard
 
 _REMEDY = "pip install aiohttp, or sudo apt install python3-aiohttp"
@@ -162,7 +162,7 @@ class Page:
 
     async def _stream(self, request: web.Request) -> web.StreamResponse:
         wanted = request.query.get("run", "0")
-        number = int(wanted) if wanted.isdecimal() and len(wanted) < 3 else -1
+        number = int(wanted) if wanted.isdecimal() and len(wanted) < 3 else 0
         board = self.boards[min(number, len(self.boards) - 1)]
         if self.pages >= MOST_PAGES and not self._guests:
             raise web.HTTPServiceUnavailable(
@@ -235,6 +235,8 @@ class Page:
         """
         if not isinstance(data, dict):
             raise ValueError(data)
+        if data.get("do") == LOOK:
+            return _pointed_at(board, data.get("value"))
         given = str(data.get("token")).encode(errors="replace")
         if not hmac.compare_digest(given, self.token.encode()):
             raise SettingError(
@@ -257,6 +259,22 @@ class Page:
             "scenarios": scenario_names(),
             "control": control,
         }
+
+
+def _pointed_at(board: MessageBoard, value: Any) -> dict[str, Any]:
+    """Return the values of a cell and a peer's cell, which every page may look at.
+
+    Raises:
+        SettingError: the value is no such pair, or nothing is known.
+    """
+    pair = isinstance(value, list) and len(value) == 2
+    if not pair or not all(type(one) is int for one in value):
+        raise SettingError(
+            f"control {LOOK!r}: value is {str(value)[:40]!r}, allowed: [cell, peer's cell]"
+        )
+    if board.look is None:
+        raise SettingError(f"control {LOOK!r}: no tables are known so far")
+    return {"type": "pointed", **board.look(*value)}
 
 
 async def _add_headers(_: web.Request, response: web.StreamResponse) -> None:

@@ -3,12 +3,13 @@
 
 import { Curves } from "/curves.js";
 import { $, html, number, otherTheme, svg, tell } from "/draw.js";
+import { Lane } from "/lanes.js";
 import { TeamMap } from "/map.js";
 import { connect, token } from "/stream.js";
 
 const RATES = [0.5, 1, 2, 5, 10, 20, 50, 100, 500, 1000];
 const AXES = { learned: "what was learned", episode: "the same episode", step: "the same time step" };
-const MARKS = { question: "question", miscoordination: "miscoordination" };
+const MARKS = ["question", "miscoordination"];
 const LOOKS = [["var(--run-1)", ""], ["var(--run-2)", "7 4"], ["var(--run-3)", "2 3"], ["var(--run-4)", "9 3 2 3"]];
 const look = (k) => ({ stroke: LOOKS[k % LOOKS.length][0], "stroke-dasharray": LOOKS[k % LOOKS.length][1], "data-run": k + 1 });
 
@@ -31,12 +32,8 @@ class Column {
     head.style.setProperty("--run", LOOKS[k % LOOKS.length][0]);
     $("columns").append(html("section", { className: "column" }, head, this.value, html("div", { className: "map-holder" }, this.element), this.now));
     this.map = new TeamMap(this.element, () => {}, zoom);
-    this.lane = svg("svg", { viewBox: "0 0 1000 10", preserveAspectRatio: "none", role: "img", "aria-label": `events of ${title}` });
-    $("lanes").append(html("div", { className: "lane-of" }, html("span", {}, title), this.lane));
-    this.lane.addEventListener("click", (event) => {
-      const box = this.lane.getBoundingClientRect();
-      if (clock) send("seek", Math.round((clock.last * (event.clientX - box.left)) / box.width));
-    });
+    this.lane = new Lane($("lanes"), html("span", {}, title), `questions and miscoordinations of ${title}`,
+      (share) => clock && send("seek", Math.round(clock.last * share)));
     connect(`?run=${k}`, (message) => this.take(message), () => tell("notice", "not connected"));
   }
 
@@ -79,10 +76,9 @@ class Column {
       const i = own.findLastIndex((start) => start <= step);
       return i >= 0 && step - own[i] <= lengths[this.k][i] ? offsets[i] + step - own[i] : null;
     };
-    const x = (position) => ((1000 * position) / Math.max(1, clock.last)).toFixed(1);
-    this.lane.replaceChildren(svg("rect", { width: 1000, height: 10, class: "lane" }), ...Object.keys(MARKS).map((kind, row) => {
+    this.lane.show(MARKS.map((kind) => {
       const places = (this.newest.marks?.[kind] ?? []).map(at).filter((position) => position !== null);
-      return svg("path", { class: `mark ${kind}`, d: places.map((position) => `M${x(position)},${row * 5 + 0.5}v4`).join("") });
+      return [kind, places.map((position) => position / Math.max(1, clock.last))];
     }));
   }
 }
@@ -161,8 +157,8 @@ const TAKE = {
     $("axis").replaceChildren(...message.axes.map((axis) => new Option(AXES[axis], axis)));
     $("rate").replaceChildren(...RATES.map((rate) => new Option(`${number(rate)} steps/s`, rate)));
     columns = titles.map((title, k) => new Column(k, `${letter(k)}: ${title}`));
-    $("marks-legend").replaceChildren(...Object.entries(MARKS).map(([kind, words]) => html("span", {},
-      svg("svg", { viewBox: "0 0 10 10" }, svg("path", { class: `mark ${kind}`, d: "M5,1v8" })), ` ${words} `)));
+    $("marks-legend").replaceChildren(...MARKS.map((kind) => html("span", {},
+      svg("svg", { viewBox: "0 0 10 10" }, svg("path", { class: `mark ${kind}`, d: "M5,1v8" })), ` ${kind} `)));
   },
   aligned(message) { aligned = message; columns.forEach((column) => column.mark()); },
   clock(message) {
@@ -198,4 +194,5 @@ document.addEventListener("keydown", (event) => {
   KEYS[event.key]();
 });
 
-const { send } = connect("?run=common", (message) => TAKE[message.type]?.(message), () => { $("state").textContent = "not connected"; });
+// The last stream is that of the clock.
+const { send } = connect("?run=99", (message) => TAKE[message.type]?.(message), () => { $("state").textContent = "not connected"; });

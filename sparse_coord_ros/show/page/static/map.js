@@ -14,10 +14,11 @@ export class TeamMap extends View {
   constructor(element, onCell, buttons) {
     super(element, buttons);
     this.onCell = onCell;
-    this.layers = { arrows: true, rings: true, heat: true, trails: true, differ: true };
+    this.layers = { arrows: false, rings: true, heat: false, trails: true, differ: true };
     this.different = [];
-    this.cell = null;
+    this.cell = this.peerCell = null;
     element.addEventListener("pointermove", (event) => this.point(event));
+    element.addEventListener("click", () => { if (!this.dragged && this.cell !== null) this.pin(this.cell); });
     element.addEventListener("keydown", (event) => this.key(event));
   }
 
@@ -27,12 +28,13 @@ export class TeamMap extends View {
     this.shown = new Set(run.robots.length <= 2 ? run.robots.keys() : [0]);
     this.lingering = [];
     this.tables = this.asked = null;
-    this.cell = null;
+    this.cell = this.peerCell = null;
     this.colours = run.robots.map((robot) => tinted(robot.colour));
     const width = run.map.rows[0].length * UNIT + 6, height = run.map.rows.length * UNIT + 6;
     this.layer = Object.fromEntries(LAYERS.map((name) => [name, svg("g")]));
     this.cursor = svg("rect", { width: UNIT, height: UNIT, class: "cursor", visibility: "hidden" });
-    this.element.replaceChildren(...Object.values(this.layer), this.cursor);
+    this.peer = svg("rect", { width: UNIT, height: UNIT, class: "cursor peer", visibility: "hidden" });
+    this.element.replaceChildren(...Object.values(this.layer), this.peer, this.cursor);
     this.layer.ground.append(svg("rect", { x: -3, y: -3, width, height, class: "wall" }));
     this.element.classList.toggle("built", run.map.under);
     const { href, ...place } = run.map.under ?? {};
@@ -220,9 +222,21 @@ export class TeamMap extends View {
   choose(cell) {
     if (cell === this.cell) return;
     this.cell = cell;
-    const [r, c] = this.run.map.cells[cell];
-    for (const [name, value] of Object.entries({ x: c * UNIT, y: r * UNIT, visibility: "visible" })) this.cursor.setAttribute(name, value);
+    this.frameCell(this.cursor, cell);
     this.onCell();
+  }
+
+  // Puts the peer in a cell; in the same one again: takes it away.
+  pin(cell) {
+    this.peerCell = cell === this.peerCell ? null : cell;
+    this.frameCell(this.peer, this.peerCell);
+    this.onCell();
+  }
+
+  frameCell(mark, cell) {
+    const [r, c] = this.run.map.cells[cell] ?? [0, 0];
+    const look = { x: c * UNIT, y: r * UNIT, visibility: cell === null ? "hidden" : "visible" };
+    for (const [name, value] of Object.entries(look)) mark.setAttribute(name, value);
   }
 
   point(event) {
@@ -232,6 +246,7 @@ export class TeamMap extends View {
   }
 
   key(event) {
+    if (event.key === "Enter" && this.cell !== null) return this.pin(this.cell);
     const move = ["ArrowUp", "ArrowDown", "ArrowRight", "ArrowLeft"].indexOf(event.key);
     if (move < 0 || !this.run) return;
     event.preventDefault();

@@ -3,8 +3,9 @@
 
 import { Curves } from "/curves.js";
 import { $, html, inkOn, number, otherTheme, shape, svg, tell, tinted } from "/draw.js";
+import { Lane } from "/lanes.js";
 import { TeamMap } from "/map.js";
-import { agesPanel, cellPanel, dialoguePanel, evaluationPanel, learnedPanel, marksLine } from "/panels.js";
+import { agesPanel, cellPanel, dialoguePanel, evaluationPanel, learnedPanel } from "/panels.js";
 import { connect, token } from "/stream.js";
 
 const UNKNOWN = "not known";
@@ -37,6 +38,7 @@ const DRAW = {
   marks: showMarks,
   dialogue: () => dialoguePanel(newest.run, newest.dialogue ?? {}),
   cell: showCell,
+  pointed: () => cellPanel(newest.run, newest.tables, newest.pointed, map),
 };
 
 function mark(what) {
@@ -153,7 +155,7 @@ function showFrame() {
   if (frame.episodes !== undefined) showEpisodes(frame.episodes, frame.counted_to < frame.step);
   else if (!curves) showEpisodes(frame.episode + 1);
   setState(frame.state);
-  $("pause").textContent = frame.state === "ended" ? "Play again" : held ? "Go on" : "Hold";
+  $("pause").textContent = frame.state === "ended" ? "Play again" : held ? "Resume" : "Pause";
   $("start").disabled = !["finished", "stopped"].includes(frame.state);
   if (document.activeElement !== $("rate")) {
     const options = [...$("rate").options].map((one) => one.value);
@@ -200,12 +202,15 @@ function showCurves() {
 
 function showMarks() {
   const { marks, frame } = newest;
-  for (const button of $("jumps").querySelectorAll("button")) button.disabled = !marks?.[button.dataset.kind].length;
-  if (marks && frame) marksLine(marks, frame.first, frame.last);
+  for (const [kind, { button, lane }] of Object.entries(lanes)) {
+    button.disabled = !marks?.[kind].length;
+    if (marks && frame) lane.show([[kind, marks[kind].map((step) => (step - frame.first) / Math.max(1, frame.last - frame.first))]]);
+  }
 }
 
 function showCell() {
-  cellPanel(newest.run, newest.tables, map.cell);
+  if (map.peerCell !== null && map.cell !== null && newest.tables) send("look", [map.cell, map.peerCell]);
+  cellPanel(newest.run, newest.tables, newest.pointed, map);
   agesPanel(newest.run, newest.tables, newest.frame);
 }
 
@@ -226,10 +231,12 @@ $("rate").onchange = () => {
 $("seek").oninput = () => { sliding = performance.now(); send("seek", Number($("seek").value)); };
 $("start").onclick = () => send("next", { scenario: $("scenario").value, penalty: Number($("penalty").value) });
 const jump = (kind) => send("jump", kind);
+const lanes = {};
 for (const [kind, [words, key, what]] of Object.entries(JUMPS)) {
-  const button = html("button", { type: "button", className: kind, title: `${what} (${key})`, disabled: true, onclick: () => jump(kind) }, words);
+  const button = html("button", { type: "button", className: kind, title: `${what} (${key})`, disabled: true, onclick: () => jump(kind) }, `${words} ▸`);
   button.dataset.kind = kind;
-  $("jumps").append(button);
+  const toStep = (share) => { const { first, last } = newest.frame; seek(first + share * (last - first)); };
+  lanes[kind] = { button, lane: new Lane($("lanes"), html("span", {}, button), `when: ${what.replace("the next ", "")}`, toStep) };
 }
 for (const name of ["arrows", "rings", "heat", "trails"]) {
   $(`show-${name}`).onchange = (event) => { map.layers[name] = event.target.checked; map.redraw(); };

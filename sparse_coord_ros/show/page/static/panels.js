@@ -1,28 +1,43 @@
 // Copyright 2026 The sparse_coord_ros authors. SPDX-License-Identifier: Apache-2.0
 // What stands beside the map in words and numbers: Q* of a cell, questions, the team's value.
 
-import { $, html, number, svg, tinted } from "/draw.js";
+import { $, html, number, tinted } from "/draw.js";
 
 const row = (kind, texts) => html("tr", {}, ...texts.map((text) => html(kind, {}, text)));
 
-// The row of Q* of a cell; null: none is chosen.
-export function cellPanel(run, tables, cell) {
+// Q* of a cell, a row a robot; and Q^C, where the peer is in a cell, too.
+export function cellPanel(run, tables, pointed, { cell, peerCell }) {
   const chosen = cell !== null && tables;
-  const [r, c] = run.map.cells[cell] ?? [];
-  $("cell-hint").hidden = cell !== null;
-  $("cell-title").textContent = chosen ? `Q* of cell ${cell} [${r}, ${c}]` : "Q* of a cell";
-  const rows = chosen ? [row("th", ["", ...run.actions.map((name) => (name === "coordinate" ? "ask" : name))])] : [];
+  const place = (one) => { const [r, c] = run.map.cells[one]; return `cell ${one} [${r}, ${c}]`; };
+  const known = chosen && pointed?.cell === cell && pointed.peer_cell === peerCell ? pointed.robots : [];
+  $("cell-hint").hidden = chosen && peerCell !== null;
+  $("cell-title").textContent = !chosen ? "Q* of a cell"
+    : peerCell === null ? `Q* of ${place(cell)}` : `Q* of ${place(cell)}, Q^C with the peer in ${place(peerCell)}`;
+  const names = run.actions.map((name) => (name === "coordinate" ? "ask" : name));
+  const rows = chosen ? [row("th", ["", ...names])] : [];
+  const said = [];
   for (const [k, own] of chosen ? tables.robots.entries() : []) {
     if (!own) continue;
-    const values = own.q_star[cell];
-    const best = Math.max(...values.filter((v) => v !== null));
-    const one = row("td", [run.robots[k].name, ...values.map((v) => (v === null ? "–" : v.toFixed(2)))]);
-    values.forEach((v, i) => { if (v === best) one.cells[i + 1].className = "best"; });
-    one.cells[0].style.color = tinted(run.robots[k].colour);
-    one.dataset.robot = k + 1;
-    rows.push(one);
+    const { name, colour } = run.robots[k];
+    rows.push(valuesRow(`${name} Q*`, own.q_star[cell], k, colour));
+    const { q_coord = null, without, with: answered } = known[k] ?? {};
+    if (!q_coord) continue;
+    rows.push(valuesRow(`${name} Q^C`, [...q_coord, null], k, colour));
+    const moves = (found) => found.map((one) => names[one]).join(" or ");
+    said.push(moves(answered) === moves(without) ? `${name}: the answer changes nothing; it goes ${moves(without)}.`
+      : `${name} goes ${moves(without)} without asking, ${moves(answered)} with the answer.`);
   }
   $("cell").tBodies[0].replaceChildren(...rows);
+  $("asking").textContent = said.join(" ");
+}
+
+function valuesRow(title, values, k, colour) {
+  const best = Math.max(...values.filter((v) => v !== null));
+  const one = row("td", [title, ...values.map((v) => (v === null ? "–" : v.toFixed(2)))]);
+  values.forEach((v, i) => { if (v === best) one.cells[i + 1].className = "best"; });
+  one.cells[0].style.color = tinted(colour);
+  one.dataset.robot = k + 1;
+  return one;
 }
 
 // How old what the robots learned is: tables come now and then, and a log is read bit by bit.
@@ -50,14 +65,6 @@ export function learnedPanel(learned, jump) {
   const seek = (at) => { $("seek").value = at; $("seek").dispatchEvent(new Event("input")); };
   $("learned").replaceChildren(html("b", {}, learned.lines.join(" ")), ...(jump && learned.first !== null ? [
     button("See it again", () => jump("learned")), button("From the start", () => seek(0))] : []));
-}
-
-// Marks on the time line: a row of ticks for each kind.
-const ROWS = ["question", "policy", "miscoordination", "crossing"];
-export function marksLine(marks, first, last) {
-  const x = (step) => Math.round((1000 * (step - first)) / Math.max(1, last - first));
-  $("marks").replaceChildren(...ROWS.map((kind, row) => svg("path", {
-    class: `mark ${kind}`, d: marks[kind].map((step) => `M${x(step)},${row * 3.5 + 0.5}v2.6`).join("") })));
 }
 
 export function dialoguePanel(run, { entries = [], since = null }) {
