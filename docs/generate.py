@@ -113,7 +113,10 @@ def _scenarios():
         made[f"scenarios/{name}.md"] = _scenario(
             scenario, results[results.scenario == name]
         )
-    text = "Nine are the paper's. The crowds have two to eight robots in one building."
+    text = (
+        "Nine are the paper's. The crowds have two to eight robots in one building. Aisle, bay, "
+        "merge, lane, rooms and floor-4r teach the kinds of interaction."
+    )
     made["scenarios/index.md"] = f"# Scenarios\n\n{text}\n\n{_contents(names)}"
     return made
 

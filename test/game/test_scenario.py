@@ -37,14 +37,26 @@ CROWD = {
     f"crowd-{n}r": ("crowd", None, 100_000, CROWD_GOALS[:n]) for n in (2, 3, 4, 6, 8)
 }
 
+# As above, of scenarios that teach the kinds of interaction.
+LANE_GOALS = [(0, 8), (0, 0)]
+TEACHING = {
+    "aisle": ("aisle", 8, 100_000, [(0, 8), (0, 0)]),
+    "bay": ("bay", 8, 100_000, [(0, 8), (0, 0)]),
+    "merge": ("merge", 8, 100_000, [(2, 6), (2, 6)]),
+    "lane": ("lane", 10, 100_000, LANE_GOALS),
+    "rooms": ("lane", 10, 100_000, LANE_GOALS),
+    "floor-4r": ("floor", 10, 100_000, [(3, 7), (3, 0), (0, 7), (0, 0)]),
+}
+SHIPPED = SCENARIOS | CROWD | TEACHING
+
 
 def test_every_shipped_scenario_is_in_the_list():
-    assert scenario_names() == sorted([*SCENARIOS, *CROWD])
+    assert scenario_names() == sorted(SHIPPED)
 
 
-@pytest.mark.parametrize("name", [*SCENARIOS, *CROWD])
+@pytest.mark.parametrize("name", SHIPPED)
 def test_shipped_scenario(name):
-    grid, length, steps, goals = (SCENARIOS | CROWD)[name]
+    grid, length, steps, goals = SHIPPED[name]
     scenario = load_scenario(name)
     cells = scenario.map.cells
     assert scenario.name == name
@@ -82,7 +94,7 @@ def test_the_game_is_the_paper_s(name):
     )
 
 
-@pytest.mark.parametrize("name", [*SCENARIOS, *CROWD])
+@pytest.mark.parametrize("name", SHIPPED)
 def test_round_trip_through_yaml(name):
     factors = [f"{k / 7!r}" for k in range(len(load_scenario(name).robots))]
     scenario = load_scenario(name).with_settings(
