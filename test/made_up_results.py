@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Results of real conditions with numbers that are made up."""
 
-from dataclasses import asdict
-
 import numpy as np
 
 from sparse_coord_ros.core.solve.reference import shortest_path_reference
@@ -36,7 +34,10 @@ def made_up(condition, **changes):
         "trials": PLAN.trials,
         "optimum": optimum.value,
         "optimum_exact": optimum.exact,
-        "reference": asdict(shortest_path_reference(scenario)),
+        "reference": {
+            name: getattr(shortest_path_reference(scenario), name)
+            for name in ("reward", "time_to_goal", "miscoordinations")
+        },
         "means": {
             name: list(centre[name] + draw.normal(0, 0.1, PLAN.runs)) for name in SUMS
         },

@@ -7,14 +7,14 @@ python -m tools.shipped teams [--out study]
 python -m tools.shipped unseen
 python -m tools.shipped bounds
 
-asking: asking_teams.json, of `SCENARIOS` with `PENALTIES`; every search is kept in the folder
-SEARCHES and goes on from there. teams: best_teams.json, the best of the teams of more than two
-robots that the study `many` of `tools.study` let learn; the best few are learned again and judged
-by fresh trials. unseen: unseen.json, the buildings of the benchmark, and their asking teams. Of
-each kind and team, seeds are looked at from 0 on, and the first with a real conflict are taken:
-what a planner with full sight is worth is above shortest paths by more than `CONFLICT`. bounds:
-bounds.json, of all scenarios of more than two robots in the lists of `benchmark`; it takes twenty
-minutes.
+asking: asking_teams.json, of `SCENARIOS` with `PENALTIES`, and of `TEACHING`; every search is
+kept in the folder SEARCHES and goes on from there. teams: best_teams.json, the best of the teams
+of more than two robots that the study `many` of `tools.study` let learn; the best few are learned
+again and judged by fresh trials. unseen: unseen.json, the buildings of the benchmark, and their
+asking teams. Of each kind and team, seeds are looked at from 0 on, and the first with a real
+conflict are taken: what a planner with full sight is worth is above shortest paths by more than
+`CONFLICT`. bounds: bounds.json, of all scenarios of more than two robots in the lists
+of `benchmark`; it takes twenty minutes.
 """
 
 import argparse
@@ -57,6 +57,8 @@ from tools.study.coordination import CROWDS, MANY, SEED
 CONFIG = Path(__file__).resolve().parents[1] / "config"
 SCENARIOS = ("env1", "env2-2r", "pentagon", "isr", "cit")
 PENALTIES = ("0", "-0.1", "-1", "-10", "-20", "-100")
+TEACHING = ("lane", "merge", "bay", "aisle", "rooms")
+"""Scenarios of pairs that teach the kinds of interaction, with their own penalty."""
 
 FEW = 5
 """Learned teams that are judged by fresh trials."""
@@ -113,6 +115,9 @@ def find_asking_teams(options: argparse.Namespace) -> None:
         add_asking_team(
             scenario, options.restarts, options.keep / f"{name}_{penalty}.search.json"
         )
+    for name in TEACHING:
+        search = options.keep / f"{name}.search.json"
+        add_asking_team(load_scenario(name), options.restarts, search)
 
 
 def find_teams(options: argparse.Namespace) -> None:

@@ -31,6 +31,11 @@ MAPS = {
     "suny": "3d84912815ab0999",
     "cmu": "ea76c91e89e5dbee",
     "crowd": "4df2d3c171bae37a",
+    "aisle": "e749f90ad712d9d9",
+    "bay": "933b30f754e1dc52",
+    "floor": "1dff405d66492c21",
+    "lane": "a7982b106951ac4b",
+    "merge": "ef7ef2bfc10cde05",
 }
 """The shipped maps, with the digest of their rows."""
 

@@ -67,7 +67,7 @@ def test_no_array_has_numbers_that_none_learns(learner):
         if array.dtype.kind == "i":
             false = (-2, np.iinfo(array.dtype).max, np.iinfo(array.dtype).min)
         for value in false:
-            if array.size:
+            if array.size and array.dtype.kind != "b":
                 refused(scenario, rule, with_array(memory, name, at_first(value)))
                 tried += 1
     assert tried >= 7

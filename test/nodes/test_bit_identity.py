@@ -61,6 +61,11 @@ GAMES = {
         },
         {"record": True},
     ),
+    "hysteretic": (
+        DOOR,
+        {"steps": 200, "interactions": "swap+block", "max_steps": 30},
+        {"record": True},
+    ),
     "cq": (
         DOOR,
         {"steps": 300, "penalty": -50, "epsilon": "constant:0.3"},
@@ -69,7 +74,8 @@ GAMES = {
 }
 """Of each learner: a game that shows what its robots say to one another, its settings, and how the
 team is run. Links fail; robots perceive all peers, and are paid differently; one world has a
-referee; robots mark cells."""
+referee; robots mark cells; robots
+stop each other and pay for exchanges."""
 
 
 @pytest.fixture

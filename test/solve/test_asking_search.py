@@ -292,6 +292,15 @@ def test_a_shipped_team_is_worth_what_is_said(name):
     assert all(gain >= 0 for gain in bound.gains)
 
 
+@pytest.mark.parametrize("name", ["lane", "merge", "bay", "aisle", "rooms"])
+def test_teams_of_the_teaching_scenarios_are_worth_what_is_said(name):
+    scenario = load_scenario(name)
+    bound = shipped_asking_team(scenario)
+    assert class_value(scenario, bound.robots) == pytest.approx(bound.value, abs=1e-6)
+    assert bound.value <= joint_optimum(scenario).value + 1e-6
+    assert bound.value >= shortest_path_reference(scenario).reward - 1e-6
+
+
 @pytest.mark.parametrize("name", ["env1", "env2-2r", "pentagon", "isr", "cit"])
 def test_every_penalty_of_figure_4_is_there(name):
     scenarios = [load_scenario(name, penalty=penalty) for penalty in PENALTIES]

@@ -50,7 +50,9 @@ def game(form, **settings):
 GAMES = [
     *(pytest.param(form, {}, id=form) for form in FORMS),
     pytest.param("one door", {"common_reward": "each:0.5:2:0"}, id="unequal r^C"),
-    pytest.param("two doors", {"conflict": "any_doorway"}, id="any doorway"),
+    pytest.param(
+        "two doors", {"interactions": "together:any_doorway"}, id="any doorway"
+    ),
     pytest.param("one door", {"move_success": 1.0, "penalty": -5}, id="sure moves"),
 ]
 

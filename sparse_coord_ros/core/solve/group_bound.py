@@ -28,6 +28,7 @@ import numpy as np
 
 from sparse_coord_ros.base.compiling import has_numba, inner, jit
 from sparse_coord_ros.core.game.actions import PRIMITIVES
+from sparse_coord_ros.core.game.interactions import check_only_together
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.game.specs import Spec
 from sparse_coord_ros.core.solve.optimum import payment, successors, worth_alone
@@ -115,7 +116,13 @@ def group_bound(scenario: Scenario, size: int = LARGEST_GROUP) -> GroupBound:
     Args:
         scenario: the problem.
         size: robots of a group at most. A group of 4 takes seconds to minutes.
+
+    Raises:
+        SettingError: robots exchange cells or stop each other.
     """
+    check_only_together(
+        scenario, "bound by groups", "the joint optimum knows all interactions"
+    )
     groups = split(pair_losses(scenario), size)
     values = [len(group) * group_optimum(scenario, group) for group in groups]
     return GroupBound(sum(values) / len(scenario.robots), groups)
