@@ -13,6 +13,7 @@ export class Chart {
   constructor(holder, title, range) {
     this.range = range;
     this.lines = [];
+    this.right = 1; // the last time step
     this.value = html("span");
     this.picture = svg("svg", { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, role: "img", "aria-label": `${title} over time steps` });
     holder.append(html("section", { className: "chart" }, html("h2", {}, title, this.value), this.picture));
