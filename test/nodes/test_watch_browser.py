@@ -168,7 +168,7 @@ def test_trails_follow_the_cells_though_frames_are_skipped(tab, start, bag):
 @pytest.fixture
 def shown(tab):
     """Return a function that shows frames of a run, made up, and one that gives a frame."""
-    scenario = load_scenario("crowd-4r")
+    scenario = load_scenario("crowd-4r", interactions="together+swap")
     board = MessageBoard()
     number = scenario.map.number
     fields = messages.run_fields(make_run(scenario, {}))
@@ -220,11 +220,11 @@ def test_a_question_is_drawn_where_it_was_asked_and_a_miscoordination_where_it_w
     doors = [(1, 4), (1, 4), (3, 4), (6, 6)]
     shown(7, places, after=doors, miscoordination=True)
     assert tab.evaluate(rings) == [[4.5 * 48, 1.5 * 48]], "where two robots are"
-    apart = [(1, 4), (5, 4), (3, 3), (6, 6)]
-    shown(8, places, after=apart, miscoordination=True)
-    both = [[4.5 * 48, 1.5 * 48], [4.5 * 48, 5.5 * 48]]
-    assert tab.evaluate(rings) == both, "all doorways are one meeting place"
-    shown(9, places, after=apart)
+    exchanged = [(3, 3), (1, 3), (5, 5), (6, 6)]
+    shown(8, places, after=exchanged, miscoordination=True)
+    both = [[3.5 * 48, 3.5 * 48], [3.5 * 48, 1.5 * 48]]
+    assert tab.evaluate(rings) == both, "where two robots exchanged cells"
+    shown(9, places, after=exchanged)
     assert tab.evaluate(rings) == []
     assert tab.evaluate("document.getElementById('speed').textContent") == "–"
     assert (
