@@ -317,6 +317,8 @@ def interacting(
     found = 0
     y = cells[k]
     place = inter.places[y]
+    if place == NOWHERE and not inter.swaps and y == wanted[k]:
+        return found
     for j in members:
         if j == k:
             continue

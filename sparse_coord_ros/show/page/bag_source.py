@@ -55,6 +55,9 @@ SHOWN_RATE = 2.0
 SHOWN_STEPS = 3000
 """That episode is searched for among this many last time steps."""
 
+LINGER = 3
+"""Steps for which its end is shown before it is played again."""
+
 MARKS = 300
 """Marks of a kind on the time line at most."""
 
@@ -281,7 +284,7 @@ class BagSource(controls.Controlled):
             if (
                 self._again
                 and self.highlight
-                and self.position >= self.highlight.last + 3
+                and self.position >= self.highlight.last + LINGER
             ):
                 self.position = float(self.highlight.first)
             self.paused = self.position >= last and not self.growing

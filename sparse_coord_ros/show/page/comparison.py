@@ -15,6 +15,7 @@ from sparse_coord_ros.show.page.bag_source import (
     FIRST_RATE,
     FRAME_SECONDS,
     GROWTH_SECONDS,
+    LINGER,
     SHOWN_RATE,
     BagSource,
 )
@@ -27,9 +28,6 @@ CONTROLS = (
     controls.SEEK,
     controls.AXIS,
 )
-
-LINGER = 3
-"""Steps for which the end of an episode is shown before it is played again."""
 
 
 class Aligned(NamedTuple):
@@ -50,9 +48,13 @@ class Aligned(NamedTuple):
     offsets: np.ndarray
     last: int
 
+    def segment_at(self, position: int) -> int:
+        """Return the segment in which a position of the axis lies."""
+        return int(np.searchsorted(self.offsets, position, side="right")) - 1
+
     def steps_at(self, position: int) -> list[int]:
         """Return the time step of each run at a position of the axis."""
-        segment = int(np.searchsorted(self.offsets, position, side="right")) - 1
+        segment = self.segment_at(position)
         into = np.minimum(position - self.offsets[segment], self.lengths[:, segment])
         steps: list[int] = (self.starts[:, segment] + into).tolist()
         return steps
@@ -101,6 +103,8 @@ class Comparison(controls.Controlled):
         self.paused = False
         self.position = 0.0
         self._then = time.monotonic()
+        self._made_of: object = None
+        self._shown: Aligned | None = None
         learned = all(source.highlight is not None for source in sources)
         self.axis = controls.LEARNED_EPISODE if learned else controls.TIME_STEP
         if learned:
@@ -128,7 +132,21 @@ class Comparison(controls.Controlled):
         ]
 
     def alignment(self) -> Aligned:
-        """Return how the runs lie beside each other on the axis now."""
+        """Return how the runs lie beside each other on the axis now.
+
+        It is made anew only where the axis is another one, or more of a log is known.
+        """
+        known = [
+            (source.highlight, source.history.episodes, source.log.last_step)
+            for source in self.sources
+        ]
+        if self._made_of != (self.axis, known):
+            self._made_of = (self.axis, known)
+            self._alignment = self._align()
+        return self._alignment
+
+    def _align(self) -> Aligned:
+        """Return the axis, made of what is known of the logs."""
         if self.axis == controls.LEARNED_EPISODE:
             shown = [source.highlight for source in self.sources]
             found = [(one.first, one.last) for one in shown if one is not None]
@@ -205,24 +223,25 @@ class Comparison(controls.Controlled):
     def show(self, axis: Aligned) -> None:
         """Show every run at the position, and the clock where it has changed."""
         position = int(min(max(self.position, 0.0), axis.last))
-        segment = int(np.searchsorted(axis.offsets, position, side="right")) - 1
         steps = axis.steps_at(position)
         for source, step in zip(self.sources, steps, strict=True):
             source.show_at(step, paused=self.paused)
-        self.board.put_new(
-            "aligned",
-            axis=self.axis,
-            starts=axis.starts.tolist(),
-            lengths=axis.lengths.tolist(),
-            offsets=axis.offsets.tolist(),
-        )
+        if axis is not self._shown:
+            self._shown = axis
+            self.board.put_new(
+                "aligned",
+                axis=self.axis,
+                starts=axis.starts.tolist(),
+                lengths=axis.lengths.tolist(),
+                offsets=axis.offsets.tolist(),
+            )
         self.board.put_new(
             "clock",
             axis=self.axis,
             state="paused" if self.paused else "playing",
             position=position,
             last=axis.last,
-            segment=segment,
+            segment=axis.segment_at(position),
             rate=self.rate,
         )
 
