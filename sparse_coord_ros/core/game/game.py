@@ -18,7 +18,7 @@ class Game(Protocol):
         step: the current time step t, at least 1; grows by 1 with each transition and by
             `core.game.world.EPISODE_GAP` more with each episode, so that no robot learns across it.
         cells: the local state X_k(t) of every agent: numbers of free cells.
-        arrived: whether each agent has reached its goal in this episode; then it acts no more.
+        arrived: whether each agent has reached its goal in this episode, and acts no more.
         episode: number of the current episode, from 0.
         transitions: steps made so far.
         miscoordinations: how many of them ended in a miscoordination.

@@ -68,7 +68,7 @@ def allow_modules(modules: str | Iterable[str]) -> None:
 
 
 def of_file(name: str) -> str:
-    """Return `module:name` for a name that begins with a Python file; empty: it does not."""
+    """Return a hint for an error text if a name is a Python file's, else ""."""
     module = Path(name).stem
     return (
         f" (did you mean '{module}:NAME', a name in that file?)"

@@ -103,7 +103,7 @@ def team_of(name: str) -> int:
 def _places(
     plan: Building, robots: int, draw: random.Random
 ) -> tuple[list[Cell], list[Cell]]:
-    """Return starts and goals, in different parts for each robot; all starts and all goals differ."""
+    """Return starts and goals, each robot's in two parts; no start or goal is used twice."""
     while True:
         starts: list[Cell] = []
         goals: list[Cell] = []

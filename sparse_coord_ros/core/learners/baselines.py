@@ -51,7 +51,7 @@ class NonCoop(Learner):
     def asking_values(
         mind: Mind, task: Task, cell: int, seen: int, cells: Any, values: Any
     ) -> None:
-        """Set the values of Q*: what is perceived does not matter."""
+        """Set the values of Q*, whatever is perceived."""
         copy_moves(mind.q_star[cell], values)
 
     @staticmethod
@@ -69,7 +69,7 @@ class NonCoop(Learner):
 
 
 class Indiv(NonCoop):
-    """Q-learning of one robot at a time, so that none ever meets another (paper, Section 4)."""
+    """Q-learning of one robot at a time, so that robots never meet (paper, Section 4)."""
 
     name = "indiv"
     title = "Indiv."
