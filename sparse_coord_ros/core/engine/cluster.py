@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Learning runs on the workers of a Dask cluster: the same bits, whoever computes them.
+"""Learning runs on the workers of a Dask cluster, with the same bits as anywhere.
 
 A task is a few runs of one condition. Dask gives the tasks of a worker that is lost to others.
 Only what comes back is kept here, so that a call can be repeated and goes on where it stopped.
@@ -65,7 +65,7 @@ def cluster_at(scheduler: SchedulerLike) -> "Iterator[Cluster | None]":
             which is left open, or a Dask cluster, such as a `LocalCluster`; or None.
 
     Raises:
-        SettingError: that is no address.
+        SettingError: the text is no address.
         RunError: Dask is not installed, or the scheduler does not answer or has no workers.
     """
     if scheduler is None:
@@ -193,7 +193,7 @@ def own_sources() -> str:
 def _call(
     asker: tuple[str, Sequence[str]], function: Callable[..., Any], arguments: Any
 ) -> Any:
-    """Call a function on a worker, if it computes what the asker would; what the asker allows."""
+    """Call a function on a worker, if it has the asker's versions and permissions."""
     sources, modules = asker
     allow_modules(modules)
     if own_sources() != sources:
@@ -243,7 +243,7 @@ def _connected(scheduler: SchedulerLike) -> "Client":
 
 
 async def _knock(scheduler: str) -> None:
-    """Raise what is raised where no scheduler answers.
+    """Raise the error of a scheduler that does not answer.
 
     A client that cannot connect is half made; where Python then collects it at the wrong moment,
     the next client does not start.

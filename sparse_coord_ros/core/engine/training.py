@@ -86,7 +86,7 @@ class Watcher(Protocol):
 
 
 def engine_for(scenario: Scenario, learner: str | Learner, engine: str = "auto") -> str:
-    """Return what computes a run: "numba" or "python".
+    """Return the engine of a run: "numba" or "python".
 
     "auto" is numba where it is installed, the learner has a compiled form, and the run is long
     enough to be worth the seconds that numba takes to begin (or they have been spent already).
@@ -136,7 +136,7 @@ def train(
 
     Args:
         scenario: the problem and its protocol.
-        learner: who learns.
+        learner: the learner.
         seed: seed of every random draw.
         engine: "numba", "python", or "auto": what is quicker here. The bits are the same.
         evaluate_every: transitions between two evaluations, the last one after the budget; 0:
@@ -150,7 +150,7 @@ def train(
 
     Raises:
         ScenarioError, SettingError: no such scenario or learner, or a bad setting.
-        RunError: there is no checkpoint, it cannot be read, or is that of another run.
+        RunError: the checkpoint is missing, cannot be read, or belongs to another run.
         PluginError: a learner or perception model of the user's own failed.
     """
     rule = chosen_learner(learner)

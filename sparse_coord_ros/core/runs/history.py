@@ -57,7 +57,7 @@ class History(NamedTuple):
     present: np.ndarray
 
     def __repr__(self) -> str:
-        """Return what it is, on one line."""
+        """Return a description of one line."""
         return f"<History of {self.episodes} episodes of {self.robots} robots>"
 
     @property
@@ -120,7 +120,7 @@ class History(NamedTuple):
         miscoordinations.
 
         Args:
-            names: what to call the robots; their numbers from 1 where None.
+            names: the robots' names; None: their numbers from 1.
 
         Raises:
             RunError: pandas is not installed.
@@ -177,7 +177,7 @@ def load_history(directory: Path) -> History:
     """Read `history.npz` of a run's directory.
 
     Raises:
-        RunError: there is none, or it cannot be read.
+        RunError: the file is missing or cannot be read.
     """
     path = directory / HISTORY_FILE
     how: Any = {"error": RunError, "remedy": "use a file that run or train wrote"}
@@ -276,5 +276,5 @@ class HistoryRecorder:
         return self.look().copy()
 
     def look(self) -> History:
-        """Return what `history` returns, to be looked at before the next transition: no copy."""
+        """As `history`, without a copy: valid until the next transition."""
         return self._rows.first(self._used)

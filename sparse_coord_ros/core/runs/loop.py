@@ -150,7 +150,7 @@ class Choices(NamedTuple):
 
 
 class State(NamedTuple):
-    """A run under way, but for what the robots know.
+    """A run in progress, without the robots' minds.
 
     Attributes:
         rule: the game, and how the team learns.
@@ -327,7 +327,7 @@ def learn_until(state: State, minds: Any, record: Record | None, budget: int) ->
 
     Args:
         state: the run under way.
-        minds: what the robots know, changed.
+        minds: the robots' minds, changed.
         record: the history, added to; or None: numba compiles the loop for each by itself.
         budget: transitions to make from the run's beginning on.
     """
@@ -396,7 +396,7 @@ def play_until(
 
     Args:
         state: the game in progress, with trials of at most `max_steps` steps.
-        minds: what the robots have learned.
+        minds: the robots' minds.
         results: filled, [trial][k][REWARD to CONFLICTS]; TIME is the horizon, and one more, for
             a robot that does not arrive.
         asked: counted up where COORDINATE is chosen, [k][x].

@@ -73,7 +73,7 @@ class LearningState(NamedTuple):
 
     Attributes:
         positions: the game of each group of robots that learn together.
-        memories: what each robot remembers.
+        memories: each robot's memory.
         histories: the episodes of each group.
     """
 
@@ -83,13 +83,13 @@ class LearningState(NamedTuple):
 
 
 class TeamTransition(NamedTuple):
-    """One transition of K robots, for those who watch them.
+    """One transition of K robots, for watchers.
 
     Attributes:
         step: the time step t (of robots that learn alone: of the first one).
         cells: X_k(t); None where it is not known.
         actions: what each robot did; None where it did not act.
-        after: X_k(t+1), likewise; None: none is known.
+        after: X_k(t+1), likewise; None if all are unknown.
         miscoordination: whether the step is a miscoordination.
         rewards: R_k(t); empty: not known.
         ends: how percepts ended, numbers of `wire.PerceptEnd`; empty: not known.
@@ -119,8 +119,8 @@ class Team:
 
     Args:
         scenario: the problem and its protocol.
-        learner: who learns.
-        compiled: whether numba is to compute it.
+        learner: the learner.
+        compiled: whether numba computes it.
         stop: where its one entry is set, runs raise `Stopped` at the next transition.
 
     Raises:
@@ -192,7 +192,7 @@ class Team:
         return listed._replace(tasks=tasks)
 
     def initial(self, memories: Sequence[Memory] = ()) -> Any:
-        """Return what robots know that remember this; nothing: before learning."""
+        """Return the minds of robots with these memories; without memories, before learning."""
         if self.compiled:
             return stacked(self._minds, block_of(len(self._minds)), memories)
         known = memories or (None,) * len(self._minds)
@@ -250,7 +250,7 @@ class Team:
         return loop.State(rule, game, choice, draws, self._stop)
 
     def _looked_at(self, rule: loop.Rule, phase: int) -> dict[int, bool]:
-        """Return of which roles anything looks at the draws."""
+        """Return whether the draws of each role are used."""
         learning = phase == streams.LEARNING
         return {
             streams.POLICY: True,
@@ -274,7 +274,7 @@ class Team:
         """Play greedy trials.
 
         Args:
-            minds: what the robots know.
+            minds: the robots' minds.
             seed: seed of the trials.
             trials: how many there are.
             paired: whether a trial has the same draws whatever happened in those before it.
@@ -313,7 +313,7 @@ class Team:
         )
 
     def tables(self, minds: Any) -> list[Tables]:
-        """Return what each robot has learned; a copy."""
+        """Return each robot's tables, a copy."""
         found = []
         for k in range(len(self.scenario.robots)):
             mind = self.mind(minds, k)
@@ -324,7 +324,7 @@ class Team:
         return found
 
     def _q_coord(self, mind: Any, k: int) -> np.ndarray | None:
-        """Return Q^C of a pair by the compiled loop; None where there is no such loop."""
+        """Return Q^C of a pair by the compiled loop; None if the team is not compiled."""
         team = len(self.scenario.robots)
         cells = len(self.scenario.map.cells)
         if not self.compiled or self.scenario.sparse or team == 1:
@@ -357,7 +357,7 @@ class LearningRun:
     Attributes:
         scenario, learner, seed: of the run.
         done: transitions made, by each group of robots.
-        minds: what all robots know.
+        minds: the minds of all robots.
     """
 
     def __init__(
@@ -444,7 +444,7 @@ class LearningRun:
         return TeamTransition(positions[0].step, cells, actions, after, met)
 
     def _action(self, state: loop.State, k: int, step: int) -> Action:
-        """Return what a robot did at the time step that was made last."""
+        """Return a robot's action at the last completed time step."""
         choice = state.choice
         asked = int(choice.actions[k]) == COORDINATE
         peer = -1
@@ -486,7 +486,7 @@ class LearningRun:
         return tuple(memory_of(self.mind(k)) for k in range(len(self.scenario.robots)))
 
     def play(self, trials: int) -> Trials:
-        """Play greedy trials with what was learned so far."""
+        """Play greedy trials with the tables learned so far."""
         return self.team.play(self.minds, self.seed, trials)
 
     @property
@@ -507,7 +507,7 @@ class LearningRun:
         return history_of(record, len(self.scenario.robots), state.rule.members)
 
     def state(self) -> LearningState:
-        """Return where the run is."""
+        """Return the state of the run."""
         positions = tuple(_position(state.game) for state in self._states)
         return LearningState(positions, self.memories, self._histories())
 

@@ -32,5 +32,5 @@ class Trials:
     stays: np.ndarray
 
     def __repr__(self) -> str:
-        """Return what they are, on one line."""
+        """Return a description of one line."""
         return "<Trials: {} of {} robots>".format(*self.reward.shape)
