@@ -16,7 +16,7 @@ class Game(Protocol):
 
     Attributes:
         step: the current time step t, at least 1; grows by 1 with each transition and by
-            `core.game.world.EPISODE_GAP` more with each episode, so that no robot learns across it.
+            `core.game.world.EPISODE_GAP` more with each episode: robots do not learn across it.
         cells: the local state X_k(t) of every agent: numbers of free cells.
         arrived: whether each agent has reached its goal in this episode, and acts no more.
         episode: number of the current episode, from 0.

@@ -37,7 +37,7 @@ QUANTITIES = (
 
 
 class Difference(NamedTuple):
-    """One quantity of which the log holds another value than the computation.
+    """A quantity that differs between the log and the computation.
 
     Attributes:
         step: the time step; None: the quantity belongs to the whole run.

@@ -61,7 +61,7 @@ class Silence:
 
 
 class Reminder:
-    """When to say what is waited for: every `REMIND_SECONDS`, while the waiting lasts."""
+    """Times of reminders while a node waits: every `REMIND_SECONDS`."""
 
     def __init__(self) -> None:
         self._since: float | None = None
@@ -99,7 +99,7 @@ class Deadline:
         self._since = 0.0
 
     def passed(self, waiting: tuple[str, int] | None, heard: float, now: float) -> bool:
-        """Return whether what is waited for is to be given up now; it is said once.
+        """Return True, once, when the deadline of the waiting has passed.
 
         Args:
             waiting: as `RobotSide.waiting`.
@@ -144,7 +144,7 @@ class WorldPresence:
     def hear(
         self, run_id: str, state: str, step: int, transitions: int, now: float
     ) -> None:
-        """Take in what a world's status says.
+        """Take in a world's status.
 
         Raises:
             ValueError: it cannot be that of this run's world.

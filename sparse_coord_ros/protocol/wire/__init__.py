@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The vocabulary of the wire, without ROS: topics, services, labels and states, each said once.
 
-`TOPICS` is the table of all messages: whose each is, its type, the labels of its numbers, how it
+`TOPICS` is the table of all messages: the owner, the type, the labels of the numbers, how it
 is delivered and recorded. `messages.py` packs and reads by it, `ros/nodes/ros_topics.py` binds it
 to message classes and QoS profiles; the recorder and the log follow it. Topic names are relative:
-a team's to its namespace, a robot's to its own name; what ROS shares among all nodes is absolute.
-What is of no use to people begins with an underscore: `ros2 topic list` hides it.
+a team's to its namespace, a robot's to its own name; topics that ROS shares are absolute.
+Names of topics without use to people begin with an underscore: `ros2 topic list` hides them.
 """
 
 from dataclasses import dataclass
@@ -50,14 +50,14 @@ class Topic:
     Attributes:
         name: relative to the team's namespace, or to the robot's or node's name.
         type_name: the message's type, such as `std_msgs/msg/String`.
-        owner: whose it is.
-        delivery: how it is published.
+        owner: its owner.
+        delivery: its quality of service.
         packed: published as packed bytes, and handed to a recorder in the same process: what
             each time step and episode says.
-        recorded: it is written into a bag as it is.
-        labels: of a sensor_msgs/JointState: what its numbers are called. A reader looks numbers
-            up by their labels, so a sender may add others.
-        limit: what is larger is dropped before anything looks into it.
+        recorded: whether bags hold it unchanged.
+        labels: of a sensor_msgs/JointState: the names of its numbers. A reader looks numbers up
+            by their labels, so a sender may add others.
+        limit: larger messages are dropped unread.
     """
 
     name: str
@@ -84,7 +84,7 @@ class Topic:
 
 
 class PerceptEnd(IntEnum):
-    """How the percept of an action ended.
+    """The end of an action's percept.
 
     The action is no COORDINATE; every peer that was asked said where it is; a peer refused, or was
     further; no answer came by the deadline; there is no peer.
@@ -112,7 +112,7 @@ class PerceptEnd(IntEnum):
 
     @classmethod
     def said(cls, number: float) -> "PerceptEnd | None":
-        """Return the one that a number in a message says; None: it says none of them."""
+        """Return the end for a number in a message; None: an unknown number."""
         return next((end for end in cls if end == number), None)
 
     @classmethod
@@ -124,7 +124,7 @@ class PerceptEnd(IntEnum):
 
 
 class SelfReport(NamedTuple):
-    """What a robot says of itself in its `action`, beside the action: the fields are labels there.
+    """A robot's report on itself in its `action`, beside the action; the fields are labels.
 
     Attributes:
         percept: how its percept ended, a `PerceptEnd`.

@@ -1,8 +1,8 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the world says of the run on `status`, and each robot of its checkpoints on `_progress`.
+"""The world's messages `status` on the run, and the robots' `_progress` on their checkpoints.
 
-The fields are what the values of these messages are called, but where it says otherwise.
+The fields' names are the labels of the messages' values, with noted exceptions.
 """
 
 from typing import Any, NamedTuple
@@ -92,7 +92,7 @@ def read_status(message: Any) -> RunStatus:
 
 
 class Progress(NamedTuple):
-    """What a robot says of itself when it joins, has saved, or has obeyed.
+    """A robot's report when it joins, has saved, or has obeyed.
 
     Attributes:
         life: names the process; another one than before: the robot was replaced.
