@@ -167,7 +167,7 @@ class BodyNode(Follower):
         self._report("driving", self.summary())
 
     def summary(self) -> dict[str, Any]:
-        """Return what happened, as plain data."""
+        """Return counts of events as plain data."""
         simulator = self.simulator
         where = Counter(touch.where for touch in self.simulator.touches)
         return {
@@ -193,7 +193,7 @@ def read_command(message: Twist) -> Command:
     """Return the command for a body.
 
     Raises:
-        ValueError: a speed is no number, or beyond what any body does.
+        ValueError: a speed is not a number, or larger than any body's.
     """
     command = Command(message.linear.x, message.angular.z)
     if not all(abs(speed) <= FASTEST for speed in command):

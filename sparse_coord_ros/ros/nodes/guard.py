@@ -59,7 +59,7 @@ def read_claim(header: Any) -> Claim:
     """Return the claim in a message.
 
     Raises:
-        ValueError: it is no claim.
+        ValueError: the message is no claim.
     """
     identity, _, rank = header.frame_id.partition(" ")
     if not identity or rank.upper() not in ClaimRank.__members__:
@@ -94,8 +94,8 @@ class Guard:
         node: the node; its `fail` is called where another node keeps the name.
 
     Attributes:
-        claim: what the node says of itself.
-        doubled: topics and services of which a second owner was seen.
+        claim: the node's claim.
+        doubled: topics and services that also have a second owner.
     """
 
     def __init__(self, node: ParameterNode) -> None:

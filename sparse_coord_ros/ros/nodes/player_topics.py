@@ -88,7 +88,7 @@ class PlayedTopics:
 
     @property
     def kept(self) -> list[str]:
-        """Topics of which the last message stays true until the next: the clock, latched ones."""
+        """Topics whose last message stays valid until the next: the clock, latched ones."""
         topics = self.bag.topics
         return [
             n for n in self.publishers if n == self.clock_name or latched(topics[n].qos)

@@ -58,8 +58,8 @@ class Scene:
         """Return names, the questions of the actions, and how full the doorways are.
 
         Args:
-            actions: the newest action of each robot, as bytes; of robots that asked nobody, or in
-                another step than the one before, no question is shown.
+            actions: the newest action of each robot, as bytes; only questions of the step before
+                are shown.
         """
         found = []
         for k, name in enumerate(self.convert.names):

@@ -29,7 +29,7 @@ class WorldSpeed:
         return self._began is not None
 
     def begin(self, now: float) -> None:
-        """Begin: what was done before was done by another process."""
+        """Begin to measure; another process may have made the earlier steps."""
         self._began = (now, self._world.transitions)
         self.reported, self._transitions = self._began
 
