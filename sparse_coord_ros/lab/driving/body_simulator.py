@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A kinematic simulator of bodies: differential drives among walls, with seeded noise.
 
-What it leaves out: inertia, sensors, and what happens after a collision. Bodies that touch each
-other are counted, and drive on through each other; walls stop them.
+It leaves out inertia, sensors, and the physics of collisions. Bodies that touch each other are
+counted, and drive on through each other; walls stop them.
 """
 
 import itertools
@@ -74,9 +74,9 @@ class Body:
 
     Attributes:
         pose: where it is.
-        odometry: where it would be by what its wheels were told, since it was put somewhere.
-        command: what it was last told.
-        bumps: how often it drove against a wall.
+        odometry: its pose by the commands of its wheels since it was placed.
+        command: its last command.
+        bumps: number of times that it drove against a wall.
     """
 
     def __init__(
@@ -200,7 +200,7 @@ class BodySimulator:
         if goals.number == self._number:
             return False
         self._number = goals.number
-        # A simulator that was started again: drivers wait for poses newer than what they know.
+        # After a restart of the simulator, drivers wait for poses newer than those they know.
         self.ticks = max(self.ticks, round((goals.since - BEGIN) / self.period))
         self._told.clear()
         self._under_way = set()
@@ -228,7 +228,7 @@ class BodySimulator:
         return self._tick_when_told()
 
     def told(self, robot: int, command: Command) -> bool:
-        """Take in what a body is to do, in step; return whether time has passed.
+        """Take in a body's command, in step; return whether time has passed.
 
         A stop is ignored: no body moves while no time passes.
         """

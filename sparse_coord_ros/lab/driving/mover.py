@@ -31,11 +31,11 @@ simulator was started again."""
 
 
 class GoalState(NamedTuple):
-    """What a goal is judged by.
+    """The state of a goal, to judge it by.
 
     Attributes:
-        goals, goal: what all bodies were told, and this one.
-        pose, stamp: where the body is, and when it was seen there.
+        goals, goal: the goals of all bodies, and this body's.
+        pose, stamp: the body's pose, and its time stamp.
         target: its place in the goal's cell, (x, y) in metres.
     """
 
@@ -47,7 +47,7 @@ class GoalState(NamedTuple):
 
 
 class Mover:
-    """Takes one robot's body from cell to cell; how, a subclass says.
+    """Moves one robot's body from cell to cell, in a way that subclasses define.
 
     A body is in the free cell whose square its pose lies in; off the grid, in the nearest one
     within a cell's side. Where it ends counts, whatever moved it: it has arrived, stayed or
@@ -55,7 +55,7 @@ class Mover:
 
     Args:
         metric_map: the floor.
-        robot: whose body, from 0.
+        robot: the robot, from 0.
 
     Attributes:
         pose: the newest pose; None: none has come.
@@ -115,7 +115,7 @@ class Mover:
         self.pose = pose
 
     def _goal_state(self) -> GoalState | None:
-        """Return the state of the goal; None: there is no goal, or no pose."""
+        """Return the state of the goal; None: no goal, or no pose."""
         if self._goal is None or self.pose is None:
             return None
         target = self._metric_map.place(self._robot, self._goal.end)

@@ -88,8 +88,8 @@ class DrivenTeam:
         world: the game.
 
     Attributes:
-        bodies: who sends the bodies.
-        simulator: where they are.
+        bodies: sends the bodies' goals.
+        simulator: simulates the bodies.
         drivers: one a robot.
         moves: how many moves bodies were sent on.
         followed: the episode whose path is kept; None: none.
@@ -154,10 +154,10 @@ class DrivenTeam:
 
 @dataclass
 class Drive:
-    """What came of driven episodes; E episodes of K robots.
+    """Results of driven episodes; E episodes of K robots.
 
     Attributes:
-        team: what happened in all episodes together.
+        team: counts over all episodes.
         steps: time steps of each episode, shape (E,).
         seconds: simulated seconds of each episode, shape (E,).
         arrived: whether each robot arrived within the horizon, shape (E, K).

@@ -1,11 +1,11 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A floor plan's pixels as cells: what a robot's centre may cross, and where to lay the grid.
+"""A floor plan's pixels as cells: space for a robot's centre, and the place of the grid.
 
 A cell is free where its centre is; averaging over a cell's pixels would erase walls or close
 doors. Where the grid lies decides whether a door keeps a row of free centres, so its offset is
-searched. A robot drives straight from centre to centre: what lies between two free centres is
-checked as well.
+searched. A robot drives straight from centre to centre: the space between two free centres is
+also checked.
 """
 
 import math
@@ -81,7 +81,7 @@ def space_of(plan: FloorPlan, radius: float, speck: float = SPECK) -> Space:
     """
     pixels = int(round(speck / plan.resolution))
     walls = without_specks(plan.occupied, pixels)
-    # What is neither free nor wall is unknown: specks of noise are filled, rooms never.
+    # Pixels that are neither free nor wall are unknown: specks of noise are filled, rooms never.
     unfree = without_specks(~(plan.free | (plan.occupied & ~walls)) | walls, pixels)
     blocked = grown(unfree, radius / plan.resolution)
     parts = ndimage.label(~blocked, output=np.int32)[0]
@@ -192,7 +192,7 @@ def _layout(space: Space, pixels: float, down: float, right: float) -> Gridding:
 
 
 def _close(free: np.ndarray, past: list[np.ndarray]) -> None:
-    """Take from each pair of neighbours that a robot cannot drive between the one worth less.
+    """From each pair of neighbours without a drivable way between, close the less useful cell.
 
     That is the one with more such pairs, or else with fewer free neighbours.
     """

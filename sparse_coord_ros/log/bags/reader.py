@@ -325,8 +325,8 @@ def open_bag(path: Path, *, checked: bool = True) -> Bag:
 
     Raises:
         BagError: the file is missing, the directory holds no bag file or several that are not
-            parts of one bag, or a file does not begin as MCAP, holds messages that are not of ROS 2, or
-            is a run's in another format than this version's.
+            parts of one bag, or a file does not begin as MCAP, holds messages that are not of
+            ROS 2, or is a run's in another format than this version's.
     """
     files = bag_files(Path(path))
     missing = list(_missing(files)) if Path(path).is_dir() else []

@@ -247,7 +247,7 @@ class AgentCheck:
     def _compare_map(
         self, logged: bytes | None, q_star: np.ndarray
     ) -> tuple[str, str, str] | None:
-        """Return the difference of a coordination map from the agent's cells of asking, or None."""
+        """Return a coordination map's difference from the agent's cells of asking, or None."""
         due = self._grids.coordination(q_star)
         if logged == due:
             return None
