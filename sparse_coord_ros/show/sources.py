@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What is to be shown: a run's directory or a bag, opened into one object."""
+"""Sources to show: a run's directory or a bag, opened into one object."""
 
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
@@ -64,7 +64,7 @@ class OpenedRun:
 
     @cached_property
     def config(self) -> RunConfig:
-        """What the run is; errors as of `load_run` and `read_run`."""
+        """The run's configuration; errors as of `load_run` and `read_run`."""
         return (
             self.recording.run if self.directory is None else load_run(self.directory)
         )
@@ -84,7 +84,7 @@ class OpenedRun:
 
     @cached_property
     def log(self) -> RunLog:
-        """The run's log: what robots saw, did and got, and what nodes said; no dialogue, no other.
+        """The run's log: states, actions, rewards and the nodes' messages, without the dialogue.
 
         Errors as of `recording`.
         """
@@ -138,7 +138,7 @@ class OpenedRun:
 
     @cached_property
     def trials(self) -> Trials:
-        """Greedy episodes of what it has learned, always the same ones; errors as of `tables`."""
+        """Greedy episodes of its tables, always the same ones; errors as of `tables`."""
         scenario = self.config.scenario
         tables = self.tables
         self.say(f"playing {PLAYED_EPISODES} greedy episodes")
