@@ -23,21 +23,21 @@ ARRIVE = 0.999
 
 @dataclass(frozen=True)
 class Standing:
-    """How teams stand in some buildings; all buildings count the same.
+    """The standing of teams in some buildings; all buildings count the same.
 
     Attributes:
         buildings: how many there are.
         teams: teams that learned there.
-        paths: worth of fixed shortest paths.
+        paths: value of fixed shortest paths.
         best_known: value of the best asking team found, or of the route planner.
         reward: total discounted reward; its standard error is that of the teams in just these
             buildings.
-        share: share of the pooled gap that is closed: (reward - paths) / (best_known - paths). Its
-            standard error is a bootstrap over buildings, and over the teams in each: what other
-            buildings of these kinds would change. Of a single building it is that of its teams.
+        share: closed share of the pooled gap: (return - paths) / (best_known - paths). Its
+            standard error is a bootstrap over buildings, and over the teams in each: the effect of
+            other buildings of these kinds. For a single building it is that of its teams.
         worst: share of the gap in the building where it is least.
         asks, miscoordinations: of a robot, and of a team, in a trial.
-        below: teams that are worth less than shortest paths.
+        below: teams with a lower value than shortest paths.
         failed: teams in which some robot fails to arrive in more than one trial of a thousand.
     """
 
@@ -166,7 +166,7 @@ def failed_teams(result: ConditionResult) -> int:
 
 
 def fails(result: ConditionResult) -> np.ndarray:
-    """Return which teams miss in more than one trial of a thousand, shape (runs,), bool."""
+    """Return whether each team fails in more than one trial of a thousand, (runs,), bool."""
     if result.exact is None:
         missed = np.array(result.not_arrived) / result.trials
         return missed > 1.0 - ARRIVE

@@ -44,7 +44,7 @@ def agrees(ours: Measure, other: Measure) -> bool:
 
 
 def loss_alone(result: ConditionResult) -> Measure:
-    """Return by how much the reward falls short of that of robots each alone on the map.
+    """Return the loss of return against robots that are each alone on the map.
 
     Such robots take shortest paths and never miscoordinate, wait or ask. Unlike the reward, the
     loss does not depend on the lengths of the paths.
@@ -64,9 +64,9 @@ def above_optimum(result: ConditionResult) -> bool:
 
 
 def implied_reward(result: ConditionResult) -> Measure | None:
-    """Return the reward that the paper's own number of miscoordinations implies.
+    """Return the return that the paper's own number of miscoordinations implies.
 
-    What one miscoordination costs is taken from the exact values of shortest-path policies, which
+    The cost of one miscoordination follows from the exact values of shortest-path policies, which
     miscoordinate at the same doorways: (value without penalties - value) / miscoordinations.
     None if there is nothing to compare, or if the learner pays for asking.
     """
@@ -94,10 +94,10 @@ def contradicts_itself(result: ConditionResult) -> bool:
 
 
 def is_shortest(result: ConditionResult) -> bool:
-    """Whether the reward agrees with the exact value of shortest-path policies.
+    """Return whether the return agrees with the exact value of shortest-path policies.
 
-    Where all runs came to the same route there is no standard error: equal routes may differ by
-    less than `SAME`.
+    If all runs learned the same route the standard error is 0; then values may differ by less
+    than `SAME`.
     """
     reward = result.best("reward")
     exact = result.reference["reward"]
@@ -113,7 +113,7 @@ def paired(values: np.ndarray) -> Measure:
 def difference(
     result: ConditionResult, other: ConditionResult, measure: str = "reward"
 ) -> Measure:
-    """Return by how much a measure is greater than in another condition, run by run."""
+    """Return the difference of a measure from another condition, run by run."""
     return paired(result.run_means(measure) - other.run_means(measure))
 
 

@@ -100,7 +100,7 @@ class Claim:
 
     Attributes:
         text: the claim.
-        source: who makes it.
+        source: its source.
         measured: our measurement.
         holds: in how many cases the claim holds.
         cases: how many cases there are.
@@ -134,8 +134,8 @@ def rewards(source: str, results: Results) -> Section:
     """Return Table 1 or Table 3: the total discounted reward.
 
     Args:
-        source: what the paper calls the table.
-        results: those of its conditions.
+        source: the table's name in the paper.
+        results: the results of its conditions.
     """
     rows = []
     silent = {}
@@ -314,7 +314,7 @@ def failed(results: Iterable[ConditionResult]) -> str:
 
 
 def figure4(results: Results) -> Section:
-    """Return by how much the reward falls from the least penalty to the greatest, run by run."""
+    """Return the fall of the return from the least penalty to the greatest, run by run."""
     rows = []
     coop_falls = []
     steady = 0
@@ -382,12 +382,12 @@ def _fall(results: Results) -> np.ndarray:
 
 
 def _factored_falls(lowest: str, falls: Mapping[str, tuple[float, float]]) -> Claim:
-    """Return whether Factored stays within the limits that were set.
+    """Return whether Factored stays within the set limits.
 
     Args:
         lowest: the hardest penalty.
-        falls: what Factored and what the best asking team found lose from a penalty of 0 to the
-            hardest one, by scenario; NaN where no such team is known.
+        falls: losses of Factored and of the best asking team found from a penalty of 0 to the
+            hardest one, by scenario; NaN if no such team is known.
     """
     judged = {}
     within = 0
@@ -497,7 +497,7 @@ def _gap_claim(
 
 
 def ask_cost(results: Results) -> Section:
-    """Return what Coop. does at the lowest and at the highest cost, and while asking pays."""
+    """Return Coop.'s results at the lowest and highest cost, and while asking pays."""
     rows = []
     told = {}
     fewer = []
@@ -542,7 +542,7 @@ def _surely(measures: Iterable[Measure]) -> tuple[int, int]:
 
 
 def perception(results: Results) -> Section:
-    """Return what Coop. earns if no percept succeeds, if all do, and in line of sight."""
+    """Return Coop.'s return if all percepts fail, if all succeed, and in line of sight."""
     rows = []
     gains = {}
     for own in by_scenario(results):
