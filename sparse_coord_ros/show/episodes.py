@@ -72,7 +72,7 @@ def logged_episode(log: RunLog, wanted: int | str) -> Episode:
             all) in which all arrive; BUSIEST: the same by the number of questions.
 
     Raises:
-        RunError: there is no such episode.
+        RunError: the episode does not exist.
     """
     history = log.history()
     if not history.episodes:
@@ -108,7 +108,7 @@ def played_episode(
 
     Raises:
         TablesError: the tables do not fit the scenario.
-        RunError: there is no such episode.
+        RunError: the episode does not exist.
     """
     team = greedy_team(scenario, tables, seed, learner)
     world = World(scenario, seed, phase=EVALUATION, max_steps=scenario.horizon)

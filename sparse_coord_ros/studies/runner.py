@@ -102,7 +102,7 @@ class SingleRun(NamedTuple):
     directory: Path
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain data: what `reproduce --json` prints."""
+        """Return plain data, as `reproduce --json` prints it."""
         return {
             "id": self.condition.id,
             "seed": self.seed,
@@ -185,7 +185,7 @@ class ExperimentResults(Mapping[str, ConditionResult]):
         return len(self.found)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain data: what `reproduce --json` prints."""
+        """Return plain data, as `reproduce --json` prints it."""
         data = {"conditions": [result.to_dict() for result in self.found.values()]}
         return data | (
             {"runs": [one.to_dict() for one in self.runs]} if self.runs else {}

@@ -241,7 +241,7 @@ def pay(
     worth: float,
     q: float,
 ) -> None:
-    """Add up the rewards of a step from (x, z) to (y, w); q: probability; `worth`: q discounted."""
+    """Add the rewards of a step from (x, z) to (y, w) of probability q; `worth`: discounted q."""
     if conflict:
         sums.team[CONFLICTS] += q
         sums.robots[REWARD, 0] += worth * pair.penalties[0]
