@@ -78,7 +78,7 @@ class SparseCoordEnv(ParallelEnv):
     between), `arrived`, `reward_parts` (individual, common, ask_cost) and `miscoordination`.
 
     Raises:
-        ScenarioError: there is no such scenario.
+        ScenarioError: the scenario does not exist.
         SettingError: a bad value of `phase` or `render_mode`.
     """
 

@@ -99,7 +99,7 @@ class VectorGame(VectorEnv):
         autoreset: as given.
 
     Raises:
-        ScenarioError: there is no such scenario.
+        ScenarioError: the scenario does not exist.
         SettingError: a bad value of another argument.
     """
 

@@ -59,7 +59,7 @@ class Training:
 
     @property
     def finished(self) -> bool:
-        """Whether it has learned for the scenario's budget."""
+        """True if it has learned for the scenario's budget."""
         return self.transitions >= self.scenario.steps
 
     def save(self, directory: str | Path) -> Path:

@@ -279,7 +279,7 @@ def asked_peers(peers: str, number: int, robots: int, draw: float) -> tuple[int,
     Args:
         peers: the setting: "one" or "all".
         number: the robot, from 0.
-        robots: how many there are.
+        robots: number of robots.
         draw: its draw `streams.PEER` of the time step, in [0, 1).
     """
     if peers == "all" or robots == 1:

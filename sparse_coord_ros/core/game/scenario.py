@@ -302,7 +302,7 @@ class Scenario:
 
     @property
     def sparse(self) -> bool:
-        """Whether Q^C has rows for visited joint states only, as of `is_sparse`."""
+        """True if Q^C has rows for visited joint states only, as of `is_sparse`."""
         return is_sparse(len(self.map.cells), self.perceived)
 
     def with_settings(
@@ -422,7 +422,7 @@ def load_scenario(
         **settings: settings to change, as of `Scenario.with_settings`.
 
     Raises:
-        ScenarioError: there is no such scenario, or it is malformed.
+        ScenarioError: the scenario does not exist, or it is malformed.
         MapError: its map is missing or malformed.
         SettingError: a bad setting.
     """

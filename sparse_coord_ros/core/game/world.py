@@ -185,7 +185,7 @@ class World:
 
     @property
     def episode_over(self) -> bool:
-        """Whether all agents that act have arrived, or the episode's steps are used up."""
+        """True if all agents that act have arrived, or the episode's steps are used up."""
         steps = self.step - self._episode_start
         return episode_ends(all(self.arrived), steps, self.max_steps)
 

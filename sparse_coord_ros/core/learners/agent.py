@@ -123,7 +123,7 @@ class Agent:
     Attributes:
         learner, scenario, number, learning: as of the arguments.
         goal: the cell that ends its episodes.
-        task: what it knows of its task.
+        task: its task.
         mind: its learned tables, as lists; they change as it learns.
         peers: the other robots, in ascending order.
     """

@@ -30,7 +30,7 @@ class NonCoop(Learner):
     values = ("q_star",)
 
     class Mind(NamedTuple):
-        """What a robot has learned.
+        """The learned tables of a robot.
 
         Attributes:
             q_star: Q* [cell][action]; NaN for COORDINATE.

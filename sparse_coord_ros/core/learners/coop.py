@@ -41,7 +41,7 @@ class Coop(Learner):
     summary = "Algorithm 1"
 
     class Mind(NamedTuple):
-        """What a robot has learned.
+        """The learned tables of a robot.
 
         Attributes:
             q_star: Q* [cell][action].

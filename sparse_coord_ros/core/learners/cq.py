@@ -77,7 +77,7 @@ class CQ(Learner):
     partners = True
 
     class Mind(NamedTuple):
-        """What a robot has learned.
+        """The learned tables of a robot.
 
         Attributes:
             q_star: Q* [cell][action].
@@ -193,7 +193,7 @@ def pair_key(mind: Any, task: Task, cell: int, peer: int, cells: Any) -> int:
     """Return the number of the joint state with a peer, of all own cells.
 
     Args:
-        mind: what the robot remembers.
+        mind: the robot's mind.
         task: its task.
         cell: its own cell.
         peer: the peer, which is told apart from others with `peers: all`.

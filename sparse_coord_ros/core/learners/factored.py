@@ -90,7 +90,7 @@ class Factored(Learner):
     scratch = ("correction", "found", "there", "blame")
 
     class Mind(NamedTuple):
-        """What a robot has learned; x is a cell, b a move.
+        """The learned tables of a robot; x is a cell, b a move.
 
         Attributes:
             q_star: Q* [x][action], kept up to date.
@@ -497,7 +497,7 @@ def states_of(keys: np.ndarray, cells: int, robots: int) -> np.ndarray:
     Args:
         keys: of rows, shape (rows,).
         cells: of the map.
-        robots: how many there are.
+        robots: number of robots.
 
     Returns:
         The own cell, the peer (from 0) and its cell; twice `NOT_PERCEIVED` for a failed percept.
@@ -527,7 +527,7 @@ def corrections_of(
     """Return rho of a move, by (peer, its cell); by twice `NOT_PERCEIVED` if the percept failed.
 
     Args:
-        mind: what the robot remembers, as lists.
+        mind: the robot's mind, as lists.
         task: its task.
         cell: the own cell.
         perceived: the cells of the peers, by peer; None: the percept failed.
@@ -672,7 +672,7 @@ def learn_move(mind: Any, task: Task, now: Transition, y: int, brought: float) -
     """Learn U and the model from a move and, if the robot did not ask, r_bar.
 
     Args:
-        mind: what the robot remembers.
+        mind: the robot's mind.
         task: its task.
         now: the step.
         y: the cell where the move leads a robot alone.
@@ -731,7 +731,7 @@ def learn_asking(mind: Any, task: Task, now: Transition, brought: float) -> None
     """Learn from COORDINATE: rho of the percept, and W.
 
     Args:
-        mind: what the robot remembers.
+        mind: the robot's mind.
         task: its task.
         now: the step.
         brought: r^C or the loss from a stop, as of `brought_by_peers`.
@@ -805,7 +805,7 @@ def look_ahead(mind: Any, task: Task, now: Transition, first: int, b: int) -> No
     """Set the value of a second question where a move leads, and the peers in the way there.
 
     Args:
-        mind: what the robot remembers; `there` and `blame` are set.
+        mind: the robot's mind; `there` and `blame` are set.
         task: the robot's task.
         now: the step with the second question.
         first: the cell of the first question.
@@ -861,7 +861,7 @@ def learn_first(
     so does waiting, if peers are in the way.
 
     Args:
-        mind: what the robot remembers.
+        mind: the robot's mind.
         task: the robot's task.
         now: the step with the second question.
         first: the cell of the first question.
@@ -907,7 +907,7 @@ def share_of(mind: Any, task: Task, peers: int, b: int) -> float:
     """Return these peers' share of the obstruction; if no peer is in the way, shares are equal.
 
     Args:
-        mind: what the robot remembers.
+        mind: the robot's mind.
         task: the robot's task.
         peers: the sum of 2^j.
         b: the move.

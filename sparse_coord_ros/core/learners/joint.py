@@ -50,7 +50,7 @@ class Joint(Learner):
     given = ("price",)
 
     class Mind(NamedTuple):
-        """What a robot has learned.
+        """The learned tables of a robot.
 
         Attributes:
             q_star: Q* of a lone robot that asks everywhere [cell][action].

@@ -212,8 +212,8 @@ class Learner:
         """Set the values by which COORDINATE chooses a move (Algorithm 1, lines 6 to 10).
 
         Args:
-            mind: what the robot remembers.
-            task: what it knows of its task.
+            mind: the robot's mind.
+            task: its task.
             cell: X_k(t).
             seen: the peers that are perceived, the sum of 2^j; 0: the percept failed.
             cells: the cells of all robots; those of peers that are not seen mean nothing.
@@ -233,8 +233,8 @@ class Learner:
         """Return whether the robot is in a stand-off that it may leave, in the paper never.
 
         Args:
-            mind: what the robot remembers.
-            task: what it knows of its task.
+            mind: the robot's mind.
+            task: its task.
             step: the time step t, in which it asks.
             cell: X_k(t).
             seen: the peers that are perceived, the sum of 2^j; 0: the percept failed.
@@ -248,8 +248,8 @@ class Learner:
         """Return the move by which the robot leaves a stand-off.
 
         Args:
-            mind: what the robot remembers.
-            task: what it knows of its task.
+            mind: the robot's mind.
+            task: its task.
             cell: X_k(t).
             values: of the moves, as of `asking_values`.
             move: the best move.

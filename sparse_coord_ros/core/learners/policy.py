@@ -93,7 +93,7 @@ def choose_move(
     """Return the move that COORDINATE becomes (Algorithm 1, lines 6 to 10).
 
     Args:
-        mind: what the robot remembers.
+        mind: the robot's mind.
         task: its task.
         cell: X_k(t).
         seen: the peers that it perceives, the sum of 2^j; 0: the percept failed.
@@ -151,7 +151,7 @@ def tabulate(mind: Any, task: Task, peer: int, cells: Any, table: Any) -> None:
     """Fill in Q^C of pairs: the values by which COORDINATE chooses a move.
 
     Args:
-        mind: what the robot remembers.
+        mind: the robot's mind.
         task: its task.
         peer: the perceived peer.
         cells: space for the cells of all robots.

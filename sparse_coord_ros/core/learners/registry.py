@@ -55,7 +55,7 @@ def learner_of(learner: LearnerLike) -> Learner:
     """Return a learner by its name; learners and their classes are taken as they are.
 
     Raises:
-        SettingError: there is no such learner.
+        SettingError: unknown learner.
     """
     if isinstance(learner, str):
         return LEARNERS.find(learner)

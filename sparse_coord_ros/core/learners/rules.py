@@ -189,13 +189,13 @@ def learn(mind: Any, task: Task, now: Transition) -> None:
 
 
 sees_all = flag_of_learner("sees_all")
-"""Whether the robots of a mind's learner see all others in every step."""
+"""True if the robots of a mind's learner see all others in every step."""
 
 wants_draw = flag_of_learner("draws")
-"""Whether it wants a random number in each step."""
+"""True if it wants a random number in each step."""
 
 wants_partners = flag_of_learner("partners")
-"""Whether it wants to know with whom a robot interacted."""
+"""True if it wants to know with whom a robot interacted."""
 
 
 # Their parts.

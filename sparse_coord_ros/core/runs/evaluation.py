@@ -175,7 +175,7 @@ def play(
     Args:
         scenario: the problem.
         tables: the tables of every robot.
-        trials: how many trials, >= 2.
+        trials: number of trials, >= 2.
         seed: seed of the trials' draws, independent of the draws of learning.
         learner: whose greedy policy acts on them; None: Algorithm 1's, or that of a baseline
             where the column of COORDINATE is NaN.

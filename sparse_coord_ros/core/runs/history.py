@@ -141,7 +141,7 @@ class History(NamedTuple):
         )
 
     def same_bits(self, other: "History") -> bool:
-        """Whether two histories are equal, bit for bit."""
+        """True if two histories are equal, bit for bit."""
         pairs = zip(self, other, strict=True)
         return all(a.shape == b.shape and a.tobytes() == b.tobytes() for a, b in pairs)
 

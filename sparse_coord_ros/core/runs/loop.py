@@ -401,7 +401,7 @@ def play_until(
             a robot that does not arrive.
         asked: counted up where COORDINATE is chosen, [k][x].
         stays: counted up where a robot acts, [k][x].
-        trials: how many there are.
+        trials: number of trials.
         paired: whether a trial has the same draws whatever happened in those before it.
     """
     rule, game, choice, _, _ = state

@@ -276,7 +276,7 @@ class Team:
         Args:
             minds: the robots' minds.
             seed: seed of the trials.
-            trials: how many there are.
+            trials: number of trials.
             paired: whether a trial has the same draws whatever happened in those before it.
             progress: called with the trials played and all of them, before each one.
 

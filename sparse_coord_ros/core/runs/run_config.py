@@ -53,7 +53,7 @@ not what robots know of their map."""
 
 OWN_CLOCK = "own"
 NO_CLOCK = "none"
-"""Whether a run owns /clock."""
+"""True if a run owns /clock."""
 
 RUN_RECORD = "sparse_coord_ros"
 """Name of the bag's metadata record about the run."""
@@ -79,7 +79,7 @@ class LearnerName(SpecFamily):
         """Return the learner's name in files.
 
         Raises:
-            SettingError: there is no such learner.
+            SettingError: unknown learner.
         """
         named = value if isinstance(value, Learner) else str(value)
         if isinstance(named, str) and LEARNERS.barred(named):
@@ -212,7 +212,7 @@ class RunConfig:
 
     @property
     def markers_tell_steps(self) -> bool:
-        """Whether the topic `markers` has time steps as stamps: else they are for people only."""
+        """True if the topic `markers` has time steps as stamps: else they are for people only."""
         return self.by_this_package and self.clock == OWN_CLOCK
 
     @property

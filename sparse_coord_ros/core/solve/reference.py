@@ -66,7 +66,7 @@ class Reference:
 
     @property
     def exact(self) -> bool:
-        """Whether it is exact: no trials were played."""
+        """True if it is exact: no trials were played."""
         return self.trials == 0
 
     def measure_in_words(self, name: str, digits: int = 2) -> str:
