@@ -187,7 +187,7 @@ class BagFile:
 
     @property
     def summary(self) -> FileSummary:
-        """What `metadata.yaml` says about it."""
+        """Its description in `metadata.yaml`."""
         start_ns = min((block.start_ns for block in self.blocks), default=0)
         end_ns = max((block.end_ns for block in self.blocks), default=0)
         return FileSummary(self.path.name, dict(self.counts), start_ns, end_ns)
@@ -219,7 +219,7 @@ class BagFile:
 
     @property
     def whole(self) -> bool:
-        """Whether every record of the data was read; the summary may be damaged."""
+        """True if every record of the data was read; the summary may be damaged."""
         return not self._lost and not self._altered
 
     @property

@@ -87,7 +87,7 @@ class Bag:
 
     @property
     def finished(self) -> bool:
-        """Whether its recorder closed it."""
+        """True if its recorder closed it."""
         return all(file.finished for file in self.files)
 
     @property
@@ -131,7 +131,7 @@ class Bag:
 
     @property
     def whole(self) -> bool:
-        """Whether every record of the data was read; the end of a file may be damaged."""
+        """True if every record of the data was read; the end of a file may be damaged."""
         return not self.missing and all(file.whole for file in self.files)
 
     @property
@@ -213,7 +213,7 @@ class Bag:
 
     @property
     def compressions(self) -> tuple[str, ...]:
-        """How its chunks are compressed: some of `zstd`, `lz4` and `none`."""
+        """The compressions of its chunks: some of `zstd`, `lz4` and `none`."""
         return tuple(
             sorted({name for file in self.files for name in file.compressions})
         )

@@ -159,7 +159,7 @@ class Source:
                 place = os.lseek(self._descriptor, place, os.SEEK_DATA)
             except OSError:
                 return
-            with suppress(Damage):  # what cannot be read is passed over
+            with suppress(Damage):  # unreadable records are skipped
                 data = self.read(place, min(_WINDOW + HEAD.size - 1, end - place))
                 yield from (place + match.start() for match in _BEGIN.finditer(data))
             place += _WINDOW

@@ -85,7 +85,7 @@ def _profile(entry: dict[str, Any]) -> QoS:
 
 
 def latched(profiles: Sequence[QoS]) -> bool:
-    """Whether a late subscriber gets the last message."""
+    """True if a late subscriber gets the last message."""
     return any(qos.durability == "transient_local" for qos in profiles)
 
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a robot's actions, tables and coordination maps are those of an agent."""
+"""Check of a robot's logged actions, tables and coordination maps against a computed agent."""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -60,7 +60,7 @@ def _of_tables(entry: tuple[str, str, str]) -> tuple[str, str, str]:
 
 
 class Published(NamedTuple):
-    """Tables or a coordination map in the log: what a robot had learned before a time step.
+    """Tables or a coordination map in the log, learned before a time step.
 
     Attributes:
         step: the time step.
@@ -169,7 +169,7 @@ class AgentCheck:
         return None
 
     def _actions(self) -> int:
-        """Return how many actions the interval has."""
+        """Return the number of actions in the interval."""
         steps = self.trajectory.step
         if self.interval.last is None:
             return len(steps)

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Whether the world's messages are those of a world that makes the logged actions.
+"""Check of the world's messages against a world that makes the logged actions.
 
 `World` makes each step again from the seed and the logged actions. Robots' bodies cannot be
 computed: where robots have them, the logged states are taken, and everything that follows from

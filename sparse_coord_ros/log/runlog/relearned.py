@@ -211,7 +211,7 @@ class Relearned:
         return None
 
     def _begin(self, saved: Sequence[RecordedTables]) -> _Part | None:
-        """Begin a part; None where some of it is lost."""
+        """Begin a part; None if some of it is lost."""
         first = saved[0].step
         wait = self._log.run.scenario.max_steps + EPISODE_GAP
         # The state before the first one says whether an episode begins there.

@@ -183,22 +183,22 @@ class RunMessages:
 
     @property
     def incomplete(self) -> bool:
-        """Whether a part of the run may not be in the log."""
+        """True if a part of the run may not be in the log."""
         return self.lossy or not self.ended
 
     @property
     def lossy(self) -> bool:
-        """Whether a part of the bag may be lost, or was not recorded."""
+        """True if a part of the bag may be lost, or was not recorded."""
         return self._cut or bool(self.bag.gaps or self.gaps or self.stalls)
 
     @property
     def broken_off(self) -> bool:
-        """Whether the end of the run is not in the bag."""
+        """True if the end of the run is not in the bag."""
         return self._cut or not self.ended
 
     @property
     def _cut(self) -> bool:
-        """Whether the end of the bag is lost."""
+        """True if the end of the bag is lost."""
         bag = self.bag
         if not bag.finished or bag.recovered is not None:
             return True

@@ -77,12 +77,12 @@ class Verification:
 
     @property
     def same(self) -> bool:
-        """Whether the run is identical."""
+        """True if the run is identical."""
         return not self.differences and not self.unknown
 
     @property
     def cannot_tell(self) -> bool:
-        """Whether nothing differs, but a part is unknown."""
+        """True if nothing differs, but a part is unknown."""
         return not self.differences and bool(self.unknown)
 
     @property
