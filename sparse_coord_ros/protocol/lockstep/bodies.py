@@ -47,7 +47,7 @@ class BodyGoal(NamedTuple):
 
 
 class Goals(NamedTuple):
-    """What bodies are told at once.
+    """The goals that bodies receive at once.
 
     Attributes:
         number: counts from 1; reports on older goals are ignored.
@@ -207,7 +207,7 @@ class BodiesSide:
         return not self._under_way
 
     def reached(self, said: Reached) -> bool:
-        """Take in where a body is; return whether the world may go on."""
+        """Take in a body's cell; return whether the world may continue."""
         goal = self._under_way.get(said.robot)
         if goal is None or said.number != self._number:
             return False

@@ -20,7 +20,7 @@ REPEAT_SECONDS = 0.5
 
 
 class Silence:
-    """How long the world has waited for its robots.
+    """The time that the world has waited for its robots.
 
     Args:
         now: the time.
@@ -45,11 +45,11 @@ class Silence:
         self._ticked = now
 
     def lasts(self, now: float) -> float:
-        """Return for how many seconds the robots have been silent."""
+        """Return the seconds since the world last heard its robots."""
         return now - self.since
 
     def stands(self, now: float) -> float:
-        """Return for how many seconds the world has made no time step."""
+        """Return the seconds since the world's last time step."""
         return now - self._stands_since
 
     def repeats(self, now: float) -> bool:
@@ -82,7 +82,7 @@ class Reminder:
 
 
 class Deadline:
-    """How long a robot waits for what its lock step waits for.
+    """The deadline of a robot's waiting in the lock step.
 
     A peer that answers "not there yet" is not silent: its deadline runs from its last word, but
     no longer than the world would wait for it.
@@ -175,7 +175,7 @@ class WorldPresence:
         self._other = True
 
     def silent(self, now: float) -> float:
-        """Return for how many seconds the world has not been heard."""
+        """Return the seconds since the world was last heard."""
         return now - self._heard
 
     def given_up(self, now: float) -> str:

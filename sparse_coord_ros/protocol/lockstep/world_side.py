@@ -34,11 +34,11 @@ class WorldPort(Protocol):
 
 
 class WorldState(NamedTuple):
-    """All that the world needs to go on with the same bits.
+    """The state of the world from which it continues with the same bits.
 
     Attributes:
         step: the time step under which the robots save theirs.
-        position: where the game is; where an episode ended at `step`, at the next one's begin.
+        position: the game's position; if an episode ended at `step`, the beginning of the next.
         counts: `episode` and `miscoordinations` of the game, `timeouts`, `left_out`, `stale`,
             `lost`.
         began: why the episode began.
@@ -118,12 +118,12 @@ class WorldSide:
 
     @property
     def finished(self) -> bool:
-        """Whether the step budget is used up."""
+        """True if the step budget is used up."""
         return self.world.transitions >= self._budget
 
     @property
     def complete(self) -> bool:
-        """Whether the barrier is open: all robots that are waited for have acted."""
+        """True if the barrier is open: all robots that are waited for have acted."""
         return not self.missing() and any(
             action is not None for action in self._actions
         )

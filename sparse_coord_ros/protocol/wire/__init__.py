@@ -19,7 +19,7 @@ from sparse_coord_ros.protocol.wire.services import ACTIVE_PERCEPTION
 
 
 class Owner(StrEnum):
-    """Whose a topic is: one of the team, one of each robot, one of each world or robot node."""
+    """The owner of a topic: the team, each robot, or each world or robot node."""
 
     TEAM = "team"
     ROBOT = "robot"
@@ -27,7 +27,7 @@ class Owner(StrEnum):
 
 
 class Delivery(StrEnum):
-    """How a topic is published.
+    """The quality of service of a topic.
 
     At every time step; now and then; its last message is kept for late subscribers; its last
     `TABLES_DEPTH` are kept.
@@ -75,7 +75,7 @@ class Topic:
 
     @property
     def stamped(self) -> bool:
-        """Whether the message begins with its time (a header or a clock), that of the run."""
+        """True if the message begins with its time (a header or a clock), that of the run."""
         return self.type_name in (_CLOCK, _POSE, _NUMBERS, _GRID, _PATH, _ODOMETRY)
 
     def column(self, label: str) -> int:
@@ -103,7 +103,7 @@ class PerceptEnd(IntEnum):
 
     @property
     def outcome(self) -> str:
-        """What pictures and pages show of it: `palette.ANSWERED`, `REFUSED` or `FAILED`."""
+        """Its display on pictures and pages: `palette.ANSWERED`, `REFUSED` or `FAILED`."""
         shown = {
             PerceptEnd.ANSWERED: palette.ANSWERED,
             PerceptEnd.REFUSED: palette.REFUSED,
@@ -319,7 +319,7 @@ class Began(StrEnum):
 
 
 class ClaimRank(IntEnum):
-    """How far a node of a name has come; the node that has come further keeps the name.
+    """Ranks of claims to a node's name: the node in the more advanced state keeps its name.
 
     It looks whether the name is taken; it has the name; it takes part in a run.
     """

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What rclpy tells of the requests of active perception: the messages of `SERVICE_EVENTS`."""
+"""Service introspection of active perception by rclpy: the messages of `SERVICE_EVENTS`."""
 
 from collections.abc import Sequence
 from enum import IntEnum

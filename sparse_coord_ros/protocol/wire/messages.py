@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The messages of a run, packed and read by the vocabulary, without ROS.
 
-A `MessageForm` says how the messages of a topic look as bytes, and what rows they make. The nodes
+A `MessageForm` has the byte layouts of a topic's messages, and the rows read from them. The nodes
 pack and read single messages by it (`Messages`), the log many at once, by columns.
 An error's text says what such a message does, such as "has no number labelled total".
 """
@@ -115,7 +115,7 @@ class MessageForm:
 
 
 def nanoseconds(time: Any) -> int:
-    """Return a decoded time in nanoseconds; ValueError where it is none."""
+    """Return a decoded time in nanoseconds; ValueError if it is invalid."""
     if not 0 <= time.nanosec < SECOND:
         raise ValueError(
             f"is stamped {time.sec} s {time.nanosec} ns, outside of the run"

@@ -32,13 +32,13 @@ class Order(NamedTuple):
 
 
 class RunStatus(NamedTuple):
-    """What `status` says.
+    """The content of `status`.
 
     Attributes:
         run: the identity of the world's run, which `run.yaml` gives as `id`.
         state: a `RunState`; the message itself, not one of its values.
         step: the time step.
-        transitions: how many were made.
+        transitions: number of transitions made.
         left_out: (robot, step) pairs of them that the world made without the robot, though it had
             not arrived.
         began: why the episode began, a `Began`.
