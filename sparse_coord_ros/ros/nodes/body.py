@@ -44,7 +44,7 @@ MOST_MOMENTS = 1_000_000
 
 
 class BodyNode(Follower):
-    """Hears what bodies are to do (Twist), and says where they are: PoseStamped, Odometry, tf.
+    """Receives bodies' commands (Twist), and publishes their poses: PoseStamped, Odometry, tf.
 
     Args:
         place: where the node is made, and with what: see `Place`.
@@ -178,7 +178,7 @@ class BodyNode(Follower):
         }
 
     def finish(self, *, interrupted: bool) -> None:
-        """Say what happened, and write the paths."""
+        """Log the counts of events, and write the paths."""
         if self.presence is None:
             return
         said = ", ".join(f"{name} {value}" for name, value in self.summary().items())

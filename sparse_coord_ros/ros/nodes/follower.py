@@ -124,7 +124,7 @@ class Follower(ParameterNode):
         self.done = True
 
     def may_stop(self) -> bool:
-        """Return whether all is done up to the world's last step, or the world goes on."""
+        """Return whether all work up to the world's last step is done, or the world continues."""
         now = time.monotonic()
         self._stopping = self._stopping or now
         if self.presence is None or self.done:

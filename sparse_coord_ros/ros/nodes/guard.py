@@ -129,7 +129,7 @@ class Guard:
         self._services = list(services)
 
     def counts(self) -> Counter[str]:
-        """Return how many topics and services had a second owner."""
+        """Return the number of topics and services that had a second owner."""
         services = len(self.doubled.intersection(self._services))
         topics = len(self.doubled) - services
         return Counter(

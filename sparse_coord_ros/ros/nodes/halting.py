@@ -139,7 +139,7 @@ class Halting:
 
     @property
     def world_told(self) -> bool:
-        """Whether the team's world has done it: then drivers that start later do it, too."""
+        """True if the team's world has done it: then drivers that start later do it, too."""
         worlds = self._node.get_publishers_info_by_topic(f"{self._prefix}{RUN.name}")
         names = {info.node_name for info in worlds}
         return any(one.done for name, one in self.asked.items() if name in names)

@@ -134,7 +134,7 @@ class MoverNode(Follower, LifecycleNodeMixin):
 
     @property
     def may_drive(self) -> bool:
-        """Whether the body may move; not before the world hears where it ends up."""
+        """True if the body may move; not before the world hears where it ends up."""
         return self.active and self.on_duty and not self.halted
 
     def set_up(self) -> None:

@@ -260,7 +260,7 @@ def read_place(text: str) -> tuple[float, float]:
     """Return (x, y) in metres of a text such as `0.5,2`.
 
     Raises:
-        SettingError: it is none.
+        SettingError: the text is no place.
     """
     try:
         x, y = map(float, text.split(","))

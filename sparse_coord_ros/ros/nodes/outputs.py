@@ -203,7 +203,7 @@ class Output:
             os.close(folder)
 
     def checkpoint(self, state: WorldState | RobotState) -> None:
-        """Save where the node is; where that fails, the run goes on with earlier ones."""
+        """Save the node's state; if that fails, the run continues with earlier files."""
         try:
             if self._out is not None and not self._out.exists():
                 self.save(lambda _: None)

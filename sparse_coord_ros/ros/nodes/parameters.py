@@ -123,7 +123,7 @@ ROS_PARAMETERS_PREFIX = "qos_overrides."
 
 
 class Place(TypedDict, total=False):
-    """Where a node is made, and with what.
+    """The environment in which a node is made.
 
     Attributes:
         context: the ROS context.

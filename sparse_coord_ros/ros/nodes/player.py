@@ -158,7 +158,7 @@ class Player(ParameterNode):
         return f"{doing} at {self._position:.3f} s"
 
     def _on_change(self, parameters: list[Parameter]) -> None:
-        """Do what changed parameters say."""
+        """Apply changed parameters."""
         for parameter in parameters:
             if parameter.name == "rate":
                 self._playback.set_rate(self.values["rate"])

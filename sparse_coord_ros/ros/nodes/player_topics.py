@@ -27,7 +27,7 @@ ROS_OWN = (wire.ROSOUT.name, wire.PARAMETER_EVENTS.name)
 class PlayedTopics:
     """The publishers of a bag's topics, and of a clock where the bag has none.
 
-    Warns of what cannot be played.
+    Warns of topics that cannot be played.
 
     Args:
         node: the node that publishes.

@@ -59,7 +59,7 @@ class Returning(WorldRollback):
 
     @property
     def calling(self) -> bool:
-        """Whether the team waits for all to say where they are, before it goes on there."""
+        """True if the team waits for all to say where they are, before it goes on there."""
         return self._side.held and self.order.step == NO_ROLLBACK
 
     def resume(self) -> list[str]:

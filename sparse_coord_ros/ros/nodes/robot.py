@@ -295,7 +295,7 @@ class Member:
 
     @property
     def _finished(self) -> bool:
-        """Whether the world has said that the budget is used up."""
+        """True if the world has said that the budget is used up."""
         said = self._node.status
         return said is not None and said.state == wire.RunState.FINISHED
 

@@ -50,7 +50,7 @@ STDERR = 2
 
 
 class Stop:
-    """Whether one of `STOPPING` has come.
+    """A flag that is set when one of the signals `STOPPING` has come.
 
     One Ctrl-C often arrives twice, from the terminal and from launch. A further signal interrupts
     at once only when the node has had `PATIENCE_SECONDS` to end by itself.
@@ -62,7 +62,7 @@ class Stop:
         self._at_once = False
 
     def __bool__(self) -> bool:
-        """Whether to stop."""
+        """Return whether to stop."""
         return self.signal is not None
 
     def handle(self, number: int, frame: object) -> None:

@@ -25,8 +25,8 @@ class Subscriber:
         node: the node; its callbacks are guarded (`parameters.ParameterNode`).
 
     Attributes:
-        dropped: how many messages were dropped, by topic or service.
-        earlier: how many the node's earlier processes dropped in this run.
+        dropped: number of dropped messages, by topic or service.
+        earlier: number that the node's earlier processes dropped in this run.
     """
 
     def __init__(self, node: Node) -> None:
@@ -96,5 +96,5 @@ class Subscriber:
 
     @property
     def total(self) -> int:
-        """How many messages were dropped."""
+        """The number of dropped messages."""
         return self.dropped.total() + self.earlier

@@ -123,7 +123,7 @@ def run_team(
 
 
 class _TeamEnd:
-    """How a team's nodes end, one kind after the other.
+    """The end of a team's nodes, one kind after the other.
 
     The world ends first, then the robots when they have learned all that it has done, the page,
     and the recorder.

@@ -328,7 +328,7 @@ class WatchNode(Follower):
         self.team.compare(said)
 
     def go_on(self, now: float) -> None:
-        """Show what has happened."""
+        """Show new transitions."""
         self.controls.call()
         team = self.team
         team.tick()
@@ -468,7 +468,7 @@ class HeardTeam:
         self.catch_up()
 
     def tick(self) -> None:
-        """Take in what need not be waited for any longer; called at each tick of the node."""
+        """Take in transitions whose waiting time is over; called at each tick of the node."""
         self._ticks += 1
         self.catch_up()
 

@@ -92,7 +92,7 @@ class WorldBodies:
 
     @property
     def halted(self) -> bool:
-        """Whether all bodies are to stand."""
+        """True if all bodies are to stand."""
         return self.halt_word == HaltWord.HALT
 
     def halt(self, hold: bool) -> None:
@@ -128,7 +128,7 @@ class WorldBodies:
         return [heard.topic_name for heard in self._subscriptions]
 
     def look(self, now: float) -> None:
-        """Say for whose bodies the step waits; what takes too long counts as not moved."""
+        """Log the bodies that the step waits for; a late body counts as not moved."""
         side = self.side
         if self.halted:
             self._heard = now  # a halted body is not late

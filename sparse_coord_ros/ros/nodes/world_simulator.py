@@ -147,7 +147,7 @@ class WorldSimulator(ParameterNode):
 
     @property
     def _halted(self) -> bool:
-        """Whether all bodies are to stand."""
+        """True if all bodies are to stand."""
         return self.bodies is not None and self.bodies.halted
 
     def _say(self) -> None:

@@ -69,7 +69,7 @@ class WorldTopics:
         self.actions: list[Any] = []
 
     def hear_actions(self, then: Callable[[int, tuple[int, Action]], None]) -> None:
-        """Call `then` with a robot's number and what its actions say."""
+        """Call `then` with a robot's number and the content of its actions."""
         listen = self._node.subscriber.listen
         for k, name in enumerate(self._names):
             read = partial(self._read_action, k)
@@ -143,7 +143,7 @@ class WorldTopics:
             for end in (*said, *self.states, *self.rewards, *self.actions)
         ]
 
-    # What else is said.
+    # Other messages.
 
     def start_anew(self) -> None:
         """Publish the clock with the next state, even where the run stands at its step already."""
