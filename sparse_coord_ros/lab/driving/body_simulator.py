@@ -35,7 +35,7 @@ ELSEWHERE = "elsewhere"
 
 
 class Noise(NamedTuple):
-    """How unsure bodies are; standard deviations.
+    """Noise of bodies' motion and poses; standard deviations.
 
     Attributes:
         wheels: of a wheel's speed in a tick, as a share of it; a quarter of it is each wheel's
@@ -186,7 +186,7 @@ class BodySimulator:
 
     @property
     def bumps(self) -> int:
-        """How often bodies drove against walls."""
+        """The number of times that bodies drove against walls."""
         return sum(body.bumps for body in self.bodies)
 
     def put(self, cells: Mapping[int, int]) -> None:
@@ -196,7 +196,7 @@ class BodySimulator:
         self._touching = set(self._touching_now())
 
     def send(self, goals: Goals) -> bool:
-        """Take in what bodies are told; return whether that is new, and time has passed."""
+        """Take in the bodies' goals; return whether they are new, and time has passed."""
         if goals.number == self._number:
             return False
         self._number = goals.number

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What every driver of a body shares: goals and poses in, and how a goal ends."""
+"""Base of all drivers of a body: goals and poses in, ends of goals out."""
 
 import math
 from typing import NamedTuple
@@ -77,12 +77,12 @@ class Mover:
 
     @property
     def busy(self) -> bool:
-        """Whether the body is under way to a goal."""
+        """True if the body is under way to a goal."""
         return self._goal is not None
 
     @property
     def _unheard(self) -> bool:
-        """Whether the simulator of the body stands still, as if it had missed the last command."""
+        """True if the simulator of the body stands still, as if it had missed the last command."""
         return self._repeats > 0 and self._repeats % REPEATS == 0
 
     def take(self, goals: Goals) -> bool:

@@ -47,7 +47,7 @@ class NavLimits(NamedTuple):
 
 
 class NavPort(Protocol):
-    """What can be done to the server. A ticket is this client's number of a goal."""
+    """Requests to the server. A ticket is this client's number of a goal."""
 
     def send(self, ticket: int, target: Pose) -> bool:
         """Send a goal; False: no server."""
@@ -115,7 +115,7 @@ class Navigator(Mover):
 
     @property
     def clear(self) -> bool:
-        """Whether the server has no goal of this client, as far as is known."""
+        """True if the server has no goal of this client, as far as is known."""
         return self._sent is None
 
     def sees(self, seconds: float, pose: Pose) -> None:

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""How a differential drive is steered to a place, and how long that may take."""
+"""Steering of a differential drive to a place, and the time that it may take."""
 
 import math
 from typing import NamedTuple

@@ -91,7 +91,7 @@ class DrivenTeam:
         bodies: sends the bodies' goals.
         simulator: simulates the bodies.
         drivers: one a robot.
-        moves: how many moves bodies were sent on.
+        moves: number of moves that bodies were sent on.
         followed: the episode whose path is kept; None: none.
         path: where the bodies were at each tick of such episodes.
     """
@@ -112,7 +112,7 @@ class DrivenTeam:
         self._goals: list[Goals] = []
 
     def send(self, goals: Goals) -> None:
-        """Take in what bodies are told."""
+        """Take in the bodies' goals."""
         self._goals.append(goals)
         self.moves += 0 if goals.place else len(goals.bodies)
 

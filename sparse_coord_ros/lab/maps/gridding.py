@@ -34,7 +34,7 @@ CRUMB = 4
 
 
 class Gridding(NamedTuple):
-    """Where a grid lies, and what its cells are.
+    """The place of a grid, and the kinds of its cells.
 
     Attributes:
         top, left: where its upper left corner lies, in pixels; may be outside the image.
@@ -115,7 +115,7 @@ def grown(pixels: np.ndarray, radius: float) -> np.ndarray:
 
     Both pictures have the shape (rows, columns), bool.
     """
-    if not pixels.any():  # distances to nothing are none
+    if not pixels.any():  # no pixels, no distances
         return pixels
     return np.asarray(ndimage.distance_transform_edt(~pixels) <= radius)
 
@@ -172,7 +172,7 @@ def _layout(space: Space, pixels: float, down: float, right: float) -> Gridding:
     free = parts > 0
     slips = 0
     for past, axis in zip(space.past_walls, (1, 0), strict=True):
-        # What separates one pair may be a spot; what separates two side by side is a wall.
+        # An obstacle between one pair may be a spot; one between two adjacent pairs is a wall.
         one, beside = _neighbours(_apart(free, past[at], axis), 1 - axis)
         slips += int((one & beside).sum())
     _close(free, [past[at] for past in space.past_blocked])

@@ -150,7 +150,7 @@ def read_floor_plan(path: Path) -> FloorPlan:
 
 
 def floor_plan_of(grid: GridMap) -> FloorPlan | None:
-    """Return the floor plan that a map was made of; None: of none that is there."""
+    """Return the floor plan that a map was made of; None if it is missing."""
     if grid.resolution is None or not os.path.isfile(grid.source):
         return None
     with suppress(MapError):
