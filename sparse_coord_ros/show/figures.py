@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures of runs: policies and ask maps, learning curves, what Q^C holds, how percepts ended."""
+"""Pictures of runs: policies, ask maps, learning curves, values of Q^C, outcomes of percepts."""
 
 import html
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence

@@ -50,7 +50,7 @@ class Narrator:
         return f"in cell {cell} [{row}, {column}]"
 
     def past(self, robot: int, cell: int, door: int) -> bool:
-        """Whether a robot has a doorway behind it.
+        """True if a robot has a doorway behind it.
 
         The doorway is on a shortest way from the robot's start to its cell, and on none from
         there to its goal.
@@ -210,7 +210,7 @@ class Narrator:
         )
 
     def _is_close(self, at: int, door: int | None, moves: np.ndarray) -> bool:
-        """Whether a cell is in a doorway or beside it, or as close to the robot that asks."""
+        """True if a cell is in a doorway or beside it, or as close to the robot that asks."""
         return bool(
             moves[at] <= 1 or (door is not None and at in self.doorways.near[door])
         )

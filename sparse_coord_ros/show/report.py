@@ -173,7 +173,7 @@ def _samples(log: RunLog) -> Iterator[tuple[int, int]]:
 
 
 def faults(shown: OpenedRun) -> Iterator[Part]:
-    """Yield what went wrong in a recorded run: percepts, messages, warnings of nodes."""
+    """Yield the faults of a recorded run: percepts, messages, warnings of nodes."""
     log = shown.log
     facts: dict[str, object] = {
         f"percepts {how}": at.sum() for how, at in ended(log).items()

@@ -54,7 +54,7 @@ class OpenedRun:
 
     @property
     def name(self) -> str:
-        """What to call it in a legend."""
+        """Its name in a legend."""
         place = self.path.resolve()
         return (
             place.parent.name
@@ -124,7 +124,7 @@ class OpenedRun:
 
     @cached_property
     def history(self) -> History:
-        """What happened in each episode: from history.npz, else from the bag.
+        """The history of episodes: from history.npz, else from the bag.
 
         Raises:
             RunError: there is neither.
@@ -155,7 +155,7 @@ class OpenedRun:
 
     @property
     def asks(self) -> bool:
-        """Whether its robots can ask; errors as of `tables`."""
+        """True if its robots can ask; errors as of `tables`."""
         return not np.isnan(self.tables[0].q_star[:, COORDINATE]).any()
 
     def has(self, what: str) -> bool:

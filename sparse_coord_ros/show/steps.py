@@ -40,7 +40,7 @@ class Question(NamedTuple):
 
     @property
     def outcome(self) -> str:
-        """How it is shown: ANSWERED, REFUSED or FAILED."""
+        """Its display: ANSWERED, REFUSED or FAILED."""
         return self.end.outcome
 
     def in_words(self, names: Sequence[str]) -> str:
