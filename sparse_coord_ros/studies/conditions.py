@@ -85,7 +85,7 @@ def _read(path: str, *, shipped: bool) -> Scenario:
 
 
 def _is_known(name: str) -> bool:
-    """Whether a name is that of a shipped scenario or a generated building."""
+    """True if a name is that of a shipped scenario or a generated building."""
     return name in _shipped_names() or building(name) is not None
 
 

@@ -351,7 +351,7 @@ def _as_list(
 
 @dataclass(frozen=True)
 class Computing:
-    """How runs are computed; attributes as of `run_batch`."""
+    """Settings of the computation; attributes as of `run_batch`."""
 
     engine: str = "auto"
     jobs: int | None = None

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""How learned teams stand: the share of the gap that they close, with its error, and failures."""
+"""Standings of learned teams: their share of the gap, with its error, and failures."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ class Standing:
     """The standing of teams in some buildings; all buildings count the same.
 
     Attributes:
-        buildings: how many there are.
+        buildings: number of buildings.
         teams: teams that learned there.
         paths: value of fixed shortest paths.
         best_known: value of the best asking team found, or of the route planner.
@@ -54,7 +54,7 @@ class Standing:
     failed: int
 
     def share_and_failed(self) -> str:
-        """Return the share of the gap with its error in percent, and how many teams fail."""
+        """Return the share of the gap with its error in percent, and the count of failed teams."""
         share = self.share
         percent = f"{100 * share.mean:.1f} % ({100 * share.standard_error:.1f})"
         return f"{percent}; {self.of_teams(self.failed)} fail"
@@ -78,7 +78,7 @@ class Standing:
 def standings(
     results: Iterable[ConditionResult], *, by_kind: bool = False
 ) -> dict[str, Standing]:
-    """Return how teams stand; by their robots, such as `2r`.
+    """Return the standings of teams, by their number of robots, such as `2r`.
 
     Args:
         results: of unseen buildings.
@@ -95,7 +95,7 @@ def standing(
     results: Sequence[ConditionResult],
     best_of: Callable[[Scenario], float | None] = known_best,
 ) -> Standing:
-    """Return how teams of one learner stand in these buildings.
+    """Return the standing of one learner's teams in these buildings.
 
     Args:
         results: of the buildings.
@@ -161,7 +161,7 @@ def pooled_share(
 
 
 def failed_teams(result: ConditionResult) -> int:
-    """Return how many teams miss in more than one trial of a thousand; exact where it is known."""
+    """Return the number of failed teams: they miss in more than one trial of a thousand."""
     return int(fails(result).sum())
 
 

@@ -79,7 +79,7 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Plan:
-    """What every condition of a results directory has in common.
+    """The plan that all conditions of a results directory share.
 
     Attributes:
         seed: seed of run 0; run i has seed + i.

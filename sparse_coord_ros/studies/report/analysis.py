@@ -38,7 +38,7 @@ def errors_from(measure: Measure, exact: float) -> float:
 
 
 def agrees(ours: Measure, other: Measure) -> bool:
-    """Whether two means differ by no more than `AGREE` standard errors of their difference."""
+    """True if two means differ by no more than `AGREE` standard errors of their difference."""
     error = math.hypot(ours.standard_error, other.standard_error)
     return abs(ours.mean - other.mean) <= AGREE * error
 
@@ -55,7 +55,7 @@ def loss_alone(result: ConditionResult) -> Measure:
 
 
 def above_optimum(result: ConditionResult) -> bool:
-    """Whether the paper's reward exceeds what any joint policy can reach."""
+    """True if the paper's return exceeds that of every joint policy."""
     printed = paper(result, "reward")
     return (
         printed is not None
@@ -84,7 +84,7 @@ def implied_reward(result: ConditionResult) -> Measure | None:
 
 
 def contradicts_itself(result: ConditionResult) -> bool:
-    """Whether the paper's reward does not follow from its own number of miscoordinations."""
+    """True if the paper's return does not fit its own number of miscoordinations."""
     implied = implied_reward(result)
     printed = paper(result, "reward")
     if implied is None or printed is None:
@@ -118,18 +118,18 @@ def difference(
 
 
 def surely_better(result: ConditionResult, baseline: ConditionResult) -> bool:
-    """Whether the reward surely exceeds shortest paths' and a learned baseline's, run by run."""
+    """True if the return surely exceeds shortest paths' and a learned baseline's, run by run."""
     above_paths = surely_above(result.best("reward"), result.reference["reward"])
     return above_paths and surely_above(difference(result, baseline))
 
 
 def surely_above(measure: Measure, exact: float = 0.0) -> bool:
-    """Whether a mean lies more than `AGREE` standard errors above a value."""
+    """True if a mean lies more than `AGREE` standard errors above a value."""
     return errors_from(measure, exact) > AGREE
 
 
 def surely_below(measure: Measure, exact: float = 0.0) -> bool:
-    """Whether a mean lies more than `AGREE` standard errors below a value."""
+    """True if a mean lies more than `AGREE` standard errors below a value."""
     return errors_from(measure, exact) < -AGREE
 
 

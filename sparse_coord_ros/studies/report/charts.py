@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What all figures share: the style of each line, the axes, the legend, and how they are saved."""
+"""Shared parts of all figures: the style of each line, the axes, the legend, and saving."""
 
 import base64
 import io
