@@ -4,8 +4,8 @@
 
 Run i of a batch with seed S is the single run with seed S + i: the same draws, the same tables.
 With numba a run is one compiled loop without the interpreter's lock, and runs go on in threads;
-without it the same loops run as plain Python, in processes. Where the iterator is
-closed, as by Ctrl-C, neither goes on for longer than a block of time steps.
+without it the same loops run as plain Python, in processes. If the iterator is
+closed, as by Ctrl-C, both stop within a block of time steps.
 """
 
 import os
@@ -61,7 +61,7 @@ def run_batch(
         learner: a learner, or its name.
         seeds: one run each.
         cluster: the cluster that computes; None: this machine.
-        how: as of `run_batches`; a cluster's workers say by themselves how many `jobs` they do.
+        how: as of `run_batches`; a cluster's workers choose their number of `jobs` themselves.
 
     Raises:
         SettingError: numba is asked for and not installed.
@@ -229,11 +229,11 @@ def result_of(learning: LearningRun) -> Training:
 def prepare(
     learner: str | Learner, *, engine: str = "auto", history: bool = False
 ) -> None:
-    """Compile the loops for a learner where that has not been done in this process.
+    """Compile the loops for a learner, once in this process.
 
-    Does nothing where plain Python is going to compute. What shows progress calls it before its
-    clock starts: it takes some seconds, once a process, and Ctrl-C ends it at once. It plays on a
-    small map: on the user's own a trial may take minutes.
+    Does nothing for plain Python. Progress displays call it before their clock starts: it takes
+    some seconds, and Ctrl-C ends it at once. It plays on a small map: on the user's own a trial
+    may take minutes.
 
     Args:
         learner: a learner, or its name.

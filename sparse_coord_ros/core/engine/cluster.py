@@ -3,7 +3,7 @@
 """Learning runs on the workers of a Dask cluster, with the same bits as anywhere.
 
 A task is a few runs of one condition. Dask gives the tasks of a worker that is lost to others.
-Only what comes back is kept here, so that a call can be repeated and goes on where it stopped.
+Only results are kept here, so a call can be repeated and continues where it stopped.
 """
 
 import asyncio
@@ -46,7 +46,7 @@ JOBS = Setting("jobs", int, 1, "threads (or processes) at once", low=1, high=409
 
 
 def check_place(jobs: int | None, scheduler: SchedulerLike) -> int | None:
-    """Return jobs; `SettingError` where they are none, or a cluster is told what to do, too."""
+    """Return jobs; raise `SettingError` if they are invalid, or given beside a cluster."""
     jobs = None if jobs is None else int(JOBS.parse(jobs))
     if jobs is not None and scheduler is not None:
         why = "none, as its workers say how many threads they have; leave one of the two out"
@@ -58,7 +58,7 @@ def check_place(jobs: int | None, scheduler: SchedulerLike) -> int | None:
 
 @contextmanager
 def cluster_at(scheduler: SchedulerLike) -> "Iterator[Cluster | None]":
-    """Enter the cluster of a scheduler, and leave it again; None where there is none.
+    """Enter the cluster of a scheduler, and leave it at the end; None without a scheduler.
 
     Args:
         scheduler: the address of a Dask scheduler, such as tcp://10.0.0.1:8786, or a client of it,
@@ -87,7 +87,7 @@ class Cluster:
 
     Attributes:
         scheduler: the address of its scheduler.
-        threads: how many its workers have together.
+        threads: total number of its workers' threads.
     """
 
     def __init__(self, client: "Client") -> None:
@@ -178,7 +178,7 @@ class Cluster:
 
 
 def _import_error(error: BaseException | None) -> ImportError | None:
-    """Return the import that failed, where that is what an error is about."""
+    """Return the failed import of an error, if an import failed."""
     while error is not None and not isinstance(error, ImportError):
         error = error.__cause__
     return error

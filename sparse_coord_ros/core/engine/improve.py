@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Learn, exchange, improve: a team plans on what its robots have learned.
+"""Learn, exchange, improve: a team plans on its robots' learned models.
 
 After learning each robot says once what it knows: where its moves led and how often, its doorways
 (cells where it felt r^C), its tables. From that all compute the same: a game as the team knows it,
@@ -358,7 +358,7 @@ def _changes(
     Args:
         learned: the game as the team knows it.
         team: scenario, learner and form.
-        minds: what the robots do.
+        minds: the robots' minds.
         stays: steps that each robot acts in each cell, shape (robots, cells).
     """
     each = [team.mind(minds, k) for k in range(len(stays))]
@@ -429,7 +429,7 @@ def _other_corrections(mind: Any, stays: np.ndarray, robots: int) -> Iterator[Ch
 
 
 def preferring(values: np.ndarray, chosen: int) -> np.ndarray:
-    """Return values of which the chosen one leads: the others are lowered as far as need be."""
+    """Return values with the chosen one greatest: others are lowered as far as needed."""
     most = min(values[chosen] - LEAD, (1.0 - LEAD_SHARE) * values[chosen])
     lowered: np.ndarray = np.minimum(values, most)
     lowered[chosen] = values[chosen]

@@ -37,7 +37,7 @@ class Training:
         evaluations: evaluations of the team on the way, as (transitions, evaluation).
         trials: greedy trials afterwards, arrays of shape (trials, robots), as `train_many` plays
             them, seeded by the run's seed; None where none were played.
-        exact: what such a trial brings on average; None without trials, and where nobody knows.
+        exact: the exact means of such a trial; None without trials, or if not computable.
     """
 
     scenario: Scenario

@@ -30,7 +30,7 @@ FIRST_EPISODES = 64
 
 
 class History(NamedTuple):
-    """What happened in each learning episode; E episodes of K robots.
+    """The history of learning episodes; E episodes of K robots.
 
     An episode begins with its first transition: one that never had any is left out. The last one
     may have been cut off by the end of the budget. Robots that learn all at once share their
@@ -241,8 +241,8 @@ class HistoryRecorder:
         Args:
             episode: number of the episode; another one than before begins a new row.
             step: the time step t at which the robots acted.
-            actions: what each robot did; None where it did not act.
-            outcome: what the world returned.
+            actions: each robot's action; None if it did not act.
+            outcome: the world's outcome.
         """
         if episode != self._episode:
             self._episode = episode

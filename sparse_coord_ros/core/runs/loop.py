@@ -53,12 +53,12 @@ REWARD, TIME, ASKS, CONFLICTS = range(4)
 
 
 class Rule(NamedTuple):
-    """How a team learns.
+    """The rules by which a team learns.
 
     Attributes:
         problem: the game.
         members: the robots that act.
-        actions: how many actions a robot has.
+        actions: number of a robot's actions.
         max_steps: steps after which an episode ends.
         exploring: probability of an exploring start [time step].
         epsilon: probability of an explored action [time step].
@@ -129,7 +129,7 @@ class Game(NamedTuple):
 
 
 class Choices(NamedTuple):
-    """What each robot chose at this time step.
+    """Each robot's choice at this time step.
 
     Attributes:
         cells: the cell that it was in; of robots that do not act, too.
@@ -155,7 +155,7 @@ class State(NamedTuple):
     Attributes:
         rule: the game, and how the team learns.
         game: the joint state, changed.
-        choice: what robots chose, changed.
+        choice: the robots' choices, changed.
         draws: where the draws come from.
         stop: its one entry is set where the result is not wanted any more.
     """

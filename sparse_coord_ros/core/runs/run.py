@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""One learning run, plain or compiled, that can stop between any two transitions and go on.
+"""One learning run, plain or compiled, that can stop between any two transitions and continue.
 
 Both forms run the loops of `core.runs.loop`: in plain Python on lists, compiled on arrays.
 """
@@ -69,7 +69,7 @@ class Stopped(Exception):  # noqa: N818 - no error: the run is not wanted any mo
 
 
 class LearningState(NamedTuple):
-    """A learning run between two transitions: either form can go on from it, bit for bit.
+    """A learning run between two transitions: each form can continue from it, bit for bit.
 
     Attributes:
         positions: the game of each group of robots that learn together.
@@ -88,7 +88,7 @@ class TeamTransition(NamedTuple):
     Attributes:
         step: the time step t (of robots that learn alone: of the first one).
         cells: X_k(t); None where it is not known.
-        actions: what each robot did; None where it did not act.
+        actions: each robot's action; None if it did not act.
         after: X_k(t+1), likewise; None if all are unknown.
         miscoordination: whether the step is a miscoordination.
         rewards: R_k(t); empty: not known.
@@ -108,7 +108,7 @@ def groups_of(scenario: Scenario, learner: Learner) -> list[list[int]]:
     """Return the robots (from 0) that learn together.
 
     They are all, or for a learner that learns `alone` each robot by itself: one robot at a time
-    in the world, each for the whole budget, so that none ever meets another (paper, Section 4).
+    in the world, each for the whole budget, so that robots never meet (paper, Section 4).
     """
     everyone = list(range(len(scenario.robots)))
     return [[k] for k in everyone] if learner.alone else [everyone]
@@ -351,7 +351,7 @@ class LearningRun:
     Args:
         team: scenario, learner and form.
         seed: the run's seed.
-        state: where to go on; None: at the beginning.
+        state: the state to continue from; None: the beginning.
         gathering: whether to gather the history.
 
     Attributes:
@@ -460,7 +460,7 @@ class LearningRun:
 
     @property
     def tables(self) -> list[Tables]:
-        """What every robot has learned so far; a copy."""
+        """The tables that every robot has learned so far, a copy."""
         return self.team.tables(self.minds)
 
     @property
@@ -482,7 +482,7 @@ class LearningRun:
 
     @property
     def memories(self) -> tuple[Memory, ...]:
-        """What every robot remembers; a copy."""
+        """Every robot's memory, a copy."""
         return tuple(memory_of(self.mind(k)) for k in range(len(self.scenario.robots)))
 
     def play(self, trials: int) -> Trials:
@@ -515,14 +515,14 @@ class LearningRun:
 def learn(
     scenario: Scenario, learner: str | Learner, seed: int, *, compiled: bool = False
 ) -> list[Tables]:
-    """Return what robots learn in the scenario's budget, by default in plain Python."""
+    """Return the tables learned in the scenario's budget, by default in plain Python."""
     run = LearningRun(Team(scenario, learner_of(learner), compiled=compiled), seed)
     run.advance(scenario.steps)
     return run.tables
 
 
 def rows_updated(mind: Any) -> int:
-    """Return how many rows of a mind's tables have an update."""
+    """Return the number of rows of a mind's tables that have an update."""
     found = 0
     for value in mind:
         if hasattr(value, "most"):
@@ -531,7 +531,7 @@ def rows_updated(mind: Any) -> int:
 
 
 def record_of(history: History, *, compiled: bool) -> loop.Record:
-    """Return a record that goes on from a history; compiled it has room for two blocks."""
+    """Return a record that continues a history; compiled it has room for two blocks."""
     used = [history.episodes, history.robots]
     rows = history
     if compiled:

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What greedy trials bring."""
+"""The results of greedy trials."""
 
 from dataclasses import dataclass
 

@@ -86,7 +86,7 @@ class AskingPolicies(NamedTuple):
 
 
 class Workspace(NamedTuple):
-    """What the loops write to.
+    """Working memory of the loops.
 
     Attributes:
         value: value of each joint state; (cells, cells).

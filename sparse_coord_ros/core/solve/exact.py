@@ -212,7 +212,7 @@ class ExactMeans(NamedTuple):
 
 
 def exact_means(scenario: Scenario, tables: Sequence[Tables]) -> ExactMeans | None:
-    """Return the means of `evaluate_exact`, a hundred times faster; None where there are none.
+    """Return the means of `evaluate_exact`, a hundred times faster, or None.
 
     There are none for another number of robots than two, and on maps so large that a team without
     a policy would take longer than trials.
@@ -242,7 +242,7 @@ def _does_not_pay(scenario: Scenario, what: str, most: str) -> SettingError:
 
 
 class Greedy(NamedTuple):
-    """How likely a greedy robot does what in each cell, before it perceives anything.
+    """Probabilities of a greedy robot's actions in each cell, before any percept.
 
     Attributes:
         asks: that it asks, (cells,): 1 where it `asks_surely`, less where a draw breaks a tie

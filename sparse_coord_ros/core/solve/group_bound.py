@@ -72,7 +72,7 @@ class Group(NamedTuple):
     Attributes:
         ends: the different cells where a step of a robot may end, first its own cell;
             (robots, cells, CHOICES).
-        counts: how many they are; (robots, cells).
+        counts: their number; (robots, cells).
         stays: whether a move leads nowhere; (robots, cells).
         strides: of each robot's cell in the number of a joint state; (robots,).
         paid: average reward of a step that ends in a joint state; (cells ** robots,).

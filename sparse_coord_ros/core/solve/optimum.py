@@ -174,7 +174,7 @@ def _worth(
 
 
 class JointOutcomes(NamedTuple):
-    """What becomes of the cells that robots want, from every joint state.
+    """The cells in which robots end, by the cells that they want, from every joint state.
 
     A robot's outcome is the move that succeeds, or `STAY`; an outcome of all is one of each.
 

@@ -48,7 +48,7 @@ GAME_SETTINGS = (
 
 @dataclass(frozen=True)
 class RobotPolicy:
-    """What one robot does.
+    """The policy of one robot.
 
     Attributes:
         moves: one letter a cell, n, s, e or w: the move without asking, or after a failed percept.
@@ -70,8 +70,8 @@ class AskingTeam:
         robots: each robot's policy.
         gains: what each robot alone could gain for itself at least, the other staying as it is:
             the best that a search found. All 0: nothing was found, the team seems an equilibrium.
-        restarts: how many climbs from random teams there were.
-        agreed: how many of them ended at this value.
+        restarts: number of climbs from random teams.
+        agreed: number of climbs that ended at this value.
         seed: of the search.
         game: digest of the game.
         version: of this software.
@@ -97,7 +97,7 @@ class BestTeam:
         value: its mean reward, averaged over the robots.
         standard_error: of the trials.
         trials: trials behind it, other ones than those that it was chosen by.
-        teams: how many teams it was chosen from.
+        teams: number of teams from which it was chosen.
         learner: their learner.
         steps: their step budget.
         seed: its seed.

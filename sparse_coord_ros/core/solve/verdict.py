@@ -44,7 +44,7 @@ FAILING = "failing"
 
 
 class LastWord(NamedTuple):
-    """What became of a team: one of the words above, and sentences for people."""
+    """The verdict on a team: one of the words above, and sentences for people."""
 
     kind: str
     text: str
@@ -129,7 +129,7 @@ def _compared(
 ) -> str:
     """Return miscoordinations beside those of robots that ignore each other.
 
-    With block alone there are none; robots that stand in each other's way lose time.
+    With block alone there are no miscoordinations; robots in each other's way lose time.
     """
     if scenario.interactions.startswith("block"):
         steps = f"{found.time_to_goal.mean:.3g} instead of {ignoring.time_to_goal:.3g}"
