@@ -88,7 +88,7 @@ def sole_team() -> socket.socket:
     try:  # an abstract address: it leaves no file, and is gone with its process
         holder.bind(f"\0sparse_coord_{os.getuid()}_domain_{domain}")
     except OSError as error:
-        if error.errno == errno.EADDRINUSE:  # other errors: this machine lacks such addresses
+        if error.errno == errno.EADDRINUSE:  # else no abstract addresses
             holder.close()
             raise RunError(
                 f"ROS domain {domain}: another process runs a team in it; wait for its end, or "
