@@ -146,7 +146,7 @@ class Runs:
         return len(self.runs)
 
     def __repr__(self) -> str:
-        """Return a description, with one line for each run."""
+        """Return a description with one line for each run."""
         return shown_as(self._head, self._measures)
 
     def _repr_html_(self) -> str:
@@ -162,9 +162,10 @@ class Runs:
     def to_pandas(self) -> "pd.DataFrame":
         """Return a data frame: one row a run.
 
-        Its columns: `scenario`, `learner`, every setting and `seed`; `reward` (total discounted),
-        `time_to_goal` (steps) and `asks`, means over the trials and robots; `miscoordinations`,
-        mean of a trial; `arrived`, share of the trials in which every robot arrived.
+        Its columns: `scenario`, `learner`, every setting and `seed`; `returns` (total discounted
+        reward), `time_to_goal` (steps) and `asks`, means over the trials and robots;
+        `miscoordinations`, mean of a trial; `arrived`, share of the trials in which every robot
+        arrived.
 
         Raises:
             RunError: pandas is not installed.
@@ -201,7 +202,7 @@ class SavedRun:
     config: RunConfig
 
     def __repr__(self) -> str:
-        """Return a description of one line."""
+        """Return a one-line description."""
         who = f"{self.config.learner}, seed {self.seed}"
         return f"<SavedRun {self.scenario.label}; {who}; in {self.directory}>"
 

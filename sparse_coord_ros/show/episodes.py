@@ -160,9 +160,9 @@ def chosen(wanted: int | str, history: History, own: np.ndarray, where: str) -> 
     among = (
         np.flatnonzero(whole & own) if (whole & own).any() else np.flatnonzero(whole)
     )
-    reward = history.reward.sum(axis=1)
+    returns = history.returns.sum(axis=1)
     asks = history.asks.sum(axis=1)
-    keys = (among, -history.length[among], reward[among])
+    keys = (among, -history.length[among], returns[among])
     return int(
         among[np.lexsort((*keys, asks[among]) if wanted == BUSIEST else keys)[-1]]
     )

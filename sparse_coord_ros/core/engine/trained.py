@@ -53,7 +53,7 @@ class Training:
     exact: ExactMeans | None = None
 
     def __repr__(self) -> str:
-        """Return a description of one line."""
+        """Return a one-line description."""
         done = f"{self.transitions:,} steps, {self.history.episodes:,} episodes"
         return f"<Training {self.scenario.label}; {self.learner.label}, seed {self.seed}; {done}>"
 

@@ -268,7 +268,7 @@ class Scenario:
         return ", ".join([self.name, *(f"{n}={as_text(v)}" for n, v in own.items())])
 
     def __repr__(self) -> str:
-        """Return a description of one line."""
+        """Return a one-line description."""
         robots = len(self.robots)
         cells = len(self.map.cells)
         return f"<Scenario {self.label}; {robots} robots, {cells} cells>"
@@ -383,7 +383,7 @@ LARGEST_TEAM = 53
 
 RESERVED_NAMES = ("world_simulator", "recorder", "team")
 PAPER_LEARNERS = ("indiv", "noncoop", "coop")
-PAPER_MEASURES = ("reward", "time_to_goal", "miscoordinations")
+PAPER_MEASURES = ("returns", "time_to_goal", "miscoordinations")
 FILE_KEYS = ("name", "map", "robots", "paper", *SETTINGS)
 
 

@@ -51,7 +51,7 @@ class Tables:
         self._q_coord = q_coord
 
     def __repr__(self) -> str:
-        """Return a description of one line."""
+        """Return a one-line description."""
         name = "unknown" if self.learner is None else self.learner.label
         return f"<Tables of robot {self.number + 1} of {self.scenario.name}, learner {name}>"
 

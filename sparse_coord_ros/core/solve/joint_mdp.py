@@ -57,7 +57,7 @@ class JointMDP:
     actions: np.ndarray
 
     def __repr__(self) -> str:
-        """Return a description of one line."""
+        """Return a one-line description."""
         return "<JointMDP of {} states and {} actions>".format(*self.R.shape)
 
 

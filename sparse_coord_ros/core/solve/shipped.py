@@ -94,7 +94,7 @@ class BestTeam:
     """The best of many learned teams.
 
     Attributes:
-        value: its mean reward, averaged over the robots.
+        value: its mean return, averaged over the robots.
         standard_error: of the trials.
         trials: trials behind it, other ones than those that it was chosen by.
         teams: number of teams from which it was chosen.
