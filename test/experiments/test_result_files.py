@@ -478,7 +478,7 @@ def test_a_condition_s_file_says_what_it_is_of(folder):
     content = json.loads(file_of(folder).read_text())
     assert list(content)[:2] == ["digest", "format"]
     assert (content["format"], content["condition"], content["scenario"]) == (
-        3,
+        4,
         COOP,
         None,
     )
