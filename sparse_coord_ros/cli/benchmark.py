@@ -28,7 +28,7 @@ OPTIONS = (
     Option(
         "learners LEARNER...",
         None,
-        f"{', '.join(LEARNERS.registered)}; one of your own as module:Class; a .yaml file of "
+        f"{', '.join(LEARNERS.registered)}; your own learner as module:Class; a .yaml file of "
         "entries, with titles and settings; or a folder of run directories",
         {"names": lambda: LEARNERS.names},
     ),
@@ -38,15 +38,19 @@ OPTIONS = (
         "lists of scenarios",
         {"choices": tuple(LISTS), "default": TUNING},
     ),
-    Option("--steps", None, "step budget in transitions (default: 1e5)"),
-    shared.changes("change a setting of learning, e.g. epsilon=linear:0.2:0.02:0.8"),
+    Option("--steps", None, "learning steps (default: 1e5)"),
+    shared.changes(
+        "change a learning setting, e.g. epsilon=linear:0.2:0.02:0.8; may be repeated"
+    ),
     TEAM_RUNS,
     TEAM_TRIALS,
     Option("--seed", shared.SEED, "seed of run 0; run i has seed + i"),
     Option(
-        "--out", Path, "results directory; what it holds already is not computed again"
+        "--out",
+        Path,
+        "results directory; existing results are kept and not computed again",
     ),
-    Option("--save FILE", Path, "write what was found into one JSON file"),
+    Option("--save FILE", Path, "write the results to one JSON file"),
     *COMPUTING,
     shared.JSON,
 )

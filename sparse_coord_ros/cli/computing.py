@@ -18,13 +18,13 @@ COMPUTING = (
     Option(
         "--engine",
         ENGINES,
-        "the results are the same; auto: numba where it is installed",
+        "how to compute; all engines give identical results; auto: numba if installed",
     ),
     Option("--jobs", JOBS.parse, f"{JOBS.help} (default: all cores)"),
     Option(
         "--scheduler ADDRESS",
         None,
-        "of a Dask cluster to compute on, e.g. tcp://10.0.0.1:8786 (default: this machine)",
+        "address of a Dask cluster, e.g. tcp://10.0.0.1:8786 (default: compute on this machine)",
     ),
 )
 """What computes, and where."""

@@ -52,17 +52,21 @@ ROWS = (
 
 
 OPTIONS = (
-    Option("directory DIR", Path, "output of run or train"),
+    Option("directory DIR", Path, "output directory of run or train"),
     EPISODES,
     SEED,
     changes(
-        "change a setting of the bodies; may be repeated: "
+        "change a setting of the simulated robots; may be repeated: "
         + "; ".join(
             f"{s.name}: {s.help} (default: {s.default})"
             for s in DRIVE_SETTINGS.values()
         )
     ),
-    Option("--out FILE", Path, "draw the paths of the first episodes over the map"),
+    Option(
+        "--out FILE",
+        Path,
+        "draw the paths of the first episodes on the map, into this picture",
+    ),
     JSON,
 )
 

@@ -43,9 +43,15 @@ EXAMPLE = (
 
 
 OPTIONS = (
-    Option("directories DIR...", Path, "output of run or train; several are compared"),
+    Option(
+        "directories DIR...",
+        Path,
+        "output directories of run or train; several are compared",
+    ),
     Option("--trials", TRIALS.parse, f"{TRIALS.help} (default: {TRIALS.default})"),
-    Option("--exact", bool, "compute the measures instead, for one or two robots"),
+    Option(
+        "--exact", bool, "compute exact values instead of trials (one or two robots)"
+    ),
     Option("--seed", SEED, "seed of the trials"),
     JSON,
 )

@@ -10,16 +10,16 @@ from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.core.game.settings import Setting
 
 TIMEOUT = Setting(
-    "timeout", float, 10.0, "seconds to wait until all have confirmed", 2.5, 3600
+    "timeout", float, 10.0, "seconds to wait for all confirmations", 2.5, 3600
 )
 
 EXAMPLE = "sparse_coord halt\n  sparse_coord halt --go-on"
 
 
 OPTIONS = (
-    shared.Option("--go-on", bool, "let the robots go on"),
+    shared.Option("--go-on", bool, "let the robots continue"),
     TIMEOUT,
-    shared.Option("--namespace", None, "of the team", {"default": ""}),
+    shared.Option("--namespace", None, "namespace of the team", {"default": ""}),
     shared.JSON,
 )
 

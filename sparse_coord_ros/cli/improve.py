@@ -25,13 +25,13 @@ EXAMPLE = (
     "  sparse_coord improve runs/f"
 )
 
-IMPROVE = Option(
-    "--improve", bool, f"then plan on what was learned, into DIR/{IMPROVED}"
-)
+IMPROVE = Option("--improve", bool, f"run 'improve' at the end; writes DIR/{IMPROVED}")
 
 OPTIONS = (
     Option(
-        "directory DIR", Path, f"output of run or train; the plan's is DIR/{IMPROVED}"
+        "directory DIR",
+        Path,
+        f"output directory of run or train; the plan is written to DIR/{IMPROVED}",
     ),
     JSON,
 )

@@ -46,10 +46,14 @@ OPTIONS = (
     Option(
         "--class",
         bool,
-        "search for the best team of two robots that has Algorithm 1's form",
+        "search for the best asking team (two robots)",
         {"dest": "asking"},
     ),
-    Option("--restarts", RESTARTS.parse, f"with --class (default: {RESTARTS.default})"),
+    Option(
+        "--restarts",
+        RESTARTS.parse,
+        f"with --class: restarts of the search (default: {RESTARTS.default})",
+    ),
     Option(
         "--seed",
         SEED.parse,
@@ -58,7 +62,7 @@ OPTIONS = (
     Option(
         "--out",
         Path,
-        "with --class: a JSON file to keep the search in, and to go on from",
+        "with --class: JSON file that stores the search; an existing one is continued",
     ),
     JSON,
 )

@@ -32,14 +32,14 @@ OPTIONS = (
     Option(
         "--out",
         Path,
-        "results directory; what it holds already is not computed again",
+        "results directory; existing results are kept and not computed again",
         {"default": Path("results")},
     ),
     RUNS,
     RUN_TRIALS,
     Option("--seed", SEED, "seed of run 0; run i has seed + i"),
     *COMPUTING,
-    Option("--list", bool, "list the conditions and stop"),
+    Option("--list", bool, "list the conditions, compute nothing"),
     JSON,
 )
 

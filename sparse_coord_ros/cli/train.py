@@ -66,22 +66,22 @@ EXAMPLE = (
 
 OPTIONS = (
     *shared.run_options(
-        "go on with an interrupted run, instead of SCENARIO; DIR is its output directory"
+        "continue an interrupted run; DIR is its output directory; replaces SCENARIO"
     ),
     Option(
         "--engine",
         ENGINES,
-        "the bits are the same; auto: numba where it is worth compiling",
+        "how to compute; all engines give identical results; auto: numba for runs that are long enough to pay for compiling",
     ),
     Option(
         "--evaluate-every STEPS",
         EVERY.parse,
-        f"evaluate on the way too: {EVALUATIONS_FILE}",
+        f"also evaluate every STEPS steps, into {EVALUATIONS_FILE}",
     ),
     Option(
         "--trials",
         TRIALS.parse,
-        "of the evaluation (default: 1000, or none where it can be computed; 0: no evaluation)",
+        "trials of the final evaluation (default: exact if that is quick, else 1000; 0: no evaluation)",
     ),
     IMPROVE,
     *shared.WATCH,

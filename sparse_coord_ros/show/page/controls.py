@@ -17,10 +17,13 @@ PORT = 8765
 PAGE_SETTINGS = SettingTable(
     [
         Setting(
-            "host", str, HOST, "address to serve; another one lets other machines watch"
+            "host",
+            str,
+            HOST,
+            "address to serve the page on; 0.0.0.0: other machines can watch, too",
         ),
         Setting(
-            "port", int, PORT, "of the page; 0: one that is free", low=0, high=65535
+            "port", int, PORT, "port of the page; 0: any free port", low=0, high=65535
         ),
     ]
 )
