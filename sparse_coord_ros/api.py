@@ -163,8 +163,8 @@ class Runs:
         """Return a data frame: one row a run.
 
         Its columns: `scenario`, `learner`, every setting and `seed`; `returns` (total discounted
-        reward), `time_to_goal` (steps) and `asks`, means over the trials and robots; `miscoordinations`,
-        mean of a trial; `arrived`, share of the trials in which every robot arrived.
+        reward), `time_to_goal` (steps) and `asks`, means over the trials and robots;
+        `miscoordinations`, mean of a trial; `arrived`, share of the trials in which every robot arrived.
 
         Raises:
             RunError: pandas is not installed.

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from sparse_coord_ros.cli import options as shared
-from sparse_coord_ros.cli.computing import COMPUTING, Bar, computing_of
+from sparse_coord_ros.cli.computing import COMPUTING, Bar, computing_of, first_wait
 from sparse_coord_ros.cli.options import Option, note
 from sparse_coord_ros.core.game.scenario import SETTINGS
 from sparse_coord_ros.core.learners.registry import LEARNERS
@@ -60,7 +60,9 @@ def execute(options: argparse.Namespace) -> None:
     """Run the verb."""
     entries = [entry for name in options.learners for entry in _entries(name)]
     settings = SETTINGS.parse(shared.settings_of(options))
-    with Bar("agent-steps", quiet=options.json) as bar:
+    learners = [entry.learner for entry in entries if entry.learner]
+    waits_for = first_wait(learners, options)
+    with Bar("agent-steps", waits_for, quiet=options.json) as bar:
         found = benchmark(
             entries,
             lists=options.lists,

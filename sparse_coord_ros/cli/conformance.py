@@ -23,7 +23,8 @@ OPTIONS = (
     shared.Option(
         "[command COMMAND...]",
         None,
-        "command that starts the robot, after -- (default: the robot is already running, without its peers)",
+        "command that starts the robot, after -- (default: the robot is already running, "
+        "without its peers)",
     ),
     shared.Option(
         "--robot NAME", None, "name of the robot (default: the scenario's first)"

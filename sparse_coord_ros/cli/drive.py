@@ -83,7 +83,7 @@ def execute(options: argparse.Namespace) -> None:
     run = load_run(options.directory)
     run.check_code()
     tables = load_team(options.directory, run.scenario, run.rule)
-    with Bar("episodes") as bar:
+    with Bar("episodes", "driving the first episode") as bar:
         driven = drive(
             run,
             tables,

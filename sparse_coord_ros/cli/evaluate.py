@@ -128,7 +128,7 @@ def evaluation_of(
 
     if exact:
         return evaluate_exact(run.scenario, tables, learner=run.rule)
-    with Bar("trials", "evaluating") as bar:
+    with Bar("trials", "evaluating the learned tables") as bar:
         how["progress"] = bar.show
         if exact is None:
             return evaluate_best(run.scenario, tables, **how)

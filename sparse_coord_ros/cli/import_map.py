@@ -23,7 +23,10 @@ NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
 SPECK_SIZE = Setting(
     "speck", float, SPECK, "spots up to this size, in metres, are noise; 0: none", 0, 10
 )
-CORRIDOR = "longest doorway, in metres; anything longer is a corridor (default: from cell and radius)"
+CORRIDOR = (
+    "longest doorway, in metres; anything longer is a corridor "
+    "(default: from cell and radius)"
+)
 DOORWAY_LENGTH = Setting("doorway-length", float, None, CORRIDOR, 0, 1000)
 
 EXAMPLE = (
@@ -111,7 +114,7 @@ def execute(options: argparse.Namespace) -> None:
     check_free(options, replace=options.replace)
     from sparse_coord_ros.cli.computing import Bar
 
-    with Bar("cells", "laying the grid"):
+    with Bar("cells", "dividing the map into cells"):
         made = make(options, plan)
     if made.scenario is None:
         made.notes.append(

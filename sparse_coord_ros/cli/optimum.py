@@ -114,7 +114,7 @@ def _search(options: argparse.Namespace, scenario: Scenario) -> None:
     check_two_robots(scenario)
     if options.out is not None:
         pictures.check_out(options.out)
-    with Bar("restarts", quiet=options.json) as bar:
+    with Bar("restarts", "searching for asking teams", quiet=options.json) as bar:
         found = find_asking_team(
             scenario,
             restarts=RESTARTS.default if options.restarts is None else options.restarts,

@@ -25,7 +25,10 @@ OPTIONS = (
     Option(
         "--what",
         None,
-        "plots of a run: policy, asks (where robots ask), sparsity (of Q^C), curves (of learning), length (of episodes), percepts (how questions ended; needs a bag); plots of results: conditions, asks, or the name of an experiment; separate several by commas (default: all)",
+        "plots of a run: policy, asks (where robots ask), sparsity (of Q^C), curves (of "
+        "learning), length (of episodes), percepts (how questions ended; needs a bag); plots "
+        "of results: conditions, asks, or the name of an experiment; separate several by "
+        "commas (default: all)",
     ),
     DPI,
     pictures.out_option(pictures.KINDS),

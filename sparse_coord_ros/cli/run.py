@@ -32,7 +32,8 @@ EXAMPLE = (
 
 OPTIONS = (
     *shared.run_options(
-        "continue an interrupted run from its last common checkpoint; DIR is its output directory; replaces SCENARIO"
+        "continue an interrupted run from its last common checkpoint; DIR is its output "
+        "directory; replaces SCENARIO"
     ),
     shared.Option("--executor", ("events", "single"), "executor of the nodes"),
     shared.Option("--processes", bool, "start each node in its own process"),
@@ -54,7 +55,8 @@ OPTIONS = (
     shared.Option(
         "--checkpoint STEPS",
         RUN_SETTINGS["checkpoint"].parse,
-        "save a checkpoint and record the tables every STEPS steps (default: 10000; 0: only at the end)",
+        "save a checkpoint and record the tables every STEPS steps (default: 10000; 0: only at "
+        "the end)",
     ),
     shared.Option("--tables DIR", None, "start from the tables of this run directory"),
     shared.Option("--greedy", bool, "act greedily on --tables, without learning"),

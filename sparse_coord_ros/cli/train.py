@@ -13,7 +13,7 @@ from sparse_coord_ros.base.compiling import has_numba
 from sparse_coord_ros.base.errors import RunError, os_error_text
 from sparse_coord_ros.base.files import take_lock, write_whole
 from sparse_coord_ros.cli import options as shared
-from sparse_coord_ros.cli.computing import Bar, note_without_numba
+from sparse_coord_ros.cli.computing import COMPILING, Bar, note_without_numba
 from sparse_coord_ros.cli.evaluate import Evaluated, evaluation_of, result_table
 from sparse_coord_ros.cli.improve import IMPROVE, planned
 from sparse_coord_ros.cli.options import Option
@@ -71,7 +71,8 @@ OPTIONS = (
     Option(
         "--engine",
         ENGINES,
-        "how to compute; all engines give identical results; auto: numba for runs that are long enough to pay for compiling",
+        "how to compute; all engines give identical results; auto: numba for runs that are "
+        "long enough to pay for compiling",
     ),
     Option(
         "--evaluate-every STEPS",
@@ -81,7 +82,8 @@ OPTIONS = (
     Option(
         "--trials",
         TRIALS.parse,
-        "trials of the final evaluation (default: exact if that is quick, else 1000; 0: no evaluation)",
+        "trials of the final evaluation (default: exact if that is quick, else 1000; 0: no "
+        "evaluation)",
     ),
     IMPROVE,
     *shared.WATCH,
@@ -180,13 +182,13 @@ def _trained(
     options: argparse.Namespace, out: Path, run: RunConfig, view: Watcher | None
 ) -> Training:
     """Let the team learn, with a progress bar and checkpoints."""
-    bar = Bar("steps", "setting up", quiet=options.json)
-    with bar:
+    with Bar("steps", quiet=options.json) as bar:
+        engine = _ready_engine(options, run, bar)
         return train(
             run.scenario,
             run.rule,
             run.seed,
-            engine=_ready_engine(options, run),
+            engine=engine,
             evaluate_every=options.evaluate_every,
             trials=EVERY_TRIALS.default,
             progress=bar.show,
@@ -225,14 +227,16 @@ def _remove(out: Path) -> None:
         out.rmdir()
 
 
-def _ready_engine(options: argparse.Namespace, run: RunConfig) -> str:
+def _ready_engine(options: argparse.Namespace, run: RunConfig, bar: Bar) -> str:
     """Return the engine of the run; say if numba compiles first, or is missing."""
     engine = engine_for(run.scenario, run.rule, options.engine)
+    if engine == "numba":
+        if not is_prepared(learner=run.rule, history=True):
+            bar.doing = COMPILING
+        prepare(run.rule, engine=engine, history=True)
+    bar.doing = "learning the first steps"
     if options.json:
         return engine
-    if engine == "numba" and not is_prepared(learner=run.rule, history=True):
-        shared.note("compiling the learning loop (some 10 s, once) ...")
-        prepare(run.rule, engine=engine, history=True)
     missed = options.engine == "auto" and not has_numba()
     if missed and worth_compiling(run.scenario, run.rule):
         note_without_numba()

@@ -30,7 +30,8 @@ OPTIONS = (
     Option(
         "[bags BAG...]",
         Path,
-        "run or bag directories, or bag files; several are compared on one page; a bag that is still being recorded is followed (default: the live team on the ROS topics)",
+        "run or bag directories, or bag files; several are compared on one page; a bag that is "
+        "still being recorded is followed (default: the live team on the ROS topics)",
     ),
     RATE,
     Option(

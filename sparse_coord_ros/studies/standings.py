@@ -34,7 +34,8 @@ class Standing:
             buildings.
         share: share of the pooled gap that is closed: (returns - paths) / (best_known - paths).
             Its standard error is a bootstrap over buildings, and over the teams in each: what
-            other buildings of these kinds would change. Of a single building it is that of its teams.
+            other buildings of these kinds would change. Of a single building it is that of its
+            teams.
         worst: share of the gap in the building where it is least.
         asks, miscoordinations: of a robot, and of a team, in a trial.
         below: teams that are worth less than shortest paths.
