@@ -164,7 +164,8 @@ class Runs:
 
         Its columns: `scenario`, `learner`, every setting and `seed`; `returns` (total discounted
         reward), `time_to_goal` (steps) and `asks`, means over the trials and robots;
-        `miscoordinations`, mean of a trial; `arrived`, share of the trials in which every robot arrived.
+        `miscoordinations`, mean of a trial; `arrived`, share of the trials in which every robot
+        arrived.
 
         Raises:
             RunError: pandas is not installed.

@@ -45,8 +45,8 @@ ROWS = (
     ("bodies that touched in a doorway", "{touches_in_doorways}", "-"),
     ("bodies that touched elsewhere", "{touches_elsewhere}", "-"),
     ("bodies that touched a wall", "{bumps}", "-"),
-    ("moves that did not get there", "{moves_failed} of {moves}", "-"),
-    ("metres of drift of the odometry", "{drift:.2f}", "-"),
+    ("moves that failed", "{moves_failed} of {moves}", "-"),
+    ("drift of the odometry in metres", "{drift:.2f}", "-"),
 )
 """The rows of the table: what is counted, how the bodies did, what the grid predicts."""
 

@@ -105,8 +105,8 @@ def evaluated(
             directory, run.scenario
         ):
             note(
-                f"{directory}: the run is not finished, its tables are those of the way there; go "
-                f"on with: sparse_coord {verb} --resume {directory}"
+                f"{directory}: the run is not finished, its tables are those of a checkpoint; "
+                f"continue with: sparse_coord {verb} --resume {directory}"
             )
     tables = load_team(directory, run.scenario, run.rule)
     return Evaluated(

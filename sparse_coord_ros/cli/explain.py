@@ -31,7 +31,7 @@ def execute(options: argparse.Namespace) -> None:
 
     wanted = options.step
     log = read_run(options.bag)
-    with leaving_out("what robots chose by and what they learned", note):
+    with leaving_out("the robots' values and updates", note):
         _ = log.run.rule
     asked = _robots(log, options.robot)
     steps = sorted({t for k in asked for t in coordinations(log, k)})

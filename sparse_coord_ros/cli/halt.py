@@ -56,11 +56,9 @@ def execute(options: argparse.Namespace) -> int:
             node.destroy_node()
         if not halting.asked:
             where = f"namespace /{options.namespace.strip('/')}"
-            remedy = (
-                "give --namespace, look at ROS_DOMAIN_ID, or stop the robots by hand"
-            )
+            remedy = "give --namespace, check ROS_DOMAIN_ID, or stop the robots by hand"
             raise RunError(
-                f"no world with bodies and no driver is in {where}; {remedy}"
+                f"there is no world with bodies and no driver in {where}; {remedy}"
             )
         nodes = {
             name: {"done": one.done, "said": one.said}
@@ -70,7 +68,7 @@ def execute(options: argparse.Namespace) -> int:
         said = [halting.in_words(name) for name in nodes]
         if not world_told:
             said.append(
-                "no world has confirmed it: drivers that start later are not told"
+                "no world has confirmed: drivers that start later will not know"
             )
         facts = {"confirmed": confirmed, "world_told": world_told, "nodes": nodes}
         shared.tell(options, facts, *said)

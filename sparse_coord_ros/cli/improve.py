@@ -67,7 +67,7 @@ def planned(
     if unfelt:
         where = ", ".join(str(run.scenario.map.cells[x]) for x in unfelt)
         lines.append(
-            f"no r^C was ever felt in doorway {where}: the plan takes it for a room"
+            f"no robot ever paid r^C in doorway {where}: the plan treats it as free cells"
         )
     facts = {
         "learned_model": {**model, "unfelt": unfelt},

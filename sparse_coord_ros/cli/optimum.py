@@ -98,7 +98,9 @@ def execute(options: argparse.Namespace) -> None:
         known["best learned team"] = str(team)
     if routes is not None:
         estimate = f"{routes.value:.2f} ({routes.standard_error:.2f})"
-        known["route planner"] = f"{estimate}, sees everything for nothing"
+        known["route planner"] = (
+            f"{estimate}, if one controller saw all robots for free"
+        )
     known["bound (robots alone)"] = f"{bound:.2f}"
     known["fixed shortest paths"] = paths.in_words()
     if not paths.exact:
@@ -139,7 +141,7 @@ def _search(options: argparse.Namespace, scenario: Scenario) -> None:
             )
     if not any(found.gains):
         lines.append(
-            "no robot was found to gain by changing alone: an equilibrium, as far as known"
+            "no robot can gain by changing alone, as far as the search found: an equilibrium"
         )
     if options.out is not None:
         lines.append(f"written: {options.out}")

@@ -149,13 +149,13 @@ def _counted(options: argparse.Namespace, summary: dict[str, Any]) -> Iterator[s
     pace = summary.get("steps_per_second", 0)
     how = f"in {summary.get('seconds', 0)} s: {pace} steps/s"
     if options.resume is not None and not pace and not summary["interrupted"]:
-        how = "made before: the run was finished already"
+        how = "(the run was already finished)"
     yield (
         f"\n{summary.get('transitions', 0)} steps {how}, {summary.get('episodes', 0)} episodes, "
         f"{summary.get('timeouts', 0)} timeouts"
     )
     if summary.get("transitions_dropped"):
-        yield f"{summary['transitions_dropped']} transitions were not learned from"
+        yield f"{summary['transitions_dropped']} transitions were not used for learning"
     for robot, asks in summary.get("asks", {}).items():
         yield f"{robot} asked: " + ", ".join(
             f"{count} {how}" for how, count in asks.items()
@@ -175,7 +175,7 @@ def _lines(
         yield f"plan    {plan}"
     yield f"run     {out / 'run.yaml'}"
     if (interrupted or saved) and (out / CHECKPOINTS).is_dir():
-        yield f"not finished; go on with: sparse_coord run --resume {out}"
+        yield f"not finished; continue with: sparse_coord run --resume {out}"
     if (out / "bag").exists():
         yield f"bag     {out / 'bag'}"
     silent = interrupted or options.greedy or options.watch or options.json

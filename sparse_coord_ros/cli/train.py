@@ -119,12 +119,12 @@ def begin(options: argparse.Namespace) -> tuple[Path, RunConfig]:
     run.check_code()
     if (out / CHECKPOINTS).is_dir():
         raise RunError(
-            f"{out}: holds a run of nodes; go on with: sparse_coord run --resume {out}"
+            f"{out}: holds a run of nodes; continue with: sparse_coord run --resume {out}"
         )
     if not (out / CHECKPOINT_FILE).exists():
         what = "is finished" if (out / TEAM_FILE).exists() else "has no checkpoint"
         raise RunError(
-            f"{out}: the run {what}, there is nothing to go on with; begin another one"
+            f"{out}: the run {what}, there is nothing to continue; start another one"
         )
     return out, run
 
@@ -144,7 +144,7 @@ def learn(
     try:
         if not take_lock(folder):
             raise RunError(
-                f"{out}: another process learns there; wait for its end, or stop it"
+                f"{out}: another process is learning there; wait until it ends, or stop it"
             )
         _learn_there(options, out, run, board)
     finally:
@@ -207,12 +207,10 @@ def _tell_what_is_left(out: Path, error: BaseException, *, resumed: bool) -> Non
     saved = (out / CHECKPOINT_FILE).exists()
     left = ""
     if saved:
-        left = (
-            f"what was learned is saved; go on with: sparse_coord train --resume {out}"
-        )
+        left = f"what was learned is saved; continue with: sparse_coord train --resume {out}"
     elif not resumed and not (out / TEAM_FILE).exists():
         _remove(out)
-        left = "nothing that was learned is saved, nothing is left"
+        left = "nothing was saved"
     if isinstance(error, OSError) and not isinstance(error, BrokenPipeError):
         raise RunError(f"{os_error_text(error)}; make room; {left}") from None
     if left and (saved or isinstance(error, KeyboardInterrupt)):
@@ -324,7 +322,7 @@ def tips(scenario: Scenario, done: Training) -> list[str]:
         )
     elif str(scenario.starts) == "fixed":
         found.append(
-            "Episodes that always begin at the same cells seldom find a goal far away: "
+            "Episodes that always begin at the same cells seldom find a distant goal: "
             f"--set starts={SETTINGS['starts'].default}."
         )
     share = f"In the second half of learning {arrived:.0%} of the robots' episodes ended at the"

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Buildings that no search has seen: families of generated scenarios, each named by its numbers.
+"""Families of generated buildings; each scenario is named by its numbers.
 
 `unseen1-door-2r-3` is version 1, kind `door`, two robots, seed 3: the same building everywhere,
 and for ever. Of version 1 even seeds are for tuning, odd ones for validation. Version 2 is for the

@@ -116,7 +116,8 @@ def parse_control(data: Mapping[str, Any], allowed: Collection[str]) -> Control:
     value: Any = data.get("value")
     if not isinstance(name, str) or name not in allowed:
         raise SettingError(
-            f"control {str(name)[:40]!r}: is none here; allowed: {', '.join(allowed) or 'none'}"
+            f"control {str(name)[:40]!r}: does not exist here; allowed: "
+            f"{', '.join(allowed) or 'none'}"
         )
     if name == NEXT:
         return Control(name, _next(value))
