@@ -43,9 +43,15 @@ EXAMPLE = (
 
 
 OPTIONS = (
-    Option("directories DIR...", Path, "output of run or train; several are compared"),
+    Option(
+        "directories DIR...",
+        Path,
+        "output directories of run or train; several are compared",
+    ),
     Option("--trials", TRIALS.parse, f"{TRIALS.help} (default: {TRIALS.default})"),
-    Option("--exact", bool, "compute the measures instead, for one or two robots"),
+    Option(
+        "--exact", bool, "compute exact values instead of trials (one or two robots)"
+    ),
     Option("--seed", SEED, "seed of the trials"),
     JSON,
 )
@@ -99,8 +105,8 @@ def evaluated(
             directory, run.scenario
         ):
             note(
-                f"{directory}: the run is not finished, its tables are those of the way there; go "
-                f"on with: sparse_coord {verb} --resume {directory}"
+                f"{directory}: the run is not finished, its tables are those of a checkpoint; "
+                f"continue with: sparse_coord {verb} --resume {directory}"
             )
     tables = load_team(directory, run.scenario, run.rule)
     return Evaluated(
@@ -122,7 +128,7 @@ def evaluation_of(
 
     if exact:
         return evaluate_exact(run.scenario, tables, learner=run.rule)
-    with Bar("trials", "evaluating") as bar:
+    with Bar("trials", "evaluating the learned tables") as bar:
         how["progress"] = bar.show
         if exact is None:
             return evaluate_best(run.scenario, tables, **how)

@@ -25,13 +25,13 @@ EXAMPLE = (
     "  sparse_coord improve runs/f"
 )
 
-IMPROVE = Option(
-    "--improve", bool, f"then plan on what was learned, into DIR/{IMPROVED}"
-)
+IMPROVE = Option("--improve", bool, f"run 'improve' at the end; writes DIR/{IMPROVED}")
 
 OPTIONS = (
     Option(
-        "directory DIR", Path, f"output of run or train; the plan's is DIR/{IMPROVED}"
+        "directory DIR",
+        Path,
+        f"output directory of run or train; the plan is written to DIR/{IMPROVED}",
     ),
     JSON,
 )
@@ -67,7 +67,7 @@ def planned(
     if unfelt:
         where = ", ".join(str(run.scenario.map.cells[x]) for x in unfelt)
         lines.append(
-            f"no r^C was ever felt in doorway {where}: the plan takes it for a room"
+            f"no robot ever paid r^C in doorway {where}: the plan treats it as free cells"
         )
     facts = {
         "learned_model": {**model, "unfelt": unfelt},

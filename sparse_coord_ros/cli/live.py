@@ -122,7 +122,7 @@ def _run_processes(values: dict[str, Any], stop: Stop, quiet: bool) -> dict[str,
     if recorder is not None and recorder.returncode:
         error = BagError(
             f"recorder ended with exit code {recorder.returncode}; the bag {bag} holds what was "
-            "recorded until then, 'sparse_coord recover' finishes it"
+            "recorded until then, 'sparse_coord recover' repairs it"
         )
     return gather(out, run.scenario, interrupted=interrupted, recording_error=error)
 
@@ -174,7 +174,7 @@ def _wait(processes: Mapping[str, Process], bag: Path, stop: Stop) -> bool:
             last_robot = time.monotonic()
         left = time.monotonic() - last_robot > ALONE_SECONDS
         if left:
-            note("all robots have left: the run ends")
+            note("all robots are gone: the run ends")
         if left or stop:
             _end(processes.values())
             return True
@@ -189,7 +189,7 @@ def _check(needed: Mapping[str, Process], running: bool) -> None:
     for name, code in codes.items():
         rest = "the others were stopped" if running else "the others had ended"
         raise RunError(
-            f"{name} ended with exit code {code}; {rest}, what they had is saved"
+            f"{name} ended with exit code {code}; {rest}, their results are saved"
         )
 
 

@@ -96,8 +96,8 @@ def _bag(text: str) -> Path:
     return Path(text)
 
 
-BAG = Option("bag BAG", _bag, "a bag's or a run's directory, or a file")
-JSON = Option("--json", bool, "print one JSON object for machines")
+BAG = Option("bag BAG", _bag, "a run or bag directory, or a bag file")
+JSON = Option("--json", bool, "print the result as JSON")
 SEED = RUN_SETTINGS["seed"]
 PAGE = (
     *PAGE_SETTINGS.values(),
@@ -109,7 +109,7 @@ WATCH = (
     Option(
         "--watch",
         bool,
-        "show the run on a page in the browser, which stays when it is over",
+        "show the run on a page in the browser; the page stays open at the end",
     ),
     *PAGE,
 )
@@ -124,11 +124,11 @@ def changes(help: str) -> Option:
 def scenario_options(*, optional: bool = False) -> tuple[Option, ...]:
     """Return SCENARIO and the options that change it."""
     words = "[scenario SCENARIO]" if optional else "scenario SCENARIO"
-    known = f"path of a scenario file, or one of: {', '.join(scenario_names())}"
+    known = f"scenario file, or one of: {', '.join(scenario_names())}"
     what = "change a scenario setting, e.g. perception=probability:0.7; may be repeated"
     return (
         Option(words, None, known, {"names": scenario_names}),
-        Option("--penalty", None, "r^C of a miscoordination, e.g. -20"),
+        Option("--penalty", None, "penalty of a miscoordination (r^C), e.g. -20"),
         changes(what),
     )
 
@@ -148,17 +148,17 @@ def run_options(resume: str) -> tuple[Option | Setting, ...]:
     }
     return (
         *scenario_options(optional=True),
-        Option("--steps", None, "step budget in transitions (default: the scenario's)"),
+        Option("--steps", None, "learning steps (default: the scenario's)"),
         SEED,
         Option(
             "--out",
             Path,
-            "output directory, must not exist (default: runs/<name>_<time>)",
+            "output directory; must not exist (default: runs/<name>_<time>)",
         ),
         Option(
             "--learner",
             None,
-            f"{'; '.join(known)}; or one of your own as module:Class",
+            f"{'; '.join(known)}; or your own learner as module:Class",
             learner,
         ),
         Option("--resume DIR", Path, resume),

@@ -54,7 +54,7 @@ def announce(server: "Server", options: argparse.Namespace) -> None:
     """Print the address of a page that has something to show; open it where that is wanted."""
     note(f"watch it at {server.address}")
     if options.browser and not webbrowser.open(server.address):
-        note("no browser is here: open that address in one")
+        note("no browser was found: open that address in one")
 
 
 class Wishes(Controlled):

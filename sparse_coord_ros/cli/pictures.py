@@ -19,7 +19,7 @@ KINDS = (".png", ".svg", ".pdf")
 
 def out_option(kinds: Sequence[str]) -> shared.Option:
     """Return --out, which is needed."""
-    where = f"where to write it; its name ends in {' or '.join(kinds)}"
+    where = f"output file; its name ends in {' or '.join(kinds)}"
     return shared.Option("--out FILE", Path, where, {"required": True})
 
 

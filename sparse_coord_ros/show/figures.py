@@ -204,9 +204,7 @@ def parse_whats(text: str | None, runs: Sequence[OpenedRun]) -> list[str]:
         found = [what for what in WHATS if all(what in whats for whats in there)]
         if not found:
             _ = [run.tables for run in runs]  # raises an error if tables are missing
-            raise SettingError(
-                "these runs have nothing in common that could be drawn; plot one"
-            )
+            raise SettingError("these runs have no plot in common; plot one run")
         return found
     whats = [part.strip() for part in text.split(",")]
     for what in [one for one in whats if one not in WHATS]:

@@ -52,7 +52,7 @@ def some_results(directory: Path, say: Say) -> tuple[Plan, list[ConditionResult]
     """Return the results in a directory; errors as of `results_figure`."""
     plan, results = read_results(directory, say)
     if not results:
-        remedy = "'sparse_coord reproduce' puts some there"
+        remedy = "'sparse_coord reproduce' writes results"
         raise ResultsError(f"{directory}: holds no result yet; {remedy}")
     return plan, results
 

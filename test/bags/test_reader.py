@@ -285,7 +285,7 @@ def test_files_of_others_than_ros_2_are_refused_not_called_damaged(tmp_path):
     with pytest.raises(BagError) as caught:
         open_bag(path)
     assert str(caught.value) == (
-        f"{path}: this MCAP file is no ROS 2 bag: topic '/bad' is encoded as 'json', not cdr"
+        f"{path}: this MCAP file is not a ROS 2 bag: topic '/bad' is encoded as 'json', not cdr"
     )
 
 

@@ -28,7 +28,7 @@ ACTIONS = "actions and tables"
 EPISODES = "greedy episodes"
 VALUE = "the value of this team"
 THEIR_RESULT = "results of theirs:Team"
-WHY = "what robots chose by and what they learned"
+WHY = "the robots' values and updates"
 
 VERBS = {
     "evaluate RUN": (REFUSED, REFUSED),

@@ -30,7 +30,7 @@ def team(bench):
         ({"lost_robot": "end"}, r"lost_robot: step \d+: robot_2 gone or silent"),
         (
             {"lost_robot": "wait", "lost_timeout": 1.0},
-            r"lost_timeout: step \d+: the world has stood still for 1 s for robot_2",
+            r"lost_timeout: step \d+: the world has waited for 1 s for robot_2",
         ),
     ],
 )

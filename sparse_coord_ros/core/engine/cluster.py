@@ -159,11 +159,11 @@ class Cluster:
         from distributed.comm import CommClosedError
         from distributed.scheduler import KilledWorker
 
-        again = "what was finished is saved: call again"
+        again = "finished runs are saved: call again"
         if isinstance(error, KilledWorker):
             last = error.last_worker.address
             return RunError(
-                f"cluster {self.scheduler}: workers died one after the other of the same runs, "
+                f"cluster {self.scheduler}: several workers died of the same runs, "
                 f"the last one {last} (is its memory used up?); {again}"
             )
         if isinstance(error, CancelledError | CommClosedError):
@@ -171,8 +171,8 @@ class Cluster:
         missing = _import_error(error)
         if missing is not None:
             return RunError(
-                f"cluster {self.scheduler}: a worker cannot import what the runs need "
-                f"({missing}); install the same there, modules of your own too"
+                f"cluster {self.scheduler}: a worker cannot import the modules of the runs "
+                f"({missing}); install them there, your own modules too"
             )
         return error
 
@@ -201,7 +201,7 @@ def _call(
 
         raise ResultsError(
             f"worker {get_worker().address}: has another version of sparse_coord_ros than this "
-            "machine; nothing is mixed: install the same on both"
+            "machine; install the same version on both"
         )
     return function(*arguments)
 

@@ -73,8 +73,8 @@ def in_processes(
                 'computes below a line: if __name__ == "__main__":'
             ) from None
         raise RunError(
-            "a process that computed runs was killed (is the memory used up?); what was finished "
-            "is saved: call again, perhaps with fewer --jobs"
+            "a process that computed runs was killed (is the memory used up?); finished runs "
+            "are saved: call again, perhaps with fewer --jobs"
         ) from None
     finally:
         mine.close()

@@ -188,8 +188,9 @@ class Registry(Generic[T]):
         module, _, attribute = name.partition(":")
         if self.barred(name):
             raise NotAllowedError(
-                f"{self.kind} {name!r}: module {module} was not imported, for whoever wrote that "
-                f"name chose the code; if you trust it, allow it: --allow {module}, a node's "
+                f"{self.kind} {name!r}: module {module} was not imported, because the author "
+                f"of that name chose the code; if you trust it, allow it: --allow {module}, a "
+                "node's "
                 f"parameter allow, or allow={module!r} in Python"
             )
         with _current_directory():
@@ -227,7 +228,7 @@ class Registry(Generic[T]):
     def _missing(self, name: str, error: BaseException) -> SettingError:
         problem = " ".join(str(error).split()) or type(error).__name__
         return SettingError(
-            f"{self.kind} {name!r} is not there ({problem}); install it, or call this where "
+            f"{self.kind} {name!r} was not found ({problem}); install it, or run this where "
             "Python finds its module (PYTHONPATH, or the current directory)"
         )
 

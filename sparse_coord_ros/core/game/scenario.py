@@ -66,8 +66,8 @@ INTERACTIONS = KindFamily(
 CREDIT = SpecFamily(
     "credit",
     Form("own", "once"),
-    Form("team", "as often as there are robots that it falls on"),
-    Form("weight", "as often as this number says", (Number("w", 0.0, 1e6),)),
+    Form("team", "as often as robots pay it"),
+    Form("weight", "this many times", (Number("w", 0.0, 1e6),)),
 )
 """How much a robot weighs r^C while it learns."""
 
@@ -79,10 +79,11 @@ INITIAL_VALUES = ("q_star_init", "q_coord_init")
 
 STAND_OFF = SpecFamily(
     "stand_off",
-    Form("wait", "a robot acts as its values say"),
+    Form("wait", "a robot acts on its values"),
     Form(
         "leave",
-        "with probability p it leaves, if that is worth all but this share of its best move",
+        "with probability p it makes another move whose value is at most this share below its "
+        "best one",
         (Number("p", 0.0, 1.0), Number("share", 0.0, 1.0)),
     ),
 )
@@ -135,22 +136,23 @@ class Scenario:
     map: GridMap
     robots: tuple[Robot, ...]
     paper: Mapping[str, Mapping[str, Any]] = field(compare=False)
-    steps: int = setting(
-        10_000, "step budget of learning, in transitions", low=1, high=10**7
-    )
+    steps: int = setting(10_000, "learning steps of each robot", low=1, high=10**7)
     goal_reward: float = setting(
         10.0, "r^I paid on arrival and each step after it", low=0, high=LARGEST
     )
     penalty: float = setting(
-        -20.0, "r^C of one miscoordination, paid to all", low=-LARGEST, high=0
+        -20.0,
+        "penalty of a miscoordination (r^C), paid by all robots",
+        low=-LARGEST,
+        high=0,
     )
     common_reward: Spec = setting(
         "same",
-        "what each robot pays of r^C: the penalty, or its own factor times the penalty",
+        "r^C of each robot: the penalty, or its own factor times the penalty",
         COMMON_REWARD,
     )
     ask_cost: float = setting(
-        1.0, "cost of choosing COORDINATE, answered or not", low=0, high=LARGEST
+        1.0, "cost of a question (COORDINATE), answered or not", low=0, high=LARGEST
     )
     discount: float = setting(0.95, "gamma", low=0, high=0.999)
     move_success: float = setting(
@@ -158,33 +160,37 @@ class Scenario:
     )
     interactions: str = setting(
         "together",
-        "what robots do to each other: the kinds of interaction, joined by '+'",
+        "which interactions robots have with each other; several are joined by '+'",
         INTERACTIONS,
     )
     perception: Spec = setting(
-        "always", "when the percept of COORDINATE succeeds", PERCEPTION
+        "always",
+        "perception model: when a question (COORDINATE) is answered",
+        PERCEPTION,
     )
     link: Spec = setting(
-        "up", "when a robot's COORDINATE gets no answer: lost, late or refused", LINKS
+        "up",
+        "link model: when a question fails because it is lost, late or refused",
+        LINKS,
     )
     peers: str = setting(
         "one",
-        "whom COORDINATE perceives: one peer drawn at random, or all of them",
+        "which peers a question goes to: one drawn at random, or all",
         choices=PEERS,
     )
     credit: Spec = setting(
         "own",
-        "how much r^C counts in learning: once, for each robot that it falls on, or as weighed",
+        "weight of r^C in learning: once, once for each robot that pays it, or a number",
         CREDIT,
     )
     referee: bool = setting(
-        False, "whether the reward says with whom a robot interacted"
+        False, "whether a reward names the robots of an interaction"
     )
     max_steps: int = setting(
-        100, "a learning episode ends after as many steps", low=1, high=LONGEST
+        100, "time limit of a learning episode, in time steps", low=1, high=LONGEST
     )
     horizon: int = setting(
-        100, "an evaluation trial ends after as many steps", low=1, high=LONGEST
+        100, "time limit of an evaluation trial, in time steps", low=1, high=LONGEST
     )
     starts: Spec = setting(
         "exploring:1:0.2:0.5", "start cells of learning episodes", STARTS
@@ -201,19 +207,18 @@ class Scenario:
     )
     prior: str = setting(
         "none",
-        "what robots know of their own way before they learn: nothing, or the values of a robot "
-        "alone on the map",
+        "what robots know before they learn: nothing, or the values of a robot alone on the map",
         choices=PRIOR,
     )
     prior_success: float = setting(
         0.0,
-        "probability that a move succeeds with which prior=map counts; 0: move_success",
+        "probability that a move succeeds, as assumed by prior=map; 0: move_success",
         low=0,
         high=1,
     )
     stand_off: Spec = setting(
         "wait",
-        "what a robot does when two questions in a row say that no robot moved",
+        "what a robot does when two questions in a row show that no robot moved",
         STAND_OFF,
     )
     goal_value: float = setting(

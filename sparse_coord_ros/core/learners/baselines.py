@@ -21,11 +21,11 @@ from sparse_coord_ros.core.learners.rules import (
 
 
 class NonCoop(Learner):
-    """Q-learning of all robots at once, each for itself (paper, Section 4)."""
+    """Q-learning, all robots learn at once, each for itself (paper, Section 4)."""
 
     name = "noncoop"
     title = "Non-coop."
-    summary = "Q-learning of all robots at once"
+    summary = "Q-learning, all robots learn at once"
     asks = False
     values = ("q_star",)
 
@@ -73,5 +73,5 @@ class Indiv(NonCoop):
 
     name = "indiv"
     title = "Indiv."
-    summary = "Q-learning of one robot at a time"
+    summary = "Q-learning, one robot learns at a time"
     alone = True

@@ -72,7 +72,7 @@ class CQ(Learner):
 
     name = "cq"
     title = "CQ-learning"
-    summary = "CQ-learning: asks in cells that it marks (De Hauwere et al., 2010)"
+    summary = "CQ-learning; asks in cells marked by a statistical test (De Hauwere et al., 2010)"
     needs_map = True
     partners = True
 

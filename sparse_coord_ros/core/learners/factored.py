@@ -72,7 +72,7 @@ class Factored(Learner):
 
     name = "factored"
     title = "Factored"
-    summary = "Algorithm 1 with Q^C as an individual part and sparse corrections"
+    summary = "Algorithm 1 for the team's return; Q^C: an individual part plus sparse corrections"
     draws = True
     partners = True
     rules_out = True

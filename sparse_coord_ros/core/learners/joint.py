@@ -43,7 +43,7 @@ class Joint(Learner):
 
     name = "joint"
     title = "Joint-state Q"
-    summary = "Q-learning of two robots over the joint state, which they always see"
+    summary = "Q-learning of two robots on the joint state, which both always know"
     sees_all = True
     needs_map = True
     scratch = ("price", "row")

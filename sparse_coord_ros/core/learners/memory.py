@@ -43,10 +43,8 @@ def check_memory(
         return _checked(scenario, learner, k, memory)
     except (ValueError, LookupError, TypeError) as error:
         who = f"robot {k + 1} of scenario {scenario.name} with learner {learner.label}"
-        remedy = "use what a run of this very scenario and learner wrote"
-        raise TablesError(
-            f"{who} cannot have learned that ({error}); {remedy}"
-        ) from None
+        remedy = "use the tables of a run of this scenario and learner"
+        raise TablesError(f"tables do not match {who}: {error}; {remedy}") from None
 
 
 def _checked(scenario: Scenario, learner: Learner, k: int, memory: Memory) -> Memory:

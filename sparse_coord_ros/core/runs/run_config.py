@@ -117,15 +117,13 @@ class RunConfig:
 
     scenario: Scenario
     seed: int = setting(0, "seed of every random draw", low=0, high=2**63 - 1)
-    learner: str = setting(
-        "coop", "who learns; coop is Algorithm 1 of the paper", LEARNER
-    )
+    learner: str = setting("coop", "learner; coop is Algorithm 1 of the paper", LEARNER)
     greedy: bool = setting(
         False, "act on learned tables, without exploring or learning"
     )
     improve: bool = setting(
         False,
-        "after learning, exchange what was learned and plan on it (learner factored)",
+        "after learning, share what was learned and plan together (learner factored)",
     )
     step_period: float = setting(
         0.1, "simulated seconds a time step", low=1e-3, high=60
@@ -155,9 +153,9 @@ class RunConfig:
         "moves also fail at random, as in the grid (move_success); false: only where bodies fail",
     )
     tables: str = setting(
-        "", "directory of a run whose tables to begin with; empty: none"
+        "", "directory of a run; learning starts from its tables; empty: none"
     )
-    recorded: bool = setting(False, "do not start before a recorder listens")
+    recorded: bool = setting(False, "wait for a recorder before the run starts")
     checkpoint: int = setting(
         10_000,
         "time steps between two recordings of the learned tables; 0: only at the end",

@@ -178,7 +178,8 @@ def _layout_of(
     layout = gridding.best_layout(space, cell / plan.resolution)
     if layout.slips:
         raise MapError(
-            f"map {plan.name}: cells of {cell:g} m are so large that a wall slips between two "
+            f"map {plan.name}: cells of {cell:g} m are so large that a wall disappears between "
+            "two "
             f"({layout.slips} times, wherever the grid lies); choose smaller ones"
         )
     if not layout.free.any():
@@ -231,7 +232,7 @@ def _notes(
             "smaller cell may keep the way open"
         )
     if len(parts) > 1:
-        left = "those without a robot are walls now" if robots else "all are in the map"
+        left = "parts without a robot became walls" if robots else "all are in the map"
         sizes = ", ".join(map(str, parts[:8])) + ", ..." * (len(parts) > 8)
         yield f"{len(parts)} parts of the map do not connect (cells: {sizes}); {left}"
     if not doors:
@@ -429,24 +430,24 @@ def _oddities(scenario: Scenario) -> Iterator[str]:
     if len({robot.start for robot in robots}) < len(robots):
         yield "two robots start in the same cell: that is no conflict, but hardly possible"
     if len({robot.goal for robot in robots}) < len(robots):
-        yield "two robots have the same goal: they would stand in one place"
+        yield "two robots have the same goal: they would end in the same place"
     for robot in robots:
         goal = f"the goal of {robot.name} is"
         if robot.goal in grid.doorways:
-            yield f"{goal} in a doorway: it stays there and is in everybody's way"
+            yield f"{goal} in a doorway: it stays there and blocks the others"
         way = grid.distances_to(robot.goal)
         moves = int(way[robot.start])
         steps = moves / scenario.move_success
         if steps > scenario.horizon:
             yield (
-                f"{goal} {moves} cells away, and takes {steps:.0f} steps in the mean: more than "
+                f"{goal} {moves} cells away, and takes {steps:.0f} steps on average: more than "
                 f"the horizon of {scenario.horizon}"
             )
         needed = max(needed, steps_for(way, scenario.move_success))
     lost = in_questions(loss_of_ignoring(scenario), scenario)
     if len(robots) > 1 and can_interact(scenario) and lost < LEAST_WORTH:
         yield (
-            "nothing to coordinate: on shortest paths robots hardly ever interact "
+            "nothing to coordinate: shortest paths rarely meet "
             f"({scenario.interactions}), and lose less than a question costs; choose other starts "
             "and goals, or add a doorway where they meet"
         )

@@ -425,7 +425,7 @@ class BagFile:
         """Take one record, whole or not at all; raises Damage."""
         if not self._belongs(record):
             raise Damage(
-                record.offset, f"{describe(record.opcode)}, which has no business there"
+                record.offset, f"{describe(record.opcode)}, which is not allowed there"
             )
         if len(self.metadata) + len(self.attachments) > RECORDS:
             raise BagError(

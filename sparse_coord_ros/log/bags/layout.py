@@ -69,7 +69,7 @@ class OutputFile:
             self.refusal = (
                 f"cannot write {self.path} beyond {self._position} bytes: {error.strerror}; the "
                 "recording ends there, unfinished: make room or choose another directory, and "
-                "finish what there is with sparse_coord recover"
+                "repair the bag with sparse_coord recover"
             )
             with contextlib.suppress(OSError):
                 self._file.truncate(begin)

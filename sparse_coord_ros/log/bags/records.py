@@ -106,7 +106,7 @@ class Source:
         with retold(BagError, Damage, f"cannot read {path}"):
             begin = self.read(0, min(self.size, len(MAGIC)))
         if begin != MAGIC:
-            raise BagError(f"{path} is not an MCAP file: it does not begin like one")
+            raise BagError(f"{path} is not an MCAP file: it does not start as one")
 
     @property
     def size(self) -> int:

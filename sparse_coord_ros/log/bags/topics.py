@@ -123,7 +123,7 @@ def topic_of(channel: Channel, schemas: dict[int, Schema], offset: int) -> BagTo
     """
     if channel.message_encoding != "cdr":
         what = f"topic {channel.topic!r} is encoded as {channel.message_encoding!r}, not cdr"
-        raise BagError(f"this MCAP file is no ROS 2 bag: {what}")
+        raise BagError(f"this MCAP file is not a ROS 2 bag: {what}")
     schema = schemas.get(channel.schema_id)
     if schema is None:
         raise Damage(offset, f"topic {channel.topic!r} has no type")

@@ -201,7 +201,7 @@ class RunLog:
             return ""
         if self.messages.ended:
             return "the log breaks off"
-        return "the log breaks off, the world does not say how the run ended"
+        return "the log breaks off, the world does not show how the run ended"
 
     @property
     def problems(self) -> tuple[Difference, ...]:

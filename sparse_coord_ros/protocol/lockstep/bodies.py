@@ -153,7 +153,7 @@ class BodiesSide:
 
     Attributes:
         placing: whether bodies are waited for at the cells in which the episode begins or goes on.
-        failed: moves that did not get there.
+        failed: moves that failed.
         lost: of these, moves after which the body was in no cell, or its pose was not known.
         seconds: how long the steps took, in all, by the clock of the poses.
     """

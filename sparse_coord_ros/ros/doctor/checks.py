@@ -75,18 +75,26 @@ def compiler() -> Finding:
         numba = compiling.numba()
         numba.njit(lambda number: number + 1)(1)
     except ModuleNotFoundError:
-        text = "is not installed: the same results, but batches and train a hundred times slower"
+        text = (
+            "is not installed: results are the same, but train and batches are a hundred "
+            "times slower"
+        )
         return Finding(HINT, "numba", text, "pip install numba")
     except Exception as error:  # whatever an installation that does not fit raises
         text = f"does not work: {' '.join(str(error).split())}"
         return Finding(WRONG, "numba", text, "pip install --upgrade numba numpy")
     folder = compiling.folder()
     if folder is None:
-        text = f"{numba.__version__} compiles, but cannot keep it: some ten seconds a process"
+        text = (
+            f"{numba.__version__} compiles, but cannot store the result: each process "
+            "compiles for about 12 s"
+        )
         remedy = f"make ~/.cache writable, or export {compiling.FOLDER_VARIABLE}=FOLDER"
         return Finding(HINT, "numba", text, remedy)
     return Finding(
-        FINE, "numba", f"{numba.__version__} compiles, and keeps it in {folder}"
+        FINE,
+        "numba",
+        f"{numba.__version__} compiles, and stores the result in {folder}",
     )
 
 
@@ -101,7 +109,7 @@ def discovery(variables: Mapping[str, str] = os.environ) -> Iterator[Finding]:
     if span in RANGES:
         yield Finding(FINE, "discovery", f"{RANGE} {span}: {RANGES[span]}")
     else:
-        text = f"{RANGE} is {span!r}, with which no node finds another"
+        text = f"{RANGE} is {span!r}, so nodes do not find each other"
         remedy = f"export {RANGE}=LOCALHOST (this machine) or SUBNET (the network)"
         yield Finding(WRONG, "discovery", text, remedy)
     for name in ALSO:

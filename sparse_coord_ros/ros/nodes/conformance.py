@@ -504,15 +504,15 @@ OBLIGATIONS: dict[str, tuple[str, str, Callable[[ScriptedWorld, str], None] | No
         "answers each state with an action of its step, in time",
         ScriptedWorld.goes_on,
     ),
-    "action": (STEP, "its actions can be read, and say nothing that cannot be", None),
+    "action": (STEP, "its actions are readable and possible", None),
     "repeats": (
         STEP,
-        "says its action as often as a state is said in time",
+        "repeats its action when a state is repeated in time",
         ScriptedWorld.says_again,
     ),
     "reward": (
         STEP,
-        "acts, and has not learned, where a reward is lost",
+        "acts without learning after a lost reward",
         ScriptedWorld.loses_a_reward,
     ),
     "left out": (
@@ -522,31 +522,35 @@ OBLIGATIONS: dict[str, tuple[str, str, Callable[[ScriptedWorld, str], None] | No
     ),
     "rests": (
         STEP,
-        "says nothing at its goal or in an episode's last state",
+        "is silent at its goal and in an episode's last state",
         ScriptedWorld.ends_episode,
     ),
-    "answers": (ASKING, "tells its step, and its pose to who is at that step", None),
-    "asks": (ASKING, "asks only where it says COORDINATE", None),
-    "asks again": (ASKING, "asks a peer again that is not there yet", None),
+    "answers": (
+        ASKING,
+        "answers with its step, and its pose if the asker is at that step",
+        None,
+    ),
+    "asks": (ASKING, "asks only when its action is COORDINATE", None),
+    "asks again": (ASKING, "asks again if the peer is at an earlier step", None),
     "percept": (ASKING, "publishes whom it perceived with each COORDINATE", None),
     "stranger": (
         END,
-        "takes no notice of another run",
+        "ignores messages of another run",
         ScriptedWorld.hears_another_run,
     ),
     "progress": (
         BACK,
-        "says where it is when it is asked to",
+        "reports its progress when the world asks",
         ScriptedWorld.asks_for_progress,
     ),
     "goes back": (
         BACK,
-        "goes back to a checkpoint that it named",
+        "returns to a checkpoint that it reported",
         ScriptedWorld.orders_back,
     ),
     "ends": (
         END,
-        "is silent after the run, and leaves nothing behind",
+        "is silent after the run and leaves no process",
         ScriptedWorld.ends,
     ),
 }
@@ -557,7 +561,7 @@ order (None: all the rest does)."""
 def left(child: subprocess.Popen[bytes]) -> str:
     """Return an error if the robot's session still runs or ended badly, else an empty text."""
     if child.poll() is None:
-        return "its process runs on after the run"
+        return "its process is still running after the run"
     with suppress(ProcessLookupError):
         os.killpg(child.pid, 0)
         return "it has left processes behind"

@@ -72,8 +72,8 @@ class Exchange:
         silent = [name for k, name in enumerate(self._names) if k not in self._learned]
         if silent:
             self._node.get_logger().warning(
-                f"{', '.join(silent)} did not say what was learned within step_timeout: this "
-                "robot keeps its tables as they are"
+                f"{', '.join(silent)} did not share their tables within step_timeout: this "
+                "robot keeps its own tables"
             )
             return None
         packed = tuple(self._learned[k] for k in range(len(self._names)))
@@ -83,8 +83,8 @@ class Exchange:
             or "nowhere"
         )
         self._node.get_logger().info(
-            f"improved on what was learned: {found.before:.2f} -> {found.value:.2f}; r^C was felt "
-            f"in {felt}, any other doorway is unknown"
+            f"improved on what was learned: {found.before:.2f} -> {found.value:.2f}; r^C was "
+            f"paid in {felt}, any other doorway is unknown"
         )
         return found
 

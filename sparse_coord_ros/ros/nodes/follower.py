@@ -83,7 +83,7 @@ class Follower(ParameterNode):
         self.remind(self.reminder, f"a world simulator on {topic}")
         if 0 < limit < time.monotonic() - self.born:
             raise RunError(
-                f"startup_timeout: node {self.get_name()} heard of no world simulator on {topic} "
+                f"startup_timeout: node {self.get_name()} found no world simulator on {topic} "
                 f"within {limit:g} s; start one: "
                 "ros2 run sparse_coord_ros world_simulator --ros-args -p scenario:=env1"
             )
@@ -114,13 +114,13 @@ class Follower(ParameterNode):
         self.subscriber.drop(
             ros_topics.RUN.name,
             "another world simulator has begun a run",
-            "this node stays with the run that it is in, and ends when the world of that is gone",
+            "this node stays in its run and ends when the world of that run is gone",
         )
         return None
 
     def lost(self, why: str) -> None:
         """The run's world is gone: save the state, and end."""
-        self.get_logger().warning(f"{why}: this node saves what it has and ends")
+        self.get_logger().warning(f"{why}: this node saves its results and ends")
         self.done = True
 
     def may_stop(self) -> bool:
@@ -184,7 +184,7 @@ class Follower(ParameterNode):
         if self.presence.silent(now) < SILENT_SECONDS:
             self._missing.over()
         else:
-            self.remind(self._missing, "a word of the world")
+            self.remind(self._missing, "a message of the world")
         gone = self.presence.given_up(now)
         if gone:
             self.lost(gone)

@@ -63,7 +63,7 @@ def read_claim(header: Any) -> Claim:
     """
     identity, _, rank = header.frame_id.partition(" ")
     if not identity or rank.upper() not in ClaimRank.__members__:
-        raise ValueError(f"has the frame_id {header.frame_id!r}, which is no claim")
+        raise ValueError(f"has the frame_id {header.frame_id!r}, which is not a claim")
     return Claim(identity, ClaimRank[rank.upper()])
 
 
@@ -166,8 +166,8 @@ class Guard:
         if self.claim.yields_to(other):
             self._node.fail(
                 NameTakenError(
-                    f"node {name}: the name is taken, a node that was there before has it; stop "
-                    "that one, or start this one under another name or namespace"
+                    f"node {name}: the name is taken by an earlier node; stop that one, or "
+                    "start this one under another name or namespace"
                 )
             )
         elif self.claim.rank == other.rank == ClaimRank.JOINED and not self._warned:

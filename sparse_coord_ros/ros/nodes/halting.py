@@ -131,7 +131,7 @@ class Halting:
     def in_words(self, name: str) -> str:
         """Return a node's answer in words."""
         silent = (
-            "does not answer, its body may be moving"
+            "does not answer; its body may be moving"
             if self.hold
             else "does not answer"
         )

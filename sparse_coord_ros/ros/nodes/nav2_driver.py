@@ -185,7 +185,7 @@ class Nav2DriverNode(MoverNode):
         if self._mover is not None:
             if not self.navigator.clear:
                 self.say(
-                    "Nav2 did not say that its last goal is over: the body may still drive"
+                    "Nav2 did not confirm the end of its last goal: the body may still drive"
                 )
             counts = sorted(self.navigator.counts.items())
             said = ", ".join(f"{kind} {number}" for kind, number in counts)

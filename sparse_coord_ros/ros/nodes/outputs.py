@@ -109,10 +109,10 @@ def resumed_run(values: Mapping[str, Any]) -> RunConfig:
     run = load_run(out)
     if (out / CHECKPOINT_FILE).exists():
         raise RunError(
-            f"{out}: holds a run of train; go on with: sparse_coord train --resume {out}"
+            f"{out}: holds a run of train; continue with: sparse_coord train --resume {out}"
         )
     if (out / TEAM_FILE).exists() and not (out / CHECKPOINTS).is_dir():
-        raise RunError(f"{out}: the run is finished, there is nothing to go on with")
+        raise RunError(f"{out}: the run is finished, there is nothing to continue")
     run.check_code()
     if values["scenario"]:
         asked = run_from_parameters(values)

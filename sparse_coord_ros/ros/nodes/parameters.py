@@ -418,7 +418,7 @@ def _bounded(callback: Callable[..., Any]) -> Callable[..., Any]:
         asked = len(getattr(request, next(iter(request.get_fields_and_field_types()))))
         if asked > ASKED:
             raise SettingError(
-                f"{asked:,} parameters in one request, allowed: {ASKED:,}"
+                f"{asked:,} parameters in one request; allowed: {ASKED:,}"
             )
         return callback(request, response)
 
@@ -460,7 +460,7 @@ def run_from_parameters(values: Mapping[str, Any]) -> RunConfig:
         how = (
             "with one robot at a time"
             if run.rule.alone
-            else "from what all robots see and do"
+            else "from the cells and actions of all robots"
         )
         raise SettingError(
             f"parameter learner: value is {run.learner!r}, which learns {how}; "

@@ -230,8 +230,8 @@ class Peers:
             ros_topics.LOCAL_STATE, then, name, unpack=self._convert.unpack_state
         )
         self._node.get_logger().warning(
-            f"{ACTIVE_PERCEPTION.of(name)} has two servers: answers that do not fit where {name} "
-            "is are dropped from now on"
+            f"{ACTIVE_PERCEPTION.of(name)} has two servers: from now on answers that do not "
+            f"fit the position of {name} are dropped"
         )
 
     def _fits(self, peer: int, step: int, plan: Path) -> bool:
@@ -260,7 +260,7 @@ class Peers:
         if not fits:
             service = ACTIVE_PERCEPTION.of(self._names[peer])
             self._subscriber.drop(
-                service, "the answer does not fit where the peer is", "dropped"
+                service, "the answer does not fit the peer's position", "dropped"
             )
         return fits
 

@@ -28,7 +28,7 @@ LONGEST_WAIT_NS = 60 * SECOND
 """The timer's longest wait, as it cannot hold every distance of log times; it then waits again."""
 
 KEYS_HELP = (
-    "space: pause or go on, right: next time step, left or Page Up: 10 s back, Page Down: 10 s "
+    "space: pause or resume, right: next time step, left or Page Up: 10 s back, Page Down: 10 s "
     "on, up/down: twice or half the rate, Home: start, q: quit"
 )
 REMEDY = "seek back: parameter position, keys left or Home"
@@ -118,8 +118,8 @@ class Player(ParameterNode):
         self.begun = True
         if self.count_publishers(self.played.clock_name) > 1:
             raise RunError(
-                f"another node publishes {self.played.clock_name}: a live run or another player "
-                "is there, which this one would disturb; use another ROS_DOMAIN_ID"
+                f"another node publishes {self.played.clock_name}: this player would disturb a "
+                "live run or another player; use another ROS_DOMAIN_ID"
             )
         self._seek(self.values["position"])
 

@@ -380,7 +380,7 @@ class Recorder(Follower):
             self.error = error
             self.done = True
             self.direct.close()
-            self.get_logger().error(f"{error}; the run goes on unrecorded")
+            self.get_logger().error(f"{error}; the run continues without a recording")
 
     def may_begin(self, now: float) -> bool:
         """Where a bag is continued, wait until the world has said from where."""
@@ -390,7 +390,7 @@ class Recorder(Follower):
         )
         waits = bool(self.values["resume"]) and going_back
         if waits and self.run is not None:
-            self.remind(self.reminder, "the world to say from where the run goes on")
+            self.remind(self.reminder, "the world to announce where the run continues")
         return not waits
 
     def begin(self, run: RunConfig) -> None:

@@ -81,7 +81,7 @@ class Returning(WorldRollback):
                 )
             world = self._side.world
             self._node.get_logger().info(
-                f"going on from a checkpoint: transition {world.transitions}, step {world.step}"
+                f"continuing from a checkpoint: transition {world.transitions}, step {world.step}"
             )
         return silent
 
@@ -96,7 +96,7 @@ class Returning(WorldRollback):
         if not self.go_on(anyway=late):
             return
         if waiting:
-            self._warn(f"{', '.join(waiting)} did not obey; going on without")
+            self._warn(f"{', '.join(waiting)} did not obey; continuing without them")
         if self._side.lost > lost:
             self._warn(f"{self._side.lost} transitions are lost in the history")
         self._changed()
@@ -122,15 +122,15 @@ class Returning(WorldRollback):
             )
         elif self._node.values["returning"] == ROLL_BACK and self._order_back():
             self._warn(
-                f"{name} came back at step {step}: everybody goes back to the checkpoint of step "
+                f"{name} came back at step {step}: all nodes return to the checkpoint of step "
                 f"{self.order.step}"
             )
         else:
             lost = max(0, step - said.step)
             self.events["robot_steps_lost"] += lost
             self._warn(
-                f"{name} came back at step {step} with what it had learned until step "
-                f"{said.step}: the team goes on, {lost} time steps of {name} are lost"
+                f"{name} came back at step {step} with its learning up to step "
+                f"{said.step}: the team continues, {lost} time steps of {name} are lost"
             )
 
     def _on_recorder(self, said: Progress) -> None:

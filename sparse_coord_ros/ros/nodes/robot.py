@@ -91,7 +91,7 @@ class Member:
         if resumed:
             step = self._back.begin()
             what = (
-                f"goes on from its checkpoint of step {step}"
+                f"continues from its checkpoint of step {step}"
                 if step
                 else "has no checkpoint"
             )
@@ -187,12 +187,12 @@ class Member:
             self._kept = said
             drop(
                 ros_topics.LOCAL_STATE.of(self._name),
-                f"step {step} does not follow {self._step_filter.newest}, and the world has not "
-                "said that it is so far",
+                f"step {step} does not follow {self._step_filter.newest}, and the world has "
+                "not announced that step",
             )
             return
         if self._presence.sees(step):
-            drop(ros_topics.STATUS.name, "the run was said to be over")
+            drop(ros_topics.STATUS.name, "the world announced the end of the run")
         # no order to go back has come: it goes on from its own checkpoint
         if self._unsaid:
             self._unsaid = False
@@ -206,7 +206,7 @@ class Member:
             return False, os_error_text(error)
         return bool(
             path
-        ), f"saved {path}" if path else "no parameter 'out': nowhere to save"
+        ), f"saved {path}" if path else "parameter 'out' is empty: nothing can be saved"
 
     # The course of the run.
 
@@ -422,8 +422,8 @@ class RobotNode(Follower):
         run.check_code()
         if run.tables and not self.values["tables"]:
             raise TablesError(
-                f"the run begins with the tables of {in_short(run.tables)}, which this robot does "
-                "not read as its parameter 'tables' is empty; give it that directory"
+                f"the run begins with the tables of {in_short(run.tables)}, but parameter "
+                "'tables' of this robot is empty; set it to that directory"
             )
 
     def begin(self, run: RunConfig) -> None:

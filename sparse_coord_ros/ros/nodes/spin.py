@@ -157,7 +157,7 @@ def make_executor(kind: str, context: Context) -> Executor:
         from rclpy.experimental.events_executor import EventsExecutor
     except ImportError:
         raise errors.RunError(
-            "executor 'events': this rclpy has none (it came with 7.1.2); update ROS 2 Jazzy or "
+            "executor 'events': this rclpy does not have it (new in 7.1.2); update ROS 2 Jazzy or "
             "use 'single'"
         ) from None
     return EventsExecutor(context=context)

@@ -127,7 +127,7 @@ class Controls(Controlled):
             return
         if not client.service_is_ready():
             self.view.notice(
-                f"nobody offers {client.srv_name}: the world is gone or starting"
+                f"service {client.srv_name} is missing: the world is gone or still starting"
             )
             return
         kind: Any = client.srv_type
@@ -450,12 +450,13 @@ class HeardTeam:
         if not self._steps[step].cells:
             if self._newest is None and step != FIRST_STEP:
                 self._lack(
-                    f"heard from time step {step} on: the curves lack what was before"
+                    f"heard from time step {step} on: the curves lack earlier episodes"
                 )
             elif self._newest is not None and step <= self._newest:
                 self._forget(self._newest)
                 self._lack(
-                    "the run went back to a checkpoint: the curves hold what it took back"
+                    "the run went back to a checkpoint: the curves include episodes that were "
+                    "taken back"
                 )
             self._newest = step
             self._steps[step].since = self._ticks
@@ -480,9 +481,7 @@ class HeardTeam:
         """
         if len(self._steps) > MOST_STEPS_HEARD:
             self._forget(max(self._steps))
-            self._lack(
-                "far more time steps were heard of than belong to a run: begun anew"
-            )
+            self._lack("more time steps were received than a run has: starting anew")
         while known := sorted(
             step for step, heard in self._steps.items() if heard.cells
         ):
@@ -525,7 +524,7 @@ class HeardTeam:
 
     def _lack_of(self, step: int) -> None:
         self._lack(
-            f"not all was heard up to time step {step}: the curves lack what was missed"
+            f"messages were missed up to time step {step}: the curves lack these episodes"
         )
 
     def _lack(self, text: str) -> None:

@@ -147,7 +147,7 @@ class WorldBodies:
         side.give_up()
         self._node.get_logger().warning(
             f"step {self.game.step}: no report from the driver of {names} for {limit:g} s "
-            "(body_timeout): taken for not moved",
+            "(body_timeout): counted as not moved",
             throttle_duration_sec=5.0,
         )
         self._there()

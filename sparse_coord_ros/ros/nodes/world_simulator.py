@@ -52,7 +52,7 @@ EVENTS = (
 )
 """What a world counts of its run's faults, its earlier processes included."""
 
-HALTED = "all robots are halted; 'sparse_coord halt --go-on' lets them go on"
+HALTED = "all robots are halted; 'sparse_coord halt --go-on' lets them continue"
 
 PROGRESS_SECONDS = 5.0
 """Between two lines of how far the run is."""
@@ -182,7 +182,7 @@ class WorldSimulator(ParameterNode):
         if left:
             return (
                 False,
-                f"{self.doing}; told, but not yet confirmed by the drivers of {left}",
+                f"{self.doing}; not yet confirmed by the drivers of {left}",
             )
         return True, self.doing
 
@@ -195,7 +195,7 @@ class WorldSimulator(ParameterNode):
         assert self.bodies is not None
         self.bodies.halt(hold)
         self._silence.begin(time.monotonic())
-        self.get_logger().warning(HALTED if hold else "the robots may go on")
+        self.get_logger().warning(HALTED if hold else "the robots may continue")
         self._say()
         self._advance_where_due()
 
@@ -272,7 +272,8 @@ class WorldSimulator(ParameterNode):
             if 0 < limit < now - self.born:
                 raise RunError(
                     f"startup_timeout: after {limit:g} s still no node for {', '.join(missing)}; "
-                    "start each: ros2 run sparse_coord_ros recorder (the robots wait for it too), "
+                    "start each one: ros2 run sparse_coord_ros recorder (robots wait for it, "
+                    "too), "
                     f"or robot --ros-args -r __node:={self._names[0]}"
                 )
             return
@@ -321,7 +322,7 @@ class WorldSimulator(ParameterNode):
         names = ", ".join(self._names[k] for k in sorted(missing or side.absent))
         self.remind(self.reminder, f"{names} at step {side.world.step}")
         if 0 < self.values["lost_timeout"] <= stands:
-            why = f"the world has stood still for {stands:.0f} s for {names}; everything is saved"
+            why = f"the world has waited for {stands:.0f} s for {names}; everything is saved"
             raise RunError(f"lost_timeout: step {side.world.step}: {why}")
         if silent < self.run.step_timeout and not (
             missing and self.topics.gone(missing)
@@ -330,12 +331,12 @@ class WorldSimulator(ParameterNode):
         what = f"step {side.world.step}: {names} gone or silent for {silent:.1f} s"
         if self.values["lost_robot"] == END:
             raise RunError(
-                f"lost_robot: {what}; this world ends the run, as it is told to"
+                f"lost_robot: {what}; this world ends the run (parameter lost_robot)"
             )
         if self.values["lost_robot"] == GO_ON and side.expire():
             self._silence.since = now
             self.get_logger().warning(
-                f"{what}; going on without", throttle_duration_sec=5.0
+                f"{what}; continuing without them", throttle_duration_sec=5.0
             )
             self._end_when_finished()
 
