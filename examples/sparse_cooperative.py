@@ -1,14 +1,16 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Sparse cooperative Q-learning of two robots: python sparse_cooperative.py [SCENARIO [STEPS [TEAMS]]].
+"""Sparse cooperative Q-learning: python sparse_cooperative.py [SCENARIO [STEPS [TEAMS]]].
 
-The rule is that of Kok & Vlassis (ICML 2004), as AI-Toolbox (SparseCooperativeQLearning.cpp) has
+The scenario has two robots. The rule is that of Kok & Vlassis (ICML 2004), as AI-Toolbox (SparseCooperativeQLearning.cpp) has
 it. Q(s, a) is a sum of value rules. Here they are given: where both robots are at most `REACH`
 moves from one doorway there is a rule for each joint state and joint move, elsewhere one for each
 robot's own cell and move. Robot i's part Q_i is its own rule, or half of the joint one. With a*
 the best joint move of the next state, each rule of the step moves by
 
     alpha * sum over its robots i of (R_i + gamma Q_i(s', a*) - Q_i(s, a))
+
+A robot is in one rule at a time, so no reward has to be shared among rules.
 
 It is central: one table of joint moves, and one choice for both robots, which see each other at
 all times for nothing. Each game of the vector environment has a team of its own.
@@ -32,7 +34,7 @@ LIKE_FACTORED = {
 
 
 def places(scenario, reach):
-    """Return the number of each joint state in which robots coordinate, else -1: (cells, cells)."""
+    """Return numbers of the joint states in which robots coordinate, else -1: (cells, cells)."""
     cells = len(scenario.map.cells)
     together = np.zeros((cells, cells), dtype=bool)
     for doorway in scenario.map.doorways:
@@ -131,7 +133,9 @@ def learn(scenario, teams, seed=0, reach=REACH):
         after = found.parts(every, next_cells, next_state, next_best)
         after = env.discount * np.where(infos["arrived"], 0.0, after)
         errors = rewards + after - before
-        found.learn(state, cells, moves, errors, acts, sizes.by_count, sizes.by_step[step])
+        found.learn(
+            state, cells, moves, errors, acts, sizes.by_count, sizes.by_step[step]
+        )
         ended = terminated | truncated
         cells = next_cells
         arrived = infos["arrived"]
@@ -171,7 +175,9 @@ def main(name="env1", steps=20000, teams=20):
     means = returns.mean(axis=(1, 2))
     error = means.std(ddof=1) / len(means) ** 0.5
     failed = (arrived.all(axis=2).mean(axis=1) < 0.999).sum()
-    print(f"learned, central: {means.mean():.2f} ± {error:.2f}, {failed} of {teams} teams fail")
+    print(
+        f"learned, central: {means.mean():.2f} ± {error:.2f}, {failed} of {teams} teams fail"
+    )
     print(f"shortest paths: {sc.shortest_paths(scenario).reward:.2f}")
     print(f"best asking team found: {sc.shipped_asking_team(scenario).value:.2f}")
     print(f"joint optimum: {sc.optimum(scenario).value:.2f}")
