@@ -469,7 +469,7 @@ def test_a_cell_that_no_greedy_robot_reaches_is_not_what_was_learned(team):
 class Undecided(LearnedTeam):
     """A team whose tables say of no move that it is the one after an answer."""
 
-    def chose_by_answer(self, log, row, k):
+    def chose_by_answer(self, step, k):
         return False
 
 
