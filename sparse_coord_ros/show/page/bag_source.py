@@ -227,11 +227,11 @@ class BagSource(controls.Played):
 
     # In the thread of the source.
 
-    def play(self) -> None:
-        """Play until interrupted."""
+    def play(self, until: Callable[[], bool] = bool) -> None:
+        """Play until interrupted, or until a function returns True."""
         looked = time.monotonic()
         with self.reading():
-            while True:
+            while not until():
                 if self.growing and time.monotonic() - looked >= GROWTH_SECONDS:
                     looked = time.monotonic()
                     self.look()

@@ -259,11 +259,23 @@ def evaluation_fields(
         "learner": run.title,
         **{name: asdict(one) for name, one in measures.items()},
         "all_arrived": result.all_arrived,
+        "askers": _askers(run, tables),
         "last_word": last_word(run.scenario, run.rule, result).text
         if step is None
         else "",
         "yardsticks": yardsticks(run.scenario),
     }
+
+
+def _askers(run: RunConfig, tables: Sequence[Tables]) -> list[int]:
+    """Return the robots (from 0) that ask in a cell to which they come greedily."""
+    found = []
+    for k, (robot, own) in enumerate(zip(run.scenario.robots, tables, strict=True)):
+        policy = policy_of(own, robot.goal)
+        reached = entered(policy, run.scenario.map, robot.start)
+        if policy.asks[reached].any():
+            found.append(k)
+    return found
 
 
 def put_end(
