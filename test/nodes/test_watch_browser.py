@@ -165,6 +165,11 @@ def test_trails_follow_the_cells_though_frames_are_skipped(tab, start, bag):
     assert tab.evaluate(CUT) == 0
 
 
+QUIET = {"miscoordination": False, "interactions": []}
+QUIET |= {"together": [], "exchanges": [], "stopped": []}
+"""Of a frame in which robots do not interact."""
+
+
 @pytest.fixture
 def shown(tab):
     """Return a function that shows frames of a run, made up, and one that gives a frame."""
@@ -195,8 +200,7 @@ def shown(tab):
                 "transitions": step,
                 "episode": 0,
             },
-            **{"miscoordination": False, "together": [], "exchanges": []},
-            **{"stopped": [], "interactions": [], **more},
+            **{**QUIET, **more},
         )
         wait_for(tab, f"{STEP} === {step}")
 
@@ -545,7 +549,8 @@ def test_eight_robots_in_light_and_dark(tab, start, tmp_path, scheme):
 FOCUS = """(() => {
   const one = document.activeElement, look = getComputedStyle(one);
   return one === document.body ? null
-    : [one.id || one.className || one.textContent, look.outlineStyle, parseFloat(look.outlineWidth)];
+    : [one.id || one.className || one.textContent,
+       look.outlineStyle, parseFloat(look.outlineWidth)];
 })()"""
 """What has the focus, and the line around it."""
 
@@ -567,8 +572,9 @@ def two(record):
     """Return the bags of two runs."""
     found = []
     for learner in ("coop", "factored"):
-        settings = {"steps": 1500, "penalty": -100, "learner": learner}
-        found.append(str(record(settings=settings, values={"seed": 2}).bag))
+        values = {"seed": 2, "learner": learner}
+        settings = {"steps": 1500, "penalty": -100}
+        found.append(str(record(settings=settings, values=values).bag))
     return found
 
 
