@@ -633,7 +633,10 @@ def was_stopped(mind: Any, task: Task, now: Transition) -> bool:
 
 @inlined
 def brought_by_peers(mind: Any, task: Task, now: Transition, y: int) -> float:
-    """Return r^C, or the loss from a stop on the way to cell y; note the place."""
+    """Return r^C, or the loss from a stop on the way to cell y; note the place.
+
+    Help has no place of its own: the robot felt it while the peer was in another cell.
+    """
     if y != now.next_cell:
         mind.narrow[y] = True
         return -loss_of_stop(task)
