@@ -78,9 +78,9 @@ class Bar(ExitStack):
     The moving line begins with the first number; before, lines say what goes on.
 
     Args:
-        unit: what is counted.
-        doing: what goes on before something is counted; it may be set anew.
-        quiet: whether to show nothing.
+        unit: the counted unit.
+        doing: the work before the first count.
+        quiet: show no progress.
     """
 
     def __init__(
@@ -110,7 +110,7 @@ class Bar(ExitStack):
             seconds = LINE_SECONDS
 
     def show(self, done: int, total: int, name: str = "") -> None:
-        """Show what is done of all that there is."""
+        """Show the count out of the total."""
         if self._bar is None:
             bar = tqdm(
                 total=total,

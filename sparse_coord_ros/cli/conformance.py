@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""`sparse_coord conformance`: does a robot node of one's own keep the contract?"""
+"""`sparse_coord conformance`: does a user's robot node keep the contract?"""
 
 import argparse
 from typing import TYPE_CHECKING

@@ -97,7 +97,7 @@ def evaluated(
         exact: whether to compute the measures; None: where that can be.
 
     Raises:
-        SparseCoordError: there is no such run, or it cannot be evaluated so.
+        SparseCoordError: the run does not exist, or cannot be evaluated in this way.
     """
     run = load_run(directory)
     for kept, verb in ((CHECKPOINTS, "run"), (CHECKPOINT_FILE, "train")):
@@ -175,7 +175,7 @@ def paper_row(run: RunConfig) -> dict:
 
 
 def result_table(found: Sequence[Evaluated]) -> str:
-    """Return the table of runs of one game: ours, the paper's, and what they are measured against.
+    """Return the table of runs of one game: ours, the paper's, and the reference values.
 
     Runs of one learner are told apart by their directories.
     """

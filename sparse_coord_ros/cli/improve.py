@@ -48,11 +48,11 @@ def execute(options: argparse.Namespace) -> None:
 def planned(
     out: Path, run: RunConfig, tables: Sequence[Tables]
 ) -> tuple[dict[str, Any], str]:
-    """Plan on what a run's robots learned, and save that; return what it is worth, and in words.
+    """Plan on the learned memories of a run, and save the plan; return its value, and words.
 
     Raises:
-        SettingError: they do not learn what it needs.
-        RunError: there is a plan already.
+        SettingError: the robots do not learn the model that it needs.
+        RunError: a plan exists already.
     """
     found = improve(run.scenario, run.rule, [table.memory for table in tables])
     folder = save_improved(out, run, found)

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""`sparse_coord info`: what is in a bag."""
+"""`sparse_coord info`: the content of a bag."""
 
 import argparse
 from collections.abc import Iterator

@@ -75,20 +75,20 @@ def run(
 
 
 def sole_team() -> socket.socket:
-    """Hold this machine's ROS domain, until the socket that is returned is closed.
+    """Hold this machine's ROS domain until the returned socket is closed.
 
     Of two teams started at once one is refused as a whole: node by node their claims would give
     each of them some of the names.
 
     Raises:
-        RunError: another `sparse_coord run` of this user has it, or there is no such domain.
+        RunError: another `sparse_coord run` of this user holds it, or the number is no domain.
     """
     domain = ros_domain()
     holder = socket.socket(socket.AF_UNIX)
     try:  # an abstract address: it leaves no file, and is gone with its process
         holder.bind(f"\0sparse_coord_{os.getuid()}_domain_{domain}")
     except OSError as error:
-        if error.errno == errno.EADDRINUSE:  # else there are no such addresses here
+        if error.errno == errno.EADDRINUSE:  # else no abstract addresses
             holder.close()
             raise RunError(
                 f"ROS domain {domain}: another process runs a team in it; wait for its end, or "

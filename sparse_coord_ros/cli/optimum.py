@@ -110,7 +110,7 @@ def execute(options: argparse.Namespace) -> None:
 
 
 def _search(options: argparse.Namespace, scenario: Scenario) -> None:
-    """Search for the best asking team, and print what was found."""
+    """Search for the best asking team, and print the result."""
     from sparse_coord_ros.cli.computing import Bar
 
     check_two_robots(scenario)

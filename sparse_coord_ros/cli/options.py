@@ -46,8 +46,8 @@ class Option(NamedTuple):
         kind: bool: a flag; a `Setting`: its values, with its default, and needed where it has
             none; a tuple of texts: one of these, the first by default; else what reads the value:
             a type, a function, or None for a text; without a default.
-        help: what it is.
-        more: further arguments of `add_argument`; and `names`, what the Tab key offers.
+        help: its help text.
+        more: further arguments of `add_argument`; and `names`, the completions of the Tab key.
     """
 
     words: str
@@ -134,7 +134,7 @@ def scenario_options(*, optional: bool = False) -> tuple[Option, ...]:
 
 
 def run_options(resume: str) -> tuple[Option | Setting, ...]:
-    """Return the options of a learning run: what learns, where it goes, and whether it goes on.
+    """Return the options of a learning run: scenario, learner, output and resuming.
 
     Args:
         resume: help of --resume.
@@ -218,12 +218,12 @@ def output_directory(options: argparse.Namespace, name: str) -> Path:
 
 
 def note(text: str) -> None:
-    """Say on stderr what a user should know while something goes on."""
+    """Print a note for the user on stderr."""
     print(text, file=sys.stderr, flush=True)
 
 
 def tell(options: argparse.Namespace, facts: Any, *lines: str) -> None:
-    """Print what a verb found: lines, or with --json one JSON object of the facts.
+    """Print the result of a verb: lines, or with --json one JSON object of the facts.
 
     Facts may hold records and paths; numbers that are none (NaN) are null.
     """

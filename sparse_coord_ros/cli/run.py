@@ -78,7 +78,7 @@ def execute(options: argparse.Namespace) -> int | None:
     if options.processes:
         why = "leave out --processes, or run 'sparse_coord watch' beside it"
         raise RunError(f"--watch shows a team in one process: {why}")
-    # One handler for all runs and what is between them: no signal falls into a gap.
+    # One handler for all runs and the time between them, so that no signal is lost.
     with signals() as stop:
         return page.one_by_one(options, _begin, partial(_run, stop=stop), stop)
 

@@ -105,7 +105,7 @@ def execute(options: argparse.Namespace) -> None:
 
 
 def begin(options: argparse.Namespace) -> tuple[Path, RunConfig]:
-    """Return a run's directory, and what it is."""
+    """Return a run's directory, and its configuration."""
     out = options.resume
     if out is None:
         scenario = shared.scenario_of(options)
@@ -135,7 +135,7 @@ def learn(
     run: RunConfig,
     board: MessageBoard | None = None,
 ) -> None:
-    """Let one team learn, save what it learned, and say so."""
+    """Let one team learn, save its tables, and report it."""
     # refused before a directory is made
     engine_for(run.scenario, run.rule, options.engine)
     if options.resume is None:
@@ -259,7 +259,7 @@ def _save(out: Path, done: Training) -> None:
 def _say(
     options: argparse.Namespace, out: Path, run: RunConfig, done: Training
 ) -> None:
-    """Print what was learned and where it is, and what was made of it."""
+    """Print the results of learning, their place, and the results of planning."""
     scenario = run.scenario
     trials = options.trials
     lines = []

@@ -81,7 +81,7 @@ class Parser(argparse.ArgumentParser):
             raise argparse.ArgumentError(action, f"{what}; allowed: {', '.join(known)}")
 
     def error(self, message: str) -> NoReturn:
-        """Say what is wrong in one line and exit."""
+        """Print the error in one line and exit."""
         self.exit(EXIT_BAD_INPUT, f"error: {message}; see {self.prog} --help\n")
 
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The HTML report of a run: what was learned, its value, what went wrong."""
+"""The HTML report of a run: its learned policy, its value, its faults."""
 
 import contextlib
 import shlex
@@ -53,7 +53,7 @@ def run_report(shown: OpenedRun, *, baselines: bool = True) -> str:
         baselines: whether to let Indiv. and Non-coop. learn the same, to compare.
 
     Raises:
-        SparseCoordError: it is no run.
+        SparseCoordError: the source is no run.
     """
     config = shown.config
     scenario = shown.config.scenario
@@ -175,7 +175,7 @@ def _samples(log: RunLog) -> Iterator[tuple[int, int]]:
 
 
 def faults(shown: OpenedRun) -> Iterator[Part]:
-    """Yield what went wrong in a recorded run: percepts, messages, warnings of nodes."""
+    """Yield the faults of a recorded run: percepts, messages, warnings of nodes."""
     log = shown.log
     facts: dict[str, object] = {
         f"percepts {how}": at.sum() for how, at in ended(log).items()

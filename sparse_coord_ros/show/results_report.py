@@ -50,8 +50,8 @@ def results_report(directory: Path, say: Say = lambda _: None) -> str:
     """Return the page of a results directory.
 
     Args:
-        directory: where it is.
-        say: hears what is left out, and what takes a while.
+        directory: the results directory.
+        say: receives notes on omissions and on slow work.
 
     Raises:
         ResultsError: it is no results directory, or holds no result yet, or a damaged one.

@@ -91,8 +91,8 @@ class Experiment:
     """One experiment.
 
     Attributes:
-        name: what `reproduce` calls it.
-        title: what it shows.
+        name: its name for `reproduce`.
+        title: its title.
         conditions: its conditions.
     """
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Whom a team waits for, and how long: the parameters over ROS 2."""
+"""The parameters of waiting and timeouts, over ROS 2."""
 
 import pytest
 

@@ -128,8 +128,8 @@ class Robot:
 class Scenario:
     """One learning problem and its protocol: robots on a map, and the settings.
 
-    `given` names the settings that somebody chose, in the file or later; a learner may have
-    defaults of its own for the others (`Learner.defaults`).
+    `given` names the settings that were chosen, in the file or later; a learner may have defaults
+    of its own for the others (`Learner.defaults`).
     """
 
     name: str
@@ -231,7 +231,7 @@ class Scenario:
     given: frozenset[str] = field(default=frozenset(), compare=False)
 
     def __post_init__(self) -> None:
-        """Raise `SettingError` where a setting does not fit the robots."""
+        """Raise `SettingError` if a setting does not fit the robots."""
         team = len(self.robots)
         factors = len(self.common_reward.numbers)
         if self.common_reward.kind == "each" and factors != team:
@@ -245,7 +245,7 @@ class Scenario:
             self._check_initial_values()
 
     def _check_initial_values(self) -> None:
-        """Raise `SettingError` where an initial value was chosen beside `prior: map`."""
+        """Raise `SettingError` if an initial value was chosen beside `prior: map`."""
         defaults = SETTINGS.defaults()
         for name in INITIAL_VALUES:
             value = getattr(self, name)
@@ -258,12 +258,12 @@ class Scenario:
 
     @property
     def known_success(self) -> float:
-        """The probability that a move succeeds, as a robot counts that knows its map."""
+        """The probability of a successful move that a robot with a known map assumes."""
         return self.prior_success or self.move_success
 
     @property
     def label(self) -> str:
-        """Its name, and each setting that has not its default: `env1, penalty=-100`."""
+        """Its name, and each setting that differs from its default: `env1, penalty=-100`."""
         defaults = SETTINGS.defaults()
         own = {
             n: v
@@ -273,7 +273,7 @@ class Scenario:
         return ", ".join([self.name, *(f"{n}={as_text(v)}" for n, v in own.items())])
 
     def __repr__(self) -> str:
-        """Return what it is, on one line."""
+        """Return a one-line description."""
         robots = len(self.robots)
         cells = len(self.map.cells)
         return f"<Scenario {self.label}; {robots} robots, {cells} cells>"
@@ -302,12 +302,12 @@ class Scenario:
 
     @property
     def perceived(self) -> int:
-        """How many local states Q^C tells apart: the own one and those of the perceived peers."""
+        """Number of local states in an index of Q^C: the own one and the perceived peers'."""
         return max(2, len(self.robots)) if self.peers == "all" else 2
 
     @property
     def sparse(self) -> bool:
-        """Whether Q^C has rows for visited joint states only, as of `is_sparse`."""
+        """True if Q^C has rows for visited joint states only, as of `is_sparse`."""
         return is_sparse(len(self.map.cells), self.perceived)
 
     def with_settings(
@@ -315,8 +315,8 @@ class Scenario:
     ) -> "Scenario":
         """Return a copy with some settings changed, e.g. `with_settings(penalty=-100)`.
 
-        Who names a perception model of their own here allows its module to be imported. It may
-        also be handed over: `perception=fog`, or `perception=(fog, 4)` with its numbers.
+        Naming a perception model here allows its module to be imported. The function itself also
+        works: `perception=fog`, or `perception=(fog, 4)` with its numbers.
 
         Args:
             values: settings by name; values may be texts, as on the command line.
@@ -330,7 +330,7 @@ class Scenario:
         return self.changed(given)
 
     def changed(self, values: Mapping[str, object]) -> "Scenario":
-        """As `with_settings`, of values from a file: they allow nothing."""
+        """As `with_settings`, for values from a file: they do not allow imports."""
         parsed = SETTINGS.parse(values)
         return replace(self, **parsed, given=self.given | set(parsed))
 
@@ -349,7 +349,7 @@ class Scenario:
         }
 
     def computation(self) -> dict[str, Any]:
-        """Return plain data of all that affects what is computed, for digests.
+        """Return plain data of everything that affects the computation, for digests.
 
         Left out are names, provenance and the paper's rows.
         """
@@ -376,9 +376,9 @@ def dense_nbytes(cells: int, agents: int) -> int:
 
 
 def is_sparse(cells: int, agents: int) -> bool:
-    """Return whether Q^C is no array: it is over more than a pair, or on so large a map.
+    """Return whether Q^C is stored sparsely: for more than two robots, or on a large map.
 
-    There an array would take more than `LARGEST_DENSE` bytes a robot.
+    On a large map, an array would take more than `LARGEST_DENSE` bytes a robot.
     """
     return agents > 2 or dense_nbytes(cells, 2) > LARGEST_DENSE
 
@@ -408,7 +408,7 @@ def loaded(scenario: ScenarioLike) -> Scenario:
     """Return a scenario as it is, or load it by its name or path.
 
     Raises:
-        ScenarioError: there is none, or it is none.
+        ScenarioError: it does not exist, or is malformed.
     """
     if isinstance(scenario, Scenario):
         return scenario
@@ -423,11 +423,11 @@ def load_scenario(
     Args:
         name: the name of a shipped scenario or of a generated building (`core.game.buildings`), or
             the path of a scenario file.
-        allow: modules that the file may name, with a perception model of one's own.
+        allow: modules that the file may name, for the user's own perception models.
         **settings: settings to change, as of `Scenario.with_settings`.
 
     Raises:
-        ScenarioError: there is no such scenario, or it is malformed.
+        ScenarioError: the scenario does not exist, or it is malformed.
         MapError: its map is missing or malformed.
         SettingError: a bad setting.
     """

@@ -30,7 +30,7 @@ class NonCoop(Learner):
     values = ("q_star",)
 
     class Mind(NamedTuple):
-        """What a robot has learned.
+        """The learned tables of a robot.
 
         Attributes:
             q_star: Q* [cell][action]; NaN for COORDINATE.
@@ -51,7 +51,7 @@ class NonCoop(Learner):
     def asking_values(
         mind: Mind, task: Task, cell: int, seen: int, cells: Any, values: Any
     ) -> None:
-        """Set the values of Q*: what is perceived does not matter."""
+        """Set the values of Q*, whatever is perceived."""
         copy_moves(mind.q_star[cell], values)
 
     @staticmethod
@@ -69,7 +69,7 @@ class NonCoop(Learner):
 
 
 class Indiv(NonCoop):
-    """Q-learning, one robot learns at a time: it never meets another one (paper, Section 4)."""
+    """Q-learning of one robot at a time, so that robots never meet (paper, Section 4)."""
 
     name = "indiv"
     title = "Indiv."

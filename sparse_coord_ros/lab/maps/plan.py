@@ -57,7 +57,7 @@ class Imported:
         grid: the map.
         parts: cells of each part of the free space, largest first; those without a robot are left
             out of the map where there are robots.
-        notes: what is odd, one line each.
+        notes: warnings, one line each.
     """
 
     grid: GridMap
@@ -84,8 +84,8 @@ def import_map(
         radius: the robot's, in metres.
         robots: start and goal of each; parts of the map without any of them become walls.
         doorway: places in cells that are to be doorways.
-        no_doorway: places in doorways that are to be none.
-        doorway_length: most metres through a doorway; what is longer is a corridor. None: of
+        no_doorway: places whose doorways are to become plain cells.
+        doorway_length: most metres through a doorway; a longer passage is a corridor. None: of
             a wall of `WALL_THICKNESS`, the robot's radius on both sides, and a cell.
         speck: spots smaller than this, in metres, are noise.
 
@@ -208,7 +208,7 @@ def _doorways(
 
 
 def _pixel_notes(plan: FloorPlan, cell: float, radius: float) -> Iterator[str]:
-    """Yield what is odd about an image or the sizes, one line each."""
+    """Yield warnings about an image or the sizes, one line each."""
     if plan.doubtful:
         yield (
             f"{plan.doubtful:.0%} of the free pixels have grey {UNKNOWN_GREY}, which map_saver "
@@ -225,7 +225,7 @@ def _pixel_notes(plan: FloorPlan, cell: float, radius: float) -> Iterator[str]:
 def _notes(
     cut: int, doors: int, parts: tuple[int, ...], robots: bool, wide: list[Place]
 ) -> Iterator[str]:
-    """Yield what is odd about a map, one line each."""
+    """Yield warnings about a map, one line each."""
     if cut:
         yield (
             f"{_count(cut, 'part is', 'parts are')} cut off although a robot would fit through: a "
@@ -274,7 +274,7 @@ class _Frame:
         """Return (row, column) of the free cell at a place.
 
         Raises:
-            MapError: there is none.
+            MapError: no free cell is there.
         """
         height, width = self._free.shape
         column = math.floor((place[0] - self._corner[0]) / self._side)
@@ -391,7 +391,7 @@ def scenario_of(
         given: the user's settings.
 
     Returns:
-        The scenario; the settings that were suggested; what is legal but odd, one line each.
+        The scenario; the suggested settings; warnings, one line each.
 
     Raises:
         MapError: a start or a goal is in no free cell.
@@ -423,7 +423,7 @@ def scenario_of(
 
 
 def _oddities(scenario: Scenario) -> Iterator[str]:
-    """Yield what is legal but odd about robots on a map."""
+    """Yield warnings about robots on a map."""
     grid = scenario.map
     robots = scenario.robots
     needed = 0.0

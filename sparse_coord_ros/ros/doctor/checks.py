@@ -40,9 +40,9 @@ class Finding(NamedTuple):
 
     Attributes:
         level: FINE, HINT or WRONG.
-        part: what it is about, in a word or two.
-        text: what was found, one line.
-        remedy: what to do; empty: nothing.
+        part: the subject, in a word or two.
+        text: the result, one line.
+        remedy: the remedy; empty: not needed.
     """
 
     level: str
@@ -52,7 +52,7 @@ class Finding(NamedTuple):
 
 
 def installation() -> Finding:
-    """Look at this package; `pip check` says whether what it requires fits."""
+    """Check this package; `pip check` reports whether its requirements fit."""
     here = f"{__version__} in {Path(__file__).parents[2]}, Python {platform.python_version()}"
     again = "install it again: pip install -e . (or make clean, then make test)"
     try:
@@ -70,7 +70,7 @@ def installation() -> Finding:
 
 
 def compiler() -> Finding:
-    """Look at numba: whether it is there, compiles, and where it keeps what it compiled."""
+    """Check numba: is it installed, does it compile, where is its cache?"""
     try:
         numba = compiling.numba()
         numba.njit(lambda number: number + 1)(1)

@@ -123,7 +123,7 @@ def round_trip(changes: Mapping[str, str] | None = None) -> dict[str, Any]:
 
 
 def main(role: str, name: str) -> int:
-    """Answer until killed, or ask and print what came of it as JSON."""
+    """Answer until killed, or ask and print the result as JSON."""
     try:
         import rclpy
         from std_msgs.msg import Int64

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Judges whether a robot node of one's own keeps the contract of docs/interface.md.
+"""Tests whether a user's robot node keeps the contract of docs/interface.md.
 
 The world, and peers that stand still, are played by a script, which also loses a reward, says a
 state again, speaks for another run, and orders the robot back.
@@ -63,10 +63,10 @@ class Judged(NamedTuple):
 
     Attributes:
         name: of the obligation.
-        text: what it obliges to.
+        text: the obligation.
         verdict: `KEPT`, `BROKEN` or `NOT_SEEN`.
-        seen: what the robot did in place of it; empty: it kept it.
-        place: the heading in docs/interface.md below which it stands.
+        seen: the robot's behaviour if it broke the obligation, else empty.
+        place: its heading in docs/interface.md.
     """
 
     name: str
@@ -87,14 +87,14 @@ class EnoughError(Exception):
 
 @dataclass
 class Note:
-    """What was said and done at a time step.
+    """The messages and actions at a time step.
 
     Attributes:
         states: how often the robot's state was said.
         due: whether it is to be answered.
         said: its actions.
-        questions: how often it asked.
-        poses: how many its percept has; 0: there is none.
+        questions: number of its questions.
+        poses: number of poses in its percept; 0: no percept.
     """
 
     states: int = 0
@@ -105,19 +105,19 @@ class Note:
 
 
 class ScriptedWorld(WorldTopics):
-    """The world and the peers of a robot under test, which do what a script says.
+    """The world and the peers of a robot under test, which follow a script.
 
     Args:
         robot: the robot's name; empty: the scenario's first.
         scenario: the scenario's name or file.
         executor: runs the node of this world; a robot of the same process too.
-        ended: returns what the robot's process has left behind: "", once it is gone.
+        ended: returns what is left of the robot's process; "" once it is gone.
         checkpoints: whether the robot has to keep checkpoints; else it may keep none.
         place: where the node is made.
 
     Attributes:
         node: the world's node.
-        broken: what was seen, by the obligation that it breaks.
+        broken: observed violations, by obligation.
         seen: the obligations that were put to the test.
     """
 
@@ -169,7 +169,7 @@ class ScriptedWorld(WorldTopics):
                 answer = partial(self._on_question, number)
                 self.node.create_service(GetPlan, ACTIVE_PERCEPTION.of(name), answer)
 
-    # What is said, by the lock step too, and what is heard.
+    # Messages sent, also by the lock step, and messages received.
 
     def state(self, robot: int, step: int, cell: int) -> None:
         """Publish a state; note whether the robot is to answer it."""
@@ -216,7 +216,7 @@ class ScriptedWorld(WorldTopics):
     # Judging.
 
     def expect(self, what: str, kept: bool, seen: str) -> None:
-        """Put an obligation to the test; `seen` says what was seen if it is not kept."""
+        """Test an obligation; `seen` describes the violation if it is broken."""
         self.seen.add(what)
         if not kept:
             self.broken.setdefault(what, seen)
@@ -231,7 +231,7 @@ class ScriptedWorld(WorldTopics):
         return bool(condition())
 
     def quiet(self) -> None:
-        """Wait for what should not come, then judge what the robot did at each time step."""
+        """Wait for unexpected messages, then judge the robot's behaviour at each time step."""
         self.wait(lambda: False, QUIET_SECONDS)
         for topic in self.node.subscriber.dropped:
             self.expect(
@@ -310,7 +310,7 @@ class ScriptedWorld(WorldTopics):
         return self.world.step - self.world.position().episode_start
 
     def turn(self, what: str = "acts") -> SelfReport:
-        """Make a time step; return what the robot said of itself at it.
+        """Make a time step; return the robot's self-report.
 
         Raises:
             EnoughError: it did not act, which breaks an obligation.

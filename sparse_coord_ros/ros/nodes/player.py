@@ -129,7 +129,7 @@ class Player(ParameterNode):
         )
 
     def _wake(self) -> None:
-        """Let the timer look at once at what is to be done."""
+        """Let the timer fire at once."""
         if self.begun:
             self._timer.timer_period_ns = 1
             self._timer.reset()
@@ -158,7 +158,7 @@ class Player(ParameterNode):
         return f"{doing} at {self._position:.3f} s"
 
     def _on_change(self, parameters: list[Parameter]) -> None:
-        """Do what changed parameters say."""
+        """Apply changed parameters."""
         for parameter in parameters:
             if parameter.name == "rate":
                 self._playback.set_rate(self.values["rate"])
@@ -176,7 +176,7 @@ class Player(ParameterNode):
                 )
 
     def _on_key(self, key: str) -> str:
-        """Do what a key says, and return what the player does then."""
+        """Handle a key, and return a text for the log."""
         if key == "pause":
             return self._pause(not self._playback.paused)[1]
         rate = self.values["rate"]

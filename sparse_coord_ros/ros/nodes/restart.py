@@ -23,12 +23,12 @@ from sparse_coord_ros.ros.nodes.parameters import ROLL_BACK
 
 
 class Returning(WorldRollback):
-    """Hears what robots say of their checkpoints, and takes the team back where that is due.
+    """Receives robots' reports on checkpoints, and rolls the team back when that is due.
 
     Args:
         run: the run.
         side: the world's side of the lock step.
-        output: where the world saves; its node's `resume` and `returning` say what is due.
+        output: saves the world's files; its node's `resume` and `returning` are used.
         changed: called when an order was given, and when the team goes on.
     """
 
@@ -59,11 +59,11 @@ class Returning(WorldRollback):
 
     @property
     def calling(self) -> bool:
-        """Whether the team waits for all to say where they are, before it goes on there."""
+        """True if the team waits for all to say where they are, before it goes on there."""
         return self._side.held and self.order.step == NO_ROLLBACK
 
     def resume(self) -> list[str]:
-        """Where a run is resumed, order from where; return whose checkpoints are not known yet.
+        """Order the step to resume from, if resuming; return robots with unknown checkpoints.
 
         Raises:
             RunError: a robot keeps no checkpoints, or the world's is of another run.
@@ -107,7 +107,7 @@ class Returning(WorldRollback):
         self._since = now
 
     def _on_progress(self, robot: int, said: Progress) -> None:
-        """Take in what a robot says of its checkpoints; one that comes back may take us along."""
+        """Take in a robot's report on checkpoints; its return may roll back the team."""
         if self.heard(robot, said) and self._under_way and not self._side.finished:
             self._came_back(robot, said)
         self._output.count(self.events)
