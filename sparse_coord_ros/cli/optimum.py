@@ -101,7 +101,7 @@ def execute(options: argparse.Namespace) -> None:
         known["route planner"] = (
             f"{estimate}, if one controller saw all robots for free"
         )
-    known[bound_in_words(scenario)] = f"{bound:.2f}"
+    known["bound (robots alone)"] = f"{bound:.2f}"
     known["fixed shortest paths"] = paths.in_words()
     if not paths.exact:
         known["fixed shortest paths"] += f"; {paths.trials} trials (standard error)"

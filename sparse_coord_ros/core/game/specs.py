@@ -166,7 +166,7 @@ class SpecFamily:
 
 
 class KindFamily(SpecFamily):
-    """Kinds of which a setting names one or more: `together+swap`, `together+help:10`.
+    """Kinds without numbers; a setting names one or more of them: `together+swap`.
 
     A kind may stand in several variants, such as `block` and `block:anywhere`. Only one of them
     can be named.

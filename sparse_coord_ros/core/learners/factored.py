@@ -633,10 +633,7 @@ def was_stopped(mind: Any, task: Task, now: Transition) -> bool:
 
 @inlined
 def brought_by_peers(mind: Any, task: Task, now: Transition, y: int) -> float:
-    """Return r^C, or the loss from a stop on the way to cell y; note the place.
-
-    Help has no place of its own: the robot felt it while the peer was in another cell.
-    """
+    """Return r^C, or the loss from a stop on the way to cell y; note the place."""
     if y != now.next_cell:
         mind.narrow[y] = True
         return -loss_of_stop(task)

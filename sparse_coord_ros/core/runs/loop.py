@@ -364,6 +364,7 @@ def learn_until(state: State, minds: Any, record: Record | None, budget: int) ->
             if record is not None:
                 asked = choice.actions[k] == COORDINATE
                 individual = individual_reward(problem, home)
+                common = common_reward(problem, k, conflict)
                 record.returns[row][k] += (
                     individual + common + asking_reward(problem, asked)
                 )

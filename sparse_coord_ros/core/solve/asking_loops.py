@@ -47,7 +47,6 @@ class WeightedGame(NamedTuple):
         fails: whether a percept can fail in the asker's cell; (cells,).
         interactions: of the two robots.
         toll: weighted r^C of a miscoordination.
-        bonus: weighted r^C of help.
         prize: weighted value of each robot's arrival, for ever; (2,).
         cost: weighted cost of each robot's asking; (2,).
         discount: gamma.

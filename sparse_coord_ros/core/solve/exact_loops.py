@@ -33,8 +33,7 @@ class Pair(NamedTuple):
         asked: probability of having asked, given what the step came to, a move (stopped or not)
             or `STAY`; (2, own cell, peer's cell, moves + 1).
         interactions: of the two, in these cells.
-        penalties: r^C of a miscoordination for each robot; (2,).
-        help_rewards: r^C of help for each robot; (2,).
+        penalties: r^C of each robot; (2,).
         worth: value of a robot's arrival, for ever.
         cost: of asking.
         discount: gamma.
@@ -247,9 +246,6 @@ def pay(
         sums.team[CONFLICTS] += q
         sums.robots[RETURN, 0] += worth * pair.penalties[0]
         sums.robots[RETURN, 1] += worth * pair.penalties[1]
-    if helped:
-        sums.robots[RETURN, 0] += worth * pair.help_rewards[0]
-        sums.robots[RETURN, 1] += worth * pair.help_rewards[1]
     if y == pair.goals[0] and x != y:
         sums.robots[RETURN, 0] += worth * pair.worth
     if w == pair.goals[1] and z != w:

@@ -143,7 +143,6 @@ def _played(scenario: Scenario, moves: Sequence[np.ndarray]) -> Reference:
     chances = [_equal_shares(own, 1.0).cumsum(axis=1) for own in moves]
     worth = scenario.goal_reward / (1.0 - scenario.discount)
     toll = float(np.mean(scenario.penalties))
-    bonus = float(np.mean(scenario.help_rewards))
     returns = np.zeros(TRIALS)
     times = np.zeros(TRIALS)
     conflicts = np.zeros(TRIALS)
@@ -163,7 +162,6 @@ def _played(scenario: Scenario, moves: Sequence[np.ndarray]) -> Reference:
         conflict = running & miscoordinations(inter, cells, ends)
         arrivals = (under_way & (ends == goals)).sum(axis=0)
         returns += scenario.discount**t * (conflict * toll + arrivals * worth / team)
-        returns += scenario.discount**t * bonus * help_given(inter, cells, ends)
         times += under_way.mean(axis=0)
         conflicts += conflict
         cells = ends

@@ -129,8 +129,7 @@ def _compared(
 ) -> str:
     """Return miscoordinations beside those of robots that ignore each other.
 
-    With block or help alone there are no miscoordinations; robots in each other's way, or robots
-    that wait for each other, lose time.
+    With block alone there are no miscoordinations; robots in each other's way lose time.
     """
     if scenario.interactions.startswith("block"):
         steps = f"{found.time_to_goal.mean:.3g} instead of {ignoring.time_to_goal:.3g}"
