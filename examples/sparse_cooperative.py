@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sparse cooperative Q-learning: python sparse_cooperative.py [SCENARIO [STEPS [TEAMS]]].
 
-The scenario has two robots. The rule is that of Kok & Vlassis (ICML 2004), as AI-Toolbox (SparseCooperativeQLearning.cpp) has
-it. Q(s, a) is a sum of value rules. Here they are given: where both robots are at most `REACH`
+The scenario has two robots. The learner is that of Kok & Vlassis (ICML 2004; JMLR 7, 2006), the
+rule as AI-Toolbox has it (SparseCooperativeQLearning.cpp). Q(s, a) is a sum of value rules. Here they are given: where both robots are at most `REACH`
 moves from one doorway there is a rule for each joint state and joint move, elsewhere one for each
 robot's own cell and move. Robot i's part Q_i is its own rule, or half of the joint one. With a*
 the best joint move of the next state, each rule of the step moves by
