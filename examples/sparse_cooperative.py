@@ -3,10 +3,11 @@
 """Sparse cooperative Q-learning: python sparse_cooperative.py [SCENARIO [STEPS [TEAMS]]].
 
 The scenario has two robots. The learner is that of Kok & Vlassis (ICML 2004; JMLR 7, 2006), the
-rule as AI-Toolbox has it (SparseCooperativeQLearning.cpp). Q(s, a) is a sum of value rules. Here they are given: where both robots are at most `REACH`
-moves from one doorway there is a rule for each joint state and joint move, elsewhere one for each
-robot's own cell and move. Robot i's part Q_i is its own rule, or half of the joint one. With a*
-the best joint move of the next state, each rule of the step moves by
+rule as AI-Toolbox has it (SparseCooperativeQLearning.cpp). Q(s, a) is a sum of value rules. Here
+they are given: where both robots are at most `REACH` moves from one doorway there is a rule for
+each joint state and joint move, elsewhere one for each robot's own cell and move. Robot i's part
+Q_i is its own rule, or half of the joint one. With a* the best joint move of the next state, each
+rule of the step moves by
 
     alpha * sum over its robots i of (R_i + gamma Q_i(s', a*) - Q_i(s, a))
 
