@@ -2,11 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sparse cooperative Q-learning: python sparse_cooperative.py [SCENARIO [STEPS [TEAMS]]].
 
-The scenario has two robots. The rule is that of Kok & Vlassis (ICML 2004), as AI-Toolbox (SparseCooperativeQLearning.cpp) has
-it. Q(s, a) is a sum of value rules. Here they are given: where both robots are at most `REACH`
-moves from one doorway there is a rule for each joint state and joint move, elsewhere one for each
-robot's own cell and move. Robot i's part Q_i is its own rule, or half of the joint one. With a*
-the best joint move of the next state, each rule of the step moves by
+The scenario has two robots. The learner is that of Kok & Vlassis (ICML 2004; JMLR 7, 2006), the
+rule as AI-Toolbox has it (SparseCooperativeQLearning.cpp). Q(s, a) is a sum of value rules. Here
+they are given: where both robots are at most `REACH` moves from one doorway there is a rule for
+each joint state and joint move, elsewhere one for each robot's own cell and move. Robot i's part
+Q_i is its own rule, or half of the joint one. With a* the best joint move of the next state, each
+rule of the step moves by
 
     alpha * sum over its robots i of (R_i + gamma Q_i(s', a*) - Q_i(s, a))
 
@@ -178,7 +179,7 @@ def main(name="env1", steps=20000, teams=20):
     print(
         f"learned, central: {means.mean():.2f} ± {error:.2f}, {failed} of {teams} teams fail"
     )
-    print(f"shortest paths: {sc.shortest_paths(scenario).reward:.2f}")
+    print(f"shortest paths: {sc.shortest_paths(scenario).returns:.2f}")
     print(f"best asking team found: {sc.shipped_asking_team(scenario).value:.2f}")
     print(f"joint optimum: {sc.optimum(scenario).value:.2f}")
 
