@@ -155,7 +155,8 @@ def execute(options: argparse.Namespace) -> None:
         lines.append(
             "robots begin with the values of robots alone on this map (prior=map)"
         )
-    lines.append(made.interactions)
+    untaken = bool(made.imported.corridors) and not options.corridors
+    lines.append(made.interactions + "; --corridors takes it" * untaken)
     if prospect is not None:
         lines.append(prospect.advice.text)
     lines += [f"note: {note}" for note in made.notes]

@@ -44,7 +44,7 @@ class Made(NamedTuple):
         imported: the map.
         scenario: None where there are no robots.
         suggested: its settings that fit the map's distances.
-        interactions: a sentence: which kinds of interaction fit the map, and how to take them.
+        interactions: a sentence: which kinds of interaction fit the map.
         notes: what is odd, one line each.
         files: what there is to write, by name.
     """
@@ -120,7 +120,7 @@ def _interactions_in_words(imported: Imported, *, taken: bool) -> str:
         )
     return (
         f"interactions={IN_CORRIDORS} fits: {found}, in the middle at {named}{more}; robots cannot "
-        f"pass each other there, which {IN_DOORWAYS} does not know; --corridors takes it"
+        f"pass each other there, which {IN_DOORWAYS} does not know"
     )
 
 

@@ -26,7 +26,10 @@ const at = ([x, y]) => [x * METRE, -y * METRE];
 class Plan extends View {
   look() {
     this.unit = 1 / super.look(); // units of a pixel
-    if (Number.isFinite(this.unit)) over.replaceChildren(...marks(), ...robots(), ...axes(), ...crosshair());
+    if (Number.isFinite(this.unit)) {
+      over.replaceChildren(...marks(), ...robots(), ...axes(), ...crosshair());
+      film.draw();
+    }
     return 1 / this.unit;
   }
 }
@@ -261,7 +264,8 @@ function doorway(now, { place, sign, key }) {
 }
 
 const metres = ({ x, y }) => [x / METRE, -y / METRE];
-const inWords = ([x, y]) => `x ${x.toFixed(2)} m, y ${y.toFixed(2)} m`;
+const rounded = (one) => (Math.round(one * 100) / 100 || 0).toFixed(2); // never -0.00
+const inWords = ([x, y]) => `x ${rounded(x)} m, y ${rounded(y)} m`;
 const describe = (place) => `${inWords(place)}: ${SIGNS[cellAt(...place).sign] ?? SIGNS["#"]}`;
 function act(place) {
   if (chosen.scale && !scaled) return;

@@ -19,18 +19,24 @@ export class Film {
 
   // Another film, which begins to play where the reader does not want less motion; or none.
   load({ seconds, places, radius }) {
-    Object.assign(this, { seconds, places });
+    Object.assign(this, { seconds, places, radius, now: 0 });
     this.play(false);
     const there = seconds.length > 0;
     $("film").hidden = !there;
-    this.bodies = there ? places[0].map((_, k) => this.robot(k, radius)) : [];
-    this.layer.replaceChildren(...this.bodies);
+    this.draw();
     if (!there) return;
     this.whole = seconds.at(-1);
     this.rate = Math.max(1, Math.ceil(this.whole / LONGEST));
     $("frame").max = this.whole;
     this.show(0);
     this.play(!matchMedia("(prefers-reduced-motion: reduce)").matches);
+  }
+
+  // Draws the bodies anew, as after a zoom: a small one is drawn larger than it is.
+  draw() {
+    this.bodies = (this.places[0] ?? []).map((_, k) => this.robot(k, this.radius));
+    this.layer.replaceChildren(...this.bodies);
+    this.place();
   }
 
   play(on) {
@@ -51,19 +57,24 @@ export class Film {
     else requestAnimationFrame((next) => this.tick(next));
   }
 
-  // Shows a time; between two frames bodies are on the straight line.
   show(now) {
     this.now = now;
-    const { seconds, places } = this;
-    const next = Math.max(1, seconds.findIndex((one) => one >= now)), before = next - 1;
-    const share = next < seconds.length ? (now - seconds[before]) / (seconds[next] - seconds[before] || 1) : 0;
-    this.bodies.forEach((body, k) => {
-      const between = (axis) => places[before][k][axis] + share * ((places[next] ?? places[before])[k][axis] - places[before][k][axis]);
-      body.setAttribute("transform", `translate(${this.at([between(0), between(1)])})`);
-    });
+    this.place();
     const time = `${now.toFixed(1)} of ${this.whole.toFixed(1)} s`;
     $("frame").value = now;
     $("frame").setAttribute("aria-valuetext", time);
     $("film-time").textContent = `First episode, ${time}${this.rate > 1 ? `, ${this.rate} times as fast` : ""}`;
+  }
+
+  // Puts the bodies where they are now; between two frames that is on the straight line.
+  place() {
+    const { seconds, places, now } = this;
+    const next = Math.max(1, seconds.findIndex((one) => one >= now)), before = next - 1;
+    const share = next < seconds.length ? (now - seconds[before]) / (seconds[next] - seconds[before] || 1) : 0;
+    this.bodies.forEach((body, k) => {
+      const from = places[before][k], to = (places[next] ?? places[before])[k];
+      const between = from.map((one, axis) => one + share * (to[axis] - one));
+      body.setAttribute("transform", `translate(${this.at(between)})`);
+    });
   }
 }
