@@ -296,8 +296,9 @@ def test_corridors_are_taken_where_the_page_says_so(page, sparse_coord, folder):
     robots = {"start": [[0.5, 0.5]], "goal": [[8.5, 0.5]], "doorway": []}
     shown = told((lane, board), SAVE, **robots)
     assert shown["corridors"] == 1 and shown["doorways"] == 0
-    assert "swap+block fits: 1 corridor is one cell wide (3 cells)" in (
-        shown["interactions"]
+    assert (
+        "swap+block fits: 1 corridor is one cell wide (3 cells)"
+        in (shown["interactions"])
     )
     assert load_scenario(folder / "lane_map/lane.yaml").interactions == "together"
     shown = told((lane, board), SAVE, corridors=True, **robots)
@@ -339,6 +340,8 @@ def test_a_picture_s_files_are_not_written_over(exported, folder):
     threading.Thread(target=made.work, daemon=True).start()
     wait_for(lambda: board.get("problem"))
     scale = {"resolution": 0.05, "origin": [0, 0]}
-    said = told((made, board), SAVE, scale=scale, cell=0.5, start=[], goal=[])
+    said = told(
+        (made, board), SAVE, scale=scale, cell=0.5, start=[], goal=[], doorway=[]
+    )
     assert "would be overwritten; choose another --out" in said
     assert not (folder / "e" / "env1.yaml").exists()
