@@ -231,7 +231,7 @@ class ImportPage(Controlled):
         if made.scenario is not None:
             self._to_judge.put((wish.value, made.scenario))
         if wish.name != SAVE:
-            self._board.put_new("film", seconds=[])
+            self._board.put_new("film", seconds=[], places=[])
         if wish.name != IMPORT:
             if wish.name == TRAIN and made.scenario is None:
                 raise RunError("no robot is there: click its places")
@@ -242,7 +242,7 @@ class ImportPage(Controlled):
         self._board.put("problem", text="")
 
     def _save(self, options: argparse.Namespace, made: Made) -> list[Path]:
-        """Write all files, and return them: map, scenario, picture, and the header if it is new."""
+        """Write all files, and return them; a picture gets its YAML file, too."""
         check_free(options, self._plan, replace=self._replace)
         header = self._plan.path
         if self._picture and header.exists() and not self._replace:

@@ -119,8 +119,8 @@ def _interactions_in_words(imported: Imported, *, taken: bool) -> str:
             "are doorways, which hold one robot each"
         )
     return (
-        f"interactions={IN_CORRIDORS} fits: {found}, in the middle at {named}{more}; robots cannot "
-        f"pass each other there, which {IN_DOORWAYS} does not know"
+        f"interactions={IN_CORRIDORS} fits: {found}, in the middle at {named}{more}; robots "
+        f"cannot pass each other there, which {IN_DOORWAYS} does not know"
     )
 
 

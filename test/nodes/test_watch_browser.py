@@ -661,7 +661,7 @@ def text_of(name):
 
 
 def test_the_import_page_by_keys_narrow_and_dark(tab, start, tmp_path):
-    """Clicked next, legend, advice, doorway hint, undo and live regions, at 400 pixels and dark."""
+    """What is clicked next, legend, advice, hint, undo and live regions; 400 pixels, dark."""
     tab.emulate_media(color_scheme="dark")
     size(tab, 400, 800)
     office = str(ROOT / "examples/office.yaml")

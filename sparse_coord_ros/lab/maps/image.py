@@ -135,9 +135,9 @@ def _yaml_wanted(image: Path) -> str:
     lines = f"image: {image.name}", "resolution: 0.05", "origin: [0, 0, 0]"
     return (
         f"{image}: is an image, and its scale is not known; write {beside} with three lines, "
-        f"{' / '.join(map(repr, lines))} (metres a pixel; x, y in metres of the lower left corner; "
-        f"yaw), and give that file; or choose them on a page: sparse_coord import-map {image} "
-        "--page"
+        f"{' / '.join(map(repr, lines))} (metres a pixel; x, y in metres of the lower left "
+        f"corner; yaw), and give that file; or choose them on a page: sparse_coord import-map "
+        f"{image} --page"
     )
 
 
