@@ -16,6 +16,7 @@ const SIGNS = { ".": "free cell", D: "doorway", "#": "no free cell" };
 
 let run = null, imported = null, chosen = null, control = false, waiting = false, cursor = null;
 let prospect = { note: "", doorway: null };
+let laid = null; // the scale at which the picture lies
 let scaled = false; // the reader has said the scale of a picture
 const past = []; // what was chosen before each change, and what the change was
 
@@ -149,7 +150,9 @@ function showProspect() {
 }
 
 // The picture at its scale; all of it is seen.
-function layPicture({ resolution, origin }) {
+function layPicture(scale) {
+  const { resolution, origin } = scale;
+  laid = structuredClone(scale);
   const [width, height] = run.pixels.map((one) => one * resolution * METRE), [x, y] = at(origin), edge = 0.05 * Math.max(width, height);
   for (const [key, value] of Object.entries({ x, y: y - height, width, height, href: run.picture })) picture.setAttribute(key, value);
   view.show({ x: x - edge, y: y - height - edge / 4, width: width + 2 * edge, height: height + 1.25 * edge }, 2 * METRE);
@@ -177,7 +180,6 @@ const TAKE = {
     show();
   },
   imported(message) {
-    const before = imported?.chosen.scale;
     imported = message;
     if (same(imported.chosen, chosen)) waiting = false;
     if (!waiting) chosen = imported.chosen; // another page has chosen it
@@ -192,7 +194,7 @@ const TAKE = {
     const settings = Object.entries(suggested).map(([key, value]) => `${key}=${value}`).join(", ");
     const known = suggested.prior === "map" ? " Robots begin with the values of robots alone on this map." : "";
     $("suggested").textContent = settings && `Settings by distance: ${settings}.${known}`;
-    if (chosen.scale && !same(before, chosen.scale)) layPicture(chosen.scale);
+    if (chosen.scale && !same(laid, chosen.scale)) layPicture(chosen.scale);
     show();
   },
   prospect(message) {
