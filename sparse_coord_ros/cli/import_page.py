@@ -214,7 +214,7 @@ class ImportPage(Controlled):
             return
         if wish.name in (TRAIN, DRIVE) and self._busy:
             raise RunError(
-                "a team learns or drives already: wait for its end, or stop it"
+                "a team is already learning or driving: wait until it ends, or stop it"
             )
         if wish.name == DRIVE:
             if self._out is None or not self._learned:
@@ -234,7 +234,7 @@ class ImportPage(Controlled):
             self._board.put_new("film", seconds=[], places=[])
         if wish.name != IMPORT:
             if wish.name == TRAIN and made.scenario is None:
-                raise RunError("no robot is there: click its places")
+                raise RunError("no robot is placed: click its start and its goal")
             files = self._save(options, made)
             self._board.put("saved", files=list(map(str, files)))
             if wish.name == TRAIN:
@@ -321,7 +321,7 @@ class ImportPage(Controlled):
             saved = self._out is not None and (self._out / CHECKPOINT_FILE).exists()
             self._tell(
                 "Stopped."
-                + f" Go on with: sparse_coord train --resume {self._out}" * saved
+                + f" Continue with: sparse_coord train --resume {self._out}" * saved
             )
         return stopped
 

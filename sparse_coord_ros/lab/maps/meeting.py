@@ -52,7 +52,7 @@ def prospect_of(scenario: Scenario) -> Prospect:
     if len(scenario.robots) == 1 or expected.ratio >= LEAST_WORTH:
         return Prospect(expected, "", None)
     note = (
-        "nothing to coordinate: on shortest paths robots hardly ever interact "
+        "nothing to coordinate: shortest paths rarely meet "
         f"({scenario.interactions}), and lose less than a question costs; "
     )
     found = best_doorway(scenario)
