@@ -113,7 +113,7 @@ class BagSource(controls.Played):
         self.growing = self._grows()
         if self.log.empty:
             self.log.bag.close()
-            what = "its recorder has only begun; try again soon"
+            what = "its recording has just started; try again soon"
             what = what if self.growing else "see 'sparse_coord info'"
             raise BagError(f"{path}: holds no message to show: {what}")
         begin = self.log.begin()
@@ -186,7 +186,7 @@ class BagSource(controls.Played):
             best = shipped_asking_team(self.run.scenario)
             if best is not None:
                 lines.append(
-                    f"The best asking team found is worth {best.value:.2f} a robot."
+                    f"The return of the best asking team found is {best.value:.2f} a robot."
                 )
         elif read:
             first, since = self._key_steps.since(shown.robot, shown.cell)

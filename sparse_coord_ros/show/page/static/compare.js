@@ -11,7 +11,7 @@ const RATES = [0.5, 1, 2, 5, 10, 20, 50, 100, 500, 1000];
 const AXES = { learned: "what was learned", episode: "the same episode", step: "the same time step" };
 const MARKS = ["question", "miscoordination", "exchange", "stopped"];
 const MARK_NAMES = { stopped: "another robot stops it" };
-const MEASURES = [["reward", 2, "return of a robot"], ["asks", 2, "questions of a robot"], ["miscoordinations", 3, "miscoordinations"]];
+const MEASURES = [["returns", 2, "return of a robot"], ["asks", 2, "questions of a robot"], ["miscoordinations", 3, "miscoordinations"]];
 const LOOKS = [["var(--run-1)", ""], ["var(--run-2)", "7 4"], ["var(--run-3)", "2 3"], ["var(--run-4)", "9 3 2 3"]];
 const look = (k) => ({ stroke: LOOKS[k % LOOKS.length][0], "stroke-dasharray": LOOKS[k % LOOKS.length][1], "data-run": k + 1 });
 
@@ -133,7 +133,7 @@ function headline() {
   const asking = new Set(said).size > 1
     ? `${said.map((words, k) => `in ${letter(k)} ${words}`).join(", ")}.`
     : `in all runs ${said[0]}: a robot ${often.join(", ")}.`;
-  const earned = values.map((value, k) => `${withError(value.reward, 2)} in ${letter(k)}`);
+  const earned = values.map((value, k) => `${withError(value.returns, 2)} in ${letter(k)}`);
   $("headline").textContent = `I${asking.slice(1)} A robot earns ${earned.join(", ")}.`;
 }
 
