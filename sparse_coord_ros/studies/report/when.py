@@ -36,6 +36,14 @@ NEVER = "Non-coop., never asks"
 LEARNED = {"factored": FACTORED, "coop": COOP, "cq": CQ, "noncoop": NEVER}
 """Lines of the learners of pairs, where each question is answered."""
 
+KINDS = {
+    "together:anywhere": "in one cell, anywhere",
+    "swap": "exchange of cells",
+    "block": "a doorway holds one robot",
+    "block:anywhere": "a cell holds one robot",
+}
+"""Lines of Factored where pairs interact in other ways than in one doorway."""
+
 ALWAYS = "always asks, and pays"
 AVOIDABLE_LINE = "pairs with ways apart"
 """The line of Factored where robots can avoid each other for nothing."""
@@ -97,6 +105,8 @@ def line_of(result: ConditionResult) -> str:
     robots = len(result.scenario.robots)
     if robots > 2:
         return f"{robots} robots"
+    if result.scenario.interactions in KINDS:
+        return KINDS[result.scenario.interactions]
     chance = chance_of_answer(result.scenario)
     if chance < 1.0:
         return f"{chance:.0%} of questions answered"
@@ -208,28 +218,36 @@ def interval_name(number: int) -> str:
     return f"{low:g} to {high:g}"
 
 
-def tightness(found: pd.DataFrame, x: str) -> tuple[float, float]:
-    """Return how far the points of Factored lie from one curve over a column.
+def tightness(
+    found: pd.DataFrame, x: str, line: str = FACTORED
+) -> tuple[float, float]:
+    """Return how far the points of a line lie from the curve of Factored over a column.
 
-    The curve at a point is the mean of the points of other maps, weighted by their distance: a
-    Gaussian on the logarithm of x. All columns are judged by the same points: those whose ratio
-    lies between the first and the last of the inner `EDGES`, and that have a gap.
+    The curve at a point is the mean of Factored's points of other maps, weighted by their
+    distance: a Gaussian on the logarithm of x. All columns are judged by the same points: those
+    whose ratio lies between the first and the last of the inner `EDGES`, and that have a gap.
+
+    Args:
+        found: points.
+        x: the column.
+        line: whose points; where robots interact in other ways they do not make the curve.
 
     Returns:
         Root mean squares: in questions, and in the share of the gap (-1 where it is less).
     """
-    own = found[(found["line"] == FACTORED) & ~found["avoidable"]]
-    own = own[own["ratio"].between(EDGES[1], EDGES[-2]) & (own["gap"] > TINY)]
-    own = own[own["questions"].notna()]
-    place = np.log(own[x].to_numpy())
-    maps = own["scenario"].to_numpy()
-    weight = np.exp(-0.5 * ((place[:, None] - place) / WIDTH) ** 2)
-    weight = weight * (maps[:, None] != maps)
-    share = (own["gained"] / own["gap"]).clip(lower=-1.0)
+    kept = found[~found["avoidable"] & found["questions"].notna()]
+    kept = kept[kept["ratio"].between(EDGES[1], EDGES[-2]) & (kept["gap"] > TINY)]
+    kept = kept.assign(share=(kept["gained"] / kept["gap"]).clip(lower=-1.0))
+    own = kept[kept["line"] == line]
+    curve = kept[kept["line"] == FACTORED]
+    apart = np.log(own[x].to_numpy())[:, None] - np.log(curve[x].to_numpy())
+    weight = np.exp(-0.5 * (apart / WIDTH) ** 2)
+    weight *= own["scenario"].to_numpy()[:, None] != curve["scenario"].to_numpy()
     rest = []
-    for measure in (own["questions"].to_numpy(), share.to_numpy()):
-        curve = weight @ measure / weight.sum(axis=1)
-        rest.append(float(np.sqrt(np.mean((measure - curve) ** 2))))
+    for measure in ("questions", "share"):
+        expected = weight @ curve[measure].to_numpy() / weight.sum(axis=1)
+        missed = own[measure].to_numpy() - expected
+        rest.append(float(np.sqrt(np.mean(missed**2))))
     return rest[0], rest[1]
 
 

@@ -25,6 +25,7 @@ from sparse_coord_ros.studies.report.when import (
     ALWAYS_PAYS,
     AVOIDABLE_LINE,
     CQ,
+    KINDS,
     NEVER,
     TINY,
     means,
@@ -54,6 +55,15 @@ MORE_LINES: Mapping[str, Style] = {
     AVOIDABLE_LINE: {"color": "0.45", "marker": "x", "linestyle": "-"},
 }
 """The lines of the second figure."""
+
+KIND_LINES: Mapping[str, Style] = {
+    FACTORED: LINES[FACTORED],
+    KINDS["together:anywhere"]: {"color": "#56B4E9", "marker": "v", "linestyle": "-."},
+    KINDS["swap"]: {"color": "#009E73", "marker": "o", "linestyle": "-"},
+    KINDS["block"]: {"color": "#E69F00", "marker": "s", "linestyle": "--"},
+    KINDS["block:anywhere"]: {"color": "#D55E00", "marker": "D", "linestyle": ":"},
+}
+"""The lines of the third figure."""
 
 REGIONS = (
     (0.0, LEAST_WORTH, "no need to", "#FFFFFF"),
@@ -95,6 +105,13 @@ def when_more(results: Sequence[ConditionResult]) -> Figure:
     """
     found = points(results)
     return _figure(with_ways_apart(found), MORE_LINES, "worth")
+
+
+def when_kinds(results: Sequence[ConditionResult]) -> Figure:
+    """Draw pairs that interact in other ways: above against the ratio, below against the worth."""
+    found = points(results)
+    found = found[~found["avoidable"]]
+    return _figure(found, KIND_LINES, "worth")
 
 
 def _figure(found: pd.DataFrame, lines: Mapping[str, Style], x: str) -> Figure:
