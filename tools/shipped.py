@@ -14,8 +14,9 @@ of more than two robots that the study `many` of `tools.study` let learn; the be
 again and judged by fresh trials. unseen: unseen.json, the buildings of the benchmark, and their
 asking teams. Of each kind and team, seeds are looked at from 0 on, and the first with a real
 conflict are taken: what a planner with full sight is worth is above shortest paths by more than
-`CONFLICT`. kinds: asking_teams.json, of the lists of `benchmark` with other interactions. bounds: bounds.json, of all scenarios of more than two robots in the lists
-of `benchmark`; it takes twenty minutes.
+`CONFLICT`. kinds: asking_teams.json, of the lists of `benchmark` with other interactions. bounds:
+bounds.json, of all scenarios of more than two robots in the lists of `benchmark`; it takes twenty
+minutes.
 """
 
 import argparse

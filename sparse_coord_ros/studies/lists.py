@@ -3,7 +3,7 @@
 """The fixed lists of scenarios that `benchmark` judges learners on. A new list is one entry here.
 
 Rules and numbers are chosen on the lists for tuning. Those for validation show whether these hold
-elsewhere. Those of `unseen2`, and of the other kinds of interaction, are for closing figures alone.
+elsewhere. Those of `unseen2`, and of other kinds of interaction, are for closing figures alone.
 """
 
 from collections.abc import Mapping, Sequence

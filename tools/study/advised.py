@@ -101,8 +101,9 @@ def _conditions(
 def _judged(found: Found, condition: Condition) -> dict[str, object]:
     """Return the point of a condition, and what was said of it beforehand."""
     result = found(condition)
-    point = points([result]).iloc[0].to_dict()
-    return {**point, "advice": advice(result.scenario).kind}
+    point = points([result]).iloc[0]
+    said = {"advice": advice(result.scenario).kind}
+    return said | {str(name): value for name, value in point.items()}
 
 
 def _row(own: pd.DataFrame, said: str) -> dict[str, str]:

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The study of docs/interactions.md: `factored` without each of its parts, by kind of interaction."""
+"""The study of docs/interactions.md: `factored` without each part, by kind of interaction."""
 
 from collections.abc import Mapping
 from functools import cache

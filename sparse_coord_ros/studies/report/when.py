@@ -218,9 +218,7 @@ def interval_name(number: int) -> str:
     return f"{low:g} to {high:g}"
 
 
-def tightness(
-    found: pd.DataFrame, x: str, line: str = FACTORED
-) -> tuple[float, float]:
+def tightness(found: pd.DataFrame, x: str, line: str = FACTORED) -> tuple[float, float]:
     """Return how far the points of a line lie from the curve of Factored over a column.
 
     The curve at a point is the mean of Factored's points of other maps, weighted by their
