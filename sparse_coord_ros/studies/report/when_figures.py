@@ -77,8 +77,10 @@ LIMITS = (0.04, 1500.0)
 """Of the axis of ratios."""
 
 LOWEST_SHARE = -0.6
-MOST_QUESTIONS = {"ratio": 4.0, "worth": 5.2}
-"""Ends of the vertical axes: lines leave the panel beyond them."""
+MOST_QUESTIONS = 4.0
+MOST_QUESTIONS_MORE = 5.2
+"""Ends of the vertical axes: lines leave the panel beyond them. The second one is that of larger
+teams, failing answers and other interactions."""
 
 XLABELS = {
     "ratio": "loss of a robot if they ignore each other / cost of a question (log scale)",
@@ -90,7 +92,7 @@ XLABELS = {
 def when(results: Sequence[ConditionResult]) -> Figure:
     """Draw questions and share of the gap against the ratio, for each way to coordinate."""
     found = points(results)
-    figure = _figure(found[~found["avoidable"]], LINES, "ratio")
+    figure = _figure(found[~found["avoidable"]], LINES, "ratio", MOST_QUESTIONS)
     upper, lower = figure.axes
     for axes in (upper, lower):
         _mark_regions(axes)
@@ -104,17 +106,20 @@ def when_more(results: Sequence[ConditionResult]) -> Figure:
     They stand against the worth of the gain, in questions.
     """
     found = points(results)
-    return _figure(with_ways_apart(found), MORE_LINES, "worth")
+    return _figure(with_ways_apart(found), MORE_LINES, "worth", MOST_QUESTIONS_MORE)
 
 
 def when_kinds(results: Sequence[ConditionResult]) -> Figure:
-    """Draw pairs that interact in other ways: above against the ratio, below against the worth."""
+    """Draw pairs that interact in other ways against the ratio, beside those in one doorway."""
     found = points(results)
-    found = found[~found["avoidable"]]
-    return _figure(found, KIND_LINES, "worth")
+    return _figure(
+        found[~found["avoidable"]], KIND_LINES, "ratio", MOST_QUESTIONS_MORE
+    )
 
 
-def _figure(found: pd.DataFrame, lines: Mapping[str, Style], x: str) -> Figure:
+def _figure(
+    found: pd.DataFrame, lines: Mapping[str, Style], x: str, most: float
+) -> Figure:
     figure = Drawing(figsize=(8.2, 7.0), layout="constrained")
     upper, lower = figure.subplots(2, 1, sharex=True)
     own = found[(found["line"] == FACTORED) & (found["gap"] > TINY)]
@@ -126,7 +131,7 @@ def _figure(found: pd.DataFrame, lines: Mapping[str, Style], x: str) -> Figure:
         average = averages[averages["line"] == line]
         _draw(upper, average, x, "questions", line, style)
         _draw(lower, average, x, "share", line, style)
-    upper.set_ylim(-0.1, MOST_QUESTIONS[x])
+    upper.set_ylim(-0.1, most)
     upper.set_ylabel("questions of a robot\nin an episode")
     lower.set_ylim(LOWEST_SHARE, 1.08)
     lower.set_ylabel("share of the gap from\nshortest paths to the optimum")
