@@ -61,7 +61,7 @@ def test_robots_that_never_meet_lose_nothing(cost):
     found = advice(scenario)
     assert (found.kind, found.loss, found.ratio) == (WILL_NOT_PAY, 0.0, 0.0)
     assert found.text == (
-        "Coordination will not pay: robots that ignore each other lose 0.00 each."
+        "Asking will not pay: robots that ignore each other lose 0.00 each."
     )
 
 

@@ -109,12 +109,13 @@ def _judged(found: Found, condition: Condition) -> dict[str, object]:
 def _row(own: pd.DataFrame, said: str) -> dict[str, str]:
     close = own["half"]
     right: pd.Series | None = None
+    few = (own["questions"] < FEW_QUESTIONS).astype(float)
     if said == WILL_NOT_PAY:
-        right = 1.0 - close
+        right = few
     elif said == WILL_PAY:
         right = close
     elif said == AVOIDABLE:
-        right = close.where(own["questions"] < FEW_QUESTIONS, 0.0)
+        right = close * few
     return {
         "buildings": str(own["scenario"].nunique()),
         "conditions": str(len(own)),

@@ -24,10 +24,8 @@ SEEDS = (1, 3, 5)
 CONFLICT = 3.0
 """By how much the joint optimum of a building that counts exceeds shortest paths."""
 
-INTERACTIONS = ("together", "together:anywhere", "swap", "block:anywhere")
-
-STOPPED = ("block:anywhere",)
-"""Kinds by which robots stop each other; there the referee is on."""
+BLOCKS = ("block:anywhere",)
+INTERACTIONS = ("together", "together:anywhere", "swap", *BLOCKS)
 
 PARTS: Mapping[str, tuple[str, Mapping[str, object], tuple[str, ...]]] = {
     "all of it": ("factored", {}, INTERACTIONS),
@@ -36,9 +34,8 @@ PARTS: Mapping[str, tuple[str, Mapping[str, object], tuple[str, ...]]] = {
     "no percept update of r_bar": (RULES + "NoPerceptUpdate", {}, INTERACTIONS),
     "no replay": (RULES + "NoReplay", {}, INTERACTIONS),
     "exchanges not told from cells": (RULES + "NoExchanges", {}, ("swap",)),
-    "stops are slips": (RULES + "NoStops", {}, STOPPED),
-    "a stop counts one step": (RULES + "OneStep", {}, STOPPED),
-    "no referee": ("factored", {"referee": False}, STOPPED),
+    "stops are slips": (RULES + "NoStops", {}, BLOCKS),
+    "a stop counts one step": (RULES + "OneStep", {}, BLOCKS),
 }
 """Learner, changed settings, and for which kinds of interaction; in others it changes nothing."""
 
