@@ -802,8 +802,9 @@ def _by_ratio(line: str, averages: pd.DataFrame) -> list[dict[str, str]]:
         column = interval_name(one["interval"])
         questions = Measure(one["questions"], math.nan, one["questions_error"])
         asked[column] = with_error(questions)
-        error = fixed(100 * one["share_error"], 0)
-        gained[column] = f"{100 * one['share']:.0f} % ({error})"
+        if not math.isnan(one["share"]):
+            error = fixed(100 * one["share_error"], 0)
+            gained[column] = f"{100 * one['share']:.0f} % ({error})"
     rows = [gained] if averages["questions"].isna().all() else [asked, gained]
     teams = int(averages["teams"].sum())
     if teams:

@@ -63,6 +63,9 @@ WIDTH = 0.35
 MOST_CELLS = 30
 """Cells of a map on which the team that always asks is computed: it takes value iteration."""
 
+MOST_SHARE_ERROR = 30.0
+"""A share with a larger error says nothing: on some of its maps there is next to no gap."""
+
 TINY = 1e-6
 """Smaller gaps are rounding."""
 
@@ -194,7 +197,8 @@ def means(found: pd.DataFrame, x: str = "ratio") -> pd.DataFrame:
 
     Returns:
         A row for each line and interval: `line`, `interval` (its number), x (geometric mean),
-        `conditions`, `maps`, `questions`, `share` (of the pooled gap, in questions), the errors
+        `conditions`, `maps`, `questions`, `share` (of the pooled gap, in questions; NaN where its
+        error exceeds `MOST_SHARE_ERROR`), the errors
         `questions_error` and `share_error` (a bootstrap over maps; NaN of a single one),
         `failed`, `teams`, and `half`.
     """
@@ -259,14 +263,15 @@ def _mean(own: pd.DataFrame) -> Row:
     drawn = times @ sums
     asked = drawn[drawn[:, 1] > 0.0]
     questions = asked[:, 0] / asked[:, 1]
-    shares = drawn[:, 2] / drawn[:, 3]
+    share_error = _spread(drawn[:, 2] / drawn[:, 3], maps)
+    said = not share_error > MOST_SHARE_ERROR
     return {
         "conditions": len(own),
         "maps": maps,
         "questions": own["questions"].mean(),
         "questions_error": _spread(questions, maps),
-        "share": own["gained"].sum() / own["gap"].sum(),
-        "share_error": _spread(shares, maps),
+        "share": own["gained"].sum() / own["gap"].sum() if said else np.nan,
+        "share_error": share_error,
         "failed": own["failed"].sum(),
         "teams": own["teams"].sum(),
         "half": own["half"].mean(),

@@ -57,7 +57,7 @@ MORE_LINES: Mapping[str, Style] = {
 """The lines of the second figure."""
 
 KIND_LINES: Mapping[str, Style] = {
-    FACTORED: LINES[FACTORED],
+    FACTORED: {**LINES[FACTORED], "label": "in one doorway"},
     KINDS["together:anywhere"]: {"color": "#56B4E9", "marker": "v", "linestyle": "-."},
     KINDS["swap"]: {"color": "#009E73", "marker": "o", "linestyle": "-"},
     KINDS["block"]: {"color": "#E69F00", "marker": "s", "linestyle": "--"},
@@ -112,9 +112,7 @@ def when_more(results: Sequence[ConditionResult]) -> Figure:
 def when_kinds(results: Sequence[ConditionResult]) -> Figure:
     """Draw pairs that interact in other ways against the ratio, beside those in one doorway."""
     found = points(results)
-    return _figure(
-        found[~found["avoidable"]], KIND_LINES, "ratio", MOST_QUESTIONS_MORE
-    )
+    return _figure(found[~found["avoidable"]], KIND_LINES, "ratio", MOST_QUESTIONS_MORE)
 
 
 def _figure(
@@ -159,7 +157,8 @@ def _draw(
     known = average[average[measure].notna()]
     if len(known):
         error = known[f"{measure}_error"].fillna(0.0)
-        axes.errorbar(known[x], known[measure], error, label=line, capsize=2, **style)
+        said = {"label": line, "capsize": 2, **style}
+        axes.errorbar(known[x], known[measure], error, **said)
 
 
 def _mark_regions(axes: Axes) -> None:
