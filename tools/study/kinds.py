@@ -64,7 +64,7 @@ def _buildings(interactions: str) -> tuple[str, ...]:
     for kind, seed in product(KINDS, SEEDS):
         name = f"{VERSIONS[0]}-{kind}-2r-{seed}"
         scenario = load_scenario(name).with_settings({"interactions": interactions})
-        paths = shortest_path_reference(scenario).reward
+        paths = shortest_path_reference(scenario).returns
         if _optimum(scenario) > paths + CONFLICT:
             names.append(name)
     return tuple(names)
