@@ -191,7 +191,7 @@ def some_results():
             for cost in (1, 5):
                 found.append(learned(name, asks=asks, ask_cost=cost, **earned))
             swap = {"interactions": "swap", "penalty": penalty}
-            found.append(learned(name, asks=1.0, reward=best - 0.1, **swap))
+            found.append(learned(name, asks=1.0, returns=best - 0.1, **swap))
             found.append(learned(name, "coop", asks=1.5, **earned))
             found.append(learned(name, "cq", asks=1.0, **earned))
     return found
