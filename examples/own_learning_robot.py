@@ -5,7 +5,7 @@
 It learns the values of moves in its cell (Q-learning). In a cell from which a move was once fined
 (r^C) it asks from then on where a peer is, and learns the values of moves there for each answer.
 
-Written from docs/interface.md: python own_learning_robot.py --ros-args -r __node:=robot_1
+Written from docs/own_robot.md: python own_learning_robot.py --ros-args -r __node:=robot_1
 """
 
 import copy

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A robot of one's own in plain rclpy, which learns nothing: it moves at random.
 
-Written from docs/interface.md: python own_robot.py --ros-args -r __node:=robot_1
+Written from docs/own_robot.md: python own_robot.py --ros-args -r __node:=robot_1
 """
 
 import random
