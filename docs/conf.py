@@ -21,7 +21,7 @@ extensions = [
     "sphinxarg.ext",
 ]
 exclude_patterns = ["_build", "tables"]
-myst_enable_extensions = ["substitution"]
+myst_enable_extensions = ["amsmath", "dollarmath", "substitution"]
 nb_execution_raise_on_error = True
 nb_execution_timeout = 600
 html_theme = "furo"
