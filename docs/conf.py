@@ -27,6 +27,7 @@ nb_execution_timeout = 600
 html_theme = "furo"
 html_static_path = ["static"]
 html_css_files = ["notebooks.css"]
+html_search_scorer = "static/scorer.js"
 html_title = f"sparse_coord_ros {release}"
 myst_heading_anchors = 3
 autodoc_member_order = "bysource"
