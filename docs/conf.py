@@ -27,7 +27,6 @@ nb_execution_timeout = 600
 html_theme = "furo"
 html_static_path = ["static"]
 html_css_files = ["notebooks.css"]
-html_search_scorer = "static/scorer.js"
 html_title = f"sparse_coord_ros {release}"
 myst_heading_anchors = 3
 autodoc_member_order = "bysource"
@@ -40,6 +39,7 @@ default_role = "code"  # docstrings have `names` in single backquotes
 suppress_warnings = ["myst.xref_missing", "ref.python"]
 
 HERE = Path(__file__).parent
+html_search_scorer = str(HERE / "static/scorer.js")
 sys.path.append(str(HERE))
 import generate  # noqa: E402 - it lies here
 
