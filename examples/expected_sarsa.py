@@ -42,5 +42,5 @@ if __name__ == "__main__":
     for learner in ("coop", "expected_sarsa"):
         training = sc.train(scenario, learner, seed=1)
         print(
-            f"{learner}: reward {sc.evaluate(training).reward.mean:.1f}, {training.engine}"
+            f"{learner}: return {sc.evaluate(training).returns.mean:.1f}, {training.engine}"
         )

@@ -30,6 +30,6 @@ if __name__ == "__main__":
     for learner in ("coop", "careful"):
         result = sc.evaluate(sc.train(scenario, learner, seed=1))
         print(
-            f"{learner}: reward {result.reward.mean:.1f}, "
+            f"{learner}: return {result.returns.mean:.1f}, "
             f"miscoordinations {result.miscoordinations.mean:.2f}, asks {result.asks.mean:.2f}"
         )

@@ -30,5 +30,5 @@ if __name__ == "__main__":
         )
         result = sc.evaluate(sc.train(scenario, seed=2))
         print(
-            f"{perception}: reward {result.reward.mean:.1f}, asks {result.asks.mean:.2f}"
+            f"{perception}: return {result.returns.mean:.1f}, asks {result.asks.mean:.2f}"
         )

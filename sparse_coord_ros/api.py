@@ -162,9 +162,10 @@ class Runs:
     def to_pandas(self) -> "pd.DataFrame":
         """Return a data frame: one row a run.
 
-        Its columns: `scenario`, `learner`, every setting and `seed`; `reward` (total discounted),
-        `time_to_goal` (steps) and `asks`, means over the trials and robots; `miscoordinations`,
-        mean of a trial; `arrived`, share of the trials in which every robot arrived.
+        Its columns: `scenario`, `learner`, every setting and `seed`; `returns` (total discounted
+        reward), `time_to_goal` (steps) and `asks`, means over the trials and robots;
+        `miscoordinations`, mean of a trial; `arrived`, share of the trials in which every robot
+        arrived.
 
         Raises:
             RunError: pandas is not installed.
@@ -482,7 +483,7 @@ def vector_env(
 
     `reset` and `step` are those of Gymnasium's vector environments, with arrays of NumPy; see
     `VectorGame`, which also says more of the arguments. The discounted sum of the rewards of an
-    episode is the reward that `evaluate` reports.
+    episode is the return that `evaluate` reports.
 
     Args:
         scenario: the problem.

@@ -1,11 +1,12 @@
 // How the search of these pages orders what it finds: guides stand before the reference of Python.
 const REFERENCE = 40;
 const ANSWERS = 20;
+const FIRST = ["faq", "glossary", "which_learner"];
 
 var Scorer = {
   score: ([name, , , , points]) => {
     if (name.startsWith("generated/api")) return points - REFERENCE;
-    if (name === "faq" || name === "glossary") return points + ANSWERS;
+    if (FIRST.includes(name)) return points + ANSWERS;
     return points;
   },
   objNameMatch: 11,

@@ -21,7 +21,7 @@ from sparse_coord_ros.base.errors import SparseCoordError, check_format, in_shor
 from sparse_coord_ros.base.limits import ARRAYS, Limit
 from sparse_coord_ros.base.version import __version__
 
-NPZ_FORMAT = 3
+NPZ_FORMAT = 4
 """Number of the format. It changes where the arrays of any of these files change."""
 
 ENTRY = b"PK\x01\x02"

@@ -20,7 +20,7 @@ OPTIONS = (
     Option(
         "--episode N|best|last|asks",
         None,
-        "which one, from 0; best: of the highest reward; last: the last whole one; asks: that "
+        "which one, from 0; best: of the highest return; last: the last whole one; asks: that "
         "with the most questions",
         {"default": "last"},
     ),

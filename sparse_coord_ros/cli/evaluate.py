@@ -203,5 +203,5 @@ def result_table(found: Sequence[Evaluated]) -> str:
             rows.append([f"{title}, paper", *cells, "-", "-"])
     for name, value in shipped.yardsticks(scenario):
         rows.append([name, f"{value:.2f}", "-", "-", "-", "-"])
-    head = ["reward", "time to goal", "miscoordinations", "asks", "all arrived"]
+    head = ["return", "time to goal", "miscoordinations", "asks", "all arrived"]
     return format_table([f"{scenario.name}, penalty {scenario.penalty:g}", *head], rows)

@@ -68,13 +68,13 @@ def execute(options: argparse.Namespace) -> None:
 def _lines(out: Path, done: ExperimentResults) -> Iterator[str]:
     rows = []
     for name, result in done.items():
-        reward = result.measure("reward")
+        returns = result.measure("returns")
         asks = result.measure("asks")
-        error = f"{reward.standard_error:.2f}" if result.runs > 1 else "-"
+        error = f"{returns.standard_error:.2f}" if result.runs > 1 else "-"
         rows.append(
             [
                 name,
-                f"{reward.mean:.2f} ± {reward.spread:.2f}",
+                f"{returns.mean:.2f} ± {returns.spread:.2f}",
                 error,
                 f"{result.measure('miscoordinations').mean:.2f}",
                 f"{asks.mean:.2f}",
@@ -87,7 +87,7 @@ def _lines(out: Path, done: ExperimentResults) -> Iterator[str]:
     if rows:
         head = [
             "condition",
-            "reward",
+            "return",
             "s.e.",
             "miscoord.",
             "asks",

@@ -69,7 +69,7 @@ class SparseCoordEnv(ParallelEnv):
     allowed: north, south, east, west, COORDINATE.
 
     Rewards are R_k(t), and on arrival all that the goal pays from then on. So the discounted sum
-    over an episode is the reward of `evaluate`. An agent that has arrived stays until the episode
+    over an episode is the return of `evaluate`. An agent that has arrived stays until the episode
     ends, and still pays r^C of miscoordinations. It waits: its mask allows action 0 alone, and
     its action is ignored. When all have arrived they are terminated; when the steps are used up
     all are truncated.

@@ -80,7 +80,7 @@ class VectorGame(VectorEnv):
       and its action is ignored.
 
     Rewards are float64, shape (games, robots): R_k(t), and on arrival all that the goal pays from
-    then on. So the discounted sum over an episode is the reward of `evaluate`. A robot that has
+    then on. So the discounted sum over an episode is the return of `evaluate`. A robot that has
     arrived still pays r^C of miscoordinations. A learner must not discount between the halves of
     a time step. A game is terminated when all its robots have arrived, and truncated when its
     steps are used up: bool, shape (games,).

@@ -68,7 +68,7 @@ def logged_episode(log: RunLog, wanted: int | str) -> Episode:
     Args:
         log: the log.
         wanted: its number; LAST: the last whole one; BEST: of those from the scenario's own starts
-            (of all, where there is none) in which all arrive, the one of the highest reward, then
+            (of all, where there is none) in which all arrive, the one of the highest return, then
             the shortest, then the latest; BUSIEST: the same by the number of questions.
 
     Raises:
@@ -160,9 +160,9 @@ def chosen(wanted: int | str, history: History, own: np.ndarray, where: str) -> 
     among = (
         np.flatnonzero(whole & own) if (whole & own).any() else np.flatnonzero(whole)
     )
-    reward = history.reward.sum(axis=1)
+    returns = history.returns.sum(axis=1)
     asks = history.asks.sum(axis=1)
-    keys = (among, -history.length[among], reward[among])
+    keys = (among, -history.length[among], returns[among])
     return int(
         among[np.lexsort((*keys, asks[among]) if wanted == BUSIEST else keys)[-1]]
     )

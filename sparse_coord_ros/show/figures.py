@@ -86,7 +86,7 @@ HATCHES = {"answered": "", "refused": "////", "failed": "xx"}
 
 CURVES: Mapping[str, str] = {
     "length": "steps of an episode",
-    "reward": "reward of a robot\n(undiscounted)",
+    "returns": "return of a robot\n(undiscounted)",
     "miscoordinations": "miscoordinations\nof an episode",
     "asks": "COORDINATE of a robot\nin an episode",
 }
@@ -518,11 +518,11 @@ def _draw_curve(
 ) -> None:
     """Draw a learning curve: each episode as a dot (of a single run), and running means.
 
-    Of a single run reward and asks have a line a robot.
+    Of a single run return and asks have a line a robot.
     """
     lines: list[tuple[OpenedRun, int | None]] = [(shown, None) for shown in runs]
     if len(runs) == 1:
-        if name in ("reward", "asks") and len(_names(runs[0])) > 1:
+        if name in ("returns", "asks") and len(_names(runs[0])) > 1:
             labels = _names(runs[0])
             lines = [(runs[0], k) for k in range(1, len(labels) + 1)]
         else:

@@ -110,7 +110,7 @@ def _value(shown: OpenedRun, baselines: bool) -> Iterator[Part]:
         yield text(words, warn=True)
     paths = shortest_path_reference(scenario)
     measures = (
-        paths.measure_in_words("reward"),
+        paths.measure_in_words("returns"),
         paths.measure_in_words("time_to_goal"),
         paths.measure_in_words("miscoordinations", 3),
     )
@@ -118,10 +118,11 @@ def _value(shown: OpenedRun, baselines: bool) -> Iterator[Part]:
     rows.append(["fixed shortest paths", *measures, "0", arrive])
     rows += [[name, f"{value:.2f}", *"----"] for name, value in yardsticks(scenario)]
     yield table(
-        ["", "reward", "time to goal", "miscoordinations", "asks", "all arrive"], rows
+        ["", "return", "time to goal", "miscoordinations", "asks", "all arrive"], rows
     )
     yield text(
-        "Total discounted reward a robot, steps to the goal, miscoordinations of an episode, asks "
+        "Return of a robot (total discounted reward of an episode), steps to the goal, "
+        "miscoordinations of an episode, asks "
         "of a robot; ± is the spread over robots and episodes, s.e. the standard error of a mean "
         "of trials. Best asking team found: the best result of a search among robots that learn "
         "each other's position only by asking. Joint optimum: one controller sees all robots all "
@@ -131,7 +132,7 @@ def _value(shown: OpenedRun, baselines: bool) -> Iterator[Part]:
 
 def _measures(name: str, found: Evaluation | ExactEvaluation) -> list[str]:
     """Return the row of a team."""
-    spread = [(found.reward, 2), (found.time_to_goal, 2), (found.miscoordinations, 3)]
+    spread = [(found.returns, 2), (found.time_to_goal, 2), (found.miscoordinations, 3)]
     measures = [with_spread(one, digits) for one, digits in spread]
     measures += [f"{found.asks.mean:.2f}", f"{found.all_arrived:.2%}"]
     return [f"{name}, {found.how}", *measures]

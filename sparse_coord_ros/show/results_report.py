@@ -144,7 +144,7 @@ def _conditions_table(results: Iterable[ConditionResult]) -> Part:
     rows = [
         {
             "condition": one.id,
-            "reward (s.e.)": with_error(one.best("reward")),
+            "return (s.e.)": with_error(one.best("returns")),
             "time to goal": f"{one.best('time_to_goal').mean:.2f}",
             "miscoordinations": f"{one.best('miscoordinations').mean:.3f}",
             "asks": f"{one.best('asks').mean:.2f}",

@@ -220,7 +220,7 @@ _EXPERIMENTS: Mapping[str, tuple[str, Callable[[], list[Condition]]]] = {
     "table1": ("Table 1: total discounted reward", lambda: _tables(SMALL)),
     "table2": ("Table 2: time to goal and miscoordinations", lambda: _tables(SMALL)),
     "table3": ("Table 3: the large scenarios", lambda: _tables(LARGE)),
-    "figure4": ("Figure 4: reward against the penalty", _figure4),
+    "figure4": ("Figure 4: return against the penalty", _figure4),
     "penalty100": (
         "Penalty -100, 10^5 steps: how much of the gap to the optimum is closed",
         lambda: _every(PAYING_PAIRS, {"learner": REPORTED_LEARNERS}, LONG),

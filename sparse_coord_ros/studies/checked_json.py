@@ -19,7 +19,7 @@ from sparse_coord_ros.base.errors import ResultsError, check_format, in_short
 from sparse_coord_ros.base.limits import RESULTS, read_file
 from sparse_coord_ros.core.game.specs import in_range
 
-RESULTS_FORMAT = 3
+RESULTS_FORMAT = 4
 """Number of the format of a results directory and its files."""
 
 LARGEST_FLOAT = sys.float_info.max

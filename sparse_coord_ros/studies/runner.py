@@ -138,7 +138,7 @@ class ExperimentResults(Mapping[str, ConditionResult]):
         from sparse_coord_ros.studies.report.charts import embedded
 
         return shown_as(self._title, self._means, markup=True) + embedded(
-            self.plot(), "rewards"
+            self.plot(), "returns"
         )
 
     @property
@@ -154,7 +154,7 @@ class ExperimentResults(Mapping[str, ConditionResult]):
             columns[name] = [one.measure(name).mean for one in self.values()]
         return columns | {"arrived": [one.arrived for one in self.values()]}
 
-    def plot(self, x: str = "", measures: Sequence[str] = ("reward",)) -> "Figure":
+    def plot(self, x: str = "", measures: Sequence[str] = ("returns",)) -> "Figure":
         """Draw learners against a setting, beside their reference values.
 
         There is a panel for each combination of the other settings. Bars are standard errors of
@@ -162,8 +162,8 @@ class ExperimentResults(Mapping[str, ConditionResult]):
 
         Args:
             x: the setting; empty: the first that has several values.
-            measures: of `reward`, `time_to_goal`, `asks`, `miscoordinations`, `loss` (against
-                robots alone) and `variance` (of the reward): a line of panels each.
+            measures: of `returns`, `time_to_goal`, `asks`, `miscoordinations`, `loss` (against
+                robots alone) and `variance` (of the return): a line of panels each.
 
         Raises:
             SettingError: `x` has one value only, or there is no such measure.
@@ -195,7 +195,7 @@ class ExperimentResults(Mapping[str, ConditionResult]):
         """Return a data frame: one row a condition, or one row a learning run.
 
         Its columns: `condition` (the id), `scenario`, `learner`, each setting that was swept or
-        that some condition names, `run` and `seed` where `by_run`, then the measures `reward`,
+        that some condition names, `run` and `seed` where `by_run`, then the measures `returns`,
         `time_to_goal`, `asks` (means over trials and robots) and `miscoordinations` (mean of a
         trial), each with `<measure>_low` and `<measure>_high`, the 95 % confidence interval of
         that mean, and `arrived` (share of the trials in which every robot arrived).

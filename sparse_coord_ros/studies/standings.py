@@ -30,11 +30,12 @@ class Standing:
         teams: teams that learned there.
         paths: worth of fixed shortest paths.
         best_known: value of the best asking team found, or of the route planner.
-        reward: total discounted reward; its standard error is that of the teams in just these
+        returns: total discounted reward; its standard error is that of the teams in just these
             buildings.
-        share: share of the pooled gap that is closed: (reward - paths) / (best_known - paths). Its
-            standard error is a bootstrap over buildings, and over the teams in each: what other
-            buildings of these kinds would change. Of a single building it is that of its teams.
+        share: share of the pooled gap that is closed: (returns - paths) / (best_known - paths).
+            Its standard error is a bootstrap over buildings, and over the teams in each: what
+            other buildings of these kinds would change. Of a single building it is that of its
+            teams.
         worst: share of the gap in the building where it is least.
         asks, miscoordinations: of a robot, and of a team, in a trial.
         below: teams that are worth less than shortest paths.
@@ -45,7 +46,7 @@ class Standing:
     teams: int
     paths: float
     best_known: float
-    reward: Measure
+    returns: Measure
     share: Measure
     worst: float
     asks: float
@@ -68,7 +69,7 @@ class Standing:
     def to_dict(self) -> dict[str, Any]:
         """Return plain data."""
         said = dict(vars(self))
-        for name in ("reward", "share"):
+        for name in ("returns", "share"):
             measure = said[name]
             said[name] = measure.mean
             said[f"{name}_standard_error"] = measure.standard_error
@@ -101,12 +102,12 @@ def standing(
         results: of the buildings.
         best_of: returns the value of the best known team of a building.
     """
-    rewards = [one.best("reward") for one in results]
-    error = float(np.sqrt(sum(one.standard_error**2 for one in rewards))) / len(rewards)
+    returns = [one.best("returns") for one in results]
+    error = float(np.sqrt(sum(one.standard_error**2 for one in returns))) / len(returns)
     values = [best_of(one.scenario) for one in results]
     known = np.array([np.nan if value is None else value for value in values])
-    paths = [one.reference["reward"] for one in results]
-    learned = [one.run_means("reward") for one in results]
+    paths = [one.reference["returns"] for one in results]
+    learned = [one.run_means("returns") for one in results]
     gained = np.array([own.mean() for own in learned]) - paths
 
     def mean(values: Iterable[float]) -> float:
@@ -117,7 +118,7 @@ def standing(
         teams=sum(one.runs for one in results),
         paths=mean(paths),
         best_known=mean(known),
-        reward=Measure(mean(one.mean for one in rewards), float("nan"), error),
+        returns=Measure(mean(one.mean for one in returns), float("nan"), error),
         share=pooled_share(learned, np.array(paths), known),
         worst=float((gained / (known - paths)).min()),
         asks=mean(one.best("asks").mean for one in results),
@@ -139,7 +140,7 @@ def pooled_share(
     the same in every call.
 
     Args:
-        learned: the teams' rewards in each building, shape (teams,) each.
+        learned: the teams' returns in each building, shape (teams,) each.
         low: where the gap begins in each building, shape (buildings,).
         high: where it ends, shape (buildings,).
 
@@ -150,12 +151,12 @@ def pooled_share(
     count = len(learned)
     chosen = rng.integers(count, size=(RESAMPLES, count))
     gained = np.zeros((RESAMPLES, count))
-    for building, rewards in enumerate(learned):
+    for building, returns in enumerate(learned):
         places = chosen == building
-        teams = rng.integers(len(rewards), size=(int(places.sum()), len(rewards)))
-        gained[places] = rewards[teams].mean(axis=1) - low[building]
+        teams = rng.integers(len(returns), size=(int(places.sum()), len(returns)))
+        gained[places] = returns[teams].mean(axis=1) - low[building]
     shares = gained.sum(axis=1) / (high - low)[chosen].sum(axis=1)
-    means = np.array([rewards.mean() for rewards in learned])
+    means = np.array([returns.mean() for returns in learned])
     share = float((means - low).sum() / (high - low).sum())
     return Measure(share, float("nan"), float(shares.std(ddof=1)))
 

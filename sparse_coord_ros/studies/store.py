@@ -70,8 +70,8 @@ RUN_TRIALS = Setting(
 )
 TRIALS_OR_NONE = replace(RUN_TRIALS, low=0, least=1)
 
-SUMS = ("reward", "time_to_goal", "asks", "miscoordinations")
-BY_ROBOT = ("reward", "asks")
+SUMS = ("returns", "time_to_goal", "asks", "miscoordinations")
+BY_ROBOT = ("returns", "asks")
 
 Say = Callable[[str], None]
 """Is told in one line about a file that is left out, or put aside."""
@@ -114,7 +114,7 @@ class ConditionResult:
         trials: trials of each run.
         optimum: exact joint optimum of the scenario, or an upper bound.
         optimum_exact: whether it is exact.
-        reference: value of fixed shortest-path policies: reward, time_to_goal and
+        reference: value of fixed shortest-path policies: returns, time_to_goal and
             miscoordinations. Where robots swap or block also the other attributes of `Reference`.
         means: mean of each measure of `SUMS` over trials (and robots).
         variances: variance of each measure over trials (and robots).
@@ -144,8 +144,8 @@ class ConditionResult:
 
     def __repr__(self) -> str:
         """Return what it is, on one line."""
-        reward = self.measure("reward")
-        worth = f"reward {reward.mean:.2f} ({reward.standard_error:.2f})"
+        returns = self.measure("returns")
+        worth = f"return {returns.mean:.2f} ({returns.standard_error:.2f})"
         return f"<ConditionResult {self.id}; {self.runs} runs, {self.trials} trials each; {worth}>"
 
     @property
@@ -435,7 +435,7 @@ def _result_form(scenario: Scenario, plan: Plan) -> Mapping[str, Form]:
     of_robot = (len(scenario.robots),)
     of_cell = (*of_robot, len(scenario.map.cells))
     means: dict[str, Form] = {name: Numbers(of_run, low=0.0) for name in SUMS}
-    means["reward"] = Numbers(of_run)
+    means["returns"] = Numbers(of_run)
     return {
         "optimum": Numbers(),
         "optimum_exact": bool,
@@ -456,7 +456,7 @@ def _result_form(scenario: Scenario, plan: Plan) -> Mapping[str, Form]:
 def _reference_names(scenario: Scenario) -> tuple[str, ...]:
     """Return the attributes of `Reference` that a result has; where it is always exact, three."""
     if only_together(interactions_of(scenario)):
-        return "reward", "time_to_goal", "miscoordinations"
+        return "returns", "time_to_goal", "miscoordinations"
     return tuple(field.name for field in fields(Reference))
 
 

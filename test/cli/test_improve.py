@@ -28,7 +28,7 @@ def test_improve(sparse_coord, refused, folder):
         assert words in out
     assert "no r^C" not in out
     _, out, _ = sparse_coord("evaluate", "a", "a/improved", "--json")
-    learned, improved = (run["reward"]["mean"] for run in json.loads(out)["runs"])
+    learned, improved = (run["returns"]["mean"] for run in json.loads(out)["runs"])
     assert improved > learned + 0.5
     assert "improved: exists already" in refused("improve", "a")
     assert sparse_coord("train", "env2-2r", *TRAIN[2:], "--out", "b")[0] == 0

@@ -93,7 +93,7 @@ def _with_conflict(kind: str, robots: int) -> Iterator[tuple[str, float]]:
         scenario = load_scenario(
             f"{VERSIONS[0]}-{kind}-{robots}r-{seed}"
         ).with_settings(LONG)
-        low = shortest_path_reference(scenario).reward + CONFLICT
+        low = shortest_path_reference(scenario).returns + CONFLICT
         if robots == 2 and joint_optimum(scenario).value <= low:
             continue
         value = _best(scenario)

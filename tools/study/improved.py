@@ -64,7 +64,7 @@ def table(
             own, base = (
                 make_condition(name, one, given) for one in ("factored", "noncoop")
             )
-            low = found(base).best("reward").mean
+            low = found(base).best("returns").mean
             bound = known_best(own.scenario)
             yield _row(name, [(own, low, bound or planners[name])], count, kept)
     for robots, steps, count in BUILDINGS:
@@ -72,7 +72,7 @@ def table(
         judged = [
             (
                 one,
-                shortest_path_reference(one.scenario).reward,
+                shortest_path_reference(one.scenario).returns,
                 known_best(one.scenario),
             )
             for one in made
@@ -134,7 +134,7 @@ def teams_of(condition: Condition, count: int, kept: Path) -> list[Team]:
             if means is None:
                 minds = compiled.initial([table.memory for table in tables])
                 means = compiled.play(minds, seed, TRIALS)
-            worth.append(float(means.reward.mean()))
+            worth.append(float(means.returns.mean()))
         found.append(Team(worth[0], worth[1], seconds))
         write_whole(file, json.dumps(found))
     return found[:count]

@@ -98,7 +98,7 @@ def main() -> None:
         f"{options.scenario} seed {options.seed}: {len(scenario.map.cells):,} cells, "
         f"{len(scenario.robots)} robots, {scenario.steps:,} steps; "
         f"{ready - began:.1f} s to begin, {learned - ready:.1f} s to learn, {memory:.2f} GB; "
-        f"reward {trials.reward.mean():.2f}, arrived {trials.arrived.mean():.4f}, "
+        f"return {trials.returns.mean():.2f}, arrived {trials.arrived.mean():.4f}, "
         f"all arrived {everyone:.2f}, asks {trials.asks.mean():.2f}, "
         f"miscoordinations {trials.miscoordinations.mean():.3f}"
     )

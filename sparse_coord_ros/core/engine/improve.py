@@ -305,7 +305,7 @@ def _climb(
     team = Team(learned, learner, compiled=has_numba())
     minds = team.initial(memories)
     best = team.play(minds, 0, PLAN_TRIALS, paired=True)
-    before = float(best.reward.mean())
+    before = float(best.returns.mean())
     better = True
     while better:
         better = False
@@ -323,16 +323,16 @@ def _climb(
         star = memory["q_star"]
         u = memory["u"]
         improved.append(_with_values(learned, learner, memory, star, u))
-    return before, float(best.reward.mean()), improved
+    return before, float(best.returns.mean()), improved
 
 
 def _better(team: Team, minds: Any, best: Trials) -> Trials | None:
     """Return trials of what the robots would do now, where that is better; else None."""
     few = team.play(minds, 0, FIRST_TRIALS, paired=True)
-    if few.reward.mean() <= best.reward[:FIRST_TRIALS].mean():
+    if few.returns.mean() <= best.returns[:FIRST_TRIALS].mean():
         return None
     found = team.play(minds, 0, PLAN_TRIALS, paired=True)
-    gain = (found.reward - best.reward).mean(axis=1)
+    gain = (found.returns - best.returns).mean(axis=1)
     return found if gain.mean() > GAIN_ERRORS * gain.std() / PLAN_TRIALS**0.5 else None
 
 

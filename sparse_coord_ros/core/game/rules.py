@@ -216,7 +216,7 @@ def paid_for_ever(
     """Return R_k(t) of a step with all that the goal pays from the arrival on.
 
     Environments for other people's learners pay this: the discounted sum over an episode is the
-    reward that `evaluate` reports.
+    return that `evaluate` reports.
 
     Args:
         problem: the scenario.

@@ -383,7 +383,7 @@ LARGEST_TEAM = 53
 
 RESERVED_NAMES = ("world_simulator", "recorder", "team")
 PAPER_LEARNERS = ("indiv", "noncoop", "coop")
-PAPER_MEASURES = ("reward", "time_to_goal", "miscoordinations")
+PAPER_MEASURES = ("returns", "time_to_goal", "miscoordinations")
 FILE_KEYS = ("name", "map", "robots", "paper", *SETTINGS)
 
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 HISTORY_FILE = "history.npz"
-CURVES = ("length", "reward", "miscoordinations", "asks", "arrived")
+CURVES = ("length", "returns", "miscoordinations", "asks", "arrived")
 """The measures of an episode that make a learning curve."""
 
 FIRST_EPISODES = 64
@@ -40,7 +40,7 @@ class History(NamedTuple):
     Attributes:
         first_step: the time step at which the episode begins, shape (E,), int64.
         length: its transitions, shape (E,), int64.
-        reward: undiscounted sum of R_k(t) that robot k received while it was under way, not after
+        returns: undiscounted sum of R_k(t) that robot k received while it was under way, not after
             its arrival, shape (E, K), float64; 0 where it was not present.
         miscoordinations: transitions that ended in a miscoordination, shape (E,), int64.
         asks: how often robot k chose COORDINATE, shape (E, K), int64.
@@ -50,7 +50,7 @@ class History(NamedTuple):
 
     first_step: np.ndarray
     length: np.ndarray
-    reward: np.ndarray
+    returns: np.ndarray
     miscoordinations: np.ndarray
     asks: np.ndarray
     arrived: np.ndarray
@@ -76,7 +76,7 @@ class History(NamedTuple):
         """Return a learning curve, ready to be plotted: `plt.plot(*history.curve("length", 50))`.
 
         Args:
-            name: length, reward, miscoordinations, asks or arrived (their share).
+            name: length, returns, miscoordinations, asks or arrived (their share).
             window: episodes over which to average (all there are, where these are fewer).
             robot: only this robot (from 1) and the episodes it was present in; None: the mean of
                 the robots present.
@@ -116,7 +116,7 @@ class History(NamedTuple):
     def to_pandas(self, names: Sequence[str] | None = None) -> "pd.DataFrame":
         """Return a pandas DataFrame: one row for each episode and each robot present.
 
-        Columns: episode (from 0), first_step, length, robot, reward, asks, arrived,
+        Columns: episode (from 0), first_step, length, robot, returns, asks, arrived,
         miscoordinations.
 
         Args:
@@ -133,7 +133,7 @@ class History(NamedTuple):
                 "first_step": self.first_step[episode],
                 "length": self.length[episode],
                 "robot": labels[robot],
-                "reward": self.reward[episode, robot],
+                "returns": self.returns[episode, robot],
                 "asks": self.asks[episode, robot],
                 "arrived": self.arrived[episode, robot],
                 "miscoordinations": self.miscoordinations[episode],
@@ -256,7 +256,7 @@ class HistoryRecorder:
         for k in self._members:
             action = actions[k]
             if action is not None:
-                rows.reward[last, k] += outcome.rewards[k].total
+                rows.returns[last, k] += outcome.rewards[k].total
                 rows.asks[last, k] += action.asked
         for k in outcome.arrived:
             rows.arrived[last, k] = True

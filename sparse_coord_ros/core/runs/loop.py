@@ -48,7 +48,7 @@ STEP, EPISODE_START, DONE, PLACED, END = range(5)
 """Entries of `Game.clock`: time step, first step of the episode, transitions (or trials) done,
 whether the episode has begun, the step at which the loop is to look up."""
 
-REWARD, TIME, ASKS, CONFLICTS = range(4)
+RETURN, TIME, ASKS, CONFLICTS = range(4)
 """Last axis of a trial's result."""
 
 
@@ -180,7 +180,7 @@ class Record(NamedTuple):
     used: Any
     first_step: Any
     length: Any
-    reward: Any
+    returns: Any
     miscoordinations: Any
     asks: Any
     arrived: Any
@@ -198,7 +198,7 @@ def begin_row(record: Record, step: int) -> None:
     team = record.used[1]
     record.first_step.append(step)
     record.length.append(0)
-    record.reward.append([0.0] * team)
+    record.returns.append([0.0] * team)
     record.miscoordinations.append(0)
     record.asks.append([0] * team)
     record.arrived.append([False] * team)
@@ -365,7 +365,7 @@ def learn_until(state: State, minds: Any, record: Record | None, budget: int) ->
                 asked = choice.actions[k] == COORDINATE
                 individual = individual_reward(problem, home)
                 common = common_reward(problem, k, conflict)
-                record.reward[row][k] += (
+                record.returns[row][k] += (
                     individual + common + asking_reward(problem, asked)
                 )
                 record.asks[row][k] += asked
@@ -397,7 +397,7 @@ def play_until(
     Args:
         state: the game in progress, with trials of at most `max_steps` steps.
         minds: what the robots have learned.
-        results: filled, [trial][k][REWARD to CONFLICTS]; TIME is the horizon, and one more, for
+        results: filled, [trial][k][RETURN to CONFLICTS]; TIME is the horizon, and one more, for
             a robot that does not arrive.
         asked: counted up where COORDINATE is chosen, [k][x].
         stays: counted up where a robot acts, [k][x].
@@ -426,7 +426,7 @@ def play_until(
             result = results[trial][k]
             result[CONFLICTS] += conflict
             if arrived[k]:
-                result[REWARD] += discount * common
+                result[RETURN] += discount * common
                 continue
             cell = choice.cells[k]
             asks = choice.actions[k] == COORDINATE
@@ -434,11 +434,11 @@ def play_until(
             if asks:
                 result[ASKS] += 1
                 asked[k][cell] += 1
-            result[REWARD] += discount * (common + asking_reward(problem, asks))
+            result[RETURN] += discount * (common + asking_reward(problem, asks))
             if cells[k] == problem.goals[k]:
                 arrived[k] = 1
                 result[TIME] = elapsed
-                result[REWARD] += goal_paid(problem, discount)
+                result[RETURN] += goal_paid(problem, discount)
             else:
                 over = False
                 result[TIME] = rule.max_steps + 1

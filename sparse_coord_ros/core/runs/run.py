@@ -303,7 +303,7 @@ class Team:
         self.check_wanted()
         times = results[:, :, loop.TIME]
         return Trials(
-            reward=results[:, :, loop.REWARD],
+            returns=results[:, :, loop.RETURN],
             time_to_goal=np.minimum(times, float(scenario.horizon)),
             asks=results[:, :, loop.ASKS],
             arrived=times <= scenario.horizon,

@@ -47,9 +47,9 @@ SCENARIO_FILE = "scenario.yaml"
 MAP_FILE = "map.txt"
 """The files that say what a run is: in its directory the first, in its bag all."""
 
-RUN_FORMAT = 3
+RUN_FORMAT = 4
 """Number of the format of `run.yaml`, its field `format`. Format 1 did not say `bodies`, format 2
-not what robots know of their map."""
+not what robots know of their map. Format 3 named the paper's returns rewards."""
 
 OWN_CLOCK = "own"
 NO_CLOCK = "none"

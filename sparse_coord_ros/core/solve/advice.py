@@ -92,7 +92,7 @@ def loss_of_ignoring(scenario: Scenario) -> float:
     discounted reward from the starts, averaged over the robots.
     """
     alone = independent_bound(scenario)
-    return _positive(alone - shortest_path_reference(scenario).reward, scenario)
+    return _positive(alone - shortest_path_reference(scenario).returns, scenario)
 
 
 def _positive(value: float, scenario: Scenario) -> float:

@@ -31,7 +31,7 @@ from sparse_coord_ros.core.solve.exact_loops import (
     ARRIVED,
     CONFLICTS,
     QUANTITIES,
-    REWARD,
+    RETURN,
     Distribution,
     Pair,
     Sums,
@@ -52,18 +52,18 @@ class ExactEvaluation:
     """What a team is worth, exactly; the measures are those of `Evaluation`.
 
     Attributes:
-        reward: total discounted reward a robot: goal paid from arrival on for ever, penalties,
+        returns: total discounted reward a robot: goal paid from arrival on for ever, penalties,
             costs of asking. Its spread is over single robots and trials, as in trials.
         time_to_goal: steps until arrival; the horizon for a robot that does not arrive.
         miscoordinations: steps of a trial that end in a miscoordination.
         asks: how often a robot chose COORDINATE in a trial.
         all_arrived: probability that all robots arrive within the horizon.
-        robots: expected reward of each robot.
+        robots: expected return of each robot.
         asked: expected number of asks of a trial in each cell, shape (robots, cells).
         stays: expected number of steps that each robot acts in each cell, same shape.
     """
 
-    reward: Measure
+    returns: Measure
     time_to_goal: Measure
     miscoordinations: Measure
     asks: Measure
@@ -128,14 +128,16 @@ def evaluate_greedy(scenario: Scenario, robots: Sequence["Greedy"]) -> ExactEval
     asked[:, own] = sums.asked[:team]
     stays[:, own] = sums.stays[:team]
     squares = sums.squares[:-1].reshape(3, 2)
-    reward, time_to_goal, asks = map(_measure, sums.robots[:, :team], squares[:, :team])
+    returns, time_to_goal, asks = map(
+        _measure, sums.robots[:, :team], squares[:, :team]
+    )
     return ExactEvaluation(
-        reward=reward,
+        returns=returns,
         time_to_goal=time_to_goal,
         miscoordinations=_measure(sums.team[: CONFLICTS + 1], sums.squares[-1:]),
         asks=asks,
         all_arrived=min(1.0, float(sums.team[ARRIVED])),
-        robots=tuple(sums.robots[REWARD, :team].tolist()),
+        robots=tuple(sums.robots[RETURN, :team].tolist()),
         asked=asked,
         stays=stays,
     )
@@ -199,12 +201,12 @@ class ExactMeans(NamedTuple):
     """What a trial of a team of two robots brings on average, exactly.
 
     Attributes:
-        reward, time_to_goal, asks: of each robot, shape (2,).
+        returns, time_to_goal, asks: of each robot, shape (2,).
         miscoordinations: of the team.
         arrived: probability that both arrive within the horizon.
     """
 
-    reward: np.ndarray
+    returns: np.ndarray
     time_to_goal: np.ndarray
     asks: np.ndarray
     miscoordinations: float

@@ -56,21 +56,21 @@ class Pair(NamedTuple):
     horizon: int
 
 
-REWARD, TIME, ASKS = range(3)
+RETURN, TIME, ASKS = range(3)
 """Rows of the sums of each robot."""
 
 CONFLICTS, ARRIVED = range(2)
 """Entries of the sums of the team."""
 
 QUANTITIES = 7
-"""`REWARD`, `TIME` and `ASKS` of both robots, numbered 2 * row + robot, and miscoordinations."""
+"""`RETURN`, `TIME` and `ASKS` of both robots, numbered 2 * row + robot, and miscoordinations."""
 
 
 class Sums(NamedTuple):
     """What a trial brings, filled by `carry`, and the space that it needs; all 0 before.
 
     Attributes:
-        robots: mean `REWARD`, `TIME` and `ASKS` of each robot; (3, 2).
+        robots: mean `RETURN`, `TIME` and `ASKS` of each robot; (3, 2).
         team: mean `CONFLICTS`, and the probability that all have `ARRIVED`; (2,).
         squares: mean square of each of the `QUANTITIES`; (QUANTITIES,).
         asked: expected asks of each robot in each cell; (2, cells).
@@ -215,7 +215,7 @@ def acts(pair: Pair, sums: Sums, k: int, x: int, p: float, factor: float) -> Non
         asks = p * pair.asks[k, x]
         sums.robots[TIME, k] += p
         sums.robots[ASKS, k] += asks
-        sums.robots[REWARD, k] -= factor * p * pair.asks[k, x] * pair.cost
+        sums.robots[RETURN, k] -= factor * p * pair.asks[k, x] * pair.cost
         sums.stays[k, x] += p
         sums.asked[k, x] += asks
 
@@ -244,12 +244,12 @@ def pay(
     """Add up what a step from (x, z) to (y, w) pays, its probability q, discounted: `worth`."""
     if conflict:
         sums.team[CONFLICTS] += q
-        sums.robots[REWARD, 0] += worth * pair.penalties[0]
-        sums.robots[REWARD, 1] += worth * pair.penalties[1]
+        sums.robots[RETURN, 0] += worth * pair.penalties[0]
+        sums.robots[RETURN, 1] += worth * pair.penalties[1]
     if y == pair.goals[0] and x != y:
-        sums.robots[REWARD, 0] += worth * pair.worth
+        sums.robots[RETURN, 0] += worth * pair.worth
     if w == pair.goals[1] and z != w:
-        sums.robots[REWARD, 1] += worth * pair.worth
+        sums.robots[RETURN, 1] += worth * pair.worth
     if y == pair.goals[0] and w == pair.goals[1]:
         sums.team[ARRIVED] += q
 
@@ -278,8 +278,8 @@ def bring(
     if acting and y == pair.goals[k]:
         paid += pair.worth
     with_cost = paid - pair.cost
-    brought[0, 2 * REWARD + k] = factor * (paid - asked * pair.cost)
-    brought[1, 2 * REWARD + k] = factor**2 * (
+    brought[0, 2 * RETURN + k] = factor * (paid - asked * pair.cost)
+    brought[1, 2 * RETURN + k] = factor**2 * (
         asked * with_cost * with_cost + (1.0 - asked) * paid * paid
     )
     brought[:, 2 * TIME + k] = acting

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a team's reward is measured against: other teams that are known, and the optimum.
+"""What a team's return is measured against: other teams that are known, and the optimum.
 
 The joint optimum sees everything always and pays nothing for it; no team that has to ask reaches
 it. A team of Algorithm 1's form has for each robot a map from its own cell to a move or to
@@ -94,7 +94,7 @@ class BestTeam:
     """The best of many learned teams.
 
     Attributes:
-        value: its mean reward, averaged over the robots.
+        value: its mean return, averaged over the robots.
         standard_error: of the trials.
         trials: trials behind it, other ones than those that it was chosen by.
         teams: how many teams it was chosen from.

@@ -77,27 +77,27 @@ def last_word(
         )
     alone = independent_bound(scenario)
     ignoring = shortest_path_reference(scenario)
-    earned = found.reward.mean
+    earned = found.returns.mean
     slight = SLIGHT * alone
     expected = advice(scenario)
     remedy = _remedy(scenario, learner)
-    error = math.hypot(found.reward.standard_error, ignoring.reward_error)
-    if ignoring.reward - earned > slight + LOSS_ERRORS * error:
+    error = math.hypot(found.returns.standard_error, ignoring.returns_error)
+    if ignoring.returns - earned > slight + LOSS_ERRORS * error:
         return LastWord(
             WORSE,
             f"This team is worse than robots that ignore each other: a robot earns {earned:.2f}, "
-            f"on shortest paths without asking {ignoring.reward:.2f}. {remedy}",
+            f"on shortest paths without asking {ignoring.returns:.2f}. {remedy}",
         )
     [(name, best), *_] = yardsticks(scenario)
-    gap = best - ignoring.reward
+    gap = best - ignoring.returns
     if gap <= slight:
         return LastWord(
             NEEDLESS,
             f"Coordination is not needed here: robots that ignore each other earn "
-            f"{ignoring.reward:.2f} each, the {name} {best:.2f}. A robot of this team earns "
+            f"{ignoring.returns:.2f} each, the {name} {best:.2f}. A robot of this team earns "
             f"{earned:.2f}. {expected.text}",
         )
-    own = f"a robot earns {earned:.2f}, robots that ignore each other {ignoring.reward:.2f}"
+    own = f"a robot earns {earned:.2f}, robots that ignore each other {ignoring.returns:.2f}"
     if not percepts_can_succeed(scenario):
         return LastWord(IN_VAIN, f"{remedy} In this team {own}.")
     asks = found.asks.mean
@@ -112,7 +112,7 @@ def last_word(
             f"The team does not coordinate by asking: {why}. In this team {own}, "
             f"the {name} {best:.2f}. {expected.text} {remedy}".rstrip(),
         )
-    gain = earned - ignoring.reward
+    gain = earned - ignoring.returns
     said = (
         f"{own}. This closes {gain / gap:.0%} of the gap to the {name} ({best:.2f}; loss "
         f"{best - earned:.2f}). {_compared(scenario, found, ignoring)}"

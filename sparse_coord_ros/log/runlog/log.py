@@ -327,7 +327,7 @@ class RunLog:
         return History(
             first_step=self.step[first],
             length=total(made.astype(np.int64)),
-            reward=total(np.where(rewarded, self.reward[..., -1], 0.0)),
+            returns=total(np.where(rewarded, self.reward[..., -1], 0.0)),
             miscoordinations=total(conflicts.astype(np.int64)),
             asks=total((self.asked & rewarded).astype(np.int64)),
             arrived=total((after == goals).astype(np.int64)) > 0,

@@ -280,7 +280,7 @@ COUNTS = ("answered", "refused", "late", "repeated", "dropped", "learned", "step
 """The numbers stored beside a robot's tables: how percepts ended; requests repeated as the peer
 was behind; transitions given up as no reward came; updates made; the time step of the tables."""
 
-BAG_FORMAT = 3
+BAG_FORMAT = 4
 """Number of what a bag holds, in its metadata record. In format 1 runs did not say `bodies`."""
 
 FORMAT_KEY = "format"

@@ -21,7 +21,7 @@ CONTRADICTION_ERRORS = 5.0
 """A number of the paper contradicts a bound that it exceeds by more standard errors than this."""
 
 SAME = 0.01
-"""Rewards that differ by less count as equal: far above rounding noise, below printed digits."""
+"""Returns that differ by less count as equal: far above rounding noise, below printed digits."""
 
 NEAR_MOVES = 2
 """Moves from a doorway that still count as near it."""
@@ -44,27 +44,27 @@ def agrees(ours: Measure, other: Measure) -> bool:
 
 
 def loss_alone(result: ConditionResult) -> Measure:
-    """Return by how much the reward falls short of that of robots each alone on the map.
+    """Return by how much the return falls short of that of robots each alone on the map.
 
-    Such robots take shortest paths and never miscoordinate, wait or ask. Unlike the reward, the
+    Such robots take shortest paths and never miscoordinate, wait or ask. Unlike the return, the
     loss does not depend on the lengths of the paths.
     """
-    reward = result.best("reward")
-    loss = independent_bound(result.scenario) - reward.mean
-    return Measure(loss, reward.spread, reward.standard_error)
+    returns = result.best("returns")
+    loss = independent_bound(result.scenario) - returns.mean
+    return Measure(loss, returns.spread, returns.standard_error)
 
 
 def above_optimum(result: ConditionResult) -> bool:
-    """Whether the paper's reward exceeds what any joint policy can reach."""
-    printed = paper(result, "reward")
+    """Whether the paper's return exceeds what any joint policy can reach."""
+    printed = paper(result, "returns")
     return (
         printed is not None
         and errors_from(printed, result.optimum) > CONTRADICTION_ERRORS
     )
 
 
-def implied_reward(result: ConditionResult) -> Measure | None:
-    """Return the reward that the paper's own number of miscoordinations implies.
+def implied_return(result: ConditionResult) -> Measure | None:
+    """Return the return that the paper's own number of miscoordinations implies.
 
     What one miscoordination costs is taken from the exact values of shortest-path policies, which
     miscoordinate at the same doorways: (value without penalties - value) / miscoordinations.
@@ -75,7 +75,7 @@ def implied_reward(result: ConditionResult) -> Measure | None:
     if counted is None or result.learner.asks or not exact["miscoordinations"]:
         return None
     alone = independent_bound(result.scenario)
-    cost = (alone - exact["reward"]) / exact["miscoordinations"]
+    cost = (alone - exact["returns"]) / exact["miscoordinations"]
     return Measure(
         alone - cost * counted.mean,
         cost * counted.spread,
@@ -84,9 +84,9 @@ def implied_reward(result: ConditionResult) -> Measure | None:
 
 
 def contradicts_itself(result: ConditionResult) -> bool:
-    """Whether the paper's reward does not follow from its own number of miscoordinations."""
-    implied = implied_reward(result)
-    printed = paper(result, "reward")
+    """Whether the paper's return does not follow from its own number of miscoordinations."""
+    implied = implied_return(result)
+    printed = paper(result, "returns")
     if implied is None or printed is None:
         return False
     error = math.hypot(implied.standard_error, printed.standard_error)
@@ -94,14 +94,14 @@ def contradicts_itself(result: ConditionResult) -> bool:
 
 
 def is_shortest(result: ConditionResult) -> bool:
-    """Whether the reward agrees with the exact value of shortest-path policies.
+    """Whether the return agrees with the exact value of shortest-path policies.
 
     Where all runs came to the same route there is no standard error: equal routes may differ by
     less than `SAME`.
     """
-    reward = result.best("reward")
-    exact = result.reference["reward"]
-    return abs(reward.mean - exact) < SAME or abs(errors_from(reward, exact)) <= AGREE
+    returns = result.best("returns")
+    exact = result.reference["returns"]
+    return abs(returns.mean - exact) < SAME or abs(errors_from(returns, exact)) <= AGREE
 
 
 def paired(values: np.ndarray) -> Measure:
@@ -111,15 +111,15 @@ def paired(values: np.ndarray) -> Measure:
 
 
 def difference(
-    result: ConditionResult, other: ConditionResult, measure: str = "reward"
+    result: ConditionResult, other: ConditionResult, measure: str = "returns"
 ) -> Measure:
     """Return by how much a measure is greater than in another condition, run by run."""
     return paired(result.run_means(measure) - other.run_means(measure))
 
 
 def surely_better(result: ConditionResult, baseline: ConditionResult) -> bool:
-    """Whether the reward surely exceeds shortest paths' and a learned baseline's, run by run."""
-    above_paths = surely_above(result.best("reward"), result.reference["reward"])
+    """Whether the return surely exceeds shortest paths' and a learned baseline's, run by run."""
+    above_paths = surely_above(result.best("returns"), result.reference["returns"])
     return above_paths and surely_above(difference(result, baseline))
 
 
@@ -142,8 +142,8 @@ def gap_closed(
     by the gap; the optimum is exact. None if the baseline leaves no gap.
 
     Args:
-        coop: mean reward of each run.
-        baseline: mean reward of each run, paired with those of `coop`; or an exact value.
+        coop: mean return of each run.
+        baseline: mean return of each run, paired with those of `coop`; or an exact value.
         optimum: the joint optimum.
     """
     base = np.broadcast_to(baseline, coop.shape)

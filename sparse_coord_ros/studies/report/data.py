@@ -25,7 +25,7 @@ PAPER_SETTINGS = (("penalty", "-20"),)
 PAPER_TRIALS = 1000
 """Monte-Carlo trials behind each number of the paper (Section 4)."""
 
-PAPER = ("reward", "time_to_goal", "miscoordinations")
+PAPER = ("returns", "time_to_goal", "miscoordinations")
 """Measures that the paper prints."""
 
 PROPERTIES = (

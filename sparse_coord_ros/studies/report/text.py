@@ -118,7 +118,7 @@ def factors(result: ConditionResult) -> str:
     return " : ".join(f"{factor:g}" for factor in spec.numbers) or spec.kind
 
 
-def shortest_paths_of(result: ConditionResult, measure: str = "reward") -> str:
+def shortest_paths_of(result: ConditionResult, measure: str = "returns") -> str:
     """Return a measure of shortest paths, with its standard error where it is of trials."""
     value = f"{result.reference[measure]:.2f}"
     if not result.reference.get("trials"):
