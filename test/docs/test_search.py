@@ -39,7 +39,9 @@ READ = 2
 """Results in which the answer must be."""
 
 RESULTS = "[...document.querySelectorAll('ul.search li > a')]"
-DONE = "/found|did not match/i.test(document.querySelector('.search-summary').textContent)"
+DONE = (
+    "/found|did not match/i.test(document.querySelector('.search-summary').textContent)"
+)
 
 
 @pytest.mark.long
