@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A learner of one's own, which minds miscoordinations more: python own_learner.py [STEPS].
+"""Your own learner, which weights miscoordinations more: python own_learner.py [STEPS].
 
 On the command line: sparse_coord run env1 --learner own_learner:Careful
 """

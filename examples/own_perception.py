@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A perception model of one's own: python own_perception.py [STEPS].
+"""Your own perception model: python own_perception.py [STEPS].
 
 On the command line: sparse_coord run env1 --set perception=own_perception:fog:4
 """

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Compute what the package ships to measure teams against: files in config.
+"""Compute the reference values that the package ships: files in config.
 
 python -m tools.shipped asking [--restarts N] [--keep SEARCHES]
 python -m tools.shipped teams [--out study]
@@ -171,7 +171,7 @@ def choose_unseen(_: argparse.Namespace) -> None:
 def _with_conflict(
     version: str, kind: str, robots: int
 ) -> Iterator[tuple[Scenario, dict[str, object]]]:
-    """Yield the buildings of a kind, and what is known of them, in the order of their seeds."""
+    """Yield the buildings of a kind with their reference values, in the order of their seeds."""
     counts = dict.fromkeys(SPLITS[:2], COUNTS[robots])
     if version == VERSIONS[1]:
         counts = {SPLITS[2]: TEST_COUNTS[robots]}

@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Iterator
 from pathlib import Path
 
-from sparse_coord_ros.cli.computing import COMPUTING, Bar, computing_of
+from sparse_coord_ros.cli.computing import COMPUTING, Bar, computing_of, first_wait
 from sparse_coord_ros.cli.evaluate import Evaluated, result_table
 from sparse_coord_ros.cli.options import JSON, SEED, Option, format_table, note, tell
 from sparse_coord_ros.core.runs.evaluation import summary
@@ -32,14 +32,14 @@ OPTIONS = (
     Option(
         "--out",
         Path,
-        "results directory; what it holds already is not computed again",
+        "results directory; existing results are kept and not computed again",
         {"default": Path("results")},
     ),
     RUNS,
     RUN_TRIALS,
     Option("--seed", SEED, "seed of run 0; run i has seed + i"),
     *COMPUTING,
-    Option("--list", bool, "list the conditions and stop"),
+    Option("--list", bool, "list the conditions, compute nothing"),
     JSON,
 )
 
@@ -47,14 +47,16 @@ OPTIONS = (
 def execute(options: argparse.Namespace) -> None:
     """Run the verb."""
     asked = options.targets or NAMES
+    targets = parse_targets(asked, Plan(options.seed, options.runs, options.trials))
     if options.list:
-        targets = parse_targets(asked, Plan(options.seed, options.runs, options.trials))
         conditions = [one.id for one in targets.conditions]
         runs = [f"{one.id}/{number}" for one, number in targets.runs]
         tell(options, {"conditions": conditions, "runs": runs}, *conditions, *runs)
         return
     by = computing_of(options)
-    with Bar("agent-steps") as bar:
+    learners = {one.learner for one in targets.conditions}
+    learners |= {one.learner for one, _ in targets.runs}
+    with Bar("agent-steps", first_wait(learners, options)) as bar:
         done = run_experiment(
             asked,
             progress=lambda name, done, total: bar.show(done, total, name),

@@ -282,7 +282,7 @@ def load_leaderboard(file: str | Path) -> Leaderboard:
             _place(one, f"places[{i}]") for i, one in enumerate(data["places"])
         )
     except DamagedError as error:
-        raise ResultsError(f"{path}: {error}; judge the learners again") from None
+        raise ResultsError(f"{path}: {error}; run the benchmark again") from None
     return Leaderboard(places, data["seed"], data["trials"], data["version"])
 
 
@@ -373,8 +373,8 @@ def entry_of(given: "LearnerLike | Entry", settings: Mapping[str, object]) -> En
     unknown = [name for name in changed if name not in CHANGEABLE]
     if unknown:
         raise SettingError(
-            f"benchmark: with {', '.join(unknown)} another game would be played, whose bounds "
-            "nobody knows; change settings of learning only"
+            f"benchmark: with {', '.join(unknown)} another game would be played, and its "
+            "bounds are unknown; change settings of learning only"
         )
     if given.learner:
         chosen_learner(given.learner)
@@ -501,7 +501,7 @@ def _judged(
     top = known_top(scenario.with_settings({"perception": "always"}))
     if top is None:
         raise SettingError(
-            f"benchmark: of scenario {item.scenario} nobody knows where its gap ends; compute it "
+            f"benchmark: of scenario {item.scenario} the end of its gap is unknown; compute it "
             "by python -m tools.shipped bounds"
         )
     said = [f"{name}={as_text(value)}" for name, value in item.settings.items()]
@@ -556,7 +556,7 @@ def benchmark(
         lists: names of lists (`studies.lists.LISTS`): paper, percepts, and generated buildings:
             "tuning-pairs", "-four" and "-eight", by which rules and numbers are chosen, the same
             with "validation", and with "unseen2" for closing figures.
-        steps: step budget of learning, in transitions.
+        steps: learning steps of each robot.
         out: results directory, as of `run_experiment`; None: nothing is saved.
         runs: teams that learn in each scenario.
         trials: greedy trials of a team; those of two robots are evaluated exactly.

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""How learned teams stand: the share of the gap that they close, with its error, and failures."""
+"""Standings of learned teams: their share of the gap, with its error, and failures."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -23,22 +23,21 @@ ARRIVE = 0.999
 
 @dataclass(frozen=True)
 class Standing:
-    """How teams stand in some buildings; all buildings count the same.
+    """The standing of teams in some buildings; all buildings count the same.
 
     Attributes:
-        buildings: how many there are.
+        buildings: number of buildings.
         teams: teams that learned there.
-        paths: worth of fixed shortest paths.
+        paths: value of fixed shortest paths.
         best_known: value of the best asking team found, or of the route planner.
         returns: total discounted reward; its standard error is that of the teams in just these
             buildings.
-        share: share of the pooled gap that is closed: (returns - paths) / (best_known - paths).
-            Its standard error is a bootstrap over buildings, and over the teams in each: what
-            other buildings of these kinds would change. Of a single building it is that of its
-            teams.
+        share: closed share of the pooled gap: (return - paths) / (best_known - paths). Its
+            standard error is a bootstrap over buildings, and over the teams in each: the effect of
+            other buildings of these kinds. For a single building it is that of its teams.
         worst: share of the gap in the building where it is least.
         asks, miscoordinations: of a robot, and of a team, in a trial.
-        below: teams that are worth less than shortest paths.
+        below: teams with a lower value than shortest paths.
         failed: teams in which some robot fails to arrive in more than one trial of a thousand.
     """
 
@@ -55,7 +54,7 @@ class Standing:
     failed: int
 
     def share_and_failed(self) -> str:
-        """Return the share of the gap with its error in percent, and how many teams fail."""
+        """Return the share of the gap with its error in percent, and the count of failed teams."""
         share = self.share
         percent = f"{100 * share.mean:.1f} % ({100 * share.standard_error:.1f})"
         return f"{percent}; {self.of_teams(self.failed)} fail"
@@ -79,7 +78,7 @@ class Standing:
 def standings(
     results: Iterable[ConditionResult], *, by_kind: bool = False
 ) -> dict[str, Standing]:
-    """Return how teams stand; by their robots, such as `2r`.
+    """Return the standings of teams, by their number of robots, such as `2r`.
 
     Args:
         results: of unseen buildings.
@@ -96,7 +95,7 @@ def standing(
     results: Sequence[ConditionResult],
     best_of: Callable[[Scenario], float | None] = known_best,
 ) -> Standing:
-    """Return how teams of one learner stand in these buildings.
+    """Return the standing of one learner's teams in these buildings.
 
     Args:
         results: of the buildings.
@@ -162,12 +161,12 @@ def pooled_share(
 
 
 def failed_teams(result: ConditionResult) -> int:
-    """Return how many teams miss in more than one trial of a thousand; exact where it is known."""
+    """Return the number of failed teams: they miss in more than one trial of a thousand."""
     return int(fails(result).sum())
 
 
 def fails(result: ConditionResult) -> np.ndarray:
-    """Return which teams miss in more than one trial of a thousand, shape (runs,), bool."""
+    """Return whether each team fails in more than one trial of a thousand, (runs,), bool."""
     if result.exact is None:
         missed = np.array(result.not_arrived) / result.trials
         return missed > 1.0 - ARRIVE

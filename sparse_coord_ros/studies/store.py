@@ -79,7 +79,7 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Plan:
-    """What every condition of a results directory has in common.
+    """The plan that all conditions of a results directory share.
 
     Attributes:
         seed: seed of run 0; run i has seed + i.
@@ -107,7 +107,7 @@ class Plan:
 
 @dataclass(frozen=True)
 class ConditionResult:
-    """What the runs of one condition brought; lists have one entry a run.
+    """The results of the runs of one condition; lists have one entry for each run.
 
     Attributes:
         condition: the condition.
@@ -143,7 +143,7 @@ class ConditionResult:
     exact: dict[str, list[float]] | None = None
 
     def __repr__(self) -> str:
-        """Return what it is, on one line."""
+        """Return a one-line description."""
         returns = self.measure("returns")
         worth = f"return {returns.mean:.2f} ({returns.standard_error:.2f})"
         return f"<ConditionResult {self.id}; {self.runs} runs, {self.trials} trials each; {worth}>"
@@ -190,8 +190,8 @@ class ConditionResult:
     def run_means(self, name: str) -> np.ndarray:
         """Return a measure's mean in each run, shape (runs,); exact where it is known.
 
-        Run i has the same seed in every condition: what is computed from several conditions is
-        computed run by run, and its error is that of the results.
+        Run i has the same seed in every condition: quantities from several conditions are computed
+        run by run, and their error is that of the results.
         """
         return np.array((self.means if self.exact is None else self.exact)[name])
 
@@ -234,7 +234,7 @@ class ConditionResult:
         return float(np.mean(self.visited)) * self.row_bytes
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain data: what `reproduce --json` prints."""
+        """Return plain data, as `reproduce --json` prints it."""
         measures = {name: asdict(self.measure(name)) for name in SUMS}
         if self.exact is not None:
             measures["exact"] = {
@@ -314,7 +314,7 @@ def sample(run: Training) -> Sample:
 def collect(
     condition: Condition, trials: int, samples: Iterable[Sample]
 ) -> ConditionResult:
-    """Sum up what is kept of a condition's runs (>= 1), in the order of their seeds."""
+    """Summarise a condition's runs (>= 1), in the order of their seeds."""
     found = list(samples)
     optimum = known_optimum(condition.scenario)
     episodes = len(found) * trials
@@ -364,7 +364,7 @@ class Results:
         self._say = say
 
     def path(self, condition: Condition) -> Path:
-        """Return where a condition's result is."""
+        """Return the path of a condition's result."""
         return self.directory / CONDITIONS / f"{condition.id}.json"
 
     def load(self, condition: Condition) -> ConditionResult | None:
@@ -430,7 +430,7 @@ MOST_ARRIVED = 1.0 + 1e-9
 
 
 def _result_form(scenario: Scenario, plan: Plan) -> Mapping[str, Form]:
-    """Return the form of what a file says of a condition's runs, by the names of `MEASURED`."""
+    """Return the form of a file's data on a condition's runs, by the names of `MEASURED`."""
     of_run = (plan.runs,)
     of_robot = (len(scenario.robots),)
     of_cell = (*of_robot, len(scenario.map.cells))
@@ -461,7 +461,7 @@ def _reference_names(scenario: Scenario) -> tuple[str, ...]:
 
 
 def _reference_of(scenario: Scenario) -> dict[str, float]:
-    """Return what a result has of the value of fixed shortest paths."""
+    """Return the fields of a result for the value of fixed shortest paths."""
     found = asdict(shortest_path_reference(scenario))
     return {name: float(found[name]) for name in _reference_names(scenario)}
 
@@ -488,7 +488,7 @@ def _result(
         path: the file, for messages.
         condition: the condition that the file's place says.
         plan: the plan of its directory.
-        data: what `_read` returned.
+        data: the data, from `_read`.
 
     Raises:
         DamagedError: it is of another condition or plan, or has not the form of a result.
@@ -524,7 +524,7 @@ def _check_references(scenario: Scenario, said: Mapping[str, Any]) -> None:
 
     Args:
         scenario: of the condition.
-        said: what a file says of its runs.
+        said: a file's data on its runs.
 
     Raises:
         DamagedError: the file says something else.
@@ -547,7 +547,7 @@ def _check_references(scenario: Scenario, said: Mapping[str, Any]) -> None:
 def read_results(
     directory: Path, say: Say = lambda _: None
 ) -> tuple[Plan, list[ConditionResult]]:
-    """Read all that a results directory holds, without writing there.
+    """Read all results of a directory, without writing there.
 
     Args:
         directory: where it is.
@@ -583,8 +583,8 @@ def _condition_at(file: Path, folder: Path, given: dict[str, Any] | None) -> Con
         given: plain data of the scenario, where it is the user's own.
 
     Raises:
-        DamagedError: the data are no scenario, or the condition's place is another one.
-        SparseCoordError: the place is no condition's, or there is no such scenario or learner.
+        DamagedError: the data are no scenario, or belong to another path.
+        SparseCoordError: the path is no condition's, or its scenario or learner is unknown.
     """
     place = str(file.relative_to(folder))
     scenario = None if given is None else _scenario_of(given)
@@ -626,7 +626,7 @@ def _manifest(path: Path) -> Plan:
 def open_results(
     directory: Path, plan: Plan, say: Say = lambda _: None
 ) -> Iterator[Results]:
-    """Create a results directory or go on with one, for this process alone.
+    """Create or continue a results directory, for this process alone.
 
     Args:
         directory: where it is.
@@ -634,8 +634,8 @@ def open_results(
         say: hears which file is put aside, because it is damaged or belongs elsewhere.
 
     Raises:
-        ResultsError: it is no results directory, has another format or plan, or another process
-            is writing it.
+        ResultsError: the directory holds no results, has another format or plan, or another
+            process is writing it.
     """
     directory.mkdir(parents=True, exist_ok=True)
     lock = os.open(directory, os.O_RDONLY | os.O_DIRECTORY)

@@ -250,7 +250,7 @@ def test_what_has_not_the_form_is_not_shown(folder, originals, capsys, change, w
 REFERENCES = {
     "optimum": lambda d: changed(d, R, "optimum", to=130.0),
     "optimum_exact": lambda d: changed(d, R, "optimum_exact", to=False),
-    "return of shortest paths": lambda d: changed(
+    "returns of shortest paths": lambda d: changed(
         d, R, "reference", "returns", to=90.0
     ),
 }
@@ -478,7 +478,7 @@ def test_a_condition_s_file_says_what_it_is_of(folder):
     content = json.loads(file_of(folder).read_text())
     assert list(content)[:2] == ["digest", "format"]
     assert (content["format"], content["condition"], content["scenario"]) == (
-        3,
+        4,
         COOP,
         None,
     )

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The studies of docs/coordination.md: how many runs of a condition, and the table.
 
-They say what the factored learner is worth, and why.
+They show the value of the factored learner, and the reasons.
 """
 
 import time
@@ -59,7 +59,7 @@ class Study:
     """One study.
 
     Attributes:
-        name: what the command line and the marks in the document call it.
+        name: its name on the command line and in the marks of the document.
         runs: learning runs of a condition of two robots, and of more.
         trials: trials of a run of more than two robots.
         table: yields the rows; beside results it may take the folder where it keeps others.
@@ -253,7 +253,7 @@ def _arrived(results: Sequence[ConditionResult]) -> str:
 def learning_seconds(scenario: Scenario, learner: str = "factored") -> float:
     """Return the seconds of processor time of one learning run."""
     scenario = learner_of(learner).with_defaults(scenario)
-    for _ in range(2):  # the first one compiles, or loads what was compiled
+    for _ in range(2):  # the first one compiles, or loads the compiled loops
         began = time.process_time()
         list(run_batch(scenario, learner, [SEED], trials=0, jobs=1))
     return time.process_time() - began

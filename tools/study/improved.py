@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The study of what teams make of what they have learned: `core.engine.improve`."""
+"""The study of teams that plan on their learned models: `core.engine.improve`."""
 
 import json
 import sys
@@ -39,7 +39,7 @@ MANY = ("env2-4r", "crowd-6r", "crowd-8r", LONG, 100)
 
 
 class Team(NamedTuple):
-    """One team: what it is worth learned and improved, and seconds."""
+    """One team: its value as learned and as improved, and seconds."""
 
     learned: float
     improved: float
@@ -54,7 +54,7 @@ def table(
     """Yield the rows.
 
     Args:
-        planners: what the planner with routes reaches in the scenarios of more robots.
+        planners: values of the planner with routes in the scenarios of more robots.
         found: returns the result of a condition.
         kept: folder of the teams.
     """

@@ -84,7 +84,7 @@ def _crowds(found: Found) -> Rows:
 
 
 def _improved(found: Found, kept: Path) -> Rows:
-    """Yield what pairs make of what they have learned in 2,000 steps."""
+    """Yield the improved teams of pairs that have learned for 2,000 steps."""
     for prior in PRIORS:
         settings = {"steps": 2_000, "prior": prior}
         made = unseen_conditions("factored", "validation", settings, (2,))

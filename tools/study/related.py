@@ -67,7 +67,7 @@ def _learners(found: Found) -> Rows:
 
 
 def _best_known(name: str) -> str | None:
-    """Return the best known value of a scenario, where asking costs what it costs."""
+    """Return the best known value of a scenario, with its cost of asking."""
     value = known_best(
         load_scenario(name).with_settings(LONG)
     ) or coordination.ROUTES.get(name)

@@ -35,7 +35,7 @@ Progress: TypeAlias = Callable[[int, int], None]
 
 
 def silent(done: int, total: int) -> None:
-    """Tell nobody."""
+    """Report no progress."""
 
 
 class GreedyTeam:
@@ -93,7 +93,7 @@ class Measure:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """What a team is worth.
+    """The measures of a team in trials.
 
     Attributes:
         trials: Monte-Carlo trials.
@@ -113,7 +113,7 @@ class Evaluation:
     not_arrived: int
 
     def __repr__(self) -> str:
-        """Return what was measured, on one line; in parentheses the standard error."""
+        """Return the measures on one line; standard errors in parentheses."""
         return f"<Evaluation: {self.how}; {measured_in_words(self)}>"
 
     @property
@@ -175,7 +175,7 @@ def play(
     Args:
         scenario: the problem.
         tables: the tables of every robot.
-        trials: how many trials, >= 2.
+        trials: number of trials, >= 2.
         seed: seed of the trials' draws, independent of the draws of learning.
         learner: whose greedy policy acts on them; None: Algorithm 1's, or that of a baseline
             where the column of COORDINATE is NaN.
@@ -199,7 +199,7 @@ def check_tables(
     Args:
         scenario: the problem.
         tables: the tables of every robot.
-        learner: who is to act on them; None: the learner of the tables.
+        learner: the learner that acts on them; None: the learner of the tables.
     """
     if len(tables) != len(scenario.robots):
         more = f"which has {len(scenario.robots)}; use the tables of a run of this scenario"

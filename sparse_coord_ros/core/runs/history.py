@@ -30,7 +30,7 @@ FIRST_EPISODES = 64
 
 
 class History(NamedTuple):
-    """What happened in each learning episode; E episodes of K robots.
+    """The history of learning episodes; E episodes of K robots.
 
     An episode begins with its first transition: one that never had any is left out. The last one
     may have been cut off by the end of the budget. Robots that learn all at once share their
@@ -57,7 +57,7 @@ class History(NamedTuple):
     present: np.ndarray
 
     def __repr__(self) -> str:
-        """Return what it is, on one line."""
+        """Return a one-line description."""
         return f"<History of {self.episodes} episodes of {self.robots} robots>"
 
     @property
@@ -120,7 +120,7 @@ class History(NamedTuple):
         miscoordinations.
 
         Args:
-            names: what to call the robots; their numbers from 1 where None.
+            names: the robots' names; None: their numbers from 1.
 
         Raises:
             RunError: pandas is not installed.
@@ -141,7 +141,7 @@ class History(NamedTuple):
         )
 
     def same_bits(self, other: "History") -> bool:
-        """Whether two histories are equal, bit for bit."""
+        """True if two histories are equal, bit for bit."""
         pairs = zip(self, other, strict=True)
         return all(a.shape == b.shape and a.tobytes() == b.tobytes() for a, b in pairs)
 
@@ -177,7 +177,7 @@ def load_history(directory: Path) -> History:
     """Read `history.npz` of a run's directory.
 
     Raises:
-        RunError: there is none, or it cannot be read.
+        RunError: the file is missing or cannot be read.
     """
     path = directory / HISTORY_FILE
     how: Any = {"error": RunError, "remedy": "use a file that run or train wrote"}
@@ -241,8 +241,8 @@ class HistoryRecorder:
         Args:
             episode: number of the episode; another one than before begins a new row.
             step: the time step t at which the robots acted.
-            actions: what each robot did; None where it did not act.
-            outcome: what the world returned.
+            actions: each robot's action; None if it did not act.
+            outcome: the world's outcome.
         """
         if episode != self._episode:
             self._episode = episode
@@ -276,5 +276,5 @@ class HistoryRecorder:
         return self.look().copy()
 
     def look(self) -> History:
-        """Return what `history` returns, to be looked at before the next transition: no copy."""
+        """As `history`, without a copy: valid until the next transition."""
         return self._rows.first(self._used)

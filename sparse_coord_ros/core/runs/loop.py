@@ -53,12 +53,12 @@ RETURN, TIME, ASKS, CONFLICTS = range(4)
 
 
 class Rule(NamedTuple):
-    """How a team learns.
+    """The rules by which a team learns.
 
     Attributes:
         problem: the game.
         members: the robots that act.
-        actions: how many actions a robot has.
+        actions: number of a robot's actions.
         max_steps: steps after which an episode ends.
         exploring: probability of an exploring start [time step].
         epsilon: probability of an explored action [time step].
@@ -129,7 +129,7 @@ class Game(NamedTuple):
 
 
 class Choices(NamedTuple):
-    """What each robot chose at this time step.
+    """Each robot's choice at this time step.
 
     Attributes:
         cells: the cell that it was in; of robots that do not act, too.
@@ -150,12 +150,12 @@ class Choices(NamedTuple):
 
 
 class State(NamedTuple):
-    """A run under way, but for what the robots know.
+    """A run in progress, without the robots' minds.
 
     Attributes:
         rule: the game, and how the team learns.
         game: the joint state, changed.
-        choice: what robots chose, changed.
+        choice: the robots' choices, changed.
         draws: where the draws come from.
         stop: its one entry is set where the result is not wanted any more.
     """
@@ -327,7 +327,7 @@ def learn_until(state: State, minds: Any, record: Record | None, budget: int) ->
 
     Args:
         state: the run under way.
-        minds: what the robots know, changed.
+        minds: the robots' minds, changed.
         record: the history, added to; or None: numba compiles the loop for each by itself.
         budget: transitions to make from the run's beginning on.
     """
@@ -396,12 +396,12 @@ def play_until(
 
     Args:
         state: the game in progress, with trials of at most `max_steps` steps.
-        minds: what the robots have learned.
+        minds: the robots' minds.
         results: filled, [trial][k][RETURN to CONFLICTS]; TIME is the horizon, and one more, for
             a robot that does not arrive.
         asked: counted up where COORDINATE is chosen, [k][x].
         stays: counted up where a robot acts, [k][x].
-        trials: how many there are.
+        trials: number of trials.
         paired: whether a trial has the same draws whatever happened in those before it.
     """
     rule, game, choice, _, _ = state

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What greedy trials bring."""
+"""The results of greedy trials."""
 
 from dataclasses import dataclass
 
@@ -32,5 +32,5 @@ class Trials:
     stays: np.ndarray
 
     def __repr__(self) -> str:
-        """Return what they are, on one line."""
+        """Return a one-line description."""
         return "<Trials: {} of {} robots>".format(*self.returns.shape)

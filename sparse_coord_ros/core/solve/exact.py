@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a team of at most two robots is worth, computed exactly: its joint Markov chain.
+"""The exact value of a team of at most two robots, from its joint Markov chain.
 
 The same trials as `core.runs.evaluation.play` plays, without drawing any: greedy policies, ties
 and percepts with their probabilities, the same end. So nothing here has a standard error. Where
@@ -49,7 +49,7 @@ which take up to five seconds: beyond that trials are quicker."""
 
 @dataclass(frozen=True)
 class ExactEvaluation:
-    """What a team is worth, exactly; the measures are those of `Evaluation`.
+    """The exact measures of a team; they are those of `Evaluation`.
 
     Attributes:
         returns: total discounted reward a robot: goal paid from arrival on for ever, penalties,
@@ -73,7 +73,7 @@ class ExactEvaluation:
     stays: np.ndarray
 
     def __repr__(self) -> str:
-        """Return what was computed, on one line."""
+        """Return the measures on one line."""
         return f"<ExactEvaluation: {evaluation.measured_in_words(self)}>"
 
     @property
@@ -82,7 +82,7 @@ class ExactEvaluation:
         return "exact"
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain data, without what there is for each cell."""
+        """Return plain data, without the fields for each cell."""
         said = asdict(self)
         return {k: v for k, v in said.items() if k not in ("asked", "stays")}
 
@@ -93,7 +93,7 @@ def evaluate_exact(
     *,
     learner: str | Learner | None = None,
 ) -> ExactEvaluation:
-    """Compute what a team of one or two robots is worth.
+    """Compute the value of a team of one or two robots.
 
     Args:
         scenario: the problem.
@@ -112,7 +112,7 @@ def evaluate_exact(
 
 
 def evaluate_greedy(scenario: Scenario, robots: Sequence["Greedy"]) -> ExactEvaluation:
-    """Compute what one or two robots are worth that act in known ways.
+    """Compute the value of one or two robots with known policies.
 
     Raises:
         SettingError: there are more joint states within their reach than it pays for.
@@ -152,7 +152,7 @@ def evaluate_best(
     learner: str | Learner | None = None,
     progress: Progress = evaluation.silent,
 ) -> ExactEvaluation | Evaluation:
-    """Compute what a team is worth where that can be, else play trials.
+    """Compute the exact value of a team if possible, else play trials.
 
     Args:
         scenario: the problem.
@@ -178,7 +178,7 @@ def evaluate_best(
 
 
 def check_exact(scenario: Scenario) -> None:
-    """Raise `SettingError` where the team is too large, or acts by what it remembers."""
+    """Raise `SettingError` if the team is too large, or acts by memory."""
     team = len(scenario.robots)
     if team > MOST_ROBOTS:
         raise SettingError(
@@ -189,7 +189,7 @@ def check_exact(scenario: Scenario) -> None:
 
 
 def _check_memoryless(scenario: Scenario) -> None:
-    """Raise `SettingError` where robots act by more than where they are and what they perceive."""
+    """Raise `SettingError` if robots act by more than their cell and their percept."""
     if scenario.stand_off.kind != "wait":
         raise SettingError(
             f"exact evaluation: setting stand_off is {str(scenario.stand_off)!r}, allowed: wait, "
@@ -198,7 +198,7 @@ def _check_memoryless(scenario: Scenario) -> None:
 
 
 class ExactMeans(NamedTuple):
-    """What a trial of a team of two robots brings on average, exactly.
+    """The exact means of a trial of a team of two robots.
 
     Attributes:
         returns, time_to_goal, asks: of each robot, shape (2,).
@@ -214,7 +214,7 @@ class ExactMeans(NamedTuple):
 
 
 def exact_means(scenario: Scenario, tables: Sequence[Tables]) -> ExactMeans | None:
-    """Return the means of `evaluate_exact`, a hundred times faster; None where there are none.
+    """Return the means of `evaluate_exact`, a hundred times faster, or None.
 
     There are none for another number of robots than two, and on maps so large that a team without
     a policy would take longer than trials.
@@ -244,7 +244,7 @@ def _does_not_pay(scenario: Scenario, what: str, most: str) -> SettingError:
 
 
 class Greedy(NamedTuple):
-    """How likely a greedy robot does what in each cell, before it perceives anything.
+    """Probabilities of a greedy robot's actions in each cell, before any percept.
 
     Attributes:
         asks: that it asks, (cells,): 1 where it `asks_surely`, less where a draw breaks a tie
@@ -424,6 +424,6 @@ def _greedy(values: np.ndarray) -> np.ndarray:
 
 
 def _measure(means: np.ndarray, squares: np.ndarray) -> Measure:
-    """Return mean and spread over robots and trials; there is no error of sampling."""
+    """Return mean and spread over robots and trials; exact, so without a sampling error."""
     mean = means.mean()
     return Measure(float(mean), float(np.sqrt(max(0.0, squares.mean() - mean**2))), 0.0)

@@ -34,7 +34,7 @@ class Pair(NamedTuple):
             or `STAY`; (2, own cell, peer's cell, moves + 1).
         interactions: of the two, in these cells.
         penalties: r^C of each robot; (2,).
-        worth: of a robot's arrival, carried to infinity.
+        worth: value of a robot's arrival, for ever.
         cost: of asking.
         discount: gamma.
         success: probability that a move succeeds.
@@ -67,7 +67,7 @@ QUANTITIES = 7
 
 
 class Sums(NamedTuple):
-    """What a trial brings, filled by `carry`, and the space that it needs; all 0 before.
+    """Sums of a trial, filled by `carry`, and its working memory; initially 0.
 
     Attributes:
         robots: mean `RETURN`, `TIME` and `ASKS` of each robot; (3, 2).
@@ -75,7 +75,7 @@ class Sums(NamedTuple):
         squares: mean square of each of the `QUANTITIES`; (QUANTITIES,).
         asked: expected asks of each robot in each cell; (2, cells).
         stays: expected steps that each robot acts in each cell; (2, cells).
-        brought: mean and square of what a step brings of each quantity; (2, QUANTITIES).
+        brought: mean and square of a step's change of each quantity; (2, QUANTITIES).
         so_far: mean of each quantity so far, times the probability of the joint state, now and
             after the step; (2, cells^2, QUANTITIES), or (2, 0, QUANTITIES) where squares are not
             wanted.
@@ -107,7 +107,7 @@ class Distribution(NamedTuple):
 def carry(
     pair: Pair, now: Distribution, later: Distribution, sums: Sums, most: float
 ) -> bool:
-    """Add up what a trial brings on average; False: steps have more outcomes than `most`.
+    """Add up the means of a trial; return False if steps have more outcomes than `most`.
 
     Args:
         pair: the two robots.
@@ -156,7 +156,7 @@ def follow(
     factor: float,
     now: int,
 ) -> int:
-    """Add up what the step from a joint state brings; return how many outcomes it has.
+    """Add up the results of a step from a joint state; return its number of outcomes.
 
     Args:
         pair: the two robots.
@@ -166,7 +166,7 @@ def follow(
         squared: whether squares are wanted.
         state: the joint state.
         p: its probability.
-        factor: what a reward of this step counts.
+        factor: the discount factor of this step's reward.
         now: the row of `sums.so_far` that is before the step.
     """
     cells = len(pair.lead)
@@ -241,7 +241,7 @@ def pay(
     worth: float,
     q: float,
 ) -> None:
-    """Add up what a step from (x, z) to (y, w) pays, its probability q, discounted: `worth`."""
+    """Add the rewards of a step from (x, z) to (y, w) of probability q; `worth`: discounted q."""
     if conflict:
         sums.team[CONFLICTS] += q
         sums.robots[RETURN, 0] += worth * pair.penalties[0]
@@ -266,7 +266,7 @@ def bring(
     a: int,
     factor: float,
 ) -> None:
-    """Write mean and square of what a step brings to robot k, which it leads from x to y.
+    """Write mean and square of the changes of robot k in a step from x to y.
 
     The peer was in z, the step comes to `a`, and its reward counts `factor` times. `conflict`:
     it is a miscoordination.

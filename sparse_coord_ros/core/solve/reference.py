@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The worth of fixed shortest-path policies: what "Indiv." of the paper tends to.
+"""The value of fixed shortest-path policies, to which "Indiv." of the paper tends.
 
 Each robot walks a shortest path to its goal and never minds the others (paper, Section 4). If
 robots can only be together, they are independent Markov chains: each is carried forward on its
@@ -39,7 +39,7 @@ of one seed."""
 
 @dataclass(frozen=True)
 class Reference:
-    """What a team on fixed shortest paths is worth from the scenario's starts; all are expected.
+    """Expected measures of a team on fixed shortest paths from the scenario's starts.
 
     Attributes:
         returns: total discounted reward, averaged over the robots: the goal paid from arrival on
@@ -66,7 +66,7 @@ class Reference:
 
     @property
     def exact(self) -> bool:
-        """Whether it is exact: no trials were played."""
+        """True if it is exact: no trials were played."""
         return self.trials == 0
 
     def measure_in_words(self, name: str, digits: int = 2) -> str:
@@ -115,7 +115,7 @@ def shortest_path_reference(
 
 
 def _joint(scenario: Scenario, moves: Sequence[np.ndarray]) -> Reference:
-    """Return what one or two robots are worth, by their joint chain."""
+    """Return the value of one or two robots, by their joint chain."""
     cells = len(scenario.map.cells)
     never = np.zeros(cells)
     blind = np.zeros((cells, PRIMITIVES))
@@ -132,7 +132,7 @@ def _joint(scenario: Scenario, moves: Sequence[np.ndarray]) -> Reference:
 
 
 def _played(scenario: Scenario, moves: Sequence[np.ndarray]) -> Reference:
-    """Return what a team is worth by trials, all of which are played at once."""
+    """Return the value of a team by trials, all played at once."""
     rng = np.random.default_rng(0)
     robots = scenario.robots
     team = len(robots)
@@ -180,7 +180,7 @@ def _played(scenario: Scenario, moves: Sequence[np.ndarray]) -> Reference:
 
 
 def _independent(scenario: Scenario, moves: Sequence[np.ndarray]) -> Reference:
-    """Return what robots are worth that can only be together."""
+    """Return the value of robots whose only interaction is to be together."""
     conflict, all_arrived = _miscoordination_probability(scenario, moves)
     discounted = conflict @ scenario.discount ** np.arange(len(conflict))
     distances = [

@@ -44,7 +44,7 @@ LEAST_GAIN = 0.01
 
 @dataclass(frozen=True)
 class RoutePlan:
-    """What the planner found for a team.
+    """The planner's result for a team.
 
     Attributes:
         value: total discounted reward from the scenario's starts, averaged over the robots.
@@ -62,7 +62,7 @@ class RoutePlan:
 
 
 class Ways(NamedTuple):
-    """What the search changes; attributes as of `RoutePlan`."""
+    """The part of a plan that the search changes; attributes as of `RoutePlan`."""
 
     order: tuple[int, ...]
     avoided: tuple[frozenset[int], ...]
@@ -90,12 +90,12 @@ class Routed(NamedTuple):
     Attributes:
         lead: where a successful move leads; (cells, moves).
         places: the meeting place of each cell, or `NOWHERE`; (cells,).
-        claims: what robots keep apart in, as `places`.
+        claims: places for one robot at a time, in the form of `places`.
         starts, goals: of each robot; (robots,).
-        after: what a robot alone on its route is worth at the end of a step; (robots, cells).
+        after: value of a robot alone on its route at the end of a step; (robots, cells).
         order: as of `RoutePlan`; (robots,).
         toll: sum of r^C over the robots.
-        prize: worth of an arrival, carried to infinity.
+        prize: value of an arrival, for ever.
         discount: gamma.
         success: probability that a move succeeds.
     """
@@ -296,7 +296,7 @@ def play(
         routed: the scenario and the plan.
         draws: in [0, 1), one for each trial, step and robot.
         space: room for cells, chosen cells and the step's sequence; (3, robots), int64.
-        returns: what each trial brings, averaged over the robots; set.
+        returns: return of each trial, averaged over the robots; set.
     """
     cells, chosen, sequence = space
     team = len(cells)

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The last word on a learned team: what it earns, what it loses, and whether it coordinates."""
+"""The verdict on a learned team: its gains, its losses, and whether it coordinates."""
 
 import math
 from typing import NamedTuple
@@ -44,7 +44,7 @@ FAILING = "failing"
 
 
 class LastWord(NamedTuple):
-    """What became of a team: one of the words above, and sentences for people."""
+    """The verdict on a team: one of the words above, and sentences for people."""
 
     kind: str
     text: str
@@ -56,14 +56,14 @@ def last_word(
     """Return the verdict: a team beside robots that ignore each other and the best team known.
 
     Robots that ignore each other take fixed shortest paths and never ask. The gap is what the
-    best team known earns more than they. A team has learned to coordinate if its robots ask and
+    best team known earns beyond that. A team has learned to coordinate if its robots ask and
     it closes at least half of the gap. A team whose robots do not ask may earn more than robots
     that ignore each other, too: by its choice among equally short paths, or by a detour. Where all
     arrive, and percepts can succeed, the text says whether coordination was to be expected to pay.
 
     Args:
         scenario: the problem.
-        learner: who learned.
+        learner: the learner.
         found: the value of its team.
     """
     missed = 1.0 - found.all_arrived
@@ -129,7 +129,7 @@ def _compared(
 ) -> str:
     """Return miscoordinations beside those of robots that ignore each other.
 
-    With block alone there are none; robots that stand in each other's way lose time.
+    With block alone there are no miscoordinations; robots in each other's way lose time.
     """
     if scenario.interactions.startswith("block"):
         steps = f"{found.time_to_goal.mean:.3g} instead of {ignoring.time_to_goal:.3g}"
@@ -148,7 +148,7 @@ def _compared(
 
 
 def _remedy(scenario: Scenario, learner: Learner) -> str:
-    """Return what to try for a team that does not coordinate.
+    """Return advice for a team that does not coordinate.
 
     More steps help Factored only: others settle on not asking (docs/design.md).
     """

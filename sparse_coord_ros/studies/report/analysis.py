@@ -38,13 +38,13 @@ def errors_from(measure: Measure, exact: float) -> float:
 
 
 def agrees(ours: Measure, other: Measure) -> bool:
-    """Whether two means differ by no more than `AGREE` standard errors of their difference."""
+    """True if two means differ by no more than `AGREE` standard errors of their difference."""
     error = math.hypot(ours.standard_error, other.standard_error)
     return abs(ours.mean - other.mean) <= AGREE * error
 
 
 def loss_alone(result: ConditionResult) -> Measure:
-    """Return by how much the return falls short of that of robots each alone on the map.
+    """Return the loss of return against robots that are each alone on the map.
 
     Such robots take shortest paths and never miscoordinate, wait or ask. Unlike the return, the
     loss does not depend on the lengths of the paths.
@@ -55,7 +55,7 @@ def loss_alone(result: ConditionResult) -> Measure:
 
 
 def above_optimum(result: ConditionResult) -> bool:
-    """Whether the paper's return exceeds what any joint policy can reach."""
+    """True if the paper's return exceeds that of every joint policy."""
     printed = paper(result, "returns")
     return (
         printed is not None
@@ -66,7 +66,7 @@ def above_optimum(result: ConditionResult) -> bool:
 def implied_return(result: ConditionResult) -> Measure | None:
     """Return the return that the paper's own number of miscoordinations implies.
 
-    What one miscoordination costs is taken from the exact values of shortest-path policies, which
+    The cost of one miscoordination follows from the exact values of shortest-path policies, which
     miscoordinate at the same doorways: (value without penalties - value) / miscoordinations.
     None if there is nothing to compare, or if the learner pays for asking.
     """
@@ -84,7 +84,7 @@ def implied_return(result: ConditionResult) -> Measure | None:
 
 
 def contradicts_itself(result: ConditionResult) -> bool:
-    """Whether the paper's return does not follow from its own number of miscoordinations."""
+    """True if the paper's return does not fit its own number of miscoordinations."""
     implied = implied_return(result)
     printed = paper(result, "returns")
     if implied is None or printed is None:
@@ -94,10 +94,10 @@ def contradicts_itself(result: ConditionResult) -> bool:
 
 
 def is_shortest(result: ConditionResult) -> bool:
-    """Whether the return agrees with the exact value of shortest-path policies.
+    """Return whether the return agrees with the exact value of shortest-path policies.
 
-    Where all runs came to the same route there is no standard error: equal routes may differ by
-    less than `SAME`.
+    If all runs learned the same route the standard error is 0; then values may differ by less
+    than `SAME`.
     """
     returns = result.best("returns")
     exact = result.reference["returns"]
@@ -113,23 +113,23 @@ def paired(values: np.ndarray) -> Measure:
 def difference(
     result: ConditionResult, other: ConditionResult, measure: str = "returns"
 ) -> Measure:
-    """Return by how much a measure is greater than in another condition, run by run."""
+    """Return the difference of a measure from another condition, run by run."""
     return paired(result.run_means(measure) - other.run_means(measure))
 
 
 def surely_better(result: ConditionResult, baseline: ConditionResult) -> bool:
-    """Whether the return surely exceeds shortest paths' and a learned baseline's, run by run."""
+    """True if the return surely exceeds shortest paths' and a learned baseline's, run by run."""
     above_paths = surely_above(result.best("returns"), result.reference["returns"])
     return above_paths and surely_above(difference(result, baseline))
 
 
 def surely_above(measure: Measure, exact: float = 0.0) -> bool:
-    """Whether a mean lies more than `AGREE` standard errors above a value."""
+    """True if a mean lies more than `AGREE` standard errors above a value."""
     return errors_from(measure, exact) > AGREE
 
 
 def surely_below(measure: Measure, exact: float = 0.0) -> bool:
-    """Whether a mean lies more than `AGREE` standard errors below a value."""
+    """True if a mean lies more than `AGREE` standard errors below a value."""
     return errors_from(measure, exact) < -AGREE
 
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What all figures share: the style of each line, the axes, the legend, and how they are saved."""
+"""Shared parts of all figures: the style of each line, the axes, the legend, and saving."""
 
 import base64
 import io
@@ -252,7 +252,7 @@ def draw_points(axes: Axes, data: pd.DataFrame, x: str, names: Sequence[str]) ->
 
 
 def _references(data: pd.DataFrame) -> list[str]:
-    """Return which references the data have values of."""
+    """Return the references for which the data have values."""
     return [name for name in REFERENCES if name in data and data[name].notna().any()]
 
 
@@ -366,7 +366,7 @@ def label_axes(
         panels: the panels of a measure, row by row.
         columns: panels of a row.
         measure: one of `LABELS`.
-        xlabel: what stands on the horizontal axis; empty: nothing is written.
+        xlabel: label of the horizontal axis; empty: no label.
     """
     for axes in panels[::columns]:
         axes.set_ylabel(_scaled(LABELS[measure], "\n", measure in LOGARITHMIC))

@@ -55,7 +55,7 @@ def best_asking_team(result: ConditionResult) -> float | None:
 
 
 def best_team(result: ConditionResult) -> float | None:
-    """Return the value of the best learned team of more than two robots; None if not known."""
+    """Return the value of the best team found by learning, of more than two robots, or None."""
     team = shipped_best_team(result.scenario)
     return team.value if team else None
 

@@ -33,8 +33,8 @@ class ReportedExperiment:
     """One experiment of the report.
 
     Attributes:
-        name: what `reproduce` calls it.
-        title: what it shows.
+        name: its name for `reproduce`.
+        title: its title.
         results: the result of each of its conditions.
         table: its table, as of `Section`.
         intro: Markdown before the table.

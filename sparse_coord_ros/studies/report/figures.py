@@ -71,7 +71,7 @@ def beside_paper(
         results: the conditions.
         measures: a panel for each of these and each scenario.
         bars: the field of a measure that its bar shows.
-        said: what the legend says of the bars.
+        said: the legend's text for the bars.
     """
     scenarios = by_scenario(results)
     figure, panels = panel_grid(len(measures) * len(scenarios), columns=3)
@@ -191,12 +191,12 @@ def _crowd_data(results: Results, measure: str) -> pd.DataFrame:
     data = measured(results, measure)
     data["line"] = [crowd_line(one) for one in results]
     data["robots"] = [len(one.scenario.robots) for one in results]
-    # The best asking team is known for two robots only: that is no line.
+    # The best asking team is known for two robots only, which makes no line.
     return data.drop(columns=BEST_ASKING, errors="ignore")
 
 
 def _crowd_gains(results: Results) -> pd.DataFrame:
-    """Return by how much each way to coordinate is worth more than Non-coop., run by run."""
+    """Return the gain of each way to coordinate over Non-coop., run by run."""
     sizes = [len(one.scenario.robots) for one in pick(results, learner="noncoop")]
     points = []
     for line, gains in crowd_gains(results).items():
@@ -227,7 +227,7 @@ def crowd_line(result: ConditionResult) -> str:
 
 
 def crowd_gains(results: Results) -> dict[str, list[Measure]]:
-    """Return by how much each way to coordinate is worth more than Non-coop., by team size."""
+    """Return the gain of each way to coordinate over Non-coop., by team size."""
     base = pick(results, learner="noncoop")
     coop = pick(results, learner="coop")
     ways = {
@@ -280,7 +280,7 @@ def swept_figure(
         measures: of `LABELS`.
 
     Raises:
-        SettingError: the conditions do not differ in `x`, or there is no such measure.
+        SettingError: the conditions do not differ in `x`, or the measure is unknown.
     """
     results = [one for own in by_scenario(results) for one in own]
     varied = _varied(results)
@@ -354,7 +354,7 @@ MEASURABLE = (
 def measured(
     results: Results, measure: str, bars: str = "standard_error"
 ) -> pd.DataFrame:
-    """Return the points of conditions, one a row, as `draw_lines` and `draw_points` take them.
+    """Return the points of conditions, one per row, for `draw_lines` and `draw_points`.
 
     The columns are `line` (the learner), `value`, `low` and `high` (lengths of the bar), `side`,
     the scenario's settings, and what the value is compared with: the joint optimum, or its bound
@@ -383,7 +383,7 @@ def measured(
 
 
 def side_of(learner: str) -> float:
-    """Return by how many marks a learner's points stand to the right of their name."""
+    """Return the offset of a learner's points to the right of their name, in marks."""
     return (
         REPORTED_LEARNERS.index(learner) - 1.5 if learner in REPORTED_LEARNERS else 0.0
     )
@@ -414,7 +414,7 @@ def compared_with(
     Args:
         result: the condition.
         measure: one of `MEASURABLE`.
-        optimum: what the line of the joint optimum is called.
+        optimum: name of the joint optimum's line.
     """
     if measure not in ("returns", "loss"):
         known = measure in result.reference

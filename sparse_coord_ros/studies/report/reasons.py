@@ -43,7 +43,7 @@ def misses(results: Iterable[ConditionResult]) -> pd.DataFrame:
 
 
 def _is_reproduced(result: ConditionResult, printed: Measure) -> bool:
-    """Whether our return agrees with the paper's, and the paper's is possible."""
+    """True if our return agrees with the paper's, and the paper's is possible."""
     possible = not (above_optimum(result) or contradicts_itself(result))
     return possible and agrees(result.best("returns"), printed)
 

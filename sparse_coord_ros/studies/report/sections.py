@@ -100,10 +100,10 @@ class Claim:
 
     Attributes:
         text: the claim.
-        source: who makes it.
+        source: its source.
         measured: our measurement.
-        holds: in how many cases the claim holds.
-        cases: how many cases there are.
+        holds: number of cases in which the claim holds.
+        cases: number of cases.
     """
 
     text: str
@@ -134,8 +134,8 @@ def returns(source: str, results: Results) -> Section:
     """Return Table 1 or Table 3: the total discounted reward.
 
     Args:
-        source: what the paper calls the table.
-        results: those of its conditions.
+        source: the table's name in the paper.
+        results: the results of its conditions.
     """
     rows = []
     silent = {}
@@ -221,7 +221,7 @@ def _beside_paper(own: Results, measure: str) -> dict[str, str]:
 
 
 def _as_paper(results: Results, measure: str) -> tuple[int, int]:
-    """Return how many rows of the paper agree with ours, and how many there are."""
+    """Return the number of the paper's rows that agree with ours, and of all rows."""
     agreeing = []
     for one in results:
         printed = paper(one, measure)
@@ -307,14 +307,14 @@ def _arrivals(source: str, coop: Results, elsewhere: Mapping[str, Results]) -> C
 
 
 def failed(results: Iterable[ConditionResult]) -> str:
-    """Return how many teams fail, of how many."""
+    """Return the number of failed teams, and of all teams."""
     results = list(results)
     failing = sum(one.failed_teams for one in results)
     return of(failing, sum(one.runs for one in results))
 
 
 def figure4(results: Results) -> Section:
-    """Return by how much the return falls from the least penalty to the greatest, run by run."""
+    """Return the fall of the return from the least penalty to the greatest, run by run."""
     rows = []
     coop_falls = []
     steady = 0
@@ -382,12 +382,12 @@ def _fall(results: Results) -> np.ndarray:
 
 
 def _factored_falls(lowest: str, falls: Mapping[str, tuple[float, float]]) -> Claim:
-    """Return whether Factored stays within the limits that were set.
+    """Return whether Factored stays within the set limits.
 
     Args:
         lowest: the hardest penalty.
-        falls: what Factored and what the best asking team found lose from a penalty of 0 to the
-            hardest one, by scenario; NaN where no such team is known.
+        falls: losses of Factored and of the best asking team found from a penalty of 0 to the
+            hardest one, by scenario; NaN if no such team is known.
     """
     judged = {}
     within = 0
@@ -424,7 +424,7 @@ def _factored_falls(lowest: str, falls: Mapping[str, tuple[float, float]]) -> Cl
 
 
 def penalty100(results: Results) -> Section:
-    """Return how much of the gap to the optimum the learners that ask close."""
+    """Return the share of the gap that the asking learners close."""
     rows = []
     coop_closed = {}
     factored_closed = {}
@@ -497,7 +497,7 @@ def _gap_claim(
 
 
 def ask_cost(results: Results) -> Section:
-    """Return what Coop. does at the lowest and at the highest cost, and while asking pays."""
+    """Return Coop.'s results at the lowest and highest cost, and while asking pays."""
     rows = []
     told = {}
     fewer = []
@@ -536,13 +536,13 @@ def ask_cost(results: Results) -> Section:
 
 
 def _surely(measures: Iterable[Measure]) -> tuple[int, int]:
-    """Return how many measures surely exceed 0, and of how many."""
+    """Return the number of measures that surely exceed 0, and of all measures."""
     found = [surely_above(one) for one in measures]
     return sum(found), len(found)
 
 
 def perception(results: Results) -> Section:
-    """Return what Coop. earns if no percept succeeds, if all do, and in line of sight."""
+    """Return Coop.'s return if all percepts fail, if all succeed, and in line of sight."""
     rows = []
     gains = {}
     for own in by_scenario(results):
@@ -606,7 +606,7 @@ def uneven(results: Results) -> Section:
 
 
 def crowd(results: Results) -> Section:
-    """Return the return of larger teams, and what each way to coordinate gains."""
+    """Return larger teams' returns, and the gain of each way to coordinate."""
     gains = crowd_gains(results)
     rows = []
     sizes = groupby(results, key=lambda one: len(one.scenario.robots))
@@ -654,7 +654,7 @@ def crowd(results: Results) -> Section:
 
 
 def where(results: Results) -> Section:
-    """Return how much is asked near doorways, beside the time that robots spend there."""
+    """Return the share of questions near doorways, beside the time that robots spend there."""
     rows = []
     for one in results:
         near = float(np.mean(analysis.near_doorways(one.scenario.map)))
@@ -725,7 +725,7 @@ def _needless_asks(results: Results) -> Claim:
 
 
 def unseen(results: Results) -> Section:
-    """Return how teams stand in buildings that no search has seen."""
+    """Return the standing of teams in unseen buildings."""
     titles = {}
     found = {}
     for learner in dict.fromkeys(one.condition.learner for one in results):
@@ -822,7 +822,7 @@ def _asks_only_where_needed(averages: pd.DataFrame) -> Claim:
 
 
 def _asking_beats_looking(found: pd.DataFrame) -> Claim:
-    """Return in how many intervals asking where it matters gains more than asking always.
+    """Return the number of intervals in which asking where it matters beats asking always.
 
     Both on the same maps: where the team that always asks was computed.
     """

@@ -432,7 +432,7 @@ def test_where_nobody_asks_the_best_asking_team_found_is_named(record):
         "best asking team found"
     ]
     line = player.board.get("learned")["lines"][1]
-    assert line == f"The best asking team found is worth {best:.2f} a robot."
+    assert line == f"The return of the best asking team found is {best:.2f} a robot."
     player.source.log.bag.close()
 
 
