@@ -30,7 +30,7 @@ PAGES = {
     "how to cite": ("faq",),
     "citing": ("faq",),
     "which learner": ("which_learner",),
-    "install": ("installation",),
+    "installation": ("installation",),
     "exit codes": ("verbs",),
 }
 """Pages that answer each query."""
