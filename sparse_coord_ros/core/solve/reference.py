@@ -5,7 +5,7 @@
 Each robot walks a shortest path to its goal and never minds the others (paper, Section 4). If
 robots can only be together, they are independent Markov chains: each is carried forward on its
 own, and at every time step the chance of a miscoordination follows from who is how likely where.
-With swap or block they are not independent: a pair is evaluated as one joint chain, exactly, and a
+With swap, block or help they are not independent: a pair is evaluated as one joint chain, exactly, and a
 larger team by trials.
 """
 
@@ -20,6 +20,7 @@ from sparse_coord_ros.core.game.actions import DIRECTIONS, PRIMITIVES
 from sparse_coord_ros.core.game.interactions import (
     NOWHERE,
     any_together,
+    help_given,
     interactions_of,
     miscoordinations,
     only_together,
@@ -33,7 +34,7 @@ NEGLIGIBLE_PROBABILITY = 1e-16
 """Probability (discounted, where the horizon is over) of what is left out at the end."""
 
 TRIALS = 10_000
-"""Trials of a team that swaps or blocks and is too large for the joint chain; all draws are those
+"""Trials of a team that swaps, blocks or helps and is too large for the joint chain; all draws are those
 of one seed."""
 
 
@@ -143,6 +144,7 @@ def _played(scenario: Scenario, moves: Sequence[np.ndarray]) -> Reference:
     chances = [_equal_shares(own, 1.0).cumsum(axis=1) for own in moves]
     worth = scenario.goal_reward / (1.0 - scenario.discount)
     toll = float(np.mean(scenario.penalties))
+    bonus = float(np.mean(scenario.help_rewards))
     reward = np.zeros(TRIALS)
     times = np.zeros(TRIALS)
     conflicts = np.zeros(TRIALS)
@@ -162,6 +164,7 @@ def _played(scenario: Scenario, moves: Sequence[np.ndarray]) -> Reference:
         conflict = running & miscoordinations(inter, cells, ends)
         arrivals = (under_way & (ends == goals)).sum(axis=0)
         reward += scenario.discount**t * (conflict * toll + arrivals * worth / team)
+        reward += scenario.discount**t * bonus * help_given(inter, cells, ends)
         times += under_way.mean(axis=0)
         conflicts += conflict
         cells = ends
