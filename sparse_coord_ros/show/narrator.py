@@ -38,7 +38,9 @@ class Narrator:
 
     def __init__(self, scenario: Scenario) -> None:
         self._grid = scenario.map
-        self._blocks = interactions_of(scenario).blocks
+        inter = interactions_of(scenario)
+        self._blocks = inter.blocks
+        self._helps = inter.posts
         self.names = [robot.name for robot in scenario.robots]
         self.doorways = Doorways(scenario.map)
         self._from = [self.doorways.moves_to(robot.start) for robot in scenario.robots]
@@ -176,16 +178,17 @@ class Narrator:
         if after != cell:
             return self._goes(robot, cell, after, move)
         if led == cell:
-            return "waits"
+            return "waits in a help place" if self._helps[cell] else "waits"
         why = "fails, or another robot stops it" if self._blocks else "fails"
         return f"stays: its move {ACTIONS[move]} {why}"
 
     def _goes(self, robot: int, cell: int, after: int, move: int) -> str:
+        to = " to a help place" if self._helps[after] else ""
         now = self._home[robot][cell]
         then = self._home[robot][after]
         if now >= NO_WAY or then >= NO_WAY or now == then:
-            return f"goes {ACTIONS[move]}"
-        return "goes on" if then < now else "steps back"
+            return f"goes {ACTIONS[move]}{to}"
+        return f"goes on{to}" if then < now else f"steps back{to}"
 
     def answer(
         self, robot: int, cell: int, door: int | None, seen: Sequence[tuple[int, int]]

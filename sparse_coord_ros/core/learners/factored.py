@@ -193,9 +193,13 @@ class Factored(Learner):
                 f"learned with prior={prior}, this scenario has prior={scenario.prior}; set "
                 f"prior={prior}"
             )
-        felt = self.weights(scenario).common * scenario.penalties[robot]
+        weight = self.weights(scenario).common
+        felt = weight * scenario.penalties[robot]
+        with_help = weight * (
+            scenario.penalties[robot] + scenario.help_rewards[robot]
+        )
         for name in ("door", "passage"):
-            if not np.isin(memory[name], [0.0, felt]).all():
+            if not np.isin(memory[name], [0.0, felt, with_help]).all():
                 raise ValueError(f"{name} has an r^C that is neither 0 nor {felt:g}")
         best = memory["q_star"].max(axis=1)
         kept = np.maximum(best, LEAST_WORTH * memory["alone"].max(axis=1))
@@ -633,12 +637,17 @@ def was_stopped(mind: Any, task: Task, now: Transition) -> bool:
 
 @inlined
 def brought_by_peers(mind: Any, task: Task, now: Transition, y: int) -> float:
-    """Return r^C, or what being stopped on the way to cell y costs; note where it was."""
+    """Return r^C, or what being stopped on the way to cell y costs; note where it cost.
+
+    Help has no place of its own: it was felt as the peer was in another cell.
+    """
     if y != now.next_cell:
         mind.narrow[y] = True
         return -loss_of_stop(task)
     if now.partners == 0 or now.common == 0.0:
         return 0.0
+    if now.common > 0.0:
+        return now.common
     if not task.swaps:
         mind.door[y] = now.common
     elif now.seen != 0:

@@ -49,7 +49,7 @@ from sparse_coord_ros.core.solve.asking_loops import (
     WeightedGame,
     Workspace,
 )
-from sparse_coord_ros.core.solve.optimum import worth_alone
+from sparse_coord_ros.core.solve.optimum import most_help, worth_alone
 from sparse_coord_ros.core.solve.shipped import AskingTeam, RobotPolicy, game_digest
 
 SEARCH_FORMAT = 1

@@ -45,9 +45,9 @@ class Reference:
     Attributes:
         reward: total discounted reward, averaged over the robots: the goal paid from arrival on
             for ever, and a penalty for each miscoordination until all have arrived. Unlike trials,
-            it knows no horizon; but with swap or block it does.
-        time_to_goal: steps until arrival, averaged over the robots; without horizon too. With swap
-            or block: the horizon for a robot that does not arrive.
+            it knows no horizon; but with swap, block or help it does.
+        time_to_goal: steps until arrival, averaged over the robots; without horizon too. With
+            swap, block or help: the horizon for a robot that does not arrive.
         miscoordinations: steps of a trial that end in a miscoordination, within the horizon.
         all_arrived: probability that all robots arrive within the horizon.
         trials: how many trials it is the mean of; 0: it is exact.
@@ -95,7 +95,7 @@ def shortest_path_reference(
 
     It is what Indiv. tends to. `reward` (total discounted) and `time_to_goal` (steps) are means
     over the robots, `miscoordinations` is that of a trial. It is exact (`exact`), but for more
-    than two robots that swap or block it is the mean of 10,000 trials, with standard errors.
+    than two robots that swap, block or help it is the mean of 10,000 trials, with standard errors.
 
     Args:
         scenario: the problem.

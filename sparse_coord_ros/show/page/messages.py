@@ -87,6 +87,7 @@ def run_fields(run: RunConfig) -> Message:
             "doorways": sorted(grid.doorways),
             "places": inter.places.tolist(),
             "passages": inter.passages.tolist(),
+            "helps": np.flatnonzero(inter.posts).tolist(),
             "under": under(grid),
         },
         "robots": [

@@ -44,6 +44,9 @@ export class TeamMap extends View {
     for (const cell of run.map.doorways) {
       this.layer.marks.append(this.square(cell, 3, { class: "doorway", stroke: run.doorway_colour }));
     }
+    for (const cell of run.map.helps) {
+      this.layer.marks.append(this.square(cell, 3, { class: "help", "data-cell": cell }));
+    }
     this.corners("start", "S", 9, 11);
     this.corners("goal", "G", UNIT - 9, -11);
     this.bodies = run.robots.map((robot, k) => svg("g", { class: "robot", "data-robot": k + 1, visibility: "hidden" },
@@ -127,11 +130,19 @@ export class TeamMap extends View {
     this.lingering = [...old, ...frame.asks.map((ask) => ({ ask, places, until: now + LINGER_MS, step: frame.step }))];
     this.layer.asks.replaceChildren(...this.lingering.filter(({ ask, places }) => places[ask.robot]).map(({ ask, places }) => this.question(ask, places)));
     const met = frame.miscoordination ? this.interacting(frame.cells, frame.after ?? frame.cells) : [];
-    this.layer.met.replaceChildren(...met.flatMap((cell) => {
+    const helped = this.helping(frame.cells).length ? [] : this.helping(frame.after ?? frame.cells);
+    const mark = (cells, name, sign) => cells.flatMap((cell) => {
       const [x, y] = this.centre(cell);
-      return [svg("circle", { cx: x, cy: y, r: UNIT * 0.6 * this.grown, class: "met" }),
-        svg("text", { x: x + UNIT * 0.5, y: y - UNIT * 0.5, class: "met-sign" }, "✖")];
-    }));
+      return [svg("circle", { cx: x, cy: y, r: UNIT * 0.6 * this.grown, class: name }),
+        svg("text", { x: x + UNIT * 0.5, y: y - UNIT * 0.5, class: `${name}-sign` }, sign)];
+    });
+    this.layer.met.replaceChildren(...mark(met, "met", "✖"), ...mark(helped, "helped", "✔"));
+  }
+
+  // The help places that robots are in, if these are two or more.
+  helping(cells) {
+    const found = this.run.map.helps.filter((cell) => cells.includes(cell));
+    return found.length > 1 ? found : [];
   }
 
   // The cells of robots that are together after a step, or exchanged their cells in it.

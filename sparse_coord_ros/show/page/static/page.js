@@ -141,7 +141,10 @@ function legend() {
     item(html("span", { id: "asked-where" }), svg("rect", { x: 10, y: 2, width: 40, height: 18, fill: first, "fill-opacity": 0.4 })),
     item("a greedy robot never gets here", svg("path", { d: "M14,11H46", class: "arrow pale", stroke: first })),
     item("start, goal", svg("text", { x: 30, y: 12, class: "label", fill: "currentColor" }, "S1 G1")),
-    item("miscoordination", svg("text", { x: 30, y: 12, class: "met-sign" }, "✖")));
+    item("miscoordination", svg("text", { x: 30, y: 12, class: "met-sign" }, "✖")),
+    ...run.map.helps.length ? [
+      item("help place", svg("rect", { x: 19, y: 2, width: 20, height: 18, class: "help" })),
+      item("robots help each other", svg("text", { x: 30, y: 12, class: "helped-sign" }, "✔"))] : []);
 }
 
 function showFrame() {
