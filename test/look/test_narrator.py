@@ -456,3 +456,10 @@ def check_place(ways, place, k, cell, doorway):
     else:
         away = re.fullmatch(f"([0-9]+) moves from {the}|next to {the}", place)
         assert far == int(away[1] or 1) and not ahead
+
+
+def test_a_robot_in_a_help_place():
+    words = Narrator(load_scenario("lift"))
+    assert words.does(0, 4, EAST, 5) == "goes on to a help place"
+    assert words.does(0, 5, NORTH, 5) == "waits in a help place"
+    assert words.does(0, 5, EAST, 6) == "goes on"

@@ -34,6 +34,12 @@ map: {name: door, text: "title: door\\n---\\n1D2\\n"}
 robots: {a: {start: 1, goal: 2}, b: {start: 2, goal: 1}}
 """
 
+LIFT = """\
+map: {name: lift, text: "title: lift\\n---\\n1H..\\n####\\n2H.."}
+robots: {a: {start: 1, goal: [0, 3]}, b: {start: 2, goal: [2, 3]}}
+interactions: help:20
+"""
+
 GAMES = {
     "coop": (
         TRIO,
@@ -66,6 +72,7 @@ GAMES = {
         {"steps": 200, "interactions": "swap+block", "max_steps": 30},
         {"record": True},
     ),
+    "joint": (LIFT, {"steps": 200, "max_steps": 30}, {"record": True}),
     "cq": (
         DOOR,
         {"steps": 300, "penalty": -50, "epsilon": "constant:0.3"},
@@ -75,7 +82,7 @@ GAMES = {
 """Of each learner: a game that shows what its robots say to one another, its settings, and how the
 team is run. Links fail; robots perceive all peers, and are paid differently; one world has a
 referee; robots mark cells; robots
-stop each other and pay for exchanges."""
+stop each other and pay for exchanges; robots are paid for help."""
 
 
 @pytest.fixture

@@ -292,7 +292,7 @@ def test_a_shipped_team_is_worth_what_is_said(name):
     assert all(gain >= 0 for gain in bound.gains)
 
 
-@pytest.mark.parametrize("name", ["lane", "merge", "bay", "aisle", "rooms"])
+@pytest.mark.parametrize("name", ["lane", "lift", "merge", "bay", "aisle", "rooms"])
 def test_teams_of_the_teaching_scenarios_are_worth_what_is_said(name):
     scenario = load_scenario(name)
     bound = shipped_asking_team(scenario)

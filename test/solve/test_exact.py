@@ -98,6 +98,7 @@ CASES = {
     "block anywhere": {"interactions": "block:anywhere", "perception": "range:2"},
     "together and swap": {"interactions": "together+swap", "penalty": -50},
     "all": {"interactions": "together:any_doorway+swap+block:anywhere", "horizon": 30},
+    "help": {"interactions": "help:9", "common_reward": "each:0.5:2"},
     "short": {"horizon": 12},
     "slow": {"move_success": 0.4, "discount": 0.8, "goal_reward": 3},
 }
