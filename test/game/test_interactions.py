@@ -36,6 +36,12 @@ robots:
   b: {start: 2, goal: 1}
   c: {start: 2, goal: 1}
 """
+AWAY = {
+    "a": {"start": 1, "goal": 2},
+    "b": {"start": 2, "goal": 1},
+    "c": {"start": 2, "goal": [0, 4]},
+}
+"""Robots that go to both ends and to the second cell from the right."""
 STATES = np.array(list(product(range(5), repeat=3)))
 TEAM = [0, 1, 2]
 
@@ -227,7 +233,7 @@ def test_two_robots_end_as_a_team_of_two(kinds):
     ],
 )
 def test_help_is_paid_when_the_second_robot_comes(before, after, helped):
-    inter = corridor("help:3", text="1HH2H")
+    inter = corridor("help:3", text="1HH2H", robots=AWAY)
     assert inter.posts.tolist() == [False, True, True, False, False]
     lists = as_lists(inter)
     assert is_help(lists, before, after, TEAM) == helped
@@ -239,7 +245,7 @@ def test_help_is_paid_when_the_second_robot_comes(before, after, helped):
 
 
 def test_help_is_the_same_in_loops_and_arrays_and_of_two():
-    inter = corridor("help:3", text="1HH2H")
+    inter = corridor("help:3", text="1HH2H", robots=AWAY)
     lists = as_lists(inter)
     before = STATES.repeat(len(STATES), axis=0)
     after = np.tile(STATES, (len(STATES), 1))
@@ -252,7 +258,7 @@ def test_help_is_the_same_in_loops_and_arrays_and_of_two():
 
 
 def test_help_in_cells_that_are_not_known_is_none():
-    inter = corridor("help:3", text="1HH2H")
+    inter = corridor("help:3", text="1HH2H", robots=AWAY)
     assert help_given(inter, [1, -1, 0], [1, 2, 0]).item()
     assert not help_given(inter, [1, 0, 0], [1, -1, 0]).item()
 
@@ -260,7 +266,7 @@ def test_help_in_cells_that_are_not_known_is_none():
 def test_help_needs_two_help_places():
     text = "needs two help places, map corridor has 1 that is no goal; mark them by 'H'"
     with pytest.raises(ScenarioError, match=text):
-        corridor("help:3", text="1H..H")
+        corridor("help:3", text="1H.2H", robots=AWAY)
 
 
 @pytest.mark.parametrize("reward", [3.0, 0.0])

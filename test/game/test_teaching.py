@@ -76,7 +76,9 @@ def test_robots_that_ignore_each_other_seldom_help():
     """Beside robots alone in the world they earn only what help pays them by chance."""
     scenario = load_scenario("lift")
     assert scenario.interactions == "help:20"
-    alone = np.mean([lone_values(scenario, k)[r.start].max() for k, r in enumerate(scenario.robots)])
+    alone = np.mean(
+        [lone_values(scenario, k)[r.start].max() for k, r in enumerate(scenario.robots)]
+    )
     reward, found, arrived = ignoring(scenario)
     assert (found, arrived) == (0, 1)
     assert 3 <= reward - alone <= 8

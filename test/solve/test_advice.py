@@ -138,7 +138,9 @@ def test_where_robots_help_the_gain_is_up_to_the_optimum():
     assert (found.kind, found.loss) == (WILL_PAY, 0.0)
     paths = shortest_path_reference(scenario).reward
     assert found.gain == pytest.approx(joint_optimum(scenario).value - paths)
-    assert f"a team can gain {found.gain:.2f} each, as much as 4.7 questions" in found.text
+    assert (
+        f"a team can gain {found.gain:.2f} each, as much as 4.7 questions" in found.text
+    )
     assert advice(load_scenario("lift", ask_cost=5)).kind == WILL_NOT_PAY
     assert advice(load_scenario("lift", ask_cost=2)).kind == MAY_PAY
     never = advice(load_scenario("lift", interactions="help:0"))

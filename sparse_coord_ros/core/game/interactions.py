@@ -10,9 +10,10 @@ A scenario names its kinds of interaction, such as `together+swap`:
 - `help`: a step after which two robots are in two help places, and before which no two were. All
   are paid r^C, which is above 0.
 
-A step that costs r^C is a *miscoordination*; help is none. `together` and `block` can also hold anywhere on the
-map. Goals are exempt from `swap`, `block` and `help`, and from `together:anywhere`: they hold any number
-of robots, and robots that have arrived are in nobody's way.
+A step that costs r^C is a *miscoordination*; help is none. `together` and `block` can also hold
+anywhere on the map. Goals are exempt from `swap`, `block` and `help`, and from
+`together:anywhere`: they hold any number of robots, and robots that have arrived are in nobody's
+way.
 
 The rules of `block`: a robot may follow one that leaves a cell, and robots may go around in a
 circle. It may not enter a cell whose robot comes towards it. Of several that want into a free cell

@@ -195,9 +195,7 @@ class Factored(Learner):
             )
         weight = self.weights(scenario).common
         felt = weight * scenario.penalties[robot]
-        with_help = weight * (
-            scenario.penalties[robot] + scenario.help_rewards[robot]
-        )
+        with_help = weight * (scenario.penalties[robot] + scenario.help_rewards[robot])
         for name in ("door", "passage"):
             if not np.isin(memory[name], [0.0, felt, with_help]).all():
                 raise ValueError(f"{name} has an r^C that is neither 0 nor {felt:g}")

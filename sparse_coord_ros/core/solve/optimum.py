@@ -253,7 +253,7 @@ def independent_bound(scenario: Scenario) -> float:
 
 
 def upper_bound(scenario: Scenario) -> float:
-    """Return an upper bound for all policies: robots alone, and help as often as it can be paid."""
+    """Return an upper bound for all policies: robots alone, and help whenever it can be paid."""
     bonus = sum(scenario.help_rewards) / len(scenario.robots)
     return independent_bound(scenario) + bonus * most_help(scenario)
 

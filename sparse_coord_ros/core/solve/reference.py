@@ -5,8 +5,8 @@
 Each robot walks a shortest path to its goal and never minds the others (paper, Section 4). If
 robots can only be together, they are independent Markov chains: each is carried forward on its
 own, and at every time step the chance of a miscoordination follows from who is how likely where.
-With swap, block or help they are not independent: a pair is evaluated as one joint chain, exactly, and a
-larger team by trials.
+With swap, block or help they are not independent: a pair is evaluated as one joint chain, exactly,
+and a larger team by trials.
 """
 
 import math
@@ -34,8 +34,8 @@ NEGLIGIBLE_PROBABILITY = 1e-16
 """Probability (discounted, where the horizon is over) of what is left out at the end."""
 
 TRIALS = 10_000
-"""Trials of a team that swaps, blocks or helps and is too large for the joint chain; all draws are those
-of one seed."""
+"""Trials of a team that swaps, blocks or helps and is too large for the joint chain; all draws are
+those of one seed."""
 
 
 @dataclass(frozen=True)
