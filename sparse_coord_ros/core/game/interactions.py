@@ -454,7 +454,9 @@ def help_given(inter: Interactions, before: Any, after: Any) -> np.ndarray:
     after = np.asarray(after)
     if not inter.helps:
         return np.zeros(after.shape[1:], dtype=bool)
-    return _any_help(inter.posts, after) & ~_any_help(inter.posts, np.asarray(before))
+    there = _any_help(inter.posts, np.asarray(before))
+    found: np.ndarray = _any_help(inter.posts, after) & ~there
+    return found
 
 
 def _any_help(posts: np.ndarray, cells: np.ndarray) -> np.ndarray:
